@@ -43,6 +43,8 @@ class SimulatorSide:
         self.waits = np.zeros((1, self.hold + 1), np.int64)
         self.aborts = np.zeros((1, self.hold + 1), np.int64)
         self.obstacles = np.full((1, 1, 3), 99.0)
+        state = self.game, self.alive, self.waits, self.aborts, self.obstacles, self.p, self.goal_xy
+        self.rules = kernels.RuleArrays(*state)
         self.decisions = np.zeros((1, 10_000), np.int16)
         self.began = self.game.copy()
         self.reset()
@@ -63,10 +65,7 @@ class SimulatorSide:
 
     def choose(self, candidate: int) -> None:
         if self.game["end"][0] == RUNNING:
-            kernels.decide(
-                self.game[0], 0, candidate, self.decisions, self.goal_xy, self.alive, self.waits, self.aborts,
-                self.obstacles, self.p[0],
-            )  # fmt: skip
+            kernels.decide(self.rules, 0, candidate, self.decisions)
 
     def accept(self) -> None:
         """The waiting goal becomes the one driven to."""
@@ -85,18 +84,13 @@ class SimulatorSide:
         else:
             self.game["nav_state"], self.game["nav_goal"] = navigator.IDLE, -1
         self.game["nav_result"] = status
-        kernels.apply_result(
-            self.game[0], 0, self.goal_xy, self.alive, self.waits, self.aborts, self.obstacles, self.p[0]
-        )
+        kernels.apply_result(self.rules, 0)
 
     def look(self) -> None:
         if self.game["end"][0] == RUNNING:
             for axis in "xy":
                 self.game[f"body_{axis}"] = self.game[axis]
-            kernels.sense(self.game[0], self.p[0])
-            kernels.look(self.game[0], 0, self.goal_xy, self.alive, self.waits, self.aborts, self.obstacles, self.p[0])
-            if self.game["end"][0] != RUNNING:
-                kernels.end_tick(self.game[0], self.obstacles[0], self.p[0])
+            kernels.observe(self.rules, 0)
 
     def seen(self) -> dict[str, Any]:
         """What has to be the same on both sides."""

@@ -32,7 +32,7 @@ from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
 from pacman_env.game.ghosts import BEHAVIOURS
 from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.kinds import KINDS, MASK, Bearings, Features, ObservationPart, mask_part
+from pacman_env.sim.observation.kinds import BEARINGS, FEATURES, KINDS, MASK, ObservationPart, mask_part
 from pacman_env.world.maps.occupancy import shipped_maps
 from tools.common import ROOT, add_check, table, update
 
@@ -116,8 +116,8 @@ def keys() -> str:
     batch = PacManBotEnv("house").batch
     entries = [(MASK, mask_part(batch), '`action="goal"`')]
     for kind in OWN_KINDS:
-        when = "features, the default" if kind == Features.name else f'`observation="{kind}"`'
-        when += ', a scan, `action="velocity"`' if kind == Bearings.name else ""
+        when = "features, the default" if kind == FEATURES.name else f'`observation="{kind}"`'
+        when += ', a scan, `action="velocity"`' if kind == BEARINGS.name else ""
         entries += [(key, part, when if key != "ghosts" else "several ghosts") for key, part in _parts(kind).items()]
     rows = []
     for key, part, when in entries:
@@ -129,7 +129,7 @@ def keys() -> str:
 def columns() -> str:
     """Columns of the features and of the bearings on the map ``house``."""
     text = ""
-    for key, part in {**_parts(Features.name), **_parts(Bearings.name)}.items():
+    for key, part in {**_parts(FEATURES.name), **_parts(BEARINGS.name)}.items():
         low, high = (np.asarray(bound).reshape(-1, part.shape[-1])[0] for bound in (part.low, part.high))
         rows = [
             [str(k), f"`{name}`", _number(low[k]), _number(high[k]), meaning]

@@ -1,19 +1,30 @@
-"""A priority queue for searches on grids: integer keys in buckets, last in first out within a bucket.
+"""A priority queue for searches on grids: integer keys in buckets, push and pop in constant time.
 
-Push and pop take constant time. Among equal keys the newest entry comes first, which lets A* dash towards its goal.
-A queue is a tuple of arrays, made once by :func:`new_queue` and emptied in constant time before each search.
+Among equal keys the newest entry comes first, which lets A* dash towards its goal.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from .arrays import Array
 from .jit import kernel
 
-Queue = tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.int64]]
+
+class Queue(NamedTuple):
+    heads: Any = Array(np.int32, "b")  # newest entry of each bucket
+    stamps: Any = Array(np.int32, "b")  # the clearing that wrote it
+    following: Any = Array(np.int32, "e")  # next entry of the same bucket
+    items: Any = Array(np.int32, "e")
+    state: Any = Array(np.int64, "4")
+
+
+class SearchArrays(NamedTuple):
+    nodes: Any = Array(np.int32, "k 4")
+    queue: Any = Queue
+
 
 _STAMP, _USED, _LOWEST, _WAITING = 0, 1, 2, 3
 _LAST_STAMP = 2**31 - 1
@@ -21,30 +32,16 @@ _LAST_STAMP = 2**31 - 1
 
 def new_queue(keys: int, entries: int) -> Queue:
     """A queue for keys in [0, keys) and at most ``entries`` pushes between two clearings."""
-    return (
-        np.zeros(keys, dtype=np.int32),  # newest entry of each bucket
-        np.zeros(keys, dtype=np.int32),  # the clearing that wrote it
-        np.zeros(entries, dtype=np.int32),  # next entry of the same bucket
-        np.zeros(entries, dtype=np.int32),  # the item
-        np.zeros(4, dtype=np.int64),
-    )
-
-
-def queue_arrays(queue: Queue) -> dict[str, NDArray[Any]]:
-    """The arrays of a queue by the names that they have in tables."""
-    names = ("queue_heads", "queue_stamps", "queue_following", "queue_items", "queue_state")
-    return dict(zip(names, queue, strict=True))
+    buckets, pushes = np.zeros((2, keys), np.int32), np.zeros((2, entries), np.int32)
+    return Queue(buckets[0], buckets[1], pushes[0], pushes[1], np.zeros(4, np.int64))
 
 
 @kernel
 def clear(queue):  # type: ignore[no-untyped-def]
-    """Empty the queue; returns a number from 1 that grows with each clearing.
-
-    After 2^31 - 1 of them, some hours of ghosts that search their ways, it is 1 again.
-    """
-    state = queue[4]
+    """Empty the queue; returns a number from 1 that grows with each clearing, after 2^31 - 1 (hours) 1 again."""
+    state = queue.state
     if state[_STAMP] == _LAST_STAMP:
-        queue[1][:] = 0
+        queue.stamps[:] = 0
         state[_STAMP] = 0
     state[_STAMP] += 1
     state[_USED] = 0
@@ -72,7 +69,7 @@ def push(queue, key, item):  # type: ignore[no-untyped-def]
 
 @kernel
 def pop(queue):  # type: ignore[no-untyped-def]
-    """Remove and return an item of the lowest key; -1: the queue is empty."""
+    """Remove and return an item of the lowest key; -1 if the queue is empty."""
     head, stamp, following, items, state = queue
     if state[_WAITING] == 0:
         return -1

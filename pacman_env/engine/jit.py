@@ -1,9 +1,4 @@
-"""The one decorator that compiles numeric kernels.
-
-Machine code is kept by what a kernel reaches (``kernel_key.py``, ``kernel_cache.py``): Numba's own cache looks only at
-the file of the function itself and would keep a stale binary when a helper in another file changes. Processes on a cold
-cache compile each kernel once between them (``compile_turns.py``).
-"""
+"""The one decorator that compiles numeric kernels, kept by what they reach (``kernel_key.py``, ``kernel_cache.py``)."""
 
 from __future__ import annotations
 
@@ -22,17 +17,17 @@ import platformdirs
 from llvmlite import ir
 from numba.core import cgutils
 from numba.core import types as numba_types
-from numba.extending import intrinsic
 
 from .compile_turns import take_turns
 from .kernel_cache import KernelCache
+from .native import operation
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 #: Modules of plain functions.
 _RULES = ("pacman_env.game.", "pacman_env.rng")
-_PACKAGE = Path(__file__).resolve().parent
-_KERNEL_ROOMS = ("config", "game", "world", "sim", "heuristics")  # beside the modules of the package itself
+_PACKAGE = Path(__file__).resolve().parents[1]
+_KERNEL_ROOMS = ("config", "engine", "game", "world", "sim", "heuristics")  # beside the modules of the package itself
 
 
 def cache_dir() -> Path:
@@ -42,10 +37,7 @@ def cache_dir() -> Path:
 
 @functools.cache
 def source_hash() -> str:
-    """Hash of all sources that maps are prepared by and kernels lie in, 12 hexadecimal digits.
-
-    For what takes a second to make again; compiled code has keys of its own.
-    """
+    """Hash of the sources that prepare maps, 12 hexadecimal digits; compiled code has keys of its own."""
     digest = hashlib.sha256()
     paths = [*_PACKAGE.glob("*.py"), *(path for room in _KERNEL_ROOMS for path in (_PACKAGE / room).rglob("*.py"))]
     for path in sorted(paths):
@@ -56,20 +48,18 @@ def source_hash() -> str:
 
 @functools.cache
 def kernel(function: F, cached: bool = True) -> F:
-    """Compile ``function`` with Numba in nopython mode, IEEE arithmetic (no fastmath), kept on disk.
+    """Compile ``function`` with Numba in nopython mode, IEEE arithmetic (no fastmath), with the rules that it calls.
 
-    Rules are plain functions; those that ``function`` calls are compiled with it. ``cached=False`` is for functions
-    from outside the package: two of one name may be in a process, and machine code that is kept has its names from the
-    process that compiled it.
+    ``cached=False`` is for functions from outside the package: two of one name may be in a process, and machine code on
+    disk has its names from the process that compiled it.
     """
     compiled: F = numba.njit(error_model="numpy", forceinline=True, nogil=True, no_cfunc_wrapper=True)(
         _with_rules_compiled(function)
     )
     folder = kernel_folder() if cached else None
     if folder is not None and not numba_config.DISABLE_JIT:
-        cache = KernelCache(typing.cast(Any, compiled), folder)
-        compiled._cache = cache  # type: ignore[attr-defined]
-        take_turns(compiled, lambda: cache.lock)
+        compiled._cache = KernelCache(typing.cast(Any, compiled), folder)  # type: ignore[attr-defined]
+        take_turns(compiled)
     return compiled
 
 
@@ -90,7 +80,7 @@ def _with_rules_compiled(function: F) -> F:
 
 @functools.cache
 def kernel_folder() -> Path | None:
-    """Where compiled code is kept; None, and nothing is kept, where no folder can be written."""
+    """The folder of compiled code; None, and nothing is kept, where it cannot be written."""
     folder = cache_dir() / "kernels"
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -100,36 +90,25 @@ def kernel_folder() -> Path | None:
 
 
 def mark(name: str) -> Path | None:
-    """The file that says that something was compiled beforehand, from these sources; None: nothing is kept."""
+    """The file that marks something as compiled beforehand, from these sources; None if nothing is kept."""
     folder = kernel_folder()
     return None if folder is None else folder / f"{name}-{source_hash()}"
 
 
-@intrinsic
-def prefetch(typing_context, array, index):  # type: ignore[no-untyped-def]
+@operation(numba_types.void, None, None)
+def prefetch(context, builder, signature, array, index):  # type: ignore[no-untyped-def]
     """Ask for the memory of an element of a C-contiguous 2D array's row before it is needed; never an error."""
-    del typing_context
-
-    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
-        view = context.make_array(signature.args[0])(context, builder, arguments[0])
-        strides = cgutils.unpack_tuple(builder, view.strides)
-        start = builder.bitcast(view.data, ir.IntType(8).as_pointer())
-        offset = builder.mul(context.cast(builder, arguments[1], signature.args[1], numba_types.intp), strides[0])
-        word = ir.IntType(32)
-        kind = ir.FunctionType(ir.VoidType(), [start.type, word, word, word])
-        call = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
-        builder.call(call, [builder.gep(start, [offset]), word(0), word(3), word(1)])
-        return context.get_dummy_value()
-
-    return numba_types.void(array, index), generate
+    view = context.make_array(signature.args[0])(context, builder, array)
+    start = builder.bitcast(view.data, ir.IntType(8).as_pointer())
+    row = context.cast(builder, index, signature.args[1], numba_types.intp)
+    offset = builder.mul(row, cgutils.unpack_tuple(builder, view.strides)[0])
+    word = ir.IntType(32)
+    kind = ir.FunctionType(ir.VoidType(), [start.type, word, word, word])
+    call = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
+    builder.call(call, [builder.gep(start, [offset]), word(0), word(3), word(1)])
 
 
-@intrinsic
-def lowest_bit(typing_context, value):  # type: ignore[no-untyped-def]
+@operation(numba_types.uint64, numba_types.uint64)
+def lowest_bit(context, builder, signature, value):  # type: ignore[no-untyped-def]
     """Number of the lowest bit that is set in a uint64 other than 0."""
-    del typing_context
-
-    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
-        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
-
-    return numba_types.uint64(numba_types.uint64), generate
+    return builder.cttz(value, ir.Constant(ir.IntType(1), 1))

@@ -1,7 +1,4 @@
-"""Where machine code is kept: one folder for each kernel, named by what it reaches (``kernel_key.py``).
-
-Neither the name nor what lies there depends on where the package lies, so a clone, a wheel and a checkout share it.
-"""
+"""Where machine code is kept: a folder for each kernel, named by what it reaches (``kernel_key.py``) alone."""
 
 from __future__ import annotations
 
@@ -23,13 +20,6 @@ _SWEPT_S = 86400.0
 
 
 class KernelCache(FunctionCache):
-    """Numba's cache of one function, in a place of its own.
-
-    Args:
-        kernel: that is compiled.
-        root: the folder of all kernels.
-    """
-
     def __init__(self, kernel: Dispatcher, root: Path) -> None:
         self._kernel, self._root = kernel, root
         self._py_func, self._name = kernel.py_func, repr(kernel.py_func)
@@ -37,7 +27,7 @@ class KernelCache(FunctionCache):
         self.enable()
 
     def find(self) -> Path | None:
-        """The folder of what the kernel reaches now, which need not exist; None if that cannot be told."""
+        """The folder of what the kernel reaches now, which need not exist; None without a key."""
         if self._folder is None:
             with contextlib.suppress(kernel_key.UnknownContent):
                 self._folder = self._named()
@@ -51,16 +41,9 @@ class KernelCache(FunctionCache):
 
     @property
     def cache_path(self) -> str | None:
-        """The folder, for Numba's statistics."""
         return None if self._folder is None else str(self._folder)
 
-    def flush(self) -> None:
-        """Forget what is kept of the kernel as it is now."""
-        if self.find() is not None:
-            super().flush()
-
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The compiled kernel for a signature; None if it is not kept."""
         folder = self.find()
         if folder is None:
             return None
@@ -75,7 +58,7 @@ class KernelCache(FunctionCache):
         return kept
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep what was compiled, unless a value has changed since it was looked for; without room, nothing is kept."""
+        """Keep what was compiled, unless a value has changed since :meth:`find`; without room, nothing is kept."""
         folder = self.find()
         if folder is None:
             return
@@ -86,7 +69,7 @@ class KernelCache(FunctionCache):
             sweep(self._root)
 
     def keeps(self, sig: Any) -> bool:
-        """Whether there is machine code for a signature and this processor."""
+        """True if there is machine code for a signature and this processor."""
         if self.find() is None:
             return False
         try:
@@ -96,7 +79,6 @@ class KernelCache(FunctionCache):
 
     @property
     def lock(self) -> Path | None:
-        """The file that is locked while the kernel is compiled."""
         folder = self.find()
         return None if folder is None else folder / "lock"
 
@@ -107,8 +89,6 @@ class KernelCache(FunctionCache):
 
 
 class _Reduced(CompileResultCacheImpl):
-    """What Numba's cache asks for: how to write a compiled function down, and where."""
-
     def __init__(self, function: Any, folder: Path) -> None:
         self._lineno = function.__code__.co_firstlineno
         self._locator = _Locator(function.__code__.co_filename, folder)
@@ -136,9 +116,7 @@ def sweep(root: Path) -> None:
         if last.exists() and now - last.stat().st_mtime < _SWEPT_S:
             return
         last.touch()
-        for entry in list(root.iterdir()):
-            if now - entry.stat().st_mtime < KEPT_S:
-                continue
+        for entry in [one for one in root.iterdir() if now - one.stat().st_mtime >= KEPT_S]:
             if entry.is_dir():
                 shutil.rmtree(entry, ignore_errors=True)
             else:

@@ -1,12 +1,8 @@
 """What the machine code of a kernel depends on, as one hash: every function and value that the kernel reaches.
 
-Numba compiles the functions that a kernel calls into it and freezes the globals that they read. Its own cache looks at
-the file of the kernel alone. Here the bytecode is followed from name to name, whatever file it lies in; where a file
-lies, its comments and what no kernel reaches change nothing. Python code of other packages counts by their versions. A
-value of a kind that is not known here makes the kernel one that is not kept: no key, and never a wrong one.
-
-A name that is only an attribute's (``g.x``) counts as the global of that name, too. That can change a key without
-need, and cannot miss anything.
+The bytecode is followed from name to name, whatever file it lies in; packages count by their versions. A value of an
+unknown kind gives no key, never a wrong one. An attribute's name (``g.x``) counts as a global's, too: that can change a
+key without need, and cannot miss anything.
 """
 
 from __future__ import annotations
@@ -46,11 +42,7 @@ class UnknownContent(TypeError):
 
 
 def kernel_key(kernel: Dispatcher) -> str:
-    """Hash of what a kernel reaches now, 16 hexadecimal digits.
-
-    Raises:
-        UnknownContent: it reaches a value of a kind that is not known here.
-    """
+    """Hash of what a kernel reaches now, 16 hexadecimal digits. Raises UnknownContent."""
     reached: dict[Any, int] = {kernel: 0}
     digest = hashlib.sha256(repr(_VERSIONS).encode())
     waiting = [kernel]
@@ -65,7 +57,7 @@ def kernel_key(kernel: Dispatcher) -> str:
 
 
 def forget() -> None:
-    """Follow everything anew at the next call, as a global may have another value now."""
+    """Follow everything anew at the next call: a global may have another value now."""
     _content_and_reached.cache_clear()
 
 
@@ -79,7 +71,7 @@ def type_content(kind: numba_types.Type) -> Content:
 
 @functools.cache
 def _content_and_reached(function: Any) -> tuple[str, tuple[Any, ...]]:
-    """The content of a kernel, intrinsic or function alone, and those that it refers to in their order."""
+    """The content of a kernel, intrinsic or function alone, and those that it refers to, in order."""
     reader = _Reader()
     content: Content
     if isinstance(function, Dispatcher):
@@ -92,30 +84,21 @@ def _content_and_reached(function: Any) -> tuple[str, tuple[Any, ...]]:
 
 
 class _Reader:
-    """Writes down what one function refers to."""
-
     def __init__(self) -> None:
         self.reached: list[Any] = []
         self._names: tuple[str, ...] = ()
         self._modules: list[types.ModuleType] = []
 
     def function(self, function: types.FunctionType) -> Content:
-        """A function of Python: its code, defaults, closure and the globals that its code names."""
         self._names = tuple(sorted(_names(function.__code__)))
         known = function.__globals__
         return (
             *(function.__module__, function.__qualname__, self._code(function.__code__)),
             self.content(function.__defaults__),
             self.content(tuple(sorted((function.__kwdefaults__ or {}).items()))),
-            tuple(self._cell(cell) for cell in function.__closure__ or ()),
+            tuple(self.content(cell.cell_contents) for cell in function.__closure__ or ()),
             tuple((name, self.content(known[name])) for name in self._names if name in known),
         )
-
-    def _cell(self, cell: types.CellType) -> Content:
-        try:
-            return self.content(cell.cell_contents)
-        except ValueError:
-            return "empty"
 
     def _code(self, code: types.CodeType) -> Content:
         if _IMPORT_NAME in code.co_code[::2]:
@@ -127,7 +110,6 @@ class _Reader:
         )
 
     def content(self, value: Any) -> Content:
-        """Any value that a kernel may freeze or refer to."""
         kind = type(value)
         if kind in _NUMBERS:
             return repr(value)
@@ -183,23 +165,16 @@ class _Reader:
             defaults = kind._field_defaults  # type: ignore[attr-defined]
             return name, kind._fields, tuple((one, self.content(value)) for one, value in defaults.items())
         if issubclass(kind, numba_types.Type):
-            return name, _text(kind)
+            file = getattr(sys.modules.get(kind.__module__), "__file__", None)
+            if file is not None:  # all of it: a type's models are registered, not named
+                return name, hashlib.sha256(Path(file).read_bytes()).hexdigest()
         raise UnknownContent(f"the class {kind.__module__}.{kind.__qualname__}")
 
 
 def _names(code: types.CodeType) -> set[str]:
-    """All names in the code and in functions within it."""
     inner = [_names(constant) for constant in code.co_consts if isinstance(constant, types.CodeType)]
     return set(code.co_names).union(*inner)
 
 
 def _versioned(module: str) -> bool:
     return module.partition(".")[0] in _VERSIONED
-
-
-def _text(kind: type) -> str:
-    """The file that defines a type: its models are registered, not named."""
-    file = getattr(sys.modules.get(kind.__module__), "__file__", None)
-    if file is None:
-        raise UnknownContent(f"the class {kind.__module__}.{kind.__qualname__} without a file")
-    return hashlib.sha256(Path(file).read_bytes()).hexdigest()

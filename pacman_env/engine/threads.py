@@ -1,12 +1,11 @@
 """Threads that share a kernel's work with their caller, in machine code: none of them asks Python for its next part.
 
-A job is a kernel ``(table, first, last) -> int64`` by its address and a range that is cut into parts. Everybody takes
-its own parts and then those of others until there is none, so a thread that is late, or gone after a fork, costs time
-and nothing else. A thread waits for the next job in machine code for a moment, then in Python until it is woken.
+A job is a kernel ``(table, first, last) -> int64`` by its address and a range that is cut into parts. Each thread works
+on its own parts and then on those of others, so a thread that is late, or gone after a fork, costs time and nothing
+else. A thread waits for the next job in machine code for a moment, then in Python until it is woken.
 
-What the pool is worth against a ``ThreadPoolExecutor``: 3.1 times the decisions with 16 games, 2.0 with 64, 1.35 with
-256, 1.05 with 1,024. Taking over parts of others is 3.9, 2.4 and 1.5 times the decisions with 16, 64 and 256 games (two
-threads, cores shared with other programs). To wake only threads marked as asleep gained nothing above the noise.
+Decisions against a ``ThreadPoolExecutor``: 3.1 times with 16 games, 2.0 with 64, 1.35 with 256, 1.05 with 1,024. Parts
+of others: 3.9, 2.4 and 1.5 times with 16, 64 and 256 games (two threads, cores shared with other programs).
 """
 
 from __future__ import annotations
@@ -22,15 +21,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Table
 from .jit import kernel
-from .native import Table, address_of_kernel, call_range, fetch_add, fetch_max, load, pause, replace, store
+from .native import address_of_kernel, call_range, fetch_add, fetch_max, load, pause, replace, store
 
 # Of the numbers that threads share; a cache line each.
 _LINE = 8
 _JOB, _DONE, _FUNCTION, _COUNT, _SUM, _WORST, _STOP, _PLACES = range(0, 8 * _LINE, _LINE)
-# From _PLACES on, each thread has a line: the parts that it is to begin with, its table, whether it sleeps. Parts are a
-# number of the job, how many there are and how many are taken: a part is only ever taken of the job that the other
-# numbers are of.
+# From _PLACES on, each thread has a line: its own parts, its table. Parts are one number: the job's, how many there
+# are, how many have begun. So a part only ever begins of the job that the other numbers are of.
 _PARTS, _TABLE = range(2)
 _BITS = 20
 _MASK = 2**_BITS - 1
@@ -40,11 +39,8 @@ _FINE = -(2**62)
 
 
 @kernel
-def _take_parts(shared, me, threads):  # type: ignore[no-untyped-def]
-    """Work on the present job until nothing of it is left to take.
-
-    A thread begins with its own parts, the same at each job, which are in its core's cache, and then helps the others.
-    """
+def _do_parts(shared, me, threads):  # type: ignore[no-untyped-def]
+    """Work on the present job until all its parts have begun; a thread's own, in its core's cache, come first."""
     table = _PLACES + _LINE * me + _TABLE
     for k in range(threads):
         of = (me + k) % threads
@@ -68,15 +64,15 @@ def _take_parts(shared, me, threads):  # type: ignore[no-untyped-def]
 
 @kernel
 def _serve(shared, me, threads):  # type: ignore[no-untyped-def]
-    """A thread's life until nothing came for a moment; False: it is over."""
-    seen = -1  # a job whose parts are all taken costs a look at them
+    """Work on jobs until none came for a moment; False: the thread is to end."""
+    seen = -1
     spins = 0
     while True:
         if load(shared, _STOP) != 0:
             return False
         job = load(shared, _JOB)
         if job != seen:
-            _take_parts(shared, me, threads)
+            _do_parts(shared, me, threads)
             seen = job
             spins = 0
         elif spins < _SPINS:
@@ -88,10 +84,7 @@ def _serve(shared, me, threads):  # type: ignore[no-untyped-def]
 
 @kernel
 def _post(shared, job, function, count, parts, threads):  # type: ignore[no-untyped-def]
-    """Let a job begin.
-
-    All of it or nothing: a signal does not find a job of which a part is written down.
-    """
+    """Let a job begin; in machine code, where no signal can interrupt it halfway."""
     store(shared, _DONE, 0)
     store(shared, _FUNCTION, function)
     store(shared, _COUNT, count)
@@ -104,8 +97,8 @@ def _post(shared, job, function, count, parts, threads):  # type: ignore[no-unty
 
 @kernel
 def _finish(shared, threads):  # type: ignore[no-untyped-def]
-    """Take parts and wait for those of others; False: not yet done after a moment."""
-    _take_parts(shared, 0, threads)
+    """Work on parts and wait for those of others; False: not yet done after a moment."""
+    _do_parts(shared, 0, threads)
     count = load(shared, _COUNT)
     for _ in range(_SPINS):
         if load(shared, _DONE) == count:
@@ -115,33 +108,22 @@ def _finish(shared, threads):  # type: ignore[no-untyped-def]
 
 
 class Threads:
-    """The caller's thread and ``number - 1`` more; 0: one for each core that the process may use.
-
-    Results do not depend on the number. One job at a time: another caller waits.
-    """
+    """The caller's thread and ``number - 1`` more, 0: one for each core. Results do not depend on the number."""
 
     def __init__(self, number: int) -> None:
-        """Raises ValueError for a number below 0."""
         if not isinstance(number, (int, np.integer)) or isinstance(number, bool) or number < 0:
             raise ValueError(f"num_threads = {number!r}: must be a whole number of at least 0 (0: one for each core)")
         self.number = int(number) or cores()
         self._forget()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """A copy has threads of its own."""
         return Threads, (self.number,)
 
     def run(self, job: Any, tables: Sequence[Table], count: int) -> int:
-        """A kernel over a range, from its start to its end.
+        """A kernel, ``(table, first, last) -> int64`` with results above -2**62, over the range from 0 to ``count``.
 
-        Args:
-            job: a kernel ``(table, first, last) -> int64``, whose results are above -2**62.
-            tables: the first argument for each thread; one for all if it has no scratch memory.
-            count: of the range.
-
-        Returns:
-            The sum of the results, or the highest of those below 0. Where more than one thread works, a kernel that
-            raises counts as -1.
+        ``tables`` are the first argument for each thread, or one for all if it has no scratch memory. Returns the sum
+        of the results, or the highest of those below 0; a kernel that raises counts as -1 in a thread.
         """
         if self.number == 1 or count == 1:
             return int(job(tables[0].address, 0, count))
@@ -152,14 +134,13 @@ class Threads:
                 self._settle()
                 self._start(job, tables, count)
                 self._settle()
-            except BaseException:  # Ctrl-C: nobody may be at work when the caller goes on
+            except BaseException:  # Ctrl-C: no thread may be at work when the caller goes on
                 self._settle()
                 raise
             worst = int(self._shared[_WORST])
             return int(self._shared[_SUM]) if worst == _FINE else worst
 
     def _forget(self) -> None:
-        """There are no threads."""
         self._lock = threading.Lock()
         self._shared: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
         self._jobs = 0
@@ -167,37 +148,34 @@ class Threads:
         self._process = os.getpid()
 
     def _start(self, job: Any, tables: Sequence[Table], count: int) -> None:
-        """Let the other threads begin with a job."""
         if len(self._shared) == 0:
             self._begin()
         shared, function = self._shared, address_of_kernel(job)
         parts = min(-(-count // self.number), _PARTS_PER_THREAD)
         shared[_PLACES + _TABLE :: _LINE] = [table.address for table in tables]
-        self._tables = tables  # not to go away before the job is done
+        self._tables = tables  # kept until the job is done
         self._at_work = True
         self._jobs = (self._jobs + 1) % 2**20
         _post(shared, self._jobs, function, count, parts, self.number)
-        for wake in self._wake[1:]:  # a thread that is awake finds it when it falls asleep, and looks once more
+        for wake in self._wake[1:]:  # a thread that is awake finds it when it falls asleep, and checks once more
             if wake.empty():
                 wake.put(None)
 
     def _settle(self) -> None:
-        """Help with the job that is at work and wait for its end."""
         while self._at_work and not _finish(self._shared, self.number):
             time.sleep(0)
         self._at_work = False
 
     def _begin(self) -> None:
-        """Start the threads of this process."""
         _serve.compile("boolean(int64[::1], int64, int64)")  # by this thread: all would wait for it
         shared = np.zeros(_PLACES + _LINE * self.number, dtype=np.int64)
         self._wake: list[queue.SimpleQueue[None]] = [queue.SimpleQueue() for _ in range(self.number)]
         threads: list[threading.Thread] = []
-        # Also at the end of the interpreter, which must not find them in machine code.
+        # Also at the end of the interpreter, when no thread may be in machine code.
         weakref.finalize(self, _end, os.getpid(), shared, self._wake, threads)
         for me, wake in enumerate(self._wake[1:], 1):
-            given = shared, me, self.number, wake
-            thread = threading.Thread(target=_live, args=given, name=f"pacman_env-{me}", daemon=True)
+            arguments = shared, me, self.number, wake
+            thread = threading.Thread(target=_live, args=arguments, name=f"pacman_env-{me}", daemon=True)
             threads.append(thread)
             thread.start()
         self._shared = shared
@@ -208,12 +186,7 @@ def _live(shared: NDArray[np.int64], me: int, threads: int, wake: queue.SimpleQu
         wake.get()
 
 
-def _end(
-    process: int,
-    shared: NDArray[np.int64],
-    wake: Sequence[queue.SimpleQueue[None]],
-    threads: Sequence[threading.Thread],
-) -> None:
+def _end(process: int, shared: NDArray[np.int64], wake: Sequence[Any], threads: Sequence[threading.Thread]) -> None:
     if process != os.getpid():
         return
     shared[_STOP] = 1
@@ -225,7 +198,6 @@ def _end(
 
 
 def cores() -> int:
-    """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

@@ -19,7 +19,7 @@ from ..sim.core import compile_ahead
 from ..sim.core.batch import GameBatch
 from ..sim.core.parameters import drawn_values
 from ..sim.observation.kinds import FLAT, MASK, Observer
-from ..sim.observation.nearest import NOBODY
+from ..sim.observation.nearest import MISSING
 from ..sim.observation.situation import Situation
 from . import outcome
 from .arguments import EnvArguments, check_render_mode
@@ -135,14 +135,14 @@ class EnvCore:
 
     def masks(self) -> Flags:
         """(N, C) which actions are allowed now."""
-        return self.situation.mask.copy() if self.listed is None else self.listed != NOBODY
+        return self.situation.mask.copy() if self.listed is None else self.listed != MISSING
 
     def _chosen(self, actions: NDArray[Any]) -> tuple[NDArray[Any], Flags]:
         """The candidates that checked actions stand for, hold where they are forbidden, and where that is."""
         if self.listed is None:
             return actions, ~self.situation.mask[np.arange(self.batch.n), actions]
         chosen = np.take_along_axis(self.listed, actions[:, None], axis=1)[:, 0]
-        forbidden = chosen == NOBODY
+        forbidden = chosen == MISSING
         return np.where(forbidden, self.batch.hold, chosen), forbidden
 
     def step(self, actions: NDArray[Any], ghost_choices: Mapping[int, Indices] | None = None) -> Ends:

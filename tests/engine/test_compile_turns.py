@@ -134,14 +134,14 @@ def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder of this process's kernels; it has not waited yet."""
     monkeypatch.setattr(jit, "kernel_folder", lambda: tmp_path)
     monkeypatch.setattr(compile_turns, "_waited_s", 0.0)
-    monkeypatch.setattr(compile_turns, "_said", set())
+    compile_turns._print_once.cache_clear()
     return tmp_path
 
 
 def test_after_the_longest_wait_a_kernel_is_compiled_all_the_same(
     kept: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(compile_turns, "SAY_AFTER_S", 0.1)
+    monkeypatch.setattr(compile_turns, "MESSAGE_AFTER_S", 0.1)
     monkeypatch.setattr(compile_turns, "LONGEST_WAIT_S", 0.3)
     kernel = jit.kernel.__wrapped__(inner)
     assert kernel(1) == inner(1)
@@ -177,7 +177,7 @@ def test_a_failed_compilation_leaves_no_lock(kept: Path) -> None:
 def test_a_terminal_is_told_of_a_compilation_that_takes_longer(
     terminal: bool, kept: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(compile_turns, "SAY_AFTER_S", 0.0)
+    monkeypatch.setattr(compile_turns, "MESSAGE_AFTER_S", 0.0)
     monkeypatch.setattr(compile_turns, "_compiling_since", None)
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal, raising=False)
     kernel = jit.kernel.__wrapped__(inner)

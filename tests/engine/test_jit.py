@@ -32,6 +32,7 @@ def test_asking_for_memory_changes_nothing_and_never_fails(beyond: int) -> None:
 def test_what_other_sources_have_prepared_is_kept_apart(
     file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    assert (jit._PACKAGE / file).is_file()
     monkeypatch.setattr(jit, "_PACKAGE", tmp_path)
     path = tmp_path / file
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
+from pacman_env.engine.arrays import Array, Table, arrays_by_address
 from pacman_env.engine.jit import kernel
-from pacman_env.engine.native import Array, Table, arrays_by_address
 from pacman_env.engine.threads import Threads, cores
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 
@@ -233,7 +233,7 @@ import signal, time
 import numpy as np
 from tests.engine.test_threads import count_up, counted
 from pacman_env.engine.threads import Threads
-from pacman_env.engine.native import Table
+from pacman_env.engine.arrays import Table
 
 threads = Threads(3)
 met, table = counted(1000, {work})

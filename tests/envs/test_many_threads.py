@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from pacman_env.engine.native import Array, Table
+from pacman_env.engine.arrays import Array, Table
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.game.ghosts import Behaviour
 from pacman_env.policies.base import BasePolicy

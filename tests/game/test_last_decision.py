@@ -98,12 +98,13 @@ ticks = st.lists(
 @settings(max_examples=300, deadline=None)
 @given(ticks=ticks)
 def test_the_simulators_games_are_asked_at_the_same_ticks(ticks: list[tuple[int, str, bool, float, bool]]) -> None:
-    games, last = np.zeros(1, records.GAME), LastDecision(CONFIG)
+    games, before, last = np.zeros(1, records.GAME), np.zeros(1, records.LAST_DECISION), LastDecision(CONFIG)
     game, parameters = games[0], batch_parameters(CONFIG, 0.05, PELLETS, REFUGES)
     game["end"], game["pursued"], game["distance"], game["round"] = RUNNING, NO_CHOICE, FAR, 1
     awake = np.zeros(1, np.bool_)
     choice = np.full(1, SIM_HOLD)
-    since = [games[name].copy() for name in ("tick", "distance", "round")]
+    for name in ("tick", "distance", "round"):
+        before[name] = games[name]
     for said, pursued, collects, distance, follows in ticks:
         now = Moment(
             float(game["tick"]) * TICK_S,
@@ -114,7 +115,8 @@ def test_the_simulators_games_are_asked_at_the_same_ticks(ticks: list[tuple[int,
         assert last.due(now) == (not awake[0])
         if not awake[0]:
             choice[0], awake[0] = said, True
-            since = [games[name].copy() for name in ("tick", "distance", "round")]
+            for name in ("tick", "distance", "round"):
+                before[name] = games[name]
             last.decide(HOLD if said == SIM_HOLD else said, now)
         goal = NO_CHOICE if choice[0] == SIM_HOLD else int(choice[0])
         game["pursued"] = {"chosen": goal, "none": NO_CHOICE, "other": (goal + 1) % SIM_HOLD}[pursued]
@@ -125,4 +127,4 @@ def test_the_simulators_games_are_asked_at_the_same_ticks(ticks: list[tuple[int,
         if follows:
             game["round"] += 1
             game["tick"] = game["collected"] = 0
-        awake[0] = not kernels.due(game, choice[0], tuple(array[0] for array in since), parameters[0])
+        awake[0] = not kernels.due(game, choice[0], before[0], parameters[0])

@@ -13,21 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import MAX_SPEED_MPS, Config, ConfigError
-from ...engine.native import Table
+from ...engine.arrays import Table, zeros
+from ...engine.bucket_queue import SearchArrays
 from ...engine.threads import Threads
 from ...game.execution import COMPLETE, TIMEOUT
 from ...game.round import clyde_speed_mps
 from ...world.navigation.physics import overlap_m
+from ...world.navigation.planner import detour_memory
 from ..maps.assets import MapAssets
 from ..maps.level_source import FixedMap, LevelSource
 from ..observation import situation_kernel
 from ..observation.situation import Situation
 from . import kernels, records, ticks
 from .game_levels import GameLevels
-from .history import History, RoundSoFar
-from .parameters import batch_parameters, draw_episodes, next_seeds
-from .state import GameState
-from .stepper import Stepper
+from .ghosts import spawn_ghost
+from .parameters import KEPT_FROM_ROUND_TO_ROUND, batch_parameters, draw_episodes, next_seeds, reward_record
+from .state import GameState, History, RoundSoFar
 
 _ALL_TICKS = 2**62
 
@@ -59,15 +60,19 @@ class GameBatch(GameState):
         self.levels, self.spaces = self._levels.stack, self._levels.spaces
         self._history = History(n, self.ghosts.shape[1], bool(self._ghosts.sent_from_outside.any()), config)
         self._parameters = batch_parameters(config, self.levels.resolution, self.pellet_slots, self.refuge_slots)
-        self._stepper = Stepper(
-            self.arrays, self._parameters, config, self._ghosts, self._levels, self._history, self.threads
-        )
+        self._rewards = reward_record(config.reward, config.decisions.discount_per_s**config.execution.tick_s)
+        self._controls = np.zeros(1, dtype=ticks.CONTROL)
+        #: A view (1,) of each field: a number is written through it in a fifth of the time.
+        self._control = {name: self._controls[name] for name in ticks.CONTROL.names or ()}
+        self._tables: list[Table] = []  # for each thread
+        self._ghost_tables: list[Table] = []
         self._longest = 1 + max(int(self._parameters[0][name]) for name in ("longest", "threat_longest"))
         #: Called after each physics step, if it is set.
         self.after_physics_step: Callable[[], None] | None = None
-        #: Whether features are written together with a situation, for whoever asks for them next.
+        #: Features are written together with a situation (1.3 times the decisions of one game).
         self.shows_features = False
         self._request = np.zeros(1, dtype=situation_kernel.REQUEST)
+        self._awake = self.arrays["last_decision"]["awake"]
         self._version = -1
         self._bind()
 
@@ -125,19 +130,21 @@ class GameBatch(GameState):
                         choices[r.game] = r.ghost_choices[k]
             self._set_actions(actions)
             self._ghosts.send(choices)
-            self.arrays["awake"].fill(ticks.ONE_TICK)
+            self._awake.fill(ticks.ONE_TICK)
             self._advance()
         if rounds:
             self.situation()  # which summarizes the games
 
     def _bind(self) -> None:
-        """Take over the arrays of the levels, after they have been made anew."""
+        """Use the arrays of the levels, after they have been made anew."""
         if self._version == self.levels.version:
             return
         self._version = self.levels.version
         self._ghosts.bind(self.levels, self.hold)
+        shared = {"obstacles": self.obstacles, "parameters": self._parameters, "goal_xy": self.levels.arrays["goal_xy"]}
+        self._rules = kernels.RuleArrays(**self.rules, **shared)
         self._look_table: Table | None = None
-        self._stepper.forget_tables()
+        self._forget_tables()
 
     def reset(
         self, index: NDArray[np.int64], seeds: NDArray[np.uint64], levels: NDArray[np.int64] | None = None
@@ -165,9 +172,10 @@ class GameBatch(GameState):
         """Begin a round; ``fresh`` holds what goes on from the round before, or the episode's parameters."""
         self._history.began[index] = fresh
         self._levels.enter(index, fresh)
-        state, maps, ghosts = self.arrays, self.levels.arrays, self._ghosts
+        maps, ghosts = self.levels.arrays, self._ghosts
         kernels.reset_robots(self.games, index, seeds, fresh, maps["home"])
-        kernels.reset_candidates(self.games, index, self.alive, state["waits"], state["aborts"])
+        self.alive[index] = np.arange(self.pellet_slots) < self.games["pellets"][index, None]
+        self.rules["waits"][index] = self.rules["aborts"][index] = 0
         starts = maps["spawn_cells"], maps["spawn_count"], maps["ghost_xy"]
         use_tf = int(self._parameters["use_tf"][0])
         kernels.reset_ghosts(
@@ -185,7 +193,7 @@ class GameBatch(GameState):
         before, tick_s = self.games[index], self.config.execution.tick_s
         self.completed_s[index] = (before["tick"] - 1) * tick_s + tick_s
         fresh = np.zeros(len(index), dtype=records.GAME)
-        for name in records.KEPT_FROM_ROUND_TO_ROUND:
+        for name in KEPT_FROM_ROUND_TO_ROUND:
             fresh[name] = before[name]
         fresh["round"] += 1
         fresh["tick_rounds"] = 1
@@ -212,20 +220,20 @@ class GameBatch(GameState):
             who: (N,) only these games are played; None: all. What the others' last tick brought stays as it is.
 
         Raises:
-            ValueError: an action or a choice is none; nothing has been changed then.
+            ValueError: an action or a choice is invalid; nothing has been changed then.
         """
         self._set_actions(actions)
         self._ghosts.send(ghost_choices)
         if self.config.endless:
             self.completed_s.fill(0.0)
-        self.arrays["awake"].fill(ticks.ONE_TICK)
+        self._awake.fill(ticks.ONE_TICK)
         if who is not None:
-            self.arrays["awake"][~who] = ticks.ASLEEP
+            self._awake[~who] = ticks.ASLEEP
         self._advance()
         self._follow_completed_rounds()
 
     def step_by_hand(self, velocities: NDArray[np.float64], ghost_choices: NDArray[np.int64] | None = None) -> None:
-        """A tick in which somebody drives the robots: goals are given up, Nav2 has no part in it.
+        """A tick in which the robots are driven by hand: goals are given up, Nav2 has no part in it.
 
         A copy or a pickle of the batch does not know of it: that plays *hold* in its place.
 
@@ -241,11 +249,11 @@ class GameBatch(GameState):
         if not np.isfinite(velocities).all():
             raise ValueError(f"velocities {velocities.tolist()}: must be finite numbers")
         self.arrays["velocities"][:] = velocities
-        self._stepper.control["by_hand"][0] = 1
+        self._control["by_hand"][0] = 1
         try:
             self.step(np.full(self.n, self.hold, dtype=np.int64), ghost_choices)
         finally:
-            self._stepper.control["by_hand"][0] = 0
+            self._control["by_hand"][0] = 0
 
     def step_until_due(
         self,
@@ -265,9 +273,9 @@ class GameBatch(GameState):
         """
         self._set_actions(actions)
         self._ghosts.send(None)
-        self.arrays["awake"][:] = np.where(forbidden, ticks.ONE_TICK, ticks.UNTIL_DUE)
+        self._awake[:] = np.where(forbidden, ticks.ONE_TICK, ticks.UNTIL_DUE)
         if who is not None:
-            self.arrays["awake"][~who] = ticks.ASLEEP
+            self._awake[~who] = ticks.ASLEEP
         self.completed_s.fill(0.0)
         by_ticks = choose_for_ghosts is not None or self.after_physics_step is not None
         fresh = True
@@ -277,25 +285,60 @@ class GameBatch(GameState):
             self._advance(watch=True, most=1 if by_ticks else _ALL_TICKS, fresh=fresh)
             self._follow_completed_rounds()
             fresh = False
-            if not self.arrays["awake"].any():
+            if not self._awake.any():
                 break
 
     def _advance(self, *, watch: bool = False, most: int = 1, fresh: bool = True) -> None:
         """Ticks, but for what follows a completed round."""
         if self._history.make_room(self.games, 1 if most == 1 else self._longest):
-            self._stepper.forget_tables()
-        control = self._stepper.control
+            self._forget_tables()
+        control = self._control
         control["fresh"][0], control["watch"][0], control["ticks"][0] = fresh, watch, most
         if self.after_physics_step is not None:
             for step in range(1, self.substeps + 1):
                 control["until"][0] = step
-                self._stepper.play(resume=step > 1)
+                self._play(resume=step > 1)
                 self.after_physics_step()
         control["until"][0] = self.substeps + 1
-        self._stepper.play(resume=self.after_physics_step is not None)
+        self._play(resume=self.after_physics_step is not None)
+
+    def _play(self, *, resume: bool) -> None:
+        """Let all games go on; those that come near a wall are given spaces."""
+        self._control["resume"][0] = resume
+        while len(self._tables) < self.threads.number:
+            self._ghost_tables.append(self._ghosts.table(self.games, self._history.ghost_choices, self._parameters))
+            self._tables.append(self._tick_table(self._ghost_tables[-1]))
+        while waiting := self.threads.run(ticks.play, self._tables, self.n):
+            if waiting < 0:
+                self.games["stage"] = ticks.BEGIN
+                self._ghosts.raise_again(self._ghost_tables[0].address, -1 - waiting)
+            for i in np.flatnonzero(self.games["stage"] == ticks.MOVE).tolist():
+                self.spaces.provide(self._levels.slots[i], self.assets_of(i).grid.walls)
+            self._control["resume"][0] = 1
+
+    def _forget_tables(self) -> None:
+        self._tables.clear()
+        self._ghost_tables.clear()
+
+    def _tick_table(self, ghosts: Table) -> Table:
+        stack = self.levels
+        remembered = zeros(ticks.TickArrays, ("decisions", "driven"), N=self.n, t=0)
+        remembered["driven" if self.config.action == "velocity" else "decisions"] = self._history.decisions
+        search = detour_memory(stack.arrays["cell_xy"].shape[1], stack.longest_way_cm, stack.resolution)
+        return Table(
+            ticks.TickArrays,
+            rules=self._rules,
+            spaces=ticks.SpaceArrays(*self.spaces.arrays),
+            search=SearchArrays(*search),
+            ghosts=ghosts.numbers,
+            rewards=self._rewards,
+            control=self._controls,
+            **remembered,
+            **self.arrays,
+            **stack.arrays_for(ticks.TickArrays),
+        )
 
     def _set_actions(self, actions: NDArray[Any]) -> None:
-        """Raises ValueError for one that is none."""
         if self.config.action == "velocity":
             bad = np.flatnonzero(~np.isfinite(actions).all(axis=1))
             if len(bad):
@@ -307,25 +350,18 @@ class GameBatch(GameState):
             raise ValueError(f"choice {actions[bad]} of game {bad}: candidates are 0 to {self.hold}")
 
     def deepest_contact(self) -> float:
-        """Depth of the deepest overlap of a robot with a wall now, m (0: none)."""
+        """Depth of the deepest overlap of a robot with a wall now, m, 0 without any."""
         radius, places = self.config.robot.radius_m, self.bodies[:, :2]
         near = np.flatnonzero(self.games["touch"] > 0).tolist()  # elsewhere no wall is within reach
         depths = (overlap_m(self.assets_of(i).grid.walls, places[i : i + 1], radius)[0] for i in near)
         return max([0.0, *map(float, depths)])
 
     def place_ghost(self, game: int, number: int, x: float, y: float) -> tuple[float, float]:
-        """Let a ghost go on from the cell of his nearest to (x, y), m; returns where that is."""
+        """Put a ghost on its cell nearest to (x, y), m; returns where that is."""
         cells = self.assets_of(game).clyde.position
-        cell = int(((cells - (x, y)) ** 2).sum(axis=1).argmin())
-        kernels.place_ghost(
-            self.games[game : game + 1],
-            self.ghosts[game, number : number + 1],
-            self.ghosts[game],
-            self._ghosts.paths[game, number],
-            self.obstacles[game],
-            cell,
-            cells,
-        )
+        cell, _ = self.assets_of(game).clyde.nearest(x, y)
+        spawn_ghost(self.ghosts[game, number], cell, self._ghosts.paths[game, number], cells)
+        kernels.see_ghosts(self.games[game], self.ghosts[game], self.obstacles[game])
         return float(cells[cell, 0]), float(cells[cell, 1])
 
     def situation(
@@ -341,21 +377,17 @@ class GameBatch(GameState):
         if self._look_table is None:
             self._look_table = Table(
                 situation_kernel.LookArrays,
-                games=self.games,
+                rules=self._rules,
                 ghosts=self.ghosts,
                 ghost_paths=self._ghosts.paths,
-                obstacles=self.obstacles,
-                alive=self.alive,
-                waits=self.arrays["waits"],
-                parameters=self._parameters,
                 request=self._request,
                 summary=self.summary,
                 **self.levels.arrays_for(situation_kernel.LookArrays),
             )
         situation_kernel.direct(self._request, situation, player, self.shows_features)
         if index is None:
-            self.threads.run(situation_kernel.look, [self._look_table], self.n)
+            self.threads.run(situation_kernel.write_situations, [self._look_table], self.n)
         else:
             for i in index.tolist():
-                situation_kernel.look(self._look_table.address, i, i + 1)
+                situation_kernel.write_situations(self._look_table.address, i, i + 1)
         return situation

@@ -1,7 +1,6 @@
-"""On a machine where nothing is compiled yet, another process compiles the ticks while this one prepares the map.
+"""Where nothing is compiled yet, another process compiles the ticks while this one prepares the map: half of the delay.
 
-Half of what a first game waits for is compilation that depends on nothing but the code. What the other process has
-compiled is found on disk (``compile_turns.py``); it ends with this process, or when it is done.
+It ends with this process, or when it is done; what it compiled is found on disk (``compile_turns.py``).
 """
 
 from __future__ import annotations
@@ -23,11 +22,11 @@ from ...engine.threads import cores
 from .ticks import play
 
 _ROOT = Path(__file__).resolve().parents[3]
-_LOOK_S = 0.5
+_WATCH_S = 0.5
 
 
 def begin() -> subprocess.Popen[bytes] | None:
-    """Start the other process if the ticks are not kept yet, once, and if there is a core for it."""
+    """Start the other process once, if the ticks are not kept yet and there is a core for it."""
     if kernel_folder() is None or numba_config.DISABLE_JIT or cores() < 2 or not sys.executable:
         return None
     if (folder := play._cache.find()) is None or play._cache.keeps(RANGE):
@@ -46,7 +45,7 @@ def begin() -> subprocess.Popen[bytes] | None:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
-    except OSError:  # no process to be had: this one compiles
+    except OSError:  # without another process this one compiles
         return None
     atexit.register(_end, os.getpid(), other)
     expect_help()
@@ -61,7 +60,7 @@ def _end(process: int, other: subprocess.Popen[bytes]) -> None:
 
 def _watch(parent: int) -> None:
     while os.getppid() == parent:
-        time.sleep(_LOOK_S)
+        time.sleep(_WATCH_S)
     os._exit(1)
 
 

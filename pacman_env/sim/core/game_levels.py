@@ -20,12 +20,7 @@ _NONE = -1  # in place of a slot, before the first round
 
 
 class GameLevels:
-    """The slot of each game in a stack of levels.
-
-    Attributes:
-        stack: the levels.
-        spaces: for robots near walls.
-    """
+    """The slot of each game in a stack of levels, and spaces for robots near walls."""
 
     def __init__(self, source: LevelSource, config: Config, n: int, threads: Threads) -> None:
         self.source = source
@@ -38,29 +33,24 @@ class GameLevels:
         self._threads = threads.number
 
     def assets_of(self, game: int) -> MapAssets:
-        """The map that a game is played on."""
         slot = self.slots[game]
         return self.source.first if slot == _NONE else self.stack.assets(slot)
 
     def expect(self, seeds: NDArray[np.uint64]) -> None:
-        """Episodes with these seeds come next: other threads prepare their levels while games are played."""
         levels = dict.fromkeys(self.source.levels_of(seeds).tolist())
         self._prepare_ahead([level for level in levels if not self.stack.has(level)])
 
     def _prepare_ahead(self, levels: list[int]) -> None:
-        """Have levels prepared by other threads, if there are any."""
         if self._ahead is None and len(self.stack) > 1 and self._threads > 1:
             self._ahead = LevelsAhead(self.source, self._threads, min(len(self.slots), _MOST_AHEAD))
         if self._ahead is not None:
             self._ahead.ask(levels)
 
     def change(self, index: NDArray[np.int64], levels: NDArray[np.int64]) -> None:
-        """Let each of the games ``index`` (M,) be on another of ``levels`` (M,).
+        """Put each of the games ``index`` (M,) on another of ``levels`` (M,).
 
-        Raises:
-            MapError: a map cannot be played on; nothing has been changed then.
+        Raises MapError for a map that cannot be played on; nothing has been changed then.
         """
-        # All are prepared before the first is given up.
         missing = [level for level in dict.fromkeys(levels.tolist()) if not self.stack.has(level)]
         if len(missing) > 1:
             self._prepare_ahead(missing)
@@ -69,7 +59,7 @@ class GameLevels:
         self.spaces.leave(index)
         for i in index.tolist():
             if self.slots[i] != _NONE:
-                self.stack.give_back(self.slots[i])
+                self.stack.release(self.slots[i])
         for i, level in zip(index.tolist(), levels.tolist(), strict=True):
             known = self.stack.has(level)
             self.slots[i] = self.stack.take(level, lambda number: prepared.get(number) or self.source.prepare(number))
@@ -85,8 +75,3 @@ class GameLevels:
             records[k]["level"] = self.slots[i]
             records[k]["pellets"], records[k]["refuges"] = assets.pellets, assets.refuges
         self.spaces.leave(index)
-
-    def provide_spaces(self, games: NDArray[np.int64]) -> None:
-        """A space for each of the games whose robot waits for one."""
-        for i in games.tolist():
-            self.spaces.provide(self.slots[i], self.assets_of(i).grid.walls)

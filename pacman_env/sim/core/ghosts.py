@@ -1,55 +1,239 @@
-"""The ghosts of N games: where they are, the ways they are on, and who decides where each of them goes."""
+"""The ghosts of N games: where they are, the paths they are on, and where each of them goes.
+
+Their rules live in ``game/ghosts.py``. All that the kernels need is in a table (:class:`GhostArrays`), so that a
+behaviour's kernel can be called by its address.
+"""
 
 from __future__ import annotations
 
+import functools
+import math
+import types
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
 from ...config import Config, ConfigError
-from ...engine.bucket_queue import queue_arrays
-from ...engine.native import Table, address, address_of_kernel
-from ...game.ghosts import BEHAVIOURS, POLICY, WANDER, Behaviour, find_behaviour
-from ..maps.ghost_cells import search_memory
+from ...engine.arrays import Array, Table, address, arrays_by_address, reals_at
+from ...engine.bucket_queue import SearchArrays
+from ...engine.jit import kernel
+from ...engine.native import address_of_kernel, call_range
+from ...game.ghosts import (
+    BEHAVIOURS,
+    POLICY,
+    WANDER,
+    Behaviour,
+    GhostView,
+    at_target,
+    choose_target,
+    find_behaviour,
+    spawn,
+    walk,
+)
+from ...world.navigation.grid import cell_of
+from ..maps.ghost_cells import find_path, search_memory
 from ..maps.level_stack import LevelStack
-from . import records
-from .ghost_kernels import GhostArrays, behaviour_kernel
+from .kernels import believed, see_ghosts
+from .parameters import PARAMETERS
+from .records import GAME, GHOST
 
 _TABLE = tuple(entry for entry in BEHAVIOURS.values() if entry.target is not None)
 BEHAVIOUR_NAMES = tuple(entry.name for entry in _TABLE)
 _FROM_OUTSIDE = -1  # in place of the address of a behaviour's kernel
 
 
+class CellArrays(NamedTuple):
+    ghost_graph: Any = Array(np.int32, "M k 16")  # the search's view of a cell
+    ghost_part: Any = Array(np.int32, "M k")
+    ghost_part_start: Any = Array(np.int64, "M p")
+    ghost_part_cells: Any = Array(np.int32, "M k")
+
+
+class GhostArrays(NamedTuple):
+    """What :func:`decide` and :func:`move` work on: B behaviours."""
+
+    games: Any = Array(GAME, "N")
+    ghosts: Any = Array(GHOST, "N G")
+    paths: Any = Array(np.int32, "N G l")  # cells of the path that each is on
+    obstacles: Any = Array(np.float64, "N G 3")  # m, where they are seen
+    parameters: Any = Array(PARAMETERS, "1")
+    choices: Any = Array(np.int64, "N G")  # of those sent from outside
+    remembered: Any = Array(np.int16, "N t G")  # the choice at each tick of the round
+    behaviours: Any = Array(np.int64, "B 2")  # addresses of the kernel and of its constants
+    affine: Any = Array(np.float64, "M 6")
+    ghost_snap: Any = Array(np.int32, "M h w")  # nearest cell
+    ghost_place: Any = Array(np.int32, "M g")  # cell of each goal
+    ghost_corner: Any = Array(np.int32, "M 4")  # cell of each corner
+    ghost_xy: Any = Array(np.float64, "M k 2")  # m, of the cells
+    cells: Any = CellArrays
+    search: Any = SearchArrays
+
+
+_arrays = arrays_by_address(GhostArrays)
+
+
+@kernel
+def wander_on(ghost, path, m, cells, search):  # type: ignore[no-untyped-def]
+    """Algorithm 2: draw a target and take the shortest way there, at the end of the path."""
+    graph, part, part_start, part_cells = cells
+    node, queue = search
+    here = path[ghost.path_index]
+    target = choose_target(ghost, here, part[m], part_start[m], part_cells[m])
+    ghost.path_length = find_path(np.int64(here), np.int64(target), graph[m], node, queue, path)
+    ghost.path_index = 0
+    ghost.path_offset = 0.0
+    if ghost.path_length == 0:  # cannot happen within a part; it stays where it is
+        path[0] = here
+        ghost.path_length = 1
+
+
+@kernel
+def head_for(ghost, path, target, m, cells, search):  # type: ignore[no-untyped-def]
+    """Turn to another cell at once: on to the next cell of its path, from there the shortest one, if there is any."""
+    graph, part, _, _ = cells
+    node, queue = search
+    here = path[ghost.path_index]
+    if path[ghost.path_length - 1] == target or part[m, here] != part[m, target]:
+        return
+    kept = 0
+    following = here
+    if ghost.path_offset > 0.0:
+        kept = 1
+        following = path[ghost.path_index + 1]
+    count = find_path(np.int64(following), np.int64(target), graph[m], node, queue, path[kept:])
+    if count > 0:
+        path[0] = here
+        ghost.path_index = 0
+        ghost.path_length = count + kept
+
+
+@kernel
+def _go(ghost, path, target, m, cells, search):  # type: ignore[no-untyped-def]
+    """To a cell, or wander on without one (-1) or a path to it."""
+    part = cells[1]
+    ghost.wanders = target < 0 or part[m, path[ghost.path_index]] != part[m, target]
+    if not ghost.wanders:
+        head_for(ghost, path, target, m, cells, search)
+
+
+@kernel
+def _send(ghost, path, i, chosen, a):  # type: ignore[no-untyped-def]
+    """Send a ghost of game i to a candidate of the robot's; the last candidate is to wander on."""
+    g, p = a.games[i], a.parameters[0]
+    goal = chosen if chosen < p.pellet_slots else g.pellets + chosen - p.pellet_slots
+    target = -1
+    hold = p.pellet_slots + p.refuge_slots
+    if chosen < hold and goal < g.pellets + g.refuges and (chosen >= p.pellet_slots or chosen < g.pellets):
+        target = a.ghost_place[g.level, goal]
+    _go(ghost, path, target, g.level, a.cells, a.search)
+    ghost.place = -1 if ghost.wanders else chosen
+
+
+@kernel
+def decide(table, i):  # type: ignore[no-untyped-def]
+    """Where the ghosts of a game that do not just wander go now; False if a behaviour's function raised."""
+    a = _arrays(table)
+    ghosts, paths, behaviours = a.ghosts, a.paths, a.behaviours
+    g, p = a.games[i], a.parameters[0]
+    count = ghosts.shape[1]
+    hold = p.pellet_slots + p.refuge_slots
+    for k in range(count):
+        row = -1
+        if behaviours[k, 0] > 0:
+            row = k
+        elif behaviours[k, 0] < 0:  # it is sent from outside
+            chosen = a.choices[i, k]
+            a.remembered[i, g.tick, k] = chosen
+            if chosen <= hold:
+                _send(ghosts[i, k], paths[i, k], i, chosen, a)
+            else:
+                ghosts[i, k].place = -1
+                row = count + chosen - hold - 1
+        if row >= 0 and call_range(behaviours[row, 0], table, i, row * count + k) < 0:
+            return False
+    return True
+
+
+@kernel
+def move(table, i):  # type: ignore[no-untyped-def]
+    """The ghosts' update in a game; one that wanders and is at the end of its path draws another."""
+    a = _arrays(table)
+    ghosts, paths = a.ghosts, a.paths
+    g, p = a.games[i], a.parameters[0]
+    count = ghosts.shape[1]
+    for k in range(count):
+        walk(ghosts[i, k], paths[i, k], a.ghost_xy[g.level], p.clyde_period)
+    see_ghosts(g, ghosts[i], a.obstacles[i])
+    for k in range(count):
+        if ghosts[i, k].wanders & at_target(ghosts[i, k]):
+            wander_on(ghosts[i, k], paths[i, k], g.level, a.cells, a.search)
+
+
+def _target(view, constants):  # type: ignore[no-untyped-def]
+    """A behaviour's function is in its place in a copy of :func:`_follow_behaviour`."""
+
+
+_CONSTANTS = 0  # likewise the number of its constants
+
+
+def _follow_behaviour(table, i, which):  # type: ignore[no-untyped-def]
+    """Let a ghost of game i decide where it goes; ``which``: the behaviour's row times the ghosts plus its number."""
+    a = _arrays(table)
+    snap, position = a.ghost_snap, a.ghost_xy
+    row, number = divmod(which, a.ghosts.shape[1])
+    constants = reals_at(a.behaviours[row, 1], _CONSTANTS)
+    g, p = a.games[i], a.parameters[0]
+    m, ghost = g.level, a.ghosts[i, number]
+    bx, by, heading = believed(g, p.use_tf)
+    own_corner = a.ghost_corner[m, number]
+    corner_x, corner_y = position[m, own_corner]
+    view = GhostView(number, ghost.x, ghost.y, ghost.vx, ghost.vy, bx, by, heading, corner_x, corner_y)
+    x, y = _target(view, to_fixed_tuple(constants, _CONSTANTS))
+    target = -1
+    if math.isfinite(x) and math.isfinite(y):
+        column, row = cell_of(a.affine[m], snap.shape[1], snap.shape[2], x, y)
+        target = snap[m, row, column]
+    _go(ghost, a.paths[i, number], target, m, a.cells, a.search)
+    return 0
+
+
+@functools.cache
+def behaviour_kernel(behaviour: Behaviour) -> Callable[[int, int, int], int]:
+    """:func:`_follow_behaviour` with the behaviour's function compiled into it."""
+    assert behaviour.target is not None
+    own = BEHAVIOURS.get(behaviour.name) == behaviour
+    known = {**globals(), "_target": kernel(behaviour.target, own), "_CONSTANTS": len(behaviour.parameters)}
+    loop = types.FunctionType(_follow_behaviour.__code__, known, "_follow_behaviour")
+    loop.__module__ = __name__
+    loop.__qualname__ = f"_follow_{behaviour.name}" if own else "_follow_behaviour_from_outside"
+    return kernel(loop, own)
+
+
+#: For Python.
+spawn_ghost = kernel(spawn)
+
+
 def behaviour_choice(hold: int, number: int) -> int:
-    """The choice that lets a ghost sent from outside do in this tick as ``BEHAVIOUR_NAMES[number]`` does."""
+    """The choice that lets a ghost sent from outside follow ``BEHAVIOUR_NAMES[number]`` in this tick."""
     return hold + 1 + number
 
 
 class Ghosts:
-    """The ghosts of N games under one configuration.
-
-    Attributes:
-        state: (N, G) records of type ``GHOST``.
-        paths: (N, G, L) int32, the cells of the way that each is on.
-        obstacles: (N, G, 3) float64, where they are seen, m.
-        choices: (N, G) int64, for those sent from outside: a candidate, the last one to wander on, or beyond it the
-            number of a behaviour (:func:`behaviour_choice`); written before each tick.
-        wander_first: (G,) bool, who draws his own targets until he is sent somewhere.
-        sent_from_outside: (G,) bool, whose behaviour is ``policy``.
-    """
+    """The ghosts of N games under one configuration."""
 
     def __init__(self, n: int, config: Config) -> None:
-        """Raises ConfigError for a behaviour that there is not."""
         try:
             behaviours = [find_behaviour(name) for name in config.clyde.ghosts]
         except ConfigError as error:
             raise ConfigError(f"clyde.ghosts = {config.clyde.ghosts!r}: {error}") from error
         count = len(behaviours)
-        self.state = np.zeros((n, count), dtype=records.GHOST)
-        self.paths = np.zeros((n, count, 0), dtype=np.int32)
-        self.obstacles = np.zeros((n, count, 3))
+        self.state = np.zeros((n, count), dtype=GHOST)
+        self.paths = np.zeros((n, count, 0), dtype=np.int32)  # (N, G, L) cells of the path that each is on
+        self.obstacles = np.zeros((n, count, 3))  # where they are seen, m
+        #: Of those sent from outside: a candidate, the last one to wander on, or beyond it a :func:`behaviour_choice`.
         self.choices = np.zeros((n, count), dtype=np.int64)
         self.wander_first = np.array([one.name in (WANDER, POLICY) for one in behaviours])
         self.sent_from_outside = np.array([one.name == POLICY for one in behaviours])
@@ -65,21 +249,16 @@ class Ghosts:
                 self._use(k, one)
 
     def _use(self, row: int, behaviour: Behaviour) -> None:
-        """Let a row of the behaviours be this one."""
         self._used[row] = behaviour_kernel(behaviour)
         self._constants.append(np.array(behaviour.constants(self._config), dtype=np.float64))
         self._behaviours[row] = address_of_kernel(self._used[row]), address(self._constants[-1])
 
     def send(self, choices: NDArray[np.int64] | None) -> None:
-        """Take the ``choices`` (N, G) for those sent from outside; None: all wander on.
-
-        Raises:
-            ValueError: a choice is none; nothing has been changed then.
-        """
+        """Set the ``choices`` (N, G) for those sent from outside; None: all wander on. ValueError changes nothing."""
         if not self._any_sent:
             return
         if choices is None:
-            self.choices[:] = self._hold
+            self.choices.fill(self._hold)
             return
         if choices.shape != self.choices.shape:
             raise ValueError(f"ghost choices of shape {choices.shape}: must be {self.choices.shape}")
@@ -93,14 +272,13 @@ class Ghosts:
         self.compile_choices()
 
     def compile_choices(self) -> None:
-        """Have the behaviours ready that ``choices`` ask for."""
         number = int(self.choices.max()) - behaviour_choice(self._hold, 0)
         for k in range(number + 1):
             if self._behaviours[len(self.wander_first) + k, 0] == 0:
                 self._use(len(self.wander_first) + k, _TABLE[k])
 
     def bind(self, levels: LevelStack, hold: int) -> None:
-        """Take over the arrays of the maps, after they have been made anew; ``hold`` is the last candidate."""
+        """Use the arrays of the maps, after they have been made anew; ``hold`` is the last candidate."""
         self._hold = hold
         self._maps = levels.arrays_for(GhostArrays)
         self._searched = self._maps["ghost_xy"].shape[1], levels.longest_ghost_way
@@ -112,7 +290,6 @@ class Ghosts:
 
     def table(self, games: NDArray[Any], remembered: NDArray[np.int16], parameters: NDArray[Any]) -> Table:
         """What the kernels work on, with scratch memory of its own: one for each thread."""
-        node, queue = search_memory(*self._searched)
         return Table(
             GhostArrays,
             games=games,
@@ -123,17 +300,15 @@ class Ghosts:
             choices=self.choices,
             remembered=remembered,
             behaviours=self._behaviours,
-            search_nodes=node,
-            **queue_arrays(queue),
+            search=SearchArrays(*search_memory(*self._searched)),
             **self._maps,
         )
 
     def raise_again(self, table: int, game: int) -> None:
-        """Raise what a behaviour's function raised in a game."""
         count = len(self.wander_first)
         for k in range(count):
-            told = int(self.choices[game, k]) - behaviour_choice(self._hold, 0)
-            row = k if k in self._used else count + told
-            if row in self._used and (row == k or told >= 0):
+            chosen = int(self.choices[game, k]) - behaviour_choice(self._hold, 0)
+            row = k if k in self._used else count + chosen
+            if row in self._used and (row == k or chosen >= 0):
                 self._used[row](table, game, row * count + k)
         raise RuntimeError(f"a ghost of game {game} could not decide where to go")

@@ -1,14 +1,13 @@
-"""What happens in one game, compiled; the rules live in ``game/``, the robot's in ``world/``.
-
-Game i reads and writes row i only, so that a game is the same alone and among others.
-"""
+"""What happens in one game, compiled: rules live in ``game/``, the robot's in ``world/``. Game i touches row i only."""
 
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...engine.arrays import Array
 from ...engine.jit import kernel
 from ...game.decisions import decision_due
 from ...game.execution import (
@@ -31,9 +30,23 @@ from ...rng import LOCALIZATION, NAVIGATION, below, stream
 from ...world.navigation import localization, navigator
 from ...world.navigation.controller import drive_wheels, limit, refresh_heading
 from ...world.navigation.physics import move, place
+from .parameters import PARAMETERS
+from .records import GAME
 
 _LONG_AGO = -9
 SUMMARY = ("outcome", "collected", "lost", "spawned", "aborts", "round_seed")  # of a game, by row
+
+
+class RuleArrays(NamedTuple):
+    """What the rules work on: N games, C candidates, P pellets, G ghosts, M maps."""
+
+    games: Any = Array(GAME, "N")
+    alive: Any = Array(np.bool_, "N P")  # the pellet is there
+    waits: Any = Array(np.int64, "N C")  # physics step until which an aborted goal may not be chosen
+    aborts: Any = Array(np.int64, "N C")  # of the goal in this round
+    obstacles: Any = Array(np.float64, "N G 3")  # x, y, keep-out radius of the ghosts, m
+    parameters: Any = Array(PARAMETERS, "1")
+    goal_xy: Any = Array(np.float64, "M g 2")  # m
 
 
 @kernel
@@ -57,7 +70,6 @@ def nearest(x, y, obstacles):  # type: ignore[no-untyped-def]
 
 @kernel
 def see_ghosts(g, ghosts, obstacles):  # type: ignore[no-untyped-def]
-    """Take the places of a game's ghosts over; the nearest is the one that control keeps away from."""
     for k in range(len(ghosts)):
         obstacles[k, 0], obstacles[k, 1] = ghosts[k].x, ghosts[k].y
     k, _ = nearest(g.x + g.error_x, g.y + g.error_y, obstacles)
@@ -65,18 +77,8 @@ def see_ghosts(g, ghosts, obstacles):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def place_ghost(games, ghost, ghosts, path, obstacles, cell, ghost_xy):  # type: ignore[no-untyped-def]
-    """Put one ghost of one game on a cell; both are arrays of length 1."""
-    spawn(ghost[0], cell, path, ghost_xy)
-    see_ghosts(games[0], ghosts, obstacles)
-
-
-@kernel
 def reset_robots(games, index, seeds, fresh, home):  # type: ignore[no-untyped-def]
-    """Begin a new round in the games ``index`` (M,): the robot stands at ``home``, by level, and has no goal.
-
-    ``fresh`` (M,) holds the per-round parameters already filled in.
-    """
+    """Begin rounds in the games ``index`` (M,) at ``home``, by level; ``fresh`` (M,) are their first records."""
     for k in range(len(index)):
         i = index[k]
         games[i] = fresh[k]
@@ -99,21 +101,8 @@ def reset_robots(games, index, seeds, fresh, home):  # type: ignore[no-untyped-d
 
 
 @kernel
-def reset_candidates(games, index, alive, waits, aborts):  # type: ignore[no-untyped-def]
-    """Lay out all pellets of the games ``index``; every candidate may be chosen."""
-    for i in index:
-        for slot in range(alive.shape[1]):
-            alive[i, slot] = slot < games[i].pellets
-        waits[i, :] = 0
-        aborts[i, :] = 0
-
-
-@kernel
 def reset_ghosts(games, index, ghosts, paths, obstacles, wander_first, starts, use_tf):  # type: ignore[no-untyped-def]
-    """Put the ghosts of the games ``index`` on cells that are drawn from ``starts``, by level.
-
-    ``starts`` are the cells, how many they are, and the positions of all cells.
-    """
+    """Put the ghosts of the games ``index`` on cells drawn from ``starts``: cells, counts, positions, by level."""
     cells, counts, ghost_xy = starts
     for i in index:
         g = games[i]
@@ -129,22 +118,23 @@ def reset_ghosts(games, index, ghosts, paths, obstacles, wander_first, starts, u
 
 
 @kernel
-def allowed(g, i, candidate, alive, waits, p):  # type: ignore[no-untyped-def]
+def allowed(a, g, i, candidate, p):  # type: ignore[no-untyped-def]
     """The action mask: a pellet is there, and the goal does not wait after an abort; hold is always allowed."""
-    # Without branches: which pellets are left is what a processor cannot predict.
+    # Without branches: a processor cannot predict which pellets are left.
     is_refuge = (candidate >= p.pellet_slots) & (candidate - p.pellet_slots < g.refuges)
     is_hold = candidate == p.pellet_slots + p.refuge_slots
-    there = is_refuge | is_hold | ((candidate < p.pellet_slots) & alive[i, min(candidate, p.pellet_slots - 1)])
-    return there & (waits[i, candidate] <= g.step)
+    there = is_refuge | is_hold | ((candidate < p.pellet_slots) & a.alive[i, min(candidate, p.pellet_slots - 1)])
+    return there & (a.waits[i, candidate] <= g.step)
 
 
 @kernel
-def follow(g, i, event, value, x, y, step, goal_xy, obstacles, alive, waits, aborts, p):  # type: ignore[no-untyped-def]
-    """Take a game's record over an event of Algorithm 4, and do with the goal what follows; returns what that is."""
+def follow(a, i, event, value, x, y):  # type: ignore[no-untyped-def]
+    """An event of Algorithm 4 in game i and what follows for its goal; returns what is to be done with it."""
+    g = a.games[i]
     before = g.collected
     navigating = g.nav_state == navigator.ACTIVE or g.nav_next >= 0
-    board = Board(goal_xy, obstacles, alive[i], waits[i], aborts[i])
-    action = transition(g, event, value, (x, y), step, navigating, board, p)
+    board = Board(a.goal_xy[g.level], a.obstacles[i], a.alive[i], a.waits[i], a.aborts[i])
+    action = transition(g, event, value, (x, y), g.step, navigating, board, a.parameters[0])
     g.score += g.collected - before
     g.tick_pellets += g.collected - before
     if action == CANCEL:
@@ -155,7 +145,7 @@ def follow(g, i, event, value, x, y, step, goal_xy, obstacles, alive, waits, abo
 
 @kernel
 def copy_choices(choices, most, copied):  # type: ignore[no-untyped-def]
-    """Copy the choices (N,); the first that is not within 0 and ``most``, and nothing is copied then; -1: all are."""
+    """Copy the choices (N,) unless one is not within 0 and ``most``; returns the first such game, else -1."""
     for i in range(len(choices)):
         if choices[i] < 0 or choices[i] > most:
             return i
@@ -165,43 +155,26 @@ def copy_choices(choices, most, copied):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def decide(g, i, chosen, decisions, goal_xy, alive, waits, aborts, obstacles, p):  # type: ignore[no-untyped-def]
-    """Hand a game's choice to the navigator; a candidate that its mask forbids is hold.
-
-    ``decisions`` (N, T) remembers it by the tick.
-    """
+def decide(a, i, chosen, decisions):  # type: ignore[no-untyped-def]
+    """Send a game's choice to the navigator and write it to ``decisions`` (N, T); a forbidden candidate is hold."""
+    g, p = a.games[i], a.parameters[0]
     decisions[i, g.tick] = chosen
-    if chosen == p.pellet_slots + p.refuge_slots or not allowed(g, i, chosen, alive, waits, p):
+    if chosen == p.pellet_slots + p.refuge_slots or not allowed(a, g, i, chosen, p):
         chosen = NO_CHOICE
     bx, by, _ = believed(g, p.use_tf)
-    action = follow(
-        g,
-        i,
-        np.int64(CHOICE),
-        np.int64(chosen),
-        bx,
-        by,
-        g.step,
-        goal_xy[g.level],
-        obstacles[i],
-        alive,
-        waits,
-        aborts,
-        p,
-    )
-    if action == SEND:
+    if follow(a, i, np.int64(CHOICE), np.int64(chosen), bx, by) == SEND:
         navigator.send_goal(g, goal_of(g, chosen, p), g.step)
 
 
 @kernel
 def command(g, v, w, p):  # type: ignore[no-untyped-def]
-    """Take velocities, m/s and rad/s, as far as the base can follow them."""
+    """Set the velocities, m/s and rad/s, as far as the base can follow them."""
     g.command_v, g.command_w = limit(max(v, 0.0), w, p)
 
 
 @kernel
 def sense(g, p):  # type: ignore[no-untyped-def]
-    """Take the true pose and velocity over from the body; localize."""
+    """Copy the true pose and velocity from the body; localize."""
     g.x, g.y, g.vx, g.vy = g.body_x, g.body_y, g.body_vx, g.body_vy
     if p.perfect:
         localization.update(g, np.int64(g.step))
@@ -220,59 +193,74 @@ def drive(g, i, paths, p, by_hand, affine, clearance):  # type: ignore[no-untype
 
 
 @kernel
-def end_tick(g, obstacles, p):  # type: ignore[no-untyped-def]
+def end_tick(a, i):  # type: ignore[no-untyped-def]
     """The tick is over: the closing speed since the last decision."""
+    g, p = a.games[i], a.parameters[0]
     g.tick += 1
     bx, by, _ = believed(g, p.use_tf)
-    _, distance = nearest(bx, by, obstacles)
+    _, distance = nearest(bx, by, a.obstacles[i])
     g.closing = closing_speed(g.distance, distance, p.tick_s)
     g.distance = distance
 
 
 @kernel
-def apply_result(g, i, goal_xy, alive, waits, aborts, obstacles, p):  # type: ignore[no-untyped-def]
-    """Algorithm 4's reaction to the end of a goal."""
+def apply_result(a, i):  # type: ignore[no-untyped-def]
+    """Algorithm 4's reaction to the end of a goal; False if the round ends with it."""
+    g = a.games[i]
     status = g.nav_result
     g.nav_result = navigator.NO_RESULT
     if g.nav_next >= 0:  # the result of a goal given up for the one that waits
-        return
+        return True
     x, y, _ = believed(g, True)  # the pose in Nav2's feedback is TF's, whatever the rules go by
-    follow(
-        g, i, np.int64(RESULT), np.int64(status), x, y, g.step, goal_xy[g.level], obstacles[i], alive, waits, aborts, p
-    )
-    if g.end != RUNNING:
-        end_tick(g, obstacles[i], p)
+    follow(a, i, np.int64(RESULT), np.int64(status), x, y)
+    return _goes_on(a, i)
 
 
 @kernel
-def look(g, i, goal_xy, alive, waits, aborts, obstacles, p):  # type: ignore[no-untyped-def]
-    """Pick-up, completion and death on the believed pose."""
-    bx, by, _ = believed(g, p.use_tf)
-    follow(g, i, np.int64(LOOK), np.int64(0), bx, by, g.step, goal_xy[g.level], obstacles[i], alive, waits, aborts, p)
+def observe(a, i):  # type: ignore[no-untyped-def]
+    """Pick-up, completion and death on the believed pose; False if the round ends with it."""
+    g = a.games[i]
+    sense(g, a.parameters[0])
+    bx, by, _ = believed(g, a.parameters[0].use_tf)
+    follow(a, i, np.int64(LOOK), np.int64(0), bx, by)
+    return _goes_on(a, i)
 
 
 @kernel
-def finish(g, i, goal_xy, alive, waits, aborts, obstacles, p):  # type: ignore[no-untyped-def]
+def _goes_on(a, i):  # type: ignore[no-untyped-def]
+    """True if the round goes on; else its last tick ends here."""
+    if a.games[i].end != RUNNING:
+        end_tick(a, i)
+        return False
+    return True
+
+
+@kernel
+def finish(a, i):  # type: ignore[no-untyped-def]
     """The end of a tick: rules, time limit, closing speed."""
-    sense(g, p)
-    look(g, i, goal_xy, alive, waits, aborts, obstacles, p)
-    end_tick(g, obstacles[i], p)
-    if g.end == RUNNING and g.tick >= p.ticks_max:
-        g.end = TIMEOUT
+    g, p = a.games[i], a.parameters[0]
+    if observe(a, i):
+        end_tick(a, i)
+        if g.tick >= p.ticks_max:
+            g.end = TIMEOUT
 
 
 @kernel
-def due(g, chosen, since, p):  # type: ignore[no-untyped-def]
-    """Whether a game asks for a decision after a tick; ``since``: tick, distance and round at the last, ``chosen``."""
-    tick, distance, round_number = since
+def due(g, chosen, last, p):  # type: ignore[no-untyped-def]
+    """True if a game asks for a decision after a tick; ``last`` is of type ``LAST_DECISION``, ``chosen`` its choice."""
     choice = NO_CHOICE if chosen == p.pellet_slots + p.refuge_slots else chosen
-    news = g.end != RUNNING or g.tick_pellets > 0 or g.round != round_number
-    return decision_due(choice, g.pursued, news, distance, g.distance, g.tick - tick, p)
+    news = g.end != RUNNING or g.tick_pellets > 0 or g.round != last.round
+    return decision_due(choice, g.pursued, news, last.distance, g.distance, g.tick - last.tick, p)
 
 
 @kernel
-def step_robot(games, by_hand, paths, obstacles, parameters, plan_end, nav, search, clearance, clear, spaces):  # type: ignore[no-untyped-def]
-    """One physics step of the only robot, without a game; False, if it has to be given a space before it moves."""
+def step_robot(state, by_hand, cells, nav, search, spaces):  # type: ignore[no-untyped-def]
+    """One physics step of the only robot, without a game; False if it needs a space before it moves.
+
+    ``nav`` are the planner's arrays of the only map, (1, ...).
+    """
+    games, paths, obstacles, parameters, plan_end = state
+    clearance, clear = cells
     g, p = games[0], parameters[0]
     i = np.int64(0)  # of the type that the ticks' numbers have: a constant would have everything compiled once more
     affine, snap, neighbours, cell_xy, length_cm, next_step = nav
@@ -290,7 +278,6 @@ def step_robot(games, by_hand, paths, obstacles, parameters, plan_end, nav, sear
 
 @kernel
 def reward(g, rewards):  # type: ignore[no-untyped-def]
-    """The reward of a game's tick."""
     completed = rewards.end[COMPLETE] * g.tick_rounds
     return rewards.tick + rewards.pellet * g.tick_pellets + completed + rewards.end[g.end]
 
@@ -307,6 +294,5 @@ def reward_and_end(games, rewards, terminated, truncated, over_before, result): 
 
 @kernel
 def summarize(g, i, summary):  # type: ignore[no-untyped-def]
-    """Write a game's column of the summary (len(SUMMARY), N)."""
     summary[0, i], summary[1, i], summary[2, i] = g.end, g.collected, g.lost
     summary[3, i], summary[4, i], summary[5, i] = g.spawned, g.aborts, g.episode_seed

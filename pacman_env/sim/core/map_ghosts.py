@@ -14,22 +14,16 @@ from ...game import ghosts as rule
 from ...rng import below
 from ..maps.assets import MapAssets
 from ..maps.level_stack import LevelStack
-from . import ghost_kernels, records
+from . import ghosts, records
 from .ghosts import Ghosts
 from .parameters import batch_parameters
 from .poses import Pose
 
-_stream, _below, _spawn = kernel(rule.ghost_stream), kernel(below), kernel(rule.spawn)
+_stream, _below = kernel(rule.ghost_stream), kernel(below)
 
 
 class MapGhosts:
-    """Ghosts that stand until :meth:`step` is called; the same seed walks the same ways.
-
-    Args:
-        assets: the map, prepared under ``config``.
-        config: how many ghosts, who decides where each goes, their speed.
-        seed: of all that is drawn.
-    """
+    """Ghosts that stand until :meth:`step` is called, on a map prepared under ``config``; the seed decides paths."""
 
     def __init__(self, assets: MapAssets, config: Config, seed: int) -> None:
         self.cells = assets.clyde
@@ -60,7 +54,6 @@ class MapGhosts:
 
     @property
     def speed_mps(self) -> float:
-        """Of all of them."""
         return float(self._ghosts.state["speed"][0, 0])
 
     @speed_mps.setter
@@ -68,12 +61,11 @@ class MapGhosts:
         self._ghosts.state["speed"] = value
 
     def see_robot(self, pose: Pose) -> None:
-        """Where the robot believes to be."""
         self._games["x"], self._games["y"], self._games["heading"] = pose
 
     def place(self, number: int, cell: int) -> None:
-        """Put a ghost on a cell; the way he was on is forgotten."""
-        _spawn(self._ghosts.state[0, number], cell, self._ghosts.paths[0, number], self.cells.position)
+        """Put a ghost on a cell and forget the path that it was on."""
+        ghosts.spawn_ghost(self._ghosts.state[0, number], cell, self._ghosts.paths[0, number], self.cells.position)
 
     def respawn(self, away_from: Sequence[tuple[float, float]], numbers: Sequence[int] | None = None) -> None:
         """Put ghosts on random cells of the robot's area, away from these places, m, of which the first is in it."""
@@ -87,21 +79,20 @@ class MapGhosts:
             self.place(number, int(allowed[pick]))
 
     def decide(self, choices: NDArray[np.int64] | None = None) -> None:
-        """Where those who do not just wander go now; ``choices`` (G,) are candidates for those sent from outside."""
+        """Decide where ghosts that do not wander go; ``choices`` (G,) are candidates for those sent from outside."""
         if choices is not None:
             self._ghosts.choices[0] = choices
             self._ghosts.compile_choices()
-        ghost_kernels.choose(self._table.address)
+        ghosts.decide(self._table.address, 0)
 
     def rehearse(self, choices: NDArray[np.int64]) -> None:
-        """Compile everything before anybody waits for it; they are put anew then."""
+        """Compile everything beforehand, and respawn."""
         self.decide(choices)
         self.step()
         self.respawn([])
 
     def step(self) -> None:
-        """One update of ``clyde.update_period_s``."""
-        ghost_kernels.step(self._table.address)
+        ghosts.move(self._table.address, 0)
         for number, ghost in enumerate(self._ghosts.state[0]):
             if ghost["vx"] or ghost["vy"]:
                 self._headings[number] = math.atan2(ghost["vy"], ghost["vx"])

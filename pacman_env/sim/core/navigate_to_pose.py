@@ -1,8 +1,4 @@
-"""The goals of one simulated robot, as Nav2's ``navigate_to_pose`` server treats them.
-
-A goal is current, or pending until the server's next look; it ends with a status and an error code. How the robot
-gets there is ``robot.py``'s business, messages are ``ros/``'s.
-"""
+"""The goals of one simulated robot, as Nav2's ``navigate_to_pose`` server treats them: one current, one pending."""
 
 from __future__ import annotations
 
@@ -23,24 +19,20 @@ _CODES = {"no path": NO_VALID_PATH, "no control": NO_VALID_CONTROL, "stuck": FAI
 
 @dataclass(frozen=True)
 class Ended:
-    """A goal that has ended: its key, the status of action_msgs/GoalStatus, Nav2's error code, a reason."""
-
     key: bytes
-    status: int
-    error_code: int
+    status: int  # of action_msgs/GoalStatus
+    error_code: int  # Nav2's
     message: str
 
 
 @dataclass(frozen=True)
 class Feedback:
-    """What Nav2 tells of the current goal while it drives."""
-
     key: bytes
-    pose: Pose  # as it believes
-    time_s: float  # since the goal was taken up
-    remaining_s: float  # at the speed asked for
+    pose: Pose  # as believed
+    time_s: float  # since the goal became the current one
+    remaining_s: float  # at the robot's speed
     recoveries: int
-    distance_m: float  # of the way that is left
+    distance_m: float  # path length that is left
 
 
 @dataclass
@@ -54,10 +46,7 @@ class _Goal:
 
 
 class Navigation:
-    """``navigate_to_pose``: at most one current goal and one pending.
-
-    ``abort_after_s`` (None: never) ends every goal that long after it was taken up, for tests of what follows.
-    """
+    """``abort_after_s`` (None: never) ends every goal after that time, for tests of what follows."""
 
     def __init__(self, robot: SimulatedRobot) -> None:
         self.robot = robot
@@ -70,15 +59,11 @@ class Navigation:
 
     @property
     def active(self) -> tuple[bytes, ...]:
-        """Keys of the goals that have not ended: the current one, the pending one."""
+        """Keys of the current and the pending goal."""
         return tuple(goal.key for goal in (self._current, self._pending) if goal is not None)
 
     def send(self, key: bytes, x: float, y: float) -> None:
-        """A goal that has been accepted, (x, y) in m; the one before ends at the next step.
-
-        Raises:
-            ValueError: a number is not finite, or a goal of that key is active.
-        """
+        """A goal that has been accepted, (x, y) in m; the one before ends at the next step. Raises ValueError."""
         if not (math.isfinite(x) and math.isfinite(y)):
             raise ValueError(f"goal ({x}, {y}): must be two finite numbers")
         if key in self.active:
@@ -88,14 +73,14 @@ class Navigation:
         self._pending = _Goal(key, x, y)
 
     def cancel(self, key: bytes) -> bool:
-        """Ask for the end of a goal, with which every other goal ends too; False: it is not active."""
+        """Request the end of a goal, with which every other goal ends too; False if it is not active."""
         if key not in self.active:
             return False
         self._canceling.add(key)
         return True
 
     def forget(self) -> None:
-        """The server goes away: no goal ends, the robot stops."""
+        """The server ends: no goal gets a result, the robot stops."""
         self._current = self._pending = None
         self._canceling.clear()
         self._ended.clear()
@@ -106,15 +91,19 @@ class Navigation:
         if self._canceling:
             self._terminate_all()
         elif self._pending is not None:
-            self._take_up(self._pending)
+            self._begin(self._pending)
         status, slot = self.robot.step()
         current = self._current
         if current is not None:
             if not self._recovering and self.robot.recovering:
                 current.recoveries += 1
             self._recovering = self.robot.recovering
-            if status != NO_RESULT and slot == current.slot:
-                self._finish(current, status)
+            if status == SUCCEEDED and slot == current.slot:
+                self._current = None
+                self._end(current, SUCCEEDED, NONE, "")
+            elif status != NO_RESULT and slot == current.slot:
+                reason = self.robot.why_aborted()
+                self._abort(current, _CODES.get(reason, UNKNOWN), reason)
             elif self.robot.belief is None:
                 self._abort(current, TF_ERROR, "no transform from map to base_link")
             elif self.abort_after_s is not None and self._age_s(current) >= self.abort_after_s - 1e-9:
@@ -123,11 +112,11 @@ class Navigation:
         return ended
 
     def feedback(self) -> Feedback | None:
-        """Of the current goal; None: there is none, or the robot does not know where it is."""
+        """None without a current goal or a pose."""
         goal, belief = self._current, self.robot.belief
         if goal is None or belief is None:
             return None
-        distance = self.robot.distance_m(goal.slot) or 0.0  # as Nav2 says while it has no path
+        distance = self.robot.distance_m(goal.slot) or 0.0  # as Nav2's while it has no path
         speed = self.robot.config.robot.speed_mps
         return Feedback(goal.key, belief, self._age_s(goal), distance / speed, goal.recoveries, distance)
 
@@ -143,7 +132,7 @@ class Navigation:
         self._canceling.clear()
         self.robot.cancel()
 
-    def _take_up(self, goal: _Goal) -> None:
+    def _begin(self, goal: _Goal) -> None:
         if self._current is not None:
             self._end(self._current, ABORTED, NONE, "pre-empted by a newer goal")
         self._current, self._pending = goal, None
@@ -156,7 +145,7 @@ class Navigation:
             goal.slot = self.robot.set_goal(goal.x, goal.y)
 
     def _refusal(self, goal: _Goal) -> tuple[int, str]:
-        """What ends a goal before anything is tried."""
+        """Error code and message of a goal that ends at once; ``NONE`` for others."""
         robot, where = self.robot, f"({goal.x:.2f}, {goal.y:.2f})"
         if robot.belief is None:
             return TF_ERROR, "no transform from map to base_link"
@@ -168,15 +157,6 @@ class Navigation:
         if near < 0 and occupancy.occupancy[row, column] == 100:
             return GOAL_OCCUPIED, f"goal {where} is occupied, and so is all around it"
         return NONE, ""
-
-    def _finish(self, goal: _Goal, status: int) -> None:
-        """The navigator has ended the goal."""
-        if status == SUCCEEDED:
-            self._current = None
-            self._end(goal, SUCCEEDED, NONE, "")
-        else:
-            why = self.robot.why_aborted()
-            self._abort(goal, _CODES.get(why, UNKNOWN), why)
 
     def _abort(self, goal: _Goal, code: int, message: str) -> None:
         self._current = None

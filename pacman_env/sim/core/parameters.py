@@ -19,19 +19,19 @@ from . import records
 _CLEAR_OF_WALLS_M = 0.05  # beyond the inscribed radius; roll-outs prefer to stay outside it
 
 
-def batch_parameters(config: Config, resolution: float, pellet_slots: int, refuge_slots: int) -> NDArray[Any]:
-    """The constants of a batch as one record, in steps and SI units."""
+def _values(config: Config, resolution: float, pellet_slots: int, refuge_slots: int) -> dict[str, float | int]:
+    """The constants of a batch, in steps, m, s and rad; a whole number is one for every configuration."""
     dt = config.physics_step_s
     robot, nav2, execution, loc = config.robot, config.nav2, config.execution, config.localization
 
     def steps(seconds: float) -> int:
         return round(seconds / dt)
 
-    values = {
+    return {
         "dt": dt,
         "tick_s": execution.tick_s,
         "ticks_max": max(1, round(config.time_limit_s / execution.tick_s)),
-        "substeps": steps(execution.tick_s),
+        "substeps": steps(execution.tick_s),  # physics steps of a tick
         "check_steps": steps(execution.check_period_s),
         "scan_steps": steps(loc.scan_period_s),
         "clyde_steps": steps(config.clyde.update_period_s),
@@ -66,15 +66,32 @@ def batch_parameters(config: Config, resolution: float, pellet_slots: int, refug
         "velocity_actions": config.action == "velocity",
         "arcade_distance": config.clyde.arcade_distance_m,
     }
-    record = np.zeros(1, dtype=records.PARAMETERS)
-    for name, value in values.items():
-        record[0][name] = value
-    return record
+
+
+#: The constants of a batch as a record.
+PARAMETERS = np.dtype(
+    [(name, float if isinstance(value, float) else np.int64) for name, value in _values(Config(), 0.05, 1, 0).items()],
+    align=True,
+)
+REWARDS = np.dtype(
+    [
+        ("tick", np.float64),
+        ("pellet", np.float64),
+        ("end", np.float64, (5,)),  # by the code of the end; completion also counts for a round that another follows
+        ("discount", np.float64),  # of a tick
+    ],
+    align=True,
+)
+
+
+def batch_parameters(config: Config, resolution: float, pellet_slots: int, refuge_slots: int) -> NDArray[Any]:
+    """(1,) the constants of a batch."""
+    return np.array([tuple(_values(config, resolution, pellet_slots, refuge_slots).values())], dtype=PARAMETERS)
 
 
 def reward_record(reward: RewardConfig, tick_discount: float = 1.0) -> NDArray[Any]:
-    """The rewards as one record."""
-    record = np.zeros(1, dtype=records.REWARDS)
+    """(1,) the rewards."""
+    record = np.zeros(1, dtype=REWARDS)
     record["tick"], record["pellet"], record["discount"] = reward.tick, reward.pellet, tick_discount
     for code, value in ((DEAD, reward.death), (COMPLETE, reward.completion), (TIMEOUT, reward.timeout)):
         record["end"][0, code] = value
@@ -93,35 +110,27 @@ _DRAWN = {
     "abort_rate": "nav_abort_rate",
     "pickup_radius_m": "pickup",
 }
+#: What an endless game keeps when a round follows another.
+KEPT_FROM_ROUND_TO_ROUND = (*_DRAWN.values(), "episode_seed", "round", "score", "tick_pellets")
 
 
 def draw_episodes(seeds: NDArray[np.uint64], config: Config) -> NDArray[Any]:
     """Records (M,) of new games with what the configuration fixes and what it draws from each seed."""
-    c = config
-    values = {
-        "speed_limit": c.robot.speed_mps,
-        "base_clyde_speed": c.clyde.speed_mps,
-        "sigma_xy": c.localization.sigma_xy_m,
-        "sigma_heading": c.localization.sigma_yaw_rad,
-        "update_distance": c.localization.update_distance_m,
-        "update_angle": c.localization.update_angle_rad,
-        "nav_accept_steps": round(c.nav2.accept_delay_s / c.physics_step_s),
-        "nav_abort_rate": c.nav2.abort_rate,
-        "pickup": c.execution.pickup_radius_m,
-        "round": 1,
-    }
+    c, local = config, config.localization
     fresh = np.zeros(len(seeds), dtype=records.GAME)
-    fresh["episode_seed"] = seeds
-    for name, value in values.items():
-        fresh[name] = value
+    fresh["episode_seed"], fresh["round"] = seeds, 1
+    fresh["speed_limit"], fresh["base_clyde_speed"] = c.robot.speed_mps, c.clyde.speed_mps
+    fresh["sigma_xy"], fresh["sigma_heading"] = local.sigma_xy_m, local.sigma_yaw_rad
+    fresh["update_distance"], fresh["update_angle"] = local.update_distance_m, local.update_angle_rad
+    fresh["nav_accept_steps"] = round(c.nav2.accept_delay_s / c.physics_step_s)
+    fresh["nav_abort_rate"], fresh["pickup"] = c.nav2.abort_rate, c.execution.pickup_radius_m
     ranges = c.randomize.ranges()
     if ranges:
-        drawn = np.empty((len(ranges), len(seeds)))
-        _draw(seeds, np.array([r[1:] for r in ranges]), drawn)
+        _, drawn = _draw(np.ascontiguousarray(seeds), RANDOMIZE, np.array([limits for _, *limits in ranges]))
         for (name, _, _), column in zip(ranges, drawn, strict=True):
             is_delay = name == "accept_delay_s"
             fresh[_DRAWN[name]] = np.rint(column / c.physics_step_s) if is_delay else column
-    if c.localization.perfect:
+    if local.perfect:
         fresh["sigma_xy"] = fresh["sigma_heading"] = 0.0
     fresh["clyde_speed"] = fresh["base_clyde_speed"]
     return fresh
@@ -136,36 +145,23 @@ def drawn_values(games: NDArray[Any], config: Config) -> dict[str, NDArray[np.fl
 
 
 @kernel
-def _draw(seeds, ranges, drawn):  # type: ignore[no-untyped-def]
+def _draw(seeds, purpose, ranges):  # type: ignore[no-untyped-def]
+    """(M,) the streams of the seeds for one purpose, and their first numbers (R, M), each in its range (R, 2)."""
+    streams, drawn = np.empty(len(seeds), np.uint64), np.empty((len(ranges), len(seeds)))
     for i in range(len(seeds)):
-        state = stream(seeds[i], RANDOMIZE)
+        streams[i] = state = stream(seeds[i], purpose)
         for k in range(len(ranges)):
             state, u = uniform(state)
             drawn[k, i] = ranges[k, 0] + u * (ranges[k, 1] - ranges[k, 0])
-
-
-@kernel
-def _next(seeds, following):  # type: ignore[no-untyped-def]
-    for i in range(len(seeds)):
-        following[i] = stream(seeds[i], ROUND)
+    return streams, drawn
 
 
 def next_seeds(seeds: NDArray[np.uint64]) -> NDArray[np.uint64]:
     """(M,) the seed of the round that follows each."""
-    following = np.empty(len(seeds), dtype=np.uint64)
-    _next(np.ascontiguousarray(seeds), following)
-    return following >> np.uint64(1)  # seeds are below 2**63
-
-
-@kernel
-def _below(seeds, purpose, count, result):  # type: ignore[no-untyped-def]
-    for i in range(len(seeds)):
-        _, u = uniform(stream(seeds[i], purpose))
-        result[i] = min(int(u * count), count - 1)
+    return _draw(np.ascontiguousarray(seeds), ROUND, np.zeros((0, 2)))[0] >> np.uint64(1)  # seeds are below 2**63
 
 
 def draw_below(seeds: NDArray[np.uint64], purpose: int, count: int) -> NDArray[np.int64]:
     """(M,) a number in [0, count) from each seed, for one purpose."""
-    result = np.empty(len(seeds), dtype=np.int64)
-    _below(np.ascontiguousarray(seeds), purpose, count, result)
-    return result
+    _, (u,) = _draw(np.ascontiguousarray(seeds), purpose, np.array([(0.0, 1.0)]))
+    return np.minimum((u * count).astype(np.int64), count - 1)

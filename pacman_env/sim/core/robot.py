@@ -1,9 +1,4 @@
-"""The simulator with its rules switched off: one robot that drives to any place or by velocities, and localizes itself.
-
-The kernels of a batch, on a batch of one game that has no pellets and whose ghost is far away: goals come one at a time
-and anywhere on the map. Which goals there are and how they end is ``navigate_to_pose.py``'s business; messages are
-``ros/``'s.
-"""
+"""The simulator's kernels without rules: one robot that drives to any place or by velocities, and localizes itself."""
 
 from __future__ import annotations
 
@@ -14,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
+from ...engine.bucket_queue import SearchArrays
 from ...world.maps.occupancy import MapError, OccupancyMap
 from ...world.navigation import lidar, localization, navigator
 from ...world.navigation.grid import build_grid
@@ -23,16 +19,23 @@ from ...world.navigation.planner import PATH_POINTS, detour_memory
 from . import kernels, records
 from .parameters import batch_parameters, draw_episodes
 from .poses import Pose, compose, inverse, wrap
+from .ticks import SpaceArrays
 
 _LONG_AGO = -1_000_000  # steps
-_FAR_M = 1e6  # where Clyde is while nobody has seen him
+_FAR_M = 1e6  # where the ghost is before it has been seen
 _FIELDS_KEPT = 64  # path fields of the last goals
+
+
+def _check_finite(name: str, numbers: Sequence[float]) -> None:
+    if not all(map(math.isfinite, numbers)):
+        raise ValueError(f"{name} {numbers}: must be {'two' if len(numbers) == 2 else 'three'} finite numbers")
 
 
 class SimulatedRobot:
     """The robot, its base, its lidar, its localization and the goal that it drives to.
 
-    ``localizing`` (False: no filter runs, nobody knows where the robot is) may be set at any time.
+    It starts at ``home`` (None: as in the game); ``localizing`` may be set at any time: False without a pose, until
+    :meth:`set_initial_pose`. Raises MapError if the map has no place for the robot.
     """
 
     def __init__(
@@ -44,18 +47,6 @@ class SimulatedRobot:
         home: Pose | None = None,
         localized: bool = True,
     ) -> None:
-        """Put the robot on its home pose.
-
-        Args:
-            occupancy: the map.
-            config: robot, localization, navigator and lidar; what it randomizes is drawn from the seed.
-            seed: of all that is drawn, 0 to 2**63 - 1.
-            home: where the robot stands; None: as in the game.
-            localized: it knows its pose; False: once :meth:`set_initial_pose` has told it.
-
-        Raises:
-            MapError: the map has no place for the robot, or the home pose is none.
-        """
         if home is not None and not all(map(math.isfinite, home)):
             raise MapError(f"{occupancy.name}: the home pose must be three finite numbers, not {home!r}")
         self.occupancy, self.config = occupancy, config
@@ -73,49 +64,39 @@ class SimulatedRobot:
         self._length_cm = np.full((1, cells, 2), UNREACHABLE_CM, dtype=np.uint16)
         self._next_step = np.full((1, 2, cells), NO_STEP, dtype=np.int16)
         self._plan_end = np.zeros((1, 2, 2))
-        cell_xy = np.stack(grid.to_world(grid.cell[:, 0], grid.cell[:, 1]), axis=1).astype(np.float32)
+        cell_xy = np.stack(grid.to_world(*grid.cell.T), axis=1).astype(np.float32)
         neighbours = np.ascontiguousarray(grid.neighbours[:, ::2])
         fixed = (array[None] for array in (grid.affine, grid.snap, neighbours, cell_xy))
         self._nav = (*fixed, self._length_cm, self._next_step)
         self._longest_cm = 0
-        self._search = detour_memory(cells, self._longest_cm, grid.resolution)
+        self._search = SearchArrays(*detour_memory(cells, self._longest_cm, grid.resolution))
         self._velocity = (0.0, 0.0, _LONG_AGO)  # v, omega, step it came
         self._games = np.zeros(1, dtype=records.GAME)
         self._g = self._games[0]
         x, y, heading = grid.home.tolist()
         self._start: Pose = (x, y, heading)
-        self._reset(seed)
-        self.localizing = localized
-
-    def _reset(self, seed: int) -> None:
-        """Begin at home, at rest and without a goal."""
-        self._spaces.leave(np.zeros(1, dtype=np.int64))
         seeds = np.array([seed], dtype=np.uint64)
-        fresh = draw_episodes(seeds, self.config)
-        kernels.reset_robots(self._games, np.zeros(1, dtype=np.int64), seeds, fresh, self.grid.home[None])
+        first, fresh = np.zeros(1, dtype=np.int64), draw_episodes(seeds, config)
+        kernels.reset_robots(self._games, first, seeds, fresh, grid.home[None])
         self._g["clyde_x"], self._g["clyde_y"] = _FAR_M, _FAR_M
-
-    # What is
+        self.localizing = localized
 
     @property
     def steps(self) -> int:
-        """Physics steps done."""
         return int(self._g["step"])
 
     @property
     def time_s(self) -> float:
-        """Time since the start, s."""
         return self.steps * self.config.physics_step_s
 
     @property
     def pose(self) -> Pose:
-        """Where the robot is."""
         g = self._g
         return float(g["x"]), float(g["y"]), wrap(float(g["heading"]))
 
     @property
     def velocity(self) -> tuple[float, float]:
-        """Forward speed in m/s and turn rate in rad/s that the body has."""
+        """Forward speed in m/s and turn rate in rad/s of the body."""
         g = self._g
         heading = float(g["heading"])
         return float(g["vx"]) * math.cos(heading) + float(g["vy"]) * math.sin(heading), float(g["omega"])
@@ -127,7 +108,7 @@ class SimulatedRobot:
 
     @property
     def belief(self) -> Pose | None:
-        """What TF says of map to base_link; None: nothing."""
+        """TF's map to base_link; None while not localizing."""
         if not self.localizing:
             return None
         g = self._g
@@ -136,13 +117,12 @@ class SimulatedRobot:
 
     @property
     def map_to_odom(self) -> Pose | None:
-        """The transform that AMCL gives; None: none."""
         belief = self.belief
         return None if belief is None else compose(belief, inverse(self.odometry))
 
     @property
     def amcl(self) -> tuple[int, Pose] | None:
-        """The latched pose and the step of the filter update that it comes from; None: there was none yet."""
+        """The step of the last filter update, and the pose latched then."""
         g = self._g
         if not self.localizing:
             return None
@@ -150,12 +130,11 @@ class SimulatedRobot:
 
     @property
     def navigating(self) -> bool:
-        """It drives to a goal, or one waits."""
         return bool(self._g["nav_state"] == navigator.ACTIVE or self._g["nav_next"] >= 0)
 
     @property
     def recovering(self) -> bool:
-        """Nav2 waits, in the hope that what holds the robot goes away."""
+        """True while Nav2 waits for a blockage to end."""
         return bool(self._g["nav_state"] == navigator.ACTIVE and self._g["nav_wait_step"] > self._g["step"])
 
     def scan(self) -> NDArray[np.float32]:
@@ -171,7 +150,7 @@ class SimulatedRobot:
         return ranges
 
     def distance_m(self, slot: int) -> float | None:
-        """Way from the believed pose to the goal in that slot; None: no way is known."""
+        """Path length from the believed pose to the goal in that slot; None if unknown."""
         belief = self.belief
         if belief is None:
             return None
@@ -180,29 +159,23 @@ class SimulatedRobot:
         return None if length == UNREACHABLE_CM else 0.01 * length
 
     def why_aborted(self) -> str:
-        """What the navigator gave the last goal up for: ``no path``, ``no control``, ``stuck`` or ``unknown``."""
-        g, p = self._g, self._parameters[0]
-        waited = {"no path": "no_path", "no control": "no_control", "stuck": "stuck"}
-        for words, name in waited.items():
-            since = int(g[f"nav_{name}_step"])
-            if since >= 0 and int(g["nav_last_step"]) - since >= int(p[f"{name}_steps"]):
-                return words
+        """Why the navigator aborted the last goal: ``no path``, ``no control``, ``stuck`` or ``unknown``."""
+        for reason in ("no path", "no control", "stuck"):
+            name = reason.replace(" ", "_")
+            since = int(self._g[f"nav_{name}_step"])
+            if since >= 0 and int(self._g["nav_last_step"]) - since >= int(self._parameters[0][f"{name}_steps"]):
+                return reason
         return "unknown"
 
-    # What comes from outside
-
     def rehearse(self) -> None:
-        """Compile everything before anybody waits for it; one step is done."""
+        """Compile everything beforehand; one step is done."""
         self.set_goal(*self.pose[:2])
         self.cancel()
         self.scan()
         self.step()
 
     def set_goal(self, x: float, y: float) -> int:
-        """Drive to (x, y) in m, finite, or the nearest place within Nav2's tolerance; returns the goal's slot.
-
-        A goal that is being driven to goes on until the planner's next tick.
-        """
+        """Drive to (x, y) m, finite, or the nearest place within Nav2's tolerance; returns the goal's slot."""
         grid, tolerance = self.grid, self.config.nav2.unreachable_tolerance_m
         slot = 1 - max(int(self._g["nav_goal"]), 0) if self._g["nav_state"] == navigator.ACTIVE else 0
         cell = int(grid.cells_under(np.array([[x, y]]))[0])
@@ -222,34 +195,23 @@ class SimulatedRobot:
             longest = int(length_cm[length_cm != UNREACHABLE_CM].max(initial=0))
             if longest > self._longest_cm:
                 self._longest_cm = longest
-                self._search = detour_memory(len(grid.cell), longest, grid.resolution)
+                self._search = SearchArrays(*detour_memory(len(grid.cell), longest, grid.resolution))
         navigator.send_goal(self._g, slot, self.steps)
         return slot
 
     def cancel(self) -> None:
-        """Drive to no goal any more."""
         navigator.cancel(self._g)
         self._g["nav_result"] = navigator.NO_RESULT
 
     def set_velocity(self, v: float, omega: float) -> None:
-        """A velocity command, m/s and rad/s; it lasts half a second, beside a navigator that drives one step.
-
-        Raises:
-            ValueError: a number is not finite.
-        """
-        if not (math.isfinite(v) and math.isfinite(omega)):
-            raise ValueError(f"velocity ({v}, {omega}): must be two finite numbers")
+        """A velocity command, m/s and rad/s; it lasts half a second, beside a navigator that drives one step."""
+        _check_finite("velocity", (v, omega))
         self._velocity = (float(v), float(omega), self.steps)
 
     def set_obstacles(self, places: Sequence[tuple[float, float]]) -> None:
-        """Where the ghosts are, m.
-
-        Raises:
-            ValueError: a number is not finite.
-        """
+        """Where the ghosts are, m."""
         for place in places:
-            if not all(map(math.isfinite, place)):
-                raise ValueError(f"obstacle at {place}: must be two finite numbers")
+            _check_finite("obstacle at", place)
         self._obstacles = np.zeros((1, len(places), 3))
         self._obstacles[0, :, :2] = np.array(places).reshape(-1, 2)
         x, y = self.pose[:2]
@@ -257,13 +219,8 @@ class SimulatedRobot:
         self._g["clyde_x"], self._g["clyde_y"] = nearest
 
     def set_initial_pose(self, pose: Pose) -> None:
-        """Tell the filter where the robot is: near the truth it converges to that, otherwise it stays beside it.
-
-        Raises:
-            ValueError: a number is not finite.
-        """
-        if not all(map(math.isfinite, pose)):
-            raise ValueError(f"initial pose {pose}: must be three finite numbers")
+        """A pose for the filter: near the truth it converges to that, else it stays off."""
+        _check_finite("initial pose", pose)
         x, y, heading = self.pose
         off = pose[0] - x, pose[1] - y, wrap(pose[2] - heading)
         filtered = self.config.localization
@@ -272,22 +229,13 @@ class SimulatedRobot:
         self.shift_belief((0.0, 0.0, 0.0) if near else off)
 
     def shift_belief(self, shift: Pose) -> None:
-        """From now on the filter converges this far beside the truth; it updates at once if it runs.
-
-        Raises:
-            ValueError: a number is not finite.
-        """
-        if not all(map(math.isfinite, shift)):
-            raise ValueError(f"shift {shift}: must be three finite numbers")
+        """From now on the filter converges this far beside the truth."""
+        _check_finite("shift", shift)
         self._g["bias_x"], self._g["bias_y"], self._g["bias_heading"] = shift
         localization.update(self._g, self.steps)
 
     def step(self) -> tuple[int, int]:
-        """One physics step.
-
-        Returns:
-            The result of a goal that ended in it, as in action_msgs/GoalStatus, and its slot; (0, -1): none did.
-        """
+        """One physics step; the status (action_msgs/GoalStatus) and slot of a goal that ended in it, else (0, -1)."""
         g = self._g
         v, omega, since = self._velocity
         age = self.steps - since
@@ -297,9 +245,9 @@ class SimulatedRobot:
         parameters, grid = self._parameters, self.grid
         if by_hand:
             kernels.command(g, v, omega, parameters[0])
-        way = self._paths, self._obstacles, parameters, self._plan_end, self._nav, self._search
-        cells = grid.clearance_cm, self._clear
-        while not kernels.step_robot(self._games, int(by_hand), *way, *cells, self._spaces.arrays):
+        state = self._games, self._paths, self._obstacles, parameters, self._plan_end
+        cells, spaces = (grid.clearance_cm, self._clear), SpaceArrays(*self._spaces.arrays)
+        while not kernels.step_robot(state, int(by_hand), cells, self._nav, self._search, spaces):
             self._spaces.provide(0, grid.walls)
         ended = int(g["nav_result"]), int(g["nav_result_goal"])
         g["nav_result"] = navigator.NO_RESULT

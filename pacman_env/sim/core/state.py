@@ -1,39 +1,33 @@
-"""The state of N games: arrays of which row i is game i's, and what can be read from them."""
+"""The state of N games: arrays of which row i is game i's, and what was decided in their rounds."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
-from ...engine.native import zeros
+from ...engine.arrays import zeros
 from ...game.decisions import Moment
-from . import kernels
+from . import kernels, records
 from .ghosts import Ghosts
 from .ticks import TickArrays
 
-_STATE = (
-    *("games", "alive", "waits", "aborts", "paths", "choices", "velocities", "awake"),
-    *("since_tick", "since_distance", "since_round"),
-    *("reward", "factor", "elapsed_s", "terminated", "truncated"),
-)
+_ROOM = 1024  # decisions to begin with
 
 
 class GameState:
     """N games under one configuration.
 
-    Candidates are numbered: ``pellet_slots`` pellets, ``refuge_slots`` refuges (those beyond the map's are padding),
-    hold.
-
     Attributes:
-        arrays: by name, as :class:`ticks.TickArrays` declares them.
+        rules: arrays by name, as :class:`kernels.RuleArrays` declares them.
+        arrays: likewise of :class:`ticks.TickArrays`.
         games: (N,) records of type ``GAME``.
         alive: (N, P) bool, the pellets that are left.
         paths: (N, L, 2) m, the plans that the robots follow.
         reward: (N,) since the last decision; with ``terminated``, ``truncated`` (N,) bool and ``elapsed_s`` (N,).
-        completed_s: (N,) how long the round was that was followed by another in the last step.
+        completed_s: (N,) how long a round was that another followed in the last step.
         summary: (len(SUMMARY), N) int64, written with each situation (``kernels.SUMMARY``).
     """
 
@@ -44,10 +38,13 @@ class GameState:
         self.candidates = self.hold + 1
         self.substeps = round(config.execution.tick_s / config.physics_step_s)
         self._ghosts = Ghosts(n, config)
-        self.arrays = zeros(TickArrays, _STATE, N=n, P=pellet_slots, C=self.candidates)
-        self.games, self.alive, self.paths = (self.arrays[name] for name in ("games", "alive", "paths"))
-        self.reward, self.elapsed_s = self.arrays["reward"], self.arrays["elapsed_s"]
-        self.terminated, self.truncated = self.arrays["terminated"], self.arrays["truncated"]
+        own = "games", "alive", "waits", "aborts"
+        self.rules = zeros(kernels.RuleArrays, own, N=n, P=pellet_slots, C=self.candidates)
+        self.games, self.alive = self.rules["games"], self.rules["alive"]
+        results = "reward", "elapsed_s", "terminated", "truncated"
+        self.arrays = zeros(TickArrays, ("last_decision", "paths", "choices", "velocities", *results), N=n)
+        self.paths = self.arrays["paths"]
+        self.reward, self.elapsed_s, self.terminated, self.truncated = (self.arrays[name] for name in results)
         self.completed_s = np.zeros(n)
         self.summary = np.zeros((len(kernels.SUMMARY), n), dtype=np.int64)
 
@@ -70,3 +67,43 @@ class GameState:
         """What :class:`~pacman_env.game.decisions.LastDecision` has to know of one game now."""
         g, time_s = self.games[game], float(self.games["tick"][game]) * self.config.execution.tick_s
         return Moment(time_s, int(g["pursued"]), (int(g["round"]), int(g["collected"])), float(g["distance"]))
+
+
+class RoundSoFar(NamedTuple):
+    game: int
+    seed: int
+    level: int
+    began: Any  # the record that the round began with
+    decisions: NDArray[Any]  # (T,) or (T, 2)
+    ghost_choices: NDArray[np.int16]  # (T, G); (0, G) where no ghost is sent from outside
+
+
+class History:
+    """The decisions of N games by tick, written by kernels; ``sent``: ghosts are sent from outside."""
+
+    def __init__(self, n: int, ghosts: int, sent: bool, config: Config) -> None:
+        velocity = config.action == "velocity"
+        self.decisions = np.zeros((n, _ROOM, 2) if velocity else (n, _ROOM), np.float64 if velocity else np.int16)
+        self.ghost_choices = np.zeros((n, _ROOM if sent else 0, ghosts), np.int16)
+        self.began = np.zeros(n, dtype=records.GAME)
+        self._certain = 0  # so many more ticks have room in every game
+
+    def make_room(self, games: NDArray[Any], ticks: int = 1) -> bool:
+        """For so many more ticks in every game; True if the arrays are others now."""
+        if self._certain >= ticks:
+            self._certain -= ticks
+            return False
+        room, tick = self.decisions.shape[1], int(games["tick"].max())
+        longer = tick + ticks > room
+        while tick + ticks > room:
+            self.decisions, self.ghost_choices = (
+                np.concatenate([array, np.zeros_like(array)], axis=1) for array in (self.decisions, self.ghost_choices)
+            )
+            room *= 2
+        self._certain = room - tick - ticks
+        return longer
+
+    def so_far(self, game: int, record: Any, level: int) -> RoundSoFar:
+        ticks = int(record["tick"])
+        decided = self.decisions[game, :ticks].copy(), self.ghost_choices[game, :ticks].copy()
+        return RoundSoFar(game, int(record["seed"]), level, self.began[game].copy(), *decided)

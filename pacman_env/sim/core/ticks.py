@@ -1,8 +1,4 @@
-"""Ticks of games, compiled into one call: rules, ghosts, planner, controller and bodies of all physics steps.
-
-One game after the other, so that what a game touches stays in the cache for the whole tick. Everything is in a table,
-so that threads can be given a part of the games without asking Python.
-"""
+"""Ticks of games in one call, game after game, so that what a game touches stays in the cache for the whole tick."""
 
 from __future__ import annotations
 
@@ -10,14 +6,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...engine.arrays import Array, arrays_by_address
+from ...engine.bucket_queue import SearchArrays
 from ...engine.jit import kernel
-from ...engine.native import Array, address_of, arrays_by_address
+from ...engine.native import address_of
 from ...game.execution import RUNNING, TIMEOUT
 from ...world.navigation import navigator
 from ...world.navigation.controller import refresh_heading
 from ...world.navigation.physics import move as move_body
 from ...world.navigation.planner import PATH_POINTS
-from . import ghost_kernels, kernels, records
+from . import ghosts, kernels
+from .parameters import REWARDS
+from .records import LAST_DECISION
 
 ASLEEP, ONE_TICK, UNTIL_DUE = range(3)
 #: What a call of :func:`play` is for.
@@ -33,58 +33,52 @@ CONTROL = np.dtype(
 )
 
 
-class TickArrays(NamedTuple):
-    """What :func:`play` works on: N games, C candidates, P pellets, G ghosts, S spaces, M maps.
+class MapArrays(NamedTuple):
+    """What robots drive on, of M maps (``level_stack.py``)."""
 
-    Of choices and velocities those are remembered that the actions are; the other array has no ticks.
-    """
-
-    games: Any = Array(records.GAME, "N")
-    alive: Any = Array(np.bool_, "N P")  # the pellet is there
-    waits: Any = Array(np.int64, "N C")  # physics step until which an aborted goal may not be chosen
-    aborts: Any = Array(np.int64, "N C")  # of the goal in this round
-    paths: Any = Array(np.float32, f"N {PATH_POINTS} 2")  # m, the plan that the controller follows
-    obstacles: Any = Array(np.float64, "N G 3")  # x, y, keep-out radius of the ghosts, m
-    parameters: Any = Array(records.PARAMETERS, "1")
-    rewards: Any = Array(records.REWARDS, "1")
-    control: Any = Array(CONTROL, "1")
-    ghosts: Any = Array(np.int64, "n")  # the numbers of the ghosts' table
-    choices: Any = Array(np.int64, "N")
-    velocities: Any = Array(np.float64, "N 2")  # m/s, rad/s
-    decisions: Any = Array(np.int16, "N t")  # the choice at each tick of the round
-    driven: Any = Array(np.float64, "N t 2")  # the velocities at each tick of the round
-    awake: Any = Array(np.uint8, "N")  # ASLEEP, ONE_TICK or UNTIL_DUE
-    since_tick: Any = Array(np.int32, "N")  # of the last decision
-    since_distance: Any = Array(np.float64, "N")  # m, to the nearest ghost at the last decision
-    since_round: Any = Array(np.int32, "N")  # of the last decision
-    reward: Any = Array(np.float64, "N")  # since the last decision, discounted
-    factor: Any = Array(np.float64, "N")  # the next tick's discount
-    elapsed_s: Any = Array(np.float64, "N")  # since the last decision
-    terminated: Any = Array(np.bool_, "N")
-    truncated: Any = Array(np.bool_, "N")
-    space_table: Any = Array(np.int64, "S 5")  # physics.Spaces.arrays, in this order
-    space_given: Any = Array(np.float64, "S g")
-    space_taken: Any = Array(np.float64, "S t")
-    space_calls: Any = Array(np.int64, "4")
-    space_owners: Any = Array(np.int64, "S")
-    space_levels: Any = Array(np.int64, "S")
-    space_of: Any = Array(np.int64, "N")
-    affine: Any = Array(np.float64, "M 6")  # LevelStack.arrays, from here on
+    affine: Any = Array(np.float64, "M 6")
     clearance_cm: Any = Array(np.uint8, "M h w")
     clear: Any = Array(np.bool_, "M h w")
-    goal_xy: Any = Array(np.float64, "M g 2")  # m
     plan_end: Any = Array(np.float64, "M g 2")  # m
     snap: Any = Array(np.int32, "M h w")
     neighbours: Any = Array(np.int32, "M k 8")
     cell_xy: Any = Array(np.float32, "M k 2")  # m
     length_cm: Any = Array(np.uint16, "M k g")
     next_step: Any = Array(np.int16, "M g k")
-    search_nodes: Any = Array(np.int32, "k 4")  # planner.detour_memory, from here on
-    queue_heads: Any = Array(np.int32, "b")
-    queue_stamps: Any = Array(np.int32, "b")
-    queue_following: Any = Array(np.int32, "e")
-    queue_items: Any = Array(np.int32, "e")
-    queue_state: Any = Array(np.int64, "4")
+
+
+class SpaceArrays(NamedTuple):
+    """``physics.Spaces.arrays``, S of them for N robots."""
+
+    table: Any = Array(np.int64, "S 5")
+    given: Any = Array(np.float64, "S g")
+    taken: Any = Array(np.float64, "S t")
+    calls: Any = Array(np.int64, "4")
+    owners: Any = Array(np.int64, "S")
+    levels: Any = Array(np.int64, "S")
+    space_of: Any = Array(np.int64, "N")
+
+
+class TickArrays(NamedTuple):
+    """What :func:`play` works on. Of choices and velocities only the actions are remembered, the other has no ticks."""
+
+    rules: Any = kernels.RuleArrays
+    maps: Any = MapArrays
+    spaces: Any = SpaceArrays
+    search: Any = SearchArrays
+    ghosts: Any = Array(np.int64, "n")  # the numbers of the ghosts' table
+    rewards: Any = Array(REWARDS, "1")
+    control: Any = Array(CONTROL, "1")
+    last_decision: Any = Array(LAST_DECISION, "N")
+    paths: Any = Array(np.float32, f"N {PATH_POINTS} 2")  # m, the plan that the controller follows
+    choices: Any = Array(np.int64, "N")
+    velocities: Any = Array(np.float64, "N 2")  # m/s, rad/s
+    decisions: Any = Array(np.int16, "N t")  # the choice at each tick of the round
+    driven: Any = Array(np.float64, "N t 2")  # the velocities at each tick of the round
+    reward: Any = Array(np.float64, "N")  # since the last decision, discounted
+    elapsed_s: Any = Array(np.float64, "N")  # since the last decision
+    terminated: Any = Array(np.bool_, "N")
+    truncated: Any = Array(np.bool_, "N")
 
 
 _arrays = arrays_by_address(TickArrays)
@@ -93,38 +87,31 @@ BEGIN, _STEP, MOVE = range(3)  # stages of a tick: it begins, a physics step doe
 
 @kernel
 def play(table, first, last):  # type: ignore[no-untyped-def]
-    """Ticks of the games from ``first`` to ``last``, as ``control`` says; those that have ended or sleep stand still.
+    """Ticks of the games from ``first`` to ``last`` under ``control``; those that have ended or sleep stand still.
 
     Returns how many wait for a space, in the stage ``MOVE``; -1 - i if the function of a ghost of game i raised.
     """
     a = _arrays(table)
-    games, alive, waits, aborts, paths, obstacles = a.games, a.alive, a.waits, a.aborts, a.paths, a.obstacles
-    p, rewards, control, choices, goal_xy = a.parameters[0], a.rewards[0], a.control[0], a.choices, a.goal_xy
-    since_tick, since_distance, since_round = a.since_tick, a.since_distance, a.since_round
-    ghosts = address_of(a.ghosts)
-    spaces = (
-        *(a.space_table, a.space_given, a.space_taken, a.space_calls),
-        *(a.space_owners, a.space_levels, a.space_of),
-    )
-    queue = (a.queue_heads, a.queue_stamps, a.queue_following, a.queue_items, a.queue_state)
-    search = (a.search_nodes, queue)
+    rules, maps, paths, control, choices = a.rules, a.maps, a.paths, a.control[0], a.choices
+    games, p, ghost_table = rules.games, rules.parameters[0], address_of(a.ghosts)
     waiting = 0
     for i in range(first, last):
-        g = games[i]
+        g, d = games[i], a.last_decision[i]
         if control.resume:
             if g.stage == BEGIN:
                 continue
-        elif a.awake[i]:
+        elif d.awake:
             if control.fresh:
-                since_tick[i], since_distance[i], since_round[i] = g.tick, g.distance, g.round
-                a.reward[i], a.factor[i], a.elapsed_s[i] = 0.0, 1.0, 0.0
+                d.tick, d.distance, d.round, d.factor = g.tick, g.distance, g.round, 1.0
+                a.reward[i], a.elapsed_s[i] = 0.0, 0.0
             if g.end != RUNNING:
                 g.tick_pellets = 0
                 g.tick_rounds = 0
-                a.awake[i] = ASLEEP
-        if control.resume or a.awake[i]:
+                d.awake = ASLEEP
+        if control.resume or d.awake:
             m = g.level
-            here = (a.affine[m], a.snap[m], a.neighbours[m], a.cell_xy[m], a.length_cm[m], a.next_step[m])
+            cells = (maps.affine[m], maps.snap[m], maps.neighbours[m], maps.cell_xy[m])
+            here = (*cells, maps.length_cm[m], maps.next_step[m])
             for _ in range(control.ticks):
                 if g.stage == BEGIN:
                     g.tick_pellets = 0
@@ -134,34 +121,29 @@ def play(table, first, last):  # type: ignore[no-untyped-def]
                     if p.velocity_actions and not control.by_hand:
                         a.driven[i, g.tick, 0], a.driven[i, g.tick, 1] = a.velocities[i, 0], a.velocities[i, 1]
                     else:
-                        kernels.decide(g, i, choices[i], a.decisions, goal_xy, alive, waits, aborts, obstacles, p)
-                    if not ghost_kernels.decide(ghosts, i):
+                        kernels.decide(rules, i, choices[i], a.decisions)
+                    if not ghosts.decide(ghost_table, i):
                         return -1 - i
                     g.stage = _STEP
                     g.substep = 0
                 while g.end == RUNNING and g.substep < min(control.until, p.substeps):
                     if g.stage == _STEP:
-                        if g.substep > 0 and g.substep % p.check_steps == 0:
-                            kernels.sense(g, p)
-                            kernels.look(g, i, goal_xy, alive, waits, aborts, obstacles, p)
-                            if g.end != RUNNING:
-                                kernels.end_tick(g, obstacles[i], p)
-                                break
+                        if g.substep > 0 and g.substep % p.check_steps == 0 and not kernels.observe(rules, i):
+                            break
                         if g.step % p.clyde_steps == 0:
-                            ghost_kernels.move(ghosts, i)
+                            ghosts.move(ghost_table, i)
                         if navigator.plan_due(g, g.step):
-                            navigator.plan(g, i, paths, obstacles[i], p, a.plan_end[m], here, search)
-                        if g.substep == 0:  # the pose was already taken over when the tick before ended
+                            navigator.plan(g, i, paths, rules.obstacles[i], p, maps.plan_end[m], here, a.search)
+                        if g.substep == 0:  # the pose was already copied when the tick before ended
                             refresh_heading(g)
                         else:
                             kernels.sense(g, p)
-                        kernels.drive(g, i, paths, p, control.by_hand, a.affine[m], a.clearance_cm[m])
-                        if g.nav_result != navigator.NO_RESULT and not (p.velocity_actions or control.by_hand):
-                            kernels.apply_result(g, i, goal_xy, alive, waits, aborts, obstacles, p)
-                            if g.end != RUNNING:
-                                break
+                        kernels.drive(g, i, paths, p, control.by_hand, maps.affine[m], maps.clearance_cm[m])
+                        by_goal = not (p.velocity_actions or control.by_hand)
+                        if g.nav_result != navigator.NO_RESULT and by_goal and not kernels.apply_result(rules, i):
+                            break
                         g.stage = MOVE
-                    if not move_body(g, i, m, a.affine[m], a.clear[m], p, spaces):
+                    if not move_body(g, i, m, maps.affine[m], maps.clear[m], p, a.spaces):
                         waiting += 1
                         break
                     g.stage = _STEP
@@ -169,14 +151,13 @@ def play(table, first, last):  # type: ignore[no-untyped-def]
                 if g.stage == MOVE or (g.end == RUNNING and control.until <= p.substeps):
                     break
                 if g.end == RUNNING:
-                    kernels.finish(g, i, goal_xy, alive, waits, aborts, obstacles, p)
+                    kernels.finish(rules, i)
                 g.stage = BEGIN
-                a.reward[i] += a.factor[i] * kernels.reward(g, rewards)
-                a.factor[i] *= rewards.discount
+                a.reward[i] += d.factor * kernels.reward(g, a.rewards[0])
+                d.factor *= a.rewards[0].discount
                 a.elapsed_s[i] += p.tick_s
-                since = since_tick[i], since_distance[i], since_round[i]
-                if control.watch and (a.awake[i] == ONE_TICK or kernels.due(g, choices[i], since, p)):
-                    a.awake[i] = ASLEEP
+                if control.watch and (d.awake == ONE_TICK or kernels.due(g, choices[i], d, p)):
+                    d.awake = ASLEEP
                     break
         a.terminated[i] = g.end != RUNNING and g.end != TIMEOUT
         a.truncated[i] = g.end == TIMEOUT

@@ -1,7 +1,4 @@
-"""Everything computed once per map and configuration: grid, goals, path fields, Clyde's cells.
-
-Kept in the process (the last few maps) and, for the path fields, on disk by the map's hash.
-"""
+"""Everything computed once per map and configuration; kept in the process, path fields on disk by the map's hash."""
 
 from __future__ import annotations
 
@@ -13,25 +10,39 @@ import math
 import os
 import threading
 from dataclasses import asdict, dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...config import Config
-from ...engine.jit import kernel, source_hash
+from ...config import ClydeConfig, Config
+from ...engine.jit import source_hash
 from ...game.pellets import generate_pellets
 from ...world.maps.occupancy import MapError, OccupancyMap, load_map
 from ...world.navigation.cache import cached_arrays
-from ...world.navigation.grid import DriveGrid, build_grid
+from ...world.navigation.grid import DriveGrid, build_grid, nearest_numbers
 from ...world.navigation.paths import NO_STEP, UNREACHABLE_CM, PathFields
-from .ghost_cells import ClydeCells, clyde_cells
-from .ghost_targets import GhostTargets, are_sent, find_ghost_targets
+from .ghost_cells import ClydeCells, clyde_cells, nearest_positions
 from .refuges import choose_refuges
 
 MapSource = str | os.PathLike[str] | OccupancyMap
-MAX_PELLETS = 1000  # the way from each to each is kept
-_AT_ONCE = 64  # cells: what lies together is read together
+MAX_PELLETS = 1000  # the paths from each to each are kept
 _KEEP = 16  # maps kept in the process
+_NEAR_M = 1.0  # a goal farther than this from every cell of theirs is no place to send a ghost to
+#: In units of half the part's extent: Clyde's arcade corner is the lower left one, Blinky's the upper right.
+_CORNERS = ((-1, -1), (1, 1), (-1, 1), (1, -1))
+
+
+class GhostTargets(NamedTuple):
+    """Cells of the ghosts' part that connects to the robot's area, for ghosts to be sent to."""
+
+    snap: NDArray[np.int32]  # (H, W) of the drive grid: the nearest cell
+    place: NDArray[np.int32]  # (G,) the cell nearest to each goal, -1: too far away
+    corner: NDArray[np.int32]  # (4,) the corner of each ghost
+
+
+def are_sent(config: ClydeConfig) -> bool:
+    return any(behaviour != "wander" for behaviour in config.ghosts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,33 +52,39 @@ class MapAssets:
     occupancy: OccupancyMap
     grid: DriveGrid
     clyde: ClydeCells
-    clyde_part: int  # Clyde's part that lies in the robot's area
-    spawn_cells: NDArray[np.int32]  # Clyde's cells he may start from
-    clyde_drive: NDArray[np.int32]  # (K,) drivable cell under each of Clyde's, -1: outside the robot's area
+    clyde_part: int  # the ghosts' part that lies in the robot's area
+    spawn_cells: NDArray[np.int32]  # the cells that ghosts may start from
+    clyde_drive: NDArray[np.int32]  # (K,) drivable cell under each of the ghosts', -1: outside the robot's area
     pellet_ids: NDArray[np.int64]  # (P,) as the game numbers them
     dropped_ids: NDArray[np.int64]  # pellets of the game that the robot cannot reach
     goal_xy: NDArray[np.float64]  # (G, 2) m
     goal_cell: NDArray[np.int32]  # (G,) drivable cell, -1: none within Nav2's tolerance
-    neighbours: NDArray[np.int32]  # (K, 16)
     cell_xy: NDArray[np.float32]  # (K, 2) m
     length_cm: NDArray[np.uint16]  # (K, G) path length to each goal: one row is one place
     next_step: NDArray[np.int16]  # (G, K) next cell towards each goal, as a difference of numbers
-    goal_apart_m: NDArray[np.float32]  # (G,) how near Clyde's centre can come to each goal
+    goal_apart_m: NDArray[np.float32]  # (G,) how near a ghost's centre can come to each goal
 
     @property
     def pellets(self) -> int:
-        """P, the number of pellets."""
         return len(self.pellet_ids)
 
     @property
     def refuges(self) -> int:
-        """R, the number of refuges."""
         return len(self.goal_xy) - len(self.pellet_ids)
 
     @functools.cached_property
     def ghost_targets(self) -> GhostTargets:
-        """The cells that ghosts can be sent to."""
-        return find_ghost_targets(self.grid, self.clyde, self.clyde_part, self.goal_xy)
+        cells = self.clyde.cells_in(self.clyde_part)
+        position = self.clyde.position[cells]
+        column, row, inside = self.grid.locate(position)
+        number = np.full(self.grid.shape, -1, dtype=np.int32)
+        number[row[inside], column[inside]] = cells[inside]
+        nearest, square = nearest_positions(position, self.goal_xy)
+        place = np.where(square <= _NEAR_M**2, cells[nearest], -1)
+        low, high = position.min(axis=0), position.max(axis=0)
+        corners = (low + high) / 2 + np.array(_CORNERS) * (high - low) / 2
+        corner = cells[nearest_positions(position, corners)[0]].astype(np.int32)
+        return GhostTargets(nearest_numbers(number)[0], place.astype(np.int32), corner)
 
 
 _assets: collections.OrderedDict[str, MapAssets] = collections.OrderedDict()
@@ -92,9 +109,7 @@ def _key(occupancy: OccupancyMap, config: Config, home: tuple[float, float, floa
 def map_assets(source: MapSource, config: Config, home: tuple[float, float, float] | None = None) -> MapAssets:
     """The assets of a map (name, file or loaded map) under a configuration; ``home`` None: the configuration's.
 
-    Raises:
-        MapError: the map cannot be read, or has no place for the robot or no pellet to play for.
-        ConfigError: Clyde finds no room on the map.
+    Raises MapError, ConfigError.
     """
     occupancy = source if isinstance(source, OccupancyMap) else load_map(source)
     home = config.home if home is None else home
@@ -115,17 +130,10 @@ def map_assets(source: MapSource, config: Config, home: tuple[float, float, floa
 
 
 def prepare_map(occupancy: OccupancyMap, config: Config, home: tuple[float, float, float] | None = None) -> MapAssets:
-    """The same as :func:`map_assets`, computed anew: nothing is looked up or kept, in the process or on disk.
-
-    For a map that is played on once. Threads may prepare different maps at the same time.
-
-    Raises:
-        MapError: the map has no place for the robot or no pellet to play for.
-        ConfigError: Clyde finds no room on the map.
-    """
+    """As :func:`map_assets`, for a map that is played on once: nothing is kept; threads may prepare different maps."""
     assets = _build(occupancy, config, None if home is None else _pose(home, occupancy.name), None)
     if are_sent(config.clyde):
-        _ = assets.ghost_targets  # now: whoever plays on the map would have to wait for them
+        _ = assets.ghost_targets  # computed now, not while the map is played on
     return assets
 
 
@@ -142,7 +150,7 @@ def _pose(home: tuple[float, float, float], name: str) -> tuple[float, float, fl
 def _build(
     occupancy: OccupancyMap, config: Config, home: tuple[float, float, float] | None, key: str | None
 ) -> MapAssets:
-    """Compute everything; with a key, the path fields are looked for on disk first, and kept there."""
+    """Compute everything; with a key, the path fields are loaded from disk or kept there."""
     grid = build_grid(occupancy, config.robot, config.nav2, config.pellets, home)
     pellets = generate_pellets(occupancy, config.pellets)
     if len(pellets) > MAX_PELLETS:
@@ -167,6 +175,8 @@ def _build(
     names, compute = ("length_cm", "next_step"), lambda: path_fields(grid, goal_cell, known)
     fields = compute() if key is None else cached_arrays(key, names, compute)
     goal_xy = np.concatenate([pellets.position[keep], refuge_xy])
+    reached = clyde.position[clyde.cells_in(part)].astype(np.float32)
+    _, squares = nearest_positions(reached, goal_xy.astype(np.float32))
     return MapAssets(
         occupancy=occupancy,
         grid=grid,
@@ -178,70 +188,26 @@ def _build(
         dropped_ids=pellets.ids[~keep],
         goal_xy=goal_xy,
         goal_cell=goal_cell,
-        neighbours=grid.neighbours,
-        cell_xy=_centres(grid.inverse, grid.cell),
+        cell_xy=np.stack(grid.to_world(*grid.cell.T), axis=1).astype(np.float32),
         length_cm=fields["length_cm"],
         next_step=fields["next_step"],
-        goal_apart_m=_apart(goal_xy, clyde.position, clyde.cells_in(part)),
+        goal_apart_m=np.sqrt(squares.astype(np.float32)),
     )
 
 
-@kernel
-def _apart(goal_xy, position, cells):  # type: ignore[no-untyped-def]
-    """(G,) m, float32, from each goal to the nearest of the cells."""
-    x, y = np.empty(len(cells), np.float32), np.empty(len(cells), np.float32)
-    for i in range(len(cells)):
-        x[i], y[i] = position[cells[i], 0], position[cells[i], 1]
-    result = np.empty(len(goal_xy), np.float32)
-    for k in range(len(goal_xy)):
-        gx, gy, least = np.float32(goal_xy[k, 0]), np.float32(goal_xy[k, 1]), np.float32(np.inf)
-        for i in range(len(cells)):
-            dx, dy = x[i] - gx, y[i] - gy
-            square = dx * dx + dy * dy
-            least = square if square < least else least
-        result[k] = np.sqrt(least)
-    return result
-
-
-@kernel
-def _centres(inverse, cell):  # type: ignore[no-untyped-def]
-    """(K, 2) float32: world position of the middle of each cell, m."""
-    result = np.empty((len(cell), 2), np.float32)
-    for k in range(len(cell)):
-        u, v = cell[k, 0] + 0.5, cell[k, 1] + 0.5
-        result[k, 0] = inverse[0] * u + inverse[1] * v + inverse[2]
-        result[k, 1] = inverse[3] * u + inverse[4] * v + inverse[5]
-    return result
-
-
 def path_fields(grid: DriveGrid, goal_cell: NDArray[np.int32], fields: PathFields | None = None) -> dict[str, NDArray]:
-    """``length_cm`` and ``next_step`` of all goals; a goal without a cell (-1) is unreachable from everywhere.
-
-    ``fields`` are those of the grid; a field that was computed before is not computed again.
-    """
+    """``length_cm`` and ``next_step`` of all goals; a goal without a cell (-1) is unreachable from everywhere."""
     count, goals = len(grid.cell), len(goal_cell)
     length_cm = np.empty((goals, count), dtype=np.uint16)
     next_step = np.empty((goals, count), dtype=np.int16)
     fields = fields or grid.path_fields()
     for k, cell in enumerate(goal_cell.tolist()):
         length_cm[k], next_step[k] = fields.to(cell) if cell >= 0 else (UNREACHABLE_CM, NO_STEP)
-    return {"length_cm": _turned(length_cm), "next_step": next_step}
-
-
-@kernel
-def _turned(table):  # type: ignore[no-untyped-def]
-    """The transposed table, copied."""
-    rows, columns = table.shape
-    result = np.empty((columns, rows), table.dtype)
-    for first in range(0, columns, _AT_ONCE):
-        for row in range(rows):
-            for column in range(first, min(first + _AT_ONCE, columns)):
-                result[column, row] = table[row, column]
-    return result
+    return {"length_cm": np.ascontiguousarray(length_cm.T), "next_step": next_step}
 
 
 def _connected_part(clyde: ClydeCells, clyde_drive: NDArray[np.int32], name: str) -> int:
-    """Clyde's part with most cells in the robot's area."""
+    """The ghosts' part with most cells in the robot's area."""
     shared = np.bincount(clyde.part[clyde_drive >= 0], minlength=len(clyde.part_start) - 1)
     if shared.max() == 0:
         raise MapError(f"{name}: no place of the robot's area is wide enough for Clyde")

@@ -1,9 +1,4 @@
-"""Generated houses as levels: a new one for each episode, prepared when it is needed.
-
-Which level an episode gets is drawn from its seed. The split between training and testing is by level number, as in
-Procgen: ``generated`` draws from the levels below ``TEST_LEVEL``, ``generated:test`` from the thousand from there on.
-``generated:wide`` are the houses of ``generated``, twice as long and twice as wide.
-"""
+"""Generated houses as levels, a new one for each episode; the split between training and testing is by level number."""
 
 from __future__ import annotations
 
@@ -16,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config, ConfigError
-from ...engine.jit import kernel
 from ...rng import LEVEL
 from ...world.maps.houses import MAX_EXTENT_M, draw_house
 from ...world.maps.occupancy import MapError, OccupancyMap
 from ..core.parameters import draw_below
 from .assets import MapAssets, prepare_map
+from .ghost_cells import nearest_positions
 
 TEST_LEVEL = 1_000_000  # the first of the test levels
 TEST_LEVELS = 1000
@@ -36,19 +31,11 @@ class GeneratedMaps:
     """The levels from ``start_level`` on, ``num_levels`` of them; all lengths ``scale`` times those of the house."""
 
     def __init__(self, config: Config, start_level: int, num_levels: int, scale: int = 1) -> None:
-        """Prepare nothing yet.
-
-        Raises:
-            ConfigError: numbers out of range.
-        """
         if start_level < 0:
             raise ConfigError(f"start_level = {start_level}: must be at least 0")
         if num_levels < 1:
             raise ConfigError(f"num_levels = {num_levels}: must be at least 1")
-        self._config = config
-        self.start_level = start_level
-        self.num_levels = num_levels
-        self.scale = scale
+        self._config, self.start_level, self.num_levels, self.scale = config, start_level, num_levels, scale
 
     @classmethod
     def named(
@@ -56,8 +43,7 @@ class GeneratedMaps:
     ) -> GeneratedMaps:
         """By the name of a split; levels None: the configuration's; ``num_levels`` 0: all that the split has.
 
-        Raises:
-            ConfigError: an unknown split, levels that are not in it, or a home pose.
+        Raises ConfigError.
         """
         if config.home is not None:
             raise ConfigError("home: generated houses have home poses of their own")
@@ -89,11 +75,6 @@ class GeneratedMaps:
 
     @functools.cached_property
     def first(self) -> MapAssets:
-        """The map of the first level, kept.
-
-        Raises:
-            MapError: no house of the level can be played under the configuration.
-        """
         return prepare_level(self.start_level, self._config, self.scale)
 
     def slots(self, games: int) -> int:
@@ -101,24 +82,19 @@ class GeneratedMaps:
         return max(self.num_levels if self.num_levels <= games + _SPARE_SLOTS else games, 2)
 
     def pellet_slots(self, config: Config) -> int:
-        """Most pellets that a level is allowed to have."""
         return most_pellets(config, self.scale)
 
     def refuge_slots(self, config: Config) -> int:
-        """Home, nooks and spread-out places."""
-        return 1 + config.refuges.nooks + config.refuges.spread
+        return 1 + config.refuges.nooks + config.refuges.spread  # home, nooks and spread-out places
 
     def levels_of(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]:
-        """(M,) drawn uniformly."""
         return self.start_level + draw_below(seeds, LEVEL, self.num_levels)
 
     def prepare(self, level: int) -> MapAssets:
-        """The level's house, ready to be played on."""
         return self.first if level == self.start_level else prepare_level(level, self._config, self.scale)
 
     def extent(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Of the largest house there can be."""
-        most = self.scale * MAX_EXTENT_M
+        most = self.scale * MAX_EXTENT_M  # of the largest house there can be
         return (-most, most), (-most, most)
 
 
@@ -129,13 +105,7 @@ def most_pellets(config: Config, scale: int = 1) -> int:
 
 
 def prepare_level(level: int, config: Config, scale: int = 1) -> MapAssets:
-    """The first house of a level that can be played under the configuration.
-
-    Every pellet can be reached, there are neither too few nor too many, and the ghosts can come to most of them.
-
-    Raises:
-        MapError: none of many houses can be.
-    """
+    """The first house of a level that can be played: pellets can be reached, most by ghosts. Raises MapError."""
     reason = ""
     for attempt in range(_ATTEMPTS):
         house = _scaled(draw_house(level, attempt), scale)
@@ -151,7 +121,6 @@ def prepare_level(level: int, config: Config, scale: int = 1) -> MapAssets:
 
 
 def _scaled(house: OccupancyMap, scale: int) -> OccupancyMap:
-    """The same picture with larger cells, the origin where it was."""
     if scale == 1:
         return house
     x, y, yaw = house.origin
@@ -161,26 +130,12 @@ def _scaled(house: OccupancyMap, scale: int) -> OccupancyMap:
 
 
 def _objection(assets: MapAssets, config: Config, scale: int) -> str:
-    """The reason why a house is no level, "" if it is one."""
     fewest = min(_PELLETS[0], round(_PELLETS[0] * (2.0 * scale / config.pellets.spacing_m) ** 2)) or 1
     if not fewest <= assets.pellets <= most_pellets(config, scale):
         return f"{assets.pellets} pellets"
     if config.pellets.reachable_only and len(assets.dropped_ids) > 0:
         return f"{len(assets.dropped_ids)} pellets out of reach"
-    clyde, part = assets.clyde, assets.clyde_part
-    cells = clyde.cells_in(part)
-    near = _come_near(assets.goal_xy[: assets.pellets], clyde.position, cells, _NEAR_M)
+    reached = assets.clyde.position[assets.clyde.cells_in(assets.clyde_part)]
+    _, squares = nearest_positions(reached, assets.goal_xy[: assets.pellets])
+    near = np.count_nonzero(squares <= _NEAR_M**2)
     return "" if near >= _NEAR_SHARE * assets.pellets else f"the ghosts come to {near} of {assets.pellets} pellets"
-
-
-@kernel
-def _come_near(goals, position, cells, near):  # type: ignore[no-untyped-def]
-    """Number of goals (P, 2) that have one of the cells within ``near`` m."""
-    count = 0
-    for i in range(len(goals)):
-        for cell in cells:
-            dx, dy = goals[i, 0] - position[cell, 0], goals[i, 1] - position[cell, 1]
-            if dx * dx + dy * dy <= near * near:
-                count += 1
-                break
-    return count

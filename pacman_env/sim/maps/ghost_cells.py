@@ -1,8 +1,6 @@
-"""Algorithm 2's ground: the cells where Clyde can be and the shortest ways between them.
+"""The cells where ghosts can be, free with a square clearance, and the shortest paths between them (Algorithm 2).
 
-His cells are free ones with a square clearance; he goes by A* (8-connected, no corner cutting). The search is guided by
-exact distances from landmarks, which leaves the paths as short as plain A* finds them. How he moves and where to is
-decided in ``ghosts``. No simulator and no ROS here: both call these functions.
+A* goes to 8 neighbours without corner cutting; exact distances from landmarks guide it and leave paths as short.
 """
 
 from __future__ import annotations
@@ -24,7 +22,7 @@ from ...world.navigation.grid import connected_parts
 STRAIGHT, DIAGONAL = 70, 99  # step costs; 99 / 70 is within 0.01 % of the square root of 2
 _LANDMARKS = 6
 _AT_LANDMARKS, _AT_PIXEL = 8, 14  # columns of the search graph
-_WORTH_LANDMARKS = 2000  # cells
+_WITH_LANDMARKS = 2000  # cells of a part
 _FAR = 2**30
 
 #: Column and row offset of the 8 steps, by angle; rows count from the top of the image.
@@ -33,8 +31,6 @@ _STEPS = np.array([(1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1), (0, 1),
 
 @dataclass(frozen=True, eq=False)
 class ClydeCells:
-    """The cells where Clyde can be, with what his search needs."""
-
     resolution: float
     position: NDArray[np.float64]  # (K, 2) m
     graph: NDArray[np.int32]  # (K, 16) the search's view of a cell, in one cache line: see the properties
@@ -59,29 +55,22 @@ class ClydeCells:
         return self.graph[:, _AT_PIXEL:]
 
     def cells_in(self, part: int) -> NDArray[np.int32]:
-        """Numbers of the cells of a part."""
         return self.part_cells[self.part_start[part] : self.part_start[part + 1]]
 
     def nearest(self, x: float, y: float) -> tuple[int, float]:
-        """The cell nearest to a place, and how far it is in m."""
-        distance = np.hypot(self.position[:, 0] - x, self.position[:, 1] - y)
-        cell = int(distance.argmin())
-        return cell, float(distance[cell])
+        (cell,), (square,) = nearest_positions(self.position, np.array([(x, y)]))
+        return int(cell), math.sqrt(square)
 
     def start_cells(self, config: ClydeConfig, part: int, places: Iterable[tuple[float, float]]) -> NDArray[np.int32]:
         """Cells where a ghost may start: ``spawn_distance_m`` from all the places, m; if none are, the farthest one."""
         cells = self.cells_in(part) if config.spawn == "connected" else self.part_cells
-        nearest = _nearest(self.position, cells, np.array(list(places), dtype=np.float64).reshape(-1, 2))
+        nearest = _distances(self.position, cells, np.array(list(places), dtype=np.float64).reshape(-1, 2))
         far = cells[nearest >= config.spawn_distance_m]
         return np.sort(far) if len(far) else cells[[nearest.argmax()]]
 
 
 def clyde_cells(occupancy: FreeSpace, config: ClydeConfig, free_grey: int) -> ClydeCells:
-    """Clyde's cells of a map.
-
-    Raises:
-        ConfigError: the map has no cell with that clearance.
-    """
+    """The ghosts' cells of a map. Raises ConfigError if there is none with that clearance."""
     free = occupancy.game_free(free_grey).astype(np.uint8)
     reach = int(config.clearance_m / occupancy.resolution + 1e-9)
     kernel_size = (2 * reach + 1, 2 * reach + 1)
@@ -95,23 +84,28 @@ def clyde_cells(occupancy: FreeSpace, config: ClydeConfig, free_grey: int) -> Cl
     sizes = sizes[1:]
     order = np.argsort(-sizes, kind="stable")
     start = np.concatenate([[0], np.cumsum(sizes[order])]).astype(np.int64)
-    part, part_cells = _by_part(pixel, label, np.argsort(order).astype(np.int32), start)
+    part = np.argsort(order).astype(np.int32)[label[pixel[:, 1], pixel[:, 0]] - 1]
+    part_cells = np.argsort(part, kind="stable").astype(np.int32)
     _number_neighbours(graph, *roomy.shape)
     longest = _landmarks(graph, part_cells, start, *roomy.shape)
     x, y = pixel_to_world(occupancy, *pixel.T.astype(np.int64))
-    return ClydeCells(
-        resolution=occupancy.resolution,
-        position=np.stack([x, y], axis=1),
-        graph=graph,
-        part=part,
-        part_start=start,
-        part_cells=part_cells,
-        longest=longest,
-    )
+    return ClydeCells(occupancy.resolution, np.stack([x, y], axis=1), graph, part, start, part_cells, longest)
 
 
 @kernel
-def _nearest(position, cells, places):  # type: ignore[no-untyped-def]
+def nearest_positions(position, places):  # type: ignore[no-untyped-def]
+    """For each place the number of the nearest position, the first of equal ones, and the square of its distance."""
+    nearest, least = np.zeros(len(places), np.int64), np.full(len(places), np.inf)
+    for k in range(len(places)):
+        for i in range(len(position)):
+            dx, dy = position[i, 0] - places[k, 0], position[i, 1] - places[k, 1]
+            if dx * dx + dy * dy < least[k]:
+                nearest[k], least[k] = i, dx * dx + dy * dy
+    return nearest, least
+
+
+@kernel
+def _distances(position, cells, places):  # type: ignore[no-untyped-def]
     """From each of the cells to the nearest place, m."""
     distance = np.full(len(cells), np.inf)
     for x, y in places:
@@ -119,18 +113,6 @@ def _nearest(position, cells, places):  # type: ignore[no-untyped-def]
             away = math.hypot(position[cells[i], 0] - x, position[cells[i], 1] - y)
             distance[i] = min(distance[i], away)
     return distance
-
-
-@kernel
-def _by_part(pixel, label, rank, start):  # type: ignore[no-untyped-def]
-    """The part of each cell, and the cells sorted by part; ``rank`` is by label less 1, ``start`` by part."""
-    part, cells = np.empty(len(pixel), np.int32), np.empty(len(pixel), np.int32)
-    end = start.copy()
-    for k in range(len(pixel)):
-        part[k] = rank[label[pixel[k, 1], pixel[k, 0]] - 1]
-        cells[end[part[k]]] = k
-        end[part[k]] += 1
-    return part, cells
 
 
 @kernel
@@ -151,8 +133,8 @@ def _number_neighbours(graph, rows, columns):  # type: ignore[no-untyped-def]
 def _landmarks(graph, part_cells, part_start, rows, columns):  # type: ignore[no-untyped-def]
     """Fill the landmarks' columns of ``graph``; return an upper bound of the cells of a path.
 
-    Landmarks are cells of one part, each the farthest from all before. A path has no more cells than its part, and than
-    the way from anywhere over one fixed cell of the part to anywhere.
+    Landmarks are cells of one part, each the farthest from all before. A path has no more cells than its part, and no
+    more than the path from anywhere over one fixed cell of the part to anywhere.
     """
     count, width = len(graph), columns + 2
     place = np.empty(count, np.int32)  # in a flat picture with a margin
@@ -170,7 +152,7 @@ def _landmarks(graph, part_cells, part_start, rows, columns):  # type: ignore[no
     bound = 0
     for p in range(len(part_start) - 1):
         cells = part_cells[part_start[p] : part_start[p + 1]]
-        if p > 0 and len(cells) < _WORTH_LANDMARKS:  # it does with the octile distance, as do the smaller ones to come
+        if p > 0 and len(cells) < _WITH_LANDMARKS:  # the octile distance is enough here and in the smaller ones to come
             bound = max(bound, len(cells))
             break
         _costs_from(steps, width, place[cells[0]], cost, came, queue)
@@ -196,10 +178,10 @@ def _landmarks(graph, part_cells, part_start, rows, columns):  # type: ignore[no
 
 @kernel
 def _costs_from(steps, width, source, cost, came, queue):  # type: ignore[no-untyped-def]
-    """Fill ``cost`` int32 with the exact cost of each place from ``source``; _FAR where there is no way.
+    """Fill ``cost`` int32 with the exact cost of each place from ``source``; _FAR where there is no path.
 
-    Dijkstra's algorithm in buckets of 64, less than any step costs: their order inside does not matter. ``steps`` has
-    a bit for each allowed step from a place; ``came`` uint8 and ``queue`` int32 are scratch memory.
+    Dijkstra's algorithm in buckets of 64, less than any step costs: their order inside does not matter. ``steps`` has a
+    bit for each allowed step; ``came`` uint8 and ``queue`` int32 are scratch memory.
     """
     offset = np.empty(16 + 8, np.int64)
     for i in range(len(offset)):
@@ -220,35 +202,21 @@ def _costs_from(steps, width, source, cost, came, queue):  # type: ignore[no-unt
             here = cost[np.uintp(u)]
             if here >> 6 != bucket:
                 continue  # it was reached at less
-            allowed = steps[np.uintp(u)]
-            if allowed == 255 and u != source:
-                # On open floor a way that turns by a right angle or more is a detour.
-                first = np.uintp(came[np.uintp(u)] + 7)
-                for i in range(3):
-                    d = first + np.uintp(i)
-                    v = np.uintp(u + offset[d])
-                    new, old = here + (DIAGONAL if d & np.uintp(1) else STRAIGHT), cost[v]
-                    if new < old:
-                        cost[v] = new
-                        came[v] = d & np.uintp(7)
-                        if new >> 6 != old >> 6:  # else it waits there
-                            queue[np.uintp(used)] = v
-                            queue[np.uintp(used + 1)] = heads[new >> 6 & 3]
-                            heads[new >> 6 & 3] = used
-                            used += 2
-            else:
-                for i in range(8):
-                    d = np.uintp(i)
-                    v = np.uintp(u + offset[d])
-                    new, old = here + (DIAGONAL if d & np.uintp(1) else STRAIGHT), cost[v]
-                    if (new < old) & (allowed >> i & 1):
-                        cost[v] = new
-                        came[v] = d
-                        if new >> 6 != old >> 6:
-                            queue[np.uintp(used)] = v
-                            queue[np.uintp(used + 1)] = heads[new >> 6 & 3]
-                            heads[new >> 6 & 3] = used
-                            used += 2
+            allowed, first, count = steps[np.uintp(u)], 0, 8
+            if allowed == 255 and u != source:  # on open floor a path that turns by a right angle or more is a detour
+                first, count = came[np.uintp(u)] + 7, 3
+            for i in range(first, first + count):
+                d = np.uintp(i)
+                v = np.uintp(u + offset[d])
+                new, old = here + (DIAGONAL if d & np.uintp(1) else STRAIGHT), cost[v]
+                if (new < old) & (allowed >> (i & 7) & 1):
+                    cost[v] = new
+                    came[v] = d & np.uintp(7)
+                    if new >> 6 != old >> 6:  # else it waits there
+                        queue[np.uintp(used)] = v
+                        queue[np.uintp(used + 1)] = heads[new >> 6 & 3]
+                        heads[new >> 6 & 3] = used
+                        used += 2
         bucket += 1
 
 
@@ -267,10 +235,9 @@ def _estimate(graph, cell, goal, a, b, c):  # type: ignore[no-untyped-def]
 
 @kernel
 def find_path(start, goal, graph, node, queue, path):  # type: ignore[no-untyped-def]
-    """Shortest path by A*: fills ``path`` with cell numbers, returns their count (0: no way or no room).
+    """Shortest path by A*: fills ``path`` with cell numbers, returns their count (0: no path or no room).
 
-    ``graph`` is that of :class:`ClydeCells`; ``node`` is int32 (K, 4): cost so far, cell before, the search that
-    wrote them, the search that settled it.
+    ``node`` is int32 (K, 4): cost so far, cell before, the search that wrote them, the search that settled it.
     """
     search = clear(queue)
     if search == 1:  # of a search long ago that had this number

@@ -12,34 +12,17 @@ from .assets import MapAssets, map_assets
 
 
 class LevelSource(Protocol):
-    """Maps by number."""
-
     @property
-    def first(self) -> MapAssets:
-        """One of the maps, to size things by."""
-
-    def slots(self, games: int) -> int:
-        """Number of maps that so many games need at once."""
-
-    def pellet_slots(self, config: Config) -> int:
-        """Most pellets on any of the maps."""
-
-    def refuge_slots(self, config: Config) -> int:
-        """Most refuges on any of the maps."""
-
-    def levels_of(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]:
-        """(M,) the level of the episode with each seed."""
-
-    def prepare(self, level: int) -> MapAssets:
-        """The map of a level, ready to be played on."""
-
-    def extent(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Least and largest x and y that a robot or a ghost can be at, m."""
+    def first(self) -> MapAssets: ...  # one of the maps, to size things by
+    def slots(self, games: int) -> int: ...  # number of maps that so many games need at once
+    def pellet_slots(self, config: Config) -> int: ...  # most pellets on any of the maps
+    def refuge_slots(self, config: Config) -> int: ...  # most refuges on any of the maps
+    def levels_of(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]: ...  # (M,) of the episode with each seed
+    def prepare(self, level: int) -> MapAssets: ...
+    def extent(self) -> tuple[tuple[float, float], tuple[float, float]]: ...  # of x and y of robots and ghosts, m
 
 
 class FixedMap:
-    """One map for every episode."""
-
     def __init__(self, assets: MapAssets, config: Config) -> None:
         self.first = assets
         self._config = config
@@ -49,7 +32,7 @@ class FixedMap:
         return self
 
     def __getstate__(self) -> tuple[Any, ...]:
-        """The parts that the map is made from; all else is computed again or lies in the cache."""
+        """What the map is made from; all else is computed again or lies in the cache."""
         return self.first.occupancy, self._config, tuple(self.first.grid.home.tolist())
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
@@ -57,27 +40,21 @@ class FixedMap:
         self.__init__(map_assets(occupancy, config, home), config)  # type: ignore[misc]
 
     def slots(self, games: int) -> int:
-        """One for all."""
         return 1
 
     def pellet_slots(self, config: Config) -> int:
-        """As many as the map has pellets."""
         return self.first.pellets
 
     def refuge_slots(self, config: Config) -> int:
-        """As many as the map has refuges."""
         return self.first.refuges
 
     def levels_of(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]:
-        """All zero."""
         return np.zeros(len(seeds), dtype=np.int64)
 
     def prepare(self, level: int) -> MapAssets:
-        """The map."""
         return self.first
 
     def extent(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Of the played part of the map and the ghosts' cells."""
         grid = self.first.grid
         rows, columns = grid.shape
         corners = [grid.to_world(c, r) for c in (0, columns) for r in (0, rows)]

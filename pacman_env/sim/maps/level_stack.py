@@ -1,8 +1,4 @@
-"""The maps that the games of a batch are played on, stacked into one array per kind for the kernels.
-
-A map that all games share is stacked alone and nothing is copied. Where maps come and go, each lies in a slot as long
-as a game is played on it, and for as long as no other needs the slot.
-"""
+"""The maps of a batch, stacked into one array per kind for the kernels; one map for all is stacked without copying."""
 
 from __future__ import annotations
 
@@ -14,21 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
-from ...engine.jit import kernel
-from ...engine.native import Table, declared
-from ...world.navigation.paths import TILE, UNREACHABLE_CM, coarse_steps
+from ...engine.arrays import Array, Table
+from ...world.navigation.paths import TILE, coarse_steps
 from ...world.navigation.physics import clear_cells
-from .assets import MapAssets
-from .ghost_targets import are_sent
+from .assets import MapAssets, are_sent
 
-_SPARE = 1.5  # room for larger maps; memory is taken as it is written to
+_SPARE = 1.5  # room for larger maps; memory counts when it is written to
 _PADDED = ("snap", "clearance_cm", "clear", "ghost_snap")  # looked up by position
 _VARIES = {"neighbours": 1, "cell_xy": 1, "goal_xy": 1, "plan_end": 1, "ghost_graph": 1, "ghost_xy": 1}
 _FIXED = ("affine", "shape", "home", "goal_count", "spawn_count", "ghost_corner")
 
 
 def _kinds(assets: MapAssets, config: Config) -> dict[str, NDArray]:
-    """The arrays of one map by kind."""
     grid, clyde = assets.grid, assets.clyde
     # NavFn moves a goal that the robot cannot come near to the nearest place where it can be.
     nearest = assets.cell_xy[assets.goal_cell].astype(np.float64)
@@ -38,7 +31,7 @@ def _kinds(assets: MapAssets, config: Config) -> dict[str, NDArray]:
         "affine": grid.affine,
         "shape": np.array(grid.shape, dtype=np.int32),
         "snap": grid.snap,
-        "neighbours": assets.neighbours[:, ::2],  # the 8 around a cell
+        "neighbours": grid.neighbours[:, ::2],  # the 8 around a cell
         "cell_xy": assets.cell_xy,
         "length_cm": assets.length_cm,
         "next_step": assets.next_step,
@@ -69,7 +62,7 @@ def _kinds(assets: MapAssets, config: Config) -> dict[str, NDArray]:
 
 
 def _room(name: str, shape: tuple[int, ...], before: tuple[int, ...]) -> tuple[int, ...]:
-    """Room for maps a little larger than one that has that shape, and at least for those before."""
+    """Room for maps a little larger than one of that shape, and at least for those before."""
     if name in _FIXED:
         return shape
     free = _VARIES.get(name, len(shape))  # axes that differ from map to map
@@ -78,10 +71,12 @@ def _room(name: str, shape: tuple[int, ...], before: tuple[int, ...]) -> tuple[i
 
 
 class LevelStack:
-    """S slots for maps; ``arrays[kind]`` is (S, ...) with the map of slot s in row s, padded at the far ends."""
+    """S slots for maps; ``arrays[kind]`` is (S, ...) with the map of slot s in row s, padded at the far ends.
+
+    A map lies in its slot while a game is played on it, and until another needs the slot.
+    """
 
     def __init__(self, first: MapAssets, config: Config, slots: int = 1) -> None:
-        """Stack one map; with more slots than one there will be others."""
         self.config = config
         self.slots = slots
         self.resolution = first.grid.resolution
@@ -93,8 +88,8 @@ class LevelStack:
         self._users = np.zeros(slots, dtype=np.int64)
         self._last_use = np.zeros(slots, dtype=np.int64)
         self._clock = 0
-        self._coarse_steps = np.zeros((slots, 0, 0, TILE, TILE, 0), dtype=np.uint8)
-        self._tables: dict[type, tuple[int, Table]] = {}  # with the version that they are of
+        self._tiles = 0, 0  # rows and columns of ``coarse_steps``
+        self._tables: dict[type, Table] = {}  # of the present arrays
         self._has_coarse_steps = np.zeros(slots, dtype=np.bool_)  # of the map that lies in the slot now
         kinds = _kinds(first, config)
         if slots == 1:
@@ -102,46 +97,43 @@ class LevelStack:
             self._assets[0], self.numbers[0] = first, 0
             self._measure(first)
         else:
-            self.arrays = {
-                name: np.zeros((slots, *_room(name, array.shape, ())), dtype=array.dtype)
-                for name, array in kinds.items()
-            }
+            shapes = {name: (slots, *_room(name, array.shape, ())) for name, array in kinds.items()}
+            self.arrays = {name: np.zeros(shape, dtype=kinds[name].dtype) for name, shape in shapes.items()}
+        self.arrays["coarse_steps"] = np.zeros((slots, 0, 0), dtype=np.uint8)
 
     def __len__(self) -> int:
         return self.slots
 
     def __getstate__(self) -> dict[str, Any]:
-        """A copy's arrays lie elsewhere."""
-        return {**self.__dict__, "_tables": {}}
+        return {**self.__dict__, "_tables": {}}  # a copy's arrays lie elsewhere
 
-    def arrays_for(self, kind: type[tuple[Any, ...]]) -> dict[str, NDArray[Any]]:
-        """Those of the arrays that a named tuple declares; ``coarse_steps`` as :meth:`find_coarse_steps` left them."""
-        fields = declared(kind)
-        found = {name: array for name, array in self.arrays.items() if name in fields}
-        if "coarse_steps" in fields:
-            found["coarse_steps"] = self._coarse_steps.reshape(self.slots, -1, self._coarse_steps.shape[-1])
+    def arrays_for(self, kind: type[tuple[Any, ...]]) -> dict[str, Any]:
+        """Those of the arrays that a named tuple declares, tuples within it included."""
+        found: dict[str, Any] = {}
+        for name, field in kind._field_defaults.items():  # type: ignore[attr-defined]
+            if not isinstance(field, Array):
+                if set(field._fields) <= self.arrays.keys():
+                    found[name] = field(**self.arrays_for(field))
+            elif name in self.arrays:
+                found[name] = self.arrays[name]
         return found
 
     def table(self, kind: type[tuple[Any, ...]]) -> Table:
-        """A table of nothing but arrays of maps, for kernels."""
-        version, table = self._tables.get(kind, (-1, None))
-        if table is None or version != self.version:
-            table = Table(kind, **self.arrays_for(kind))
-            self._tables[kind] = self.version, table
-        return table
+        """A table of nothing but arrays of maps (half of a learned planner's time for one situation, if made anew)."""
+        if kind not in self._tables:
+            self._tables[kind] = Table(kind, **self.arrays_for(kind))
+        return self._tables[kind]
 
     def assets(self, slot: int) -> MapAssets:
-        """The map in a slot."""
         assets = self._assets[slot]
         assert assets is not None
         return assets
 
     def has(self, level: int) -> bool:
-        """True if the level lies in a slot."""
         return bool((self.numbers == level).any())
 
     def take(self, level: int, prepare: Callable[[int], MapAssets]) -> int:
-        """A slot with that level, held until it is given back; ``prepare`` is called if no slot has it."""
+        """A slot with that level, held until :meth:`release`; ``prepare`` is called if no slot has it."""
         self._clock += 1
         if self.has(level):
             slot = int((self.numbers == level).argmax())
@@ -154,8 +146,7 @@ class LevelStack:
         self._last_use[slot] = self._clock
         return slot
 
-    def give_back(self, slot: int) -> None:
-        """A game has left the slot's map."""
+    def release(self, slot: int) -> None:
         self._users[slot] -= 1
 
     def _load(self, slot: int, assets: MapAssets) -> None:
@@ -166,9 +157,12 @@ class LevelStack:
                 larger = np.zeros((self.slots, *_room(name, array.shape, stacked.shape[1:])), dtype=stacked.dtype)
                 larger[tuple(slice(n) for n in stacked.shape)] = stacked
                 stacked = self.arrays[name] = larger
+                self._tables.clear()
                 self.version += 1
             if name in _PADDED:  # what lies beyond the map is what lies at its edge, whatever room there is
-                _fill(stacked[slot], array)
+                rows, columns = array.shape
+                stacked[slot, :rows, :columns], stacked[slot, rows:, :columns] = array, array[-1]
+                stacked[slot, :, columns:] = stacked[slot, :, columns - 1 : columns]
             else:
                 place: tuple[Any, ...] = (slot, *(slice(n) for n in array.shape))
                 stacked[place] = array
@@ -177,54 +171,31 @@ class LevelStack:
         self._measure(assets)
 
     def find_coarse_steps(self, slots: NDArray[np.int32]) -> int:
-        """See to it that ``coarse_steps``, (S, R C 64, G), has the ways on the maps in ``slots`` (``coarse_steps.py``).
-
-        They are computed for a map when they are first asked for. Returns how many tiles lie side by side.
-        """
-        if not self._has_coarse_steps[slots].all():
-            self._find_coarse_steps(slots)
-        return self._coarse_steps.shape[2]
-
-    def _find_coarse_steps(self, slots: NDArray[np.int32]) -> None:
+        """Fill ``coarse_steps`` (S, cells, G) for the maps in ``slots``; returns how many tiles lie side by side."""
+        if self._has_coarse_steps[slots].all():
+            return self._tiles[1]
         height, width = self.arrays["snap"].shape[1:]
         goals = self.arrays["next_step"].shape[1]
-        shape = self.slots, -(-height // TILE), -(-width // TILE), TILE, TILE, goals
-        if self._coarse_steps.shape != shape:
-            self._coarse_steps = np.zeros(shape, dtype=np.uint8)
+        tiles = -(-height // TILE), -(-width // TILE)
+        shape = self.slots, *tiles, TILE, TILE, goals
+        if tiles != self._tiles or goals != self.arrays["coarse_steps"].shape[2]:
+            self.arrays["coarse_steps"] = np.zeros((self.slots, math.prod(shape[1:5]), goals), dtype=np.uint8)
+            self._tiles = tiles
             self._has_coarse_steps[:] = False
+            self._tables.clear()
             self.version += 1
+        stacked = self.arrays["coarse_steps"].reshape(shape)
         for slot in np.unique(slots[~self._has_coarse_steps[slots]]).tolist():
             assets = self.assets(slot)
             found = coarse_steps(assets.next_step, assets.grid.cell, assets.grid.shape)
             rows, columns, *_, goals = found.shape
-            self._coarse_steps[slot, :rows, :columns, :, :, :goals] = found
+            stacked[slot, :rows, :columns, :, :, :goals] = found
             self._has_coarse_steps[slot] = True
+        return tiles[1]
 
     def _measure(self, assets: MapAssets) -> None:
-        longest = int(_longest(assets.length_cm))
+        longest = int((assets.length_cm + np.uint16(1)).max()) - 1  # UNREACHABLE_CM, the greatest uint16, becomes 0
         if longest > self.longest_way_cm or assets.clyde.longest > self.longest_ghost_way:
             self.version += 1
         self.longest_way_cm = max(self.longest_way_cm, longest)
         self.longest_ghost_way = max(self.longest_ghost_way, assets.clyde.longest)
-
-
-@kernel
-def _fill(room, array):  # type: ignore[no-untyped-def]
-    """Copy a picture into the larger one ``room``; its last row and column go on to the far ends."""
-    rows, columns = array.shape
-    for row in range(len(room)):
-        r = min(row, rows - 1)
-        for column in range(columns):
-            room[row, column] = array[r, column]
-        for column in range(columns, room.shape[1]):
-            room[row, column] = array[r, columns - 1]
-
-
-@kernel
-def _longest(length_cm):  # type: ignore[no-untyped-def]
-    """The longest way that there is, cm."""
-    longest = 0
-    for k in range(len(length_cm)):
-        for length in length_cm[k]:
-            longest = max(longest, int(length) if length != UNREACHABLE_CM else 0)
-    return longest

@@ -1,12 +1,10 @@
-"""Levels prepared on threads of their own while games are played.
-
-Most of the work on a level is compiled code or OpenCV's, during which the player's thread goes on.
-"""
+"""Levels prepared by other threads while games are played: most of it is compiled code or OpenCV's."""
 
 from __future__ import annotations
 
 import atexit
 import collections
+import functools
 import importlib
 import os
 import threading
@@ -25,16 +23,11 @@ _WAIT_S = 10.0  # for the level under way, when the interpreter ends: a thread m
 class LevelsAhead:
     """Levels asked for, in order; at most so many are kept.
 
-    Threads begin with the first level that is asked for and end with :meth:`close`, with the last reference to this
-    object, or with the process. A forked child has threads of its own and none of the levels of its parent.
+    Threads begin with the first level and end with :meth:`close`, the last reference or the process. A forked child has
+    threads of its own and none of the levels of its parent.
     """
 
     def __init__(self, source: LevelSource, threads: int = 1, most: int = 64) -> None:
-        """Nothing is prepared yet.
-
-        Raises:
-            ValueError: fewer than one thread, or than one level.
-        """
         if threads < 1 or most < 1:
             raise ValueError(f"threads = {threads}, most = {most}: must both be at least 1")
         self._source, self._threads, self._most = source, threads, most
@@ -54,11 +47,7 @@ class LevelsAhead:
         self.__init__(*state)  # type: ignore[misc]
 
     def ask(self, levels: Iterable[int]) -> None:
-        """Have these levels prepared, those that are not yet asked for.
-
-        Where there are more than are kept, the last of these are not begun, and those asked for longest ago are
-        forgotten.
-        """
+        """Have these levels prepared; beyond ``most``, the last of them are left out and the oldest forgotten."""
         wanted = list(dict.fromkeys(levels))[: self._most]
         with self._lock:
             for level in wanted:
@@ -75,11 +64,7 @@ class LevelsAhead:
                 self._workers.start(self._source, self._threads)
 
     def take(self, level: int) -> MapAssets:
-        """The level, no longer kept here; one that no thread has begun with is prepared by the caller's.
-
-        Raises:
-            Exception: what preparing it has raised.
-        """
+        """The level, no longer kept here; one that no thread has begun with is prepared by the caller's."""
         with self._lock:
             future = self._asked.get(level)
             if future is None or future.cancel():
@@ -106,7 +91,7 @@ class LevelsAhead:
 
 
 class _Workers:
-    """The threads, and what they share; they know nothing of whom they work for."""
+    """The threads and what they share; nothing of it refers to the object that they work for."""
 
     def __init__(self) -> None:
         self.jobs: SimpleQueue[tuple[int, Future[MapAssets]] | None] = SimpleQueue()
@@ -131,7 +116,7 @@ class _Workers:
                 if not self._stopped and future.set_running_or_notify_cancel():
                     try:
                         future.set_result(source.prepare(level))
-                    except BaseException as error:  # whoever takes the level is told
+                    except BaseException as error:  # raised by ``take``
                         future.set_exception(error)
             del job, future  # or the level would be kept until the next one
 
@@ -159,13 +144,13 @@ def _end_all() -> None:
 
 
 def _hold_all() -> None:
-    """Wait for the levels under way: a child would inherit the locks that are taken meanwhile, of compilers say."""
-    _held.extend(busy for workers in list(_working) for busy in workers.busy)
-    for busy in _held:
+    """Wait for the levels under way: a child would inherit the locks that they hold, of compilers for example."""
+    for busy in [busy for workers in list(_working) for busy in workers.busy]:
         busy.acquire()
+        _held.append(busy)
 
 
-def _let_go() -> None:
+def _release_all() -> None:
     for busy in _held:
         busy.release()
     _held.clear()
@@ -179,18 +164,11 @@ def _begin_again() -> None:
         ahead._begin()
 
 
+@functools.cache
 def _register_hooks() -> None:
-    """Before the first thread, and after filelock's hooks, which a thread that compiles would else load during a fork.
-
-    The hooks of later modules run first: filelock's hold its locks up, for which the levels under way would wait.
-    """
-    try:
-        hooks = _to_register.pop()
-    except IndexError:  # they are registered
-        return
+    """After filelock's, which a thread could load in a fork, and which hold its locks (later hooks run first)."""
     importlib.import_module("filelock")
-    os.register_at_fork(**hooks)
+    os.register_at_fork(before=_hold_all, after_in_parent=_release_all, after_in_child=_begin_again)
 
 
-_to_register = [{"before": _hold_all, "after_in_parent": _let_go, "after_in_child": _begin_again}]
 atexit.register(_end_all)

@@ -1,8 +1,4 @@
-"""Refuges, places for the robot to wait at: candidate goals beside the pellets, chosen once per map.
-
-*Nooks* are places that Clyde's centre cannot come near and that the robot can reach; the others are spread out by
-path length over the robot's area, far from the home pose and the nooks.
-"""
+"""Refuges, places for the robot to wait at: the home pose, *nooks* that no ghost comes near, places far from both."""
 
 from __future__ import annotations
 
@@ -21,10 +17,7 @@ from .ghost_cells import ClydeCells
 def choose_refuges(
     grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig, fields: PathFields | None = None
 ) -> NDArray[np.float64]:
-    """Places (R, 2) in m: the home pose, up to ``nooks`` nooks, up to ``spread`` places far from these.
-
-    The path fields that this takes stay in ``fields``, those of the grid.
-    """
+    """Places (R, 2) in m: the home pose, up to ``nooks`` nooks, up to ``spread`` places far from these."""
     home = grid.nearest_cell(grid.home[0], grid.home[1], 1.0)
     nooks = _nooks(grid, clyde, part, config)
     spread = _spread(grid, fields or grid.path_fields(), [home, *nooks], config)
@@ -55,7 +48,7 @@ def _spread(grid: DriveGrid, fields: PathFields, given: list[int], config: Refug
 
 @kernel
 def _come_nearer(nearest, length_cm, roomy):  # type: ignore[no-untyped-def]
-    """Take into ``nearest`` the way to one more place; the roomy cell that is then farthest away."""
+    """Lower ``nearest`` to the path lengths to one more place; the roomy cell that is then farthest away."""
     farthest, most = 0, -1
     for k in range(len(nearest)):
         nearest[k] = min(nearest[k], length_cm[k])
@@ -66,7 +59,6 @@ def _come_nearer(nearest, length_cm, roomy):  # type: ignore[no-untyped-def]
 
 @kernel
 def _strike_out(away, affine, position, cells):  # type: ignore[no-untyped-def]
-    """Clear the grid's cells under some of Clyde's."""
     rows, columns = away.shape
     for k in cells:
         x, y = position[k]
@@ -77,13 +69,13 @@ def _strike_out(away, affine, position, cells):  # type: ignore[no-untyped-def]
 
 
 def _nooks(grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig) -> list[int]:
-    """The cell farthest from Clyde in each of the largest patches that he cannot come near."""
+    """The cell farthest from ghosts in each of the largest patches that they cannot come near."""
     if config.nooks == 0:
         return []
     away = np.ones(grid.shape, dtype=np.bool_)
     _strike_out(away, grid.affine, clyde.position, clyde.cells_in(part))
     distance = clearance_m(away, grid.resolution)
-    # Clyde's positions and cell centres can be half a cell's diagonal apart.
+    # A ghost's positions and cell centres can be half a cell's diagonal apart.
     safe = (distance >= config.nook_clearance_m + grid.resolution * math.sqrt(0.5)) & (grid.cell_id >= 0)
     labels, areas = connected_parts(safe)
     number, patch, distance = grid.cell_id[safe], labels[safe], distance[safe]

@@ -1,8 +1,4 @@
-"""In which directions pellets, the ways to them, and ghosts lie as seen from the robot: what one steers by.
-
-Built from a situation and its maps, alike in the simulator and on a robot. Directions are in the frame of the believed
-pose, as cosine and sine: 1 and 0 are ahead, 0 and 1 to the left.
-"""
+"""The directions of pellets, of the paths to them, and of ghosts, in the robot's frame, as cosine and sine."""
 
 from __future__ import annotations
 
@@ -14,11 +10,11 @@ from numpy.typing import NDArray
 from ...engine.jit import kernel
 from ...world.navigation.grid import cell_of
 from ...world.navigation.paths import AT_GOAL, NO_STEP
-from .nearest import NOBODY, Nearest, nearest_candidates
+from .nearest import MISSING, Nearest, nearest_candidates
 from .robot_features import FAR_M, FAST_MPS, in_robot_frame
 from .situation import Situation
 
-_AHEAD_CM = 50  # of the way: far enough for a direction, near enough not to cut a corner
+_AHEAD_CM = 50  # of the path: far enough for a direction, near enough not to cut a corner
 
 PELLET_BEARING_COLUMNS = (
     ("is_pellet", 0.0, 1.0, "1, or 0: there are not so many, the row is 0"),
@@ -39,13 +35,7 @@ GHOST_BEARING_COLUMNS = (
 
 
 def pellet_bearings(situation: Situation, count: int) -> NDArray[np.float32]:
-    """(N, ``count``, 7) float32: the pellets that may be chosen, those with the shortest ways first.
-
-    A pellet that is pursued is listed in any case (``nearest.py``).
-
-    Raises:
-        ValueError: the situation has no maps.
-    """
+    """(N, ``count``, 7) float32, the pellets as in ``nearest.py``. Raises ValueError for a situation without maps."""
     if situation.maps is None:
         raise ValueError("the situation has no maps to find a way on")
     s, a = situation, situation.maps.arrays
@@ -57,7 +47,7 @@ def pellet_bearings(situation: Situation, count: int) -> NDArray[np.float32]:
 
 
 def ghost_bearings(situation: Situation) -> NDArray[np.float32]:
-    """(N, G, 5) float32: every ghost, in the order of their numbers."""
+    """(N, G, 5) float32, by number."""
     result = np.empty((*situation.ghosts.shape[:2], len(GHOST_BEARING_COLUMNS)), dtype=np.float32)
     _fill_ghosts(situation.robot, situation.ghosts, result)
     return result
@@ -85,7 +75,7 @@ def _fill_pellets(robot, position, path, goals, level, order, maps, out):  # typ
         here = snaps[m, row, column]
         for k in range(out.shape[1]):
             c = order[i, k]
-            if c == NOBODY:
+            if c == MISSING:
                 break
             px, py = position[i, c, 0], position[i, c, 1]
             out[i, k, 0] = 1.0

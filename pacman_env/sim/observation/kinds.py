@@ -1,13 +1,14 @@
 """The kinds of observation: one object per kind, found by name, and the observations that several kinds make up.
 
-A kind says which arrays it adds, as plain data (the environments make Gymnasium's spaces of it), and fills them for all
-games of a batch. Features, planner features and bearings are built from a situation alone, on a robot as here; scan and
-picture need the map as well.
+A kind declares which arrays it adds, as plain data (the environments make Gymnasium's spaces of it), and fills them for
+all games of a batch. Features, planner features and bearings are built from a situation alone, on a robot as here; scan
+and picture need the map as well.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple, Protocol
 
@@ -77,155 +78,123 @@ def mask_part(batch: GameBatch) -> ObservationPart:
     return ObservationPart(0, 1, (batch.candidates,), np.int8, by_candidate=True)
 
 
-class Features:
-    """Robot, Clyde, candidates, round and, where there are several, ghosts as numbers."""
-
-    name = "features"
-
-    def parts(self, batch: GameBatch) -> dict[str, ObservationPart]:
-        """One array per group of columns."""
-        known, ghosts = bounds(batch), len(batch.config.clyde.ghosts)
-        rows = {"candidates": (batch.candidates,), "ghosts": (ghosts,)}
-        parts = {}
-        for key, columns in COLUMNS.items():
-            low, high = np.array([known.get(name, limits) for name, *limits, _ in columns], dtype=np.float32).T
-            shape = (*rows.get(key, ()), len(columns))
-            low, high = np.broadcast_to(low, shape), np.broadcast_to(high, shape)
-            parts[key] = ObservationPart(low, high, shape, np.float32, columns, key == "candidates")
-        if ghosts == 1:
-            del parts["ghosts"]
-        return parts
-
-    def fill(self, batch: GameBatch, situation: Situation) -> Observation:
-        """From the situation alone."""
-        return features(situation)
+@dataclass
+class _Kind:
+    name: str
+    parts: Callable[[GameBatch], dict[str, ObservationPart]]
+    fill: Callable[[GameBatch, Situation], Observation]
 
 
-class Planner:
-    """The learned planner reads these (``planner_features.py``)."""
-
-    name = "planner"
-
-    def parts(self, batch: GameBatch) -> dict[str, ObservationPart]:
-        """Of each candidate, and of the whole."""
-        shape = batch.candidates, len(CANDIDATE_FEATURES)
-        return {
-            "planner_candidates": ObservationPart(-10.0, 10.0, shape, np.float32, by_candidate=True),
-            "planner_globals": ObservationPart(-50.0, 50.0, (len(GLOBAL_FEATURES),), np.float32),
-        }
-
-    def fill(self, batch: GameBatch, situation: Situation) -> Observation:
-        """From the situation and its maps."""
-        candidates, whole = planner_features(situation, batch.config.robot.speed_mps)
-        return {"planner_candidates": candidates, "planner_globals": whole}
+def _feature_parts(batch: GameBatch) -> dict[str, ObservationPart]:
+    known, ghosts = bounds(batch), len(batch.config.clyde.ghosts)
+    rows = {"candidates": (batch.candidates,), "ghosts": (ghosts,)}
+    parts = {}
+    for key, columns in COLUMNS.items():
+        low, high = np.array([known.get(name, limits) for name, *limits, _ in columns], dtype=np.float32).T
+        shape = (*rows.get(key, ()), len(columns))
+        low, high = np.broadcast_to(low, shape), np.broadcast_to(high, shape)
+        parts[key] = ObservationPart(low, high, shape, np.float32, columns, key == "candidates")
+    if ghosts == 1:
+        del parts["ghosts"]
+    return parts
 
 
-class Bearings:
-    """In which directions pellets, the ways to them, and ghosts lie: what somebody who steers has to know."""
-
-    name = "bearings"
-
-    def parts(self, batch: GameBatch) -> dict[str, ObservationPart]:
-        """The nearest pellets, every ghost."""
-        pellets, ghosts = batch.config.observation.nearest_pellets, len(batch.config.clyde.ghosts)
-        return {
-            "pellet_bearings": _rows(pellets, PELLET_BEARING_COLUMNS),
-            "ghost_bearings": _rows(ghosts, GHOST_BEARING_COLUMNS),
-        }
-
-    def fill(self, batch: GameBatch, situation: Situation) -> Observation:
-        """From the situation and its maps."""
-        return {
-            "pellet_bearings": pellet_bearings(situation, batch.config.observation.nearest_pellets),
-            "ghost_bearings": ghost_bearings(situation),
-        }
+def _features(batch: GameBatch, situation: Situation) -> Observation:
+    return features(situation)
 
 
-class Scan:
-    """The lidar."""
-
-    name = "scan"
-
-    def parts(self, batch: GameBatch) -> dict[str, ObservationPart]:
-        """The ranges, m."""
-        config = batch.config.observation
-        return {"scan": ObservationPart(config.scan_minimum_m, config.scan_maximum_m, (config.scan_rays,), np.float32)}
-
-    def fill(self, batch: GameBatch, situation: Situation) -> Observation:
-        """From where the robots truly are."""
-        config, games, arrays = batch.config.observation, batch.games, batch.levels.arrays
-        ranges = np.empty((batch.n, config.scan_rays), dtype=np.float32)
-        pose = np.stack([games["x"], games["y"], games["heading"]], axis=1)
-        level, seed, tick = (np.ascontiguousarray(games[name]) for name in ("level", "seed", "tick"))
-        maps = lidar.Maps(arrays["affine"], arrays["clearance_cm"], arrays["shape"], batch.levels.resolution)
-        sensor = lidar.Sensor(config.scan_minimum_m, config.scan_maximum_m, config.scan_noise)
-        lidar.scan(maps, lidar.Robots(level, pose, seed, tick), sensor, ranges)
-        return {"scan": ranges}
+def _planner_parts(batch: GameBatch) -> dict[str, ObservationPart]:
+    shape = batch.candidates, len(CANDIDATE_FEATURES)
+    return {
+        "planner_candidates": ObservationPart(-10.0, 10.0, shape, np.float32, by_candidate=True),
+        "planner_globals": ObservationPart(-50.0, 50.0, (len(GLOBAL_FEATURES),), np.float32),
+    }
 
 
-class Grid:
-    """A picture around the robot."""
-
-    name = "grid"
-
-    def parts(self, batch: GameBatch) -> dict[str, ObservationPart]:
-        """The picture, 0 or 255."""
-        size = batch.config.observation.grid_pixels
-        return {"grid": ObservationPart(0, 255, (size, size, CHANNELS), np.uint8)}
-
-    def fill(self, batch: GameBatch, situation: Situation) -> Observation:
-        """Around the believed poses."""
-        config, arrays = batch.config.observation, batch.levels.arrays
-        images = np.empty((batch.n, config.grid_pixels, config.grid_pixels, CHANNELS), dtype=np.uint8)
-        raster_all(
-            arrays["affine"],
-            arrays["clearance_cm"],
-            arrays["shape"],
-            np.ascontiguousarray(batch.games["level"]),
-            situation.robot,
-            situation.position,
-            batch.alive,
-            np.ascontiguousarray(situation.ghosts[:, :, :2]),
-            config.grid_pixel_m,
-            batch.config.robot.radius_m,
-            images,
-        )
-        return {"grid": images}
+def _planner(batch: GameBatch, situation: Situation) -> Observation:
+    candidates, whole = planner_features(situation, batch.config.robot.speed_mps)
+    return {"planner_candidates": candidates, "planner_globals": whole}
 
 
-_OWN = (Features, Scan, Bearings, Grid, Planner)
+def _bearing_parts(batch: GameBatch) -> dict[str, ObservationPart]:
+    pellets, ghosts = batch.config.observation.nearest_pellets, len(batch.config.clyde.ghosts)
+    rows = {"pellet_bearings": (pellets, PELLET_BEARING_COLUMNS), "ghost_bearings": (ghosts, GHOST_BEARING_COLUMNS)}
+    parts = {}
+    for key, (count, columns) in rows.items():
+        low, high = np.array([limits for _, *limits, _ in columns], dtype=np.float32).T
+        shape = count, len(columns)
+        low, high = np.broadcast_to(low, shape), np.broadcast_to(high, shape)
+        parts[key] = ObservationPart(low, high, shape, np.float32, columns)
+    return parts
+
+
+def _bearings(batch: GameBatch, situation: Situation) -> Observation:
+    pellets = pellet_bearings(situation, batch.config.observation.nearest_pellets)
+    return {"pellet_bearings": pellets, "ghost_bearings": ghost_bearings(situation)}
+
+
+def _scan_parts(batch: GameBatch) -> dict[str, ObservationPart]:
+    config = batch.config.observation
+    return {"scan": ObservationPart(config.scan_minimum_m, config.scan_maximum_m, (config.scan_rays,), np.float32)}
+
+
+def _scan(batch: GameBatch, situation: Situation) -> Observation:
+    config, games, arrays = batch.config.observation, batch.games, batch.levels.arrays
+    ranges = np.empty((batch.n, config.scan_rays), dtype=np.float32)
+    pose = np.stack([games["x"], games["y"], games["heading"]], axis=1)
+    level, seed, tick = (np.ascontiguousarray(games[name]) for name in ("level", "seed", "tick"))
+    maps = lidar.Maps(arrays["affine"], arrays["clearance_cm"], arrays["shape"], batch.levels.resolution)
+    sensor = lidar.Sensor(config.scan_minimum_m, config.scan_maximum_m, config.scan_noise)
+    lidar.scan(maps, lidar.Robots(level, pose, seed, tick), sensor, ranges)
+    return {"scan": ranges}
+
+
+def _grid_parts(batch: GameBatch) -> dict[str, ObservationPart]:
+    size = batch.config.observation.grid_pixels
+    return {"grid": ObservationPart(0, 255, (size, size, CHANNELS), np.uint8)}
+
+
+def _grid(batch: GameBatch, situation: Situation) -> Observation:
+    config, arrays = batch.config.observation, batch.levels.arrays
+    images = np.empty((batch.n, config.grid_pixels, config.grid_pixels, CHANNELS), dtype=np.uint8)
+    level = np.ascontiguousarray(batch.games["level"])
+    maps = arrays["affine"], arrays["clearance_cm"], arrays["shape"], level
+    ghosts = np.ascontiguousarray(situation.ghosts[:, :, :2])
+    lengths = config.grid_pixel_m, batch.config.robot.radius_m
+    raster_all(maps, situation.robot, situation.position, batch.alive, ghosts, *lengths, images)
+    return {"grid": images}
+
+
+FEATURES = _Kind("features", _feature_parts, _features)
+SCAN, BEARINGS = _Kind("scan", _scan_parts, _scan), _Kind("bearings", _bearing_parts, _bearings)
+GRID, PLANNER = _Kind("grid", _grid_parts, _grid), _Kind("planner", _planner_parts, _planner)
 #: Kinds as classes, made without arguments; other packages add theirs as entry points.
 KINDS: Registry[Callable[[], ObservationKind]] = Registry(
     "observation kind",
     "pacman_env.observations",
-    {kind.name: kind for kind in _OWN},
+    {
+        "features": lambda: FEATURES,
+        "scan": lambda: SCAN,
+        "bearings": lambda: BEARINGS,
+        "grid": lambda: GRID,
+        "planner": lambda: PLANNER,
+    },
 )
 register_observation = KINDS.register
 
 
 def kinds_shown(config: ObservationConfig, action: str) -> list[str]:
-    """The kinds asked for, and bearings where those show too little to choose such an action by.
-
-    A scan shows neither pellets nor ghosts; features and planner features say how long a way is, not where to steer.
-    """
+    """The kinds asked for, and bearings where path lengths (features, planner features) or a scan are too little."""
     kinds = set(config.kinds)
-    steers = action == "velocity" and bool(kinds & {Features.name, Planner.name})
-    return sorted(kinds | ({Bearings.name} if steers or Scan.name in kinds else set()))
+    steers = action == "velocity" and bool(kinds & {FEATURES.name, PLANNER.name})
+    return sorted(kinds | ({BEARINGS.name} if steers or SCAN.name in kinds else set()))
 
 
 class Observer:
-    """Builds the observations of one batch, as its configuration asks for.
-
-    Attributes:
-        parts: the arrays of one game's observation by key; of a flat one, ``FLAT`` alone.
-        nearest: how many candidates are listed, where the nearest are; else None.
-    """
+    """Builds the observations of one batch; ``parts`` are the arrays of one game by key (flat: ``FLAT`` alone)."""
 
     def __init__(self, batch: GameBatch, config: ObservationConfig | None = None, *, ghost: bool = False) -> None:
-        """Raises ConfigError for a kind that there is not, or two that add arrays of one key, or what does not fit.
-
-        ``config`` replaces the batch's own; a ``ghost`` chooses candidates whatever the robot's actions are.
-        """
+        """``config`` replaces the batch's own; a ``ghost`` chooses candidates always. Raises ConfigError."""
         self._batch = batch
         self._config = config = batch.config.observation if config is None else config
         self.nearest = (
@@ -245,7 +214,7 @@ class Observer:
                 if key in found:
                     raise ConfigError(f"observation kind {kind.name!r}: {key!r} is in the observation already")
                 found[key] = part
-        batch.shows_features |= any(isinstance(kind, Features) for kind in self._kinds)
+        batch.shows_features |= any(kind is FEATURES for kind in self._kinds)
         self._by_candidate = {key for key, part in found.items() if part.by_candidate}
         if self.nearest:
             found = {key: _listed(part, self.nearest.count) for key, part in found.items()}
@@ -260,10 +229,9 @@ class Observer:
         return None if self.nearest is None else nearest_candidates(situation, self.nearest)
 
     def observe(self, situation: Situation, listed: NDArray[np.int64] | None = None) -> Observation:
-        """Observations of all games, one array (N, ...) per key; new arrays at each call.
+        """Observations of all games, one new array (N, ...) per key, of the batch's own situation as it is now.
 
-        ``situation`` is the batch's own, as it is now, of the robot or of a ghost; ``listed`` what :meth:`listed` says
-        of it, if that is known.
+        ``listed`` is the result of :meth:`listed`, if that is known.
         """
         observation: Observation = {MASK: situation.mask.astype(np.int8)} if self._masked else {}
         for kind in self._kinds:
@@ -299,15 +267,8 @@ class Observer:
         return ObservationPart(low, high, low.shape, np.float32)
 
 
-def _rows(count: int, columns: Columns) -> ObservationPart:
-    """So many rows of these columns."""
-    low, high = np.array([limits for _, *limits, _ in columns], dtype=np.float32).T
-    shape = count, len(columns)
-    return ObservationPart(np.broadcast_to(low, shape), np.broadcast_to(high, shape), shape, np.float32, columns)
-
-
 def _listed(part: ObservationPart, count: int) -> ObservationPart:
-    """A part with so many candidates, of which some may be nobody: 0."""
+    """A part with so many candidates, some of which may be missing: 0."""
     if not part.by_candidate:
         return part
     shape = (count, *part.shape[1:])

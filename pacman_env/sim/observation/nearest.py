@@ -1,8 +1,4 @@
-"""The candidates in the order of their ways: the nearest pellets, the nearest refuges, hold.
-
-As many for every map, so that a policy goes from one to the other; and a place in the list means the same in each
-situation, so that a network need not learn every pellet by its number.
-"""
+"""The candidates in the order of path length: the nearest pellets, the nearest refuges, hold; as many for every map."""
 
 from __future__ import annotations
 
@@ -14,7 +10,7 @@ from numpy.typing import NDArray
 from ...engine.jit import kernel
 from .situation import HOLD, PELLET, Situation
 
-NOBODY = -1  # in place of a candidate's number: there are not so many
+MISSING = -1  # in place of a candidate's number: there are fewer
 
 
 @dataclass(frozen=True)
@@ -26,15 +22,13 @@ class Nearest:
 
     @property
     def count(self) -> int:
-        """All, with hold."""
         return self.pellets + self.refuges + 1
 
 
 def nearest_candidates(situation: Situation, nearest: Nearest) -> NDArray[np.int64]:
-    """(N, ``nearest.count``) the candidates that may be chosen, by the length of the robot's way, or ``NOBODY``.
+    """(N, ``nearest.count``) the candidates that may be chosen, by the robot's path length, or ``MISSING``.
 
-    Of equal ways, the one with the lower number is first. The candidate pursued now is listed in any case: last of its
-    kind, where others are nearer.
+    Of equal ones the lower number is first. The one pursued now is listed in any case: last of its kind.
     """
     order = np.empty((len(situation), nearest.count), dtype=np.int64)
     _list(
@@ -46,7 +40,7 @@ def nearest_candidates(situation: Situation, nearest: Nearest) -> NDArray[np.int
 @kernel
 def _list(kind, mask, path, current, pellets, refuges, order):  # type: ignore[no-untyped-def]
     for i in range(len(kind)):
-        order[i, :] = NOBODY
+        order[i, :] = MISSING
         now = current[i]
         for c in range(kind.shape[1]):
             if kind[i, c] == HOLD:
@@ -58,7 +52,7 @@ def _list(kind, mask, path, current, pellets, refuges, order):  # type: ignore[n
             place = room  # insertion into what is sorted already
             while place > 0:
                 other = order[i, first + place - 1]
-                if other != NOBODY and path[i, other] <= path[i, c]:
+                if other != MISSING and path[i, other] <= path[i, c]:
                     break
                 place -= 1
             for k in range(room - 1, place, -1):
@@ -75,8 +69,8 @@ def _list(kind, mask, path, current, pellets, refuges, order):  # type: ignore[n
 
 
 def in_order(array: NDArray, order: NDArray[np.int64]) -> NDArray:
-    """(N, K, ...) the rows of an array (N, C, ...) as listed; 0 where nobody is."""
-    there = order != NOBODY
-    taken = np.take_along_axis(array, np.where(there, order, 0).reshape(order.shape + (1,) * (array.ndim - 2)), axis=1)
-    taken[~there] = 0
-    return taken
+    """(N, K, ...) the rows of an array (N, C, ...) as listed; 0 where one is missing."""
+    there = order != MISSING
+    rows = np.take_along_axis(array, np.where(there, order, 0).reshape(order.shape + (1,) * (array.ndim - 2)), axis=1)
+    rows[~there] = 0
+    return rows

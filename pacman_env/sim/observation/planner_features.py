@@ -1,8 +1,6 @@
-"""The features of a learned planner: numbers per candidate and of the whole, none of which names a particular map.
+"""The features of a learned planner, of the order of one; what is unreachable is far, rows that are masked are 0.
 
-Built from a situation and its maps, alike in the simulator and on a robot. All are of the order of one; what is
-unreachable is far, not infinite. Rows of candidates that may not be chosen are 0. ``VERSION`` changes with the meaning
-of any column: a network trained on other columns must not be run on these.
+``VERSION`` changes with the meaning of any column: a network trained on other columns must not be run on these.
 """
 
 from __future__ import annotations
@@ -13,86 +11,46 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...engine.arrays import Array, Table, arrays_by_address
 from ...engine.jit import kernel
-from ...engine.native import Array, Table, address_of, arrays_by_address
 from ...game.goal_cost import TOTAL, ScorerParameters, is_threatening, score_situation
 from ...world.navigation.paths import UNREACHABLE_CM
 from . import prediction
-from .situation import HOLD, LAYOUT, PELLET, REFUGE, Situation
+from .situation import HOLD, PELLET, REFUGE, Situation
 
 VERSION = 3
 FAR_M = 20.0
-_AROUND_M = 2.5  # pellets within this way are around a place
+_AROUND_M = 2.5  # pellets within this path length are around a place
 _SCORER = ScorerParameters()  # the handcrafted one, as deployed
 
 CANDIDATE_FEATURES = (
-    "is_pellet",
-    "is_refuge",
-    "is_hold",
-    "is_current",
-    "path_robot",
-    "nearness_robot",
-    "path_clyde",
-    "nearness_clyde",
-    "time_margin",
-    "clyde_distance",
-    "caught_soon",
-    "caught",
-    "approached",
-    "closest_mean",
-    "closest_least",
-    "turn_cosine",
-    "towards_clyde",
-    "standing_clearance",
-    "nearest_pellet",
-    "mean_pellet",
-    "pellets_around",
-    "clyde_apart",
-    "handcrafted_cost",
-    "beyond_nearest",
+    *("is_pellet", "is_refuge", "is_hold", "is_current"),
+    *("path_robot", "nearness_robot", "path_clyde", "nearness_clyde", "time_margin", "clyde_distance"),
+    *("caught_soon", "caught", "approached", "closest_mean", "closest_least"),  # prediction.py, and the next three
+    *("turn_cosine", "towards_clyde", "standing_clearance"),
+    *("nearest_pellet", "mean_pellet", "pellets_around", "clyde_apart", "handcrafted_cost", "beyond_nearest"),
 )
 GLOBAL_FEATURES = (
-    "clyde_distance",
-    "clyde_near",
-    "closing_speed",
-    "clyde_speed",
-    "v",
-    "omega",
-    "pellets_left",
-    "last_pellet",
-    "clyde_towards",
-    "pose_age",
-    "nearest_way",
+    *("clyde_distance", "clyde_near", "closing_speed", "clyde_speed", "v", "omega"),
+    *("pellets_left", "last_pellet", "clyde_towards", "pose_age", "nearest_way"),
 )
-
-
-class _MapArrays(NamedTuple):
-    length_cm: Any = Array(np.uint16, "M k g")
-    goal_cell: Any = Array(np.int32, "M g")
-    goal_apart_m: Any = Array(np.float32, "M g")
 
 
 class _FillArrays(NamedTuple):
-    block: Any = Array(np.uint8, "b")  # the situation's
-    request: Any = Array(prediction.REQUEST, "1")
+    seen: Any = prediction.SeenArrays
     candidates: Any = Array(np.float32, f"N C {len(CANDIDATE_FEATURES)}")
     whole: Any = Array(np.float32, f"N {len(GLOBAL_FEATURES)}")
 
 
-_arrays, _maps, _situation = arrays_by_address(_FillArrays), arrays_by_address(_MapArrays), LAYOUT.arrays
-_meeting_maps = arrays_by_address(prediction.MapArrays)
+_arrays = arrays_by_address(_FillArrays)
 
 
 def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Candidates (N, C, 24) and globals (N, 11), float32.
-
-    Raises:
-        ValueError: the situation has no maps.
-    """
-    request = prediction.request_of(situation, robot_speed_mps, _MapArrays)
+    """Candidates (N, C, 24) and globals (N, 11), float32. Raises ValueError for a situation without maps."""
+    seen = prediction.seen_arrays(situation, robot_speed_mps)
     candidates = np.empty((*situation.mask.shape, len(CANDIDATE_FEATURES)), dtype=np.float32)
     whole = np.empty((len(candidates), len(GLOBAL_FEATURES)), dtype=np.float32)
-    table = Table(_FillArrays, **request, candidates=candidates, whole=whole)
+    table = Table(_FillArrays, seen=seen, candidates=candidates, whole=whole)
     situation.threads.run(_fill, [table], len(candidates))
     return candidates, whole
 
@@ -100,14 +58,13 @@ def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDAr
 @kernel
 def _fill(table, first, last):  # type: ignore[no-untyped-def]
     a = _arrays(table)
-    candidates, whole, request = a.candidates, a.whole, a.request[0]
-    maps, meeting_maps, speed = _maps(request.other_maps), _meeting_maps(request.maps), request.robot_speed
-    s = _situation(address_of(a.block), request.games, request.candidates, request.ghosts)
-    room = prediction.room_to_meet(meeting_maps.coarse_steps, s.mask.shape[1])
+    candidates, whole, request = a.candidates, a.whole, a.seen.request[0]
+    s, maps = prediction.seen_by(a.seen)
+    room = prediction.room_to_meet(maps.coarse_steps, s.mask.shape[1])
     meetings = np.empty((s.mask.shape[1], prediction.COLUMNS), np.float32)
     terms = np.empty((s.mask.shape[1], 6))
     for i in range(first, last):
-        prediction.meet(s, i, meeting_maps, request.across, speed, room, meetings)
+        prediction.meet(s, maps, i, request, room, meetings)
         length_cm, goal_cell = maps.length_cm[s.level[i]], maps.goal_cell[s.level[i]]
         x, y = s.robot[i, 0], s.robot[i, 1]
         cx, cy = s.clyde[i, 0], s.clyde[i, 1]
@@ -124,7 +81,7 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
         v = math.sqrt(vx * vx + vy * vy)
         whole[i, 8] = (vx * (x - cx) + vy * (y - cy)) / (v * d) if v * d > 1e-6 else 0.0
         whole[i, 9] = min(s.pose_age_s[i], 10.0) / 5.0
-        shortest = np.inf  # way to a pellet that may be chosen
+        shortest = np.inf  # path length to a pellet that may be chosen
         for c in range(s.mask.shape[1]):
             if s.mask[i, c] and s.kind[i, c] == PELLET:
                 shortest = min(shortest, s.path_robot[i, c])
@@ -141,13 +98,13 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
             is_pellet = s.kind[i, c] == PELLET
             f[0], f[1], f[2] = is_pellet, s.kind[i, c] == REFUGE, s.kind[i, c] == HOLD
             f[3] = c == s.current[i]
-            mine, his = min(s.path_robot[i, c], FAR_M), min(s.path_clyde[i, c], FAR_M)
+            own, other = min(s.path_robot[i, c], FAR_M), min(s.path_clyde[i, c], FAR_M)
             if s.kind[i, c] == HOLD:
-                his = min(d, FAR_M)
-            f[4], f[5] = mine / 5.0, math.exp(-mine / 2.0)
+                other = min(d, FAR_M)
+            f[4], f[5] = own / 5.0, math.exp(-own / 2.0)
             f[23] = min(max(s.path_robot[i, c] - shortest, -FAR_M), FAR_M) / 5.0
-            f[6], f[7] = his / 5.0, math.exp(-his / 2.0)
-            f[8] = min(max((his / max(s.clyde_speed[i], 0.05) - mine / speed) / 20.0, -2.0), 2.0)
+            f[6], f[7] = other / 5.0, math.exp(-other / 2.0)
+            f[8] = min(max((other / max(s.clyde_speed[i], 0.05) - own / request.robot_speed) / 20.0, -2.0), 2.0)
             px, py = s.position[i, c, 0], s.position[i, c, 1]
             f[9] = min(math.sqrt((px - cx) ** 2 + (py - cy) ** 2), FAR_M) / 5.0
             for k in range(3):
@@ -160,10 +117,10 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
                 continue
             here = goal_cell[g]
             nearest, total, others, around = FAR_M, 0.0, 0, 0
-            for other in range(count):
-                if s.kind[i, other] != PELLET or not s.mask[i, other] or other == c or s.goal[i, other] < 0:
+            for k in range(count):
+                if s.kind[i, k] != PELLET or not s.mask[i, k] or k == c or s.goal[i, k] < 0:
                     continue
-                cm = length_cm[here, s.goal[i, other]]
+                cm = length_cm[here, s.goal[i, k]]
                 metres = FAR_M if cm == UNREACHABLE_CM else min(cm * 0.01, FAR_M)
                 nearest = min(nearest, metres)
                 total += metres

@@ -1,9 +1,7 @@
-"""Prediction of the next seconds: the ways that Clyde may take, and how near they come to the robot's own.
+"""The next seconds: the paths that the nearest ghost may be on, and how near they come to the robot's.
 
-Clyde's possible ways lead over the game's own map: from his position along the shortest ways to the map's goals, which
-are spread over it as his targets are, each as likely as his last motion makes it; when he reaches a goal he goes on to
-another. The robot's way leads to a candidate at its speed, the first turn included, and ends there. No function here
-knows where Clyde really goes.
+The ghost's are the shortest from its place to the map's goals, each as likely as its last motion makes it; from a goal
+it goes on to another. The robot's leads to a candidate, the first turn included, and ends there.
 """
 
 from __future__ import annotations
@@ -14,31 +12,30 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...engine.arrays import Array, Table, arrays_by_address
 from ...engine.jit import kernel, prefetch
-from ...engine.lanes import LANES, all_of, load, lower, minus, plus, roots, store, times, where_below
-from ...engine.native import Array, Table, address_of, arrays_by_address
+from ...engine.native import address_of
+from ...engine.simd import WIDTH, all_of, load, lower, minus, plus, roots, store, times, where_below
 from ...world.navigation.grid import cell_of
 from ...world.navigation.paths import ARRIVED, LENGTHS, NO_WAY, coarse_step, tile_index
 from .situation import LAYOUT, Situation
 
-STEP_S = 0.5  # between the instants that are looked at
+STEP_S = 0.5  # between the instants
 STEPS = 20  # instants: 10 s
 NEAR_M, WIDE_M, SOON_S = 0.45, 0.8, 5.0
 _SOON = round(SOON_S / STEP_S)  # instants
-_FIRST_M = 0.4  # the stretch of a way that tells its direction
-_SHARPNESS = 4.0  # how fast the weight of a way falls with the angle to Clyde's last motion
-_FREE_TURN = 0.7  # rad off the way that are turned while driving (world/navigation/controller.py)
+_FIRST_M = 0.4  # the stretch of a path that decides its direction
+_SHARPNESS = 4.0  # how fast the weight of a path falls with the angle to the ghost's last motion
+_FREE_TURN = 0.7  # rad off the path that are turned while driving (world/navigation/controller.py)
 _TURN_RADPS = 1.2  # turning on the spot, starting and stopping included
-_FAR_M = 10.0  # how near he comes if he cannot move at all in this part of the map
-_AHEAD = 3  # instants written per coarse step, most of the time enough
-#: Where a kernel finds a situation's maps, and what it needs beside them.
+_FAR_M = 10.0  # how near the ghost comes if it cannot move at all in this part of the map
+_AHEAD = 3  # instants written per coarse step, most of the time enough (11 % of the time for 64 games)
 REQUEST = np.dtype(
     [
         ("games", np.int64),  # the lengths of the situation's block
         ("candidates", np.int64),
         ("ghosts", np.int64),
         ("maps", np.int64),  # address of a table of MapArrays
-        ("other_maps", np.int64),  # likewise of what a caller reads beside them
         ("across", np.int64),  # tiles that lie side by side
         ("robot_speed", np.float64),  # m/s
     ]
@@ -46,23 +43,30 @@ REQUEST = np.dtype(
 
 
 class MapArrays(NamedTuple):
-    """What :func:`meet` walks on, of M maps."""
+    """What walkers walk on, of M maps; the last three are read by ``planner_features.py``."""
 
     affine: Any = Array(np.float64, "M 6")
     snap: Any = Array(np.int32, "M h w")
     cell_xy: Any = Array(np.float32, "M k 2")  # m
     coarse_steps: Any = Array(np.uint8, "M t g")
     goal_count: Any = Array(np.int32, "M")
+    length_cm: Any = Array(np.uint16, "M k g")
+    goal_cell: Any = Array(np.int32, "M g")
+    goal_apart_m: Any = Array(np.float32, "M g")
+
+
+class SeenArrays(NamedTuple):
+    block: Any = Array(np.uint8, "b")  # the situations'
+    request: Any = Array(REQUEST, "1")
 
 
 class _EncounterArrays(NamedTuple):
-    block: Any = Array(np.uint8, "b")  # the situation's
-    request: Any = Array(REQUEST, "1")
+    seen: Any = SeenArrays
     result: Any = Array(np.float32, "N C 8")
 
 
 _arrays, _maps, _situation = arrays_by_address(_EncounterArrays), arrays_by_address(MapArrays), LAYOUT.arrays
-_BLOCK = (STEPS + _AHEAD) * LANES  # numbers of a block: instant by instant, lane by lane
+_BLOCK = (STEPS + _AHEAD) * WIDTH  # numbers of a block of walkers: an instant of all of them, then the next
 
 #: Columns of :func:`encounters`.
 CAUGHT_SOON, CAUGHT, APPROACHED, CLOSEST_MEAN, CLOSEST, TURN_COSINE, TOWARDS_CLYDE, STANDING = range(8)
@@ -70,36 +74,31 @@ COLUMNS = 8
 
 
 def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float32]:
-    """Distances that Clyde may come to on the way to each candidate within 10 s, (N, C, 8) float32.
+    """Distances that the nearest ghost may come to on the path to each candidate within 10 s, (N, C, 8) float32.
 
-    Columns: probability of less than 0.45 m within 5 s, within 10 s; of less than 0.8 m within 10 s; mean over his
-    ways of the smallest distance, and the smallest of all, m; cosine of the first stretch's direction with the
-    heading, and with the direction to Clyde; smallest distance if he stood still, m. Rows of masked candidates are 0.
-
-    Raises:
-        ValueError: the situation has no maps.
+    Columns: probability of less than 0.45 m within 5 s, within 10 s; of less than 0.8 m within 10 s; mean over its
+    paths of the smallest distance, and the smallest of all, m; cosine of the first stretch's direction with the
+    heading, and with the direction to it; smallest distance if it stood still, m. Rows of masked candidates are 0.
     """
     result = np.empty((*situation.mask.shape, COLUMNS), dtype=np.float32)
-    table = Table(_EncounterArrays, **request_of(situation, robot_speed_mps), result=result)
+    table = Table(_EncounterArrays, seen=seen_arrays(situation, robot_speed_mps), result=result)
     situation.threads.run(_encounters, [table], len(result))
     return result
 
 
-def request_of(
-    situation: Situation, robot_speed_mps: float, other_maps: type[tuple[Any, ...]] | None = None
-) -> dict[str, NDArray[Any]]:
-    """Where a kernel finds a situation: its ``block``, which is there as long as somebody has it, and a ``request``.
-
-    Raises:
-        ValueError: the situation has no maps.
-    """
+def seen_arrays(situation: Situation, robot_speed_mps: float) -> SeenArrays:
     if situation.maps is None:
         raise ValueError("the situation has no maps to look ahead on")
-    maps, across = situation.maps, situation.maps.find_coarse_steps(situation.level)
-    other = 0 if other_maps is None else maps.table(other_maps).address
+    across = situation.maps.find_coarse_steps(situation.level)
     block, *lengths = situation.block()
-    values = (*lengths, maps.table(MapArrays).address, other, across, robot_speed_mps)
-    return {"block": block, "request": np.array([values], dtype=REQUEST)}
+    values = *lengths, situation.maps.table(MapArrays).address, across, robot_speed_mps
+    return SeenArrays(block, np.array([values], dtype=REQUEST))
+
+
+@kernel
+def seen_by(seen):  # type: ignore[no-untyped-def]
+    r = seen.request[0]
+    return _situation(address_of(seen.block), r.games, r.candidates, r.ghosts), _maps(r.maps)
 
 
 @kernel
@@ -110,29 +109,20 @@ def _write(out_x, out_y, at, x, y, dx, dy, share):  # type: ignore[no-untyped-de
 
 @kernel
 def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type: ignore[no-untyped-def]
-    """Positions of ``count`` walkers at every instant, each along the static way to its goal.
+    """Positions of ``count`` walkers at every instant, each along the static path to its goal, (B, _BLOCK) cells.
 
-    All of them take a coarse step in turn: their ways lie apart in memory, so that the wait for one hides behind the
-    others. Instants beyond a coarse step are written all the same, and again by those to come: no branch to guess.
-
-    Args:
-        steps: coarse ones, of the map.
-        count: of walkers; walker ``w`` has lane ``w % LANES`` of block ``w // LANES``.
-        goals: above 1, whoever has arrived goes on to another of so many; else he stays.
-        stretch: cells from one instant to the next, of all.
-        walkers: (W, 3) position and the cells that others walk before the first coarse step; (W, 2) column and row of
-            the drivable cell there; (W,) goals; and for use here cells walked and instants written.
-        out_x: (B, STEPS + _AHEAD, LANES) columns.
-        out_y: likewise, rows.
+    All do a coarse step in turn: the wait for one's memory hides behind the others. Instants beyond a coarse step are
+    written all the same, and again later: no branch to guess. With ``goals`` above 1, a walker that has arrived goes on
+    to another. Walker ``w`` is number ``w % WIDTH`` of block ``w // WIDTH``; ``stretch``: cells per instant.
     """
     starts, cells, targets, walked, written = walkers
     walking = 0
     for w in range(count):
-        at = w // LANES * _BLOCK + w % LANES
+        at = w // WIDTH * _BLOCK + w % WIDTH
         x, y, late = starts[w]
         waits = STEPS if late >= STEPS * stretch else int(late / stretch)
         for j in range(waits):
-            out_x[at + j * LANES], out_y[at + j * LANES] = x, y
+            out_x[at + j * WIDTH], out_y[at + j * WIDTH] = x, y
         written[w], walked[w] = waits, late
         walking += waits < STEPS
     per_cell = 1.0 / max(stretch, 1e-9)
@@ -142,7 +132,7 @@ def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type:
             first = written[w]
             if first >= STEPS:
                 continue
-            at = w // LANES * _BLOCK + w % LANES + first * LANES
+            at = w // WIDTH * _BLOCK + w % WIDTH + first * WIDTH
             x, y = starts[w, 0], starts[w, 1]
             column, row, goal = cells[w, 0], cells[w, 1], targets[w]
             here = tile_index(column, row, across)
@@ -155,7 +145,7 @@ def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type:
                 targets[w] = goal
             if code in (ARRIVED, NO_WAY):
                 for j in range(STEPS - first):
-                    out_x[at + j * LANES], out_y[at + j * LANES] = x, y
+                    out_x[at + j * WIDTH], out_y[at + j * WIDTH] = x, y
                 written[w] = STEPS
                 walking -= 1
                 continue
@@ -164,7 +154,7 @@ def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type:
             prefetch(steps, tile_index(column, row, across))
             ahead_x, ahead_y = column + 0.5, row + 0.5
             dx, dy = ahead_x - x, ahead_y - y
-            if fresh:  # from where he is, not from the middle of a cell
+            if fresh:  # from where it is, not from the middle of a cell
                 length = math.sqrt(dx * dx + dy * dy)
                 slope = 1.0 / max(length, 1e-9)
             else:
@@ -174,10 +164,10 @@ def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type:
             last = min(int(after * per_cell), STEPS)  # instants that lie within the coarse step
             share, more = ((first + 1) * stretch - before) * slope, stretch * slope
             for u in range(_AHEAD):
-                _write(out_x, out_y, at + u * LANES, x, y, dx, dy, share + u * more)
+                _write(out_x, out_y, at + u * WIDTH, x, y, dx, dy, share + u * more)
             if last - first > _AHEAD:
                 for u in range(_AHEAD, last - first):
-                    _write(out_x, out_y, at + u * LANES, x, y, dx, dy, share + u * more)
+                    _write(out_x, out_y, at + u * WIDTH, x, y, dx, dy, share + u * more)
             walked[w], written[w] = after, max(last, first)
             starts[w, 0], starts[w, 1] = ahead_x, ahead_y
             cells[w, 0], cells[w, 1] = column, row
@@ -186,45 +176,42 @@ def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type:
 
 
 @kernel
-def _clyde_ways(steps, across, clyde, cell, velocity, stretch, first, goals, walkers, his):  # type: ignore[no-untyped-def]
-    """Fill in Clyde's possible ways and their weights, which sum to 1; returns their number.
+def _ghost_paths(steps, across, ghost, stretch, first, goals, walkers, paths):  # type: ignore[no-untyped-def]
+    """Fill in the ghost's possible paths and their weights, which sum to 1; returns their number.
 
-    After them comes one on which he stands still, without a weight.
+    ``ghost`` is its place, drivable cell and velocity, in cells. A last path without a weight is to stand still.
     """
-    starts, cells, targets = walkers[:3]
-    his_x, his_y, weights = his
-    cx, cy = clyde
+    (x, y), cell, (vx, vy) = ghost
     here = tile_index(cell[0], cell[1], across)
-    cells[: goals + 1, 0], cells[: goals + 1, 1] = cell
-    used = 0
+    walkers.cells[: goals + 1, 0], walkers.cells[: goals + 1, 1] = cell
+    starts, used = walkers.starts, 0
     for k in range(goals):
         if steps[here, k] != NO_WAY:
-            starts[used, 0], starts[used, 1], starts[used, 2] = cx, cy, 0.0
-            targets[used] = k
+            starts[used, 0], starts[used, 1], starts[used, 2] = x, y, 0.0
+            walkers.targets[used] = k
             used += 1
-    starts[used, 0], starts[used, 1], starts[used, 2] = cx, cy, np.inf
-    _walk(steps, across, np.int64(used + 1), np.int64(goals), stretch, walkers, his_x, his_y)
-    vx, vy = velocity
+    starts[used, 0], starts[used, 1], starts[used, 2] = x, y, np.inf
+    _walk(steps, across, np.int64(used + 1), np.int64(goals), stretch, walkers, paths.x, paths.y)
     v = math.sqrt(vx * vx + vy * vy)
     early = STEPS - 1 if stretch <= 0.0 else min(int(first / stretch), STEPS - 1)
     total = 0.0
     for k in range(used):
-        at = k // LANES * _BLOCK + early * LANES + k % LANES
-        dx, dy = his_x[at] - cx, his_y[at] - cy
+        at = k // WIDTH * _BLOCK + early * WIDTH + k % WIDTH
+        dx, dy = paths.x[at] - x, paths.y[at] - y
         d = math.sqrt(dx * dx + dy * dy)
         weight = 1.0
         if v > 1e-6 and d > 1e-6:
             weight = math.exp(_SHARPNESS * ((dx * vx + dy * vy) / (d * v) - 1.0))
-        weights[k] = weight
+        paths.weights[k] = weight
         total += weight
     for k in range(used):
-        weights[k] /= total
+        paths.weights[k] /= total
     return used
 
 
 @kernel
 def _first_stretch(steps, across, start, cell, heading, clyde, goal, result):  # type: ignore[no-untyped-def]
-    """Fill in the directions of the first stretch of the robot's way to a goal; returns how long it turns before, s."""
+    """Fill in the directions of the robot's first stretch to a goal; returns how long it turns before, s."""
     column, row = cell
     for _ in range(2):
         code = steps[tile_index(column, row, across), goal]
@@ -244,39 +231,38 @@ def _first_stretch(steps, across, start, cell, heading, clyde, goal, result):  #
 
 
 @kernel
-def _nearest(mine_x, mine_y, mine, his_x, his_y, k, first, last, best):  # type: ignore[no-untyped-def]
-    """The squared distances ``best``, or those of some instants where they are smaller; a row of candidates."""
-    his = k // LANES * _BLOCK + k % LANES
-    for j in range(first * LANES, last * LANES, LANES):
-        dx = minus(load(mine_x, mine + j), all_of(his_x[his + j]))
-        dy = minus(load(mine_y, mine + j), all_of(his_y[his + j]))
+def _nearest(own, at, paths, k, first, last, best):  # type: ignore[no-untyped-def]
+    """A row: the squared distances ``best``, or those of the robot's paths from ghost path k at some instants."""
+    other = k // WIDTH * _BLOCK + k % WIDTH
+    for j in range(first * WIDTH, last * WIDTH, WIDTH):
+        dx = minus(load(own.x, at + j), all_of(paths.x[other + j]))
+        dy = minus(load(own.y, at + j), all_of(paths.y[other + j]))
         best = lower(plus(times(dx, dx), times(dy, dy)), best)
     return best
 
 
 @kernel
-def _compare(mine_x, mine_y, mine, his, used, cells_per_m, sums):  # type: ignore[no-untyped-def]
-    """Compare a block of the robot's ways, from element ``mine`` on, with all of Clyde's."""
-    his_x, his_y, weights = his
+def _compare(own, at, paths, used, cells_per_m, sums):  # type: ignore[no-untyped-def]
+    """Compare a block of the robot's paths, from element ``at`` on, with all of the ghost's."""
     far = all_of((_FAR_M * cells_per_m) ** 2)
     near, wide = all_of((NEAR_M * cells_per_m) ** 2), all_of((WIDE_M * cells_per_m) ** 2)
     soon, caught, approached, mean, least = all_of(0.0), all_of(0.0), all_of(0.0), all_of(0.0), far
     for k in range(used):
-        w = all_of(weights[k])
-        best = _nearest(mine_x, mine_y, mine, his_x, his_y, k, 0, _SOON, far)
+        w = all_of(paths.weights[k])
+        best = _nearest(own, at, paths, k, 0, _SOON, far)
         soon = plus(soon, where_below(best, near, w))
-        best = _nearest(mine_x, mine_y, mine, his_x, his_y, k, _SOON, STEPS, best)
+        best = _nearest(own, at, paths, k, _SOON, STEPS, best)
         caught = plus(caught, where_below(best, near, w))
         approached = plus(approached, where_below(best, wide, w))
         mean = plus(mean, times(w, roots(best)))
         least = lower(best, least)
-    standing = _nearest(mine_x, mine_y, mine, his_x, his_y, used, 0, STEPS, far)
+    standing = _nearest(own, at, paths, used, 0, STEPS, far)
     store(sums, 0, soon)
-    store(sums, LANES, caught)
-    store(sums, 2 * LANES, approached)
-    store(sums, 3 * LANES, mean)
-    store(sums, 4 * LANES, least)
-    store(sums, 5 * LANES, standing)
+    store(sums, WIDTH, caught)
+    store(sums, 2 * WIDTH, approached)
+    store(sums, 3 * WIDTH, mean)
+    store(sums, 4 * WIDTH, least)
+    store(sums, 5 * WIDTH, standing)
 
 
 @kernel
@@ -291,49 +277,62 @@ def _turned(affine, x, y):  # type: ignore[no-untyped-def]
 
 @kernel
 def _drivable_cell(affine, snap, cell_xy, x, y):  # type: ignore[no-untyped-def]
-    """Column and row of the nearest one that can be driven on."""
     rows, columns = snap.shape
     column, row = cell_of(affine, rows, columns, x, y)
     k = snap[row, column]
     return cell_of(affine, rows, columns, cell_xy[k, 0], cell_xy[k, 1])
 
 
+class _Walkers(NamedTuple):
+    starts: Any  # (W, 3) position in cells, and the cells that others walk before the first coarse step
+    cells: Any  # (W, 2) column and row of the drivable cell there
+    targets: Any  # (W,) goals
+    walked: Any  # (W,) cells
+    written: Any  # (W,) instants
+
+
+class _Paths(NamedTuple):
+    x: Any  # columns at each instant, by block
+    y: Any  # rows
+    weights: Any  # of the ghost's paths
+    candidates: Any  # of the robot's
+
+
 @kernel
-def _instants(walkers):  # type: ignore[no-untyped-def]
-    """Room for a coordinate of each walker at each instant."""
-    return np.zeros((walkers + LANES - 1) // LANES * _BLOCK, np.float32)
+def _paths(count):  # type: ignore[no-untyped-def]
+    size = (count + WIDTH - 1) // WIDTH * _BLOCK
+    coordinates = np.zeros(size, np.float32), np.zeros(size, np.float32)
+    return _Paths(coordinates[0], coordinates[1], np.empty(count, np.float32), np.empty(count, np.int64))
 
 
 @kernel
 def room_to_meet(steps, candidates):  # type: ignore[no-untyped-def]
-    """What :func:`meet` works in: Clyde's ways, the robot's, who walks, sums."""
-    ways = steps.shape[2] + 1
-    his = (_instants(ways), _instants(ways), np.empty(ways, np.float32))
-    mine = (_instants(candidates), _instants(candidates), np.empty(candidates, np.int64))
-    most = max(ways, candidates)
+    """Scratch memory of :func:`meet`: the ghost's paths, the robot's, walkers, sums."""
+    ghost, most = steps.shape[2] + 1, max(steps.shape[2] + 1, candidates)
     starts, cells, targets = np.empty((most, 3)), np.empty((most, 2), np.int32), np.empty(most, np.int32)
-    walkers = (starts, cells, targets, np.empty(most), np.empty(most, np.int32))
-    return his, mine, walkers, np.empty(6 * LANES, np.float32)
+    walkers = _Walkers(starts, cells, targets, np.empty(most), np.empty(most, np.int32))
+    return _paths(ghost), _paths(candidates), walkers, np.empty(6 * WIDTH, np.float32)
 
 
 @kernel
-def meet(s, i, maps, across, speed, room, result):  # type: ignore[no-untyped-def]
+def meet(s, maps, i, request, room, result):  # type: ignore[no-untyped-def]
     """The encounters of situation i of ``s``: fill in its rows, (C, COLUMNS)."""
-    his, (mine_x, mine_y, chosen), walkers, sums = room
-    starts, cells, targets = walkers[:3]
+    across, speed = request.across, request.robot_speed
+    paths, own, walkers, sums = room
     m = s.level[i]
     affine, steps = maps.affine[m], maps.coarse_steps[m]
     per_m = math.sqrt(affine[0] ** 2 + affine[3] ** 2)  # cells
-    clyde = _in_cells(affine, s.clyde[i, 0], s.clyde[i, 1])
-    cell = _drivable_cell(affine, maps.snap[m], maps.cell_xy[m], s.clyde[i, 0], s.clyde[i, 1])
-    velocity = _turned(affine, s.clyde_velocity[i, 0], s.clyde_velocity[i, 1])
+    ghost_x, ghost_y = s.clyde[i, 0], s.clyde[i, 1]
+    place = _in_cells(affine, ghost_x, ghost_y)
+    cell = _drivable_cell(affine, maps.snap[m], maps.cell_xy[m], ghost_x, ghost_y)
+    ghost = place, cell, _turned(affine, s.clyde_velocity[i, 0], s.clyde_velocity[i, 1])
     stretch, first = s.clyde_speed[i] * STEP_S * per_m, _FIRST_M * per_m
-    used = _clyde_ways(steps, across, clyde, cell, velocity, stretch, first, maps.goal_count[m], walkers, his)
+    used = _ghost_paths(steps, across, ghost, stretch, first, maps.goal_count[m], walkers, paths)
     robot = _in_cells(affine, s.robot[i, 0], s.robot[i, 1])
     cell = _drivable_cell(affine, maps.snap[m], maps.cell_xy[m], s.robot[i, 0], s.robot[i, 1])
     x, y = _turned(affine, math.cos(s.robot[i, 2]), math.sin(s.robot[i, 2]))
     heading = x / per_m, y / per_m
-    count = 0
+    starts, count = walkers.starts, 0
     result[:] = 0.0
     for c in range(s.mask.shape[1]):
         if not s.mask[i, c]:
@@ -341,30 +340,28 @@ def meet(s, i, maps, across, speed, room, result):  # type: ignore[no-untyped-de
         goal = s.goal[i, c]
         starts[count, 0], starts[count, 1], starts[count, 2] = robot[0], robot[1], np.inf
         if goal >= 0:
-            turning = _first_stretch(steps, across, robot, cell, heading, clyde, goal, result[c])
+            turning = _first_stretch(steps, across, robot, cell, heading, place, goal, result[c])
             starts[count, 2] = turning * speed * per_m
-        cells[count, 0], cells[count, 1] = cell
-        targets[count] = goal
-        chosen[count] = c
+        walkers.cells[count, 0], walkers.cells[count, 1] = cell
+        walkers.targets[count] = goal
+        own.candidates[count] = c
         count += 1
-    _walk(steps, across, np.int64(count), np.int64(0), speed * STEP_S * per_m, walkers, mine_x, mine_y)
-    for block in range(-(-count // LANES)):
-        _compare(mine_x, mine_y, block * _BLOCK, his, used, per_m, sums)
-        for k in range(min(count - block * LANES, LANES)):
-            r = result[chosen[block * LANES + k]]
-            r[CAUGHT_SOON], r[CAUGHT], r[APPROACHED] = sums[k], sums[LANES + k], sums[2 * LANES + k]
-            r[CLOSEST_MEAN] = sums[3 * LANES + k] / per_m if used > 0 else _FAR_M
-            r[CLOSEST] = math.sqrt(sums[4 * LANES + k]) / per_m
-            r[STANDING] = math.sqrt(sums[5 * LANES + k]) / per_m
+    _walk(steps, across, np.int64(count), np.int64(0), speed * STEP_S * per_m, walkers, own.x, own.y)
+    for block in range(-(-count // WIDTH)):
+        _compare(own, block * _BLOCK, paths, used, per_m, sums)
+        for k in range(min(count - block * WIDTH, WIDTH)):
+            r = result[own.candidates[block * WIDTH + k]]
+            r[CAUGHT_SOON], r[CAUGHT], r[APPROACHED] = sums[k], sums[WIDTH + k], sums[2 * WIDTH + k]
+            r[CLOSEST_MEAN] = sums[3 * WIDTH + k] / per_m if used > 0 else _FAR_M
+            r[CLOSEST] = math.sqrt(sums[4 * WIDTH + k]) / per_m
+            r[STANDING] = math.sqrt(sums[5 * WIDTH + k]) / per_m
 
 
 @kernel
 def _encounters(table, first, last):  # type: ignore[no-untyped-def]
     a = _arrays(table)
-    request = a.request[0]
-    seen = _situation(address_of(a.block), request.games, request.candidates, request.ghosts)
-    maps = _maps(request.maps)
+    s, maps = seen_by(a.seen)
     room = room_to_meet(maps.coarse_steps, a.result.shape[1])
     for i in range(first, last):
-        meet(seen, i, maps, request.across, request.robot_speed, room, a.result[i])
+        meet(s, maps, i, a.seen.request[0], room, a.result[i])
     return 0

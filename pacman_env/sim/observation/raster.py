@@ -1,7 +1,4 @@
-"""The egocentric picture of a situation: walls, pellets, ghosts and robot around the robot, its heading up.
-
-Features are in ``robot_features.py``; pictures for people are in ``render/frames.py``.
-"""
+"""The egocentric picture of a situation: walls, pellets, ghosts and robot around the robot, its heading up."""
 
 from __future__ import annotations
 
@@ -61,50 +58,35 @@ def _walls(affine, clearance_cm, x, y, forward_x, forward_y, image):  # type: ig
 
 
 @kernel
-def raster_all(  # type: ignore[no-untyped-def]
-    affine, clearance_cm, shape, level, pose, pellet_xy, pellet_there, ghosts, metres_per_pixel, radius_m, images
-):
-    """Fill ``images`` (N, S, S, 4) uint8, 0 or 255, with the surroundings of N robots, robot i on map ``level[i]``.
+def _pixel(dx, dy, view):  # type: ignore[no-untyped-def]
+    cos, sin, pixels_per_m, middle = view
+    dx, dy = dx * pixels_per_m, dy * pixels_per_m
+    return middle - (dx * cos + dy * sin), middle - (dy * cos - dx * sin)
 
-    The robot is in the middle, row 0 is ahead of it and column 0 to its left. Channels: walls (the cell under the
-    pixel's centre is not free or off the grid), pellets, ghosts, robot. A disc reaches into the picture as far as it
-    lies inside; a pellet or ghost whose position is not finite is not drawn.
 
-    Args:
-        affine: (L, 6) world to cell, of :class:`~pacman_env.world.navigation.grid.DriveGrid`.
-        clearance_cm: (L, H, W) uint8 of the same grids, 0 is not free.
-        shape: (L, 2) int32: rows and columns of each grid; what lies beyond is a wall.
-        level: (N,) int32, in [0, L).
-        pose: (N, 3) believed x, y, heading in m and rad; any finite numbers.
-        pellet_xy: (N, P or more, 2) m.
-        pellet_there: (N, P) bool.
-        ghosts: (N, G, 2) m.
-        metres_per_pixel: m.
-        radius_m: of ghosts and robot; pellets have ``PELLET_RADIUS_M``.
-        images: written.
+@kernel
+def raster_all(maps, pose, pellet_xy, pellet_there, ghosts, pixel_m, radius_m, images):  # type: ignore[no-untyped-def]
+    """Fill ``images`` (N, S, S, 4) uint8, 0 or 255, with the surroundings of N robots at ``pose`` (N, 3), as believed.
+
+    The robot is in the middle, row 0 is ahead of it and column 0 to its left. ``maps``: affine (L, 6) world to cell,
+    clearance_cm (L, H, W) uint8, 0 is not free, shape (L, 2), beyond which all is wall, level (N,) of each robot.
+    Pellets (N, P or more, 2) m, with ``pellet_there`` (N, P), and ghosts (N, G, 2) are not drawn where not finite.
     """
-    pixels_per_m = 1.0 / metres_per_pixel
+    affine, clearance_cm, shape, level = maps
+    pixels_per_m = 1.0 / pixel_m
     middle = 0.5 * images.shape[1]
     for i in range(len(pose)):
         m, image = level[i], images[i]
         x, y, heading = pose[i, 0], pose[i, 1], pose[i, 2]
         cos, sin = math.cos(heading), math.sin(heading)
-        _walls(
-            affine[m],
-            clearance_cm[m, : shape[m, 0], : shape[m, 1]],
-            x,
-            y,
-            cos * metres_per_pixel,
-            sin * metres_per_pixel,
-            image,
-        )
+        free = clearance_cm[m, : shape[m, 0], : shape[m, 1]]
+        _walls(affine[m], free, x, y, cos * pixel_m, sin * pixel_m, image)
+        view = cos, sin, pixels_per_m, middle
         for k in range(pellet_there.shape[1]):
             if pellet_there[i, k]:
-                dx, dy = (pellet_xy[i, k, 0] - x) * pixels_per_m, (pellet_xy[i, k, 1] - y) * pixels_per_m
-                row, column = middle - (dx * cos + dy * sin), middle - (dy * cos - dx * sin)
+                row, column = _pixel(pellet_xy[i, k, 0] - x, pellet_xy[i, k, 1] - y, view)
                 _disc(image, np.int64(PELLETS), row, column, PELLET_RADIUS_M * pixels_per_m)
         for k in range(ghosts.shape[1]):
-            dx, dy = (ghosts[i, k, 0] - x) * pixels_per_m, (ghosts[i, k, 1] - y) * pixels_per_m
-            row, column = middle - (dx * cos + dy * sin), middle - (dy * cos - dx * sin)
+            row, column = _pixel(ghosts[i, k, 0] - x, ghosts[i, k, 1] - y, view)
             _disc(image, np.int64(GHOSTS), row, column, radius_m * pixels_per_m)
         _disc(image, np.int64(ROBOT), middle, middle, radius_m * pixels_per_m)

@@ -1,7 +1,4 @@
-"""From a situation to the numbers a network reads: float32 features, built alike in the simulator and on a robot.
-
-Directions are in the robot's frame, lengths in m, capped at ``FAR_M``. The columns are named below, in order.
-"""
+"""The float32 features that a network reads: directions in the robot's frame, lengths in m, capped at ``FAR_M``."""
 
 from __future__ import annotations
 
@@ -11,9 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.blocks import Layout
+from ...engine.arrays import Array, Layout, Table, address, arrays_by_address
 from ...engine.jit import kernel
-from ...engine.native import Array, Table, address, arrays_by_address
 from .situation import HOLD, PELLET, REFUGE, Situation
 from .situation import LAYOUT as situation_layout
 
@@ -70,8 +66,6 @@ Observation = dict[str, NDArray[Any]]
 
 
 class FeatureArrays(NamedTuple):
-    """The features of N situations with C candidates and G ghosts; the columns are named above."""
-
     robot: Any = Array(np.float32, f"N {len(ROBOT_COLUMNS)}")
     clyde: Any = Array(np.float32, f"N {len(CLYDE_COLUMNS)}")
     candidates: Any = Array(np.float32, f"N C {len(CANDIDATE_COLUMNS)}")
@@ -84,22 +78,18 @@ class _FillArrays(NamedTuple):
 
 
 LAYOUT = Layout(FeatureArrays)
-_ROOM, _WRITTEN = "_room", "_features"  # where a situation keeps the block; likewise, until it is asked for
+_ROOM, _WRITTEN = "_room", "_features"  # where a situation keeps the block; likewise, until it is used
 _fill_arrays, _situation, _features = arrays_by_address(_FillArrays), situation_layout.arrays, LAYOUT.arrays
 
 
 def observe(situation: Situation) -> Observation:
-    """The features, and ``action_mask`` (N, C) int8."""
     return {**features(situation), "action_mask": situation.mask.astype(np.int8)}
 
 
 def features(situation: Situation) -> Observation:
-    """Features of N situations; new arrays at each call.
+    """``robot`` (N, 7), ``clyde`` (N, 7), ``candidates`` (N, C, 10), ``round`` (N, 2), ``ghosts`` (N, G, 6) if several.
 
-    Returns:
-        ``robot`` (N, 7), ``clyde`` (N, 7), ``candidates`` (N, C, 10), ``round`` (N, 2) and, where there are several
-        ghosts, ``ghosts`` (N, G, 6), all float32. Rows of candidates that the mask forbids keep their kind and are 0
-        otherwise.
+    Rows of candidates that the mask forbids keep their kind and are 0 otherwise.
     """
     block, *lengths = situation.block()
     seen = situation.__dict__.pop(_WRITTEN, None)
@@ -125,7 +115,7 @@ def in_robot_frame(dx, dy, cos, sin, limit):  # type: ignore[no-untyped-def]
 
 
 def room_for_features(situation: Situation) -> NDArray[np.uint8]:
-    """A block that :func:`write_features` may fill; the next call of :func:`features` takes it over."""
+    """A block that :func:`write_features` may fill; the next call of :func:`features` uses it."""
     _, *lengths = situation.block()
     seen: NDArray[np.uint8] | None = situation.__dict__.get(_ROOM)
     if seen is None:
@@ -136,7 +126,6 @@ def room_for_features(situation: Situation) -> NDArray[np.uint8]:
 
 @kernel
 def _fill(table, first, last):  # type: ignore[no-untyped-def]
-    """Of the situations from ``first`` to ``last``."""
     request = _fill_arrays(table).request
     write_features(request[0], request[1], request[2], request[3], request[4], first, last)
     return 0

@@ -1,8 +1,4 @@
-"""A situation of one game from what a robot knows: its pose, where Clyde was seen, which pellets are shown.
-
-The arrays are filled by the simulator's own kernels on a map prepared as for a simulation, so that a policy sees the
-same numbers on a robot as in a game. No message and no clock here, and nothing is decided.
-"""
+"""A situation of one game from what a robot knows, filled by the simulator's kernels: the same numbers as in a game."""
 
 from __future__ import annotations
 
@@ -15,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
-from ...engine.native import Table
+from ...engine.arrays import Table, zeros
 from ...game.execution import closing_speed
 from ...game.ghosts import GHOST_NAMES
 from ...game.goals import Goals, Place
@@ -26,10 +22,10 @@ from ..core.parameters import batch_parameters
 from ..maps.assets import MapAssets
 from ..maps.level_stack import LevelStack
 from .situation import Situation
-from .situation_kernel import REQUEST, LookArrays, direct, look
+from .situation_kernel import REQUEST, LookArrays, direct, write_situations
 
 _AWAY_M = 1.0  # farther than this from every drivable cell a pose is not on the map
-_JUMP_M = 0.5  # Clyde was put elsewhere if he moved so much farther than his speed allows
+_JUMP_M = 0.5  # a ghost was put elsewhere if it moved so much farther than its speed allows
 _BESIDE = 1.2  # cells: as far behind a cell the nearest is its neighbour, straight or diagonal
 
 
@@ -55,15 +51,9 @@ class Seen:
 
 
 class RobotView:
-    """One game on a prepared map, as its robot sees it.
+    """One game on a map prepared under ``config``, as its robot sees it; candidates are numbered as in a simulation.
 
-    Candidates are numbered as in a simulation of the map: pellets, refuges, hold.
-
-    Args:
-        assets: the map, prepared under ``config``.
-        config: of the robot; ``execution.tick_s`` is the time between decisions.
-        seed: of the rounds, for policies that draw.
-        levels: the map stacked before; None: it is stacked anew.
+    ``seed`` is that of the rounds, for policies that draw; ``levels`` is the map stacked before.
     """
 
     def __init__(self, assets: MapAssets, config: Config, seed: int = 0, levels: LevelStack | None = None) -> None:
@@ -81,7 +71,9 @@ class RobotView:
         candidates = {number: self._pellets[number] for number in self._slot}
         others = {number: xy for number, xy in self._pellets.items() if number not in candidates}
         self.goals = Goals(candidates, others, assets.goal_xy[assets.pellets :].tolist())
-        self._games = np.zeros(1, dtype=records.GAME)
+        own = "games", "alive", "waits", "aborts"
+        rules = zeros(kernels.RuleArrays, own, N=1, P=assets.pellets, C=self.hold + 1)
+        self._games, self._alive, self._waits, _ = rules.values()
         self._games["seed"] = seed
         self._games["pellets"], self._games["refuges"] = assets.pellets, assets.refuges
         count = len(config.clyde.ghosts)
@@ -89,20 +81,19 @@ class RobotView:
         self._ghosts["place"] = -1
         self._cells = np.zeros((1, count, 1), dtype=np.int32)  # the path of a ghost, whose last cell is known
         self._obstacles = np.zeros((1, count, 3))
-        self._alive = np.zeros((1, assets.pellets), dtype=np.bool_)
-        self._waits = np.zeros((1, self.hold + 1), dtype=np.int64)
         self._stamp_ns: list[int | None] = [None] * count
-        self._looked_s: float | None = None
+        self._seen_s: float | None = None
         self._request = np.zeros(1, dtype=REQUEST)
         self._look_table = Table(
             LookArrays,
-            games=self._games,
+            rules=kernels.RuleArrays(
+                **rules,
+                obstacles=self._obstacles,
+                parameters=self._parameters,
+                goal_xy=self._levels.arrays["goal_xy"],
+            ),
             ghosts=self._ghosts,
             ghost_paths=self._cells,
-            obstacles=self._obstacles,
-            alive=self._alive,
-            waits=self._waits,
-            parameters=self._parameters,
             request=self._request,
             summary=np.zeros((len(kernels.SUMMARY), 1), dtype=np.int64),
             **self._levels.arrays_for(LookArrays),
@@ -112,23 +103,22 @@ class RobotView:
         """A round begins: no decision has been taken in it, and no distance is remembered."""
         self._games["tick"] = 0
         self._games["closing"] = 0.0
-        self._looked_s = None
+        self._seen_s = None
 
     @property
     def unseen(self) -> list[str]:
-        """Names of the ghosts that have not been seen yet."""
         return [GHOST_NAMES[k] for k, stamp_ns in enumerate(self._stamp_ns) if stamp_ns is None]
 
     @property
     def ghosts(self) -> list[tuple[float, float]]:
-        """Where the ghosts were seen last, m, by number; NaN: never."""
+        """Where the ghosts were seen last, m, by number; NaN if never."""
         return [
             (math.nan, math.nan) if stamp_ns is None else (float(ghost["x"]), float(ghost["y"]))
             for ghost, stamp_ns in zip(self._ghosts[0], self._stamp_ns, strict=True)
         ]
 
     def see_ghost(self, number: int, x: float, y: float, stamp_ns: int) -> None:
-        """A ghost is at (x, y), m, at that instant; his velocity is that of his last move."""
+        """A ghost is at (x, y), m, at that instant; its velocity is that of its last move."""
         ghost, before_ns = self._ghosts[0, number], self._stamp_ns[number]
         if before_ns == stamp_ns:
             return
@@ -144,15 +134,15 @@ class RobotView:
         self._cells[0, number, 0] = self._cell_passed(ghost)
 
     def _cell_passed(self, ghost: NDArray[Any]) -> int:
-        """The last of his cells that a ghost has passed, who goes straight from cell to cell."""
-        cells, at = self.assets.clyde.position, np.array((ghost["x"], ghost["y"]))
-        nearest = _nearest(cells, at)
-        ahead = cells[nearest] - at
+        """The last cell that a ghost has passed, which goes straight from cell to cell."""
+        cells, at = self.assets.clyde, np.array((ghost["x"], ghost["y"]))
+        nearest, _ = cells.nearest(*at)
+        ahead = cells.position[nearest] - at
         distance = math.hypot(*ahead)
         if distance < 1e-6 or ahead[0] * ghost["vx"] + ahead[1] * ghost["vy"] <= 0:
             return nearest
-        behind = cells[nearest] - ahead / distance * _BESIDE * self.assets.clyde.resolution
-        return _nearest(cells, behind)
+        behind = cells.position[nearest] - ahead / distance * _BESIDE * cells.resolution
+        return cells.nearest(*behind)[0]
 
     def pellets(self, shown: Mapping[int, tuple[float, float]]) -> Pellets:
         """Compare a report, positions by id, with the map: a pellet is its own within a cell's edge."""
@@ -166,18 +156,16 @@ class RobotView:
         return Pellets(known, tuple(unknown))
 
     def is_candidate(self, pellet: int) -> bool:
-        """Whether the robot can be sent to that pellet of the map."""
         return pellet in self._slot
 
     def off_the_map(self, x: float, y: float) -> bool:
-        """Whether a position, m, is far from every place where the robot can be."""
+        """True if a position, m, is far from every place where the robot can be."""
         grid = self.assets.grid
         column, row = cell_of(grid.affine, *grid.shape, x, y)
         near = self.assets.cell_xy[grid.snap[row, column]]
         return math.hypot(near[0] - x, near[1] - y) > _AWAY_M
 
     def goal(self, candidate: int) -> Place | None:
-        """A candidate as a place; None: hold."""
         if candidate == self.hold:
             return None
         x, y = self.assets.goal_xy[candidate].tolist()
@@ -185,11 +173,7 @@ class RobotView:
         return Place(candidate, x, y, int(self.assets.pellet_ids[candidate]) if is_pellet else None)
 
     def situation(self, seen: Seen, player: int = -1) -> Situation:
-        """What the robot's policy, or that of ghost ``player``, sees at a decision, which is counted (N = 1).
-
-        Raises:
-            ValueError: a ghost has not been seen yet.
-        """
+        """What the robot's policy, or that of ghost ``player``, sees at a decision (N = 1). May raise ValueError."""
         if self.unseen:
             raise ValueError(f"{self.unseen[0]} has not been seen yet")
         g = self._games[0]
@@ -204,7 +188,7 @@ class RobotView:
         self._watch_distance(seen)
         situation = Situation.empty(1, self.hold + 1, len(self._stamp_ns), self._levels)
         direct(self._request, situation, player)
-        look(self._look_table.address, 0, 1)
+        write_situations(self._look_table.address, 0, 1)
         situation.time_s[0] = seen.time_s
         situation.robot_velocity[0] = seen.velocity
         situation.pose_age_s[0] = seen.pose_age_s
@@ -221,17 +205,11 @@ class RobotView:
         return other.situation(Seen(0.0, (hx, hy, heading), left=self.assets.pellet_ids.tolist()), player)
 
     def _watch_distance(self, seen: Seen) -> None:
-        """The closing speed since the last look; a second look within half a tick keeps the one before."""
         g, x, y = self._games[0], *seen.pose[:2]
-        passed_s = math.inf if self._looked_s is None else seen.time_s - self._looked_s
+        passed_s = math.inf if self._seen_s is None else seen.time_s - self._seen_s
         if 0 <= passed_s < self._config.execution.tick_s / 2:
             return
         _, distance = kernels.nearest(x, y, self._obstacles[0])
         g["closing"] = closing_speed(g["distance"], distance, passed_s) if 0 < passed_s < math.inf else 0.0
         g["distance"] = distance
-        self._looked_s = seen.time_s
-
-
-def _nearest(cells: NDArray[np.float64], at: NDArray[np.float64]) -> int:
-    dx, dy = cells[:, 0] - at[0], cells[:, 1] - at[1]
-    return int((dx * dx + dy * dy).argmin())
+        self._seen_s = seen.time_s

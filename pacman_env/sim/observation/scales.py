@@ -1,7 +1,6 @@
 """Observations in [-1, 1], by constants that are the same for every map.
 
-Lengths, ages and counts have no greatest value and matter most where they are small: x becomes x / (|x| + c), so that
-half of the range is for what is below c. All else is divided by a constant and cut at 1.
+Lengths, ages and counts matter most where they are small: x becomes x / (|x| + c). All else is divided and cut at 1.
 """
 
 from __future__ import annotations
@@ -23,15 +22,7 @@ TIME = "time"  # of the round: its share of the time limit
 
 
 class Scale:
-    """Of an array whose last axis has these columns.
-
-    Args:
-        columns: name, least and greatest value, unit; the unit's first words count.
-        time_limit_s: of a round.
-
-    Raises:
-        KeyError: a unit that has no scale.
-    """
+    """Of an array whose last axis has these columns; a unit's first words count, one without a scale is a KeyError."""
 
     def __init__(self, columns: Columns, time_limit_s: float) -> None:
         self._soft = np.zeros(len(columns), dtype=np.float32)
@@ -48,7 +39,6 @@ class Scale:
                 self._by[k] = _LINEAR[unit]
 
     def __call__(self, array: NDArray[np.float32]) -> NDArray[np.float32]:
-        """In [-1, 1], as a new array."""
         linear = np.clip(array / self._by, -1.0, 1.0)
         with np.errstate(invalid="ignore"):  # 0 / 0 where it does not count
             soft = array / (np.abs(array) + self._soft)

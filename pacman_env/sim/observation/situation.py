@@ -3,8 +3,8 @@
 The same structure is filled from the simulator and from a robot's messages. Poses are *believed* poses in the map
 frame (m, rad). Candidates are laid out as pellets (padded), refuges (padded), hold.
 
-Of several ghosts the one nearest to the believed pose is called Clyde here, and ``path_clyde`` is the shortest of all
-their ways. A policy that plays a ghost sees the same arrays with him as Clyde: the candidates are then the places he
+Of several ghosts the one nearest to the believed pose is called Clyde here, and ``path_clyde`` is the shortest path of
+all. A policy that plays a ghost sees the same arrays with that one as Clyde: the candidates are then the places that it
 can be sent to, and the last one is to wander on.
 """
 
@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.blocks import Layout
-from ...engine.native import Array
+from ...engine.arrays import Array, Layout
 from ...engine.threads import ALONE, Threads
 
 if TYPE_CHECKING:
@@ -40,14 +39,14 @@ class Situation:
     robot_velocity: Annotated[NDArray[np.float64], "N 2"]  # v in m/s, omega in rad/s
     pose_age_s: Annotated[NDArray[np.float64], "N"]  # since the believed pose was measured
     clyde: Annotated[NDArray[np.float64], "N 2"]  # x, y
-    clyde_velocity: Annotated[NDArray[np.float64], "N 2"]  # m/s, of his last move
-    clyde_speed: Annotated[NDArray[np.float64], "N"]  # m/s, his speed in this round
+    clyde_velocity: Annotated[NDArray[np.float64], "N 2"]  # m/s, of the last move
+    clyde_speed: Annotated[NDArray[np.float64], "N"]  # m/s, the speed in this round
     closing_speed: Annotated[NDArray[np.float64], "N"]  # m/s, positive: the straight distance shrinks (Algorithm 3)
     kind: Annotated[NDArray[np.int8], "N C"]  # PELLET, REFUGE or HOLD
     position: Annotated[NDArray[np.float64], "N C 2"]  # m; HOLD and padding: the robot's own position
     mask: Annotated[NDArray[np.bool_], "N C"]  # may be chosen now
-    path_robot: Annotated[NDArray[np.float64], "N C"]  # m, path length robot-candidate; inf: no way
-    path_clyde: Annotated[NDArray[np.float64], "N C"]  # m, path length Clyde-candidate; inf: no way
+    path_robot: Annotated[NDArray[np.float64], "N C"]  # m, path length robot-candidate; inf if unreachable
+    path_clyde: Annotated[NDArray[np.float64], "N C"]  # m, path length Clyde-candidate; inf if unreachable
     current: Annotated[NDArray[np.int64], "N"]  # candidate pursued now, -1: none
     seed: Annotated[NDArray[np.uint64], "N"]  # the round's seed, for policies that draw
     tick: Annotated[NDArray[np.int64], "N"]  # ticks of this round before this one
@@ -55,8 +54,8 @@ class Situation:
     ghosts: Annotated[NDArray[np.float64], "N G 5"]  # x, y, vx, vy, speed of every ghost; Clyde is the nearest of them
     goal: Annotated[NDArray[np.int32], "N C"]  # number of the candidate among the map's goals, -1: none
     level: Annotated[NDArray[np.int32], "N"]  # slot of the map in ``maps``
-    maps: LevelStack | None = None  # the maps themselves, for policies that plan on them; None: not known
-    threads: Threads = ALONE  # who may work on what is made of the situations
+    maps: LevelStack | None = None  # the maps themselves, for policies that plan on them; None if unknown
+    threads: Threads = ALONE  # that may work on what is made of the situations
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -98,12 +97,7 @@ class Situation:
 
     @classmethod
     def empty(
-        cls,
-        n: int,
-        candidates: int,
-        ghosts: int = 1,
-        maps: LevelStack | None = None,
-        threads: Threads = ALONE,
+        cls, n: int, candidates: int, ghosts: int = 1, maps: LevelStack | None = None, threads: Threads = ALONE
     ) -> Situation:
         """Arrays for n situations, not yet filled."""
         situation = cls.__new__(cls)

@@ -63,15 +63,15 @@ def test_a_level_is_taken_once_and_kept_until_its_slot_is_needed() -> None:
 
     assert [stack.take(number, prepare) for number in (0, 1, 0, 2)] == [0, 1, 0, 2]
     assert prepared == [0, 1, 2]
-    stack.give_back(1)  # nobody plays on level 1 now, but it stays
+    stack.release(1)  # nobody plays on level 1 now, but it stays
     assert stack.has(1)
     assert stack.take(1, prepare) == 1
-    stack.give_back(1)
-    stack.give_back(0)
+    stack.release(1)
+    stack.release(0)
     assert stack.take(3, prepare) == 1  # one game is still on level 0
     assert (stack.has(1), stack.has(0)) == (False, True)
-    stack.give_back(0)
-    stack.give_back(2)
+    stack.release(0)
+    stack.release(2)
     assert stack.take(4, prepare) == 0 or stack.take(5, prepare) == 0
     assert prepared[:4] == [0, 1, 2, 3]
     np.testing.assert_array_equal(stack.numbers >= 0, True)
@@ -80,8 +80,8 @@ def test_a_level_is_taken_once_and_kept_until_its_slot_is_needed() -> None:
 def test_of_the_free_slots_the_one_longest_unused_is_given_up() -> None:
     stack = LevelStack(level(0), CONFIG, slots=3)
     for number in (0, 1, 2):
-        stack.give_back(stack.take(number, level))
-    stack.give_back(stack.take(0, level))
+        stack.release(stack.take(number, level))
+    stack.release(stack.take(0, level))
     stack.take(3, level)
     assert [stack.has(number) for number in range(4)] == [True, False, True, True]
 
@@ -102,7 +102,7 @@ def test_beyond_a_smaller_level_in_a_larger_ones_slot_lies_what_lies_at_its_edge
     stack = LevelStack(level(order[0]), CONFIG, slots=2)
     for number in (order[-1], order[-2], order[0]):
         slot = stack.take(number, level)
-        stack.give_back(slot)
+        stack.release(slot)
     assert slot == 0  # where the largest was
     grid = level(order[0]).grid
     for name, array in (("snap", grid.snap), ("clearance_cm", grid.clearance_cm)):
@@ -114,7 +114,7 @@ def test_beyond_a_smaller_level_in_a_larger_ones_slot_lies_what_lies_at_its_edge
 def test_a_level_that_cannot_be_prepared_changes_nothing() -> None:
     stack = LevelStack(level(0), CONFIG, slots=2)
     stack.take(0, level)
-    stack.give_back(stack.take(1, level))
+    stack.release(stack.take(1, level))
 
     def fails(number: int) -> MapAssets:
         raise MapError(f"level {number}")

@@ -10,7 +10,7 @@ import pytest
 from pacman_env.config import make_config
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.nearest import NOBODY, Nearest, in_order, nearest_candidates
+from pacman_env.sim.observation.nearest import MISSING, Nearest, in_order, nearest_candidates
 from pacman_env.sim.observation.situation import HOLD, PELLET, REFUGE, Situation
 
 
@@ -35,7 +35,7 @@ def test_each_kind_is_listed_by_the_length_of_its_way(situation: Situation, near
         for listed, kind in parts:
             allowed = np.flatnonzero((situation.kind[i] == kind) & situation.mask[i])
             wanted = allowed[np.argsort(situation.path_robot[i, allowed], kind="stable")]
-            there = listed[listed != NOBODY]
+            there = listed[listed != MISSING]
             assert len(there) == min(len(wanted), len(listed))
             assert (listed[: len(there)] == there).all()  # nobody comes last
             current = situation.current[i]
@@ -58,6 +58,6 @@ def test_the_candidate_that_is_pursued_is_listed_however_far_it_is(situation: Si
 
 def test_rows_follow_the_order_and_are_0_where_nobody_is() -> None:
     array = np.arange(1, 13, dtype=np.float32).reshape(2, 3, 2)
-    order = np.array([[2, 0], [NOBODY, 1]])
+    order = np.array([[2, 0], [MISSING, 1]])
     assert in_order(array, order).tolist() == [[[5, 6], [1, 2]], [[0, 0], [9, 10]]]
     assert in_order(array[..., 0], order).tolist() == [[5, 1], [0, 9]]

@@ -44,10 +44,7 @@ def picture(
     """One picture, between two more that must not be touched."""
     images = np.full((3, size, size, 4), 7, np.uint8)
     raster_all(
-        grid.affine[None],
-        grid.clearance_cm[None],
-        np.array([grid.shape], np.int32),
-        np.zeros(1, np.int32),
+        (grid.affine[None], grid.clearance_cm[None], np.array([grid.shape], np.int32), np.zeros(1, np.int32)),
         np.array([pose]),
         np.array(pellets, np.float64).reshape(1, -1, 2),
         np.array(there if there is not None else [True] * len(pellets), np.bool_).reshape(1, -1),
@@ -182,19 +179,13 @@ def test_robots_of_a_batch_see_each_its_own_map(grid: DriveGrid) -> None:
     pose = rng.uniform(0, 3, (4, 3))
     pellets, there, ghosts = rng.uniform(0, 4, (4, 9, 2)), rng.random((4, 9)) < 0.5, rng.uniform(0, 4, (4, 2, 2))
     images = np.empty((4, SIZE, SIZE, 4), np.uint8)
-    raster_all(
+    maps = (
         np.stack([grid.affine, other.affine]),
         np.stack([grid.clearance_cm, other.clearance_cm]),
         np.array([grid.shape, other.shape], np.int32),
         level,
-        pose,
-        pellets,
-        there,
-        ghosts,
-        PIXEL_M,
-        RADIUS_M,
-        images,
     )
+    raster_all(maps, pose, pellets, there, ghosts, PIXEL_M, RADIUS_M, images)
     for i, m in enumerate(level):
         alone = picture((grid, other)[m], tuple(pose[i]), list(pellets[i]), list(ghosts[i]), there=list(there[i]))
         np.testing.assert_array_equal(images[i], alone)

@@ -73,7 +73,7 @@ class Robot:
             ),
             left=alive.tolist(),
             velocity=(0.5 * (wheels[0] + wheels[1]), (wheels[1] - wheels[0]) * per_base),
-            masked=np.flatnonzero(self.batch.arrays["waits"][0] > game["step"]).tolist(),
+            masked=np.flatnonzero(self.batch.rules["waits"][0] > game["step"]).tolist(),
             pursued=int(game["pursued"]),
         )
         return self.live.situation(seen)

@@ -1,0 +1,203 @@
+"""Arrays that kernels find by one address, declared by named tuples: tables of arrays, and blocks of memory."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba.core import cgutils, types
+from numba.np import numpy_support
+from numba.np.arrayobj import populate_array
+from numpy.typing import NDArray
+
+from .native import WORD, operation
+
+LENGTHS = "N", "C", "G"  # that a block is made for: games, candidates, ghosts
+_ALIGNMENT = 8
+
+
+class Array(NamedTuple):
+    """One array, as the default of a field of a named tuple: C-contiguous. The field may be such a tuple itself."""
+
+    dtype: Any
+    shape: str  # its axes: a number; N: a length that is the same within the table; k: any length
+
+
+class Declared(NamedTuple):
+    dtype: np.dtype[Any]
+    axes: tuple[int | str, ...]
+
+
+@functools.cache
+def declared(kind: type[tuple[Any, ...]]) -> dict[str, Declared]:
+    """The arrays of a named tuple, and of those within it as ``tuple.array``. Raises TypeError for other fields."""
+    found: dict[str, Declared] = {}
+    defaults = kind._field_defaults  # type: ignore[attr-defined]
+    for name in kind._fields:  # type: ignore[attr-defined]
+        value = defaults.get(name)
+        if isinstance(value, Array):
+            axes = tuple(int(axis) if axis.isdigit() else axis for axis in value.shape.split())
+            found[name] = Declared(np.dtype(value.dtype), axes)
+        elif isinstance(value, type) and issubclass(value, tuple):
+            found |= {f"{name}.{inner}": array for inner, array in declared(value).items()}
+        else:
+            raise TypeError(f"{kind.__name__}.{name}: must be declared as an Array")
+    return found
+
+
+def _numba_type(kind: type[tuple[Any, ...]]) -> Any:
+    own, defaults = declared(kind), kind._field_defaults  # type: ignore[attr-defined]
+    kinds = [
+        types.Array(numpy_support.from_dtype(own[name].dtype), len(own[name].axes), "C")
+        if name in own
+        else _numba_type(defaults[name])
+        for name in kind._fields  # type: ignore[attr-defined]
+    ]
+    return types.NamedTuple(kinds, kind)  # type: ignore[attr-defined]
+
+
+def address(array: NDArray[Any]) -> int:
+    return array.ctypes.data  # of records, too, a fifth of what __array_interface__ takes
+
+
+def _flat(arrays: Iterable[Any]) -> Iterator[NDArray[Any]]:
+    for one in arrays:
+        if isinstance(one, tuple):
+            yield from _flat(one)
+        else:
+            yield one
+
+
+@functools.cache
+def _checks(kind: type[tuple[Any, ...]]) -> tuple[list[Any], dict[Any, int]]:
+    """Name, dtype, axes of each array, where an axis of any length has a name of its own; the axes that are numbers."""
+    checks = [
+        (name, dtype, tuple((name, k) if str(axis).islower() else axis for k, axis in enumerate(axes)))
+        for name, (dtype, axes) in declared(kind).items()
+    ]
+    return checks, {axis: axis for _, _, axes in checks for axis in axes if isinstance(axis, int)}
+
+
+class Table:
+    """Addresses and shapes of ``arrays``, one after the other, at an ``address``, for :func:`arrays_by_address`."""
+
+    def __init__(self, kind: type[tuple[Any, ...]], **arrays: Any) -> None:
+        """Raises TypeError for names or arrays that the named tuple ``kind`` does not declare."""
+        fields = kind._fields  # type: ignore[attr-defined]
+        if set(fields) != arrays.keys():
+            missing, unknown = sorted(set(fields) - arrays.keys()), sorted(arrays.keys() - set(fields))
+            raise TypeError(f"{kind.__name__}: missing arrays {missing}, unknown arrays {unknown}")
+        self.arrays = arrays
+        numbers: list[int] = []
+        checks, fixed = _checks(kind)
+        lengths = dict(fixed)
+        for (name, dtype, axes), array in zip(checks, _flat(arrays[name] for name in fields), strict=True):
+            shape = array.shape
+            fits = len(shape) == len(axes) and tuple(map(lengths.setdefault, axes, shape)) == shape
+            if not fits or array.dtype != dtype or not array.flags.c_contiguous:
+                wanted = f"{dtype} of shape ({', '.join(map(str, declared(kind)[name].axes))}), C-contiguous"
+                raise TypeError(f"{kind.__name__}.{name}: must be {wanted}, not {array.dtype} of shape {shape}")
+            numbers += [address(array), *shape]
+        self.numbers = np.array(numbers, dtype=np.int64)
+        self.address = address(self.numbers)
+
+
+def zeros(kind: type[tuple[Any, ...]], names: Iterable[str], **lengths: int) -> dict[str, NDArray[Any]]:
+    return {
+        name: np.zeros([axis if isinstance(axis, int) else lengths[axis] for axis in axes], dtype)
+        for name, (dtype, axes) in ((name, declared(kind)[name]) for name in names)
+    }
+
+
+def _array_at(context, builder, kind, at, shape):  # type: ignore[no-untyped-def]
+    size = WORD(context.get_abi_sizeof(context.get_data_type(kind.dtype)))
+    strides: list[Any] = []
+    step = size
+    for length in reversed(shape):
+        strides.insert(0, step)
+        step = builder.mul(step, length)
+    array = context.make_array(kind)(context, builder)
+    data = builder.inttoptr(at, context.get_data_type(kind.dtype).as_pointer())
+    populate_array(array, data=data, shape=shape, strides=strides, itemsize=size, meminfo=None)
+    return array._getvalue()
+
+
+def arrays_by_address(kind: type[tuple[Any, ...]]) -> Callable[[int], Any]:
+    """A function for kernels: from a :class:`Table`'s address to a tuple of its arrays (from Python, 16 us a tuple)."""
+    made = _numba_type(kind)
+
+    @operation(made, types.int64)
+    def arrays(context, builder, signature, address):  # type: ignore[no-untyped-def]
+        at, places = builder.inttoptr(address, WORD.as_pointer()), itertools.count()
+
+        def number():  # type: ignore[no-untyped-def]
+            return builder.load(cgutils.gep_inbounds(builder, at, next(places)))
+
+        def generated(kind):  # type: ignore[no-untyped-def]
+            if isinstance(kind, types.BaseTuple):  # type: ignore[attr-defined]
+                return context.make_tuple(builder, kind, [generated(inner) for inner in kind])
+            return _array_at(context, builder, kind, number(), [number() for _ in range(kind.ndim)])
+
+        return generated(made)
+
+    return arrays
+
+
+_REALS = types.Array(types.float64, 1, "C")
+
+
+@operation(_REALS, types.int64, None)
+def reals_at(context, builder, signature, address, length):  # type: ignore[no-untyped-def]
+    count = context.cast(builder, length, signature.args[1], types.int64)
+    return _array_at(context, builder, _REALS, address, [count])
+
+
+class Layout:
+    """A block: the arrays that a named tuple declares, one behind the other in memory made for the ``LENGTHS``.
+
+    ``arrays`` is for kernels: from a block's address and the lengths to the named tuple.
+    """
+
+    def __init__(self, kind: type[tuple[Any, ...]]) -> None:
+        self.fields = declared(kind)
+        self.places = functools.lru_cache(maxsize=64)(self._places)
+        made, declarations = _numba_type(kind), tuple(self.fields.values())
+
+        @operation(made, *[types.int64] * 4)
+        def arrays(context, builder, signature, block, n, candidates, ghosts):  # type: ignore[no-untyped-def]
+            known = dict(zip(LENGTHS, (n, candidates, ghosts), strict=True))
+            found, at = [], block
+            for one, (dtype, axes) in zip(made.types, declarations, strict=True):
+                shape = [WORD(axis) if isinstance(axis, int) else known[axis] for axis in axes]
+                found.append(_array_at(context, builder, one, at, shape))
+                size = functools.reduce(builder.mul, shape, WORD(dtype.itemsize))
+                up = builder.add(size, WORD(_ALIGNMENT - 1))
+                at = builder.add(at, builder.and_(up, WORD(-_ALIGNMENT)))
+            return context.make_tuple(builder, made, found)
+
+        self.arrays = arrays
+
+    def _places(self, *lengths: int) -> tuple[dict[str, tuple[np.dtype[Any], tuple[int, ...], int]], int]:
+        """dtype, shape and offset of each array, and the bytes of all."""
+        known = dict(zip(LENGTHS, lengths, strict=True))
+        places, at = {}, 0
+        for name, (dtype, axes) in self.fields.items():
+            shape = tuple(axis if isinstance(axis, int) else known[axis] for axis in axes)
+            places[name] = dtype, shape, at
+            at += -(-int(np.prod(shape)) * dtype.itemsize // _ALIGNMENT) * _ALIGNMENT
+        return places, at
+
+    def new(self, *lengths: int) -> NDArray[np.uint8]:
+        """A block with whatever was in the memory before."""
+        return np.empty(max(self.places(*lengths)[1], 1), dtype=np.uint8)
+
+    def view(self, block: NDArray[np.uint8], name: str, *lengths: int) -> NDArray[Any]:
+        dtype, shape, at = self.places(*lengths)[0][name]
+        return np.ndarray(shape, dtype, block, at)
+
+    def views(self, block: NDArray[np.uint8], *lengths: int) -> dict[str, NDArray[Any]]:
+        places, _ = self.places(*lengths)
+        return {name: np.ndarray(shape, dtype, block, at) for name, (dtype, shape, at) in places.items()}
