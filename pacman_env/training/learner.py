@@ -313,6 +313,7 @@ def use_device(name: str) -> str:
     torch.set_deterministic_debug_mode("error")  # its other name takes two seconds to import a compiler
     torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]  # none is read
     torch.set_num_threads(1)  # threads are the learner's
+    torch.empty(31 << 20, dtype=torch.uint8)  # freed: glibc then reuses blocks so large (a fifth of the time)
     if name.partition(":")[0] not in ("cpu", "cuda"):
         raise ValueError(f"device = {name!r}: must be cpu or cuda, or cuda:N of several")
     try:
