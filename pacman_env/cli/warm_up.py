@@ -79,10 +79,6 @@ def _play(settings: Mapping[str, Any] = _SHORT, **arguments: Any) -> None:
                 env.reset()
 
 
-def _learners_env() -> None:
-    _play(flat=True)
-
-
 def _every_argument() -> None:
     _play(observation=_KINDS)
     _play(observation=_KINDS, ghosts=_GHOSTS)
@@ -90,10 +86,6 @@ def _every_argument() -> None:
     _play({**_SHORT, "observation.normalize": True}, action="velocity", observation=("scan", "flat"))
     _play({**_SHORT, "execution.rules": "as_built", "observation.candidates": "nearest"}, preset="ideal")
     _play({**_EVENTFUL, "endless": True})
-
-
-def _generated_houses() -> None:
-    _play({**_SHORT, "num_levels": 1}, map="generated")
 
 
 def _policies() -> None:
@@ -135,9 +127,9 @@ def _robot() -> None:
 
 #: What is done, by the name that is printed.
 PARTS: dict[str, Callable[[], None]] = {
-    "PacManBotFlat-v0": _learners_env,
+    "PacManBotFlat-v0": partial(_play, flat=True),
     "all arguments": _every_argument,
-    "generated houses": partial(_play, map="generated", num_levels=1),
+    "generated houses": partial(_play, {**_SHORT, "num_levels": 1}, map="generated"),
     "two players": _two_players,
     "policies": _policies,
 }
