@@ -86,6 +86,7 @@ class Behaviour:
     parameters: tuple[float | str, ...] = ()
 
     def constants(self, config: Config) -> tuple[float, ...]:
+        """The parameters as numbers; a dotted name is read from the configuration. Raises ConfigError."""
         return tuple(float(config.value(p)) if isinstance(p, str) else float(p) for p in self.parameters)
 
 

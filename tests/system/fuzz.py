@@ -83,10 +83,12 @@ def draw_arguments(rng: np.random.Generator) -> dict[str, Any]:
         "action": action,
         "ghosts": ghosts,
         "preset": str(rng.choice(["robot", "ideal"])),
-        "execution": str(rng.choice(["robust", "as_built"])),
-        "endless": bool(rng.random() < 0.3),
-        "settings": settings,
-        "decide": "event" if action == "goal" and rng.random() < 0.3 else "tick",
+        "settings": {
+            **settings,
+            "execution.rules": str(rng.choice(["robust", "as_built"])),
+            "endless": bool(rng.random() < 0.3),
+            "decisions.when": "event" if action == "goal" and rng.random() < 0.3 else "tick",
+        },
     }
 
 

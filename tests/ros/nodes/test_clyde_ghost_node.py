@@ -210,7 +210,7 @@ def test_planning_does_not_stall_its_pose_on_a_large_map_fault_11() -> None:
     config = make_config("robot", **{"clyde.speed_mps": 5.0, "pellets.spacing_m": 20.0})
     large = map_assets(shared_path("maps/mit_stata_basement"), config)
     clyde = MapGhosts(large, config, seed=1)
-    settled = clyde._table.arrays["search_nodes"][:, 3]  # the search that settled each cell
+    settled = clyde._table.arrays["search"].nodes[:, 3]  # the search that settled each cell
     ways = 0
     for _ in range(400):
         before = int(settled.max())
