@@ -34,8 +34,10 @@ def test_a_map_without_a_pellet_is_no_fault(capsys: pytest.CaptureFixture[str]) 
 def test_configurations_differ_and_belong_to_the_seed() -> None:
     drawn = [draw_arguments(np.random.default_rng(seed)) for seed in range(100)]
     assert drawn[7] == draw_arguments(np.random.default_rng(7))
-    for name, kinds in (("action", 2), ("preset", 2), ("execution", 2), ("endless", 2), ("observation", 7)):
+    for name, kinds in (("action", 2), ("preset", 2), ("observation", 7)):
         assert len({str(one[name]) for one in drawn}) == kinds
+    for name in ("execution.rules", "endless", "decisions.when"):
+        assert len({one["settings"][name] for one in drawn}) == 2
     assert {len(one["ghosts"]) for one in drawn} == {1, 2, 3, 4}
 
 
@@ -54,8 +56,9 @@ class NotFinite(PacManBotEnv):
 class OutOfSpace(PacManBotEnv):
     """Everything is seen twice as wide."""
 
-    def _observation(self) -> Any:
-        return {key: np.concatenate([array, array], axis=-1) for key, array in super()._observation().items()}
+    def step(self, action: Any) -> Any:
+        observation, *rest = super().step(action)
+        return {key: np.concatenate([array, array], axis=-1) for key, array in observation.items()}, *rest
 
 
 class Lenient(PacManBotEnv):
