@@ -17,6 +17,16 @@ from typing import Any
 from benchmarks.harness import ROOT, benchmark, in_checkout, median_and_range, turns
 from pacman_env.cli.command import finite_number
 
+#: Figures of the throughput benchmark; earlier versions lack some.
+_FIGURES = {
+    "generated houses": "generated_decisions_per_s_64",
+    "a new house per episode": "new_house_per_episode",
+    "64 houses": "houses_64",
+    "planner's features": "features_64",
+    "by events": "event_decisions_per_s_64",
+    "ratio to bare at 64": "bare_ratio_64",
+}
+
 
 def benchmark_module(root: Path) -> str:
     """The throughput benchmark of a checkout, as ``python -m`` names it; older versions have it elsewhere."""
@@ -43,8 +53,11 @@ def ratios(here: Sequence[dict[str, Any]], there: Sequence[dict[str, Any]]) -> d
     pairs = list(zip(here, there, strict=True))
     sizes = here[0]["decisions_per_s"]
     result = {f"N = {n}": [a["decisions_per_s"][n] / b["decisions_per_s"][n] for a, b in pairs] for n in sizes}
-    for name, key in (("generated houses", "generated_decisions_per_s_64"), ("ratio to bare at 64", "bare_ratio_64")):
-        result[name] = [a[key] / b[key] for a, b in pairs]
+    known = [(name, key) for name, key in _FIGURES.items() if all(key in a and key in b for a, b in pairs)]
+    result |= {name: [a[key] / b[key] for a, b in pairs] for name, key in known}
+    if all("threads" in b for _, b in pairs):
+        threads = [n for n in here[0]["threads"] if n != "1" and all(n in b["threads"] for _, b in pairs)]
+        result |= {f"{n} threads at 1,024": [a["threads"][n] / b["threads"][n] for a, b in pairs] for n in threads}
     return result
 
 

@@ -86,7 +86,7 @@ def test_this_versions_benchmark_takes_what_it_is_asked_and_gives_what_is_compar
         assert args[1:3] == ["-m", throughput.__name__]
         return subprocess.CompletedProcess(args, throughput.main(args[3:]), "", "")
 
-    said = {
+    figures = {
         "map": "loop",
         "wall_segments": 4,
         "version": "0.9",
@@ -107,14 +107,21 @@ def test_this_versions_benchmark_takes_what_it_is_asked_and_gives_what_is_compar
         "generated_decisions_per_s_64": 1.0,
     }
     monkeypatch.setattr(versions.subprocess, "run", run)
-    monkeypatch.setattr(throughput, "run", lambda map_source, rounds, seconds: said | {"asked": [map_source, seconds]})
+    monkeypatch.setattr(
+        throughput, "run", lambda map_source, rounds, seconds: figures | {"asked": [map_source, seconds]}
+    )
     measured = measure(ROOT, "loop", 0.25)
-    assert measured == json.loads(json.dumps(said)) | {"asked": ["loop", 0.25]}
+    assert measured == json.loads(json.dumps(figures)) | {"asked": ["loop", 0.25]}
     assert set(ratios([measured], [measured])) == {
         "N = 1",
         "N = 64",
         "N = 1024",
         "generated houses",
+        "a new house per episode",
+        "64 houses",
+        "planner's features",
+        "by events",
+        "2 threads at 1,024",
         "ratio to bare at 64",
     }
 
