@@ -21,16 +21,11 @@ FOLDER = shipped("training/hyperparameters", "train/hyperparameters")
 class Hyperparameters(Checked):
     """What is tuned. Pairs are the values at the beginning and at the end of a cycle, linear in between."""
 
-    decisions: AtLeastOne
-    """Decisions of PPO in all games together."""
-    cycles: AtLeastOne
-    """How often the learning rate and the weight of entropy go from their first to their last value."""
-    segment: AtLeastOne
-    """Decisions between two checkpoints; each segment is played on houses of its own."""
-    games: AtLeastOne
-    """Games at once."""
-    n_steps: AtLeastOne
-    """Decisions per game between two updates."""
+    decisions: AtLeastOne  # of PPO, in all games together
+    cycles: AtLeastOne  # how often the learning rate and the weight of entropy go from their first to their last value
+    segment: AtLeastOne  # decisions between two checkpoints; each segment is played on houses of its own
+    games: AtLeastOne  # at once
+    n_steps: AtLeastOne  # decisions per game between two updates
     batch_size: AtLeastOne
     n_epochs: AtLeastOne
     learning_rate: tuple[NotNegative, NotNegative]
@@ -40,20 +35,13 @@ class Hyperparameters(Checked):
     clip_range: NotNegative
     vf_coef: NotNegative
     max_grad_norm: NotNegative
-    width: AtLeastOne
-    """Of every hidden layer."""
-    reward_scale: NotNegative
-    """Rewards are multiplied by it."""
-    levels: AtLeastOne
-    """Generated houses per segment."""
-    clyde_speed: tuple[NotNegative, NotNegative]
-    """m/s, drawn for each round."""
-    robot_speed: tuple[NotNegative, NotNegative]
-    """m/s, drawn for each round."""
-    imitation: Count
-    """Decisions of the rule ``lookahead`` that are imitated before PPO begins; 0: PPO from random weights."""
-    decide: Literal["tick", "event"]
-    """When the planner decides in training: at every tick, or when there is something to decide."""
+    width: AtLeastOne  # of every hidden layer
+    reward_scale: NotNegative  # rewards are multiplied by it
+    levels: AtLeastOne  # generated houses per segment
+    clyde_speed: tuple[NotNegative, NotNegative]  # m/s, drawn for each round
+    robot_speed: tuple[NotNegative, NotNegative]  # m/s, drawn for each round
+    imitation: Count  # decisions of ``lookahead`` imitated before PPO; 0: PPO from random weights
+    decide: Literal["tick", "event"]  # in training; event: when there is something to decide
 
     def __post_init__(self) -> None:
         super().__post_init__()
