@@ -14,7 +14,8 @@ from typing import Any
 from irobot_create_msgs.msg import LedColor, LightringLeds
 from std_msgs.msg import Header
 
-from pacman_env.game.lights import BLACK, LASTING, LIGHTS, LightRing, Ring
+from pacman_env.game.events import LIGHTS
+from pacman_env.game.lights import BLACK, LASTING, LightRing, Ring
 
 from .. import topics
 from ..messages import word_of
@@ -31,7 +32,7 @@ class GameLightNode(GameNode):
 
     def __init__(self) -> None:
         super().__init__(NAME)
-        self._lights = LightRing(self.config.show)
+        self._lights = LightRing(LIGHTS, self.config.show)
         self._shown: Ring | None = None
         self._shown_s = 0.0
         self._ring = topics.LIGHT_RING.publisher(self)

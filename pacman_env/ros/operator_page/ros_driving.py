@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
 
-from pacman_env.game.events import FEEDBACK
-from pacman_env.game.lights import LIGHTS
-from pacman_env.game.sounds import MELODIES
+from pacman_env.game.events import FEEDBACK, LIGHTS, SOUNDS
 from pacman_env.ros import topics
 from pacman_env.ros.messages import twist_message
 from pacman_env.ros.operator_page.page_node import PageNode
@@ -26,10 +24,10 @@ _ENDS = 5  # zero velocities at the end of a drive: one may be lost
 _CANCEL_AGAIN_S = 0.2  # while stopped and a goal still runs
 _CANCEL_UNSEEN_S = 0.5  # while stopped and none is seen: the base's own motions are not published
 _LONGEST_SHOW_S = 30.0
-_SHOWN = {  # by kind: the words, and their topic
+_SHOWN: dict[str, tuple[Collection[str], topics.Topic]] = {  # by kind: the words, and their topic
     "event": (FEEDBACK, topics.GAME_EVENT),
     "light": (LIGHTS, topics.GAME_LIGHT),
-    "sound": (MELODIES, topics.GAME_SOUND),
+    "sound": (SOUNDS, topics.GAME_SOUND),
 }
 
 
@@ -225,9 +223,9 @@ class RosDriving:
             return
         self._news.add(event=word)
         if answer.light is not None:
-            self._publish("light", answer.light)
+            self._publish("light", answer.light.word)
         if answer.sound is not None:
-            self._publish("sound", answer.sound)
+            self._publish("sound", answer.sound.word)
 
     def arm(self, by: str | None) -> None:
         """Events move the robot from now on, or, with None, no more."""
