@@ -11,20 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ..config import ShowConfig
-from .lights import (
-    BLACK,
-    FRAME_S,
-    GHOST_COLOURS,
-    OFF,
-    PLAIN_LIGHTS,
-    RED,
-    WHITE,
-    YELLOW,
-    Light,
-    all_six,
-    turning,
-    wave,
-)
+from .lights import BLACK, FRAME_S, GHOST_COLOURS, OFF, PLAIN_LIGHTS, RED, WHITE, YELLOW, Light, all_six, turning, wave
 from .sounds import Sound, even
 
 Motion = Literal["spin", "shake", "stop"]

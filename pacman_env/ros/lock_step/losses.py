@@ -83,7 +83,6 @@ class Losses:
         return found
 
     def forget(self, member: Member) -> None:
-        """A node is gone: nothing is delivered to it any more."""
         for entity in [one for one, held in self._held.items() if any(each.member is member for each in held)]:
             del self._held[entity]
             self._again_s.pop(entity, None)

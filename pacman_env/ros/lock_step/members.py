@@ -64,8 +64,6 @@ class Delivery:
 
 @dataclass(eq=False)
 class Member:
-    """A node of the game."""
-
     name: str
     number: int  # in the order of all starts
     node: BaseNode

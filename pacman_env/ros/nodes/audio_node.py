@@ -23,8 +23,6 @@ _ACTION = topics.PLAY_NOTES
 
 
 class AudioNode(GameNode):
-    """Sends one melody at a time to the base."""
-
     def __init__(self) -> None:
         super().__init__(NAME)
         self._queue = SoundQueue(SOUNDS)

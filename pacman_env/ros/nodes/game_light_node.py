@@ -41,7 +41,7 @@ class GameLightNode(GameNode):
         self._fresh = True  # the game's state is not known yet
         self._greetings = _GREETINGS
         self._greeting = self.create_timer(1.0, self._greet, clock=self.surroundings.clock())
-        self.listen(topics.GAME_LIGHT, self._on_light, "bad light")
+        self.listen(topics.GAME_LIGHT, lambda message: self._command(word_of(message, LIGHTS)), "bad light")
         self.listen(topics.GAME_STATE, self._on_state, "bad state")
 
     def _greet(self) -> None:
@@ -57,9 +57,6 @@ class GameLightNode(GameNode):
         if self._fresh and state in LASTING:
             self._command(LASTING[state])
         self._fresh = False
-
-    def _on_light(self, message: Any) -> None:
-        self._command(word_of(message, LIGHTS))
 
     def _command(self, word: str) -> None:
         self._greeting.cancel()

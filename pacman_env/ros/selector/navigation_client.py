@@ -84,7 +84,6 @@ class NavigationClient:
         return self._surroundings.monotonic() > end or (answer.done() and not answer.result().goals_canceling)
 
     def cancel_all(self) -> None:
-        """Have every goal cancelled, whichever node sent it."""
         if self._canceller.service_is_ready():
             self._canceller.call_async(self._canceller.srv_type.Request())
 
