@@ -24,8 +24,6 @@ _EDGE_S = 1e-9  # times at which the side changes are hit by sums of periods
 
 @dataclass(frozen=True)
 class Feedback:
-    """The answer to an event."""
-
     light: Light | None = None
     sound: Sound | None = None
     motion: Motion | None = None

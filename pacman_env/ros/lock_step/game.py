@@ -23,7 +23,6 @@ SEEDED = (SIMULATOR, "clyde_ghost_node")
 
 
 def node_class(name: str) -> type[BaseNode]:
-    """The node that the module of that name defines."""
     module = importlib.import_module(game_nodes.module_of(name))
     kinds = [one for one in vars(module).values() if isinstance(one, type) and issubclass(one, BaseNode)]
     return next(kind for kind in kinds if kind.__module__ == module.__name__)

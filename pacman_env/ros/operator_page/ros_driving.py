@@ -154,7 +154,6 @@ class RosDriving:
             raise Refused(f"stopped by {self._stop.who}: release it first")
 
     def stop_row(self) -> dict[str, str]:
-        """The nodes that obey a stop, as one row of the readiness list."""
         obey = self._stop.obeyed_by if self._stop.known else []
         if obey:
             words = f"obeyed by {', '.join(obey)}{'; the robot is stopped now' if self._stop.stopped else ''}"
@@ -188,7 +187,6 @@ class RosDriving:
             self.wheels.end_drive()
 
     def assume(self, person: str, role: str) -> None:
-        """Drive by hand from now on, or no more."""
         if role == "none":
             self.leave(person)
             return

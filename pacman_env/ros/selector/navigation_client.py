@@ -26,8 +26,6 @@ _RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
 
 @dataclass
 class _Goal:
-    """A goal that has not ended, as far as is known."""
-
     name: UUID
     accepted: bool = False
     request: Future | None = None  # for the result
