@@ -137,7 +137,7 @@ class RobotSide:
         for _ in range(6):
             if self.referee.state == "running":
                 break
-            self.now += self.referee.start_show_s + self.referee.death_show_s
+            self.now += self.referee.show.start_s + self.referee.show.death_s
             self._do(self.executor.look(self.home, (), self.now))
             for number in list(self.live):  # among them the way home
                 self.finish(number, SUCCEEDED, self.home)

@@ -41,8 +41,6 @@ def decision_due(choice, pursued, news, distance_before, distance, waited, p):  
 
 
 class Moment(NamedTuple):
-    """The end of a tick, for the rule."""
-
     time_s: float
     pursued: int  # candidate or HOLD
     pellets: object  # those that are left, or anything else that changes with them and with the round

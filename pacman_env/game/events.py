@@ -1,6 +1,7 @@
-"""Algorithm 6: what the robot shows, plays and does at an event, and its motions as functions of time.
+"""Algorithm 6: the one table of events, with their lights, sounds and motions, and motions as functions of time.
 
-How a light and a sound go is in ``lights.py`` and ``sounds.py``. A motion turns on the spot, for a few seconds at most.
+How a light is shown and which sound is played is in ``lights.py`` and ``sounds.py``. A motion turns on the spot, for a
+few seconds at most.
 """
 
 from __future__ import annotations
@@ -10,7 +11,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ..config import ShowConfig
-from .lights import GHOST_COLOURS
+from .lights import BLACK, FRAME_S, GHOST_COLOURS, OFF, PLAIN_LIGHTS, RED, WHITE, YELLOW, Light, all_six, turning, wave
+from .sounds import Sound, even
 
 Motion = Literal["spin", "shake", "stop"]
 
@@ -22,26 +24,54 @@ _EDGE_S = 1e-9  # times at which the side changes are hit by sums of periods
 
 @dataclass(frozen=True)
 class Feedback:
-    """The answer to an event, by the words of each kind."""
-
-    light: str | None = None
-    sound: str | None = None
+    light: Light | None = None
+    sound: Sound | None = None
     motion: Motion | None = None
 
 
+# What several events share.
+_START_LIGHT = Light("start", turning((YELLOW, *GHOST_COLOURS.values(), BLACK)), "start_s", "pacman")
+_GAME_OVER_LIGHT = Light("game over", wave(RED), "death_s", "off")
+_DEATH_SOUND = Sound("death", even((76, 75, 74, 73, 72, 70, 68, 65, 60, 48), 0.14, 0.50), 3)
+_GHOST_SOUND = Sound("ghost", even((84, 79, 88, 83, 91), 0.08, 0.20), 1)
+_THEME = (  # as long as the recorded one, 29 notes in 6.4 s; the tunes are the project's own
+    *even((69, 76, 73, 81, 76, 73, 69), 0.20, 0.40),
+    *even((71, 78, 74, 83, 78, 74, 71), 0.20, 0.40),
+    *even((69, 76, 73, 81, 76, 73, 69), 0.20, 0.40),
+    *even((68, 71, 74, 76, 80, 83, 80, 81), 0.15, 0.55),
+)
+
 #: By event word (Milestone 3, Algorithm 6). ``<ghost> killed`` is the robot's death, ``<ghost> caught`` the ghost's.
 FEEDBACK: dict[str, Feedback] = {
-    "start": Feedback("start", "start"),
-    "start theatrical": Feedback("start", "pacman_theme", "spin"),
-    "pellet": Feedback("pellet", "pellet"),
-    "power pellet": Feedback("power pellet", "power pellet"),
-    "death": Feedback("game over", "death", "shake"),
-    "game over": Feedback("game over", "death", "shake"),
-    "win": Feedback("win", "win"),
-    "reset": Feedback("off", None, "stop"),
-    **{f"{ghost} caught": Feedback(f"{ghost} caught", "ghost") for ghost in GHOST_COLOURS},
-    **{f"{ghost} killed": Feedback(f"{ghost} killed", "death", "shake") for ghost in GHOST_COLOURS},
+    "start": Feedback(_START_LIGHT, Sound("start", even((60, 64, 67, 72, 67, 72), 0.12, 0.30), 2)),
+    "start theatrical": Feedback(_START_LIGHT, Sound("pacman_theme", _THEME, 2), "spin"),
+    "pellet": Feedback(
+        Light("pellet", (all_six(WHITE), all_six(YELLOW)), 2 * FRAME_S),
+        Sound("pellet", ((79, 0.07), (84, 0.07)), 0),
+    ),
+    "power pellet": Feedback(
+        Light("power pellet", (all_six(YELLOW), all_six(WHITE)), 3.0),
+        Sound("power pellet", even((64, 70, 76, 70, 76, 82), 0.10, 0.20), 1),
+    ),
+    "death": Feedback(_GAME_OVER_LIGHT, _DEATH_SOUND, "shake"),
+    "game over": Feedback(_GAME_OVER_LIGHT, _DEATH_SOUND, "shake"),
+    "win": Feedback(
+        Light("win", (*turning((YELLOW, BLACK, WHITE) * 2), all_six(WHITE), all_six(YELLOW)), 6.0, "off"),
+        Sound("win", even((67, 72, 76, 79, 76, 79, 84), 0.14, 0.60), 3),
+    ),
+    "reset": Feedback(OFF, None, "stop"),
+    **{
+        f"{ghost} caught": Feedback(Light(f"{ghost} caught", (all_six(colour), all_six(YELLOW)), 2.0), _GHOST_SOUND)
+        for ghost, colour in GHOST_COLOURS.items()
+    },
+    **{
+        f"{ghost} killed": Feedback(Light(f"{ghost} killed", wave(colour), "death_s", "off"), _DEATH_SOUND, "shake")
+        for ghost, colour in GHOST_COLOURS.items()
+    },
 }
+#: By word.
+LIGHTS = {light.word: light for light in (*PLAIN_LIGHTS, *(answer.light for answer in FEEDBACK.values())) if light}
+SOUNDS = {answer.sound.word: answer.sound for answer in FEEDBACK.values() if answer.sound}
 
 
 def angular_velocity(motion: Motion, elapsed_s: float, show: ShowConfig) -> float | None:

@@ -54,7 +54,6 @@ class GoalExecutor:
     # The game's messages
 
     def activate(self, now: float) -> list[ExecutorAction]:
-        """From now on actions follow from commands and states."""
         self._active = True
         return self._continue(now)
 

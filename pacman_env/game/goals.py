@@ -65,8 +65,6 @@ class ExecutorAction:
 
 @dataclass
 class Sent:
-    """A goal that Nav2 has not ended yet, as far as is known."""
-
     place: Place
     since_s: float
     accepted: bool = False

@@ -76,8 +76,6 @@ class UnacknowledgedStatuses:
 
 
 class RobotRound:
-    """The pellets and candidates of a round, and what is reported of them."""
-
     def __init__(self, config: Config, goals: Goals) -> None:
         self.statuses = UnacknowledgedStatuses()
         self.goals = goals

@@ -64,9 +64,7 @@ class Snapshot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 @dataclass
-class _Pellets:
-    """Ids of a round's pellets."""
-
+class _Pellets:  # ids of those of a round
     collected: set[int] = field(default_factory=set)
     shown: set[int] = field(default_factory=set)  # in any report
     still_shown: set[int] = field(default_factory=set)  # collected, but in the latest report
@@ -84,10 +82,7 @@ class RoundController:
     """
 
     clyde: ClydeConfig = field(default_factory=ClydeConfig)
-    start_show_s: float = ShowConfig.start_s
-    death_show_s: float = ShowConfig.death_s
-    home_retries: int = ShowConfig.home_retries  # more tries after a failed return home before the game gives up
-    home_retry_s: float = ShowConfig.home_retry_s  # pause before each of them
+    show: ShowConfig = field(default_factory=ShowConfig)
 
     state: State = field(default="menu", init=False)
     score: int = field(default=0, init=False)
@@ -131,11 +126,7 @@ class RoundController:
         }
 
     def restore(self, values: Mapping[str, Any], now: float) -> list[Action]:
-        """Go on where a snapshot was taken; a round that has not begun is reset, maybe again.
-
-        Raises:
-            ValueError: not a snapshot; nothing has changed.
-        """
+        """Go on where a snapshot was taken, else ValueError; a round that has not begun is reset, maybe again."""
         kept: Snapshot = convert(values, Snapshot, "snapshot")
         pellets: dict[str, Any] = {}
         for name in vars(_Pellets()):
@@ -193,10 +184,7 @@ class RoundController:
         return [Action("clyde_speed", self.clyde_speed)] if self.state == "menu" else []
 
     def status(self, word: str, now: float) -> list[Action]:
-        """A report of the executing side.
-
-        Words: pellet_collected:<id>, death_detected, game_complete, home_reached, home_failed.
-        """
+        """A report of the executing side: one of ``statuses``, and of a pellet ``pellet_collected:<id>``."""
         name, _, argument = word.strip().lower().partition(":")
         statuses: dict[str, tuple[State, Callable[[], list[Action]]]] = {
             "pellet_collected": ("running", lambda: self._pellet(argument)),
@@ -255,15 +243,15 @@ class RoundController:
     def _home_reached(self, now: float) -> list[Action]:
         if self.after_home != "start":
             return self._arrive()
-        self._deadline_s = now + self.start_show_s
+        self._deadline_s = now + self.show.start_s
         return [Action("event", "start theatrical"), self._enter("starting")]
 
     def _home_failed(self, now: float) -> list[Action]:
         if self._deadline_s is not None:
             return [Action("ignored", "status 'home_failed': the next try is due already")]
         self.home_failures += 1
-        if self.home_failures <= self.home_retries:
-            self._deadline_s = now + self.home_retry_s
+        if self.home_failures <= self.show.home_retries:
+            self._deadline_s = now + self.show.home_retry_s
             return []
         self.result = "home_failed"
         return self._arrive()
@@ -291,5 +279,5 @@ class RoundController:
 
     def _die(self, now: float) -> list[Action]:
         self.result = f"Death - Score: {self.score}"
-        self._deadline_s = now + self.death_show_s
+        self._deadline_s = now + self.show.death_s
         return [Action("command", "disable"), Action("result", self.result), self._enter("dying")]

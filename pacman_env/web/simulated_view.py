@@ -11,10 +11,10 @@ import cv2
 from msgspec import structs
 
 from pacman_env.config import ShowConfig
-from pacman_env.game.events import FEEDBACK, Motion, angular_velocity
+from pacman_env.game.events import FEEDBACK, LIGHTS, SOUNDS, Motion, angular_velocity
 from pacman_env.game.lights import LightRing
 from pacman_env.game.round import RoundController
-from pacman_env.game.sounds import SoundQueue, duration_s
+from pacman_env.game.sounds import SoundQueue
 from pacman_env.web.control import ghost_role
 from pacman_env.web.frame import Frame, Pose
 from pacman_env.web.game import News, Scene
@@ -80,9 +80,9 @@ class Feedback:
     def __init__(self, show: ShowConfig, news: News) -> None:
         self.armed = False
         self.turned = 0.0  # rad, by motions
-        self.ring = LightRing(show)
+        self.ring = LightRing(LIGHTS, show)
         self._show, self._news = show, news
-        self._sounds = SoundQueue()
+        self._sounds = SoundQueue(SOUNDS)
         self._sounds_until_s: float | None = None
         self._motion: Motion = "stop"
         self._motion_s = self._moved_s = 0.0
@@ -98,9 +98,9 @@ class Feedback:
             answer = FEEDBACK[word]
             self._news.add(event=word)
             if answer.light is not None:
-                self.show("light", answer.light, now)
+                self.show("light", answer.light.word, now)
             if answer.sound is not None:
-                self.show("sound", answer.sound, now)
+                self.show("sound", answer.sound.word, now)
             if answer.motion is not None:
                 self._motion = answer.motion if self.armed else "stop"
                 self._motion_s = self._moved_s = now
@@ -119,7 +119,7 @@ class Feedback:
 
     def _play(self, word: str | None, now: float) -> None:
         if word is not None:
-            self._sounds_until_s = now + duration_s(word)
+            self._sounds_until_s = now + SOUNDS[word].duration_s
             self._news.add(sound=word)
 
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import Any
 
-from pacman_env.game.events import FEEDBACK
+from pacman_env.game.events import FEEDBACK, LIGHTS, SOUNDS
 from pacman_env.game.ghosts import GHOST_NAMES
-from pacman_env.game.lights import GHOST_COLOURS, LIGHTS, light_colour
-from pacman_env.game.sounds import MELODIES, frequency_hz
+from pacman_env.game.lights import GHOST_COLOURS, light_colour
+from pacman_env.game.sounds import frequency_hz
 from pacman_env.web.control import ROBOT, ghost_role
 
 STATES = {
@@ -38,7 +37,14 @@ def vocabulary() -> dict[str, Any]:
         "states": STATES,
         "results": RESULTS,
         "kinds": CANDIDATE_KINDS,
-        "events": {word: asdict(FEEDBACK[word]) for word in sorted(FEEDBACK)},
+        "events": {
+            word: {
+                "light": answer.light and answer.light.word,
+                "sound": answer.sound and answer.sound.word,
+                "motion": answer.motion,
+            }
+            for word, answer in sorted(FEEDBACK.items())
+        },
         "lights": {word: light_colour(word) for word in sorted(LIGHTS)},
-        "sounds": {word: [(frequency_hz(note), s) for note, s in MELODIES[word]] for word in sorted(MELODIES)},
+        "sounds": {word: [(frequency_hz(note), s) for note, s in SOUNDS[word].melody] for word in sorted(SOUNDS)},
     }

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pacman_env.config import ShowConfig
 from pacman_env.game.execution import round_complete
 from pacman_env.game.round import Action, RoundController, clyde_speed_mps
 
@@ -18,12 +19,12 @@ def words(actions: list[Action], *kinds: str) -> list[tuple[str, object]]:
     return [(a.kind, a.value) for a in actions if a.kind in (kinds or SHOWN)]
 
 
-def running(pellets: int = 8, **options: float) -> RoundController:
-    game = RoundController(**options)  # type: ignore[arg-type]
+def running(pellets: int = 8, home_retries: int = ShowConfig.home_retries) -> RoundController:
+    game = RoundController(show=ShowConfig(home_retries=home_retries))
     game.start(0.0)
     game.pellets_left(range(pellets), 0.5)
     game.status("home_reached", 1.0)
-    game.tick(1.0 + game.start_show_s)
+    game.tick(1.0 + game.show.start_s)
     assert game.state == "running"
     return game
 
@@ -167,7 +168,7 @@ def test_game_complete_after_the_last_pellet_raises_the_round_once() -> None:
 
 
 def test_a_failed_way_home_is_tried_again_and_then_reported() -> None:
-    game = RoundController(home_retries=2, home_retry_s=5.0)
+    game = RoundController(show=ShowConfig(home_retries=2, home_retry_s=5.0))
     game.start(0.0)
     for now in (10.0, 20.0):
         assert game.status("home_failed", now) == []
@@ -206,7 +207,7 @@ def test_arriving_home_calls_off_the_next_try() -> None:
 
 
 def test_one_failure_reported_twice_is_one_failure() -> None:
-    game = RoundController(home_retries=1)
+    game = RoundController(show=ShowConfig(home_retries=1))
     game.start(0.0)
     game.status("home_failed", 1.0)
     assert ignored(game.status("home_failed", 1.1))

@@ -4,32 +4,33 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pacman_env.game.sounds import MELODIES, SoundQueue, duration_s, frequency_hz
+from pacman_env.game.events import SOUNDS
+from pacman_env.game.sounds import SoundQueue, frequency_hz
 
 
 def test_every_word_of_the_contract_has_a_melody() -> None:
-    assert set(MELODIES) == {"start", "pacman_theme", "pellet", "power pellet", "ghost", "death", "win"}
+    assert set(SOUNDS) == {"start", "pacman_theme", "pellet", "power pellet", "ghost", "death", "win"}
 
 
 def test_frequencies_follow_equal_temperament() -> None:
     assert frequency_hz(69) == 440
     assert frequency_hz(57) == 220
     assert frequency_hz(60) == 262
-    assert all(0 < frequency_hz(note) < 65536 for melody in MELODIES.values() for note, _ in melody)
+    assert all(0 < frequency_hz(note) < 65536 for sound in SOUNDS.values() for note, _ in sound.melody)
 
 
 def test_the_theme_is_as_long_as_the_recorded_one() -> None:
-    assert len(MELODIES["pacman_theme"]) == 29
-    assert duration_s("pacman_theme") == pytest.approx(6.4)
+    assert len(SOUNDS["pacman_theme"].melody) == 29
+    assert SOUNDS["pacman_theme"].duration_s == pytest.approx(6.4)
 
 
 def test_a_pellet_is_over_before_the_next_can_come() -> None:
-    assert duration_s("pellet") < 0.25
-    assert all(seconds > 0 for melody in MELODIES.values() for _, seconds in melody)
+    assert SOUNDS["pellet"].duration_s < 0.25
+    assert all(seconds > 0 for sound in SOUNDS.values() for _, seconds in sound.melody)
 
 
 def test_the_win_melody_plays_after_the_pellet_fault_2() -> None:
-    queue = SoundQueue()
+    queue = SoundQueue(SOUNDS)
     assert queue.request("pellet", 0.0) == "pellet"
     assert queue.request("win", 0.005) is None
     assert queue.ended(0.2) == "win"
@@ -37,7 +38,7 @@ def test_the_win_melody_plays_after_the_pellet_fault_2() -> None:
 
 
 def test_a_melody_whose_end_is_never_reported_does_not_block_for_ever_fault_12() -> None:
-    queue = SoundQueue()
+    queue = SoundQueue(SOUNDS)
     queue.request("pacman_theme", 0.0)
     queue.request("win", 1.0)
     assert not queue.overdue(8.3)
@@ -50,13 +51,13 @@ def test_a_melody_whose_end_is_never_reported_does_not_block_for_ever_fault_12()
 
 
 def test_a_clock_set_back_does_not_block_for_ever() -> None:
-    queue = SoundQueue()
+    queue = SoundQueue(SOUNDS)
     queue.request("pacman_theme", 1000.0)
     assert queue.overdue(3.0)
 
 
 def test_a_burst_of_one_word_counts_once() -> None:
-    queue = SoundQueue()
+    queue = SoundQueue(SOUNDS)
     assert queue.request("pellet", 1.0) == "pellet"
     queue.ended(1.01)  # refused at once
     assert queue.request("pellet", 1.09) is None
@@ -66,7 +67,7 @@ def test_a_burst_of_one_word_counts_once() -> None:
 
 
 def test_pellets_and_the_word_that_sounds_are_left_out_meanwhile() -> None:
-    queue = SoundQueue()
+    queue = SoundQueue(SOUNDS)
     queue.request("ghost", 0.0)
     assert queue.request("pellet", 0.2) is None
     assert queue.request("ghost", 0.3) is None
@@ -74,7 +75,7 @@ def test_pellets_and_the_word_that_sounds_are_left_out_meanwhile() -> None:
 
 
 def test_of_several_that_wait_the_more_important_is_kept_and_of_equals_the_newer() -> None:
-    queue = SoundQueue()
+    queue = SoundQueue(SOUNDS)
     queue.request("pellet", 0.0)
     for word in ("ghost", "win", "death", "power pellet", "start"):
         queue.request(word, 0.01)
@@ -82,20 +83,20 @@ def test_of_several_that_wait_the_more_important_is_kept_and_of_equals_the_newer
     assert queue.ended(2.0) is None
 
 
-@given(st.text().filter(lambda word: word not in MELODIES))
+@given(st.text().filter(lambda word: word not in SOUNDS))
 def test_an_unknown_word_is_refused(word: str) -> None:
     with pytest.raises(ValueError, match="not one of"):
-        SoundQueue().request(word, 0.0)
+        SoundQueue(SOUNDS).request(word, 0.0)
 
 
 @given(
     st.lists(
-        st.tuples(st.sampled_from([*sorted(MELODIES), "ended"]), st.floats(0, 3)),
+        st.tuples(st.sampled_from([*sorted(SOUNDS), "ended"]), st.floats(0, 3)),
         max_size=30,
     )
 )
 def test_win_and_death_always_sound_unless_one_of_them_does_already(inputs: list[tuple[str, float]]) -> None:
-    queue, now, heard, wanted = SoundQueue(), 0.0, [], set()
+    queue, now, heard, wanted = SoundQueue(SOUNDS), 0.0, [], set()
     for word, pause in inputs:
         now += pause
         if word == "ended" or queue.overdue(now):

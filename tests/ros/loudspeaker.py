@@ -6,12 +6,13 @@ from typing import Any
 
 from rclpy.action import GoalResponse
 
-from pacman_env.game.sounds import MELODIES, frequency_hz
+from pacman_env.game.events import SOUNDS
+from pacman_env.game.sounds import frequency_hz
 from pacman_env.ros import topics
 from pacman_env.ros.node import BaseNode
 
 NAME = "loudspeaker"
-_WORDS = {tuple(frequency_hz(note) for note, _ in melody): word for word, melody in MELODIES.items()}
+_WORDS = {tuple(frequency_hz(note) for note, _ in sound.melody): word for word, sound in SOUNDS.items()}
 
 
 class Loudspeaker(BaseNode):

@@ -18,8 +18,9 @@ pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
 from pacman_env.config import ClydeConfig
+from pacman_env.game.events import SOUNDS
 from pacman_env.game.execution import CANCELED
-from pacman_env.game.sounds import MELODIES, frequency_hz
+from pacman_env.game.sounds import frequency_hz
 from pacman_env.ros import topics
 from pacman_env.ros.messages import pose_of, seconds_of
 from pacman_env.ros.simulated_robot.sim_robot import LIGHT_RING_SHOWN
@@ -244,5 +245,5 @@ def test_an_audio_node_that_is_back_plays_the_next_sound(game: Game) -> None:
     game.wait(lambda: game.sound()["playing"], "the theme")
     game.kill("audio_node")
     game.start("audio_node")
-    notes = [frequency_hz(note) for note, _ in MELODIES["pellet"]]
+    notes = [frequency_hz(note) for note, _ in SOUNDS["pellet"].melody]
     game.wait(lambda: game.sound()["playing"] and [note for note, _ in game.sound()["notes"]] == notes, "a pellet")

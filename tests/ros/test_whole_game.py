@@ -20,8 +20,8 @@ pytest.importorskip("irobot_create_msgs")
 from action_msgs.msg import GoalStatus
 
 from pacman_env.config import ShowConfig, make_config
-from pacman_env.game.lights import animations
-from pacman_env.game.sounds import MELODIES, frequency_hz
+from pacman_env.game.events import LIGHTS, SOUNDS
+from pacman_env.game.sounds import frequency_hz
 from pacman_env.ros import topics
 from pacman_env.ros.messages import pose_of, seconds_of
 from pacman_env.ros.simulated_robot.sim_robot import AUDIO_SHOWN, LIGHT_RING_SHOWN
@@ -45,7 +45,7 @@ NUMBERS = {
     topics.SCORE.name: "score",
     topics.ROUND.name: "round",
 }
-MELODY = {tuple(frequency_hz(note) for note, _ in melody): word for word, melody in MELODIES.items()}
+MELODY = {tuple(frequency_hz(note) for note, _ in sound.melody): word for word, sound in SOUNDS.items()}
 
 
 @pytest.fixture(scope="module", params=["clyde_aware", "ppo"])
@@ -178,7 +178,7 @@ def test_the_ring_shows_every_light_and_is_let_go(game: Recording) -> None:
     shown = iter([json.loads(text) for text in game.values(LIGHT_RING_SHOWN)])
     for word in game.values(topics.GAME_LIGHT):
         if word != "off":
-            rings = [[list(led) for led in ring] for ring in animations(ShowConfig())[word].rings]
+            rings = [[list(led) for led in ring] for ring in LIGHTS[word].rings]
             assert any(ring["override_system"] and ring["leds"] in rings for ring in shown), word
     assert not json.loads(game.values(LIGHT_RING_SHOWN)[-1])["override_system"]
 

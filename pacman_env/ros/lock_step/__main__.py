@@ -23,7 +23,6 @@ FAILED = 1  # exit status
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Play until SIGINT or SIGTERM; the exit status."""
     arguments = remove_ros_args(list(sys.argv[1:] if argv is None else argv))  # launch adds some
     stay_on_this_machine()
     with Stop() as stop:

@@ -24,8 +24,6 @@ _Pairs = list[tuple[Member, Any]]
 
 
 class Index:
-    """The entities of all members by the names of their topics and services."""
-
     def __init__(self, members: list[Member]) -> None:
         self.subscriptions: _Pairs = [(m, one) for m in members for one in m.node.subscriptions]
         services = [(m, one) for m in members for one in m.node.services]
@@ -60,7 +58,6 @@ class Index:
         return self._names[entity]
 
     def delivery(self, member: Member, entity: Any, taken: Any, sender: Member | None) -> Delivery:
-        """What was taken for an entity, with what the node does with it."""
         if isinstance(entity, ActionServer | ActionClient):
             return Delivery(member, entity, "action", taken, partial(_execute, member, entity, taken), sender)
         name = self.name_of(entity)

@@ -23,7 +23,6 @@ SEEDED = (SIMULATOR, "clyde_ghost_node")
 
 
 def node_class(name: str) -> type[BaseNode]:
-    """The node that the module of that name defines."""
     module = importlib.import_module(game_nodes.module_of(name))
     kinds = [one for one in vars(module).values() if isinstance(one, type) and issubclass(one, BaseNode)]
     return next(kind for kind in kinds if kind.__module__ == module.__name__)
@@ -32,11 +31,8 @@ def node_class(name: str) -> type[BaseNode]:
 class LockStepGame(LockStep):
     """The nodes of a game; after the making the robot has its pose and every node is there.
 
-    ``seed`` is that of everything that is drawn, ``options`` are those of :class:`LockStep`.
-
-    Raises:
-        ValueError: no simulated robot; a map, policy or number that cannot be played.
-        NodeFailed: a node does not start, or the robot is not localized.
+    ``seed`` is that of everything that is drawn, ``options`` are those of ``LockStep``. Raises ValueError for a setup
+    that cannot be played, NodeFailed if a node does not start or the robot is not localized.
     """
 
     def __init__(self, setup: GameSetup, seed: int = 0, **options: Any) -> None:

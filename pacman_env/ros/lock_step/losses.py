@@ -29,8 +29,6 @@ class _Loss:
 
 
 class Losses:
-    """All losses, drawn from the seed, and what they hold back."""
-
     def __init__(self, seed: int) -> None:
         self._random = random.Random(f"losses {seed}")
         self._losses: list[_Loss] = []
@@ -42,7 +40,6 @@ class Losses:
         self._losses.append(_Loss(name, percent / 100, now_s))
 
     def end(self, name: str | None, now_s: float) -> None:
-        """The oldest loss of that node is over."""
         over = next(loss for loss in self._losses if loss.name == name)
         self._losses.remove(over)
         if over.share >= 1.0 and now_s - over.since_s > DEFAULT_LEASE_S:
@@ -70,7 +67,6 @@ class Losses:
         return any(loss.concerns(delivery) and self._random.random() < loss.share for loss in self._losses)
 
     def due(self, now_s: float) -> list[Delivery]:
-        """What is delivered now, of what was held back."""
         found: list[Delivery] = []
         for entity in [one for one, again_s in self._again_s.items() if again_s <= now_s]:
             held = self._held[entity]
@@ -83,7 +79,6 @@ class Losses:
         return found
 
     def forget(self, member: Member) -> None:
-        """A node is gone: nothing is delivered to it any more."""
         for entity in [one for one, held in self._held.items() if any(each.member is member for each in held)]:
             del self._held[entity]
             self._again_s.pop(entity, None)

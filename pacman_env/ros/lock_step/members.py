@@ -49,8 +49,6 @@ class NodeExecutor(Executor):
 
 @dataclass
 class Delivery:
-    """A message, request or answer for one entity of a member."""
-
     member: Member
     entity: Any  # subscription, service, client or action's end
     name: str  # of topic or service
@@ -64,8 +62,6 @@ class Delivery:
 
 @dataclass(eq=False)
 class Member:
-    """A node of the game."""
-
     name: str
     number: int  # in the order of all starts
     node: BaseNode

@@ -165,7 +165,6 @@ class LockStep:
         return True
 
     def within(self, node: BaseNode, do: Callable[[], Any]) -> Any:
-        """Have a member do something between two steps; what ``do`` returns."""
         result = self.messages.run(self._member_of(node), do)
         self.messages.drain()
         return result

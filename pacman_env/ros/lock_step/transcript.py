@@ -14,8 +14,6 @@ from .stepper import LockStep
 
 
 class Transcript:
-    """A witness of a game's messages, from its making until its end."""
-
     def __init__(self, game: LockStep) -> None:
         self._game = game
         self._hash = hashlib.sha256()

@@ -24,7 +24,6 @@ class Watchdog:
 
     @contextlib.contextmanager
     def during(self, name: str) -> Iterator[None]:
-        """What runs in the block is the node of that name."""
         before, self._running = self._running, (name, time.monotonic())
         try:
             yield

@@ -10,7 +10,8 @@ from irobot_create_msgs.msg import AudioNote, AudioNoteVector
 from rclpy.duration import Duration
 from unique_identifier_msgs.msg import UUID
 
-from pacman_env.game.sounds import MELODIES, SoundQueue, frequency_hz
+from pacman_env.game.events import SOUNDS
+from pacman_env.game.sounds import SoundQueue, frequency_hz
 
 from .. import topics
 from ..messages import word_of
@@ -22,18 +23,16 @@ _ACTION = topics.PLAY_NOTES
 
 
 class AudioNode(GameNode):
-    """Sends one melody at a time to the base."""
-
     def __init__(self) -> None:
         super().__init__(NAME)
-        self._queue = SoundQueue()
+        self._queue = SoundQueue(SOUNDS)
         self._number = 0  # of the melody that sounds: answers about earlier ones come too late
         self._player = _ACTION.client(self)
         self.listen(topics.GAME_SOUND, self._on_sound, "bad sound")
         self.create_timer(_TICK_S, self._tick)
 
     def _on_sound(self, message: Any) -> None:
-        self._play(self._queue.request(word_of(message, MELODIES), self.now_s()))
+        self._play(self._queue.request(word_of(message, SOUNDS), self.now_s()))
 
     def _tick(self) -> None:
         if self._queue.overdue(self.now_s()):
@@ -51,7 +50,7 @@ class AudioNode(GameNode):
         self.once.over("no loudspeaker")
         notes = [
             AudioNote(frequency=frequency_hz(note), max_runtime=Duration(nanoseconds=round(seconds * 1e9)).to_msg())
-            for note, seconds in MELODIES[word]
+            for note, seconds in SOUNDS[word].melody
         ]  # in place of what sounds
         goal = _ACTION.type.Goal(iterations=1, note_sequence=AudioNoteVector(notes=notes, append=False))
         sent = self._player.send_goal_async(goal, goal_uuid=UUID(uuid=list(self.surroundings.new_id())))

@@ -47,12 +47,9 @@ _CALLED = {"reset_pellets": topics.RESET_PELLETS, "reset_clyde": topics.RESET_CL
 
 
 class GameController(GameNode):
-    """The state machine of a game, with a clock and topics."""
-
     def __init__(self) -> None:
         super().__init__(NAME)
-        show = self.config.show
-        self.game = RoundController(self.config.clyde, show.start_s, show.death_s, show.home_retries, show.home_retry_s)
+        self.game = RoundController(self.config.clyde, self.config.show)
         self._operator = OperatorStop(self)  # a planner that restarts receives a stop before the state of a round
         self._out = {kind: topic.publisher(self) for kind, topic in _PUBLISHED.items()}
         self._resets = {kind: service.client(self) for kind, service in _CALLED.items()}

@@ -41,9 +41,9 @@ class GameEventMapper(GameNode):
     def _on_event(self, message: Any) -> None:
         answer = FEEDBACK[word_of(message, FEEDBACK)]
         if answer.light is not None:
-            self._light.publish(topics.GAME_LIGHT.type(data=answer.light))
+            self._light.publish(topics.GAME_LIGHT.type(data=answer.light.word))
         if answer.sound is not None:
-            self._sound.publish(topics.GAME_SOUND.type(data=answer.sound))
+            self._sound.publish(topics.GAME_SOUND.type(data=answer.sound.word))
         if answer.motion == "stop":
             self._stop()
         elif answer.motion is not None and answer.motion != self._motion:  # repeated events prolong nothing

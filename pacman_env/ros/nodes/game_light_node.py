@@ -14,7 +14,8 @@ from typing import Any
 from irobot_create_msgs.msg import LedColor, LightringLeds
 from std_msgs.msg import Header
 
-from pacman_env.game.lights import BLACK, LASTING, LIGHTS, LightRing, Ring
+from pacman_env.game.events import LIGHTS
+from pacman_env.game.lights import BLACK, LASTING, LightRing, Ring
 
 from .. import topics
 from ..messages import word_of
@@ -31,7 +32,7 @@ class GameLightNode(GameNode):
 
     def __init__(self) -> None:
         super().__init__(NAME)
-        self._lights = LightRing(self.config.show)
+        self._lights = LightRing(LIGHTS, self.config.show)
         self._shown: Ring | None = None
         self._shown_s = 0.0
         self._ring = topics.LIGHT_RING.publisher(self)
@@ -40,7 +41,7 @@ class GameLightNode(GameNode):
         self._fresh = True  # the game's state is not known yet
         self._greetings = _GREETINGS
         self._greeting = self.create_timer(1.0, self._greet, clock=self.surroundings.clock())
-        self.listen(topics.GAME_LIGHT, self._on_light, "bad light")
+        self.listen(topics.GAME_LIGHT, lambda message: self._command(word_of(message, LIGHTS)), "bad light")
         self.listen(topics.GAME_STATE, self._on_state, "bad state")
 
     def _greet(self) -> None:
@@ -56,9 +57,6 @@ class GameLightNode(GameNode):
         if self._fresh and state in LASTING:
             self._command(LASTING[state])
         self._fresh = False
-
-    def _on_light(self, message: Any) -> None:
-        self._command(word_of(message, LIGHTS))
 
     def _command(self, word: str) -> None:
         self._greeting.cancel()

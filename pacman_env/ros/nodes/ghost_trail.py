@@ -58,7 +58,6 @@ class CostmapClearing:
             self.request(places)
 
     def request(self, places: Sequence[Position]) -> None:
-        """Clear it now, with ghosts at these places."""
         now = self._node.now_s()
         unanswered = self._answer is not None and not self._answer.done()
         waiting = unanswered and 0 <= now - self._requested_s < _ANSWER_S

@@ -17,8 +17,6 @@ _PERIOD_S = 1.0  # original
 
 
 class PelletManager(GameNode):
-    """The pellets of one map, as markers."""
-
     def __init__(self) -> None:
         super().__init__(NAME, with_map=True)
         map, config = self.map, self.config.pellets

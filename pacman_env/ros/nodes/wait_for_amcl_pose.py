@@ -16,8 +16,6 @@ _STOPPED = -1
 
 
 class PoseWaiter(BaseNode):
-    """Ends with the first good pose, or after its time."""
-
     def __init__(self) -> None:
         super().__init__(NAME)
         self._timeout_s = parameter(self, "timeout_s", 0.0, "give up after this time, s; 0: never", 0.0, 86400.0)

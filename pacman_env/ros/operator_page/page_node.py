@@ -120,7 +120,6 @@ class RobotState:
 
     @property
     def alive(self) -> bool:
-        """Whether a robot publishes its odometry."""
         return self._surroundings.monotonic() - self._odometry_s < _FRESH_S
 
     @property
@@ -336,7 +335,6 @@ class PageNode(BaseNode):
         return None
 
     def catch_up(self) -> None:
-        """Receive what waits; to be called before anything is shown."""
         for queue in self._queues:
             queue.catch_up()
 

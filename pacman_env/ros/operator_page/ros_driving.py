@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
 
-from pacman_env.game.events import FEEDBACK
-from pacman_env.game.lights import LIGHTS
-from pacman_env.game.sounds import MELODIES
+from pacman_env.game.events import FEEDBACK, LIGHTS, SOUNDS
 from pacman_env.ros import topics
 from pacman_env.ros.messages import twist_message
 from pacman_env.ros.operator_page.page_node import PageNode
@@ -26,10 +24,10 @@ _ENDS = 5  # zero velocities at the end of a drive: one may be lost
 _CANCEL_AGAIN_S = 0.2  # while stopped and a goal still runs
 _CANCEL_UNSEEN_S = 0.5  # while stopped and none is seen: the base's own motions are not published
 _LONGEST_SHOW_S = 30.0
-_SHOWN = {  # by kind: the words, and their topic
+_SHOWN: dict[str, tuple[Collection[str], topics.Topic]] = {  # by kind: the words, and their topic
     "event": (FEEDBACK, topics.GAME_EVENT),
     "light": (LIGHTS, topics.GAME_LIGHT),
-    "sound": (MELODIES, topics.GAME_SOUND),
+    "sound": (SOUNDS, topics.GAME_SOUND),
 }
 
 
@@ -156,7 +154,6 @@ class RosDriving:
             raise Refused(f"stopped by {self._stop.who}: release it first")
 
     def stop_row(self) -> dict[str, str]:
-        """The nodes that obey a stop, as one row of the readiness list."""
         obey = self._stop.obeyed_by if self._stop.known else []
         if obey:
             words = f"obeyed by {', '.join(obey)}{'; the robot is stopped now' if self._stop.stopped else ''}"
@@ -190,7 +187,6 @@ class RosDriving:
             self.wheels.end_drive()
 
     def assume(self, person: str, role: str) -> None:
-        """Drive by hand from now on, or no more."""
         if role == "none":
             self.leave(person)
             return
@@ -225,9 +221,9 @@ class RosDriving:
             return
         self._news.add(event=word)
         if answer.light is not None:
-            self._publish("light", answer.light)
+            self._publish("light", answer.light.word)
         if answer.sound is not None:
-            self._publish("sound", answer.sound)
+            self._publish("sound", answer.sound.word)
 
     def arm(self, by: str | None) -> None:
         """Events move the robot from now on, or, with None, no more."""

@@ -89,7 +89,8 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         return super().on_activate(state)
 
     def on_deactivate(self, state: Any) -> TransitionCallbackReturn:
-        self._deactivate()
+        assert self._pursuit is not None
+        self._pursuit.deactivate()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: Any) -> TransitionCallbackReturn:
@@ -99,12 +100,9 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: Any) -> TransitionCallbackReturn:
-        self._deactivate()
-        return super().on_shutdown(state)
-
-    def _deactivate(self) -> None:
         if self._pursuit is not None:
             self._pursuit.deactivate()
+        return super().on_shutdown(state)
 
     def last_messages(self) -> Iterable[Any]:
         return () if self._pursuit is None else self._pursuit.last_messages()

@@ -26,8 +26,6 @@ _RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
 
 @dataclass
 class _Goal:
-    """A goal that has not ended, as far as is known."""
-
     name: UUID
     accepted: bool = False
     request: Future | None = None  # for the result
@@ -84,7 +82,6 @@ class NavigationClient:
         return self._surroundings.monotonic() > end or (answer.done() and not answer.result().goals_canceling)
 
     def cancel_all(self) -> None:
-        """Have every goal cancelled, whichever node sent it."""
         if self._canceller.service_is_ready():
             self._canceller.call_async(self._canceller.srv_type.Request())
 

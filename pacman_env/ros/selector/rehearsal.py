@@ -11,11 +11,7 @@ from pacman_env.sim.observation.robot_view import RobotView
 
 
 def rehearsed(spec: str, view: RobotView, config: Config) -> Policy:
-    """The policy of that name, or of an .onnx file, after decisions on the map of the view.
-
-    Raises:
-        ValueError: it cannot be loaded or does not run; ModuleNotFoundError and TypeError likewise.
-    """
+    """The policy of that name or .onnx file, or ValueError, ModuleNotFoundError, TypeError if it does not run."""
     policy, situation, first = make_policy(spec), view.rehearsal(), np.ones(1, np.bool_)
     policy.reset(first, config)
     policy.scores(situation)

@@ -36,11 +36,7 @@ class Selection:
     """A policy on a prepared map, warmed up; handlers of messages return what is to be done and raise BadMessage.
 
     Without a ``home`` it is the first pose in menu, or the one it is corrected to there, or the map's. ``warn`` is
-    called with the kind of a trouble and its text.
-
-    Raises:
-        MapError: the map cannot be read or played on.
-        ValueError: a policy that cannot be loaded, ModuleNotFoundError and TypeError likewise.
+    called with the kind of a trouble and its text. Raises MapError, and what ``rehearsed`` raises.
     """
 
     def __init__(

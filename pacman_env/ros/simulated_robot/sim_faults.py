@@ -20,10 +20,8 @@ _USAGE = f"must be {', '.join(_USAGES)}, end or end NAME"
 
 
 class Faults:
-    """The present faults, by name, each with its numbers."""
-
     def __init__(self) -> None:
-        self.now: dict[str, tuple[float, ...]] = {}
+        self.now: dict[str, tuple[float, ...]] = {}  # by name, each with its numbers
 
     def __contains__(self, name: str) -> bool:
         return name in self.now

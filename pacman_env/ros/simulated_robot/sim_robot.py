@@ -265,7 +265,6 @@ class SimRobot(GameNode):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the node until SIGINT or SIGTERM, on this machine alone."""
     stay_on_this_machine()
     return run(SimRobot, NAME, argv)
 

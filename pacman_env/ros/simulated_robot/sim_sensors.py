@@ -36,8 +36,6 @@ def map_message(occupancy: OccupancyMap, stamp: Any) -> Any:
 
 
 class Sensors:
-    """Publishers of one robot."""
-
     def __init__(self, node: Any, robot: SimulatedRobot, stamp: Any) -> None:
         self._robot = robot
         self._odometry_out, self._tf_out = topics.ODOMETRY.publisher(node), topics.TF.publisher(node)

@@ -10,7 +10,8 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
-from pacman_env.game.sounds import MELODIES, PATIENCE_S, duration_s, frequency_hz
+from pacman_env.game.events import SOUNDS
+from pacman_env.game.sounds import PATIENCE_S, frequency_hz
 from pacman_env.ros import topics
 from pacman_env.ros.messages import seconds_of
 from tests.ros import loudspeaker
@@ -36,13 +37,13 @@ def test_a_melody_reaches_the_base_note_by_note(nodes: Session, speaker: Loudspe
     assert goal.iterations == 1
     assert not goal.note_sequence.append
     notes = [(note.frequency, seconds_of(note.max_runtime)) for note in goal.note_sequence.notes]
-    assert notes == [(frequency_hz(note), pytest.approx(seconds)) for note, seconds in MELODIES["pacman_theme"]]
+    assert notes == [(frequency_hz(note), pytest.approx(seconds)) for note, seconds in SOUNDS["pacman_theme"].melody]
 
 
 def test_the_win_melody_plays_after_the_pellet_fault_2(nodes: Session, speaker: Loudspeaker) -> None:
     nodes.publish(topics.GAME_SOUND, "pellet")
     nodes.publish(topics.GAME_SOUND, "win")
-    nodes.advance(duration_s("pellet"))
+    nodes.advance(SOUNDS["pellet"].duration_s)
     assert speaker.played == ["pellet"]
     nodes.within(speaker.finish, speaker)
     assert speaker.played == ["pellet", "win"]
@@ -51,7 +52,7 @@ def test_the_win_melody_plays_after_the_pellet_fault_2(nodes: Session, speaker: 
 def test_a_melody_that_never_ends_blocks_only_for_a_while_fault_12(nodes: Session, speaker: Loudspeaker) -> None:
     nodes.publish(topics.GAME_SOUND, "pellet")
     nodes.publish(topics.GAME_SOUND, "death")
-    nodes.advance(duration_s("pellet") + PATIENCE_S - 0.05)
+    nodes.advance(SOUNDS["pellet"].duration_s + PATIENCE_S - 0.05)
     assert speaker.played == ["pellet"]
     nodes.advance(0.2)
     assert speaker.played == ["pellet", "death"]

@@ -11,14 +11,14 @@ pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
 from pacman_env.config import ShowConfig
-from pacman_env.game.lights import COLOURS, animations
+from pacman_env.game.events import LIGHTS
+from pacman_env.game.lights import COLOURS
 from pacman_env.ros import topics
 
 if TYPE_CHECKING:
     from tests.ros.session import Session
 
 NAME = "game_light_node"
-ANIMATIONS = animations(ShowConfig())
 RELEASED = (((0, 0, 0),) * 6, False)
 
 
@@ -65,13 +65,13 @@ def test_the_show_of_a_win_and_of_a_death_moves_and_ends_fault_3(nodes: Session,
     nodes.start(NAME)
     nodes.publish(topics.GAME_LIGHT, word)
     begin_s = nodes.now_s
-    nodes.advance(ANIMATIONS[word].duration_s + 0.5)
+    nodes.advance(LIGHTS[word].duration_s(ShowConfig()) + 0.5)
     assert rings(nodes)[-1] == RELEASED
     shown = rings(nodes)[:-1]
-    assert {ring for ring, _ in shown} == set(ANIMATIONS[word].rings)
+    assert {ring for ring, _ in shown} == set(LIGHTS[word].rings)
     assert all(override for _, override in shown)
     end_s = nodes.on(topics.LIGHT_RING)[-1].at
-    assert end_s - begin_s == pytest.approx(ANIMATIONS[word].duration_s, abs=0.1)
+    assert end_s - begin_s == pytest.approx(LIGHTS[word].duration_s(ShowConfig()), abs=0.1)
 
 
 def test_an_unknown_word_changes_nothing_and_is_said_once(nodes: Session, log: Callable[[], str]) -> None:
@@ -108,7 +108,7 @@ def test_a_start_in_the_middle_of_a_game_shows_what_belongs_to_it(nodes: Session
     nodes.publish(topics.GAME_STATE, state)
     nodes.start(NAME)
     nodes.advance(3.0)
-    assert set(rings(nodes)) == {(ring, True) for ring in ANIMATIONS["pacman"].rings}
+    assert set(rings(nodes)) == {(ring, True) for ring in LIGHTS["pacman"].rings}
     nodes.forget()
     nodes.publish(topics.GAME_STATE, "menu")
     nodes.publish(topics.GAME_STATE, "running")  # later on events say it
