@@ -33,8 +33,6 @@ _BLOCK = re.compile(r"(<!-- clients -->\n).*?(?=<!-- end -->)", re.DOTALL)
 
 @dataclass(frozen=True)
 class Venv:
-    """What a virtual environment has beside this project."""
-
     requirements: tuple[str, ...]  # as for pip, pinned
     unpinned: tuple[str, ...] = ()  # packages of constraints.txt that they want in another version
     extra: str = ""  # of this project
@@ -46,8 +44,6 @@ class Venv:
 
 @dataclass(frozen=True)
 class Client:
-    """A library and its script."""
-
     name: str  # of the script, without .py
     library: str  # as it is installed
     venv: str  # one of VENVS, or HERE
@@ -118,7 +114,8 @@ def run(client: Client) -> Result:
     version = subprocess.run([python, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
     CACHE.mkdir(exist_ok=True)
     log = CACHE / f"{client.name}.log"
-    paths = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
+    paths = filter(None, [str(ROOT), os.environ.get("PYTHONPATH")])
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
     commands = [[str(python), str(SCRIPTS / f"{client.name}.py"), *client.arguments]]
     if client.venv != HERE:
         commands += [[str(python), "-c", example] for example in examples(PAGE.with_name(f"{client.page}.md"))]
@@ -128,9 +125,7 @@ def run(client: Client) -> Result:
     with log.open("w") as out:
         for command in commands:
             try:
-                status = subprocess.run(
-                    command, env={**os.environ, "PYTHONPATH": paths}, stdout=out, stderr=out, timeout=LIMIT_S
-                ).returncode
+                status = subprocess.run(command, env=environment, stdout=out, stderr=out, timeout=LIMIT_S).returncode
             except subprocess.TimeoutExpired:
                 status = TIMED_OUT
             if status:
@@ -141,20 +136,13 @@ def run(client: Client) -> Result:
 
 
 def table(results: Sequence[Result]) -> str:
-    return markdown_table(
-        ("Library", "Version", "Works", "Script", "Seconds"),
-        [
-            (
-                f"[{client.library}]({client.page}.md)",
-                result.version,
-                client.line if result.status == 0 else f"**fails** (status {result.status})",
-                f"[{client.name}.py](../examples/clients/{client.name}.py)",
-                f"{result.seconds:.0f}",
-            )
-            for result in results
-            for client in [result.client]
-        ],
-    )
+    rows = []
+    for result in results:
+        client = result.client
+        works = client.line if result.status == 0 else f"**fails** (status {result.status})"
+        script = f"[{client.name}.py](../examples/clients/{client.name}.py)"
+        rows.append([f"[{client.library}]({client.page}.md)", result.version, works, script, f"{result.seconds:.0f}"])
+    return markdown_table(("Library", "Version", "Works", "Script", "Seconds"), rows)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

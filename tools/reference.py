@@ -67,12 +67,6 @@ def _values(unit: str, kind: Any) -> str:
     return unit or _KINDS.get(kind, "")
 
 
-def _plugged(field: str) -> str:
-    """The names that a field takes, of things that packages can add."""
-    names = {"clyde.ghosts": BEHAVIOURS, "observation.kinds": OWN_KINDS}.get(field, ())
-    return "each " + ", ".join(map(_code, names)) + ", or a plug-in's" if names else ""
-
-
 def configuration() -> str:
     sources = {**fields_of(inspect.getsource(sections)), **fields_of(inspect.getsource(composition))}
     default = Config()
@@ -82,7 +76,9 @@ def configuration() -> str:
         for f in sources[type(owner).__name__]:
             value, name = getattr(owner, f.name), f"{prefix}{f.name}"
             if not dataclasses.is_dataclass(value):
-                values = _plugged(name) or _values(f.unit, types[f.name])
+                known = {"clyde.ghosts": BEHAVIOURS, "observation.kinds": OWN_KINDS}.get(name)  # and of plug-ins
+                own = f"each {', '.join(map(_code, known))}, or a plug-in's" if known else ""
+                values = own or _values(f.unit, types[f.name])
                 yield [f"`{name}`", _code(value), values, f.comment or EVENTS.get(f.name, "")]
 
     head = ("Field", "Default", "Unit or values", "Meaning, source")
@@ -107,7 +103,6 @@ def presets() -> str:
 
 
 def _parts(kind: str) -> dict[str, ObservationPart]:
-    """Of one kind of observation on the map ``house`` with two ghosts."""
     return KINDS.find(kind)().parts(PacManBotEnv("house", ghosts=2).batch)
 
 

@@ -88,19 +88,14 @@ def build_wheel(packages: list[Package], folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="ros-interfaces-") as temporary, ThreadPoolExecutor(os.cpu_count()) as pool:
         places = {package: Path(temporary) / package.name for package in packages}
-        list(pool.map(_generate, places, places.values()))
-        jobs = [job for out in places.values() for job in compile_package(out, pool)]
-        for job in jobs:
+        generate = [sys.executable, "-m", f"{__package__}.generate"]
+        list(pool.map(lambda package: command([*generate, package.folder, places[package]]), places))
+        for job in [job for out in places.values() for job in compile_package(out, pool)]:
             job.result()
         for package, out in places.items():
             link_package(package.name, out)
             _try(package, out)
         return write_wheel(folder, _version(packages), [(package.name, out) for package, out in places.items()])
-
-
-def _generate(package: Package, out: Path) -> None:
-    out.mkdir()
-    command([sys.executable, "-m", f"{__package__}.generate", package.folder, out])
 
 
 def _try(package: Package, out: Path) -> None:
@@ -123,11 +118,7 @@ def _installed() -> set[str]:
 
 
 def _importable(package: Package) -> bool:
-    """Whether all of a package's types are there.
-
-    Raises:
-        BuildError: only some are, so that the package is not one that was built here.
-    """
+    """Whether all of a package's types are there; BuildError if only some are: it was not built here."""
 
     def there(kind: str, name: str) -> bool:
         try:

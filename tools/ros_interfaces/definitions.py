@@ -47,28 +47,25 @@ def find_packages(folder: Path) -> list[Package]:
 
 def check_packages(packages: list[Package], share: Path) -> None:
     """Read all definitions; what they use must be in the package, or installed in ``share``."""
+    from rosidl_adapter.parser import is_valid_package_name  # absent where nothing has to be built
+
+    names = {package.name for package in packages}
     for package in packages:
-        _check_package(package, {p.name for p in packages}, share)
-
-
-def _check_package(package: Package, names: set[str], share: Path) -> None:
-    from rosidl_adapter.parser import is_valid_package_name  # not there where nothing has to be built
-
-    if not is_valid_package_name(package.name):
-        raise BadDefinition(f"{package.folder}: not a package's name")
-    own = {name for kind, name in package.types if kind == "msg"}
-    for path in package.files:
-        if path.suffix != f".{path.parent.name}":
-            raise BadDefinition(f"{path}: not a .{path.parent.name} file")
-        for line, used_package, used in _used_types(package.name, path):
-            where = f"{path}:{line}: {used_package}/{used}"
-            if used_package == package.name:
-                if used not in own:
-                    raise BadDefinition(f"{where}: no such message in this package")
-            elif used_package in names:
-                raise BadDefinition(f"{where}: packages that are built together cannot use one another")
-            elif not (share / used_package / "msg" / f"{used}.idl").is_file():
-                raise BadDefinition(f"{where}: not installed")
+        if not is_valid_package_name(package.name):
+            raise BadDefinition(f"{package.folder}: not a package's name")
+        own = {name for kind, name in package.types if kind == "msg"}
+        for path in package.files:
+            if path.suffix != f".{path.parent.name}":
+                raise BadDefinition(f"{path}: not a .{path.parent.name} file")
+            for line, used_package, used in _used_types(package.name, path):
+                where = f"{path}:{line}: {used_package}/{used}"
+                if used_package == package.name:
+                    if used not in own:
+                        raise BadDefinition(f"{where}: no such message in this package")
+                elif used_package in names:
+                    raise BadDefinition(f"{where}: packages that are built together cannot use one another")
+                elif not (share / used_package / "msg" / f"{used}.idl").is_file():
+                    raise BadDefinition(f"{where}: not installed")
 
 
 def _used_types(package: str, path: Path) -> Iterator[tuple[int, str, str]]:

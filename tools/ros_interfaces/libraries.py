@@ -101,18 +101,13 @@ def write_wheel(folder: Path, version: str, packages: Iterable[tuple[str, Path]]
     metadata = f"Metadata-Version: 2.1\nName: {NAME}\nVersion: {version}\nSummary: {summary}\n"
     files[f"{info}/METADATA"] = metadata.encode()
     files[f"{info}/WHEEL"] = f"Wheel-Version: 1.0\nGenerator: pacman_env\nRoot-Is-Purelib: false\nTag: {tag}\n".encode()
-    files[f"{info}/RECORD"] = _record(files, f"{info}/RECORD")
+    record = [f"{info}/RECORD,,\n"]  # names contain no commas
+    for name, content in files.items():
+        digest = base64.urlsafe_b64encode(hashlib.sha256(content).digest()).rstrip(b"=").decode()
+        record.append(f"{name},sha256={digest},{len(content)}\n")
+    files[f"{info}/RECORD"] = "".join(record).encode()
     path = folder / f"{stem}-{tag}.whl"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in files.items():
             archive.writestr(name, content)
     return path
-
-
-def _record(files: dict[str, bytes], own_name: str) -> bytes:
-    """Hash and size of every file, as the format demands; names contain no commas."""
-    lines = [f"{own_name},,\n"]
-    for name, content in files.items():
-        digest = base64.urlsafe_b64encode(hashlib.sha256(content).digest()).rstrip(b"=").decode()
-        lines.append(f"{name},sha256={digest},{len(content)}\n")
-    return "".join(lines).encode()
