@@ -142,7 +142,7 @@ class Match:
         clyde_mps = self._clyde_mps if setup.clyde_mps is None else setup.clyde_mps
         self._choices.prepare(rules, clyde_mps)
         if self.driving.plays_robot and setup.finish:
-            raise Refused("somebody plays the robot: a round to be finished is played by a policy")
+            raise Refused("a person plays the robot: a round to be finished is played by a policy")
         self._rules, self._clyde_mps = rules, clyde_mps
         if setup.seed is not None:
             self._next_seed = setup.seed
@@ -196,7 +196,7 @@ class Match:
         state, remedy = "ok", ""
         if dropped:
             words += f", {dropped} more cannot be reached"
-            state, remedy = "warning", "look at the map: pacman-env map check"
+            state, remedy = "warning", "check the map: pacman-env map check"
         return [
             {"name": "simulator", "state": "ok", "words": f"pacman_env {__version__}", "remedy": ""},
             {"name": "map", "state": state, "words": words, "remedy": remedy},

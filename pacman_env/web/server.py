@@ -107,7 +107,7 @@ class WebServer:
             raise OSError(f"the page cannot be served: {error}") from error
 
     def close(self) -> None:
-        """Say good bye to every page, and end; it takes 2 s at most."""
+        """Close every page's connection and end; it takes 2 s at most."""
         if self._thread is None:
             return
         loop, stop = self._started.result()
@@ -273,7 +273,7 @@ def greeting(address: str, port: int, tokens: Tokens | None) -> str:
     return (
         f"To play and run it: {operator}\n{qr_code(operator)}\n"
         f"To view, and to STOP: {link(shown, port, tokens.viewer)}\n"
-        "Whoever has a link can use it, and the network sees it: no https here. Ctrl-C ends the page."
+        "Anyone with a link can use it, and the network can read it (http, not https). Ctrl-C ends the page."
     )
 
 
