@@ -103,7 +103,6 @@ def python_of(name: str) -> Path:
 
 
 def examples(page: Path) -> list[str]:
-    """The Python on a page."""
     return [textwrap.dedent(found) for found in re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)]
 
 
@@ -146,7 +145,6 @@ def table(results: Sequence[Result]) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the scripts that are named, or all; 1 if one of them failed."""
     parser = Parser(prog="scripts/clients", description=__doc__.split("\n")[0] if __doc__ else None)
     add_names(parser, "script", [client.name for client in CLIENTS])
     parser.add_argument("--write", action="store_true", help=f"write the table into {PAGE.relative_to(ROOT)}")

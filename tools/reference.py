@@ -122,7 +122,6 @@ def keys() -> str:
 
 
 def columns() -> str:
-    """Columns of the features and of the bearings on the map ``house``."""
     text = ""
     for key, part in {**_parts(FEATURES.name), **_parts(BEARINGS.name)}.items():
         low, high = (np.asarray(bound).reshape(-1, part.shape[-1])[0] for bound in (part.low, part.high))
@@ -135,7 +134,6 @@ def columns() -> str:
 
 
 def actions() -> str:
-    """The action spaces on the map ``house``."""
     rows = []
     for action, unit in (("goal", False), ("velocity", False), ("velocity", True)):
         settings = {"action_range": "unit"} if unit else {}
@@ -152,7 +150,6 @@ def actions() -> str:
 
 
 def state() -> str:
-    """Numbers of ``state()`` of the parallel environment on the map ``house``."""
     env = PacManBotParallelEnv("house")
     named = zip(env.state_names, env.state_space.low.tolist(), env.state_space.high.tolist(), strict=True)
     rows = [[str(k), f"`{name}`", _number(low), _number(high)] for k, (name, low, high) in enumerate(named)]
@@ -175,7 +172,6 @@ def maps() -> str:
 
 
 def map_check() -> str:
-    """The output of ``pacman-env map check`` for the shipped house."""
     output = io.StringIO()
     with contextlib.redirect_stdout(output):
         cli.main(["map", "check", "house"])
@@ -193,8 +189,6 @@ TABLES: dict[str, Callable[[], str]] = {
 
 
 def fill(page: str) -> str:
-    """A page with its tables as they are now."""
-
     def write(match: re.Match[str]) -> str:
         if match[2] not in TABLES:
             raise ValueError(f"no table {match[2]!r}: choose of {', '.join(TABLES)}")
@@ -204,7 +198,6 @@ def fill(page: str) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Write the tables into the pages; returns the exit status: 1 where ``--check`` finds another table."""
     parser = Parser(prog="python -m tools.reference", description="Write the tables of the documentation.")
     parser.add_argument("pages", nargs="*", type=Path, metavar="PAGE", help="which Markdown files (all below docs)")
     add_check(parser)

@@ -154,7 +154,6 @@ def _rows(nodes: dict[str, Described], roles: Iterable[str]) -> list[list[str]]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Write the page; returns the exit status: 1 where ``--check`` finds another one."""
     parser = Parser(prog="python -m tools.robot_reference", description="Write docs/robot_reference.md.")
     parser.add_argument("page", nargs="?", type=Path, default=PAGE, help="the file (%(default)s)")
     add_check(parser)

@@ -28,8 +28,6 @@ _REHEARSED = 6  # ticks: the planner plans, goals begin
 
 
 class Driving:
-    """The roles, the goal of each, and the velocities by hand."""
-
     def __init__(self) -> None:
         self.roles = Roles()
         self.goals: dict[str, int | None] = {}  # candidates, by role
@@ -48,12 +46,10 @@ class Driving:
             self.hand = None
 
     def steer(self, person: str, v: float, omega: float) -> None:
-        """Velocities by hand, m/s and rad/s; at once, the newest counts."""
         self.roles.require(person, ROBOT)
         self.hand = (v, omega, time.monotonic())
 
     def choose(self, person: str, goal: messages.Goal, played: PlayedRound) -> None:
-        """Send the role of a person to a candidate, or to the one nearest to a place."""
         role = self.roles.of(person)
         if role is None:
             raise Refused("take a role first")
@@ -131,7 +127,6 @@ class Match:
         self._to_menu()
 
     def set_clyde_speed(self, mps: float) -> None:
-        """Clyde's speed of round 1, m/s."""
         self._clyde_mps = mps
         self._controller.base_clyde_speed(mps)
         if self.state == "menu":
@@ -169,7 +164,6 @@ class Match:
         self.view.show_round(played, self._rules)
 
     def assume_role(self, person: str, role: str) -> str:
-        """Have a role or ``none``; returns when it counts, empty: at once."""
         if role == "none":
             self.driving.roles.leave(person)
             return ""
@@ -240,7 +234,6 @@ class Match:
         played.step(Orders(robot=True, velocity=(0.1, 0.0)))
 
     def tick(self) -> None:
-        """The next tick of the clock, of the round too where one is played."""
         with self._lock:
             played = self.round
             if played is None or self.clock.is_held:
@@ -262,7 +255,6 @@ class Match:
                 self._report(played, before, now)
 
     def _report(self, played: PlayedRound, before: Frame, now: Frame) -> None:
-        """Report the tick to the referee, as the robot's goal selector does."""
         ids = played.assets.pellet_ids
         for pellet in np.flatnonzero(before.alive & ~now.alive).tolist():
             self._act(self._controller.status(f"pellet_collected:{int(ids[pellet])}", self._clock_s))

@@ -107,7 +107,6 @@ class PlayedRound:
         self.snapshots = [self._snapshot()]
 
     def nearest(self, x: float, y: float, within_m: float = 1.0) -> int | None:
-        """The allowed candidate nearest to a place, m; None if none is near."""
         places = self.assets.goal_xy
         away = np.hypot(places[:, 0] - x, places[:, 1] - y)
         away[~self._situation.mask[0, self._numbers[:-1]]] = np.inf
@@ -153,7 +152,6 @@ class PlayedRound:
         self.snapshots.append(self._snapshot())
 
     def _page_number(self, candidate: int) -> int:
-        """The page's number of a candidate of the batch."""
         found = np.flatnonzero(self._numbers == candidate)
         return int(found[0]) if len(found) else self.hold
 

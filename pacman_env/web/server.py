@@ -18,7 +18,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import uvicorn
 from starlette.applications import Starlette
@@ -26,9 +26,9 @@ from starlette.requests import ClientDisconnect
 from starlette.routing import WebSocketRoute
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocketDisconnect
+from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 from pacman_env.web.access import AccessControl, Tokens, is_loopback, names_of
-from pacman_env.web.connections import Connections
 from pacman_env.web.game import Game
 from pacman_env.web.log import Log
 from pacman_env.web.messages import MOST_BYTES
@@ -41,6 +41,12 @@ REQUEST_S = 120.0  # for all over HTTP but an upload
 PING_S, PONG_S = 3.0, 5.0  # a page that does not answer is gone after 8 s
 CONNECTIONS = 3  # for each viewer: a browser opens up to six for the page's files, and soon closes them
 SPARE_CONNECTIONS = 50
+CLOSING_S = 2.0  # for what is still to be sent on a connection that ends
+HIGH_WATER = 16 << 10  # bytes; a slow reader gets a newer frame the sooner
+MOST_UNSENT = 1 << 20  # such as answers to pings of a client that reads nothing
+_FULL = (
+    b"HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\ncontent-length: 26\r\n\r\ntoo many connections here.\n"
+)
 
 
 @dataclass(frozen=True)
@@ -170,6 +176,66 @@ def _configuration(application: ASGIApp, connections: Connections) -> uvicorn.Co
     )
 
 
+class Connections:
+    """All of a server: ``most`` at once; as many more get a 503, further ones are aborted."""
+
+    def __init__(self, most: int, headers_s: float):
+        self.most = most
+        #: Whether it waits for a request, is busy or closes; its last request; since when.
+        self.open: dict[LimitedConnection, tuple[tuple[str, RequestResponseCycle | None], float]] = {}
+        self._headers_s = headers_s  # for the head of a request
+
+    def protocol(self) -> type[LimitedConnection]:
+        return type("Connection", (LimitedConnection,), {"owner": self})
+
+    def end_slow(self) -> None:
+        """End those that do not send their request, or do not receive what is sent to them; called twice a second."""
+        now = time.monotonic()
+        for connection, (before, since) in list(self.open.items()):
+            transport = connection.transport
+            unsent = transport.get_write_buffer_size()
+            state = "closes" if transport.is_closing() else "waits" if connection.waits_for_request() else "busy"
+            if (state, connection.cycle) != before:  # since the last sweep, also by another request
+                since = now
+                self.open[connection] = (state, connection.cycle), since
+            if state == "closes" and unsent == 0:
+                del self.open[connection]
+            elif unsent > MOST_UNSENT or (state == "closes" and now - since > CLOSING_S):
+                transport.abort()
+                del self.open[connection]
+            elif state == "waits" and now - since > self._headers_s:
+                transport.close()
+
+    def abort_all(self) -> None:
+        for connection in self.open:
+            connection.transport.abort()
+        self.open.clear()
+
+
+class LimitedConnection(H11Protocol):
+    owner: ClassVar[Connections]
+    _is_full = False
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        transport.set_write_buffer_limits(high=HIGH_WATER)
+        self.owner.open[self] = ("waits", None), time.monotonic()
+        if len(self.connections) > 2 * self.owner.most:
+            transport.abort()
+        self._is_full = len(self.connections) > self.owner.most
+
+    def data_received(self, data: bytes) -> None:
+        if self._is_full:
+            self.transport.write(_FULL)
+            self.transport.close()
+        else:
+            super().data_received(data)
+
+    def waits_for_request(self) -> bool:
+        is_websocket = self.transport.get_protocol() is not self
+        return not is_websocket and (self.cycle is None or self.cycle.response_complete)
+
+
 async def _tick(sessions: Sessions, connections: Connections, log: Log) -> None:
     at = time.monotonic()
     for count in itertools.count(1):
@@ -184,8 +250,6 @@ async def _tick(sessions: Sessions, connections: Connections, log: Log) -> None:
 
 
 def _bounded(application: ASGIApp, log: Log) -> ASGIApp:
-    """The application, with a time limit for every request, and one line for every unexpected error."""
-
     async def bounded(scope: Scope, receive: Receive, send: Send) -> None:
         try:
             async with asyncio.timeout(REQUEST_S if scope["type"] == "http" else None):

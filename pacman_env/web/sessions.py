@@ -76,7 +76,6 @@ class Sessions:
         }
 
     async def tick(self) -> None:
-        """Send what is new; 20 times a second."""
         expired = self.control.expire(time.monotonic())
         for person in expired:
             self._log.add("expired", f"{person} did not come back: control and role are free")
@@ -173,7 +172,6 @@ class Sessions:
         return viewer
 
     def _disconnect(self, viewer: Viewer) -> None:
-        """The page is gone: what its person drives stands at once, control and role are kept for a while."""
         self.audience.remove(viewer)
         while not viewer.waiting.empty():
             viewer.waiting.get_nowait()

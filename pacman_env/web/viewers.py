@@ -109,7 +109,6 @@ class Viewer:
     _warned_s: float = -1.0
 
     def is_within_rate(self, now: float) -> bool:
-        """Whether the viewer may send one more message; if not there is a warning a second, and at last the end."""
         if self.rate_limit.allows(now):
             return True
         if now - self._warned_s >= 1.0:

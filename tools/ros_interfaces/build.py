@@ -76,7 +76,6 @@ class Package:
 
     @property
     def types(self) -> list[tuple[str, str]]:
-        """(kind, name) of each definition: ``("msg", "LedColor")``."""
         return [(path.parent.name, path.stem) for path in self.files]
 
 
@@ -150,7 +149,6 @@ class BuildError(ValueError):
 
 
 def command(arguments: Iterable[object]) -> None:
-    """Run a command; if it fails, the end of its output is raised as a BuildError."""
     line = [str(argument) for argument in arguments]
     done = subprocess.run(line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace")
     if done.returncode:
@@ -322,7 +320,6 @@ def _importable(package: Package) -> bool:
 
 
 def _version(packages: list[Package]) -> str:
-    """Changes with the definitions, with this tool and with ROS's generators."""
     digest = hashlib.sha256()
     for path in (*(file for package in packages for file in package.files), *sorted(HERE.glob("*.py"))):
         digest.update(f"{path.parent.parent.name}/{path.name}\0".encode() + path.read_bytes() + b"\0")
