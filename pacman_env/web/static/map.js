@@ -184,9 +184,8 @@ setUpGestures($("top"), view, {
   changed: redraw,
   panned: () => follow(false),
   tapped: (at) => {
-    cross = null;
+    hideCross();
     emit("tap", { world: view.toWorld(...at), candidate: candidateAt(at) });
-    redraw(false);
   },
   hovered: (at) => {
     const candidate = at ? candidateAt(at) : -1;
