@@ -1,8 +1,7 @@
 """Libraries that learn on the environments, each tried by its script: ``python -m tools.clients [NAME ...]``.
 
-The scripts lie in ``docs/examples/clients``. Libraries that are not in this project's extras, or whose pins clash with
-its own, get virtual environments in ``.clients``; the others run in the one that this is run in. The table that is
-printed can be written into ``docs/use_with/README.md``.
+Libraries that are not in this project's extras, or whose pins clash with its own, get virtual environments in
+``.clients``; the others run in the one that this is run in.
 """
 
 from __future__ import annotations

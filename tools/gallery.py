@@ -1,7 +1,4 @@
-"""Every picture of the documentation, drawn from seeds: ``python -m tools.gallery``.
-
-``pacman_env.render.frames`` draws a game; here are the scenes and their layout.
-"""
+"""Every picture of the documentation, drawn from seeds: ``python -m tools.gallery``."""
 
 from __future__ import annotations
 

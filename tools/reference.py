@@ -1,7 +1,6 @@
 """The tables of the documentation, written from the code that they describe: ``python -m tools.reference``.
 
-A page marks a place with ``<!-- table: NAME -->`` and ``<!-- end -->``; what stands between is written here. The
-text around it is written by hand.
+A page marks the place of a table with ``<!-- table: NAME -->`` and ``<!-- end -->``.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""``docs/robot_reference.md``, written from the running code: ``python -m tools.robot_reference``.
-
-Every node is made once, and its parameters, topics, services and actions are listed. Needs ROS (extra ``ros``).
-"""
+"""``docs/robot_reference.md``, written from one instance of every node: ``python -m tools.robot_reference``."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
-"""The screenshots of the operator's page in the documentation: ``python -m tools.screenshots``.
+"""The screenshots of the operator's page in the documentation, by Chromium: ``python -m tools.screenshots``.
 
-A real browser (Chromium of the system, driven by Playwright) shows the real server's page over the simulator. Moving
-things are not drawn alike each time, so no test compares these pictures.
+Moving things are not drawn alike each time, so no test compares these pictures.
 """
 
 from __future__ import annotations
@@ -43,7 +42,6 @@ def _round(page: Any, pellets: int, speed: int = 10) -> None:
 
 
 def _playing(page: Any) -> None:
-    """A user plays the robot, beside the policy's own choice."""
     page.click("#tab-play")
     page.click("[data-role=robot]")
     _wait(page, "state.role === 'robot' && state.frame.baseline")
@@ -68,7 +66,7 @@ def _recorded(page: Any) -> None:
     _wait(page, "state.story")
     page.click("#tab-why")
     page.click("#story-next")
-    _wait(page, "document.querySelector('.parted')")
+    _wait(page, "document.querySelector('.disagreement')")
     page.mouse.move(5, 400)
     page.wait_for_timeout(300)
 

@@ -77,10 +77,7 @@ class Driving:
 
 
 class Match:
-    """One round after the other, from the first ``lay_out`` on, with seeds that follow from ``seed``.
-
-    ``lock`` is held while what is shown changes, and never while a round is stepped or laid out.
-    """
+    """Round after round; ``lock`` is held while what is shown changes, never while a round is stepped or laid out."""
 
     def __init__(
         self, rules: Rules, choices: Choices, seed: int | None, speed: float, news: News, lock: threading.RLock
@@ -179,11 +176,11 @@ class Match:
         try:
             self.feedback.show(what, word, time.monotonic())
         except (KeyError, ValueError) as error:
-            raise Refused(f"{what} {word!r}: there is none") from error
+            raise Refused(f"unknown {what} {word!r}") from error
 
     def readiness(self) -> list[dict[str, str]]:
         if self.round is None:
-            return [{"name": "round", "state": "bad", "words": "none is laid out", "remedy": "choose another map"}]
+            return [{"name": "round", "state": "bad", "words": "no round is laid out", "remedy": "choose another map"}]
         assets = self.round.assets
         dropped = len(assets.dropped_ids)
         words = f"{assets.occupancy.name}: {assets.pellets} pellets"

@@ -279,10 +279,7 @@ def serve(
     limits: Limits = Limits(),
     opened: Callable[[str], Any] | None = None,  # called with the page's address, such as to open a browser
 ) -> None:
-    """Print the page's links and serve it until Ctrl-C or SIGTERM; to be called in the main thread.
-
-    Raises OSError if there is no such address.
-    """
+    """Print the page's links and serve it until Ctrl-C or SIGTERM, in the main thread; OSError for a bad address."""
     ended = threading.Event()
     with WebServer(game, host, port, names=names, limits=limits) as server:
         before = {one: signal.signal(one, lambda *_: ended.set()) for one in (signal.SIGINT, signal.SIGTERM)}

@@ -97,7 +97,7 @@ class Sessions:
     async def serve(self, socket: WebSocket) -> None:
         access = socket.scope["access"]
         if self._ending or not self.audience.has_room(access, self._arriving):
-            words = "no room: there are as many viewers as may be"
+            words = "no room: the limit of viewers is reached"
             self._log.add("full", f"refused: {words}")
             await socket.send_denial_response(refusal_response(503, words))
             return

@@ -1,8 +1,7 @@
 """Builds the message types that cannot be imported and installs them into the running virtual environment.
 
-``python -m tools.ros_interfaces.build``; a second run finds nothing to do. Needs gcc, g++ and ROS's wheels.
-Everything is built and tried in a temporary folder first; only then pip installs one wheel, which
-``pip uninstall pacman-ros-interfaces`` removes.
+Needs gcc, g++ and ROS's wheels. Builds and tries all in a temporary folder; only then pip installs one wheel, which
+``pip uninstall pacman-ros-interfaces`` removes. A second run finds nothing to do.
 """
 
 from __future__ import annotations
@@ -270,7 +269,11 @@ def install(packages: list[Package]) -> None:
 def build_wheel(packages: list[Package], folder: Path) -> Path:
     """Build packages and write them as one wheel into ``folder``; returns its path."""
     _check_generators()
-    _check_compiler()
+    if absent := [tool for tool in ("gcc", "g++") if shutil.which(tool) is None]:
+        raise BuildError(f"{' and '.join(absent)} not found: install a C and C++ compiler (Ubuntu: apt install g++)")
+    header = Path(sysconfig.get_paths()["include"]) / "Python.h"
+    if not header.is_file():
+        raise BuildError(f"{header} not found: install Python's headers (Ubuntu: apt install python3-dev)")
     check_packages(packages, PREFIX / "share")
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="ros-interfaces-") as temporary, ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -334,15 +337,6 @@ def _check_generators() -> None:
             f"ROS's generators are not in {PREFIX}: where ROS comes from the system, install its own packages "
             "(ros-jazzy-nav2-msgs, ros-jazzy-irobot-create-msgs, ros-jazzy-tf2-msgs); else pip install pacman_env[ros]"
         )
-
-
-def _check_compiler() -> None:
-    absent = [tool for tool in ("gcc", "g++") if shutil.which(tool) is None]
-    if absent:
-        raise BuildError(f"{' and '.join(absent)} not found: install a C and C++ compiler (Ubuntu: apt install g++)")
-    header = Path(sysconfig.get_paths()["include"]) / "Python.h"
-    if not header.is_file():
-        raise BuildError(f"{header} not found: install Python's headers (Ubuntu: apt install python3-dev)")
 
 
 if __name__ == "__main__":

@@ -242,4 +242,4 @@ class RosDriving:
 
 def require_word(what: str, word: str) -> None:
     if word not in _SHOWN[what][0]:
-        raise Refused(f"{what} {word!r}: there is none")
+        raise Refused(f"unknown {what} {word!r}")
