@@ -126,7 +126,15 @@ class WebServer:
         loop, stop = asyncio.get_running_loop(), asyncio.Event()
         limits = self._limits
         log = Log(self._write, (self.tokens.operator, self.tokens.viewer) if self.tokens else ())
-        loop.set_exception_handler(lambda _, context: _log_context(log, context))
+
+        def log_context(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+            what, error = str(context.get("message", "the server")), context.get("exception")
+            if isinstance(error, Exception):
+                log.error(what, error)
+            else:
+                log.add("loop", what)
+
+        loop.set_exception_handler(log_context)
         sessions = Sessions(self._game, log, limits.viewers, limits.messages_per_s)
         routes = Routes(self._game, sessions, log, self._static, limits.body_s)
         application = Starlette(routes=[*routes.all(), WebSocketRoute("/ws", sessions.serve)])
@@ -159,7 +167,7 @@ class WebServer:
 def _configuration(application: ASGIApp, connections: Connections) -> uvicorn.Config:
     return uvicorn.Config(
         application,
-        http=connections.protocol(),
+        http=type("Connection", (LimitedConnection,), {"owner": connections}),
         ws="websockets-sansio",
         lifespan="off",
         log_config=None,
@@ -184,9 +192,6 @@ class Connections:
         #: Whether it waits for a request, is busy or closes; its last request; since when.
         self.open: dict[LimitedConnection, tuple[tuple[str, RequestResponseCycle | None], float]] = {}
         self._headers_s = headers_s  # for the head of a request
-
-    def protocol(self) -> type[LimitedConnection]:
-        return type("Connection", (LimitedConnection,), {"owner": self})
 
     def end_slow(self) -> None:
         """End those that do not send their request, or do not receive what is sent to them; called twice a second."""
@@ -260,14 +265,6 @@ def _bounded(application: ASGIApp, log: Log) -> ASGIApp:
             log.error("a request", error)
 
     return bounded
-
-
-def _log_context(log: Log, context: dict[str, Any]) -> None:
-    what, error = str(context.get("message", "the server")), context.get("exception")
-    if isinstance(error, Exception):
-        log.error(what, error)
-    else:
-        log.add("loop", what)
 
 
 def serve(
