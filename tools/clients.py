@@ -1,8 +1,7 @@
 """Libraries that learn on the environments, each tried by its script: ``python -m tools.clients [NAME ...]``.
 
-The scripts lie in ``docs/examples/clients``. Libraries that are not in this project's extras, or whose pins clash with
-its own, get virtual environments in ``.clients``; the others run in the one that this is run in. The table that is
-printed can be written into ``docs/use_with/README.md``.
+Libraries that are not in this project's extras, or whose pins clash with its own, get virtual environments in
+``.clients``; the others run in the one that this is run in.
 """
 
 from __future__ import annotations
@@ -33,8 +32,6 @@ _BLOCK = re.compile(r"(<!-- clients -->\n).*?(?=<!-- end -->)", re.DOTALL)
 
 @dataclass(frozen=True)
 class Venv:
-    """What a virtual environment has beside this project."""
-
     requirements: tuple[str, ...]  # as for pip, pinned
     unpinned: tuple[str, ...] = ()  # packages of constraints.txt that they want in another version
     extra: str = ""  # of this project
@@ -46,8 +43,6 @@ class Venv:
 
 @dataclass(frozen=True)
 class Client:
-    """A library and its script."""
-
     name: str  # of the script, without .py
     library: str  # as it is installed
     venv: str  # one of VENVS, or HERE
@@ -107,7 +102,6 @@ def python_of(name: str) -> Path:
 
 
 def examples(page: Path) -> list[str]:
-    """The Python on a page."""
     return [textwrap.dedent(found) for found in re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)]
 
 
@@ -118,7 +112,8 @@ def run(client: Client) -> Result:
     version = subprocess.run([python, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
     CACHE.mkdir(exist_ok=True)
     log = CACHE / f"{client.name}.log"
-    paths = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
+    paths = filter(None, [str(ROOT), os.environ.get("PYTHONPATH")])
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
     commands = [[str(python), str(SCRIPTS / f"{client.name}.py"), *client.arguments]]
     if client.venv != HERE:
         commands += [[str(python), "-c", example] for example in examples(PAGE.with_name(f"{client.page}.md"))]
@@ -128,9 +123,7 @@ def run(client: Client) -> Result:
     with log.open("w") as out:
         for command in commands:
             try:
-                status = subprocess.run(
-                    command, env={**os.environ, "PYTHONPATH": paths}, stdout=out, stderr=out, timeout=LIMIT_S
-                ).returncode
+                status = subprocess.run(command, env=environment, stdout=out, stderr=out, timeout=LIMIT_S).returncode
             except subprocess.TimeoutExpired:
                 status = TIMED_OUT
             if status:
@@ -141,24 +134,16 @@ def run(client: Client) -> Result:
 
 
 def table(results: Sequence[Result]) -> str:
-    return markdown_table(
-        ("Library", "Version", "Works", "Script", "Seconds"),
-        [
-            (
-                f"[{client.library}]({client.page}.md)",
-                result.version,
-                client.line if result.status == 0 else f"**fails** (status {result.status})",
-                f"[{client.name}.py](../examples/clients/{client.name}.py)",
-                f"{result.seconds:.0f}",
-            )
-            for result in results
-            for client in [result.client]
-        ],
-    )
+    rows = []
+    for result in results:
+        client = result.client
+        works = client.line if result.status == 0 else f"**fails** (status {result.status})"
+        script = f"[{client.name}.py](../examples/clients/{client.name}.py)"
+        rows.append([f"[{client.library}]({client.page}.md)", result.version, works, script, f"{result.seconds:.0f}"])
+    return markdown_table(("Library", "Version", "Works", "Script", "Seconds"), rows)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the scripts that are named, or all; 1 if one of them failed."""
     parser = Parser(prog="scripts/clients", description=__doc__.split("\n")[0] if __doc__ else None)
     add_names(parser, "script", [client.name for client in CLIENTS])
     parser.add_argument("--write", action="store_true", help=f"write the table into {PAGE.relative_to(ROOT)}")

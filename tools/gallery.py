@@ -1,7 +1,4 @@
-"""Every picture of the documentation, drawn from seeds: ``python -m tools.gallery``.
-
-``pacman_env.render.frames`` draws a game; here are the scenes and their layout.
-"""
+"""Every picture of the documentation, drawn from seeds: ``python -m tools.gallery``."""
 
 from __future__ import annotations
 
@@ -93,7 +90,6 @@ def draw_round() -> Image:
 
 
 def draw_story() -> Image:
-    """One round from the start to the end."""
     frames = []
     for decisions in (0, 90, 220, 2000):
         batch = play(7, decisions, map="loop").batch
@@ -104,7 +100,6 @@ def draw_story() -> Image:
 
 
 def draw_ghosts() -> Image:
-    """Four ghosts, each with its behaviour."""
     env = play(5, 24, map="open_plan", ghosts=("wander", "chase", "arcade", "wander"))
     return render_frame(env.batch, 0, height=560, title="four ghosts")
 
@@ -128,7 +123,6 @@ def draw_reading() -> Image:
 
 
 def draw_houses() -> Image:
-    """Generated houses: two rows to train in, one to be tested in."""
     levels = [*range(8), *range(TEST_LEVEL, TEST_LEVEL + 4)]
     assets = [prepare_level(level, make_config()) for level in levels]
     captions = [f"{'test' if level >= TEST_LEVEL else 'train'}: level {level:,}" for level in levels]
@@ -165,7 +159,6 @@ def _scan_picture(env: PacManBotEnv, ranges: NDArray[np.float32], size: int) -> 
 
 
 def _grid_picture(grid: NDArray[np.uint8], times: int = 6) -> Image:
-    """The channels as colours, the later ones on top."""
     image = np.full((*grid.shape[:2], 3), _FLOOR, dtype=np.uint8)
     for channel, colour in enumerate((_WALLS, _PELLETS, _GHOSTS, _ROBOT)):
         image[grid[:, :, channel] > 0] = colour
@@ -188,7 +181,6 @@ def difference(path: Path, picture: Image) -> float:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Draw the pictures; returns the exit status: 1 where ``--check`` finds another picture."""
     parser = Parser(prog="python -m tools.gallery", description="Draw the pictures of the documentation.")
     add_names(parser, "picture", PICTURES)
     add_images(parser)

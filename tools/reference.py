@@ -1,7 +1,6 @@
 """The tables of the documentation, written from the code that they describe: ``python -m tools.reference``.
 
-A page marks a place with ``<!-- table: NAME -->`` and ``<!-- end -->``; what stands between is written here. The
-text around it is written by hand.
+A page marks the place of a table with ``<!-- table: NAME -->`` and ``<!-- end -->``.
 """
 
 from __future__ import annotations
@@ -67,12 +66,6 @@ def _values(unit: str, kind: Any) -> str:
     return unit or _KINDS.get(kind, "")
 
 
-def _plugged(field: str) -> str:
-    """The names that a field takes, of things that packages can add."""
-    names = {"clyde.ghosts": BEHAVIOURS, "observation.kinds": OWN_KINDS}.get(field, ())
-    return "each " + ", ".join(map(_code, names)) + ", or a plug-in's" if names else ""
-
-
 def configuration() -> str:
     sources = {**fields_of(inspect.getsource(sections)), **fields_of(inspect.getsource(composition))}
     default = Config()
@@ -82,7 +75,9 @@ def configuration() -> str:
         for f in sources[type(owner).__name__]:
             value, name = getattr(owner, f.name), f"{prefix}{f.name}"
             if not dataclasses.is_dataclass(value):
-                values = _plugged(name) or _values(f.unit, types[f.name])
+                known = {"clyde.ghosts": BEHAVIOURS, "observation.kinds": OWN_KINDS}.get(name)  # and of plug-ins
+                own = f"each {', '.join(map(_code, known))}, or a plug-in's" if known else ""
+                values = own or _values(f.unit, types[f.name])
                 yield [f"`{name}`", _code(value), values, f.comment or EVENTS.get(f.name, "")]
 
     head = ("Field", "Default", "Unit or values", "Meaning, source")
@@ -107,7 +102,6 @@ def presets() -> str:
 
 
 def _parts(kind: str) -> dict[str, ObservationPart]:
-    """Of one kind of observation on the map ``house`` with two ghosts."""
     return KINDS.find(kind)().parts(PacManBotEnv("house", ghosts=2).batch)
 
 
@@ -127,7 +121,6 @@ def keys() -> str:
 
 
 def columns() -> str:
-    """Columns of the features and of the bearings on the map ``house``."""
     text = ""
     for key, part in {**_parts(FEATURES.name), **_parts(BEARINGS.name)}.items():
         low, high = (np.asarray(bound).reshape(-1, part.shape[-1])[0] for bound in (part.low, part.high))
@@ -140,7 +133,6 @@ def columns() -> str:
 
 
 def actions() -> str:
-    """The action spaces on the map ``house``."""
     rows = []
     for action, unit in (("goal", False), ("velocity", False), ("velocity", True)):
         settings = {"action_range": "unit"} if unit else {}
@@ -157,7 +149,6 @@ def actions() -> str:
 
 
 def state() -> str:
-    """Numbers of ``state()`` of the parallel environment on the map ``house``."""
     env = PacManBotParallelEnv("house")
     named = zip(env.state_names, env.state_space.low.tolist(), env.state_space.high.tolist(), strict=True)
     rows = [[str(k), f"`{name}`", _number(low), _number(high)] for k, (name, low, high) in enumerate(named)]
@@ -180,7 +171,6 @@ def maps() -> str:
 
 
 def map_check() -> str:
-    """The output of ``pacman-env map check`` for the shipped house."""
     output = io.StringIO()
     with contextlib.redirect_stdout(output):
         cli.main(["map", "check", "house"])
@@ -198,8 +188,6 @@ TABLES: dict[str, Callable[[], str]] = {
 
 
 def fill(page: str) -> str:
-    """A page with its tables as they are now."""
-
     def write(match: re.Match[str]) -> str:
         if match[2] not in TABLES:
             raise ValueError(f"no table {match[2]!r}: choose of {', '.join(TABLES)}")
@@ -209,7 +197,6 @@ def fill(page: str) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Write the tables into the pages; returns the exit status: 1 where ``--check`` finds another table."""
     parser = Parser(prog="python -m tools.reference", description="Write the tables of the documentation.")
     parser.add_argument("pages", nargs="*", type=Path, metavar="PAGE", help="which Markdown files (all below docs)")
     add_check(parser)

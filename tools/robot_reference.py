@@ -1,7 +1,4 @@
-"""``docs/robot_reference.md``, written from the running code: ``python -m tools.robot_reference``.
-
-Every node is made once, and its parameters, topics, services and actions are listed. Needs ROS (extra ``ros``).
-"""
+"""``docs/robot_reference.md``, written from one instance of every node: ``python -m tools.robot_reference``."""
 
 from __future__ import annotations
 
@@ -11,7 +8,6 @@ import inspect
 import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -47,8 +43,6 @@ _End = tuple[str, str, str, str]  # name, type, role, and QoS, "service" or "act
 
 @dataclass
 class Described:
-    """One node as text."""
-
     purpose: str
     parameters: list[list[str]]
     ends: list[_End]
@@ -59,7 +53,17 @@ def describe(name: str) -> Described:
     module = importlib.import_module(module_of(name))
     own = (one for one in vars(module).values() if inspect.isclass(one) and one.__module__ == module.__name__)
     node_class: Any = next(one for one in own if issubclass(one, BaseNode))
-    with _noted_actions() as actions:
+    actions: list[_End] = []  # noted while they are made: rclpy does not know an action's name afterwards
+
+    def noting(method: Any, role: str) -> Any:
+        def make(action: RosAction, *arguments: Any, **options: Any) -> Any:
+            actions.append((action.name, action.type_name, role, "action"))
+            return method(action, *arguments, **options)
+
+        return make
+
+    noted = {method: noting(getattr(RosAction, method), role) for method, role in _ENDS_OF_ACTIONS.items()}
+    with patch.multiple(RosAction, **noted):
         node = node_class()
     try:
         declared = list(node._parameters)  # rclpy has no public list of them within a process
@@ -81,24 +85,6 @@ def _topics_and_services(node: Any) -> Iterator[_End]:
         type_name = f"{kind.__module__.partition('.')[0]}/{kind.__name__}"
         if not type_name.startswith(_OWN) and _PART_OF_ACTION not in name:
             yield name.removeprefix(node.get_namespace().rstrip("/") + "/"), type_name, role, qos
-
-
-@contextmanager
-def _noted_actions() -> Iterator[list[_End]]:
-    """The ends of actions that are made meanwhile: rclpy does not know an action's name afterwards."""
-    noted: list[_End] = []
-
-    def noting(method: Any, role: str) -> Any:
-        def make(action: RosAction, *arguments: Any, **options: Any) -> Any:
-            noted.append((action.name, action.type_name, role, "action"))
-            return method(action, *arguments, **options)
-
-        return make
-
-    with ExitStack() as patches:
-        for name, role in _ENDS_OF_ACTIONS.items():
-            patches.enter_context(patch.object(RosAction, name, noting(getattr(RosAction, name), role)))
-        yield noted
 
 
 def _parameter(node: Any, name: str) -> list[str]:
@@ -129,7 +115,13 @@ def page() -> str:
     finally:
         rclpy.shutdown()
         set_logger_level("", level)  # the level is the process's: it outlives the context that set it
-    return INTRO + _ends(nodes) + "".join(_node(name, node) for name, node in nodes.items()) + _checks()
+    text = INTRO + _ends(nodes)
+    for name, node in nodes.items():
+        text += f"\n## {name}\n\n{node.purpose}\n"
+        if node.parameters:
+            text += "\n" + table(("Parameter", "Type", "Default", "Range", "Meaning"), node.parameters)
+    text += "\n## Checks of `pacman-env ros doctor`\n\nWhat is BAD is best remedied in this order.\n\n"
+    return text + table(("Check", "Question"), [[check.name, check.question] for check in CHECKS])
 
 
 def _ends(nodes: dict[str, Described]) -> str:
@@ -158,21 +150,7 @@ def _rows(nodes: dict[str, Described], roles: Iterable[str]) -> list[list[str]]:
     ]
 
 
-def _node(name: str, node: Described) -> str:
-    text = f"\n## {name}\n\n{node.purpose}\n"
-    if node.parameters:
-        text += "\n" + table(("Parameter", "Type", "Default", "Range", "Meaning"), node.parameters)
-    return text
-
-
-def _checks() -> str:
-    rows = [[check.name, check.question] for check in CHECKS]
-    text = "\n## Checks of `pacman-env ros doctor`\n\nWhat is BAD is best remedied in this order.\n\n"
-    return text + table(("Check", "Question"), rows)
-
-
 def main(argv: Sequence[str] | None = None) -> int:
-    """Write the page; returns the exit status: 1 where ``--check`` finds another one."""
     parser = Parser(prog="python -m tools.robot_reference", description="Write docs/robot_reference.md.")
     parser.add_argument("page", nargs="?", type=Path, default=PAGE, help="the file (%(default)s)")
     add_check(parser)

@@ -1,7 +1,6 @@
-"""The screenshots of the operator's page in the documentation: ``python -m tools.screenshots``.
+"""The screenshots of the operator's page in the documentation, by Chromium: ``python -m tools.screenshots``.
 
-A real browser (Chromium of the system, driven by Playwright) shows the real server's page over the simulator. Moving
-things are not drawn alike each time, so no test compares these pictures.
+Moving things are not drawn alike each time, so no test compares these pictures.
 """
 
 from __future__ import annotations
@@ -33,25 +32,20 @@ def _wait(page: Any, expression: str) -> None:
     page.wait_for_function(f"(({{state}}) => {expression})(window.pacman ?? {{}})", timeout=1000 * PATIENCE_S)
 
 
-def _speed(page: Any, times: int) -> None:
-    page.locator("#speed").fill(str(times))
-
-
 def _round(page: Any, pellets: int, speed: int = 10) -> None:
     """Start a round and wait for so many pellets."""
-    _speed(page, speed)
+    page.fill("#speed", str(speed))
     page.click("#start")
     _wait(page, f"state.frame.state === 'running' && state.frame.collected >= {pellets}")
-    _speed(page, 2)
+    page.fill("#speed", "2")
     page.wait_for_timeout(700)
 
 
 def _playing(page: Any) -> None:
-    """A user plays the robot, beside the policy's own choice."""
     page.click("#tab-play")
     page.click("[data-role=robot]")
     _wait(page, "state.role === 'robot' && state.frame.baseline")
-    _speed(page, 4)
+    page.fill("#speed", "4")
     page.click("#start")
     _wait(page, "state.frame.state === 'running'")
     page.keyboard.press("1")
@@ -72,7 +66,7 @@ def _recorded(page: Any) -> None:
     _wait(page, "state.story")
     page.click("#tab-why")
     page.click("#story-next")
-    _wait(page, "document.querySelector('.parted')")
+    _wait(page, "document.querySelector('.disagreement')")
     page.mouse.move(5, 400)
     page.wait_for_timeout(300)
 
@@ -100,16 +94,7 @@ SHOTS: dict[str, tuple[int, int, float, str, Callable[[Any], None]]] = {
 }
 
 
-def compact(png: bytes) -> bytes:
-    """The same picture with a palette."""
-    out = io.BytesIO()
-    image = Image.open(io.BytesIO(png)).convert("RGB")
-    reduced = image.quantize(_COLOURS, Image.Quantize.MEDIANCUT, kmeans=2, dither=Image.Dither.NONE)
-    reduced.save(out, "PNG", optimize=True)
-    return out.getvalue()
-
-
-def shoot(browser: Any, name: str) -> bytes:
+def shoot(browser: Any, name: str) -> Image.Image:
     width, height, ratio, scheme, prepare = SHOTS[name]
     phone = width < 800
     options = {"device_scale_factor": ratio, "color_scheme": scheme, "has_touch": phone, "is_mobile": phone}
@@ -123,7 +108,8 @@ def shoot(browser: Any, name: str) -> bytes:
         _wait(page, "state?.frame && state.scene.map")
         prepare(page)
         _wait(page, "!document.querySelector('.notice')")
-        return compact(page.screenshot())
+        image = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+    return image.quantize(_COLOURS, Image.Quantize.MEDIANCUT, kmeans=2, dither=Image.Dither.NONE)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -143,9 +129,9 @@ def _shoot_all(arguments: argparse.Namespace) -> None:
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=program, args=_FLAGS)
         for name in arguments.names or SHOTS:
-            picture = shoot(browser, name)
-            (arguments.out / f"{name}.png").write_bytes(picture)
-            print(f"{arguments.out / name}.png: {len(picture) / 1000:.0f} kB")
+            path = arguments.out / f"{name}.png"
+            shoot(browser, name).save(path, optimize=True)
+            print(f"{path}: {path.stat().st_size / 1000:.0f} kB")
 
 
 if __name__ == "__main__":

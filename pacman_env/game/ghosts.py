@@ -128,7 +128,7 @@ def find_behaviour(name: str) -> Behaviour:
     except PluginError as error:
         raise ConfigError(str(error)) from error
     if not isinstance(entry, Behaviour):
-        raise ConfigError(f"ghost behaviour {name!r}: {entry!r} is none, must be a Behaviour")
+        raise ConfigError(f"ghost behaviour {name!r}: {entry!r} is not valid, must be a Behaviour")
     return entry
 
 

@@ -263,7 +263,7 @@ class RoundController:
         if pellet in self._pellets.collected:
             return [Action("ignored", f"pellet {pellet} was counted before")]
         if self._pellets.left is not None and pellet not in self._pellets.shown:
-            return [Action("ignored", f"pellet {pellet} is none of this round's")]
+            return [Action("ignored", f"pellet {pellet} is not in this round")]
         before = self.spawned
         self._pellets.collected.add(pellet)
         self.score += 1

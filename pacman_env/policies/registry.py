@@ -42,7 +42,7 @@ def make_policy(spec: str, **parameters: Any) -> Policy:
     policy = factory(**parameters)
     missing = [name for name in ("reset", "scores", "select", "explain", "name") if not hasattr(policy, name)]
     if missing:
-        raise ValueError(f"policy {spec!r}: {policy!r} is none, it has no {', '.join(missing)}")
+        raise ValueError(f"policy {spec!r}: {policy!r} is not a policy, it has no {', '.join(missing)}")
     check_reset(policy, f"policy {spec!r}")
     return policy
 

@@ -101,7 +101,7 @@ def _request_of(message: Any, now_ns: int, last_ns: int) -> tuple[tuple[int, boo
     if len(text) > _LONGEST:
         raise BadMessage(f"{len(text)} characters: at most {_LONGEST}")
     if text.strip().lower() == "stop":  # by ROS's own tools
-        return (max(now_ns, last_ns + 1), True), "somebody", ""
+        return (max(now_ns, last_ns + 1), True), "another program", ""
     try:
         content = json.loads(text)
         at, stopped, who, by = (content[name] for name in ("at", "stopped", "who", "by"))

@@ -1,6 +1,6 @@
 """Which requests are accepted: tokens, and the Host and Origin of a request.
 
-On a loopback address no token is needed: whoever has an account on this machine may play. The danger there is a page of
+On a loopback address no token is needed: anyone with an account on this machine may play. The danger there is a page of
 another site in the same browser, which Host (a name that was made to resolve to this machine) and Origin reveal.
 """
 

@@ -42,7 +42,6 @@ class Roles:
         return role
 
     def ghosts(self) -> dict[int, str]:
-        """The people that play ghosts, by the ghost's number."""
         return {k: self.people[role] for k in range(len(GHOST_NAMES)) if (role := ghost_role(k)) in self.people}
 
 
@@ -59,7 +58,6 @@ class Control:
         self.gone.pop(person, None)
 
     def went(self, person: str, now: float) -> None:
-        """A page is gone: control and role of its person are kept for a while."""
         if person in self.asking:
             self.asking.remove(person)
         if person == self.operator or self.roles.of(person) is not None:

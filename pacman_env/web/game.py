@@ -66,7 +66,4 @@ class Game(Protocol):
     def story(self, number: int) -> bytes | None: ...  # frames of a recorded round, as a JSON list; None: no such one
 
     def add_map(self, name: str, yaml: str, image: bytes) -> dict[str, Any]:
-        """Let a map be chosen: its YAML file and its image. Raises Refused if it cannot be played on.
-
-        Returns ``{"map": the name to choose it by, "words": the report of the map's checker}``.
-        """
+        """Let a map be chosen, or raise Refused; returns its name as ``map``, the checker's report as ``words``."""

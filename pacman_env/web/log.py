@@ -34,7 +34,6 @@ class Log:
         self.add(f"{what} {type(error).__name__}", f"{what}: {type(error).__name__}: {error}{where}")
 
     def redact(self, record: logging.LogRecord) -> bool:
-        """A filter for a library's logger: the tokens are removed from what it logs."""
         record.msg, record.args = self._redacted(record.getMessage()), ()
         if record.exc_info:
             text = logging.Formatter().formatException(record.exc_info)

@@ -28,8 +28,6 @@ _REHEARSED = 6  # ticks: the planner plans, goals begin
 
 
 class Driving:
-    """The roles, the goal of each, and the velocities by hand."""
-
     def __init__(self) -> None:
         self.roles = Roles()
         self.goals: dict[str, int | None] = {}  # candidates, by role
@@ -48,12 +46,10 @@ class Driving:
             self.hand = None
 
     def steer(self, person: str, v: float, omega: float) -> None:
-        """Velocities by hand, m/s and rad/s; at once, the newest counts."""
         self.roles.require(person, ROBOT)
         self.hand = (v, omega, time.monotonic())
 
     def choose(self, person: str, goal: messages.Goal, played: PlayedRound) -> None:
-        """Send the role of a person to a candidate, or to the one nearest to a place."""
         role = self.roles.of(person)
         if role is None:
             raise Refused("take a role first")
@@ -81,10 +77,7 @@ class Driving:
 
 
 class Match:
-    """One round after the other, from the first ``lay_out`` on, with seeds that follow from ``seed``.
-
-    ``lock`` is held while what is shown changes, and never while a round is stepped or laid out.
-    """
+    """Round after round; ``lock`` is held while what is shown changes, never while a round is stepped or laid out."""
 
     def __init__(
         self, rules: Rules, choices: Choices, seed: int | None, speed: float, news: News, lock: threading.RLock
@@ -131,7 +124,6 @@ class Match:
         self._to_menu()
 
     def set_clyde_speed(self, mps: float) -> None:
-        """Clyde's speed of round 1, m/s."""
         self._clyde_mps = mps
         self._controller.base_clyde_speed(mps)
         if self.state == "menu":
@@ -142,7 +134,7 @@ class Match:
         clyde_mps = self._clyde_mps if setup.clyde_mps is None else setup.clyde_mps
         self._choices.prepare(rules, clyde_mps)
         if self.driving.plays_robot and setup.finish:
-            raise Refused("somebody plays the robot: a round to be finished is played by a policy")
+            raise Refused("a person plays the robot: a round to be finished is played by a policy")
         self._rules, self._clyde_mps = rules, clyde_mps
         if setup.seed is not None:
             self._next_seed = setup.seed
@@ -169,7 +161,6 @@ class Match:
         self.view.show_round(played, self._rules)
 
     def assume_role(self, person: str, role: str) -> str:
-        """Have a role or ``none``; returns when it counts, empty: at once."""
         if role == "none":
             self.driving.roles.leave(person)
             return ""
@@ -185,18 +176,18 @@ class Match:
         try:
             self.feedback.show(what, word, time.monotonic())
         except (KeyError, ValueError) as error:
-            raise Refused(f"{what} {word!r}: there is none") from error
+            raise Refused(f"unknown {what} {word!r}") from error
 
     def readiness(self) -> list[dict[str, str]]:
         if self.round is None:
-            return [{"name": "round", "state": "bad", "words": "none is laid out", "remedy": "choose another map"}]
+            return [{"name": "round", "state": "bad", "words": "no round is laid out", "remedy": "choose another map"}]
         assets = self.round.assets
         dropped = len(assets.dropped_ids)
         words = f"{assets.occupancy.name}: {assets.pellets} pellets"
         state, remedy = "ok", ""
         if dropped:
             words += f", {dropped} more cannot be reached"
-            state, remedy = "warning", "look at the map: pacman-env map check"
+            state, remedy = "warning", "check the map: pacman-env map check"
         return [
             {"name": "simulator", "state": "ok", "words": f"pacman_env {__version__}", "remedy": ""},
             {"name": "map", "state": state, "words": words, "remedy": remedy},
@@ -240,7 +231,6 @@ class Match:
         played.step(Orders(robot=True, velocity=(0.1, 0.0)))
 
     def tick(self) -> None:
-        """The next tick of the clock, of the round too where one is played."""
         with self._lock:
             played = self.round
             if played is None or self.clock.is_held:
@@ -262,7 +252,6 @@ class Match:
                 self._report(played, before, now)
 
     def _report(self, played: PlayedRound, before: Frame, now: Frame) -> None:
-        """Report the tick to the referee, as the robot's goal selector does."""
         ids = played.assets.pellet_ids
         for pellet in np.flatnonzero(before.alive & ~now.alive).tolist():
             self._act(self._controller.status(f"pellet_collected:{int(ids[pellet])}", self._clock_s))

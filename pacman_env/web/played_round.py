@@ -44,11 +44,7 @@ class Orders:
 
 
 class PlayedRound:
-    """A round with its policies; ConfigError or MapError if it cannot be played.
-
-    ``snapshots`` are the frames before the first tick and after each, ``situations`` those that each tick was decided
-    in. ``choices`` (T, 3) are candidates as on the page: the robot's goal, and what the two policies have chosen.
-    """
+    """A round with its policies; ConfigError or MapError if it cannot be played."""
 
     def __init__(
         self,
@@ -66,8 +62,8 @@ class PlayedRound:
         self.ghost_roles, self._ghosts = ghost_roles, dict(ghosts)
         self._source = source
         self._policies = [make_policy(name) for name in policies]
-        self.situations: list[Situation] = []
-        self.choices: list[list[int]] = []
+        self.situations: list[Situation] = []  # in which each tick was decided
+        self.choices: list[list[int]] = []  # (T, 3), numbered as on the page: the robot's goal, each policy's choice
         self.by_person = False
         self.placed = False  # a ghost, by a person
         self._baseline: PlayedRound | None = None
@@ -80,7 +76,7 @@ class PlayedRound:
         self._numbers = np.array([*range(self.assets.pellets), *refuges, batch.hold])  # the batch's, by the page's
         self.hold = len(self._numbers) - 1
         self._situation = batch.situation()
-        self.snapshots = [self._snapshot()]
+        self.snapshots = [self._snapshot()]  # before the first tick, and after each
 
     @property
     def ticks(self) -> int:
@@ -107,7 +103,6 @@ class PlayedRound:
         self.snapshots = [self._snapshot()]
 
     def nearest(self, x: float, y: float, within_m: float = 1.0) -> int | None:
-        """The allowed candidate nearest to a place, m; None if none is near."""
         places = self.assets.goal_xy
         away = np.hypot(places[:, 0] - x, places[:, 1] - y)
         away[~self._situation.mask[0, self._numbers[:-1]]] = np.inf
@@ -153,7 +148,6 @@ class PlayedRound:
         self.snapshots.append(self._snapshot())
 
     def _page_number(self, candidate: int) -> int:
-        """The page's number of a candidate of the batch."""
         found = np.flatnonzero(self._numbers == candidate)
         return int(found[0]) if len(found) else self.hold
 
@@ -230,25 +224,19 @@ class PlayedRound:
         named = dict(zip(self.names, policies, strict=True))
         explained = {name: policy.explain(situation)[0] for name, policy in named.items()}
         chosen = {name: self._page_number(int(policy.select(situation)[0])) for name, policy in named.items()}
-        rows = [
-            {
-                "candidate": number,
-                "kind": KIND_NAMES[int(situation.kind[0, candidate])],
-                "terms": {name: _plain(terms[candidate]) for name, terms in explained.items()},
-            }
-            for number, candidate in enumerate(self._numbers.tolist())
-            if situation.mask[0, candidate]
-        ]
+
+        def plain(terms: Mapping[str, Any]) -> dict[str, Any]:
+            shown = {name: value for name, value in terms.items() if name not in ("kind", "allowed")}
+            return {name: round(value, 4) if isinstance(value, float) else value for name, value in shown.items()}
+
+        rows = []
+        for number, candidate in enumerate(self._numbers.tolist()):
+            if situation.mask[0, candidate]:
+                kind = KIND_NAMES[int(situation.kind[0, candidate])]
+                terms = {name: plain(terms[candidate]) for name, terms in explained.items()}
+                rows.append({"candidate": number, "kind": kind, "terms": terms})
         time_s = float(situation.time_s[0])
         return {"time_s": time_s, "goal": goal, "rows": rows, "policies": list(self.names), "chosen": chosen}
-
-
-def _plain(terms: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        name: round(value, 4) if isinstance(value, float) else value
-        for name, value in terms.items()
-        if name not in ("kind", "allowed")
-    }
 
 
 class Recordings:

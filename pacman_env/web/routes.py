@@ -37,7 +37,6 @@ class Upload(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def map_name(name: str) -> str:
-    """The name of an uploaded map: small letters, digits, - and _."""
     return re.sub(r"[^a-z0-9_-]+", "-", name.lower())[:40].strip("-_") or "map"
 
 

@@ -110,7 +110,6 @@ class Choices:
                 raise Refused(f"level {rules.level}: there are 0 to {TEST_LEVEL + TEST_LEVELS - 1}")
 
     def prepare(self, rules: Rules, clyde_mps: float | None) -> tuple[Config, LevelSource, dict[int, Policy]]:
-        """The configuration, the map and the ghosts' policies of a round; Refused if it cannot be played."""
         self.check(rules)
         changes = {name: tuple(value) if isinstance(value, list) else value for name, value in rules.settings.items()}
         if clyde_mps is not None:

@@ -18,7 +18,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import uvicorn
 from starlette.applications import Starlette
@@ -26,9 +26,9 @@ from starlette.requests import ClientDisconnect
 from starlette.routing import WebSocketRoute
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocketDisconnect
+from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 from pacman_env.web.access import AccessControl, Tokens, is_loopback, names_of
-from pacman_env.web.connections import Connections
 from pacman_env.web.game import Game
 from pacman_env.web.log import Log
 from pacman_env.web.messages import MOST_BYTES
@@ -41,6 +41,12 @@ REQUEST_S = 120.0  # for all over HTTP but an upload
 PING_S, PONG_S = 3.0, 5.0  # a page that does not answer is gone after 8 s
 CONNECTIONS = 3  # for each viewer: a browser opens up to six for the page's files, and soon closes them
 SPARE_CONNECTIONS = 50
+CLOSING_S = 2.0  # for what is still to be sent on a connection that ends
+HIGH_WATER = 16 << 10  # bytes; a slow reader gets a newer frame the sooner
+MOST_UNSENT = 1 << 20  # such as answers to pings of a client that reads nothing
+_FULL = (
+    b"HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\ncontent-length: 26\r\n\r\ntoo many connections here.\n"
+)
 
 
 @dataclass(frozen=True)
@@ -107,7 +113,7 @@ class WebServer:
             raise OSError(f"the page cannot be served: {error}") from error
 
     def close(self) -> None:
-        """Say good bye to every page, and end; it takes 2 s at most."""
+        """Close every page's connection and end; it takes 2 s at most."""
         if self._thread is None:
             return
         loop, stop = self._started.result()
@@ -120,7 +126,15 @@ class WebServer:
         loop, stop = asyncio.get_running_loop(), asyncio.Event()
         limits = self._limits
         log = Log(self._write, (self.tokens.operator, self.tokens.viewer) if self.tokens else ())
-        loop.set_exception_handler(lambda _, context: _log_context(log, context))
+
+        def log_context(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+            what, error = str(context.get("message", "the server")), context.get("exception")
+            if isinstance(error, Exception):
+                log.error(what, error)
+            else:
+                log.add("loop", what)
+
+        loop.set_exception_handler(log_context)
         sessions = Sessions(self._game, log, limits.viewers, limits.messages_per_s)
         routes = Routes(self._game, sessions, log, self._static, limits.body_s)
         application = Starlette(routes=[*routes.all(), WebSocketRoute("/ws", sessions.serve)])
@@ -153,7 +167,7 @@ class WebServer:
 def _configuration(application: ASGIApp, connections: Connections) -> uvicorn.Config:
     return uvicorn.Config(
         application,
-        http=connections.protocol(),
+        http=type("Connection", (LimitedConnection,), {"owner": connections}),
         ws="websockets-sansio",
         lifespan="off",
         log_config=None,
@@ -170,6 +184,63 @@ def _configuration(application: ASGIApp, connections: Connections) -> uvicorn.Co
     )
 
 
+class Connections:
+    """All of a server: ``most`` at once; as many more get a 503, further ones are aborted."""
+
+    def __init__(self, most: int, headers_s: float):
+        self.most = most
+        #: Whether it waits for a request, is busy or closes; its last request; since when.
+        self.open: dict[LimitedConnection, tuple[tuple[str, RequestResponseCycle | None], float]] = {}
+        self._headers_s = headers_s  # for the head of a request
+
+    def end_slow(self) -> None:
+        """End those that do not send their request, or do not receive what is sent to them; called twice a second."""
+        now = time.monotonic()
+        for connection, (before, since) in list(self.open.items()):
+            transport = connection.transport
+            unsent = transport.get_write_buffer_size()
+            state = "closes" if transport.is_closing() else "waits" if connection.waits_for_request() else "busy"
+            if (state, connection.cycle) != before:  # since the last sweep, also by another request
+                since = now
+                self.open[connection] = (state, connection.cycle), since
+            if state == "closes" and unsent == 0:
+                del self.open[connection]
+            elif unsent > MOST_UNSENT or (state == "closes" and now - since > CLOSING_S):
+                transport.abort()
+                del self.open[connection]
+            elif state == "waits" and now - since > self._headers_s:
+                transport.close()
+
+    def abort_all(self) -> None:
+        for connection in self.open:
+            connection.transport.abort()
+        self.open.clear()
+
+
+class LimitedConnection(H11Protocol):
+    owner: ClassVar[Connections]
+    _is_full = False
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        transport.set_write_buffer_limits(high=HIGH_WATER)
+        self.owner.open[self] = ("waits", None), time.monotonic()
+        if len(self.connections) > 2 * self.owner.most:
+            transport.abort()
+        self._is_full = len(self.connections) > self.owner.most
+
+    def data_received(self, data: bytes) -> None:
+        if self._is_full:
+            self.transport.write(_FULL)
+            self.transport.close()
+        else:
+            super().data_received(data)
+
+    def waits_for_request(self) -> bool:
+        is_websocket = self.transport.get_protocol() is not self
+        return not is_websocket and (self.cycle is None or self.cycle.response_complete)
+
+
 async def _tick(sessions: Sessions, connections: Connections, log: Log) -> None:
     at = time.monotonic()
     for count in itertools.count(1):
@@ -184,8 +255,6 @@ async def _tick(sessions: Sessions, connections: Connections, log: Log) -> None:
 
 
 def _bounded(application: ASGIApp, log: Log) -> ASGIApp:
-    """The application, with a time limit for every request, and one line for every unexpected error."""
-
     async def bounded(scope: Scope, receive: Receive, send: Send) -> None:
         try:
             async with asyncio.timeout(REQUEST_S if scope["type"] == "http" else None):
@@ -198,14 +267,6 @@ def _bounded(application: ASGIApp, log: Log) -> ASGIApp:
     return bounded
 
 
-def _log_context(log: Log, context: dict[str, Any]) -> None:
-    what, error = str(context.get("message", "the server")), context.get("exception")
-    if isinstance(error, Exception):
-        log.error(what, error)
-    else:
-        log.add("loop", what)
-
-
 def serve(
     game: Game,
     host: str = "127.0.0.1",
@@ -215,10 +276,7 @@ def serve(
     limits: Limits = Limits(),
     opened: Callable[[str], Any] | None = None,  # called with the page's address, such as to open a browser
 ) -> None:
-    """Print the page's links and serve it until Ctrl-C or SIGTERM; to be called in the main thread.
-
-    Raises OSError if there is no such address.
-    """
+    """Print the page's links and serve it until Ctrl-C or SIGTERM, in the main thread; OSError for a bad address."""
     ended = threading.Event()
     with WebServer(game, host, port, names=names, limits=limits) as server:
         before = {one: signal.signal(one, lambda *_: ended.set()) for one in (signal.SIGINT, signal.SIGTERM)}
@@ -273,7 +331,7 @@ def greeting(address: str, port: int, tokens: Tokens | None) -> str:
     return (
         f"To play and run it: {operator}\n{qr_code(operator)}\n"
         f"To view, and to STOP: {link(shown, port, tokens.viewer)}\n"
-        "Whoever has a link can use it, and the network sees it: no https here. Ctrl-C ends the page."
+        "Anyone with a link can use it, and the network can read it (http, not https). Ctrl-C ends the page."
     )
 
 

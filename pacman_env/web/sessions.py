@@ -76,7 +76,6 @@ class Sessions:
         }
 
     async def tick(self) -> None:
-        """Send what is new; 20 times a second."""
         expired = self.control.expire(time.monotonic())
         for person in expired:
             self._log.add("expired", f"{person} did not come back: control and role are free")
@@ -98,7 +97,7 @@ class Sessions:
     async def serve(self, socket: WebSocket) -> None:
         access = socket.scope["access"]
         if self._ending or not self.audience.has_room(access, self._arriving):
-            words = "no room: there are as many viewers as may be"
+            words = "no room: the limit of viewers is reached"
             self._log.add("full", f"refused: {words}")
             await socket.send_denial_response(refusal_response(503, words))
             return
@@ -173,7 +172,6 @@ class Sessions:
         return viewer
 
     def _disconnect(self, viewer: Viewer) -> None:
-        """The page is gone: what its person drives stands at once, control and role are kept for a while."""
         self.audience.remove(viewer)
         while not viewer.waiting.empty():
             viewer.waiting.get_nowait()

@@ -26,10 +26,7 @@ _WHY_S = 0.25  # between two times that the terms are sent
 
 
 class SimulatedGame:
-    """A :class:`~pacman_env.web.game.Game` that a thread plays, from the preparation of the first round on.
-
-    Raises MapError or ValueError for a file that cannot be used, Refused for rules that cannot be chosen.
-    """
+    """A ``Game`` that a thread plays; MapError or ValueError for an unusable file, Refused for unusable rules."""
 
     source: Literal["simulator", "ros"] = "simulator"
 

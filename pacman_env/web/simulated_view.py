@@ -57,7 +57,6 @@ class TickClock:
         self._began_s = max(due_s, time.monotonic() - self.period_s, self._held_s or 0.0)
 
     def set_speed(self, times: float) -> None:
-        """Another speed, from the present share of the tick on."""
         now = time.monotonic()
         share = self.share(now)
         self.speed = times
@@ -88,7 +87,6 @@ class Feedback:
         self._motion_s = self._moved_s = 0.0
 
     def show(self, what: str, word: str, now: float) -> None:
-        """An ``event``, ``light`` or ``sound``; KeyError or ValueError for an unknown word."""
         if what == "light":
             self.ring.command(word, now)
             self._news.add(light=word)
@@ -106,7 +104,6 @@ class Feedback:
                 self._motion_s = self._moved_s = now
 
     def update(self, now: float) -> None:
-        """Turn by the motion, play the sound that has waited."""
         turn = angular_velocity(self._motion, now - self._motion_s, self._show)
         if turn is None or not self.armed:
             self._motion = "stop"
@@ -137,7 +134,6 @@ class SimulatedView:
         self._before, self._now = before, now
 
     def show_round(self, played: PlayedRound, rules: Rules) -> None:
-        """Another round, or one whose ghosts were placed."""
         self.show(played.snapshots[-1], played.snapshots[-1])
         self.scene = scene_of(played, rules, self.scene.revision + 1)
 

@@ -42,7 +42,7 @@ class Outbox:
         if self.ended.is_set():
             return
         if len(self._texts) >= MOST_TEXTS or self._bytes + len(text) > MOST_BYTES:
-            self.end("too slow: your connection does not take what is said to it")
+            self.end("too slow: your connection does not receive what is sent to it")
             return
         self._texts.append(text)
         self._bytes += len(text)
@@ -109,14 +109,13 @@ class Viewer:
     _warned_s: float = -1.0
 
     def is_within_rate(self, now: float) -> bool:
-        """Whether the viewer may send one more message; if not there is a warning a second, and at last the end."""
         if self.rate_limit.allows(now):
             return True
         if now - self._warned_s >= 1.0:
             if self._warned_s >= 0.0 and now - self._warned_s >= 2.0:
                 self.over = 0  # it was within the rate for a while
             self._warned_s = now
-            self.send({"kind": "refused", "words": "too many messages: some are not heard"})
+            self.send({"kind": "refused", "words": "too many messages: some are ignored"})
         self.over += 1
         if self.over >= PATIENCE:
             self.outbox.end("too many messages")

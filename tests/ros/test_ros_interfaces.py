@@ -15,7 +15,7 @@ pytest.importorskip("rclpy")
 
 from pacman_env.ros import messages, topics
 from tools.ros_interfaces import build
-from tools.ros_interfaces.definitions import BadDefinition, Package, check_packages, find_packages
+from tools.ros_interfaces.build import BadDefinition, Package, check_packages, find_packages
 
 if TYPE_CHECKING:
     from tests.ros.system import Probe, System

@@ -226,7 +226,7 @@ def test_a_finished_round(visit: Visit) -> None:
     following = next(tick for tick in marks if tick > 25)
     assert page.value("state.story.index") == following
     if story["parts"]:
-        page.wait("document.querySelector('#why-words .parted')")
+        page.wait("document.querySelector('#why-words .disagreement')")
     page.press("story-previous")
     assert page.value("state.story.index") < following
     page.slide("story-range", 40)

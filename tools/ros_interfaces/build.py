@@ -1,32 +1,51 @@
 """Builds the message types that cannot be imported and installs them into the running virtual environment.
 
-``python -m tools.ros_interfaces.build``; a second run finds nothing to do. Needs gcc, g++ and ROS's wheels.
-Everything is built and tried in a temporary folder first; only then pip installs one wheel, which
-``pip uninstall pacman-ros-interfaces`` removes.
+Needs gcc, g++ and ROS's wheels. Builds and tries all in a temporary folder; only then pip installs one wheel, which
+``pip uninstall pacman-ros-interfaces`` removes. A second run finds nothing to do.
 """
 
 from __future__ import annotations
 
 import argparse
+import base64
+import contextlib
 import hashlib
 import importlib
+import io
 import os
+import platform
 import shutil
 import subprocess
 import sys
 import sysconfig
 import tempfile
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+import zipfile
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
+import numpy as np
+
 from pacman_env.cli.command import ERROR_STATUS, Parser, run_command
-from tools.ros_interfaces.definitions import Package, check_packages, find_packages
-from tools.ros_interfaces.libraries import NAME, BuildError, command, compile_package, link_package, write_wheel
 
 HERE = Path(__file__).resolve().parent
 PREFIX = Path(sys.prefix)
+NAME = "pacman-ros-interfaces"  # of the wheel
+FAST = "rosidl_typesupport_fastrtps_c"
+INTROSPECTION = "rosidl_typesupport_introspection_c"
+RUNTIME = ("rosidl_runtime_c", "rcutils")
+#: Each is a library lib<package>__<generator>.so, and needs those before it; with what else it is linked.
+GENERATORS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {  # of installed packages, others
+    "rosidl_generator_c": (("rosidl_generator_c",), ()),
+    "rosidl_typesupport_c": (("rosidl_typesupport_c",), ("rosidl_typesupport_c",)),
+    FAST: ((FAST, "rosidl_generator_c"), (FAST, "rosidl_typesupport_fastrtps_cpp", "fastcdr", "rmw")),
+    INTROSPECTION: ((INTROSPECTION, "rosidl_generator_c"), (INTROSPECTION,)),
+    "rosidl_generator_py": (("rosidl_generator_py", "rosidl_generator_c"), ()),
+}
+KINDS = {"msg": 1, "srv": 2, "action": 3}  # sections, separated by lines of three hyphens
+SEPARATOR = "---"
 #: Loads every library, and the type support of every type, as a publisher would later.
 TRY = """
 import ctypes, importlib, sys
@@ -37,6 +56,173 @@ for name in sys.argv[1:]:
         module, _, word = name.rpartition(".")
         getattr(importlib.import_module(module), word).__class__.__import_type_support__()
 """
+
+
+class BadDefinition(ValueError):
+    """A definition that cannot be built; the message is ``file:line: what``."""
+
+
+@dataclass(frozen=True)
+class Package:
+    """One package: its folder, named as the package, and its definitions, in order of path."""
+
+    folder: Path
+    files: tuple[Path, ...]
+
+    @property
+    def name(self) -> str:
+        return self.folder.name
+
+    @property
+    def types(self) -> list[tuple[str, str]]:
+        return [(path.parent.name, path.stem) for path in self.files]
+
+
+def find_packages(folder: Path) -> list[Package]:
+    """All packages ``folder/PACKAGE/{msg,srv,action}/*``, at least one, in order of name; other things are ignored."""
+    packages = []
+    for path in sorted(folder.resolve().iterdir()) if folder.is_dir() else ():
+        files = tuple(sorted(file for kind in KINDS for file in path.glob(f"{kind}/*")))
+        if files:
+            packages.append(Package(path, files))
+    if not packages:
+        raise BadDefinition(f"{folder}: no message definitions")
+    return packages
+
+
+def check_packages(packages: list[Package], share: Path) -> None:
+    """Read all definitions; what they use must be in the package, or installed in ``share``."""
+    from rosidl_adapter.parser import is_valid_package_name  # absent where nothing has to be built
+
+    names = {package.name for package in packages}
+    for package in packages:
+        if not is_valid_package_name(package.name):
+            raise BadDefinition(f"{package.folder}: not a package's name")
+        own = {name for kind, name in package.types if kind == "msg"}
+        for path in package.files:
+            if path.suffix != f".{path.parent.name}":
+                raise BadDefinition(f"{path}: not a .{path.parent.name} file")
+            for line, used_package, used in _used_types(package.name, path):
+                where = f"{path}:{line}: {used_package}/{used}"
+                if used_package == package.name:
+                    if used not in own:
+                        raise BadDefinition(f"{where}: no such message in this package")
+                elif used_package in names:
+                    raise BadDefinition(f"{where}: packages that are built together cannot use one another")
+                elif not (share / used_package / "msg" / f"{used}.idl").is_file():
+                    raise BadDefinition(f"{where}: not installed")
+
+
+def _used_types(package: str, path: Path) -> Iterator[tuple[int, str, str]]:
+    """(line, package, type) of each field whose type is a message; every line is checked."""
+    from rosidl_adapter.parser import parse_message_string
+
+    sections, seen = 1, set[str]()
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except UnicodeDecodeError as error:
+        raise BadDefinition(f"{path}: not UTF-8: {error}") from None
+    for number, line in enumerate(lines, start=1):
+        if line == SEPARATOR:
+            sections, seen = sections + 1, set()
+            continue
+        try:
+            with contextlib.redirect_stderr(io.StringIO()):  # the parser also prints what it raises
+                part = parse_message_string(package, path.stem, line)
+        except Exception as error:  # the parser's errors have no common ancestor
+            raise BadDefinition(f"{path}:{number}: {line.strip()!r}: {type(error).__name__}: {error}") from None
+        for element in (*part.fields, *part.constants):
+            if element.name in seen:
+                raise BadDefinition(f"{path}:{number}: {element.name!r} is there twice")
+            seen.add(element.name)
+        for field in part.fields:
+            if not field.type.is_primitive_type():
+                yield number, field.type.pkg_name, field.type.type
+    expected = KINDS[path.parent.name]
+    if sections != expected:
+        raise BadDefinition(f"{path}:{len(lines)}: {sections} sections, must be {expected}, separated by {SEPARATOR}")
+
+
+class BuildError(ValueError):
+    """Something that the build needs is missing, or failed."""
+
+
+def command(arguments: Iterable[object]) -> None:
+    line = [str(argument) for argument in arguments]
+    done = subprocess.run(line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace")
+    if done.returncode:
+        raise BuildError(f"{' '.join(line[:3])} ... failed with {done.returncode}:\n{done.stdout[-4000:]}")
+
+
+def compile_package(out: Path, executor: Executor) -> list[Future[None]]:
+    """Start compiling what ``generate`` wrote to ``out``."""
+    folders = [out / generator for generator in GENERATORS]
+    headers = [p for p in sorted((PREFIX / "include").iterdir()) if p.is_dir() and not p.name.startswith("python")]
+    include = [*folders, PREFIX / "include", *headers, sysconfig.get_paths()["include"], np.get_include()]
+    flags = ["-O1", "-fPIC", "-DNDEBUG", "-w", *(f"-I{folder}" for folder in include)]
+    compiler = {".c": ["gcc", "-std=gnu11"], ".cpp": ["g++", "-std=c++17"]}
+    sources = [source for folder in folders for source in sorted(folder.rglob("*.c*"))]
+    return [
+        executor.submit(
+            command, [*compiler[source.suffix], *flags, "-c", source, "-o", source.with_name(f"{source.name}.o")]
+        )
+        for source in sources
+        # of the extension modules only the one for the type support that chooses among the others
+        if "_s.ep." not in source.name or source.name.endswith(".rosidl_typesupport_c.c")
+    ]
+
+
+def link_package(name: str, out: Path) -> None:
+    """Link ``out/lib/lib<package>__<generator>.so`` and the extension module beside the package's Python files."""
+    installed, own = PREFIX / "lib", out / "lib"
+    own.mkdir()
+    paths = [f"-L{own}", f"-L{installed}", f"-Wl,-rpath-link,{installed}:{own}"]
+
+    def link(target: Path, objects: list[Path], libraries: Iterable[str], of_others: Iterable[str] = ()) -> None:
+        found = (path for generator in of_others for path in sorted(installed.glob(f"lib*__{generator}.so")))
+        others = [path for path in found if not path.name.startswith(f"lib{name}__")]
+        needed = ["-Wl,--no-as-needed", *(f"-l{library}" for library in (*libraries, *RUNTIME))]
+        options = [*paths, f"-Wl,-soname,{target.name}", "-Wl,--as-needed", *others, *needed]
+        command(["g++", "-shared", "-s", "-o", target, *objects, *options])
+
+    before: list[str] = []
+    for generator, (of_others, more) in GENERATORS.items():
+        objects = sorted(path for path in (out / generator).rglob("*.o") if "_s.ep." not in path.name)
+        library = f"{name}__{generator}"
+        link(own / f"lib{library}.so", objects, (*before, *more), of_others)
+        before.append(library)
+    (module,) = (out / "rosidl_generator_py" / name).glob("*_s.ep.*.o")
+    link(module.with_name(f"{name}_s__rosidl_typesupport_c.so"), [module], (*before, "rosidl_typesupport_c", "rmw"))
+
+
+def write_wheel(folder: Path, version: str, packages: Iterable[tuple[str, Path]]) -> Path:
+    """Write the wheel of packages, each a name and the folder that it was linked in; returns its path."""
+    stem = f"{NAME.replace('-', '_')}-{version}"
+    python = f"cp{sys.version_info.major}{sys.version_info.minor}"
+    tag = f"{python}-{python}-linux_{platform.machine()}"
+    files: dict[str, bytes] = {}
+    for name, out in packages:
+        for library in sorted((out / "lib").glob("*.so")):
+            files[f"{stem}.data/data/lib/{library.name}"] = library.read_bytes()  # goes to sys.prefix/lib
+        python_files = out / "rosidl_generator_py"
+        for path in sorted((python_files / name).rglob("*")):
+            if path.suffix in (".py", ".so"):
+                files[path.relative_to(python_files).as_posix()] = path.read_bytes()
+    info = f"{stem}.dist-info"
+    summary = "ROS 2 message types built from their definitions by pacman_env"
+    described = f"Metadata-Version: 2.1\nName: {NAME}\nVersion: {version}\nSummary: {summary}\n"
+    files[f"{info}/METADATA"] = described.encode()
+    files[f"{info}/WHEEL"] = f"Wheel-Version: 1.0\nGenerator: pacman_env\nRoot-Is-Purelib: false\nTag: {tag}\n".encode()
+    record = [f"{info}/RECORD,,\n"]  # names contain no commas
+    for name, content in files.items():
+        digest = base64.urlsafe_b64encode(hashlib.sha256(content).digest()).rstrip(b"=").decode()
+        record.append(f"{name},sha256={digest},{len(content)}\n")
+    files[f"{info}/RECORD"] = "".join(record).encode()
+    path = folder / f"{stem}-{tag}.whl"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in files.items():
+            archive.writestr(name, content)
+    return path
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -83,24 +269,23 @@ def install(packages: list[Package]) -> None:
 def build_wheel(packages: list[Package], folder: Path) -> Path:
     """Build packages and write them as one wheel into ``folder``; returns its path."""
     _check_generators()
-    _check_compiler()
+    if absent := [tool for tool in ("gcc", "g++") if shutil.which(tool) is None]:
+        raise BuildError(f"{' and '.join(absent)} not found: install a C and C++ compiler (Ubuntu: apt install g++)")
+    header = Path(sysconfig.get_paths()["include"]) / "Python.h"
+    if not header.is_file():
+        raise BuildError(f"{header} not found: install Python's headers (Ubuntu: apt install python3-dev)")
     check_packages(packages, PREFIX / "share")
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="ros-interfaces-") as temporary, ThreadPoolExecutor(os.cpu_count()) as pool:
         places = {package: Path(temporary) / package.name for package in packages}
-        list(pool.map(_generate, places, places.values()))
-        jobs = [job for out in places.values() for job in compile_package(out, pool)]
-        for job in jobs:
+        generate = [sys.executable, "-m", f"{__package__}.generate"]
+        list(pool.map(lambda package: command([*generate, package.folder, places[package]]), places))
+        for job in [job for out in places.values() for job in compile_package(out, pool)]:
             job.result()
         for package, out in places.items():
             link_package(package.name, out)
             _try(package, out)
         return write_wheel(folder, _version(packages), [(package.name, out) for package, out in places.items()])
-
-
-def _generate(package: Package, out: Path) -> None:
-    out.mkdir()
-    command([sys.executable, "-m", f"{__package__}.generate", package.folder, out])
 
 
 def _try(package: Package, out: Path) -> None:
@@ -123,11 +308,7 @@ def _installed() -> set[str]:
 
 
 def _importable(package: Package) -> bool:
-    """Whether all of a package's types are there.
-
-    Raises:
-        BuildError: only some are, so that the package is not one that was built here.
-    """
+    """Whether all of a package's types are there; BuildError if only some are: it was not built here."""
 
     def there(kind: str, name: str) -> bool:
         try:
@@ -142,7 +323,6 @@ def _importable(package: Package) -> bool:
 
 
 def _version(packages: list[Package]) -> str:
-    """Changes with the definitions, with this tool and with ROS's generators."""
     digest = hashlib.sha256()
     for path in (*(file for package in packages for file in package.files), *sorted(HERE.glob("*.py"))):
         digest.update(f"{path.parent.parent.name}/{path.name}\0".encode() + path.read_bytes() + b"\0")
@@ -157,15 +337,6 @@ def _check_generators() -> None:
             f"ROS's generators are not in {PREFIX}: where ROS comes from the system, install its own packages "
             "(ros-jazzy-nav2-msgs, ros-jazzy-irobot-create-msgs, ros-jazzy-tf2-msgs); else pip install pacman_env[ros]"
         )
-
-
-def _check_compiler() -> None:
-    absent = [tool for tool in ("gcc", "g++") if shutil.which(tool) is None]
-    if absent:
-        raise BuildError(f"{' and '.join(absent)} not found: install a C and C++ compiler (Ubuntu: apt install g++)")
-    header = Path(sysconfig.get_paths()["include"]) / "Python.h"
-    if not header.is_file():
-        raise BuildError(f"{header} not found: install Python's headers (Ubuntu: apt install python3-dev)")
 
 
 if __name__ == "__main__":

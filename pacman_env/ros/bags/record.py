@@ -101,7 +101,7 @@ def record(out: Path, namespace: str, domain: int | None = None, sim_time: bool 
             status = run(make, NAME, ["--ros-args", "-r", f"__ns:={full}"])
             received = made[0].messages if made else 0
             if status == 0 and not received:
-                raise ValueError(f"nothing was heard under {full}: is the namespace right, is the game up?")
+                raise ValueError(f"no message was received under {full}: is the namespace right, is the game up?")
             if status == 0:
                 os.replace(folder / out.name, out)
                 size = sum(path.stat().st_size for path in out.iterdir())

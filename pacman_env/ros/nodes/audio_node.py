@@ -44,7 +44,7 @@ class AudioNode(GameNode):
             return
         self._number += 1
         if not self._player.server_is_ready():
-            self.once.warning("no loudspeaker", f"{_ACTION.name}: nobody there to play {word!r}")
+            self.once.warning("no loudspeaker", f"{_ACTION.name}: no action server to play {word!r}")
             self._over(self._number)
             return
         self.once.over("no loudspeaker")

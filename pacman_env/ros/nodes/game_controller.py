@@ -122,7 +122,7 @@ class GameController(GameNode):
         for kind, due in sorted(self._due.items()):
             client = self._resets[kind]
             if self.game.state == "running" and self.game.collected:  # too late: the round is on
-                self.once.warning(kind, f"{_CALLED[kind].name}: nobody there, the round goes on without")
+                self.once.warning(kind, f"{_CALLED[kind].name}: no server, the round goes on without it")
                 del self._due[kind]
             elif now >= due and client.service_is_ready():
                 self._met.add(kind)

@@ -193,7 +193,7 @@ class RosDriving:
         if role != ROBOT:
             raise Refused("ghosts are moved by the game here: roles of ghosts are the simulator's")
         if self.roles.people.get(role, person) != person:
-            raise Refused("somebody else drives")
+            raise Refused("another person drives the robot")
         self.roles.assume(person, role)
 
     def drive(self, v: float, omega: float, most: dict[str, Any]) -> None:
@@ -201,7 +201,7 @@ class RosDriving:
         if self._node.game.state != "menu":
             raise Refused("the game drives: by hand in the menu alone; Reset leads there")
         if self._node.robot.navigating:
-            raise Refused("Nav2 drives to a goal that somebody has sent it; STOP ends that")
+            raise Refused("Nav2 drives to a goal that another program has sent; STOP ends that")
         fastest, turn = float(most.get("wheels_mps", 0.0)), float(most.get("turn_radps", 0.0))
         if not self.wheels.drive(min(max(v, -fastest), fastest), min(max(omega, -turn), turn)):
             self.require_not_stopped()
@@ -215,7 +215,7 @@ class RosDriving:
         if self._armed and answer.motion in ("spin", "shake"):
             self.require_not_stopped()
             if self._node.game.state != "menu" or self.wheels.driven or self._node.robot.navigating:
-                raise Refused("somebody else drives: an event moves the robot in the menu alone; disarm first")
+                raise Refused("the robot is driving: an event moves it in the menu alone; disarm first")
             self._shows_until_s = self._surroundings.monotonic() + _LONGEST_SHOW_S
             self._publish("event", word)
             return
@@ -238,4 +238,4 @@ class RosDriving:
 
 def require_word(what: str, word: str) -> None:
     if word not in _SHOWN[what][0]:
-        raise Refused(f"{what} {word!r}: there is none")
+        raise Refused(f"unknown {what} {word!r}")

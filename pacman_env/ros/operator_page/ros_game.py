@@ -202,7 +202,7 @@ class RosGame:
 
     def _require_game(self) -> None:
         if not self._view.game_is_there:
-            raise Refused(f"no game is heard in {self._where}: start it by pacman-env ros up")
+            raise Refused(f"no game is found in {self._where}: start it by pacman-env ros up")
 
     def _call_referee(self, service: topics.Service) -> None:
         answer = self._call(service, service.type.Request(), REFEREE)
@@ -212,7 +212,7 @@ class RosGame:
     def _call(self, service: topics.Service, request: Any, node: str) -> Any:
         client = self._services[service.name]
         if not self._surroundings.wait_for(client.service_is_ready, _THERE_S):
-            raise Refused(f"{node} is not there: nobody answers on {service.name} in {self._where}")
+            raise Refused(f"{node} is not there: no answer on {service.name} in {self._where}")
         answer = client.call_async(request)
         if not self._surroundings.wait_for(answer.done, _ANSWER_S):
             client.remove_pending_request(answer)

@@ -40,7 +40,7 @@ class RosView:
         node = self._node
         there = node.count_publishers(node.resolve_topic_name(topics.GAME_STATE.name)) > 0
         was, self.game_is_there = self.game_is_there, there
-        self._notice = "" if there else f"no game is heard in {self._where}: is 'pacman-env ros up' running there?"
+        self._notice = "" if there else f"no game is found in {self._where}: is 'pacman-env ros up' running there?"
         gone = bool(was and not there)
         if there and not was:
             self._news.add(words=f"the game in {self._where} is there")

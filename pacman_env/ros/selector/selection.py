@@ -149,7 +149,7 @@ class Selection:
             return
         unseen = self.view.unseen
         if unseen:
-            self._warn(f"no {unseen[0]}", f"nothing is chosen as long as {unseen[0]}_pose has not been heard")
+            self._warn(f"no {unseen[0]}", f"nothing is chosen as long as {unseen[0]}_pose has not been received")
             return
         seen = Seen(
             time_s=now - self.executor.began_s,

@@ -255,7 +255,7 @@ def _print_obeying(status_line: StatusLine, wait_s: float, text: str) -> int:
 def _no_answer(status_line: StatusLine, what: str) -> int:
     where, number = status_line.get_namespace(), os.environ["ROS_DOMAIN_ID"]
     print(
-        f"no game in {where}, ROS domain {number}: nobody answers on {what}; is 'pacman-env ros up' running there? "
+        f"no game in {where}, ROS domain {number}: no answer on {what}; is 'pacman-env ros up' running there? "
         "'pacman-env ros doctor' says more",
         file=sys.stderr,
     )

@@ -88,7 +88,7 @@ def check(setup: GameSetup, play_on: bool = False) -> None:
     if setup.web is not None and (missing := [name for name in _WEB if find_spec(name) is None]):
         raise ValueError(f"--web needs {', '.join(missing)}: pip install 'pacman_env[web]'")
     if play_on and not setup.sim:
-        raise ValueError("--play-on: only with --sim; beside a real robot somebody starts each round")
+        raise ValueError("--play-on: only with --sim; with a real robot a person starts each round")
     load_map(setup.map)
     make_policy(setup.policy)
 

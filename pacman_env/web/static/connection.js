@@ -15,7 +15,7 @@ let lastId = 0;
 let retries = 0;
 let received = 0; // time of the last message
 let retryTimer = 0;
-let farewell = "";
+let endReason = "";
 
 export const isOpen = () => socket?.readyState === WebSocket.OPEN;
 
@@ -70,7 +70,7 @@ function open() {
   received = performance.now();
   opened.onopen = () => {
     received = performance.now();
-    farewell = "";
+    endReason = "";
     hooks.opened();
   };
   opened.onmessage = ({ data }) => socket === opened && receive(data);
@@ -86,13 +86,13 @@ function receive(data) {
   }
   const message = JSON.parse(data);
   if (message.kind === "answer") settle(message.id, message);
-  else if (message.kind === "bye") farewell = message.words;
+  else if (message.kind === "bye") endReason = message.words;
   else hooks.message(message);
 }
 
 function closed(reason) {
   for (const id of pending.keys()) settle(id, failed("The connection was lost."));
-  hooks.lost(farewell || reason);
+  hooks.lost(endReason || reason);
   reconnect(RETRY_MS[Math.min(retries++, RETRY_MS.length - 1)]);
 }
 

@@ -100,7 +100,7 @@ on("hello people connection", () => {
   const { operator, asking, viewers, roles } = state.people;
   const may = state.hello?.access === "operator" && state.connected;
   const mine = operator === me();
-  const holder = operator === null ? "Nobody has control" : mine ? "You have control" : `${operator} has control`;
+  const holder = operator === null ? "Control is free" : mine ? "You have control" : `${operator} has control`;
   write($("lease-words"), !state.hello ? "" : operator === null && !may ? "View only" : holder);
   $("lease-words").classList.toggle("important", operator !== null && !mine);
   $("lease-take").hidden = !may || operator !== null;

@@ -50,28 +50,20 @@ export function clock(seconds) {
   return `${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")}`;
 }
 
-// At most one call in wait_ms, and always one with the last value.
-export function throttled(call, wait_ms) {
-  let timer = 0;
-  let last = -Infinity;
-  return (...values) => {
+// A slider that sends its value, once in wait_ms at most, the last one always. Returns what displays a value that the
+// server reports, unless the user has just moved the slider.
+export function slider(input, describe, send, wait_ms) {
+  let [moved, sent, timer] = [-Infinity, -Infinity, 0];
+  const output = input.parentElement.querySelector("output");
+  input.oninput = () => {
+    const value = Number(input.value);
+    moved = performance.now();
+    write(output, describe(value));
     clearTimeout(timer);
     timer = setTimeout(() => {
-      last = performance.now();
-      call(...values);
-    }, Math.max(0, last + wait_ms - performance.now()));
-  };
-}
-
-// A slider that sends its value; `show` displays a value that the server reports, unless the user has just moved it.
-export function slider(input, describe, send, wait_ms) {
-  let moved = -Infinity;
-  const output = input.parentElement.querySelector("output");
-  const throttledSend = throttled(send, wait_ms);
-  input.oninput = () => {
-    moved = performance.now();
-    write(output, describe(Number(input.value)));
-    throttledSend(Number(input.value));
+      sent = performance.now();
+      send(value);
+    }, Math.max(0, sent + wait_ms - moved));
   };
   return (value) => {
     if (performance.now() - moved < 1500 || value === undefined || Number(input.value) === value) return;

@@ -121,20 +121,17 @@ export function showFrame(frame, { jump = false, path = null } = {}) {
   if (jump || !motion.to || frame.time_s < motion.to.time_s) trail = [];
   motion.update(frame, performance.now(), jump);
   const pose = robotPose(frame);
+  const step = pose && trail.length ? distance(pose, trail.at(-1)) : Infinity;
   if (path) trail = path;
-  else if (pose && !jump) extendTrail(pose);
+  else if (pose && !jump && step >= TRAIL_M) {
+    if (step < 5) driven += step;
+    trail.push(pose);
+    if (trail.length > MOST_TRAIL) trail.splice(0, MOST_TRAIL / 10);
+  }
   redraw(false);
 }
 
 const distance = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
-
-function extendTrail(pose) {
-  const step = trail.length ? distance(pose, trail.at(-1)) : Infinity;
-  if (step < TRAIL_M) return;
-  if (step < 5) driven += step;
-  trail.push(pose);
-  if (trail.length > MOST_TRAIL) trail.splice(0, MOST_TRAIL / 10);
-}
 
 // The number of the candidate near a point of the page, or -1.
 function candidateAt(at) {
@@ -184,9 +181,8 @@ setUpGestures($("top"), view, {
   changed: redraw,
   panned: () => follow(false),
   tapped: (at) => {
-    cross = null;
+    hideCross();
     emit("tap", { world: view.toWorld(...at), candidate: candidateAt(at) });
-    redraw(false);
   },
   hovered: (at) => {
     const candidate = at ? candidateAt(at) : -1;

@@ -4,17 +4,15 @@ const TAP_PX = 9;
 const TAP_MS = 700;
 
 export class View {
-  constructor() {
-    this.scale = 40; // pixels of the page a metre
-    this.x = 0;
-    this.y = 0;
-    this.width = 1;
-    this.height = 1;
-    this.inset = 0; // pixels at the bottom that something covers
-    this.bounds = [-5, -5, 5, 5];
-    this.fitted = true;
-    this.following = false;
-  }
+  scale = 40; // pixels of the page a metre
+  x = 0;
+  y = 0;
+  width = 1;
+  height = 1;
+  inset = 0; // pixels at the bottom that something covers
+  bounds = [-5, -5, 5, 5];
+  fitted = true;
+  following = false;
 
   toScreen(x, y) {
     return [this.width / 2 + (x - this.x) * this.scale, this.height / 2 - (y - this.y) * this.scale];

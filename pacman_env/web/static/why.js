@@ -5,7 +5,7 @@ import { $, facts, make, write } from "./dom.js";
 import { emit, on, shownScene, state } from "./state.js";
 
 const MISSING = "–";
-const RANKS_APART = 2; // a larger difference of the policies' ranks is marked
+const RANK_LIMIT = 2; // a larger difference of the policies' ranks is marked
 
 const spaced = (name) => name.replaceAll("_", " ");
 const visible = () => !$("panel-why").hidden;
@@ -74,11 +74,11 @@ function tableRow(row, summaries, disagree) {
     const text = format(column === "rank" ? rank : terms[policy]?.[column]);
     const classes = {
       second: k && column === columns[0], chosen: by.includes(policy), none: text === MISSING,
-      apart: column === "rank" && ranked && Math.abs(first - second) > RANKS_APART,
+      differs: column === "rank" && ranked && Math.abs(first - second) > RANK_LIMIT,
     };
     return make("td", { class: Object.keys(classes).filter((name) => classes[name]).join(" "), text });
   }));
-  const marked = disagree && by.length ? "parts" : "";
+  const marked = disagree && by.length ? "disagree" : "";
   return make("tr", { class: marked, data: { candidate }, onmouseenter: point, onmouseleave: leave },
     make("th", { scope: "row" }, make("button", {
       type: "button", text: (by.length ? "★ " : "") + nameOf(candidate), onfocus: point, onblur: leave, onclick: go,
@@ -103,7 +103,7 @@ function show() {
   const { policies, rows, chosen } = why;
   const disagree = policies.length > 1 && chosen[policies[0]] !== chosen[policies[1]];
   $("why-words").replaceChildren(
-    disagree ? make("span", { class: "parted", text: "The policies disagree. " }) : "",
+    disagree ? make("span", { class: "disagreement", text: "The policies disagree. " }) : "",
     `At ${why.time_s.toFixed(1)} s. ` + policies.map((policy) => `${policy}: ${nameOf(chosen[policy])}.`).join(" "),
   );
   const summaries = policies.map((policy) => summarise(rows, policy, $("why-full").checked));

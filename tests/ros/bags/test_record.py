@@ -87,7 +87,7 @@ def test_nothing_heard_is_no_bag(system: Any, probe: Any, tmp_path: Path) -> Non
     recorder = start_recording(system, tmp_path / "empty")
     probe.wait_for(lambda: "recording /robot_15" in recorder.output, what="the recorder is up")
     assert recorder.stop() == 2
-    assert "nothing was heard under /robot_15" in recorder.output
+    assert "no message was received under /robot_15" in recorder.output
     assert not (tmp_path / "empty").exists()
     system.processes.clear()
 

@@ -80,7 +80,7 @@ def test_without_a_loudspeaker_the_game_goes_on_silently(nodes: Session, log: Ca
     nodes.start("audio_node")
     for word in ("pellet", "win", "pellet"):
         nodes.publish(topics.GAME_SOUND, word)
-    assert log().count("nobody there to play") == 1
+    assert log().count("no action server to play") == 1
     assert nodes.node("audio_node").once.counts["no loudspeaker"] == 3
     speaker = nodes.start(loudspeaker.NAME, Loudspeaker).node
     assert isinstance(speaker, Loudspeaker)

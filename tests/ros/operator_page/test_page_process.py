@@ -45,7 +45,7 @@ def nodes(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nod
 
 def test_a_page_over_nothing_says_so_and_shows_the_game_when_it_comes(nodes: Nodes) -> None:
     page = nodes.page()
-    page.wait(lambda: "no game is heard in /robot_15" in page.notice(), "what is missing")
+    page.wait(lambda: "no game is found in /robot_15" in page.notice(), "what is missing")
     hello = next(one for one in page.texts if one["kind"] == "hello")
     assert hello["source"] == "ros"
     assert page.frame is None

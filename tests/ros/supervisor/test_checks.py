@@ -195,7 +195,7 @@ SPEEDY = {"clyde": {"speed_mps": 0.35}, "show": {"start_s": 8.0}}
 @pytest.mark.parametrize(
     ("changes", "check", "summary", "remedy"),
     [
-        ({"environment": {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}}, "ROS", "sees nobody", "RANGE=SUBNET"),
+        ({"environment": {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}}, "ROS", "sees no other program", "RANGE=SUBNET"),
         ({"nodes": ()}, "domain", f"no node discovered in domain 15 {WAITED}", "one ROS_DOMAIN_ID"),
         ({"nodes": ()}, "domain", "no node discovered", "discovery server of turtlebot4-setup"),
         ({"nodes": ("/robot_7/amcl",), "publishers": {"/robot_7/odom": ("/robot_7/base",)}}, "namespace",

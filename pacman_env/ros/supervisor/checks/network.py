@@ -15,7 +15,7 @@ _RANGE, _LOCAL, _SERVER = "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY",
 _VARIABLES = (
     *(_SERVER, "ROS_SUPER_CLIENT", "ROS_STATIC_PEERS", "RMW_IMPLEMENTATION", "FASTRTPS_DEFAULT_PROFILES_FILE"),
 )
-_REACHES = {"LOCALHOST": "this machine only", "OFF": "nobody", "SUBNET": "this machine and its network"}
+_REACHES = {"LOCALHOST": "this machine only", "OFF": "no other program", "SUBNET": "this machine and its network"}
 _TRUE = ("1", "true", "yes", "on")
 
 
