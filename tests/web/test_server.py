@@ -331,7 +331,7 @@ def test_one_has_control_at_a_time_and_may_give_it(serve: Callable[..., WebServe
 def test_control_is_free_some_time_after_the_page_went_away(
     serve: Callable[..., WebServer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(control, "KEPT_S", 0.5)
+    monkeypatch.setattr(control, "KEPT_S", 600.0)
     game = ScriptedGame()
     server = serve(game)
     with Page(server) as other:
@@ -339,12 +339,10 @@ def test_control_is_free_some_time_after_the_page_went_away(
             one.ask("control", what="take")
             one.ask("role", role="robot")
             other.people(operator=one.name)
-        gone = time.monotonic()
-        eventually(lambda: ("leave", one.name) in game.calls)
-        assert time.monotonic() - gone < 0.4  # what he drives stands at once
+        eventually(lambda: ("leave", one.name) in game.calls)  # what it drives stands at once, long before
         assert not other.ask("start")["ok"]
+        monkeypatch.setattr(control, "KEPT_S", 0.0)
         other.people(operator=None)
-        assert time.monotonic() - gone >= 0.5
         assert other.ask("start")["ok"]
         assert other.ask("role", role="robot")["ok"]
 
