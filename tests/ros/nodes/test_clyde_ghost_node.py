@@ -19,7 +19,7 @@ from pacman_env.config import make_config
 from pacman_env.ros import topics
 from pacman_env.ros.messages import points_of, pose_of, seconds_of
 from pacman_env.ros.node import BaseNode
-from pacman_env.sim.core.map_ghosts import MapGhosts
+from pacman_env.sim.core.ghosts import MapGhosts
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.maps.ghost_cells import ClydeCells
 from tests.shared import shared_path
@@ -210,7 +210,7 @@ def test_planning_does_not_stall_its_pose_on_a_large_map_fault_11() -> None:
     config = make_config("robot", **{"clyde.speed_mps": 5.0, "pellets.spacing_m": 20.0})
     large = map_assets(shared_path("maps/mit_stata_basement"), config)
     clyde = MapGhosts(large, config, seed=1)
-    settled = clyde._table.arrays["search_nodes"][:, 3]  # the search that settled each cell
+    settled = clyde._table.arrays["search"].nodes[:, 3]  # the search that settled each cell
     ways = 0
     for _ in range(400):
         before = int(settled.max())
