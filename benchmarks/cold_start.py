@@ -20,7 +20,6 @@ STEPS = 20
 
 
 def play(env_id: str, map_source: str) -> None:
-    """Make an environment, reset it and take a few steps, as a worker does first."""
     import gymnasium as gym
     import numpy as np
 
@@ -48,7 +47,6 @@ def seconds(workers: int, cache: Path, env_id: str, map_source: str) -> tuple[fl
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Measure one worker and several in turns and print the table."""
     rows = []
     print(f"{arguments.env} on {arguments.map}, {STEPS} steps\n{'':>7} {'cold':>15} {'warm':>15}")
     print(f"{'workers':>7} {'wall s':>7} {'CPU s':>7} {'wall s':>7} {'CPU s':>7}")

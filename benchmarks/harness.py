@@ -74,6 +74,10 @@ def median_and_range(values: Sequence[float]) -> tuple[float, float, float]:
     return float(np.median(values)), min(values), max(values)
 
 
+def log(message: str) -> None:
+    print(message, file=sys.stderr, flush=True)
+
+
 def in_checkout(root: Path, *arguments: str, **variables: str) -> dict[str, Any]:
     """What ``subprocess`` needs to run this Python on the code of a checkout, with environment ``variables``."""
     environment = {**os.environ, "PYTHONPATH": str(root), **variables}

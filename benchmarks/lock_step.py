@@ -20,8 +20,6 @@ LIMIT_S = 3600.0  # of simulated time, for a game
 
 
 class Game(NamedTuple):
-    """One game, from its start to the menu."""
-
     result: str  # of the referee
     simulated_s: float
     real_s: float
@@ -71,7 +69,6 @@ def play(map_source: str, policy: str, seed: int, games: int) -> list[Game]:
 
 @contextlib.contextmanager
 def busy(cores: int) -> Iterator[None]:
-    """So many processes that do nothing but compute."""
     processes = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(cores)]
     try:
         yield

@@ -16,7 +16,7 @@ from typing import Any
 
 import psutil
 
-from benchmarks.harness import benchmark, count
+from benchmarks.harness import benchmark, count, log
 from pacman_env.world.maps.occupancy import load_map
 
 PATIENCE_S = 300.0  # the first start compiles
@@ -40,7 +40,7 @@ def measure(map_source: str, policy: str, seconds: float, domain: int) -> dict[s
     status_line = StatusLine(setup.namespace, setup.sim, setup.policy)
     names = (SIMULATOR, *GAME, SELECTOR)
     with tempfile.TemporaryDirectory() as logs:
-        processes = ProcessGroup(setup.command, Path(logs), dict(os.environ), _log)
+        processes = ProcessGroup(setup.command, Path(logs), dict(os.environ), log)
 
         def wait(condition: Callable[[], Any], what: str) -> None:
             end = time.monotonic() + PATIENCE_S
@@ -57,7 +57,7 @@ def measure(map_source: str, policy: str, seconds: float, domain: int) -> dict[s
             wait(lambda: status_line.ready and status_line.call(START_GAME), "the referee")
             wait(lambda: status_line.state == "running", "the round")
             wait(lambda: status_line.condition.get("decisions", {}).get("count"), "a decision")
-            _log(f"running, watched for {seconds:g} s")
+            log(f"running, watched for {seconds:g} s")
             found = {name: psutil.Process(number) for name, number in processes.ids().items()}
             before = {name: found[name].cpu_times() for name in names}
             began = time.monotonic()
@@ -85,7 +85,6 @@ def measure(map_source: str, policy: str, seconds: float, domain: int) -> dict[s
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Measure, and print a table with what is promised."""
     figures = measure(arguments.map, arguments.policy, arguments.seconds, arguments.domain_id)
     print(f"{'node':<20}  cpu % of a core  memory MB")
     for name, node in figures["nodes"].items():
@@ -100,10 +99,6 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         )
         print(f" (promised: {DECISION_MS:g}), longest of {decisions['count']}: {decisions['longest_ms']:.1f} ms")
     return figures
-
-
-def _log(message: str) -> None:
-    print(message, file=sys.stderr)
 
 
 main = benchmark("node_load", __doc__, run, "--policy", "--domain-id", count("--seconds", 60), extra="ros")

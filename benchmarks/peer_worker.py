@@ -24,8 +24,6 @@ Step = Callable[[], Any]
 
 
 class Task(NamedTuple):
-    """An environment to step."""
-
     name: str  # as its library calls it
     simulated_s: float  # simulated seconds of a decision
     description: str  # what else a decision is
@@ -109,7 +107,6 @@ def of_vmas(_: str) -> list[Task]:
 
 
 def of_mpe2(_: str) -> list[Task]:
-    """Its game of tag, all agents at once."""
     from mpe2 import simple_tag_v3
 
     def make(size: int, threads: int) -> Step:
@@ -129,7 +126,6 @@ def of_mpe2(_: str) -> list[Task]:
 
 
 def of_highway_env(_: str) -> list[Task]:
-    """Its highway, and the one that its authors made faster."""
     import gymnasium as gym
     import highway_env  # noqa: F401  # registers them
 

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.harness import CORES, ROOT, benchmark, median_and_range, turns
+from benchmarks.harness import CORES, ROOT, benchmark, log, median_and_range, turns
 
 Turn = dict[str, float]  # decisions_per_s and cores
 
@@ -55,7 +55,7 @@ def python_of(name: str, folder: Path) -> Path:
     wanted = hashlib.sha256(repr((platform.python_version(), PEERS[name])).encode()).hexdigest()
     if stamp.exists() and stamp.read_text() == wanted:
         return python
-    print(f"installing {', '.join(PEERS[name])} into {venv} ...", file=sys.stderr, flush=True)
+    log(f"installing {', '.join(PEERS[name])} into {venv} ...")
     pip = [sys.executable, "-m", "pip", "--python", str(python), "--disable-pip-version-check", "install", "--quiet"]
     for command in ([sys.executable, "-m", "venv", "--clear", "--without-pip", str(venv)], [*pip, *PEERS[name]]):
         done = subprocess.run(command, env=_environment(bare=True), capture_output=True, text=True)
@@ -139,7 +139,7 @@ def run(names: Sequence[str], venvs: Path | None, map_source: str, rounds: int, 
             for case in peer.cases():
                 task, size, threads = case
                 steps[peer.title(task)] = peer.tasks[task]
-                print(f"{peer.title(task)}, N = {size}, threads: {threads} ...", file=sys.stderr, flush=True)
+                log(f"{peer.title(task)}, N = {size}, threads: {threads} ...")
                 pairs = turns(rounds, partial(own_turn, size), partial(peer.turn, *case, seconds / rounds))
                 turns_of_ours.setdefault(size, []).extend(turn for turn, _ in pairs)
                 rates = [turn["decisions_per_s"] / ours["decisions_per_s"] for ours, turn in pairs]

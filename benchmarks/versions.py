@@ -37,7 +37,6 @@ def benchmark_module(root: Path) -> str:
 
 
 def measure(root: Path, map_source: str, seconds: float) -> dict[str, Any]:
-    """The figures of one run of a version's own throughput benchmark."""
     module = benchmark_module(root)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "figures.json"

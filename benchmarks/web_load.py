@@ -23,7 +23,7 @@ from unittest import mock
 import numpy as np
 import psutil
 
-from benchmarks.harness import benchmark, count
+from benchmarks.harness import benchmark, count, log
 
 #: Promised of the server, of a core, and of frames, ms.
 SERVER_PERCENT, LATENCY_MS = 30.0, 150.0
@@ -53,8 +53,6 @@ def measure(viewers: int, seconds: float, alone_s: float, game_map: str) -> dict
             steps_ms.append(1e3 * (time.perf_counter() - began))
 
     class WatchedGame(SimulatedGame):
-        """Remembers when each frame was made."""
-
         last = -1
 
         def frame(self) -> Any:
@@ -69,10 +67,10 @@ def measure(viewers: int, seconds: float, alone_s: float, game_map: str) -> dict
         WebServer(game, limits=Limits(viewers=viewers)) as server,
         _played(game),
     ):
-        _log(f"the game alone, for {alone_s:g} s")
+        log(f"the game alone, for {alone_s:g} s")
         time.sleep(WARM_S)
         alone = _during(alone_s, steps_ms)
-        _log(f"with {viewers} viewers, for {seconds:g} s")
+        log(f"with {viewers} viewers, for {seconds:g} s")
         context = multiprocessing.get_context("spawn")
         connected, ended, received = context.Event(), context.Event(), context.SimpleQueue()
         process = context.Process(target=_watch, args=(server.port, viewers, connected, ended, received), daemon=True)
@@ -206,13 +204,11 @@ def _read_nothing(port: int) -> None:
                 with contextlib.suppress(OSError):
                     while True:
                         time.sleep(0.5)
-                        connection.sendall(
-                            b"\x8a\x80" + os.urandom(4)
-                        )  # a pong without a ping: fails once it is closed
+                        # A pong without a ping: fails once the connection is closed.
+                        connection.sendall(b"\x8a\x80" + os.urandom(4))
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Measure, and print the figures with what is promised."""
     viewers, seconds = (4, 2) if arguments.quick else (arguments.viewers, arguments.seconds)
     figures = measure(viewers, seconds, max(1.0, min(30.0, seconds / 2)), arguments.map)
     ages, tick, game = figures["latency_ms"], figures["tick_ms"], figures["game_percent"]
@@ -228,10 +224,6 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     print("a tick of the game: median {p50:.2f} ms, 99 % within {p99:.2f} ms; ".format(**tick["with"]), end="")
     print("without viewers {p50:.2f} and {p99:.2f} ms".format(**tick["without"]))
     return figures
-
-
-def _log(message: str) -> None:
-    print(message, file=sys.stderr)
 
 
 OPTIONS = (

@@ -13,7 +13,7 @@ from pacman_env.envs.registration import register_envs, register_when_imported
 
 if TYPE_CHECKING:
     from .config import Config, ConfigError, make_config
-    from .config.presets import register_preset
+    from .config.composition import register_preset
     from .envs.outcome import OUTCOMES
     from .envs.pacmanbot import PacManBotEnv
     from .envs.pacmanbot_vector import PacManBotVectorEnv
@@ -41,7 +41,7 @@ __all__ += ["paired_difference", "wilson"]
 #: By module, the names that it holds.
 _EXPORTS = {
     "config": "Config ConfigError make_config",
-    "config.presets": "register_preset",
+    "config.composition": "register_preset",
     "envs.outcome": "OUTCOMES",
     "envs.pacmanbot": "PacManBotEnv",
     "envs.pacmanbot_vector": "PacManBotVectorEnv",

@@ -21,7 +21,7 @@ from pacman_env.policies.registry import make_policy
 from pacman_env.render.frames import INK, MUTED, PAGE, map_view, render_frame
 from pacman_env.render.symbols import Image, paste, text
 from pacman_env.sim.maps.assets import MapAssets, map_assets
-from pacman_env.sim.maps.generated import TEST_LEVEL, prepare_level
+from pacman_env.sim.maps.level_source import TEST_LEVEL, prepare_level
 from pacman_env.world.maps.occupancy import shipped_maps
 from tools.common import add_check, add_images, add_names
 

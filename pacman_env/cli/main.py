@@ -103,7 +103,7 @@ def _map_list(arguments: argparse.Namespace) -> int:
 
 def _map_generate(arguments: argparse.Namespace) -> int:
     from pacman_env.config import make_config
-    from pacman_env.sim.maps.generated import TEST_LEVEL, TEST_LEVELS, prepare_level
+    from pacman_env.sim.maps.level_source import TEST_LEVEL, TEST_LEVELS, prepare_level
 
     config = make_config()
     last = arguments.level + arguments.count - 1

@@ -1,11 +1,11 @@
 """The configuration of a game: every number of the rules, the robot and the simulator, once, with unit and source."""
 
+from .composition import PRESETS as PRESETS
 from .composition import Config as Config
 from .composition import differences as differences
-from .presets import PRESETS as PRESETS
-from .presets import make_config as make_config
-from .presets import parse_settings as parse_settings
-from .presets import preset_names as preset_names
+from .composition import make_config as make_config
+from .composition import parse_settings as parse_settings
+from .composition import preset_names as preset_names
 from .sections import EXECUTIONS as EXECUTIONS
 from .sections import MAX_SPEED_MPS as MAX_SPEED_MPS
 from .sections import ClydeConfig as ClydeConfig

@@ -1,16 +1,18 @@
-"""One complete configuration: the groups together, the checks between them, and changes by dotted name."""
+"""One complete configuration: the groups together, the checks between them, changes by dotted name, and presets."""
 
 import dataclasses
 import difflib
 import hashlib
 import json
 import operator
-from collections.abc import Mapping
+import typing
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, Self
 
+from ..plugins import PluginError, Registry
 from . import sections
-from .validation import AtLeastOne, Checked, ConfigError, Count, Number, Positive, kinds, require
+from .validation import AtLeastOne, Checked, ConfigError, Count, Number, Positive, convert, kinds, require
 
 MAX_BLIND_M = 0.8  # the farthest a robot may drive between two plans
 
@@ -99,8 +101,7 @@ class Config(Checked):
     def with_fields(self, **changes: Any) -> Self:
         """A copy with fields replaced by dotted names, ``with_fields(**{"clyde.speed_mps": 0.35})``.
 
-        Raises:
-            ConfigError: an unknown name, or a value out of range.
+        Raises ConfigError for an unknown name or a value out of range.
         """
         rules = changes.get("execution.rules")
         if isinstance(rules, str):
@@ -170,3 +171,54 @@ def differences(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tuple[A
         elif one != other:
             found[name] = (one, other)
     return found
+
+
+PRESETS: dict[str, dict[str, Any]] = {
+    # What the ten real trials had: measured speed, AMCL's cadence and error, Nav2's delays.
+    "robot": {"robot.speed_mps": 0.256},  # driving speed in the logs [M]
+    # Perfect localization, the base's full speed, goals and rules that act at once.
+    "ideal": {
+        "localization.perfect": True,
+        "nav2.accept_delay_s": 0.0,
+        "nav2.planner_period_s": 0.5,
+        "execution.check_period_s": 0.05,
+    },
+}
+_WORDS = {"true": True, "false": False, "none": None}
+#: Those, and what other packages add as entry points: fields by dotted name.
+_ALL_PRESETS: Registry[Mapping[str, Any]] = Registry("preset", "pacman_env.presets", dict(sorted(PRESETS.items())))
+preset_names = _ALL_PRESETS.names
+register_preset = _ALL_PRESETS.register
+
+
+def make_config(preset: str = "robot", execution: str | None = None, **changes: Any) -> Config:
+    """Compose a preset, an execution and single fields given by dotted name.
+
+    Raises ConfigError for an unknown preset, execution or field, or a value out of range.
+    """
+    try:
+        fields = _ALL_PRESETS.find(preset) if isinstance(preset, str) else None
+    except PluginError as error:
+        raise ConfigError(str(error)) from error
+    if not (isinstance(fields, Mapping) and all(isinstance(name, str) for name in fields)):
+        raise ConfigError(f"unknown preset {preset!r}: must be the name of values by the dotted names of fields")
+    rules = {} if execution is None else {"execution.rules": execution}
+    return Config().with_fields(**{**fields, **rules, **changes})
+
+
+def parse_settings(texts: Iterable[str]) -> dict[str, Any]:
+    """Values by dotted name, for :func:`make_config`, of texts like ``clyde.speed_mps=0.3``; several have commas."""
+    changes = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise ConfigError(f"setting {text!r}: must be name=value")
+        kind = kind_of(name)
+        inner = [field for field in FIELDS if field.startswith(f"{name}.")]
+        if inner:
+            raise ConfigError(f"configuration field {name!r} is a group: choose one of {', '.join(inner)}")
+        parts: list[Any] = [_WORDS.get(part.strip().lower(), part.strip()) for part in value.split(",")]
+        is_list = parts != [None] and any(typing.get_origin(k) is tuple for k in (kind, *typing.get_args(kind)))
+        plain = parts if is_list else parts[0] if len(parts) == 1 else value
+        changes[name] = convert(plain, kind, name, strict=kind is bool)
+    return changes

@@ -135,12 +135,10 @@ EXECUTIONS: dict[str, dict[str, object]] = {
         "execution.switch": "cancel_then_send",
         "execution.min_dwell_s": 0.0,
     },
-    "robust": {
-        "execution.pose_source": "tf",
-        "execution.on_abort": "back_off",
-        "execution.switch": "preempt",
-        "execution.min_dwell_s": 1.0,
-    },
+}
+#: The corrected rules are the defaults.
+EXECUTIONS["robust"] = {
+    name: getattr(ExecutionConfig(), name.removeprefix("execution.")) for name in EXECUTIONS["as_built"]
 }
 
 
@@ -237,7 +235,7 @@ class ObservationConfig(Checked, group="observation"):
     candidates: Literal["all", "nearest"] = "all"
     nearest_pellets: Annotated[int, Meta(ge=1, le=1000)] = 4  # of nearest, and in bearings: so many are listed
     nearest_refuges: Annotated[int, Meta(ge=0, le=1000)] = 2  # of nearest: so many are listed
-    normalize: bool = False  # all numbers in [-1, 1], by constants (sim/observation/scales.py)
+    normalize: bool = False  # all numbers in [-1, 1], by constants (sim/observation/robot_features.py)
     flat: bool = False  # one array of all
     #: Where the action mask is: among the arrays, in the info, only a method (which there is always), or beside the
     #: observation: a dictionary of `observation` and `action_mask`.

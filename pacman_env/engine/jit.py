@@ -18,8 +18,7 @@ from llvmlite import ir
 from numba.core import cgutils
 from numba.core import types as numba_types
 
-from .compile_turns import take_turns
-from .kernel_cache import KernelCache
+from .kernel_cache import KernelCache, take_turns
 from .native import operation
 
 F = TypeVar("F", bound=Callable[..., Any])

@@ -17,8 +17,7 @@ from ..plugins import PluginError
 from ..policies.base import Policy, check_reset
 from ..policies.registry import make_policy, policy_names
 from ..sim.maps.assets import MapSource, map_assets
-from ..sim.maps.generated import GeneratedMaps
-from ..sim.maps.level_source import FixedMap, LevelSource
+from ..sim.maps.level_source import FixedMap, GeneratedMaps, LevelSource
 from ..sim.observation.kinds import FLAT, KINDS
 from ..world.maps.occupancy import OccupancyMap
 

@@ -19,8 +19,7 @@ from ..sim.core import compile_ahead
 from ..sim.core.batch import GameBatch
 from ..sim.core.parameters import drawn_values
 from ..sim.observation.kinds import FLAT, MASK, Observer
-from ..sim.observation.nearest import MISSING
-from ..sim.observation.situation import Situation
+from ..sim.observation.situation import MISSING, Situation
 from . import outcome
 from .arguments import EnvArguments, check_render_mode
 from .outcome import Ends

@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from ..render.display import RENDER_FPS, Display
+from ..render.window import RENDER_FPS, Display
 from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, takes_env_arguments
 from .core import CoreEnv

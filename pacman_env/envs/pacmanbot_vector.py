@@ -11,7 +11,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from ..game.execution import RUNNING
-from ..render.display import RENDER_FPS
+from ..render.window import RENDER_FPS
 from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, checked_games, is_count, takes_env_arguments
 from .resets import ManyGames, Options, Seeds

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..config import ConfigError
 from ..game.ghosts import GHOST_NAMES
-from ..render.display import RENDER_FPS
+from ..render.window import RENDER_FPS
 from ..sim.observation.kinds import MASK
 from ..sim.observation.robot_features import FAST_MPS
 from .arguments import EnvArguments, checked_games, takes_env_arguments

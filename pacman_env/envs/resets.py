@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from ..config import ConfigError
 from ..policies.base import Flags, Indices
-from ..sim.maps.generated import GeneratedMaps
-from ..sim.maps.level_source import LevelSource
+from ..sim.maps.level_source import GeneratedMaps, LevelSource
 from .core import CoreEnv
 
 SEEDS = 2**63  # below this

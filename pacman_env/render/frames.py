@@ -40,8 +40,6 @@ _Draw = Callable[[Image, NDArray], None]
 
 
 class _Item(NamedTuple):
-    """A symbol of the legend with its text."""
-
     half: float  # of the symbol's width, px
     draw: _Draw
     text: Image
@@ -238,9 +236,7 @@ def _crop(assets: MapAssets) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return corner, end - corner
 
 
-@functools.lru_cache(maxsize=_KEPT_VIEWS)
-def map_view(assets: MapAssets, config: Config, height: int, wide: bool = False) -> MapView:
-    return MapView(assets, config, height, wide)
+map_view = functools.lru_cache(maxsize=_KEPT_VIEWS)(MapView)
 
 
 def game_view(batch: GameBatch, game: int, height: int) -> MapView:
@@ -293,7 +289,6 @@ def render_frame(batch: GameBatch, game: int, *, height: int = 720, title: str |
 
 
 def _believed(g: Any, config: Config) -> tuple[float, float, float]:
-    """The pose that the executor acts on."""
     if config.execution.pose_source == "amcl":
         return float(g["amcl_x"]), float(g["amcl_y"]), float(g["amcl_heading"])
     x, y, heading = (float(g[name] + g[f"error_{name}"]) for name in ("x", "y", "heading"))
@@ -301,7 +296,6 @@ def _believed(g: Any, config: Config) -> tuple[float, float, float]:
 
 
 def _draw_goal(image: Image, view: MapView, batch: GameBatch, game: int) -> None:
-    """The plan being driven, from the robot on, and the candidate pursued."""
     g, assets = batch.games[game], batch.assets_of(game)
     points, at, goal = int(g["nav_points"]), int(g["nav_at"]), int(g["nav_goal"])
     if goal >= 0 and points > 0:

@@ -176,7 +176,6 @@ class Player:
         return f"PacManBot   score {self.score:.1f}   {state}   F1: keys"
 
     def _state(self) -> tuple[NDArray[Any], ...]:
-        """Copies of all that a picture shows."""
         return tuple(getattr(self.batch, name).copy() for name in _PICTURED)
 
     def _restore(self, state: tuple[NDArray[Any], ...]) -> None:
@@ -185,10 +184,7 @@ class Player:
 
 
 def play(player: Player, window: HumanWindow, *, fps: float = 20.0) -> None:
-    """Play until the player quits or closes the window.
-
-    The pictures between two decisions are interpolated, so that what is seen is a decision late.
-    """
+    """Play until the player quits or closes the window; pictures are interpolated, and so a decision late."""
     if not 1 <= fps <= 100:
         raise ValueError(f"fps = {fps}: must be 1 to 100")
     while not player.quit and not window.closed:

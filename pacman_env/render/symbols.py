@@ -32,8 +32,6 @@ _HAS_WEIGHTS = int(cv2.__version__.split(".")[0]) >= 5  # before, only strokes o
 
 
 class _Pen:
-    """Draws on a magnified patch in the coordinates of the whole picture."""
-
     def __init__(self, patch: Image, corner: tuple[int, int]) -> None:
         self.patch = patch
         self._corner = np.array(corner)
@@ -93,7 +91,6 @@ _DIAMOND_SHAPE = np.array([(0, -1.05), (0.85, 0), (0, 1.05), (-0.85, 0)])
 
 
 def pac_man(image: Image, centre: NDArray, radius: float, angle: float) -> None:
-    """The robot, its mouth towards ``angle``."""
     c, s = math.cos(angle), math.sin(angle)
     width = _outline(radius)
     shape = (radius - 0.5 * width) * _PAC_SHAPE @ np.array([(c, s), (-s, c)])
@@ -102,7 +99,6 @@ def pac_man(image: Image, centre: NDArray, radius: float, angle: float) -> None:
 
 
 def ghost(image: Image, centre: NDArray, radius: float, eyes: NDArray, colour: Colour) -> None:
-    """A ghost, its eyes towards ``eyes`` (2,), of length 1 or 0."""
     width = _outline(radius)
     with _pen(image, centre, 1.2 * radius + 2) as pen:
         pen.polygon(centre + radius * _GHOST_SHAPE, colour, OUTLINE, width)
@@ -152,7 +148,6 @@ def plan(image: Image, points: NDArray, width: float) -> None:
 
 
 def home(image: Image, centre: NDArray, radius: float) -> None:
-    """A house."""
     door = np.array([(-0.24, 0.9), (-0.24, 0.25), (0.24, 0.25), (0.24, 0.9)])
     with _pen(image, centre, 1.3 * radius + 2) as pen:
         pen.polygon(centre + radius * _HOUSE_SHAPE, PLACE, PLACE, 0.5)
@@ -160,7 +155,6 @@ def home(image: Image, centre: NDArray, radius: float) -> None:
 
 
 def refuge(image: Image, centre: NDArray, radius: float) -> None:
-    """A diamond."""
     with _pen(image, centre, 1.2 * radius + 2) as pen:
         pen.polygon(centre + radius * _DIAMOND_SHAPE, PLACE_FILL, PLACE, 1.3 * _outline(radius))
 

@@ -1,4 +1,4 @@
-"""A window that shows frames on the screen and collects keys and clicks, with pygame.
+"""A window that shows frames on the screen and collects keys and clicks, with pygame; what of it an environment shows.
 
 pygame is imported when the first window is made: everything else works without it.
 """
@@ -10,6 +10,7 @@ import sys
 from collections import deque
 from typing import Any, NamedTuple
 
+import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,8 +19,6 @@ _SHIFTED = "?+"  # keys named by the character that they give, whatever the layo
 
 
 class Input(NamedTuple):
-    """One thing that the user of a window did."""
-
     kind: str  # "press" or "release" of a key, or "click" of the left mouse button
     key: str = ""  # pygame's name of the key, that of the key pad's 1 being "1" too
     at: tuple[int, int] = (0, 0)  # column, row of the frame, px
@@ -92,8 +91,45 @@ class HumanWindow:
         return True
 
     def close(self) -> None:
-        """Close the window for good; closing twice is harmless."""
         self.closed = True
         if self._initialized:
             self._initialized = False
             self._pygame.display.quit()
+
+
+RENDER_FPS = 2  # one frame per decision, in real time
+
+
+class Display:
+    """``render``, ``close`` and copies of an environment with ``render_mode``, ``started`` and ``batch``."""
+
+    _window: Any = None
+
+    def render(self: Any) -> NDArray[np.uint8] | None:
+        """A picture (720, W, 3) uint8 in mode ``rgb_array``; in mode ``human`` it goes to a window.
+
+        Raises ResetNeeded before the first reset.
+        """
+        if self.render_mode is None:
+            gym.logger.warn("render() without render_mode: pass render_mode='rgb_array' or 'human'")
+            return None
+        if not self.started:
+            raise gym.error.ResetNeeded("call reset() before render()")
+        from .frames import render_frame
+
+        frame = render_frame(self.batch, 0)
+        if self.render_mode == "rgb_array":
+            return frame
+        if self._window is None:
+            self._window = HumanWindow()
+        self._window.show(frame, RENDER_FPS)
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_window": None}  # a copy opens its own window

@@ -20,7 +20,7 @@ from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sb3 import Observation, PacManBotVecEnv
-from pacman_env.sim.maps.generated import WIDE
+from pacman_env.sim.maps.level_source import WIDE
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, planner_features
 from pacman_env.training.arguments import Arguments
 

@@ -34,7 +34,7 @@ from pacman_env.game.execution import COMPLETE
 from pacman_env.policies.base import Policy
 from pacman_env.policies.metadata import Training
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.generated import GeneratedMaps
+from pacman_env.sim.maps.level_source import GeneratedMaps
 from pacman_env.training import checkpoint
 from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
 from pacman_env.training.export import export_planner

@@ -19,8 +19,7 @@ from pacman_env.game.pellets import generate_pellets
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy, policy_names
 from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.maps.generated import TEST_LEVEL, TEST_LEVELS
-from pacman_env.sim.maps.level_source import LevelSource
+from pacman_env.sim.maps.level_source import TEST_LEVEL, TEST_LEVELS, LevelSource
 from pacman_env.web.game import Refused
 from pacman_env.web.messages import Setup
 from pacman_env.world.maps.map_check import check_map

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from pacman_env.engine import compile_turns, jit
+from pacman_env.engine import jit, kernel_cache
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Two kernels, one of which calls the other. Its process says when it compiles, and may be made to wait there.
@@ -133,16 +133,16 @@ def test_where_nothing_can_be_kept_each_process_compiles_and_nobody_waits(folder
 def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder of this process's kernels; it has not waited yet."""
     monkeypatch.setattr(jit, "kernel_folder", lambda: tmp_path)
-    monkeypatch.setattr(compile_turns, "_waited_s", 0.0)
-    compile_turns._print_once.cache_clear()
+    monkeypatch.setattr(kernel_cache, "_waited_s", 0.0)
+    kernel_cache._print_once.cache_clear()
     return tmp_path
 
 
 def test_after_the_longest_wait_a_kernel_is_compiled_all_the_same(
     kept: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(compile_turns, "MESSAGE_AFTER_S", 0.1)
-    monkeypatch.setattr(compile_turns, "LONGEST_WAIT_S", 0.3)
+    monkeypatch.setattr(kernel_cache, "MESSAGE_AFTER_S", 0.1)
+    monkeypatch.setattr(kernel_cache, "LONGEST_WAIT_S", 0.3)
     kernel = jit.kernel.__wrapped__(inner)
     assert kernel(1) == inner(1)
     (file,) = kept.glob("*/lock")
@@ -151,7 +151,7 @@ def test_after_the_longest_wait_a_kernel_is_compiled_all_the_same(
         began = time.monotonic()
         assert kernel(0.3) == inner(0.3)
         assert time.monotonic() - began >= 0.3
-    assert capsys.readouterr().err.splitlines() == [compile_turns._WAITING]
+    assert capsys.readouterr().err.splitlines() == [kernel_cache._WAITING]
 
 
 def test_where_no_lock_can_be_had_a_kernel_is_compiled_and_kept(kept: Path) -> None:
@@ -177,10 +177,10 @@ def test_a_failed_compilation_leaves_no_lock(kept: Path) -> None:
 def test_a_terminal_is_told_of_a_compilation_that_takes_longer(
     terminal: bool, kept: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(compile_turns, "MESSAGE_AFTER_S", 0.0)
-    monkeypatch.setattr(compile_turns, "_compiling_since", None)
+    monkeypatch.setattr(kernel_cache, "MESSAGE_AFTER_S", 0.0)
+    monkeypatch.setattr(kernel_cache, "_compiling_since", None)
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal, raising=False)
     kernel = jit.kernel.__wrapped__(inner)
     for argument in (1, 0.3, 1j):
         kernel(argument)
-    assert capsys.readouterr().err.splitlines() == [compile_turns._COMPILING] * terminal
+    assert capsys.readouterr().err.splitlines() == [kernel_cache._COMPILING] * terminal

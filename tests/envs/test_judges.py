@@ -23,7 +23,7 @@ from gymnasium.vector import SyncVectorEnv
 
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
-from pacman_env.render import display as screen
+from pacman_env.render import window as screen
 from pacman_env.sb3 import PacManBotVecEnv
 from pacman_env.world.maps.occupancy import shipped_maps
 from tests.envs.configurations import AXES, COVERING, CROSSED, PAIRWISE, arguments, groups, name, product

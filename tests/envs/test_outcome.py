@@ -11,7 +11,7 @@ from pacman_env.config import RewardConfig
 from pacman_env.envs.outcome import OUTCOMES, infos, reward_and_end
 from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
 from pacman_env.sim.core.kernels import SUMMARY, summarize
-from pacman_env.sim.core.records import GAME
+from pacman_env.sim.core.parameters import GAME
 
 REWARD = RewardConfig(pellet=1.5, death=-20.0, completion=7.0, tick=-0.25, timeout=-3.0)
 AT_END = {RUNNING: 0.0, DEAD: -20.0, COMPLETE: 7.0, CLEARED: 0.0, TIMEOUT: -3.0}

@@ -12,8 +12,8 @@ import numpy as np
 from pacman_env.config import Config, ObservationConfig, RewardConfig, make_config
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.envs.pacmanbot import PacManBotEnv
-from pacman_env.sim.maps.generated import TEST_LEVEL, TEST_LEVELS
-from pacman_env.sim.observation import bearings, raster
+from pacman_env.sim.maps.level_source import TEST_LEVEL, TEST_LEVELS
+from pacman_env.sim.observation import raster
 from pacman_env.sim.observation import robot_features as columns
 from tests.envs.helpers import make
 
@@ -44,7 +44,7 @@ def test_the_docstring_names_the_columns_in_their_order() -> None:
         assert shape == str(env.observation_space[key].shape), key
         if key in ("action_mask", "scan", "grid"):
             continue
-        named = getattr(bearings if "bearings" in key else columns, f"{key.upper().removesuffix('S')}_COLUMNS")
+        named = getattr(columns, f"{key.upper().removesuffix('S')}_COLUMNS")
         text = re.sub("^with .*: ", "", text)
         pieces = re.split(r", | and ", re.sub(r" \([^)]*\)", "", text))
         assert len(pieces) == len(named) == env.observation_space[key].shape[-1]

@@ -11,7 +11,7 @@ from pacman_env.game import ghosts as rule
 from pacman_env.game.ghosts import BEHAVIOURS, GhostView, find_behaviour
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.core.ghosts import head_for, wander_on
-from pacman_env.sim.core.records import GHOST
+from pacman_env.sim.core.parameters import GHOST
 from pacman_env.sim.maps.assets import MapAssets, map_assets
 from pacman_env.sim.maps.ghost_cells import ClydeCells, find_path, search_memory
 from tests.drawn import drawn

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from pacman_env.config import make_config
 from pacman_env.game.decisions import HOLD, LastDecision, Moment
 from pacman_env.game.execution import NO_CHOICE, RUNNING
-from pacman_env.sim.core import kernels, records
-from pacman_env.sim.core.parameters import batch_parameters
+from pacman_env.sim.core import kernels
+from pacman_env.sim.core.parameters import GAME, LAST_DECISION, batch_parameters
 
 PELLETS, REFUGES = 3, 1
 SIM_HOLD = PELLETS + REFUGES
@@ -98,7 +98,7 @@ ticks = st.lists(
 @settings(max_examples=300, deadline=None)
 @given(ticks=ticks)
 def test_the_simulators_games_are_asked_at_the_same_ticks(ticks: list[tuple[int, str, bool, float, bool]]) -> None:
-    games, before, last = np.zeros(1, records.GAME), np.zeros(1, records.LAST_DECISION), LastDecision(CONFIG)
+    games, before, last = np.zeros(1, GAME), np.zeros(1, LAST_DECISION), LastDecision(CONFIG)
     game, parameters = games[0], batch_parameters(CONFIG, 0.05, PELLETS, REFUGES)
     game["end"], game["pursued"], game["distance"], game["round"] = RUNNING, NO_CHOICE, FAR, 1
     awake = np.zeros(1, np.bool_)

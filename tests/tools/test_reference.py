@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from pacman_env.config import Config
-from pacman_env.sim.observation.bearings import GHOST_BEARING_COLUMNS, PELLET_BEARING_COLUMNS
-from pacman_env.sim.observation.robot_features import COLUMNS
+from pacman_env.sim.observation.robot_features import COLUMNS, GHOST_BEARING_COLUMNS, PELLET_BEARING_COLUMNS
 from tests.envs.helpers import make
 from tools.common import ROOT
 from tools.reference import TABLES, configuration, fields_of, fill, main

@@ -18,7 +18,7 @@ from pacman_env.game.execution import RUNNING
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.maps.generated import GeneratedMaps
+from pacman_env.sim.maps.level_source import GeneratedMaps
 from pacman_env.sim.observation.planner_features import planner_features
 from pacman_env.sim.observation.situation import Situation
 from pacman_env.training.checkpoint import TorchPlanner

@@ -14,7 +14,7 @@ pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
 from pacman_env.sb3 import PacManBotVecEnv
-from pacman_env.sim.maps.generated import TEST_LEVEL
+from pacman_env.sim.maps.level_source import TEST_LEVEL
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
 from pacman_env.training.arguments import Arguments
 from pacman_env.training.games import VALIDATION_LEVEL, TrainingGames, clyde_limit, dropped, game_config, make_games

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pacman_env.sim.maps.generated import TEST_LEVEL
+from pacman_env.sim.maps.level_source import TEST_LEVEL
 from pacman_env.web.game import Refused
 from pacman_env.web.messages import Setup
 from pacman_env.web.rules import Choices, Rules

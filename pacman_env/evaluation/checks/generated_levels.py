@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.config import make_config
-from pacman_env.sim.maps.generated import TEST_LEVEL, prepare_level
+from pacman_env.sim.maps.level_source import TEST_LEVEL, prepare_level
 
 FAULT_STATUS = 1
 FREE_ABOVE = 250  # grey, Algorithm 1

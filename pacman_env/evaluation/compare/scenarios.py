@@ -24,8 +24,7 @@ from pacman_env.config import EXECUTIONS, Config, ConfigError, make_config, pars
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy, policy_names
 from pacman_env.sim.maps.assets import MapAssets, map_assets
-from pacman_env.sim.maps.generated import TEST_LEVEL, GeneratedMaps, prepare_level
-from pacman_env.sim.maps.level_source import FixedMap, LevelSource
+from pacman_env.sim.maps.level_source import TEST_LEVEL, FixedMap, GeneratedMaps, LevelSource, prepare_level
 
 LEVELS_PLAYED = 200  # of a split by default
 _POLICY_FILES = (".onnx", ".zip")

@@ -14,8 +14,8 @@ from pacman_env.game.decisions import HOLD, LastDecision
 from pacman_env.game.execution import RUNNING
 from pacman_env.policies.base import Policy
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.poses import Pose, compose, relative
 from pacman_env.sim.maps.assets import MapAssets
+from pacman_env.world.navigation.localization import Pose, compose, relative
 
 DRIVING_MPS = 0.05  # slower is standing
 STANDING_S = 5.0  # a longer pause between two poses is no cadence: AMCL is silent while the robot stands

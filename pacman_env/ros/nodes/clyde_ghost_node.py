@@ -1,6 +1,6 @@
 """Node ``clyde_ghost_node``: Clyde and the other ghosts on the map, as poses, markers and obstacles.
 
-Where they go and how they walk is the simulator's (``sim/core/map_ghosts.py``); here they get a clock and topics.
+Where they go and how they walk is the simulator's (``sim/core/ghosts.py``); here they get a clock and topics.
 Those that a policy moves see what the robot's policy sees.
 """
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pacman_env.config import MAX_SPEED_MPS
 from pacman_env.game.ghosts import GHOSTS
 from pacman_env.policies.registry import split_ghosts
-from pacman_env.sim.core.map_ghosts import MapGhosts
+from pacman_env.sim.core.ghosts import MapGhosts
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.robot_view import Pellets, RobotView, Seen
 

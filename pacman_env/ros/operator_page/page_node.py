@@ -35,8 +35,8 @@ from pacman_env.ros.node import BaseNode
 from pacman_env.ros.selector.believed_pose import BASE, BelievedPose
 from pacman_env.ros.selector.goal_scores import CANDIDATES, DIAGNOSTICS, NAMESPACE, SCORES, WHY
 from pacman_env.ros.selector.message_queue import MessageQueue
-from pacman_env.sim.core.poses import compose
 from pacman_env.web.game import News
+from pacman_env.world.navigation.localization import compose
 
 RAYS = 180
 FREE, UNKNOWN = 254, 205  # grey, as map_server's files have it; 0: solid

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pacman_env.ros.messages import BadMessage, Pose, pose_of, seconds_of, transform_of
-from pacman_env.sim.core.poses import compose
-from pacman_env.world.navigation.localization import wrap
+from pacman_env.world.navigation.localization import compose, wrap
 
 BASE, MAP = "base_link", "map"
 _BETWEEN = frozenset({BASE, "base_footprint", "odom"})  # frames whose parents matter

@@ -17,9 +17,8 @@ from builtin_interfaces.msg import Time
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import String
 
-from ...sim.core.navigate_to_pose import Navigation
-from ...sim.core.poses import Pose
-from ...sim.core.robot import SimulatedRobot
+from ...sim.core.robot import Navigation, SimulatedRobot
+from ...world.navigation.localization import Pose
 from .. import topics
 from ..discovery import publishers, stay_on_this_machine
 from ..messages import GHOST_OBSTACLE, BadMessage, points_of, pose_of

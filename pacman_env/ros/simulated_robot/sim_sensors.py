@@ -11,9 +11,9 @@ from nav_msgs.msg import OccupancyGrid, Odometry
 from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
 
-from ...sim.core.poses import Pose, compose, inverse
 from ...sim.core.robot import SimulatedRobot
 from ...world.maps.occupancy import OccupancyMap
+from ...world.navigation.localization import Pose, compose, inverse
 from .. import topics
 from ..messages import pose_message, transform_message
 

@@ -16,7 +16,7 @@ from pacman_env.engine import jit
 from pacman_env.policies.registry import split_ghosts
 from pacman_env.ros.selector.rehearsal import rehearsed
 from pacman_env.ros.supervisor.game_nodes import SELECTOR, SIMULATOR, GameSetup, from_json
-from pacman_env.sim.core.map_ghosts import MapGhosts
+from pacman_env.sim.core.ghosts import MapGhosts
 from pacman_env.sim.core.robot import SimulatedRobot
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.robot_view import RobotView

@@ -1,8 +1,4 @@
-"""N independent games simulated at once.
-
-There is no second, scalar implementation: one game is a batch of one. Seeds come in from outside; game i of a batch
-is bit-identical to the same game alone with the same seed.
-"""
+"""N independent games simulated at once; game i is bit-identical to the same game alone with the same seed."""
 
 from __future__ import annotations
 
@@ -24,11 +20,10 @@ from ..maps.assets import MapAssets
 from ..maps.level_source import FixedMap, LevelSource
 from ..observation import situation_kernel
 from ..observation.situation import Situation
-from . import kernels, records, ticks
-from .game_levels import GameLevels
+from . import kernels, ticks
 from .ghosts import spawn_ghost
-from .parameters import KEPT_FROM_ROUND_TO_ROUND, batch_parameters, draw_episodes, next_seeds, reward_record
-from .state import GameState, History, RoundSoFar
+from .parameters import GAME, KEPT_FROM_ROUND_TO_ROUND, batch_parameters, draw_episodes, next_seeds, reward_record
+from .state import GameLevels, GameState, History, RoundSoFar
 
 _ALL_TICKS = 2**62
 
@@ -44,9 +39,7 @@ class GameBatch(GameState):
     def __init__(self, source: LevelSource | MapAssets, config: Config, n: int = 1, num_threads: int = 1) -> None:
         """Build the physics for ``n`` games; call :meth:`reset` before the first step.
 
-        Raises:
-            ConfigError: ``config.max_pellets`` is below the number of pellets on the map.
-            MapError: the source has no map that can be played on.
+        Raises ConfigError if the map has more than ``config.max_pellets`` pellets, MapError if none can be played on.
         """
         self.source = source = FixedMap(source, config) if isinstance(source, MapAssets) else source
         slots = source.pellet_slots(config) if config.max_pellets is None else config.max_pellets
@@ -119,7 +112,7 @@ class GameBatch(GameState):
                 if len(self.levels) > 1:
                     self._change_levels(index, np.array([r.level for r in begin]))
                 seeds = np.array([r.seed for r in begin], dtype=np.uint64)
-                self._start(index, seeds, np.array([r.began for r in begin], dtype=records.GAME))
+                self._start(index, seeds, np.array([r.began for r in begin], dtype=GAME))
             if tick == longest:
                 break
             for r in rounds:
@@ -136,14 +129,13 @@ class GameBatch(GameState):
             self.situation()  # which summarizes the games
 
     def _bind(self) -> None:
-        """Use the arrays of the levels, after they have been made anew."""
         if self._version == self.levels.version:
             return
         self._version = self.levels.version
         self._ghosts.bind(self.levels, self.hold)
         shared = {"obstacles": self.obstacles, "parameters": self._parameters, "goal_xy": self.levels.arrays["goal_xy"]}
         self._rules = kernels.RuleArrays(**self.rules, **shared)
-        self._look_table: Table | None = None
+        self._view_table: Table | None = None
         self._forget_tables()
 
     def reset(
@@ -152,10 +144,7 @@ class GameBatch(GameState):
         """Start a new episode with its own seed in each of the games ``index`` (M,).
 
         The seed decides everything that is drawn: the map where there are many and ``levels`` (M,) does not name it,
-        the episode's parameters, the ghosts.
-
-        Raises:
-            MapError: a map cannot be played on; nothing has been changed then.
+        the episode's parameters, the ghosts. Raises MapError for a map that cannot be played on, and changes nothing.
         """
         index = np.asarray(index, dtype=np.int64)
         seeds = np.asarray(seeds, dtype=np.uint64)
@@ -192,7 +181,7 @@ class GameBatch(GameState):
         self.terminated[index] = False
         before, tick_s = self.games[index], self.config.execution.tick_s
         self.completed_s[index] = (before["tick"] - 1) * tick_s + tick_s
-        fresh = np.zeros(len(index), dtype=records.GAME)
+        fresh = np.zeros(len(index), dtype=GAME)
         for name in KEPT_FROM_ROUND_TO_ROUND:
             fresh[name] = before[name]
         fresh["round"] += 1
@@ -219,8 +208,7 @@ class GameBatch(GameState):
                 one to wander on; None: all wander on.
             who: (N,) only these games are played; None: all. What the others' last tick brought stays as it is.
 
-        Raises:
-            ValueError: an action or a choice is invalid; nothing has been changed then.
+        Raises ValueError for an invalid action or choice, and changes nothing.
         """
         self._set_actions(actions)
         self._ghosts.send(ghost_choices)
@@ -233,16 +221,11 @@ class GameBatch(GameState):
         self._follow_completed_rounds()
 
     def step_by_hand(self, velocities: NDArray[np.float64], ghost_choices: NDArray[np.int64] | None = None) -> None:
-        """A tick in which the robots are driven by hand: goals are given up, Nav2 has no part in it.
+        """A tick in which the robots are driven by hand: goals are cancelled, Nav2 does nothing.
 
-        A copy or a pickle of the batch does not know of it: that plays *hold* in its place.
-
-        Args:
-            velocities: (N, 2) v in m/s and omega in rad/s, cut to what the base can follow.
-            ghost_choices: see :meth:`step`.
-
-        Raises:
-            ValueError: velocities that are not finite, or bad choices; nothing has been changed then.
+        ``velocities`` (N, 2) are v in m/s and omega in rad/s, cut to what the base can follow; ``ghost_choices`` as in
+        :meth:`step`. A copy or a pickle of the batch plays *hold* in place of such a tick. Raises ValueError for
+        velocities that are not finite or bad choices, and changes nothing.
         """
         if self.config.action == "velocity":
             raise ValueError("step_by_hand: the actions of these games are velocities anyway")
@@ -266,10 +249,7 @@ class GameBatch(GameState):
 
         After a choice that is ``forbidden`` (N,), the next is due after a tick. ``reward`` is the sum of the ticks',
         discounted by the time since the decision, which is ``elapsed_s`` in the end. ``choose_for_ghosts`` is asked
-        before each tick. Only the games ``who`` (N,) are played; None: all.
-
-        Raises:
-            ValueError: as in :meth:`step`.
+        before each tick. Only the games ``who`` (N,) are played; None: all. Raises ValueError as :meth:`step` does.
         """
         self._set_actions(actions)
         self._ghosts.send(None)
@@ -374,20 +354,20 @@ class GameBatch(GameState):
         """
         lengths = self.n, self.candidates, self.ghosts.shape[1]
         situation = Situation.empty(*lengths, self.levels, self.threads) if again is None else again
-        if self._look_table is None:
-            self._look_table = Table(
-                situation_kernel.LookArrays,
+        if self._view_table is None:
+            self._view_table = Table(
+                situation_kernel.ViewArrays,
                 rules=self._rules,
                 ghosts=self.ghosts,
                 ghost_paths=self._ghosts.paths,
                 request=self._request,
                 summary=self.summary,
-                **self.levels.arrays_for(situation_kernel.LookArrays),
+                **self.levels.arrays_for(situation_kernel.ViewArrays),
             )
         situation_kernel.direct(self._request, situation, player, self.shows_features)
         if index is None:
-            self.threads.run(situation_kernel.write_situations, [self._look_table], self.n)
+            self.threads.run(situation_kernel.write_situations, [self._view_table], self.n)
         else:
             for i in index.tolist():
-                situation_kernel.write_situations(self._look_table.address, i, i + 1)
+                situation_kernel.write_situations(self._view_table.address, i, i + 1)
         return situation

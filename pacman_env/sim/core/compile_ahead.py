@@ -1,6 +1,6 @@
 """Where nothing is compiled yet, another process compiles the ticks while this one prepares the map: half of the delay.
 
-It ends with this process, or when it is done; what it compiled is found on disk (``compile_turns.py``).
+It ends with this process, or when it is done; what it compiled is found on disk (``kernel_cache.py``).
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from pathlib import Path
 
 from numba.core import config as numba_config
 
-from ...engine.compile_turns import expect_help
 from ...engine.jit import kernel_folder
+from ...engine.kernel_cache import expect_help
 from ...engine.native import RANGE, address_of_kernel
 from ...engine.threads import cores
 from .ticks import play

@@ -30,8 +30,7 @@ from ...rng import LOCALIZATION, NAVIGATION, below, stream
 from ...world.navigation import localization, navigator
 from ...world.navigation.controller import drive_wheels, limit, refresh_heading
 from ...world.navigation.physics import move, place
-from .parameters import PARAMETERS
-from .records import GAME
+from .parameters import GAME, PARAMETERS
 
 _LONG_AGO = -9
 SUMMARY = ("outcome", "collected", "lost", "spawned", "aborts", "round_seed")  # of a game, by row
@@ -194,7 +193,6 @@ def drive(g, i, paths, p, by_hand, affine, clearance):  # type: ignore[no-untype
 
 @kernel
 def end_tick(a, i):  # type: ignore[no-untyped-def]
-    """The tick is over: the closing speed since the last decision."""
     g, p = a.games[i], a.parameters[0]
     g.tick += 1
     bx, by, _ = believed(g, p.use_tf)
@@ -228,7 +226,6 @@ def observe(a, i):  # type: ignore[no-untyped-def]
 
 @kernel
 def _goes_on(a, i):  # type: ignore[no-untyped-def]
-    """True if the round goes on; else its last tick ends here."""
     if a.games[i].end != RUNNING:
         end_tick(a, i)
         return False

@@ -1,9 +1,13 @@
-"""The simulator's kernels without rules: one robot that drives to any place or by velocities, and localizes itself."""
+"""The simulator's kernels without rules: one robot that drives by goals or velocities and localizes itself.
+
+Its goals are treated as Nav2's ``navigate_to_pose`` server treats them: one current, one pending.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +17,13 @@ from ...engine.bucket_queue import SearchArrays
 from ...world.maps.occupancy import MapError, OccupancyMap
 from ...world.navigation import lidar, localization, navigator
 from ...world.navigation.grid import build_grid
+from ...world.navigation.localization import Pose, compose, inverse, wrap
+from ...world.navigation.navigator import ABORTED, CANCELED, NO_RESULT, SUCCEEDED
 from ...world.navigation.paths import NO_STEP, UNREACHABLE_CM
 from ...world.navigation.physics import Spaces, clear_cells
 from ...world.navigation.planner import PATH_POINTS, detour_memory
-from . import kernels, records
-from .parameters import batch_parameters, draw_episodes
-from .poses import Pose, compose, inverse, wrap
+from . import kernels
+from .parameters import GAME, batch_parameters, draw_episodes
 from .ticks import SpaceArrays
 
 _LONG_AGO = -1_000_000  # steps
@@ -71,7 +76,7 @@ class SimulatedRobot:
         self._longest_cm = 0
         self._search = SearchArrays(*detour_memory(cells, self._longest_cm, grid.resolution))
         self._velocity = (0.0, 0.0, _LONG_AGO)  # v, omega, step it came
-        self._games = np.zeros(1, dtype=records.GAME)
+        self._games = np.zeros(1, dtype=GAME)
         self._g = self._games[0]
         x, y, heading = grid.home.tolist()
         self._start: Pose = (x, y, heading)
@@ -134,7 +139,6 @@ class SimulatedRobot:
 
     @property
     def recovering(self) -> bool:
-        """True while Nav2 waits for a blockage to end."""
         return bool(self._g["nav_state"] == navigator.ACTIVE and self._g["nav_wait_step"] > self._g["step"])
 
     def scan(self) -> NDArray[np.float32]:
@@ -209,7 +213,6 @@ class SimulatedRobot:
         self._velocity = (float(v), float(omega), self.steps)
 
     def set_obstacles(self, places: Sequence[tuple[float, float]]) -> None:
-        """Where the ghosts are, m."""
         for place in places:
             _check_finite("obstacle at", place)
         self._obstacles = np.zeros((1, len(places), 3))
@@ -252,3 +255,160 @@ class SimulatedRobot:
         ended = int(g["nav_result"]), int(g["nav_result_goal"])
         g["nav_result"] = navigator.NO_RESULT
         return ended if ended[0] != navigator.NO_RESULT else (navigator.NO_RESULT, -1)
+
+
+#: Error codes of Nav2 Jazzy's sub-servers, which the navigator hands on (FollowPath 1xx, ComputePathToPose 2xx).
+NONE = 0
+FAILED_TO_MAKE_PROGRESS, NO_VALID_CONTROL = 106, 107
+TF_ERROR, GOAL_OUTSIDE_MAP, GOAL_OCCUPIED, NO_VALID_PATH = 203, 205, 207, 209
+UNKNOWN = 9000
+_CODES = {"no path": NO_VALID_PATH, "no control": NO_VALID_CONTROL, "stuck": FAILED_TO_MAKE_PROGRESS}
+
+
+@dataclass(frozen=True)
+class Ended:
+    key: bytes
+    status: int  # of action_msgs/GoalStatus
+    error_code: int  # Nav2's
+    message: str
+
+
+@dataclass(frozen=True)
+class Feedback:
+    key: bytes
+    pose: Pose  # as believed
+    time_s: float  # since the goal became the current one
+    remaining_s: float  # at the robot's speed
+    recoveries: int
+    distance_m: float  # path length that is left
+
+
+@dataclass
+class _Goal:
+    key: bytes
+    x: float
+    y: float
+    slot: int = -1
+    began_step: int = 0
+    recoveries: int = 0
+
+
+class Navigation:
+    """``abort_after_s`` (None: never) ends every goal after that time, for tests of what follows."""
+
+    def __init__(self, robot: SimulatedRobot) -> None:
+        self.robot = robot
+        self.abort_after_s: float | None = None
+        self._current: _Goal | None = None
+        self._pending: _Goal | None = None
+        self._canceling: set[bytes] = set()
+        self._recovering = False
+        self._ended: list[Ended] = []
+
+    @property
+    def active(self) -> tuple[bytes, ...]:
+        return tuple(goal.key for goal in (self._current, self._pending) if goal is not None)
+
+    def send(self, key: bytes, x: float, y: float) -> None:
+        """A goal that has been accepted, (x, y) in m; the one before ends at the next step. Raises ValueError."""
+        if not (math.isfinite(x) and math.isfinite(y)):
+            raise ValueError(f"goal ({x}, {y}): must be two finite numbers")
+        if key in self.active:
+            raise ValueError(f"goal {key.hex()}: is active already")
+        if self._pending is not None:
+            self._end(self._pending, ABORTED, NONE, "replaced by a newer goal")
+        self._pending = _Goal(key, x, y)
+
+    def cancel(self, key: bytes) -> bool:
+        """Request the end of a goal, with which every other goal ends too; False if it is not active."""
+        if key not in self.active:
+            return False
+        self._canceling.add(key)
+        return True
+
+    def forget(self) -> None:
+        """The server ends: no goal gets a result, the robot stops."""
+        self._current = self._pending = None
+        self._canceling.clear()
+        self._ended.clear()
+        self.robot.cancel()
+
+    def step(self) -> list[Ended]:
+        """One step of the robot; returns the goals that ended, in order."""
+        if self._canceling:
+            self._terminate_all()
+        elif self._pending is not None:
+            self._begin(self._pending)
+        status, slot = self.robot.step()
+        current = self._current
+        if current is not None:
+            if not self._recovering and self.robot.recovering:
+                current.recoveries += 1
+            self._recovering = self.robot.recovering
+            if status == SUCCEEDED and slot == current.slot:
+                self._current = None
+                self._end(current, SUCCEEDED, NONE, "")
+            elif status != NO_RESULT and slot == current.slot:
+                reason = self.robot.why_aborted()
+                self._abort(current, _CODES.get(reason, UNKNOWN), reason)
+            elif self.robot.belief is None:
+                self._abort(current, TF_ERROR, "no transform from map to base_link")
+            elif self.abort_after_s is not None and self._age_s(current) >= self.abort_after_s - 1e-9:
+                self._abort(current, UNKNOWN, "aborted on request")
+        ended, self._ended = self._ended, []
+        return ended
+
+    def feedback(self) -> Feedback | None:
+        """None without a current goal or a pose."""
+        goal, belief = self._current, self.robot.belief
+        if goal is None or belief is None:
+            return None
+        distance = self.robot.distance_m(goal.slot) or 0.0  # as Nav2's while it has no path
+        speed = self.robot.config.robot.speed_mps
+        return Feedback(goal.key, belief, self._age_s(goal), distance / speed, goal.recoveries, distance)
+
+    def _age_s(self, goal: _Goal) -> float:
+        return (self.robot.steps - goal.began_step) * self.robot.config.physics_step_s
+
+    def _terminate_all(self) -> None:
+        for goal in (self._current, self._pending):
+            if goal is not None:
+                canceled = goal.key in self._canceling
+                self._end(goal, CANCELED if canceled else ABORTED, NONE, "canceled" if canceled else "canceled with it")
+        self._current = self._pending = None
+        self._canceling.clear()
+        self.robot.cancel()
+
+    def _begin(self, goal: _Goal) -> None:
+        if self._current is not None:
+            self._end(self._current, ABORTED, NONE, "pre-empted by a newer goal")
+        self._current, self._pending = goal, None
+        goal.began_step = self.robot.steps
+        self._recovering = False
+        code, message = self._refusal(goal)
+        if code != NONE:
+            self._abort(goal, code, message)
+        else:
+            goal.slot = self.robot.set_goal(goal.x, goal.y)
+
+    def _refusal(self, goal: _Goal) -> tuple[int, str]:
+        """Error code and message of a goal that ends at once; ``NONE`` for others."""
+        robot, where = self.robot, f"({goal.x:.2f}, {goal.y:.2f})"
+        if robot.belief is None:
+            return TF_ERROR, "no transform from map to base_link"
+        occupancy = robot.occupancy
+        column, row = (math.floor(c + 0.5) for c in occupancy.world_to_cell(goal.x, goal.y))
+        if not (0 <= column < occupancy.width and 0 <= row < occupancy.height):
+            return GOAL_OUTSIDE_MAP, f"goal {where} lies outside the map"
+        near = robot.grid.nearest_cell(goal.x, goal.y, robot.config.nav2.unreachable_tolerance_m)
+        if near < 0 and occupancy.occupancy[row, column] == 100:
+            return GOAL_OCCUPIED, f"goal {where} is occupied, and so is all around it"
+        return NONE, ""
+
+    def _abort(self, goal: _Goal, code: int, message: str) -> None:
+        self._current = None
+        self.robot.cancel()
+        self._end(goal, ABORTED, code, message)
+
+    def _end(self, goal: _Goal, status: int, code: int, message: str) -> None:
+        self._ended.append(Ended(goal.key, status, code, message))

@@ -16,8 +16,7 @@ from ...world.navigation.controller import refresh_heading
 from ...world.navigation.physics import move as move_body
 from ...world.navigation.planner import PATH_POINTS
 from . import ghosts, kernels
-from .parameters import REWARDS
-from .records import LAST_DECISION
+from .parameters import LAST_DECISION, REWARDS
 
 ASLEEP, ONE_TICK, UNTIL_DUE = range(3)
 #: What a call of :func:`play` is for.
@@ -34,8 +33,6 @@ CONTROL = np.dtype(
 
 
 class MapArrays(NamedTuple):
-    """What robots drive on, of M maps (``level_stack.py``)."""
-
     affine: Any = Array(np.float64, "M 6")
     clearance_cm: Any = Array(np.uint8, "M h w")
     clear: Any = Array(np.bool_, "M h w")

@@ -3,27 +3,30 @@
 from __future__ import annotations
 
 import collections
+import contextlib
 import functools
 import hashlib
 import json
 import math
 import os
+import shutil
+import tempfile
 import threading
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...config import ClydeConfig, Config
-from ...engine.jit import source_hash
+from ...config import ClydeConfig, Config, RefugeConfig
+from ...engine.jit import cache_dir, kernel, source_hash
 from ...game.pellets import generate_pellets
 from ...world.maps.occupancy import MapError, OccupancyMap, load_map
-from ...world.navigation.cache import cached_arrays
-from ...world.navigation.grid import DriveGrid, build_grid, nearest_numbers
+from ...world.navigation.grid import DriveGrid, build_grid, clearance_m, connected_parts, nearest_numbers
 from ...world.navigation.paths import NO_STEP, UNREACHABLE_CM, PathFields
 from .ghost_cells import ClydeCells, clyde_cells, nearest_positions
-from .refuges import choose_refuges
 
 MapSource = str | os.PathLike[str] | OccupancyMap
 MAX_PELLETS = 1000  # the paths from each to each are kept
@@ -107,10 +110,7 @@ def _key(occupancy: OccupancyMap, config: Config, home: tuple[float, float, floa
 
 
 def map_assets(source: MapSource, config: Config, home: tuple[float, float, float] | None = None) -> MapAssets:
-    """The assets of a map (name, file or loaded map) under a configuration; ``home`` None: the configuration's.
-
-    Raises MapError, ConfigError.
-    """
+    """The assets of a map under a configuration; ``home`` None: the configuration's. Raises MapError, ConfigError."""
     occupancy = source if isinstance(source, OccupancyMap) else load_map(source)
     home = config.home if home is None else home
     if home is not None:
@@ -166,7 +166,10 @@ def _build(
         )
     clyde = clyde_cells(occupancy, config.clyde, config.pellets.free_grey)
     clyde_drive = grid.cells_of_pixels(clyde.pixel, occupancy.height)
-    part = _connected_part(clyde, clyde_drive, occupancy.name)
+    shared = np.bincount(clyde.part[clyde_drive >= 0], minlength=len(clyde.part_start) - 1)
+    if shared.max() == 0:
+        raise MapError(f"{occupancy.name}: no place of the robot's area is wide enough for Clyde")
+    part = int(shared.argmax())
     known = grid.path_fields()
     refuge_xy = choose_refuges(grid, clyde, part, config.refuges, known)
     tolerance = config.nav2.unreachable_tolerance_m
@@ -206,9 +209,114 @@ def path_fields(grid: DriveGrid, goal_cell: NDArray[np.int32], fields: PathField
     return {"length_cm": np.ascontiguousarray(length_cm.T), "next_step": next_step}
 
 
-def _connected_part(clyde: ClydeCells, clyde_drive: NDArray[np.int32], name: str) -> int:
-    """The ghosts' part with most cells in the robot's area."""
-    shared = np.bincount(clyde.part[clyde_drive >= 0], minlength=len(clyde.part_start) - 1)
-    if shared.max() == 0:
-        raise MapError(f"{name}: no place of the robot's area is wide enough for Clyde")
-    return int(shared.argmax())
+def choose_refuges(
+    grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig, fields: PathFields | None = None
+) -> NDArray[np.float64]:
+    """Places (R, 2) in m: the home pose, up to ``nooks`` nooks, up to ``spread`` places far from these."""
+    home = grid.nearest_cell(grid.home[0], grid.home[1], 1.0)
+    nooks = _nooks(grid, clyde, part, config)
+    spread = _spread(grid, fields or grid.path_fields(), [home, *nooks], config)
+    places = [(float(grid.home[0]), float(grid.home[1]))]
+    places += [grid.to_world(*grid.cell[k]) for k in (*nooks, *spread)]
+    return np.array(places, dtype=np.float64)
+
+
+def _spread(grid: DriveGrid, fields: PathFields, given: list[int], config: RefugeConfig) -> list[int]:
+    """Farthest-point sampling by path length, from the given cells on."""
+    if config.spread == 0:
+        return []
+    clearance = grid.clearance[grid.cell[:, 1], grid.cell[:, 0]]
+    roomy = clearance >= config.clearance_m
+    if not roomy.any():
+        roomy = clearance >= clearance.max()
+    nearest = np.full(len(grid.cell), UNREACHABLE_CM, dtype=np.uint16)
+    chosen = list(given)
+    for k in range(len(given) + config.spread - 1):
+        length_cm, _ = fields.to(chosen[k])
+        farthest = _come_nearer(nearest, length_cm, roomy)
+        if k + 1 == len(chosen):
+            if nearest[farthest] <= 0:
+                break
+            chosen.append(farthest)
+    return chosen[len(given) :]
+
+
+@kernel
+def _come_nearer(nearest, length_cm, roomy):  # type: ignore[no-untyped-def]
+    """Lower ``nearest`` to the path lengths to one more place; the roomy cell that is then farthest away."""
+    farthest, most = 0, -1
+    for k in range(len(nearest)):
+        nearest[k] = min(nearest[k], length_cm[k])
+        if roomy[k] and nearest[k] > most:
+            farthest, most = k, int(nearest[k])
+    return farthest
+
+
+@kernel
+def _strike_out(away, affine, position, cells):  # type: ignore[no-untyped-def]
+    rows, columns = away.shape
+    for k in cells:
+        x, y = position[k]
+        column = math.floor(affine[0] * x + affine[1] * y + affine[2])
+        row = math.floor(affine[3] * x + affine[4] * y + affine[5])
+        if 0 <= column < columns and 0 <= row < rows:
+            away[row, column] = False
+
+
+def _nooks(grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig) -> list[int]:
+    """The cell farthest from ghosts in each of the largest patches that they cannot come near."""
+    if config.nooks == 0:
+        return []
+    away = np.ones(grid.shape, dtype=np.bool_)
+    _strike_out(away, grid.affine, clyde.position, clyde.cells_in(part))
+    distance = clearance_m(away, grid.resolution)
+    # A ghost's positions and cell centres can be half a cell's diagonal apart.
+    safe = (distance >= config.nook_clearance_m + grid.resolution * math.sqrt(0.5)) & (grid.cell_id >= 0)
+    labels, areas = connected_parts(safe)
+    number, patch, distance = grid.cell_id[safe], labels[safe], distance[safe]
+    largest = np.argsort(-areas[1:], kind="stable")[: config.nooks] + 1
+    return [int(number[np.where(patch == k, distance, -1.0).argmax()]) for k in largest]
+
+
+Arrays = dict[str, NDArray]
+KEEP_BYTES = 2 << 30  # of arrays on disk; a house takes 2 to 5 MB, the largest real maps 300 MB
+
+
+def cached_arrays(key: str, names: tuple[str, ...], compute: Callable[[], Arrays]) -> Arrays:
+    """The arrays ``names`` kept under ``key``, a digest of all that they depend on; else computed and kept."""
+    folder = cache_dir() / "maps" / key
+    try:
+        # copy-on-write keeps the file and lets every process share its pages
+        arrays = {n: np.asarray(np.load(folder / f"{n}.npy", mmap_mode="c", allow_pickle=False)) for n in names}
+    except (OSError, ValueError, EOFError):  # the last: an empty file
+        arrays = compute()
+        _store(folder, arrays)
+        _prune(folder.parent)
+    else:
+        with contextlib.suppress(OSError):
+            os.utime(folder)  # used now: pruned last
+    return arrays
+
+
+def _prune(root: Path) -> None:
+    with contextlib.suppress(OSError):
+        folders = sorted((f for f in root.iterdir() if f.is_dir()), key=lambda f: f.stat().st_mtime, reverse=True)
+        total = 0
+        for folder in folders:
+            total += sum(file.stat().st_size for file in folder.iterdir())
+            if total > KEEP_BYTES and folder is not folders[0]:
+                shutil.rmtree(folder, ignore_errors=True)
+
+
+def _store(folder: Path, arrays: Arrays) -> None:
+    temporary = None
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        temporary = tempfile.mkdtemp(dir=folder.parent, prefix=".new-")
+        for name, array in arrays.items():
+            np.save(Path(temporary) / f"{name}.npy", array, allow_pickle=False)
+        shutil.rmtree(folder, ignore_errors=True)
+        os.replace(temporary, folder)
+    except OSError:
+        if temporary is not None:
+            shutil.rmtree(temporary, ignore_errors=True)

@@ -106,7 +106,6 @@ def nearest_positions(position, places):  # type: ignore[no-untyped-def]
 
 @kernel
 def _distances(position, cells, places):  # type: ignore[no-untyped-def]
-    """From each of the cells to the nearest place, m."""
     distance = np.full(len(cells), np.inf)
     for x, y in places:
         for i in range(len(cells)):
@@ -117,7 +116,6 @@ def _distances(position, cells, places):  # type: ignore[no-untyped-def]
 
 @kernel
 def _number_neighbours(graph, rows, columns):  # type: ignore[no-untyped-def]
-    """Fill the neighbours' columns of ``graph`` from the pixels'."""
     number = np.full((rows + 2, columns + 2), -1, np.int32)
     for k in range(len(graph)):
         number[graph[k, _AT_PIXEL + 1] + 1, graph[k, _AT_PIXEL] + 1] = k

@@ -1,14 +1,25 @@
-"""The maps of a batch by level: one map for all games, or a level of many for each episode."""
+"""The maps of a batch by level: one map for all games, or a generated house for each episode.
+
+Training and testing are split by the number of the level.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import functools
+import numbers
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...config import Config
-from .assets import MapAssets, map_assets
+from ...config import Config, ConfigError
+from ...rng import LEVEL
+from ...world.maps.houses import MAX_EXTENT_M, draw_house
+from ...world.maps.occupancy import MapError
+from ..core.parameters import draw_below
+from .assets import MapAssets, map_assets, prepare_map
+from .ghost_cells import nearest_positions
 
 
 class LevelSource(Protocol):
@@ -61,3 +72,118 @@ class FixedMap:
         places = np.concatenate([np.array(corners), self.first.clyde.position])
         (x0, y0), (x1, y1) = places.min(axis=0).tolist(), places.max(axis=0).tolist()
         return (x0, x1), (y0, y1)
+
+
+TEST_LEVEL = 1_000_000  # the first of the test levels
+TEST_LEVELS = 1000
+_ATTEMPTS = 60
+_SPARE_SLOTS = 64  # maps kept beyond those being played on, if all levels can then be kept
+_NEAR_M, _NEAR_SHARE = 0.5, 0.75  # the ghosts come so near to so many of the pellets
+_PELLETS = (4, 16)  # of a house at a spacing of 2 m
+WIDE = 2  # times as long and as wide
+
+
+class GeneratedMaps:
+    """The levels from ``start_level`` on, ``num_levels`` of them; all lengths ``scale`` times those of the house."""
+
+    def __init__(self, config: Config, start_level: int, num_levels: int, scale: int = 1) -> None:
+        if start_level < 0:
+            raise ConfigError(f"start_level = {start_level}: must be at least 0")
+        if num_levels < 1:
+            raise ConfigError(f"num_levels = {num_levels}: must be at least 1")
+        self._config, self.start_level, self.num_levels, self.scale = config, start_level, num_levels, scale
+
+    @classmethod
+    def named(
+        cls, name: str, config: Config, start_level: int | None = None, num_levels: int | None = None
+    ) -> GeneratedMaps:
+        """By the name of a split; levels None: the configuration's; ``num_levels`` 0: all. Raises ConfigError."""
+        if config.home is not None:
+            raise ConfigError("home: generated houses have home poses of their own")
+        start_level = config.start_level if start_level is None else start_level
+        num_levels = config.num_levels if num_levels is None else num_levels
+        for field_name, number in (("start_level", start_level), ("num_levels", num_levels)):
+            if number is not None and (not isinstance(number, numbers.Integral) or isinstance(number, bool)):
+                raise ConfigError(f"{field_name} = {number!r}: must be a whole number")
+        splits = {
+            "generated": (0, TEST_LEVEL),
+            "generated:train": (0, TEST_LEVEL),
+            "generated:wide": (0, TEST_LEVEL),
+            "generated:test": (TEST_LEVEL, TEST_LEVELS),
+        }
+        if name not in splits:
+            raise ConfigError(f"map = {name!r}: choose one of {', '.join(splits)}")
+        first, count = splits[name]
+        start = first if start_level is None else start_level
+        if not first <= start < first + count:
+            raise ConfigError(f"start_level = {start}: {name} has the levels {first} to {first + count - 1}")
+        room = first + count - start
+        if num_levels is not None and not 0 <= num_levels <= room:
+            raise ConfigError(f"num_levels = {num_levels}: {name} has {room} levels from {start} on")
+        return cls(config, int(start), int(num_levels or room), WIDE if name == "generated:wide" else 1)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the first map, which is prepared again when it is asked for."""
+        return {name: value for name, value in self.__dict__.items() if name != "first"}
+
+    @functools.cached_property
+    def first(self) -> MapAssets:
+        return prepare_level(self.start_level, self._config, self.scale)
+
+    def slots(self, games: int) -> int:
+        """A map of its own for each game, or all levels if they are few; two at least mark changing maps."""
+        return max(self.num_levels if self.num_levels <= games + _SPARE_SLOTS else games, 2)
+
+    def pellet_slots(self, config: Config) -> int:
+        return most_pellets(config, self.scale)
+
+    def refuge_slots(self, config: Config) -> int:
+        return 1 + config.refuges.nooks + config.refuges.spread  # home, nooks and spread-out places
+
+    def levels_of(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]:
+        return self.start_level + draw_below(seeds, LEVEL, self.num_levels)
+
+    def prepare(self, level: int) -> MapAssets:
+        return self.first if level == self.start_level else prepare_level(level, self._config, self.scale)
+
+    def extent(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        most = self.scale * MAX_EXTENT_M  # of the largest house there can be
+        return (-most, most), (-most, most)
+
+
+def most_pellets(config: Config, scale: int = 1) -> int:
+    """The most pellets that a generated house may have: 16 at the original's spacing."""
+    limit = round(_PELLETS[1] * max(1.0, (2.0 * scale / config.pellets.spacing_m) ** 2))
+    return limit if config.max_pellets is None else min(limit, config.max_pellets)
+
+
+def prepare_level(level: int, config: Config, scale: int = 1) -> MapAssets:
+    """The first house of a level that can be played: pellets can be reached, most by ghosts. Raises MapError."""
+    reason = ""
+    for attempt in range(_ATTEMPTS):
+        house = draw_house(level, attempt)
+        if scale != 1:
+            x, y, yaw = house.origin
+            size: dict[str, Any] = {"resolution": scale * house.resolution, "origin": (scale * x, scale * y, yaw)}
+            house = dataclasses.replace(house, name=f"{house.name}-wide", **size)
+        try:
+            assets = prepare_map(house, config)
+        except (MapError, ConfigError) as error:
+            reason = str(error)
+            continue
+        reason = _objection(assets, config, scale)
+        if not reason:
+            return assets
+    raise MapError(f"generated level {level}: none of {_ATTEMPTS} houses can be played; the last: {reason}")
+
+
+def _objection(assets: MapAssets, config: Config, scale: int) -> str:
+    fewest = min(_PELLETS[0], round(_PELLETS[0] * (2.0 * scale / config.pellets.spacing_m) ** 2)) or 1
+    if not fewest <= assets.pellets <= most_pellets(config, scale):
+        return f"{assets.pellets} pellets"
+    if config.pellets.reachable_only and len(assets.dropped_ids) > 0:
+        return f"{len(assets.dropped_ids)} pellets out of reach"
+    reached = assets.clyde.position[assets.clyde.cells_in(assets.clyde_part)]
+    _, squares = nearest_positions(reached, assets.goal_xy[: assets.pellets])
+    near = np.count_nonzero(squares <= _NEAR_M**2)
+    return "" if near >= _NEAR_SHARE * assets.pellets else f"the ghosts come to {near} of {assets.pellets} pellets"

@@ -62,7 +62,6 @@ def _kinds(assets: MapAssets, config: Config) -> dict[str, NDArray]:
 
 
 def _room(name: str, shape: tuple[int, ...], before: tuple[int, ...]) -> tuple[int, ...]:
-    """Room for maps a little larger than one of that shape, and at least for those before."""
     if name in _FIXED:
         return shape
     free = _VARIES.get(name, len(shape))  # axes that differ from map to map

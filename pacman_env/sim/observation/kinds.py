@@ -1,9 +1,4 @@
-"""The kinds of observation: one object per kind, found by name, and the observations that several kinds make up.
-
-A kind declares which arrays it adds, as plain data (the environments make Gymnasium's spaces of it), and fills them for
-all games of a batch. Features, planner features and bearings are built from a situation alone, on a robot as here; scan
-and picture need the map as well.
-"""
+"""The kinds of observation: one object per kind, found by name, and the observations that several kinds make up."""
 
 from __future__ import annotations
 
@@ -19,13 +14,20 @@ from ...config import ConfigError, ObservationConfig
 from ...plugins import PluginError, Registry
 from ...world.navigation import lidar
 from ..core.batch import GameBatch
-from .bearings import GHOST_BEARING_COLUMNS, PELLET_BEARING_COLUMNS, ghost_bearings, pellet_bearings
-from .nearest import Nearest, in_order, nearest_candidates
 from .planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
 from .raster import CHANNELS, raster_all
-from .robot_features import COLUMNS, Columns, Observation, features
-from .scales import Scale
-from .situation import Situation
+from .robot_features import (
+    COLUMNS,
+    GHOST_BEARING_COLUMNS,
+    PELLET_BEARING_COLUMNS,
+    Columns,
+    Observation,
+    Scale,
+    features,
+    ghost_bearings,
+    pellet_bearings,
+)
+from .situation import Nearest, Situation, in_order, nearest_candidates
 
 _BELIEF_MARGIN_M = 2.0  # how far a believed pose may lie outside the played part of the map ...
 _BELIEF_MARGIN_SIGMAS = 9  # ... or this many standard deviations: a draw of 53 bits is off by 8.6 at most
@@ -84,16 +86,24 @@ class _Kind:
     parts: Callable[[GameBatch], dict[str, ObservationPart]]
     fill: Callable[[GameBatch, Situation], Observation]
 
+    def __call__(self) -> _Kind:
+        return self  # where other packages have a class
+
+
+def _table_part(
+    columns: Columns, rows: tuple[int, ...], known: Mapping[str, tuple[float, float]] | None = None
+) -> ObservationPart:
+    """Rows of these columns; ``known`` are bounds that replace those of columns, by name."""
+    low, high = np.array([(known or {}).get(name, limits) for name, *limits, _ in columns], dtype=np.float32).T
+    shape = *rows, len(columns)
+    return ObservationPart(np.broadcast_to(low, shape), np.broadcast_to(high, shape), shape, np.float32, columns)
+
 
 def _feature_parts(batch: GameBatch) -> dict[str, ObservationPart]:
     known, ghosts = bounds(batch), len(batch.config.clyde.ghosts)
     rows = {"candidates": (batch.candidates,), "ghosts": (ghosts,)}
-    parts = {}
-    for key, columns in COLUMNS.items():
-        low, high = np.array([known.get(name, limits) for name, *limits, _ in columns], dtype=np.float32).T
-        shape = (*rows.get(key, ()), len(columns))
-        low, high = np.broadcast_to(low, shape), np.broadcast_to(high, shape)
-        parts[key] = ObservationPart(low, high, shape, np.float32, columns, key == "candidates")
+    parts = {key: _table_part(columns, rows.get(key, ()), known) for key, columns in COLUMNS.items()}
+    parts["candidates"] = parts["candidates"]._replace(by_candidate=True)
     if ghosts == 1:
         del parts["ghosts"]
     return parts
@@ -118,14 +128,10 @@ def _planner(batch: GameBatch, situation: Situation) -> Observation:
 
 def _bearing_parts(batch: GameBatch) -> dict[str, ObservationPart]:
     pellets, ghosts = batch.config.observation.nearest_pellets, len(batch.config.clyde.ghosts)
-    rows = {"pellet_bearings": (pellets, PELLET_BEARING_COLUMNS), "ghost_bearings": (ghosts, GHOST_BEARING_COLUMNS)}
-    parts = {}
-    for key, (count, columns) in rows.items():
-        low, high = np.array([limits for _, *limits, _ in columns], dtype=np.float32).T
-        shape = count, len(columns)
-        low, high = np.broadcast_to(low, shape), np.broadcast_to(high, shape)
-        parts[key] = ObservationPart(low, high, shape, np.float32, columns)
-    return parts
+    return {
+        "pellet_bearings": _table_part(PELLET_BEARING_COLUMNS, (pellets,)),
+        "ghost_bearings": _table_part(GHOST_BEARING_COLUMNS, (ghosts,)),
+    }
 
 
 def _bearings(batch: GameBatch, situation: Situation) -> Observation:
@@ -172,13 +178,7 @@ GRID, PLANNER = _Kind("grid", _grid_parts, _grid), _Kind("planner", _planner_par
 KINDS: Registry[Callable[[], ObservationKind]] = Registry(
     "observation kind",
     "pacman_env.observations",
-    {
-        "features": lambda: FEATURES,
-        "scan": lambda: SCAN,
-        "bearings": lambda: BEARINGS,
-        "grid": lambda: GRID,
-        "planner": lambda: PLANNER,
-    },
+    {kind.name: kind for kind in (FEATURES, SCAN, BEARINGS, GRID, PLANNER)},
 )
 register_observation = KINDS.register
 
@@ -221,7 +221,8 @@ class Observer:
         self._scales: dict[str, Callable[[NDArray[Any]], NDArray[Any]]] = {}
         if config.normalize:
             self._scales = {key: self._scale(key, part) for key, part in found.items() if key != MASK}
-            found = {key: part if key == MASK else _unit(part) for key, part in found.items()}
+            unit: dict[str, Any] = {"low": -1.0, "high": 1.0, "dtype": np.float32}
+            found = {key: part if key == MASK else part._replace(**unit) for key, part in found.items()}
         self.parts = {FLAT: self._flattened(found)} if config.flat else found
 
     def listed(self, situation: Situation) -> NDArray[np.int64] | None:
@@ -279,7 +280,3 @@ def _listed(part: ObservationPart, count: int) -> ObservationPart:
 
 def _within_1(array: NDArray[Any], middle: NDArray[Any], half: NDArray[Any]) -> NDArray[np.float32]:
     return np.clip((array - middle) / half, -1.0, 1.0).astype(np.float32)
-
-
-def _unit(part: ObservationPart) -> ObservationPart:
-    return part._replace(low=-1.0, high=1.0, dtype=np.float32)

@@ -1,4 +1,7 @@
-"""The float32 features that a network reads: directions in the robot's frame, lengths in m, capped at ``FAR_M``."""
+"""The float32 features and bearings that a network reads, and their scales.
+
+Directions are in the robot's frame, lengths in m, capped at ``FAR_M``.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,9 @@ from numpy.typing import NDArray
 
 from ...engine.arrays import Array, Layout, Table, address, arrays_by_address
 from ...engine.jit import kernel
-from .situation import HOLD, PELLET, REFUGE, Situation
+from ...world.navigation.grid import cell_of
+from ...world.navigation.paths import AT_GOAL, NO_STEP
+from .situation import HOLD, MISSING, PELLET, REFUGE, Nearest, Situation, nearest_candidates
 from .situation import LAYOUT as situation_layout
 
 FAR_M = 100.0  # cap of every length
@@ -133,7 +138,6 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
 
 @kernel
 def write_features(block, n, count, others, seen, first, last):  # type: ignore[no-untyped-def]
-    """Fill a block with features at ``seen`` from that of the situations at ``block``."""
     f, s = _features(seen, n, count, others), _situation(block, n, count, others)
     robot, clyde, candidates, ghosts = f.robot, f.clyde, f.candidates, f.ghosts
     for i in range(first, last):
@@ -179,3 +183,128 @@ def write_features(block, n, count, others, seen, first, last):  # type: ignore[
             ghosts[i, k, 2], ghosts[i, k, 3] = in_robot_frame(vx, vy, ch, sh, FAST_MPS)
             ghosts[i, k, 4] = min(math.sqrt(dx * dx + dy * dy), FAR_M)
             ghosts[i, k, 5] = min(s.ghosts[i, k, 4], FAST_MPS)
+
+
+_AHEAD_CM = 50  # of the path: far enough for a direction, near enough not to cut a corner
+
+PELLET_BEARING_COLUMNS = (
+    ("is_pellet", 0.0, 1.0, "1, or 0: there are not so many, the row is 0"),
+    ("cos_bearing", -1.0, 1.0, ""),
+    ("sin_bearing", -1.0, 1.0, ""),
+    ("distance", 0.0, FAR_M, "m, straight"),
+    ("path_robot", 0.0, FAR_M, "m, path length from the robot"),
+    ("cos_way", -1.0, 1.0, "1, to the place 0.5 m on along the shortest way"),
+    ("sin_way", -1.0, 1.0, "1, likewise; both are 0 where there is no way"),
+)
+GHOST_BEARING_COLUMNS = (
+    ("cos_bearing", -1.0, 1.0, ""),
+    ("sin_bearing", -1.0, 1.0, ""),
+    ("distance", 0.0, FAR_M, "m, straight"),
+    ("velocity_forward", -FAST_MPS, FAST_MPS, "m/s, robot frame"),
+    ("velocity_left", -FAST_MPS, FAST_MPS, "m/s, robot frame"),
+)
+
+
+def pellet_bearings(situation: Situation, count: int) -> NDArray[np.float32]:
+    """(N, ``count``, 7) float32, as :func:`nearest_candidates` orders them; ValueError for a situation without maps."""
+    if situation.maps is None:
+        raise ValueError("the situation has no maps to find a way on")
+    s, a = situation, situation.maps.arrays
+    result = np.zeros((len(s), count, len(PELLET_BEARING_COLUMNS)), dtype=np.float32)
+    order = nearest_candidates(s, Nearest(count, 0))
+    maps = a["affine"], a["snap"], a["cell_xy"], a["length_cm"], a["next_step"]
+    _fill_pellets(s.robot, s.position, s.path_robot, s.goal, s.level, order, maps, result)
+    return result
+
+
+def ghost_bearings(situation: Situation) -> NDArray[np.float32]:
+    """(N, G, 5) float32, by number."""
+    result = np.empty((*situation.ghosts.shape[:2], len(GHOST_BEARING_COLUMNS)), dtype=np.float32)
+    _fill_ghosts(situation.robot, situation.ghosts, result)
+    return result
+
+
+@kernel
+def _bearing(dx, dy, cos, sin):  # type: ignore[no-untyped-def]
+    """Cosine and sine of a direction in the robot's frame, and the distance; what is here is ahead."""
+    distance = math.sqrt(dx * dx + dy * dy)
+    if distance < 1e-9:
+        return 1.0, 0.0, 0.0
+    return (dx * cos + dy * sin) / distance, (dy * cos - dx * sin) / distance, distance
+
+
+@kernel
+def _fill_pellets(robot, position, path, goals, level, order, maps, out):  # type: ignore[no-untyped-def]
+    affines, snaps, cell_xys, lengths, next_steps = maps
+    _, rows, columns = snaps.shape
+    for i in range(len(robot)):
+        m = level[i]
+        length_cm, next_step, cell_xy = lengths[m], next_steps[m], cell_xys[m]
+        x, y = robot[i, 0], robot[i, 1]
+        cos, sin = math.cos(robot[i, 2]), math.sin(robot[i, 2])
+        column, row = cell_of(affines[m], rows, columns, x, y)
+        here = snaps[m, row, column]
+        for k in range(out.shape[1]):
+            c = order[i, k]
+            if c == MISSING:
+                break
+            px, py = position[i, c, 0], position[i, c, 1]
+            out[i, k, 0] = 1.0
+            out[i, k, 1], out[i, k, 2], distance = _bearing(px - x, py - y, cos, sin)
+            out[i, k, 3] = min(distance, FAR_M)
+            out[i, k, 4] = min(path[i, c], FAR_M)
+            goal = goals[i, c]
+            if here < 0 or next_step[goal, here] == NO_STEP:
+                continue
+            cell = here
+            while next_step[goal, cell] != AT_GOAL and length_cm[here, goal] - length_cm[cell, goal] < _AHEAD_CM:
+                cell += next_step[goal, cell]
+            if next_step[goal, cell] != AT_GOAL:
+                px, py = cell_xy[cell, 0], cell_xy[cell, 1]
+            out[i, k, 5], out[i, k, 6], _ = _bearing(px - x, py - y, cos, sin)
+
+
+@kernel
+def _fill_ghosts(robot, ghosts, out):  # type: ignore[no-untyped-def]
+    for i in range(len(robot)):
+        cos, sin = math.cos(robot[i, 2]), math.sin(robot[i, 2])
+        for k in range(ghosts.shape[1]):
+            dx, dy = ghosts[i, k, 0] - robot[i, 0], ghosts[i, k, 1] - robot[i, 1]
+            out[i, k, 0], out[i, k, 1], distance = _bearing(dx, dy, cos, sin)
+            out[i, k, 2] = min(distance, FAR_M)
+            out[i, k, 3], out[i, k, 4] = in_robot_frame(ghosts[i, k, 2], ghosts[i, k, 3], cos, sin, FAST_MPS)
+
+
+LENGTH_M = 3.0
+AGE_S = 3.0
+COUNT = 10.0
+#: By unit: c of x / (|x| + c).
+_SOFT = {"m": LENGTH_M, "s": AGE_S, "on the map": COUNT}
+#: By unit: x is divided by it.
+_LINEAR = {"": 1.0, "1": 1.0, "m/s": 1.0, "rad/s": 2.0, "the goal pursued now": 1.0}
+_PLACE_M = 50.0  # of the map's frame, whose origin is anywhere
+TIME = "time"  # of the round: its share of the time limit
+
+
+class Scale:
+    """Of an array whose last axis has these columns; a unit's first words count, one without a scale is a KeyError."""
+
+    def __init__(self, columns: Columns, time_limit_s: float) -> None:
+        self._soft = np.zeros(len(columns), dtype=np.float32)
+        self._by = np.ones(len(columns), dtype=np.float32)
+        for k, (name, _, _, words) in enumerate(columns):
+            unit = words.partition(",")[0].partition(" since")[0]
+            if name == TIME:
+                self._by[k] = time_limit_s
+            elif words == "m, map frame":
+                self._by[k] = _PLACE_M
+            elif unit in _SOFT:
+                self._soft[k] = _SOFT[unit]
+            else:
+                self._by[k] = _LINEAR[unit]
+
+    def __call__(self, array: NDArray[np.float32]) -> NDArray[np.float32]:
+        linear = np.clip(array / self._by, -1.0, 1.0)
+        with np.errstate(invalid="ignore"):  # 0 / 0 where it does not count
+            soft = array / (np.abs(array) + self._soft)
+        return np.where(self._soft > 0, soft, linear).astype(np.float32)

@@ -17,12 +17,12 @@ from ...game.ghosts import GHOST_NAMES
 from ...game.goals import Goals, Place
 from ...game.pellets import generate_pellets
 from ...world.navigation.grid import cell_of
-from ..core import kernels, records
-from ..core.parameters import batch_parameters
+from ..core import kernels
+from ..core.parameters import GHOST, batch_parameters
 from ..maps.assets import MapAssets
 from ..maps.level_stack import LevelStack
 from .situation import Situation
-from .situation_kernel import REQUEST, LookArrays, direct, write_situations
+from .situation_kernel import REQUEST, ViewArrays, direct, write_situations
 
 _AWAY_M = 1.0  # farther than this from every drivable cell a pose is not on the map
 _JUMP_M = 0.5  # a ghost was put elsewhere if it moved so much farther than its speed allows
@@ -31,8 +31,6 @@ _BESIDE = 1.2  # cells: as far behind a cell the nearest is its neighbour, strai
 
 @dataclass(frozen=True)
 class Pellets:
-    """What a report of pellets shows, as this map knows it."""
-
     known: dict[int, tuple[float, float]]  # the map's own, m; those that the robot cannot reach included
     unknown: tuple[int, ...]  # ids that the map does not have, or elsewhere
 
@@ -77,26 +75,23 @@ class RobotView:
         self._games["seed"] = seed
         self._games["pellets"], self._games["refuges"] = assets.pellets, assets.refuges
         count = len(config.clyde.ghosts)
-        self._ghosts = np.zeros((1, count), dtype=records.GHOST)
+        self._ghosts = np.zeros((1, count), dtype=GHOST)
         self._ghosts["place"] = -1
         self._cells = np.zeros((1, count, 1), dtype=np.int32)  # the path of a ghost, whose last cell is known
         self._obstacles = np.zeros((1, count, 3))
         self._stamp_ns: list[int | None] = [None] * count
         self._seen_s: float | None = None
         self._request = np.zeros(1, dtype=REQUEST)
-        self._look_table = Table(
-            LookArrays,
+        self._view_table = Table(
+            ViewArrays,
             rules=kernels.RuleArrays(
-                **rules,
-                obstacles=self._obstacles,
-                parameters=self._parameters,
-                goal_xy=self._levels.arrays["goal_xy"],
+                **rules, obstacles=self._obstacles, parameters=self._parameters, goal_xy=self._levels.arrays["goal_xy"]
             ),
             ghosts=self._ghosts,
             ghost_paths=self._cells,
             request=self._request,
             summary=np.zeros((len(kernels.SUMMARY), 1), dtype=np.int64),
-            **self._levels.arrays_for(LookArrays),
+            **self._levels.arrays_for(ViewArrays),
         )
 
     def begin(self) -> None:
@@ -188,7 +183,7 @@ class RobotView:
         self._watch_distance(seen)
         situation = Situation.empty(1, self.hold + 1, len(self._stamp_ns), self._levels)
         direct(self._request, situation, player)
-        write_situations(self._look_table.address, 0, 1)
+        write_situations(self._view_table.address, 0, 1)
         situation.time_s[0] = seen.time_s
         situation.robot_velocity[0] = seen.velocity
         situation.pose_age_s[0] = seen.pose_age_s

@@ -15,7 +15,7 @@ from ...world.navigation.grid import cell_of
 from ...world.navigation.localization import wrap
 from ...world.navigation.paths import UNREACHABLE_CM
 from ..core.kernels import RuleArrays, allowed, believed, nearest, summarize
-from ..core.records import GHOST
+from ..core.parameters import GHOST
 from .robot_features import room_for_features, write_features
 from .situation import HOLD, LAYOUT, PELLET, REFUGE, Situation
 
@@ -40,7 +40,7 @@ REQUEST = np.dtype(
 )
 
 
-class LookArrays(NamedTuple):
+class ViewArrays(NamedTuple):
     rules: Any = RuleArrays
     ghosts: Any = Array(GHOST, "N G")
     ghost_paths: Any = Array(np.int32, "N G l")  # cells of the path that each is on
@@ -55,7 +55,7 @@ class LookArrays(NamedTuple):
 
 
 _NO_FEATURES = np.zeros(0, dtype=np.uint8)
-_arrays, _situation = arrays_by_address(LookArrays), LAYOUT.arrays
+_arrays, _situation = arrays_by_address(ViewArrays), LAYOUT.arrays
 
 
 def direct(request: NDArray[Any], situation: Situation, player: int, features: bool = False) -> None:
@@ -74,7 +74,6 @@ def _aim(request, block, features, n, candidates, ghosts, player):  # type: igno
 
 @kernel
 def write_situations(table, first, last):  # type: ignore[no-untyped-def]
-    """Write the situations of the games from ``first`` to ``last``; returns 0."""
     a = _arrays(table)
     rules, ghosts, ghost_paths, request = a.rules, a.ghosts, a.ghost_paths, a.request[0]
     p = rules.parameters[0]

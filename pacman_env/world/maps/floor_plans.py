@@ -55,12 +55,10 @@ class Sketch:
         return (self.x > x0) & (self.x < x1) & (self.y > y0) & (self.y < y1)
 
     def carve(self, *boxes: tuple[float, float, float, float]) -> None:
-        """Rooms, corridors and doors."""
         for box in boxes:
             self.solid &= ~self._box(*box)
 
     def block(self, *boxes: tuple[float, float, float, float]) -> None:
-        """Walls and furniture."""
         for box in boxes:
             self.solid |= self._box(*box)
 
@@ -263,7 +261,6 @@ FLOOR_PLANS = {"house": house, "loop": loop, "maze": maze, "open_plan": open_pla
 
 
 def save_all(folder: Path) -> None:
-    """Write every plan as ``name.yaml`` and ``name.pgm``."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, draw in FLOOR_PLANS.items():
         draw().save(folder / f"{name}.yaml", image=f"{name}.pgm")

@@ -158,7 +158,6 @@ def _split(dice: Dice, rect: Rect, most: float) -> list[Rect]:
 
 
 def _row(dice: Dice, rect: Rect) -> list[Rect]:
-    """Rooms side by side."""
     x0, y0, x1, y1 = rect
     count = max(1, round((x1 - x0) / dice.between(2.6, 4.2)))
     cuts = [x0 + (x1 - x0) * (k + dice.between(-0.22, 0.22)) / count for k in range(1, count)]
@@ -196,14 +195,12 @@ def _open_plan(dice: Dice, width: float, depth: float) -> Floor:
 
 
 def _ell(dice: Dice, width: float, depth: float) -> Floor:
-    """Two wings."""
     wing, low = width * dice.between(0.4, 0.6), depth * dice.between(0.5, 0.65)
     rooms = _split(dice, (0.0, 0.0, width, low), 12.0) + _split(dice, (0.0, low, wing, depth), 12.0)
     return Floor((width, depth), rooms)
 
 
 def _ring(dice: Dice, width: float, depth: float) -> Floor:
-    """Rooms around a core."""
     wide, deep = dice.between(1.0, 2.2), dice.between(1.0, 2.2)
     x0, y0 = dice.between(0.35, 0.65) * (width - wide), dice.between(0.35, 0.65) * (depth - deep)
     x1, y1 = x0 + wide, y0 + deep
@@ -213,5 +210,4 @@ def _ring(dice: Dice, width: float, depth: float) -> Floor:
 
 
 def _plain(dice: Dice, width: float, depth: float) -> Floor:
-    """Rooms that open into each other."""
     return Floor((width, depth), _split(dice, (0.0, 0.0, width, depth), 13.0))

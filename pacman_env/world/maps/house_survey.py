@@ -170,11 +170,11 @@ def _drive(kind, tour, ray, seed):  # type: ignore[no-untyped-def]
         if seen[row0, column0] == 2:
             continue
         # From one stop in three some rays pass the glass, all of them about as far.
-        mood = mix(seed + np.uint64(made))
-        clear = mood % np.uint64(3) == np.uint64(0)
-        far = 8 + np.int64((mood >> np.uint64(8)) % np.uint64(56))
+        stop_bits = mix(seed + np.uint64(made))
+        clear = stop_bits % np.uint64(3) == np.uint64(0)
+        far = 8 + np.int64((stop_bits >> np.uint64(8)) % np.uint64(56))
         for k in range(made % _FANS, len(ray), _FANS):
-            chance = mix(mood + np.uint64(k))
+            chance = mix(stop_bits + np.uint64(k))
             passes = clear and chance % np.uint64(5) < np.uint64(2)
             beyond = far + np.int64((chance >> np.uint64(8)) % np.uint64(12))
             dr, dc = ray[k, 0], ray[k, 1]

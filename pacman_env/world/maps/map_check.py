@@ -28,8 +28,6 @@ class PelletPlace:
 
 @dataclass(frozen=True)
 class MapReport:
-    """The findings of :func:`check_map`."""
-
     name: str
     width: int
     height: int

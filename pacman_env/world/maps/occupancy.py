@@ -216,7 +216,6 @@ def map_name(path: Path) -> str:
 
 
 def shipped_maps() -> list[str]:
-    """Names of the maps that come with the project, sorted."""
     return list(_shipped())
 
 

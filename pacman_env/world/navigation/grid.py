@@ -50,7 +50,6 @@ class DriveGrid:
         return self.cell_id.shape[0], self.cell_id.shape[1]
 
     def to_cell(self, x: float, y: float) -> tuple[int, int]:
-        """Column and row of a world position, clipped to the grid."""
         column, row = cell_of(self.affine, *self.shape, x, y)
         return column, row
 

@@ -1,4 +1,4 @@
-"""AMCL's belief: when a pose is published, how wrong it is, and what TF gives in between.
+"""AMCL's belief: when a pose is published, how wrong it is, and what TF gives in between; poses as frames, as in TF.
 
 At a filter update the error is drawn anew; between updates the robot's odometry carries it along unchanged, so TF is
 the true pose with the error of the last update, while the latched message keeps the pose of that instant.
@@ -68,3 +68,23 @@ def scan(g, step):  # type: ignore[no-untyped-def]
         or abs(wrap(g.heading - g.odom_heading)) > g.update_angle
     ):
         update(g, step)
+
+
+Pose = tuple[float, float, float]  # x, y in m, heading in rad
+
+
+def compose(a: Pose, b: Pose) -> Pose:
+    """The pose ``b``, given in the frame ``a``, in the frame that ``a`` is given in."""
+    cos, sin = math.cos(a[2]), math.sin(a[2])
+    return a[0] + cos * b[0] - sin * b[1], a[1] + sin * b[0] + cos * b[1], wrap(a[2] + b[2])
+
+
+def inverse(a: Pose) -> Pose:
+    """The frame's own origin seen from ``a``: ``compose(a, inverse(a))`` is zero."""
+    cos, sin = math.cos(a[2]), math.sin(a[2])
+    return -cos * a[0] - sin * a[1], sin * a[0] - cos * a[1], wrap(-a[2])
+
+
+def relative(a: Pose, b: Pose) -> Pose:
+    """The pose ``b`` as seen from ``a``, both given in one frame: ``compose(a, relative(a, b))`` is ``b``."""
+    return compose(inverse(a), b)

@@ -1,7 +1,6 @@
 """The Nav2 stand-in: what ``navigate_to_pose`` does with a goal, as the goal selector observes it.
 
-Accepts goals, pre-empts, cancels, watches progress and ends them with the results of action_msgs/GoalStatus. Kernels
-work on one game's record ``g``; the fields of navigator, ``planner`` and ``controller`` are ``NAVIGATOR_FIELDS``.
+Kernels work on one game's record ``g``; fields of navigator, planner and controller are ``NAVIGATOR_FIELDS``.
 """
 
 import numpy as np
@@ -68,7 +67,6 @@ def _end(g, result):  # type: ignore[no-untyped-def]
 
 @kernel
 def cancel(g):  # type: ignore[no-untyped-def]
-    """Cancel the goal driven to and the accepted one."""
     if g.nav_state == ACTIVE:
         _end(g, CANCELED)
     g.nav_next = -1
@@ -76,7 +74,6 @@ def cancel(g):  # type: ignore[no-untyped-def]
 
 @kernel
 def _start_goal(g, bx, by, step):  # type: ignore[no-untyped-def]
-    """The accepted goal becomes the one driven to."""
     g.nav_goal = g.nav_next
     g.nav_next = -1
     g.nav_state = ACTIVE

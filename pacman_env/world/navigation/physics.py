@@ -32,7 +32,6 @@ _GIVEN, _TAKEN = 6, 4  # numbers of a body: position, velocity and force; positi
 _HANDLE, _GIVE, _GIVE_COUNT, _TAKE, _TAKE_COUNT = range(5)  # columns of the table of spaces
 _EACH, _STEP, _GIVE_FUNCTION, _TAKE_FUNCTION = range(4)  # addresses of Chipmunk's functions, as named below
 _CALLED = "cpSpaceEachBody", "cpSpaceStep", "pmSpaceBodySetIteratorFuncBatched", "pmSpaceBodyGetIteratorFuncBatched"
-_NAMES = "table", "given", "taken", "calls", "owners", "levels", "of"
 _REMEMBERS = 5  # steps: more than Chipmunk keeps a contact (collision_persistence, 3)
 _FAR_M = 1e6
 _NONE = _FREE = -1  # in place of a space's number, of a robot's
@@ -142,7 +141,6 @@ def _enter(i, level, spaces):  # type: ignore[no-untyped-def]
 
 @kernel
 def _step_space(space, calls, seconds):  # type: ignore[no-untyped-def]
-    """Hand the body's numbers over and advance."""
     store_int(space[_GIVE_COUNT], 0)
     call_each(calls[_EACH], space[_HANDLE], calls[_GIVE_FUNCTION], space[_GIVE])
     call_step(calls[_STEP], space[_HANDLE], seconds)
@@ -185,15 +183,11 @@ class Spaces:
         self._space_of = np.full(robots, _NONE, dtype=np.int64)
         calls = np.array([_address(ffi.addressof(lib, name)) for name in _CALLED], dtype=np.int64)
         self.arrays = table, given, taken, calls, self._owners, self._levels, self._space_of
-        #: The same by the names that they have in tables.
-        self.named = {f"space_{name}": array for name, array in zip(_NAMES, self.arrays, strict=True)}
 
     def __len__(self) -> int:
-        """Number of spaces that there are now."""
         return sum(space is not None for space in self._spaces)
 
     def provide(self, level: int, walls: NDArray[np.float64]) -> None:
-        """Make one more space with the walls of a level."""
         places = (level + np.arange(len(self._levels))) % len(self._levels)
         free = places[self._owners[places] == _FREE]
         k = int(free[(self._levels[free] != _NONE).argmin()])  # the first that was none so far, else of another level

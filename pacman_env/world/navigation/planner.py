@@ -40,7 +40,6 @@ class Fields(NamedTuple):
 
 @kernel
 def cell_at(fields, x, y):  # type: ignore[no-untyped-def]
-    """Number of the drivable cell nearest to a position."""
     column, row = cell_of(fields.affine, fields.snap.shape[0], fields.snap.shape[1], x, y)
     return fields.snap[row, column]
 
@@ -124,7 +123,6 @@ def detour_memory(cells: int, longest_cm: int, resolution: float) -> tuple[NDArr
 
 @kernel
 def _keepout_violated(x, y, obstacles):  # type: ignore[no-untyped-def]
-    """True if a point lies in the region of an obstacle that counts."""
     for k in range(len(obstacles)):
         dx, dy = x - obstacles[k, 0], y - obstacles[k, 1]
         if dx * dx + dy * dy < obstacles[k, 2] * obstacles[k, 2]:

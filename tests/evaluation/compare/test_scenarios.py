@@ -20,7 +20,7 @@ from pacman_env.evaluation.compare.scenarios import (
     open_scenario,
     parts_of_play,
 )
-from pacman_env.sim.maps.generated import TEST_LEVEL, GeneratedMaps
+from pacman_env.sim.maps.level_source import TEST_LEVEL, GeneratedMaps
 from pacman_env.world.maps.occupancy import MapError, load_map
 from tests.evaluation.helpers import CONFIG, LEVELS, LEVELS_CONFIG
 

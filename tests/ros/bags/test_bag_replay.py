@@ -30,9 +30,9 @@ from pacman_env.ros.bags.bag_replay import chosen_of, recorded_config, replay_ba
 from pacman_env.ros.bags.pose_statistics import PoseStatistics, simulated_statistics
 from pacman_env.ros.selector.goal_scores import SCORES
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.poses import compose, relative
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.situation import Situation
+from pacman_env.world.navigation.localization import compose, relative
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 START_S = 2.0  # of the round, since the bag began

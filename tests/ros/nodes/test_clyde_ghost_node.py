@@ -19,7 +19,7 @@ from pacman_env.config import make_config
 from pacman_env.ros import topics
 from pacman_env.ros.messages import points_of, pose_of, seconds_of
 from pacman_env.ros.node import BaseNode
-from pacman_env.sim.core.map_ghosts import MapGhosts
+from pacman_env.sim.core.ghosts import MapGhosts
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.maps.ghost_cells import ClydeCells
 from tests.shared import shared_path

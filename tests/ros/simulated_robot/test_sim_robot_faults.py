@@ -15,7 +15,7 @@ from pacman_env.ros import topics  # noqa: E402
 from pacman_env.ros.messages import pose_of, seconds_of  # noqa: E402
 from pacman_env.ros.simulated_robot.sim_robot import FAULT, FAULTS_NOW  # noqa: E402
 from pacman_env.ros.supervisor.game_nodes import SIMULATOR, module_of  # noqa: E402
-from pacman_env.sim.core import navigate_to_pose as nav  # noqa: E402
+from pacman_env.sim.core import robot as nav  # noqa: E402
 from tests.ros.simulated import ABORTED, SUCCEEDED, Robot  # noqa: E402
 from tests.sim.robots import RIGHT, rooms  # noqa: E402
 

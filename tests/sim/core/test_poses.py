@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pacman_env.sim.core.poses import Pose, compose, inverse, wrap
+from pacman_env.world.navigation.localization import Pose, compose, inverse, wrap
 
 metres = st.floats(-100, 100)
 poses = st.tuples(metres, metres, st.floats(-math.pi, math.pi - 1e-6))

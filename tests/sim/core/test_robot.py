@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from pacman_env.config import make_config
-from pacman_env.sim.core.poses import compose, wrap
 from pacman_env.sim.core.robot import SimulatedRobot
 from pacman_env.world.maps.occupancy import MapError
+from pacman_env.world.navigation.localization import compose, wrap
 from pacman_env.world.navigation.navigator import ABORTED, NO_RESULT, SUCCEEDED
 from tests.drawn import drawn
 from tests.sim.robots import DOOR, DT, RIGHT, a_robot, away, rooms

@@ -15,7 +15,7 @@ from pacman_env.config import ConfigError, make_config
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.evaluation.checks.generated_levels import judge
 from pacman_env.sim.maps.assets import MapAssets
-from pacman_env.sim.maps.generated import (
+from pacman_env.sim.maps.level_source import (
     TEST_LEVEL,
     TEST_LEVELS,
     WIDE,

@@ -12,7 +12,7 @@ from pacman_env.config import Config, make_config
 from pacman_env.game.execution import RUNNING
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapAssets
-from pacman_env.sim.maps.generated import GeneratedMaps, prepare_level
+from pacman_env.sim.maps.level_source import GeneratedMaps, prepare_level
 from pacman_env.sim.maps.level_stack import LevelStack
 from pacman_env.world.maps.occupancy import MapError
 

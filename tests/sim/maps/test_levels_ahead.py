@@ -20,7 +20,7 @@ import pytest
 
 from pacman_env.config import make_config
 from pacman_env.sim.maps.assets import MapAssets
-from pacman_env.sim.maps.generated import GeneratedMaps, prepare_level
+from pacman_env.sim.maps.level_source import GeneratedMaps, prepare_level
 from pacman_env.sim.maps.levels_ahead import LevelsAhead
 from pacman_env.world.maps.occupancy import MapError
 
@@ -215,7 +215,7 @@ def run(script: str, **options: object) -> subprocess.CompletedProcess[str]:
     head = """
 import os, signal, sys, threading, time
 from pacman_env.config import make_config
-from pacman_env.sim.maps.generated import GeneratedMaps
+from pacman_env.sim.maps.level_source import GeneratedMaps
 from pacman_env.sim.maps.levels_ahead import LevelsAhead
 ahead = LevelsAhead(GeneratedMaps(make_config(), 0, 1000), 2)
 """

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from pacman_env.config import make_config
-from pacman_env.sim.maps.assets import MapAssets, map_assets
-from pacman_env.sim.maps.refuges import choose_refuges
+from pacman_env.sim.maps.assets import MapAssets, choose_refuges, map_assets
 from pacman_env.world.navigation.paths import UNREACHABLE_CM
 from tests.drawn import box, drawn
 from tests.shared import shared_path

@@ -11,14 +11,15 @@ import pytest
 from pacman_env.config import make_config
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.bearings import (
+from pacman_env.sim.observation.robot_features import (
+    FAR_M,
+    FAST_MPS,
     GHOST_BEARING_COLUMNS,
     PELLET_BEARING_COLUMNS,
+    Scale,
     ghost_bearings,
     pellet_bearings,
 )
-from pacman_env.sim.observation.robot_features import FAR_M, FAST_MPS
-from pacman_env.sim.observation.scales import Scale
 from pacman_env.sim.observation.situation import PELLET, Situation
 from pacman_env.world.maps.occupancy import OccupancyMap
 

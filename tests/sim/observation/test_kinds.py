@@ -11,7 +11,7 @@ import pytest
 from pacman_env.config import make_config
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.maps.generated import GeneratedMaps
+from pacman_env.sim.maps.level_source import GeneratedMaps
 from pacman_env.sim.observation.kinds import Observer
 from pacman_env.sim.observation.raster import CHANNELS
 

@@ -10,8 +10,16 @@ import pytest
 from pacman_env.config import make_config
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.nearest import MISSING, Nearest, in_order, nearest_candidates
-from pacman_env.sim.observation.situation import HOLD, PELLET, REFUGE, Situation
+from pacman_env.sim.observation.situation import (
+    HOLD,
+    MISSING,
+    PELLET,
+    REFUGE,
+    Nearest,
+    Situation,
+    in_order,
+    nearest_candidates,
+)
 
 
 @pytest.fixture(scope="module")

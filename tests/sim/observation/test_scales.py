@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pacman_env.sim.observation.robot_features import COLUMNS
-from pacman_env.sim.observation.scales import LENGTH_M, Scale
+from pacman_env.sim.observation.robot_features import COLUMNS, LENGTH_M, Scale
 
 LIMIT_S = 600.0
 

@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pacman_env.config import Config
-from pacman_env.sim.core import records
-from pacman_env.sim.core.parameters import batch_parameters
+from pacman_env.sim.core.parameters import GAME, batch_parameters
 from pacman_env.world.navigation.physics import Spaces, bare_stepper, clear_cells, move, overlap_m, place
 
 CONFIG = Config()
@@ -28,7 +27,7 @@ class Robots:
     """N robots among the walls of the room."""
 
     def __init__(self, n: int, clear: np.ndarray = CLEAR) -> None:
-        self.games = np.zeros(n, dtype=records.GAME)
+        self.games = np.zeros(n, dtype=GAME)
         self.spaces = Spaces(n, **BODY)
         self.parameters = batch_parameters(CONFIG, 0.05, 1, 0)[0]
         self.clear = clear

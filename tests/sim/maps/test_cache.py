@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pacman_env.world.navigation import cache as cache_module
-from pacman_env.world.navigation.cache import Arrays, cached_arrays
+from pacman_env.sim.maps import assets as cache_module
+from pacman_env.sim.maps.assets import Arrays, cached_arrays
 
 KEY = "0123abcd"
 
