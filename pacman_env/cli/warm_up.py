@@ -58,15 +58,13 @@ def _compiler() -> str:
 
 
 def _play(settings: Mapping[str, Any] = _SHORT, **arguments: Any) -> None:
-    """A few decisions of one game, and of several at once."""
     import numpy as np
 
     from pacman_env.envs.pacmanbot import PacManBotEnv
     from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 
-    one = PacManBotEnv(settings=settings, **arguments)
-    several = PacManBotVectorEnv(2, settings=settings, **arguments)
-    games: tuple[Any, ...] = (one, several)
+    games = PacManBotEnv(settings=settings, **arguments), PacManBotVectorEnv(2, settings=settings, **arguments)
+    env: Any
     for env in games:
         env.reset(seed=0)
         env.batch.spaces.provide(0, env.batch.assets_of(0).grid.walls)  # as when a robot comes near a wall
@@ -79,10 +77,6 @@ def _play(settings: Mapping[str, Any] = _SHORT, **arguments: Any) -> None:
                 env.reset()
 
 
-def _learners_env() -> None:
-    _play(flat=True)
-
-
 def _every_argument() -> None:
     _play(observation=_KINDS)
     _play(observation=_KINDS, ghosts=_GHOSTS)
@@ -90,10 +84,6 @@ def _every_argument() -> None:
     _play({**_SHORT, "observation.normalize": True}, action="velocity", observation=("scan", "flat"))
     _play({**_SHORT, "execution.rules": "as_built", "observation.candidates": "nearest"}, preset="ideal")
     _play({**_EVENTFUL, "endless": True})
-
-
-def _generated_houses() -> None:
-    _play({**_SHORT, "num_levels": 1}, map="generated")
 
 
 def _policies() -> None:
@@ -135,9 +125,9 @@ def _robot() -> None:
 
 #: What is done, by the name that is printed.
 PARTS: dict[str, Callable[[], None]] = {
-    "PacManBotFlat-v0": _learners_env,
+    "PacManBotFlat-v0": partial(_play, flat=True),
     "all arguments": _every_argument,
-    "generated houses": partial(_play, map="generated", num_levels=1),
+    "generated houses": partial(_play, {**_SHORT, "num_levels": 1}, map="generated"),
     "two players": _two_players,
     "policies": _policies,
 }
