@@ -23,7 +23,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Finding:
-    check: str  # its name and question are filled in by Check.find
+    check: str  # name; with the question, set by Check.find
     question: str
     status: str  # OK, BAD or UNKNOWN: the question cannot be answered, or does not apply
     summary: str  # what was observed, with figures and units
@@ -72,7 +72,6 @@ class Request(Generic[T]):
 
 
 def newest(read: Callable[[Any], T]) -> Callable[[T | None, Any, Moment], T]:
-    """A ``fold`` that keeps the last message, as ``read`` returns it."""
     return lambda before, message, arrival: read(message)
 
 
@@ -181,8 +180,6 @@ class Observations:
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """One question about a robot."""
-
     name: str
     question: str
     answer: Callable[[Observations], Finding | None]  # None if the question does not arise
@@ -195,7 +192,6 @@ class Check:
 
 
 def listed(names: Iterable[str]) -> str:
-    """The first names, and how many more there are."""
     found = list(names)
     more = f" and {len(found) - _LISTED} more" if len(found) > _LISTED else ""
     return ", ".join(found[:_LISTED]) + more

@@ -160,7 +160,7 @@ def _duplicates(robot: Observations) -> list[str]:
         if configured["acts"]:
             _, host, number = configured["started"]
             found.setdefault(configured["node"], []).append(f"process {number} on {host}")
-    return [f"{name} runs {len(who)} times: {listed(who)}" for name, who in found.items() if len(who) > 1]
+    return [f"{name} runs {len(ids)} times: {listed(ids)}" for name, ids in found.items() if len(ids) > 1]
 
 
 def _check_configuration(robot: Observations) -> Finding:

@@ -117,19 +117,16 @@ def _ticked(before: Clock | None, message: Any, arrival: Moment) -> Clock:
 
 
 def _delayed(before: Delays | None, message: Any, arrival: Moment) -> Delays:
-    delays, headers = before or Delays(), [message.header] if hasattr(message, "header") else _headers(message)
-    for stamp_s in (seconds(header.stamp) for header in headers):
+    delays = before or Delays()
+    # Of transforms, those from odom: AMCL stamps those to odom ahead.
+    transforms = [one for one in getattr(message, "transforms", ()) if one.header.frame_id.lstrip("/") == "odom"]
+    for stamp_s in (seconds(one.header.stamp) for one in ([message] if hasattr(message, "header") else transforms)):
         delays.wall_s.append(arrival.wall_s - stamp_s)
         if arrival.clock_s is not None:
             delays.clock_s.append(arrival.clock_s - stamp_s)
     turn_s = float(getattr(message, "scan_time", 0.0))
     delays.turn_s = min(turn_s, _LONGEST_TURN_S) if turn_s > 0 else 0.0  # nor NaN
     return delays
-
-
-def _headers(transforms: Any) -> list[Any]:
-    """Of transforms from odom; AMCL stamps those to odom ahead."""
-    return [one.header for one in transforms.transforms if one.header.frame_id.lstrip("/") == "odom"]
 
 
 CLOCK = Source("/clock", "rosgraph_msgs/Clock", _ticked, "SENSOR_DATA")

@@ -20,8 +20,6 @@ FEWEST_RETURNS = 0.1  # share of rays; less is a lidar that is covered
 
 
 class Scan(NamedTuple):
-    """The summary of a scan."""
-
     stamp_s: float
     rays: int
     returns: int  # rays with one
