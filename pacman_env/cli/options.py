@@ -75,7 +75,6 @@ def _kind(hint: Any) -> dict[str, Any]:
 
 
 def _help(kind: type) -> dict[str, str]:
-    """The string below each field of a class."""
     (node,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
     assert isinstance(node, ast.ClassDef)
     return {

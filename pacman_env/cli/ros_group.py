@@ -90,11 +90,9 @@ def _up(arguments: argparse.Namespace) -> int:
 
 def _ask(name: str, arguments: argparse.Namespace) -> int:
     with what_ros_needs():
-        from pacman_env.ros.supervisor import operator
-    where = arguments.namespace, arguments.domain_id, arguments.sim, arguments.wait
-    if name == "status":
-        return operator.status(*where, as_json=arguments.json)
-    return operator.COMMANDS[name](*where)
+        from pacman_env.ros.supervisor.operator import operate
+    command = "status --json" if name == "status" and arguments.json else name
+    return operate(command, arguments.namespace, arguments.domain_id, arguments.sim, arguments.wait)
 
 
 def _add_doctor(group: Any) -> None:

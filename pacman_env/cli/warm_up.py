@@ -58,15 +58,13 @@ def _compiler() -> str:
 
 
 def _play(settings: Mapping[str, Any] = _SHORT, **arguments: Any) -> None:
-    """A few decisions of one game, and of several at once."""
     import numpy as np
 
     from pacman_env.envs.pacmanbot import PacManBotEnv
     from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 
-    one = PacManBotEnv(settings=settings, **arguments)
-    several = PacManBotVectorEnv(2, settings=settings, **arguments)
-    games: tuple[Any, ...] = (one, several)
+    games = PacManBotEnv(settings=settings, **arguments), PacManBotVectorEnv(2, settings=settings, **arguments)
+    env: Any
     for env in games:
         env.reset(seed=0)
         env.batch.spaces.provide(0, env.batch.assets_of(0).grid.walls)  # as when a robot comes near a wall

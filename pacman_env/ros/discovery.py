@@ -22,7 +22,7 @@ _NAMES_S = 1.0
 _UNKNOWN_NAMESPACE, _UNKNOWN_NAME = "_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_"  # ROS's words
 NAMELESS = "a node without a name"
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
-BEYOND = ("ROS_DISCOVERY_SERVER", "ROS_STATIC_PEERS", "ROS_SUPER_CLIENT")  # these reach other machines, too
+BEYOND = ("ROS_DISCOVERY_SERVER", "ROS_SUPER_CLIENT", "ROS_STATIC_PEERS")  # these reach other machines, too
 
 
 def domain_of(text: str) -> int:

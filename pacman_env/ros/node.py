@@ -50,8 +50,6 @@ Value = TypeVar("Value", bool, int, float, str)
 
 
 class BaseNode(Node):
-    """A node with last messages, whose troubles are logged once."""
-
     def __init__(self, name: str, **options: Any) -> None:
         self.surroundings = current()
         super().__init__(name, **{**self.surroundings.options(), **options})
@@ -342,19 +340,14 @@ def _code() -> Iterator[tuple[int, int]]:
             yield start, end - start
 
 
-def own_context(domain: int | None = None) -> rclpy.Context:
-    context = rclpy.Context()
-    no_signals = SignalHandlerOptions.NO
-    rclpy.init(args=["--ros-args", *QUIET], context=context, domain_id=domain, signal_handler_options=no_signals)
-    return context
-
-
 class Observer(Node):
     """A node beside a game: it works while it is spun, in a context of its own, which ``close`` shuts down."""
 
     def __init__(self, name: str, namespace: str, domain: int | None = None, **options: Any) -> None:
-        super().__init__(name, namespace=namespace, context=own_context(domain), **options)
-        self._executor = SingleThreadedExecutor(context=self.context)
+        context, no_signals = rclpy.Context(), SignalHandlerOptions.NO
+        rclpy.init(args=["--ros-args", *QUIET], context=context, domain_id=domain, signal_handler_options=no_signals)
+        super().__init__(name, namespace=namespace, context=context, **options)
+        self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self)
 
     def __enter__(self) -> Any:

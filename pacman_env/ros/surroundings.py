@@ -69,18 +69,16 @@ class Surroundings:
         return secrets.randbelow(2**31)
 
 
-_CURRENT: ContextVar[Surroundings | None] = ContextVar("surroundings", default=None)
-_OWN = Surroundings()
+_CURRENT = ContextVar("surroundings", default=Surroundings())  # noqa: B039 - it has no state
 
 
 def current() -> Surroundings:
     """To be called while a node is made."""
-    return _CURRENT.get() or _OWN
+    return _CURRENT.get()
 
 
 @contextlib.contextmanager
 def within(surroundings: Surroundings) -> Iterator[None]:
-    """Nodes made in the block have these."""
     token = _CURRENT.set(surroundings)
     try:
         yield

@@ -42,8 +42,6 @@ STATIC_TRANSFORMS = _qos(100, latched=True)
 
 @dataclass(frozen=True)
 class _Interface:
-    """A relative name and a type, ``package/Type``."""
-
     name: str
     type_name: str
 
@@ -158,7 +156,7 @@ ODOMETRY = Topic("odom", "nav_msgs/Odometry", SENSOR_DATA)
 SCAN = Topic("scan", "sensor_msgs/LaserScan", SENSOR_DATA)
 TF = Topic("tf", "tf2_msgs/TFMessage", TRANSFORMS)
 TF_STATIC = Topic("tf_static", "tf2_msgs/TFMessage", STATIC_TRANSFORMS)
-CLOCK = Topic("/clock", "rosgraph_msgs/Clock", SENSOR_DATA)  # absolute, as rclpy listens to it
+CLOCK = Topic("/clock", "rosgraph_msgs/Clock", SENSOR_DATA)  # absolute, as rclpy subscribes to it
 CLOCK_OWNER = Topic("/clock_owner", "std_msgs/String", COMMANDS)  # JSON: which simulated robot gives the time
 
 START_GAME = Service("game/start", "std_srvs/Trigger")

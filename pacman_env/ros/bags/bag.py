@@ -111,7 +111,6 @@ def unfinished_folder(bag: Path) -> Path:
 
 
 def unfinished_around(path: Path) -> Path | None:
-    """The unfinished bag that a path is, or lies in."""
     return next((folder for folder in (path, *path.parents) if folder.name.endswith(SUFFIX)), None)
 
 

@@ -150,7 +150,8 @@ class _Walk:
         try:
             self._update(recorded)
         except BadMessage as error:
-            _count(self._report.bad_messages, f"{recorded.topic}: {error}")
+            bad, what = self._report.bad_messages, f"{recorded.topic}: {error}"
+            bad[what] = bad.get(what, 0) + 1
 
     def finish(self) -> None:
         report = self._report
@@ -168,7 +169,8 @@ class _Walk:
         if topic == topics.GAME_STATE.name:
             self._enter(message.data, at_s)
         elif topic == topics.GAME_STATUS.name:
-            _count(self._report.statuses, message.data.partition(":")[0])
+            statuses, word = self._report.statuses, message.data.partition(":")[0]
+            statuses[word] = statuses.get(word, 0) + 1
         elif topic == topics.PELLET_MARKERS.name:
             self._left = set(self._view.pellets(pellets_of(message)).known)
         elif topic == topics.REMOVE_PELLET.name:
@@ -199,7 +201,7 @@ class _Walk:
             self._view.begin()
             self._policy.reset(np.ones(1, dtype=np.bool_), self._config)
         elif not running:
-            self._motion.counts = False  # shows and the way home are no driving for pellets
+            self._motion.counts = False  # shows and the drive home are no driving for pellets
             self._gone.clear()
             self._differs = None
         self._running = running
@@ -253,10 +255,6 @@ class _Walk:
             return KIND_NAMES[2]
         kind = f"refuge {candidate - self._assets.pellets}" if goal.pellet is None else f"pellet {goal.pellet}"
         return f"{kind} at ({goal.x:.2f}, {goal.y:.2f})"
-
-
-def _count(counts: dict[str, int], key: str) -> None:
-    counts[key] = counts.get(key, 0) + 1
 
 
 def recorded_config(bag: Bag) -> Config:

@@ -63,8 +63,8 @@ class Recorder(BaseNode):
         if self._open:
             for subscription, connection in self._subscribed:
                 with subscription.handle:
-                    while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
-                        self._write(connection, taken[0])
+                    while (received := subscription.handle.take_message(subscription.msg_type, True)) is not None:
+                        self._write(connection, received[0])
             self._open = False
             self._writer.close()
         return ()

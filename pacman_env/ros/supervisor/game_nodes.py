@@ -54,7 +54,7 @@ PROCESSES = {
 }
 #: Those that are nodes: the robot where it is simulated, the game, then the two that need a pose.
 NODES = tuple(name for name in PROCESSES if name not in (PAGE, LOCK_STEP))
-#: Those that only listen and answer.
+#: Those that only subscribe, publish and respond.
 GAME = tuple(name for name in NODES if name not in (SIMULATOR, WAIT, SELECTOR))
 #: What moves the robot stops first, then the lights, then the others.
 STOP_ORDER = (SELECTOR, "game_event_mapper", "game_light_node", PAGE, "audio_node", REFEREE)
@@ -143,10 +143,6 @@ class GameSetup:
 
 def module_of(node: str) -> str:
     return f"pacman_env.ros.{PROCESSES[node].folder}.{node}"
-
-
-def ending(end: str) -> list[str]:
-    return [process.name for process in PROCESSES.values() if process.end == end]
 
 
 def following(name: str) -> list[str]:

@@ -165,56 +165,53 @@ class StatusLine(Observer):
         self._pose_ns = nanoseconds_of(message.header.stamp)
 
 
-def ask(service: topics.Service, namespace: str, domain: int | None, sim: bool, wait_s: float) -> int:
-    """Call the referee and print its response; this and what follows return the exit status."""
+def operate(command: str, namespace: str, domain: int | None, sim: bool, wait_s: float) -> int:
     join(domain, sim)
     with StatusLine(namespace, sim) as status_line:
-        end = time.monotonic() + wait_s
-        answer: Any = None
-        while time.monotonic() < end:
-            asked_s = time.monotonic()
-            answer = status_line.call(service)
-            if answer is None:
-                status_line.spin(0.05)
-            elif status_line.spin_until(answer.done, min(ANSWER_S, end - asked_s)):
-                break
-        if answer is None or not answer.done():
-            return _no_answer(status_line, service.name)
-        result = answer.result()
-        print(result.message)
-        return DONE if result.success else REFUSED
+        return COMMANDS[command](status_line, wait_s)
 
 
-def stop(namespace: str, domain: int | None, sim: bool, wait_s: float) -> int:
-    join(domain, sim)
-    with StatusLine(namespace, sim) as status_line:
-        status_line.operator.request(True, "a terminal")
-        status_line.halt()
-        return _print_obeying(status_line, wait_s, "stopped: {} obey until 'pacman-env ros release'")
+def _call(service: topics.Service, status_line: StatusLine, wait_s: float) -> int:
+    end = time.monotonic() + wait_s
+    answer: Any = None
+    while time.monotonic() < end:
+        asked_s = time.monotonic()
+        answer = status_line.call(service)
+        if answer is None:
+            status_line.spin(0.05)
+        elif status_line.spin_until(answer.done, min(ANSWER_S, end - asked_s)):
+            break
+    if answer is None or not answer.done():
+        return _no_answer(status_line, service.name)
+    result = answer.result()
+    print(result.message)
+    return DONE if result.success else REFUSED
 
 
-def release(namespace: str, domain: int | None, sim: bool, wait_s: float) -> int:
-    join(domain, sim)
-    with StatusLine(namespace, sim) as status_line:
-        operator = status_line.operator
-        if not status_line.spin_until(lambda: operator.known, wait_s):
-            return _no_answer(status_line, topics.OPERATOR_STOP.name)
-        status_line.spin_until(lambda: False, SETTLE_S)
-        if not operator.stopped:
-            print("nothing was stopped")
-            return DONE
-        operator.request(False, "a terminal")
-        return _print_obeying(status_line, wait_s, "released: {} know it")
+def _stop(status_line: StatusLine, wait_s: float) -> int:
+    status_line.operator.request(True, "a terminal")
+    status_line.halt()
+    return _print_obeying(status_line, wait_s, "stopped: {} obey until 'pacman-env ros release'")
 
 
-def status(namespace: str, domain: int | None, sim: bool, wait_s: float, as_json: bool = False) -> int:
-    join(domain, sim)
-    with StatusLine(namespace, sim) as status_line:
-        if not status_line.spin_until(lambda: status_line.state is not None, wait_s):
-            return _no_answer(status_line, "game_state")
-        status_line.spin_until(lambda: bool(status_line.condition), min(1.5, wait_s))  # published once a second
-        status_line.spin_until(lambda: False, SETTLE_S)
-        facts = {"version": __version__, **status_line.facts()}
+def _release(status_line: StatusLine, wait_s: float) -> int:
+    operator = status_line.operator
+    if not status_line.spin_until(lambda: operator.known, wait_s):
+        return _no_answer(status_line, topics.OPERATOR_STOP.name)
+    status_line.spin_until(lambda: False, SETTLE_S)
+    if not operator.stopped:
+        print("nothing was stopped")
+        return DONE
+    operator.request(False, "a terminal")
+    return _print_obeying(status_line, wait_s, "released: {} know it")
+
+
+def _status(status_line: StatusLine, wait_s: float, as_json: bool = False) -> int:
+    if not status_line.spin_until(lambda: status_line.state is not None, wait_s):
+        return _no_answer(status_line, "game_state")
+    status_line.spin_until(lambda: bool(status_line.condition), min(1.5, wait_s))  # published once a second
+    status_line.spin_until(lambda: False, SETTLE_S)
+    facts = {"version": __version__, **status_line.facts()}
     if as_json:
         print(json.dumps(facts, indent=2))
         return DONE
@@ -235,11 +232,13 @@ def status(namespace: str, domain: int | None, sim: bool, wait_s: float, as_json
     return DONE
 
 
-COMMANDS: dict[str, Callable[[str, int | None, bool, float], int]] = {
-    "start": partial(ask, topics.START_GAME),
-    "reset": partial(ask, topics.RESET_GAME),
-    "stop": stop,
-    "release": release,
+COMMANDS: dict[str, Callable[[StatusLine, float], int]] = {
+    "start": partial(_call, topics.START_GAME),
+    "reset": partial(_call, topics.RESET_GAME),
+    "stop": _stop,
+    "release": _release,
+    "status": _status,
+    "status --json": partial(_status, as_json=True),
 }
 
 

@@ -35,13 +35,11 @@ class Member:
 
 @dataclass
 class ProcessGroup:
-    """Processes by name, in the order in which they were started."""
-
     command: Callable[[str], Sequence[str]]  # by name: the module that runs a node, and its arguments
     logs: Path  # folder for one file per node, with all that it prints
     environment: dict[str, str]
     report: Callable[[str], None]  # called with one line about each event
-    spare: Collection[str] = ()  # those without which the others go on: they are given up instead of lost
+    spare: Collection[str] = ()  # those without which the others continue: not started again, where others are Lost
     final: Collection[str] = ()  # those that are not started again when they end
     _members: dict[str, Member] = field(default_factory=dict)
 
@@ -58,7 +56,6 @@ class ProcessGroup:
         return None if process is None else process.poll()
 
     def ids(self) -> dict[str, int]:
-        """The process ids, by name, of those that have been started and not found dead."""
         return {member.name: member.process.pid for member in self._members.values() if member.process is not None}
 
     def dismiss(self, name: str) -> None:

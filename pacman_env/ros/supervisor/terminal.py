@@ -42,7 +42,6 @@ class LineWriter:
             print(line(True), file=self._out, flush=True)
 
     def wait(self, what: str, at_once: bool = False) -> None:
-        """Show what is waited for, and for how long already."""
         if what != self._awaited:
             self._awaited, self._since_s = what, time.monotonic()
         waited = f"{time.monotonic() - self._since_s:.0f} s"

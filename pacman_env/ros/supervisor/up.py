@@ -21,7 +21,7 @@ from pacman_env.ros.discovery import join
 from pacman_env.ros.node import Stop
 from pacman_env.ros.supervisor import game_nodes, warm_up
 from pacman_env.ros.supervisor.game_lock import GameLock
-from pacman_env.ros.supervisor.game_nodes import LOCK_STEP, REFEREE, SELECTOR, STOP_ORDER, WAIT, GameSetup
+from pacman_env.ros.supervisor.game_nodes import LOCK_STEP, PROCESSES, REFEREE, SELECTOR, STOP_ORDER, WAIT, GameSetup
 from pacman_env.ros.supervisor.operator import StatusLine
 from pacman_env.ros.supervisor.processes import Lost, ProcessGroup, end
 from pacman_env.ros.supervisor.terminal import LineWriter, keyboard
@@ -72,7 +72,8 @@ def up(
             referee = {"state_file": str(state_file), **setup.extra.get(REFEREE, {})}
             setup = replace(setup, extra={**setup.extra, REFEREE: referee})
             environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
-            spare, final = map(game_nodes.ending, (game_nodes.SPARE, game_nodes.FINAL))
+            ends = game_nodes.SPARE, game_nodes.FINAL
+            spare, final = ([name for name, process in PROCESSES.items() if process.end == kind] for kind in ends)
             processes = ProcessGroup(setup.command, logs, environment, writer.print, spare, final)
             keys = "; keys: s start, r reset, space stop, g go on, q quit" if pressed else ""
             writer.print(f"game on {game_nodes.full_namespace(setup.namespace)}{keys}")
@@ -140,8 +141,6 @@ def _alone(status_line: StatusLine, writer: LineWriter, stop: Stop) -> None:
 
 @dataclass
 class _Play:
-    """The game from the first node's start to the last one's end."""
-
     setup: GameSetup
     processes: ProcessGroup
     status_line: StatusLine
@@ -238,7 +237,6 @@ class _Play:
                 self.writer.print(f"{service.name}: {answer.result().message}")
 
     def _stop_all(self) -> list[str]:
-        """The names of those that had to be killed."""
         self.lock.stopping()
         last_mover = next((name for name in STOP_ORDER[1::-1] if name in self.processes), None)
 

@@ -54,7 +54,6 @@ def start(part: Part, setup: GameSetup) -> Popen[str]:
 
 
 def rehearse(part: Part, setup: GameSetup) -> None:
-    """Compile the part in this process, and mark it as done."""
     config = setup.config()
     if SELECTOR in part.nodes:
         rehearsed(part.policy, RobotView(map_assets(setup.map, config), config), config)

@@ -1,4 +1,4 @@
-"""What ``pacman-env ros doctor`` and the operator's page check of a robot, one class a check, without ROS."""
+"""What ``pacman-env ros doctor`` and the operator's page check of a robot, one function a check, without ROS."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import textwrap
 from collections.abc import Iterable, Sequence
 
 from . import game, network, robot
-from .check import BAD, UNKNOWN, Check, Finding, Observations
+from .check import BAD, UNKNOWN, Finding, Observations
 
 #: In the order in which what is wrong is to be remedied.
-CHECKS: tuple[Check, ...] = (*network.CHECKS, *robot.CHECKS, *game.CHECKS)
+CHECKS = (*network.CHECKS, *robot.CHECKS, *game.CHECKS)
 _NO_ROBOT = Finding(
     *("robot", "Is there a robot?", UNKNOWN, "nothing else can be examined without one", "see above"), settled=False
 )
@@ -17,7 +17,7 @@ _LONGEST = 300  # characters of a summary
 
 
 def examine(observations: Observations) -> list[Finding]:
-    found = [check.answer(observations) for check in CHECKS if observations.own or not check.needs_robot]
+    found = [check.find(observations) for check in CHECKS if observations.own or not check.needs_robot]
     return [finding for finding in found if finding is not None] + ([] if observations.own else [_NO_ROBOT])
 
 

@@ -1,13 +1,12 @@
 """What a check is: a question about a robot, answered from what was observed of it. Imports nothing of ROS.
 
-A new check is a :class:`Check` in one of this folder's files, and an entry in ``CHECKS`` at that file's end."""
+A new check is a function in one of this folder's files, and an entry in ``CHECKS`` at that file's end."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+from dataclasses import dataclass, field, replace
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from pacman_env.world.maps.occupancy import OccupancyMap
 
@@ -24,13 +23,25 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Finding:
-    check: str
+    check: str  # name; with the question, set by Check.find
     question: str
     status: str  # OK, BAD or UNKNOWN: the question cannot be answered, or does not apply
     summary: str  # what was observed, with figures and units
     remedy: str = ""
     command: str = ""  # the one command of the remedy, if it is a command
     settled: bool = True  # False while more time may change it
+
+    @classmethod
+    def ok(cls, summary: str) -> Finding:
+        return cls("", "", OK, summary)
+
+    @classmethod
+    def bad(cls, summary: str, remedy: str, command: str = "", settled: bool = True) -> Finding:
+        return cls("", "", BAD, summary, remedy, command, settled)
+
+    @classmethod
+    def unknown(cls, summary: str, remedy: str = "", command: str = "", settled: bool = True) -> Finding:
+        return cls("", "", UNKNOWN, summary, remedy, command, settled)
 
 
 class Moment(NamedTuple):
@@ -61,7 +72,6 @@ class Request(Generic[T]):
 
 
 def newest(read: Callable[[Any], T]) -> Callable[[T | None, Any, Moment], T]:
-    """A ``fold`` that keeps the last message, as ``read`` returns it."""
     return lambda before, message, arrival: read(message)
 
 
@@ -124,12 +134,24 @@ class Observations:
             return f"{topic} cannot be used: {self.unreadable[topic]}"
         return f"{topic} not received {self.within}"
 
-    def patience(self, topic: str) -> tuple[str, str]:
+    def waiting_remedy(self, topic: str) -> tuple[str, str]:
         """Remedy and command where a topic that may be published rarely was not received."""
         if topic in self.unavailable:
             build = "python -m tools.ros_interfaces.build"
             return "source /opt/ros/jazzy/setup.bash; without a ROS installation", build
         return "some bases publish it rarely: listen for longer, --wait 60", ""
+
+    def not_yet(self, summary: str, remedy: str, command: str = "") -> Finding:
+        """BAD for now; where the robot is simulated, with a remedy for that."""
+        if self.virtual:
+            remedy, command = "start or restart the simulated game", self.start_game
+        return Finding.bad(summary, remedy, command, settled=False)
+
+    def not_received(self, source: Source[Any]) -> Finding:
+        """UNKNOWN: a topic of a real base was not received."""
+        if self.virtual:
+            return Finding.unknown("a simulated robot has none")
+        return Finding.unknown(self.silence(source.name), *self.waiting_remedy(source.name), settled=False)
 
     @property
     def other_domain(self) -> int:
@@ -156,42 +178,20 @@ class Observations:
         return f"ros2 launch turtlebot4_navigation {file}.launch.py{namespace} {more}"
 
 
-class Check(ABC):
-    """One question about a robot; ``name`` and ``question`` are set by the class or its instances."""
-
+@dataclass(frozen=True, eq=False)
+class Check:
     name: str
     question: str
-    sources: ClassVar[tuple[Source[Any] | Request[Any], ...]] = ()
-    needs_robot = True  # False: it is asked without a robot, too
+    answer: Callable[[Observations], Finding | None]  # None if the question does not arise
+    sources: tuple[Source[Any] | Request[Any], ...] = ()
+    needs_robot: bool = True  # False: it is asked without a robot, too
 
-    @abstractmethod
-    def answer(self, robot: Observations) -> Finding | None:
-        """The finding; None if the question does not arise."""
-
-    def ok(self, summary: str) -> Finding:
-        return Finding(self.name, self.question, OK, summary)
-
-    def bad(self, summary: str, remedy: str, command: str = "", settled: bool = True) -> Finding:
-        return Finding(self.name, self.question, BAD, summary, remedy, command, settled)
-
-    def unknown(self, summary: str, remedy: str = "", command: str = "", settled: bool = True) -> Finding:
-        return Finding(self.name, self.question, UNKNOWN, summary, remedy, command, settled)
-
-    def silent(self, robot: Observations, summary: str, remedy: str, command: str = "") -> Finding:
-        """BAD: something was not received, or not yet; where the robot is simulated, with a remedy for that."""
-        if robot.virtual:
-            remedy, command = "start or restart the simulated game", robot.start_game
-        return self.bad(summary, remedy, command, settled=False)
-
-    def missing(self, robot: Observations, source: Source[Any]) -> Finding:
-        """UNKNOWN: a topic of a real base was not received."""
-        if robot.virtual:
-            return self.unknown("a simulated robot has none")
-        return self.unknown(robot.silence(source.name), *robot.patience(source.name), settled=False)
+    def find(self, robot: Observations) -> Finding | None:
+        finding = self.answer(robot)
+        return finding and replace(finding, check=self.name, question=self.question)
 
 
 def listed(names: Iterable[str]) -> str:
-    """The first names, and how many more there are."""
     found = list(names)
     more = f" and {len(found) - _LISTED} more" if len(found) > _LISTED else ""
     return ", ".join(found[:_LISTED]) + more

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from pacman_env.config import differences
@@ -31,68 +32,57 @@ STATES = {
 }
 
 
-class Navigator(Check):
-    name, question = "Nav2", "Does exactly one node serve navigate_to_pose?"
-
-    def answer(self, robot: Observations) -> Finding:
-        servers = robot.publishers.get(robot.full("navigate_to_pose/_action/status"), ())
-        if len(servers) > 1:
-            summary = f"{len(servers)} serve navigate_to_pose: {listed(servers)}"
-            return self.bad(summary, "end all but one: each goal goes to both")
-        if servers:
-            return self.ok(f"navigate_to_pose is served by {servers[0]}")
-        summary = f"no server of navigate_to_pose discovered {robot.within}"
-        return self.silent(robot, summary, "start Nav2", robot.start_nav2)
+def _check_navigator(robot: Observations) -> Finding:
+    servers = robot.publishers.get(robot.full("navigate_to_pose/_action/status"), ())
+    if len(servers) > 1:
+        summary = f"{len(servers)} serve navigate_to_pose: {listed(servers)}"
+        return Finding.bad(summary, "end all but one: each goal goes to both")
+    if servers:
+        return Finding.ok(f"navigate_to_pose is served by {servers[0]}")
+    summary = f"no server of navigate_to_pose discovered {robot.within}"
+    return robot.not_yet(summary, "start Nav2", robot.start_nav2)
 
 
-class Lifecycle(Check):
-    name, question = "Nav2's nodes", "Are the nodes of localization and navigation active?"
-    sources = (*MANAGERS.values(), *STATES.values())
-
-    def answer(self, robot: Observations) -> Finding:
-        if robot.virtual:
-            return self.unknown("simulated: they are not there, and not needed")
-        managers = {name: robot.get(request) for name, request in MANAGERS.items()}
-        states = {name: state for name, request in STATES.items() if (state := robot.get(request)) is not None}
-        active = listed(name for name, state in states.items() if state == "active")
-        inactive = {name: f"{name} is {state}" for name, state in states.items() if state != "active"}
-        refused = [name for name, answer in managers.items() if answer is False]
-        silent = [name for name, answer in managers.items() if answer is None]
-        if refused or inactive:
-            summary = listed([*(f"{name} is not active" for name in refused), *inactive.values()])
-            manager = (refused or [name for name, nodes in MANAGED.items() if inactive.keys() & set(nodes)])[0]
-            service = robot.full(f"{manager}/manage_nodes")
-            command = f'ros2 service call {service} nav2_msgs/srv/ManageLifecycleNodes "{{command: 0}}"'
-            return self.bad(summary, "start them up; the launch file's log says why they were not", command)
-        if silent:
-            summary = f"{' and '.join(silent)} not answering {robot.within}; active: {active or 'none known'}"
-            command = robot.start_nav2 if silent == ["lifecycle_manager_navigation"] else robot.start_localization
-            return self.unknown(summary, "if it does not run, start it", command, settled=False)
-        return self.ok(f"localization and navigation are active: {active}".removesuffix(": "))
+def _check_lifecycle(robot: Observations) -> Finding:
+    if robot.virtual:
+        return Finding.unknown("simulated: they are not there, and not needed")
+    managers = {name: robot.get(request) for name, request in MANAGERS.items()}
+    states = {name: state for name, request in STATES.items() if (state := robot.get(request)) is not None}
+    active = listed(name for name, state in states.items() if state == "active")
+    inactive = {name: f"{name} is {state}" for name, state in states.items() if state != "active"}
+    refused = [name for name, answer in managers.items() if answer is False]
+    silent = [name for name, answer in managers.items() if answer is None]
+    if refused or inactive:
+        summary = listed([*(f"{name} is not active" for name in refused), *inactive.values()])
+        manager = (refused or [name for name, nodes in MANAGED.items() if inactive.keys() & set(nodes)])[0]
+        service = robot.full(f"{manager}/manage_nodes")
+        command = f'ros2 service call {service} nav2_msgs/srv/ManageLifecycleNodes "{{command: 0}}"'
+        return Finding.bad(summary, "start them up; the launch file's log says why they were not", command)
+    if silent:
+        summary = f"{' and '.join(silent)} not answering {robot.within}; active: {active or 'none known'}"
+        command = robot.start_nav2 if silent == ["lifecycle_manager_navigation"] else robot.start_localization
+        return Finding.unknown(summary, "if it does not run, start it", command, settled=False)
+    return Finding.ok(f"localization and navigation are active: {active}".removesuffix(": "))
 
 
-class Cloud(Check):
-    def __init__(self, topic: str) -> None:
-        self.name, self.question = topic, f"Do both costmaps subscribe to {topic}?"
-
-    def answer(self, robot: Observations) -> Finding:
-        topic, subscribers = self.name, robot.subscribers_of(self.name)
-        if robot.virtual:
-            simulator = robot.full(SIMULATOR)
-            if simulator in subscribers:
-                return self.ok(f"{simulator} subscribes to it, in place of the costmaps")
-            if topic != CLOUDS[0]:
-                return self.unknown("simulated: what Clyde leaves behind is cleared without it")
-            return self.silent(robot, f"no subscription of {simulator} discovered {robot.within}", "")
-        missing = [name for name in COSTMAPS if robot.full(f"{name}/{name}") not in subscribers]
-        if not missing:
-            return self.ok(f"{' and '.join(COSTMAPS)} subscribe to it")
-        summary = f"no subscription of {' and '.join(missing)} discovered {robot.within}"
-        others = [robot.full(f"{costmap}/{topic}") for costmap in COSTMAPS]  # where the name in their file is relative
-        if others := [name for name in others if robot.subscribers_of(name)]:
-            summary += f", but of {listed(others)}, which no node publishes"
-        remedy = "Nav2 does not see Clyde: launch it with the game's config/nav2.yaml, from the checkout"
-        return self.silent(robot, summary, remedy, robot.start_nav2)
+def _check_cloud(topic: str, robot: Observations) -> Finding:
+    subscribers = robot.subscribers_of(topic)
+    if robot.virtual:
+        simulator = robot.full(SIMULATOR)
+        if simulator in subscribers:
+            return Finding.ok(f"{simulator} subscribes to it, in place of the costmaps")
+        if topic != CLOUDS[0]:
+            return Finding.unknown("simulated: what Clyde leaves behind is cleared without it")
+        return robot.not_yet(f"no subscription of {simulator} discovered {robot.within}", "")
+    missing = [name for name in COSTMAPS if robot.full(f"{name}/{name}") not in subscribers]
+    if not missing:
+        return Finding.ok(f"{' and '.join(COSTMAPS)} subscribe to it")
+    summary = f"no subscription of {' and '.join(missing)} discovered {robot.within}"
+    others = [robot.full(f"{costmap}/{topic}") for costmap in COSTMAPS]  # where the name in their file is relative
+    if others := [name for name in others if robot.subscribers_of(name)]:
+        summary += f", but of {listed(others)}, which no node publishes"
+    remedy = "Nav2 does not see Clyde: launch it with the game's config/nav2.yaml, from the checkout"
+    return robot.not_yet(summary, remedy, robot.start_nav2)
 
 
 ORIGINAL_SELECTOR = "planner_stub"
@@ -143,96 +133,98 @@ def _configurations(robot: Observations) -> list[Mapping[str, Any]]:
     return found
 
 
-class GameNodes(Check):
-    name, question = "game's nodes", "Does each node of the game run, and once?"
-    sources = (CONFIGURATIONS,)
-
-    def answer(self, robot: Observations) -> Finding:
-        wanted = [*((SIMULATOR,) if robot.virtual else ()), *GAME, SELECTOR]
-        here = {name for name in wanted if robot.full(name) in robot.nodes}
-        if robot.full(ORIGINAL_SELECTOR) in robot.nodes:
-            here.add(SELECTOR)
-        missing = [name for name in wanted if name not in here]
-        if duplicates := self._duplicates(robot):
-            remedy = "end all but one: Ctrl-C in the terminal of the other ros up or ros2 launch"
-            return self.bad("; ".join(duplicates), remedy)
-        if not missing:
-            return self.ok(f"all {len(wanted)} are there")
-        if not here - {SIMULATOR}:
-            return self.unknown("none yet", "when all else is ok", robot.start_game, settled=False)
-        remedy = "Ctrl-C in the game's terminal, then start it again; its log says why a node ended"
-        if missing == [SELECTOR]:
-            remedy = f"it starts when the robot has a pose; else {remedy}"
-        summary = f"{len(here)} of {len(wanted)}; not discovered {robot.within}: {listed(missing)}"
-        return self.bad(summary, remedy, robot.start_game, settled=False)
-
-    def _duplicates(self, robot: Observations) -> list[str]:
-        """Nodes of one kind of which only one may act, and as which processes they run."""
-        found: dict[str, list[str]] = {}
-        for configured in reversed(_configurations(robot)):
-            if configured["acts"]:
-                _, host, number = configured["started"]
-                found.setdefault(configured["node"], []).append(f"process {number} on {host}")
-        return [f"{name} runs {len(who)} times: {listed(who)}" for name, who in found.items() if len(who) > 1]
+def _check_game_nodes(robot: Observations) -> Finding:
+    wanted = [*((SIMULATOR,) if robot.virtual else ()), *GAME, SELECTOR]
+    here = {name for name in wanted if robot.full(name) in robot.nodes}
+    if robot.full(ORIGINAL_SELECTOR) in robot.nodes:
+        here.add(SELECTOR)
+    missing = [name for name in wanted if name not in here]
+    if duplicates := _duplicates(robot):
+        remedy = "end all but one: Ctrl-C in the terminal of the other ros up or ros2 launch"
+        return Finding.bad("; ".join(duplicates), remedy)
+    if not missing:
+        return Finding.ok(f"all {len(wanted)} are there")
+    if not here - {SIMULATOR}:
+        return Finding.unknown("none yet", "when all else is ok", robot.start_game, settled=False)
+    remedy = "Ctrl-C in the game's terminal, then start it again; its log says why a node ended"
+    if missing == [SELECTOR]:
+        remedy = f"it starts when the robot has a pose; else {remedy}"
+    summary = f"{len(here)} of {len(wanted)}; not discovered {robot.within}: {listed(missing)}"
+    return Finding.bad(summary, remedy, robot.start_game, settled=False)
 
 
-class Configuration(Check):
-    name, question = "configuration", "Do all nodes play by one configuration, on one map?"
-    sources = (CONFIGURATIONS,)
-
-    def answer(self, robot: Observations) -> Finding:
-        nodes = sorted(_configurations(robot), key=lambda one: (one["node"] != REFEREE, one["node"]))
-        if not nodes:
-            if not any(robot.full(name) in robot.nodes for name in GAME):
-                return self.unknown("no node of the game to compare")
-            remedy = "are these the original's nodes? they publish none"
-            return self.unknown(robot.silence(CONFIGURATIONS.name), remedy, settled=False)
-        first, wrong = nodes[0], []
-        for one in nodes[1:]:
-            fields = differences(one["configuration"], first["configuration"])
-            if fields:
-                words = [f"{name} {there}, there {here}" for name, (there, here) in fields.items()]
-                wrong.append(f"{one['node']} plays by {listed(words)}")
-            elif one["hash"] != first["hash"]:
-                wrong.append(f"{one['node']} plays by {one['hash']}, {first['node']} by {first['hash']}")
-        reference = f" (there: {first['node']})" if wrong else ""
-        maps = {str(one["node"]): str(one["map"]) for one in nodes if one["map"] is not None}
-        whose, ours = next(((f"{node}'s map", there) for node, there in maps.items()), ("", None))
-        if robot.map is not None:
-            whose, ours = f"map {robot.map.name}", robot.map.hash[:12]
-        wrong += [f"{node} plays on {there}, {whose} is {ours}" for node, there in maps.items() if there != ours]
-        if wrong:
-            remedy = "start all nodes with the same --map, --preset, --execution and --set"
-            return self.bad(listed(wrong) + reference, remedy, robot.start_game)
-        return self.ok(f"{count(len(nodes), 'node')} by {first['hash']}{f' on map {ours}' if maps else ''}")
+def _duplicates(robot: Observations) -> list[str]:
+    """Nodes of one kind of which only one may act, and as which processes they run."""
+    found: dict[str, list[str]] = {}
+    for configured in reversed(_configurations(robot)):
+        if configured["acts"]:
+            _, host, number = configured["started"]
+            found.setdefault(configured["node"], []).append(f"process {number} on {host}")
+    return [f"{name} runs {len(ids)} times: {listed(ids)}" for name, ids in found.items() if len(ids) > 1]
 
 
-class Game(Check):
-    name, question = "game", "How does the game stand?"
-    sources = (STATE, DIAGNOSTICS)
+def _check_configuration(robot: Observations) -> Finding:
+    nodes = sorted(_configurations(robot), key=lambda one: (one["node"] != REFEREE, one["node"]))
+    if not nodes:
+        if not any(robot.full(name) in robot.nodes for name in GAME):
+            return Finding.unknown("no node of the game to compare")
+        remedy = "are these the original's nodes? they publish none"
+        return Finding.unknown(robot.silence(CONFIGURATIONS.name), remedy, settled=False)
+    first, wrong = nodes[0], []
+    for one in nodes[1:]:
+        fields = differences(one["configuration"], first["configuration"])
+        if fields:
+            words = [f"{name} {there}, there {here}" for name, (there, here) in fields.items()]
+            wrong.append(f"{one['node']} plays by {listed(words)}")
+        elif one["hash"] != first["hash"]:
+            wrong.append(f"{one['node']} plays by {one['hash']}, {first['node']} by {first['hash']}")
+    reference = f" (there: {first['node']})" if wrong else ""
+    maps = {str(one["node"]): str(one["map"]) for one in nodes if one["map"] is not None}
+    whose, ours = next(((f"{node}'s map", there) for node, there in maps.items()), ("", None))
+    if robot.map is not None:
+        whose, ours = f"map {robot.map.name}", robot.map.hash[:12]
+    wrong += [f"{node} plays on {there}, {whose} is {ours}" for node, there in maps.items() if there != ours]
+    if wrong:
+        remedy = "start all nodes with the same --map, --preset, --execution and --set"
+        return Finding.bad(listed(wrong) + reference, remedy, robot.start_game)
+    return Finding.ok(f"{count(len(nodes), 'node')} by {first['hash']}{f' on map {ours}' if maps else ''}")
 
-    def answer(self, robot: Observations) -> Finding:
-        state, condition = robot.get(STATE), robot.get(DIAGNOSTICS) or {}
-        if state is None and not condition:
-            if not {robot.full(REFEREE), robot.full(SELECTOR)} & set(robot.nodes):
-                return self.unknown("no game goes on")
-            remedy = "wait for it: the first start compiles for a minute"
-            return self.unknown(robot.silence(STATE.name), remedy, settled=False)
-        policy, troubles = condition.get("policy"), condition.get("troubles")
-        counted = [f"{name} ({times})" for name, times in troubles.items()] if isinstance(troubles, Mapping) else []
-        faults = [
-            *(["the goal selector is not active"] if condition.get("active") is False else []),
-            *(["Nav2 does not answer it"] if condition.get("nav2") is False else []),
-            *([f"troubles: {listed(counted)}"] if counted else []),
-        ]
-        words = [state or robot.silence(STATE.name), robot.silence(DIAGNOSTICS.name)]
-        if policy is not None:
-            words[1] = f"policy {policy}"
-        summary, settled = ", ".join([*words, *faults]), state is not None and policy is not None
-        if settled and not faults:
-            return self.ok(summary)
-        remedy = "its log says more: goal_selector.log in the folder that ros up names" if counted else ""
-        return self.unknown(summary, remedy or "see the lines above", settled=settled)
+
+def _check_game(robot: Observations) -> Finding:
+    state, condition = robot.get(STATE), robot.get(DIAGNOSTICS) or {}
+    if state is None and not condition:
+        if not {robot.full(REFEREE), robot.full(SELECTOR)} & set(robot.nodes):
+            return Finding.unknown("no game goes on")
+        remedy = "wait for it: the first start compiles for a minute"
+        return Finding.unknown(robot.silence(STATE.name), remedy, settled=False)
+    policy, troubles = condition.get("policy"), condition.get("troubles")
+    counted = [f"{name} ({times})" for name, times in troubles.items()] if isinstance(troubles, Mapping) else []
+    faults = [
+        *(["the goal selector is not active"] if condition.get("active") is False else []),
+        *(["Nav2 does not answer it"] if condition.get("nav2") is False else []),
+        *([f"troubles: {listed(counted)}"] if counted else []),
+    ]
+    words = [state or robot.silence(STATE.name), robot.silence(DIAGNOSTICS.name)]
+    if policy is not None:
+        words[1] = f"policy {policy}"
+    summary, settled = ", ".join([*words, *faults]), state is not None and policy is not None
+    if settled and not faults:
+        return Finding.ok(summary)
+    remedy = "its log says more: goal_selector.log in the folder that ros up names" if counted else ""
+    return Finding.unknown(summary, remedy or "see the lines above", settled=settled)
 
 
-CHECKS: tuple[Check, ...] = (Navigator(), Lifecycle(), *map(Cloud, CLOUDS), GameNodes(), Configuration(), Game())
+_NODES_OF_NAV2, _PLAYS = (*MANAGERS.values(), *STATES.values()), (CONFIGURATIONS,)
+CHECKS = (
+    Check("Nav2", "Does exactly one node serve navigate_to_pose?", _check_navigator),
+    Check(
+        "Nav2's nodes",
+        "Are the nodes of localization and navigation active?",
+        _check_lifecycle,
+        (*MANAGERS.values(), *STATES.values()),
+    ),
+    *(Check(topic, f"Do both costmaps subscribe to {topic}?", partial(_check_cloud, topic)) for topic in CLOUDS),
+    Check("game's nodes", "Does each node of the game run, and once?", _check_game_nodes, _PLAYS),
+    Check("configuration", "Do all nodes play by one configuration, on one map?", _check_configuration, _PLAYS),
+    Check("game", "How does the game stand?", _check_game, (STATE, DIAGNOSTICS)),
+)

@@ -5,95 +5,80 @@ from __future__ import annotations
 import statistics
 from collections import deque
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, NamedTuple
 
+from ...discovery import BEYOND
 from ..game_nodes import SIMULATOR
 from .check import FIREWALL, RESTART, Check, Finding, Moment, Observations, Source, count, listed, seconds
 
 _RANGE, _LOCAL, _SERVER = "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_DISCOVERY_SERVER"
 #: Beside domain and range, what decides in the environment which nodes are discovered.
-_VARIABLES = (
-    *(_SERVER, "ROS_SUPER_CLIENT", "ROS_STATIC_PEERS", "RMW_IMPLEMENTATION", "FASTRTPS_DEFAULT_PROFILES_FILE"),
-)
+_VARIABLES = *BEYOND, "RMW_IMPLEMENTATION", "FASTRTPS_DEFAULT_PROFILES_FILE"
 _REACHES = {"LOCALHOST": "this machine only", "OFF": "no other program", "SUBNET": "this machine and its network"}
 _TRUE = ("1", "true", "yes", "on")
 
 
-class Ros(Check):
-    name, question = "ROS", "Which nodes can be discovered from here?"
-    needs_robot = False
-
-    def answer(self, robot: Observations) -> Finding:
-        variables = {name: value for name, value in robot.environment.items() if value}
-        local = variables.get(_LOCAL, "").lower() in _TRUE
-        reach = "LOCALHOST" if local else variables.get(_RANGE, "SUBNET").upper()
-        missing = [name for name in (_SERVER, "RMW_IMPLEMENTATION") if name not in variables]
-        summary = "; ".join(
-            [
-                f"domain {robot.domain}, {robot.middleware or 'unknown middleware'}, sees {_REACHES.get(reach, reach)}",
-                *(f"{name}={variables[name]}" for name in _VARIABLES if name in variables),
-                *([f"not set: {', '.join(missing)}"] if missing else []),
-            ]
-        )
-        if reach == "OFF":
-            return self.bad(summary, "let it see others", f"export {_RANGE}=SUBNET")
-        if _SERVER in variables and variables.get("ROS_SUPER_CLIENT", "").lower() not in _TRUE:
-            remedy = "with a discovery server only a super client sees all nodes"
-            return self.unknown(summary, remedy, "export ROS_SUPER_CLIENT=True")
-        return self.ok(summary)
+def _check_ros(robot: Observations) -> Finding:
+    variables = {name: value for name, value in robot.environment.items() if value}
+    local = variables.get(_LOCAL, "").lower() in _TRUE
+    reach = "LOCALHOST" if local else variables.get(_RANGE, "SUBNET").upper()
+    missing = [name for name in (_SERVER, "RMW_IMPLEMENTATION") if name not in variables]
+    summary = "; ".join(
+        [
+            f"domain {robot.domain}, {robot.middleware or 'unknown middleware'}, sees {_REACHES.get(reach, reach)}",
+            *(f"{name}={variables[name]}" for name in _VARIABLES if name in variables),
+            *([f"not set: {', '.join(missing)}"] if missing else []),
+        ]
+    )
+    if reach == "OFF":
+        return Finding.bad(summary, "let it see others", f"export {_RANGE}=SUBNET")
+    if _SERVER in variables and variables.get("ROS_SUPER_CLIENT", "").lower() not in _TRUE:
+        remedy = "with a discovery server only a super client sees all nodes"
+        return Finding.unknown(summary, remedy, "export ROS_SUPER_CLIENT=True")
+    return Finding.ok(summary)
 
 
-class Domain(Check):
-    name, question = "domain", "Is any node in the ROS domain?"
-    needs_robot = False
-
-    def answer(self, robot: Observations) -> Finding:
-        if robot.nodes:
-            return self.ok(f"{count(len(robot.nodes), 'node')} discovered in domain {robot.domain}")
-        remedy = (
-            "robot and this machine: one network, one ROS_DOMAIN_ID (turtlebot4-setup on the robot), no firewall; "
-            "where a network drops multicast, the discovery server of turtlebot4-setup"
-        )
-        if robot.environment.get(_RANGE, "").upper() == "LOCALHOST":
-            remedy = f"unset {_RANGE}, which is LOCALHOST; {remedy}"
-        return self.silent(robot, f"no node discovered in domain {robot.domain} {robot.within}", remedy, FIREWALL)
+def _check_domain(robot: Observations) -> Finding:
+    if robot.nodes:
+        return Finding.ok(f"{count(len(robot.nodes), 'node')} discovered in domain {robot.domain}")
+    remedy = (
+        "robot and this machine: one network, one ROS_DOMAIN_ID (turtlebot4-setup on the robot), no firewall; "
+        "where a network drops multicast, the discovery server of turtlebot4-setup"
+    )
+    if robot.environment.get(_RANGE, "").upper() == "LOCALHOST":
+        remedy = f"unset {_RANGE}, which is LOCALHOST; {remedy}"
+    return robot.not_yet(f"no node discovered in domain {robot.domain} {robot.within}", remedy, FIREWALL)
 
 
-class Namespace(Check):
-    name, question = "namespace", "Are nodes in the robot's namespace?"
-    needs_robot = False
-
-    def answer(self, robot: Observations) -> Finding:
-        if robot.own:
-            return self.ok(f"{count(len(robot.own), 'node')} in {robot.namespace}")
-        summary = f"no node discovered in {robot.namespace} {robot.within}"
-        if not robot.nodes:
-            return self.unknown(summary, settled=False)
-        ends = [topic.rpartition("/") for topic, nodes in robot.publishers.items() if nodes]
-        robots = {where or "/" for where, _, last in ends if last == "odom" and "/_" not in where}  # _: of a Create 3
-        others = sorted(robots or {name.rpartition("/")[0] or "/" for name in robot.nodes})
-        nearest = others[0].strip("/") or "/"
-        remedy = f"did you mean --namespace {nearest}? else set the robot's in turtlebot4-setup"
-        return self.bad(f"{summary}; others in {listed(others)}", remedy, settled=False)
+def _check_namespace(robot: Observations) -> Finding:
+    if robot.own:
+        return Finding.ok(f"{count(len(robot.own), 'node')} in {robot.namespace}")
+    summary = f"no node discovered in {robot.namespace} {robot.within}"
+    if not robot.nodes:
+        return Finding.unknown(summary, settled=False)
+    ends = [topic.rpartition("/") for topic, nodes in robot.publishers.items() if nodes]
+    robots = {where or "/" for where, _, last in ends if last == "odom" and "/_" not in where}  # _: of a Create 3
+    others = sorted(robots or {name.rpartition("/")[0] or "/" for name in robot.nodes})
+    nearest = others[0].strip("/") or "/"
+    remedy = f"did you mean --namespace {nearest}? else set the robot's in turtlebot4-setup"
+    return Finding.bad(f"{summary}; others in {listed(others)}", remedy, settled=False)
 
 
-class Base(Check):
-    name, question = "base", "Does exactly one robot publish odometry?"
-
-    def answer(self, robot: Observations) -> Finding:
-        simulator, bases = robot.full(SIMULATOR), robot.publishers_of("odom")
-        real = sorted({*bases, *robot.publishers_of("scan")} - {simulator})
-        if robot.in_simulation and real:
-            summary = f"a simulated robot, {simulator}, and a real one, {listed(real)}: the game drives both"
-            remedy = "stop the simulated one (Ctrl-C) and start it in a domain of its own"
-            return self.bad(summary, remedy, f"{robot.start_game} --domain-id {robot.other_domain}")
-        if len(bases) > 1:
-            remedy = "two robots in one namespace: set another for one of them in turtlebot4-setup"
-            return self.bad(f"{len(bases)} nodes publish {robot.full('odom')}: {listed(bases)}", remedy)
-        if bases:
-            return self.ok(f"{'simulated, ' if robot.in_simulation else ''}{bases[0]}")
-        summary = f"no publisher of {robot.full('odom')} discovered {robot.within}"
-        return self.silent(robot, summary, "on the robot", RESTART)
+def _check_base(robot: Observations) -> Finding:
+    simulator, bases = robot.full(SIMULATOR), robot.publishers_of("odom")
+    real = sorted({*bases, *robot.publishers_of("scan")} - {simulator})
+    if robot.in_simulation and real:
+        summary = f"a simulated robot, {simulator}, and a real one, {listed(real)}: the game drives both"
+        remedy = "stop the simulated one (Ctrl-C) and start it in a domain of its own"
+        return Finding.bad(summary, remedy, f"{robot.start_game} --domain-id {robot.other_domain}")
+    if len(bases) > 1:
+        remedy = "two robots in one namespace: set another for one of them in turtlebot4-setup"
+        return Finding.bad(f"{len(bases)} nodes publish {robot.full('odom')}: {listed(bases)}", remedy)
+    if bases:
+        return Finding.ok(f"{'simulated, ' if robot.in_simulation else ''}{bases[0]}")
+    summary = f"no publisher of {robot.full('odom')} discovered {robot.within}"
+    return robot.not_yet(summary, "on the robot", RESTART)
 
 
 SKEW_S = 0.2  # Nav2's layer for Clyde keeps it for 0.5 s after the stamp (config/nav2.yaml)
@@ -132,19 +117,16 @@ def _ticked(before: Clock | None, message: Any, arrival: Moment) -> Clock:
 
 
 def _delayed(before: Delays | None, message: Any, arrival: Moment) -> Delays:
-    delays, headers = before or Delays(), [message.header] if hasattr(message, "header") else _headers(message)
-    for stamp_s in (seconds(header.stamp) for header in headers):
+    delays = before or Delays()
+    # Of transforms, those from odom: AMCL stamps those to odom ahead.
+    transforms = [one for one in getattr(message, "transforms", ()) if one.header.frame_id.lstrip("/") == "odom"]
+    for stamp_s in (seconds(one.header.stamp) for one in ([message] if hasattr(message, "header") else transforms)):
         delays.wall_s.append(arrival.wall_s - stamp_s)
         if arrival.clock_s is not None:
             delays.clock_s.append(arrival.clock_s - stamp_s)
     turn_s = float(getattr(message, "scan_time", 0.0))
     delays.turn_s = min(turn_s, _LONGEST_TURN_S) if turn_s > 0 else 0.0  # nor NaN
     return delays
-
-
-def _headers(transforms: Any) -> list[Any]:
-    """Of transforms from odom; AMCL stamps those to odom ahead."""
-    return [one.header for one in transforms.transforms if one.header.frame_id.lstrip("/") == "odom"]
 
 
 CLOCK = Source("/clock", "rosgraph_msgs/Clock", _ticked, "SENSOR_DATA")
@@ -168,62 +150,62 @@ def by_clock(robot: Observations) -> bool:
     return statistics.median(clock_s) < statistics.median(wall_s)
 
 
-class SimulatedClock(Check):
-    name, question = "clock", "Is there one simulated clock at most?"
-    sources = (CLOCK, *STAMPS.values())
-    needs_robot = False
-
-    def answer(self, robot: Observations) -> Finding:
-        owners, clock = robot.publishers_of("/clock"), robot.get(CLOCK)
-        rate = None if clock is None else clock.rate
-        if len(owners) > 1:
-            remedy = f"end all but one, or give it another domain: export ROS_DOMAIN_ID={robot.other_domain}"
-            return self.bad(f"{len(owners)} publish /clock: {listed(owners)}", remedy)
-        if by_clock(robot):
-            owner = owners[0] if owners else "/clock"
-            return self.ok(f"simulated, by {owner}, {rate or 0.0:.1f} times as fast as time")
-        if not owners:
-            return self.ok("no node publishes /clock: time is that on the wall")
-        if rate is None:
-            remedy = "listen for longer: --wait 30"
-            return self.unknown(f"{owners[0]}: {robot.silence('/clock')}", remedy, settled=False)
-        return self.ok(f"{owners[0]} publishes /clock; the robot's stamps are not by it")
+def _check_clock(robot: Observations) -> Finding:
+    owners, clock = robot.publishers_of("/clock"), robot.get(CLOCK)
+    rate = None if clock is None else clock.rate
+    if len(owners) > 1:
+        remedy = f"end all but one, or give it another domain: export ROS_DOMAIN_ID={robot.other_domain}"
+        return Finding.bad(f"{len(owners)} publish /clock: {listed(owners)}", remedy)
+    if by_clock(robot):
+        owner = owners[0] if owners else "/clock"
+        return Finding.ok(f"simulated, by {owner}, {rate or 0.0:.1f} times as fast as time")
+    if not owners:
+        return Finding.ok("no node publishes /clock: time is that on the wall")
+    if rate is None:
+        remedy = "listen for longer: --wait 30"
+        return Finding.unknown(f"{owners[0]}: {robot.silence('/clock')}", remedy, settled=False)
+    return Finding.ok(f"{owners[0]} publishes /clock; the robot's stamps are not by it")
 
 
-class Stamps(Check):
-    def __init__(self, topic: str) -> None:
-        self.name, self.question = f"time of {topic}", f"Are the stamps of {topic} by this machine's time?"
-        self._topic = topic
-
-    def answer(self, robot: Observations) -> Finding | None:
-        if by_clock(robot) or (robot.in_simulation and robot.publishers_of("/clock")):
-            return None  # one clock for all, or one that is not received yet, which is the line above
-        topic, delays = self._topic, robot.get(STAMPS[self._topic]) or Delays()
-        if len(delays.wall_s) < _FEWEST:
-            return self._too_few(robot, len(delays.wall_s))
-        late_s = statistics.median(delays.wall_s)
-        side = "behind" if late_s >= 0 else "ahead of"
-        summary = f"{abs(late_s):.2f} s {side} this machine's clock (median of {len(delays.wall_s)})"
-        if -SKEW_S <= late_s <= SKEW_S + delays.turn_s:  # a scan is stamped when it begins
-            return self.ok(summary)
-        scans = robot.get(STAMPS["scan"])
-        if topic != "scan" and scans and abs(statistics.median(scans.wall_s or (0.0,))) < SKEW_S:
-            remedy = "the base's own clock is off: its web page (port 8080 of the robot), Beta Features, Restart ntpd"
-            return self.bad(summary, remedy)
-        remedy = "synchronise the clocks by NTP (apt install chrony), on robot and this machine"
-        return self.bad(f"{summary}; costmaps drop Clyde from {SKEW_S:g} s on", remedy, "sudo chronyc makestep")
-
-    def _too_few(self, robot: Observations, stamps: int) -> Finding | None:
-        topic = self._topic
-        summary = f"{count(stamps, 'stamp')} received {robot.within}" if stamps else robot.silence(topic)
-        if topic == "scan":
-            return None  # a silent lidar has a line of its own
-        if topic in robot.unavailable:
-            return self.unknown(summary, *robot.patience(topic), settled=False)
-        if topic == "odom" and robot.publishers_of(topic) and not stamps:
-            remedy = "its publisher is known, but nothing arrives: a firewall that lets only discovery through?"
-            return self.bad(summary, remedy, FIREWALL, settled=False)
-        return self.unknown(summary, "see base and tf to base", settled=False)
+def _check_stamps(topic: str, robot: Observations) -> Finding | None:
+    if by_clock(robot) or (robot.in_simulation and robot.publishers_of("/clock")):
+        return None  # one clock for all, or one that is not received yet, which is the line above
+    delays = robot.get(STAMPS[topic]) or Delays()
+    if len(delays.wall_s) < _FEWEST:
+        return _too_few(topic, robot, len(delays.wall_s))
+    late_s = statistics.median(delays.wall_s)
+    side = "behind" if late_s >= 0 else "ahead of"
+    summary = f"{abs(late_s):.2f} s {side} this machine's clock (median of {len(delays.wall_s)})"
+    if -SKEW_S <= late_s <= SKEW_S + delays.turn_s:  # a scan is stamped when it begins
+        return Finding.ok(summary)
+    scans = robot.get(STAMPS["scan"])
+    if topic != "scan" and scans and abs(statistics.median(scans.wall_s or (0.0,))) < SKEW_S:
+        remedy = "the base's own clock is off: its web page (port 8080 of the robot), Beta Features, Restart ntpd"
+        return Finding.bad(summary, remedy)
+    remedy = "synchronise the clocks by NTP (apt install chrony), on robot and this machine"
+    return Finding.bad(f"{summary}; costmaps drop Clyde from {SKEW_S:g} s on", remedy, "sudo chronyc makestep")
 
 
-CHECKS: tuple[Check, ...] = (Ros(), Domain(), Namespace(), Base(), SimulatedClock(), *map(Stamps, STAMPS))
+def _too_few(topic: str, robot: Observations, stamps: int) -> Finding | None:
+    summary = f"{count(stamps, 'stamp')} received {robot.within}" if stamps else robot.silence(topic)
+    if topic == "scan":
+        return None  # a silent lidar has a line of its own
+    if topic in robot.unavailable:
+        return Finding.unknown(summary, *robot.waiting_remedy(topic), settled=False)
+    if topic == "odom" and robot.publishers_of(topic) and not stamps:
+        remedy = "its publisher is known, but nothing arrives: a firewall that lets only discovery through?"
+        return Finding.bad(summary, remedy, FIREWALL, settled=False)
+    return Finding.unknown(summary, "see base and tf to base", settled=False)
+
+
+CHECKS = (
+    Check("ROS", "Which nodes can be discovered from here?", _check_ros, needs_robot=False),
+    Check("domain", "Is any node in the ROS domain?", _check_domain, needs_robot=False),
+    Check("namespace", "Are nodes in the robot's namespace?", _check_namespace, needs_robot=False),
+    Check("base", "Does exactly one robot publish odometry?", _check_base),
+    Check("clock", "Is there one simulated clock at most?", _check_clock, (CLOCK, *STAMPS.values()), False),
+    *(
+        Check(f"time of {topic}", f"Are the stamps of {topic} by this machine's time?", partial(_check_stamps, topic))
+        for topic in STAMPS
+    ),
+)

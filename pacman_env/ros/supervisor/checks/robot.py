@@ -20,8 +20,6 @@ FEWEST_RETURNS = 0.1  # share of rays; less is a lidar that is covered
 
 
 class Scan(NamedTuple):
-    """The summary of a scan."""
-
     stamp_s: float
     rays: int
     returns: int  # rays with one
@@ -53,64 +51,53 @@ CHARGE = Source("battery_state", "sensor_msgs/BatteryState", newest(_charge), "S
 SCANS = Source("scan", "sensor_msgs/LaserScan", _add_scan, "SENSOR_DATA")
 
 
-class Dock(Check):
-    name, question = "dock", "Is the robot off its dock?"
-    sources = (DOCKED,)
-
-    def answer(self, robot: Observations) -> Finding:
-        docked = robot.get(DOCKED)
-        if robot.virtual or docked is None:
-            return self.missing(robot, DOCKED)
-        if docked:
-            undock = f'ros2 action send_goal {robot.full("undock")} irobot_create_msgs/action/Undock "{{}}"'
-            return self.bad("docked, where a TurtleBot 4 stops its lidar", "undock, a metre free behind", undock)
-        return self.ok("undocked")
+def _check_dock(robot: Observations) -> Finding:
+    docked = robot.get(DOCKED)
+    if robot.virtual or docked is None:
+        return robot.not_received(DOCKED)
+    if docked:
+        undock = f'ros2 action send_goal {robot.full("undock")} irobot_create_msgs/action/Undock "{{}}"'
+        return Finding.bad("docked, where a TurtleBot 4 stops its lidar", "undock, a metre free behind", undock)
+    return Finding.ok("undocked")
 
 
-class Battery(Check):
-    name, question = "battery", "Is the battery charged?"
-    sources = (CHARGE,)
-
-    def answer(self, robot: Observations) -> Finding:
-        charge = robot.get(CHARGE)
-        if robot.virtual or charge is None:
-            return self.missing(robot, CHARGE)
-        if charge >= FLAT:
-            return self.ok(f"{100 * charge:.0f} %")
-        summary = f"{100 * charge:.0f} %, less than {100 * FLAT:.0f} %"
-        if robot.get(DOCKED):
-            return self.bad(summary, "leave it on its dock")
-        dock = f'ros2 action send_goal {robot.full("dock")} irobot_create_msgs/action/Dock "{{}}"'
-        return self.bad(summary, "charge it, within sight of its dock", dock)
+def _check_battery(robot: Observations) -> Finding:
+    charge = robot.get(CHARGE)
+    if robot.virtual or charge is None:
+        return robot.not_received(CHARGE)
+    if charge >= FLAT:
+        return Finding.ok(f"{100 * charge:.0f} %")
+    summary = f"{100 * charge:.0f} %, less than {100 * FLAT:.0f} %"
+    if robot.get(DOCKED):
+        return Finding.bad(summary, "leave it on its dock")
+    dock = f'ros2 action send_goal {robot.full("dock")} irobot_create_msgs/action/Dock "{{}}"'
+    return Finding.bad(summary, "charge it, within sight of its dock", dock)
 
 
-class Lidar(Check):
-    name, question = "lidar", "Does the lidar scan often enough, with nothing over it?"
-    sources = (SCANS,)
+def _check_lidar(robot: Observations) -> Finding:
+    scans = robot.get(SCANS)
+    if not scans or len(scans) < FEWEST_SCANS:
+        summary = f"{count(len(scans), 'scan')} {robot.within}" if scans else robot.silence("scan")
+        return robot.not_yet(summary, *_lidar_remedy(robot))
+    stamps_s, rays, returns, nearest_m, farthest_m, _ = zip(*scans, strict=True)
+    span_s, share = stamps_s[-1] - stamps_s[0], sum(returns) / max(sum(rays), 1)
+    rate_hz = (len(scans) - 1) / span_s if span_s > 0 else 0.0
+    ranges = f", {min(nearest_m):.2f} to {max(farthest_m):.2f} m" if share > 0 else ""
+    summary = f"{rate_hz:.1f} Hz, {100 * share:.0f} % of rays return{ranges}"
+    if share < FEWEST_RETURNS:
+        return Finding.bad(summary, "is something on it, or is it covered? free it")
+    if rate_hz < SLOWEST_SCAN_HZ and not by_clock(robot):
+        remedy = f"less than {SLOWEST_SCAN_HZ:g} Hz arrive: a nearer access point, or run the game on the robot"
+        return Finding.bad(summary, remedy)
+    return Finding.ok(summary)
 
-    def answer(self, robot: Observations) -> Finding:
-        scans = robot.get(SCANS)
-        if not scans or len(scans) < FEWEST_SCANS:
-            summary = f"{count(len(scans), 'scan')} {robot.within}" if scans else robot.silence("scan")
-            return self.silent(robot, summary, *self._remedy(robot))
-        stamps_s, rays, returns, nearest_m, farthest_m, _ = zip(*scans, strict=True)
-        span_s, share = stamps_s[-1] - stamps_s[0], sum(returns) / max(sum(rays), 1)
-        rate_hz = (len(scans) - 1) / span_s if span_s > 0 else 0.0
-        ranges = f", {min(nearest_m):.2f} to {max(farthest_m):.2f} m" if share > 0 else ""
-        summary = f"{rate_hz:.1f} Hz, {100 * share:.0f} % of rays return{ranges}"
-        if share < FEWEST_RETURNS:
-            return self.bad(summary, "is something on it, or is it covered? free it")
-        if rate_hz < SLOWEST_SCAN_HZ and not by_clock(robot):
-            remedy = f"less than {SLOWEST_SCAN_HZ:g} Hz arrive: a nearer access point, or run the game on the robot"
-            return self.bad(summary, remedy)
-        return self.ok(summary)
 
-    def _remedy(self, robot: Observations) -> tuple[str, str]:
-        if SCANS.name in robot.unreadable:
-            return "read its driver's log", ""
-        if robot.get(DOCKED):
-            return "undock: a docked TurtleBot 4 stops it", ""
-        return "start its motor", f'ros2 service call {robot.full("start_motor")} std_srvs/srv/Empty "{{}}"'
+def _lidar_remedy(robot: Observations) -> tuple[str, str]:
+    if SCANS.name in robot.unreadable:
+        return "read its driver's log", ""
+    if robot.get(DOCKED):
+        return "undock: a docked TurtleBot 4 stops it", ""
+    return "start its motor", f'ros2 service call {robot.full("start_motor")} std_srvs/srv/Empty "{{}}"'
 
 
 CELLS_DIFFER = 0.001  # share; the same file gives 0
@@ -183,102 +170,87 @@ LINKS = Source("tf", "tf2_msgs/TFMessage", _add_links)
 STATIC_LINKS = Source("tf_static", "tf2_msgs/TFMessage", _add_static_links, "STATIC_TRANSFORMS")
 
 
-class Map(Check):
-    name, question = "map", "Do localization and game use the same map?"
-    sources = (GRID,)
-
-    def answer(self, robot: Observations) -> Finding:
-        grid, game = robot.get(GRID), robot.map
-        if grid is None:
-            remedy = "start localization with the game's map"
-            return self.silent(robot, robot.silence("map"), remedy, robot.start_localization)
-        rows, columns = grid.cells.shape
-        summary = f"{columns} x {rows} cells of {grid.resolution:.3g} m"
-        if game is None:
-            return self.unknown(f"{summary}; not compared", "name the game's: --map FILE_OR_NAME")
-        wrong = []
-        if (columns, rows) != (game.width, game.height):
-            wrong.append(f"size {columns} x {rows}, here {game.width} x {game.height}")
-        if not math.isclose(grid.resolution, game.resolution, rel_tol=1e-4):
-            wrong.append(f"cells of {grid.resolution:.4g} m, here {game.resolution:.4g} m")
-        if not all(math.isclose(a, b, abs_tol=1e-3) for a, b in zip(grid.origin, game.origin, strict=True)):
-            theirs, ours = (f"({x:.2f}, {y:.2f}, {yaw:.2f})" for x, y, yaw in (grid.origin, game.origin))
-            wrong.append(f"origin {theirs}, here {ours}")
-        if not wrong:
-            share = float(np.mean(np.flipud(grid.cells) != game.occupancy))
-            if share <= CELLS_DIFFER:
-                return self.ok(f"{summary}, {100 * share:.1f} % differ from {game.name}")
-            wrong.append(f"{100 * share:.1f} % of cells differ")
-        remedy = "localization and game need one file: start one of them again with the other's"
-        command = "" if robot.in_simulation else robot.start_localization
-        return self.bad(f"not {game.name}: {'; '.join(wrong)}", remedy, command)
+def _check_map(robot: Observations) -> Finding:
+    grid, game = robot.get(GRID), robot.map
+    if grid is None:
+        remedy = "start localization with the game's map"
+        return robot.not_yet(robot.silence("map"), remedy, robot.start_localization)
+    rows, columns = grid.cells.shape
+    summary = f"{columns} x {rows} cells of {grid.resolution:.3g} m"
+    if game is None:
+        return Finding.unknown(f"{summary}; not compared", "name the game's: --map FILE_OR_NAME")
+    wrong = []
+    if (columns, rows) != (game.width, game.height):
+        wrong.append(f"size {columns} x {rows}, here {game.width} x {game.height}")
+    if not math.isclose(grid.resolution, game.resolution, rel_tol=1e-4):
+        wrong.append(f"cells of {grid.resolution:.4g} m, here {game.resolution:.4g} m")
+    if not all(math.isclose(a, b, abs_tol=1e-3) for a, b in zip(grid.origin, game.origin, strict=True)):
+        theirs, ours = (f"({x:.2f}, {y:.2f}, {yaw:.2f})" for x, y, yaw in (grid.origin, game.origin))
+        wrong.append(f"origin {theirs}, here {ours}")
+    if not wrong:
+        share = float(np.mean(np.flipud(grid.cells) != game.occupancy))
+        if share <= CELLS_DIFFER:
+            return Finding.ok(f"{summary}, {100 * share:.1f} % differ from {game.name}")
+        wrong.append(f"{100 * share:.1f} % of cells differ")
+    remedy = "localization and game need one file: start one of them again with the other's"
+    command = "" if robot.in_simulation else robot.start_localization
+    return Finding.bad(f"not {game.name}: {'; '.join(wrong)}", remedy, command)
 
 
-class Pose(Check):
-    name, question = "pose", "Is the robot localized, on free floor?"
-    sources = (POSE,)
-
-    def answer(self, robot: Observations) -> Finding:
-        stamped = robot.get(POSE)
-        if stamped is None:
-            if robot.in_simulation or robot.full("amcl") in robot.nodes or robot.publishers_of("amcl_pose"):
-                return self.bad(f"{robot.silence('amcl_pose')}: no initial pose yet", _ESTIMATE, settled=False)
-            remedy = "no amcl discovered either: start localization"
-            return self.silent(robot, robot.silence("amcl_pose"), remedy, robot.start_localization)
-        (x, y, heading), stamp_s = stamped
-        clock = robot.get(CLOCK)
-        now_s = clock.clock_s if clock is not None and by_clock(robot) else robot.now.wall_s
-        age = f"{now_s - stamp_s:.1f} s old"  # AMCL is silent while the robot stands
-        summary = f"({x:.2f}, {y:.2f}) m, {math.degrees(heading):.0f} degrees, {age}"
-        if robot.map is None:
-            return self.ok(summary)
-        column, row = (round(float(v)) for v in robot.map.world_to_cell(x, y))
-        inside = 0 <= column < robot.map.width and 0 <= row < robot.map.height
-        cell = int(robot.map.occupancy[row, column]) if inside else None
-        if cell in _CELLS:
-            return self.bad(f"{summary}: {_CELLS[cell]}", f"wrong map, or {_ESTIMATE}")
-        return self.ok(f"{summary}, on free floor")
+def _check_pose(robot: Observations) -> Finding:
+    stamped = robot.get(POSE)
+    if stamped is None:
+        if robot.in_simulation or robot.full("amcl") in robot.nodes or robot.publishers_of("amcl_pose"):
+            return Finding.bad(f"{robot.silence('amcl_pose')}: no initial pose yet", _ESTIMATE, settled=False)
+        remedy = "no amcl discovered either: start localization"
+        return robot.not_yet(robot.silence("amcl_pose"), remedy, robot.start_localization)
+    (x, y, heading), stamp_s = stamped
+    clock = robot.get(CLOCK)
+    now_s = clock.clock_s if clock is not None and by_clock(robot) else robot.now.wall_s
+    age = f"{now_s - stamp_s:.1f} s old"  # AMCL is silent while the robot stands
+    summary = f"({x:.2f}, {y:.2f}) m, {math.degrees(heading):.0f} degrees, {age}"
+    if robot.map is None:
+        return Finding.ok(summary)
+    column, row = (round(float(v)) for v in robot.map.world_to_cell(x, y))
+    inside = 0 <= column < robot.map.width and 0 <= row < robot.map.height
+    cell = int(robot.map.occupancy[row, column]) if inside else None
+    if cell in _CELLS:
+        return Finding.bad(f"{summary}: {_CELLS[cell]}", f"wrong map, or {_ESTIMATE}")
+    return Finding.ok(f"{summary}, on free floor")
 
 
-class BaseTransforms(Check):
-    name, question = "tf to base", "Are the transforms from map to base_link complete and recent?"
-    sources = (LINKS, STATIC_LINKS)
-
-    def answer(self, robot: Observations) -> Finding:
-        frames, ages = _climb(robot, "base_link", "map")
-        if frames[-1] != "map":
-            summary = _no_parent(robot, LINKS, frames[-1])
-            return self.silent(robot, summary, *self._remedy(robot, frames[-1]))
-        chain, oldest = " > ".join(reversed(frames)), max(ages, key=lambda child: ages[child], default=None)
-        if oldest is None:
-            return self.ok(chain)
-        if ages[oldest] > FRESH_S:
-            parent = frames[frames.index(oldest) + 1]
-            summary = f"{parent} > {oldest} is {ages[oldest]:.1f} s old, more than {FRESH_S:g} s"
-            return self.silent(robot, summary, *self._remedy(robot, oldest, stale=True))
-        return self.ok(f"{chain}, {ages[oldest]:.2f} s old at most")
-
-    def _remedy(self, robot: Observations, child: str, stale: bool = False) -> tuple[str, str]:
-        if LINKS.name in robot.unavailable:
-            return robot.patience(LINKS.name)
-        if child == "odom":
-            if stale:
-                return "AMCL publishes it with every scan: see lidar and dock", ""
-            return "AMCL publishes it when it has an initial pose and scans: see pose and lidar", ""
-        return "the base publishes it; on the robot", RESTART
+def _check_base_tf(robot: Observations) -> Finding:
+    frames, ages = _climb(robot, "base_link", "map")
+    if frames[-1] != "map":
+        summary = _no_parent(robot, LINKS, frames[-1])
+        return robot.not_yet(summary, *_transform_remedy(robot, frames[-1]))
+    chain, oldest = " > ".join(reversed(frames)), max(ages, key=lambda child: ages[child], default=None)
+    if oldest is None:
+        return Finding.ok(chain)
+    if ages[oldest] > FRESH_S:
+        parent = frames[frames.index(oldest) + 1]
+        summary = f"{parent} > {oldest} is {ages[oldest]:.1f} s old, more than {FRESH_S:g} s"
+        return robot.not_yet(summary, *_transform_remedy(robot, oldest, stale=True))
+    return Finding.ok(f"{chain}, {ages[oldest]:.2f} s old at most")
 
 
-class LidarTransforms(Check):
-    name, question = "tf to lidar", "Is the lidar's place on the robot known?"
-    sources = (LINKS, STATIC_LINKS)
+def _transform_remedy(robot: Observations, child: str, stale: bool = False) -> tuple[str, str]:
+    if LINKS.name in robot.unavailable:
+        return robot.waiting_remedy(LINKS.name)
+    if child == "odom":
+        if stale:
+            return "AMCL publishes it with every scan: see lidar and dock", ""
+        return "AMCL publishes it when it has an initial pose and scans: see pose and lidar", ""
+    return "the base publishes it; on the robot", RESTART
 
-    def answer(self, robot: Observations) -> Finding:
-        scans = robot.get(SCANS)
-        frames, _ = _climb(robot, scans[-1].frame if scans else LIDAR_FRAME, "base_link")
-        if frames[-1] == "base_link":
-            return self.ok(" > ".join(reversed(frames)))
-        remedy = "the robot's description is not published; on the robot"
-        return self.silent(robot, _no_parent(robot, STATIC_LINKS, frames[-1]), remedy, RESTART)
+
+def _check_lidar_tf(robot: Observations) -> Finding:
+    scans = robot.get(SCANS)
+    frames, _ = _climb(robot, scans[-1].frame if scans else LIDAR_FRAME, "base_link")
+    if frames[-1] == "base_link":
+        return Finding.ok(" > ".join(reversed(frames)))
+    remedy = "the robot's description is not published; on the robot"
+    return robot.not_yet(_no_parent(robot, STATIC_LINKS, frames[-1]), remedy, RESTART)
 
 
 def _climb(robot: Observations, frame: str, top: str) -> tuple[list[str], dict[str, float]]:
@@ -301,4 +273,13 @@ def _no_parent(robot: Observations, source: Source[Any], frame: str) -> str:
     return f"no parent of {frame} received on {robot.full(source.name)} {robot.within}"
 
 
-CHECKS: tuple[Check, ...] = (Dock(), Battery(), Lidar(), Map(), Pose(), BaseTransforms(), LidarTransforms())
+_TF = LINKS, STATIC_LINKS
+CHECKS = (
+    Check("dock", "Is the robot off its dock?", _check_dock, (DOCKED,)),
+    Check("battery", "Is the battery charged?", _check_battery, (CHARGE,)),
+    Check("lidar", "Does the lidar scan often enough, with nothing over it?", _check_lidar, (SCANS,)),
+    Check("map", "Do localization and game use the same map?", _check_map, (GRID,)),
+    Check("pose", "Is the robot localized, on free floor?", _check_pose, (POSE,)),
+    Check("tf to base", "Are the transforms from map to base_link complete and recent?", _check_base_tf, _TF),
+    Check("tf to lidar", "Is the lidar's place on the robot known?", _check_lidar_tf, _TF),
+)
