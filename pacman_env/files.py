@@ -1,7 +1,5 @@
 """Folders of data that are shipped, and result files that are whole or absent."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

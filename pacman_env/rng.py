@@ -4,8 +4,6 @@ A stream is one uint64 of state; every draw returns the next state. Streams of o
 purpose number, so that Clyde walks alike whatever the robot does.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

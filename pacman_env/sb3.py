@@ -1,7 +1,5 @@
 """The native vector environment as a Stable-Baselines3 ``VecEnv`` (the extra ``train``)."""
 
-from __future__ import annotations
-
 import time
 import warnings
 from collections.abc import Sequence

@@ -4,8 +4,6 @@ Libraries that are not in this project's extras, or whose pins clash with its ow
 ``.clients``; the others run in the one that this is run in.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

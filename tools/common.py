@@ -1,7 +1,5 @@
 """What the tools share: folders of the checkout, tables in Markdown, pages written or checked, arguments."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path

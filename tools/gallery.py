@@ -1,7 +1,5 @@
 """Every picture of the documentation, drawn from seeds: ``python -m tools.gallery``."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys

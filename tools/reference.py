@@ -3,8 +3,6 @@
 A page marks the place of a table with ``<!-- table: NAME -->`` and ``<!-- end -->``.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import dataclasses

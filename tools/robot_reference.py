@@ -1,7 +1,5 @@
 """``docs/robot_reference.md``, written from one instance of every node: ``python -m tools.robot_reference``."""
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import inspect

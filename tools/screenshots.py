@@ -3,8 +3,6 @@
 Moving things are not drawn alike each time, so no test compares these pictures.
 """
 
-from __future__ import annotations
-
 import argparse
 import io
 import shutil

@@ -1,7 +1,5 @@
 """What every command has: one line for whatever is wrong, and argument types that check a range."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import math

@@ -2,8 +2,6 @@
 
 A new command is a function in :data:`GROUPS`, or an entry of :data:`MODULES` where it has a module of its own."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

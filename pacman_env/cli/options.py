@@ -1,7 +1,5 @@
 """A dataclass of settings as options of a command: the string below a field is the option's help."""
 
-from __future__ import annotations
-
 import argparse
 import ast
 import dataclasses

@@ -1,7 +1,5 @@
 """The subcommands of ``pacman-env ros``: arguments, output and exit status; the work is done by ``pacman_env/ros``."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import dataclasses

@@ -2,8 +2,6 @@
 
 Small games make the kernels necessary; the cache keeps them and a mark for each part, by compiler and processor."""
 
-from __future__ import annotations
-
 import hashlib
 import sys
 import time

@@ -1,7 +1,5 @@
 """Arrays that kernels find by one address, declared by named tuples: tables of arrays, and blocks of memory."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 from collections.abc import Callable, Iterable, Iterator

@@ -3,8 +3,6 @@
 Among equal keys the newest entry comes first, which lets A* dash towards its goal.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The one decorator that compiles numeric kernels, kept by what they reach (``kernel_key.py``, ``kernel_cache.py``)."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import os

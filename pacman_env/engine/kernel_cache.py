@@ -4,8 +4,6 @@ Of processes that need the same kernel at once, one compiles it under a file loc
 Numba asks its cache, compiles, and saves; the lock comes between the first two, and the cache is asked again.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import os

@@ -5,8 +5,6 @@ unknown kind gives no key, never a wrong one. An attribute's name (``g.x``) coun
 key without need, and cannot miss anything.
 """
 
-from __future__ import annotations
-
 import dis
 import enum
 import functools

@@ -3,8 +3,6 @@
 Addresses are arguments, never constants: machine code on disk cannot hold one.
 """
 
-from __future__ import annotations
-
 import functools
 import inspect
 import platform

@@ -8,8 +8,6 @@ Decisions against a ``ThreadPoolExecutor``: 3.1 times with 16 games, 2.0 with 64
 of others: 3.9, 2.4 and 1.5 times with 16, 64 and 256 games (two threads, cores shared with other programs).
 """
 
-from __future__ import annotations
-
 import os
 import queue
 import threading

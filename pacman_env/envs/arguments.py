@@ -1,7 +1,5 @@
 """The arguments of every environment, and all that follows from them: a configuration, maps, the policies of ghosts."""
 
-from __future__ import annotations
-
 import functools
 import inspect
 import os

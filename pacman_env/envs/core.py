@@ -1,7 +1,5 @@
 """The common core of the environments: the games, the ghosts' policies, observations, rewards, infos."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

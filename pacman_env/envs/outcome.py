@@ -1,7 +1,5 @@
 """Reward and infos of the games of a batch after a tick."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The single-agent Gymnasium environment: a batch of one game."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

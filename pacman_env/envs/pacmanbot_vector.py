@@ -1,7 +1,5 @@
 """The native vector environment: a batch of many games behind Gymnasium's VectorEnv."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

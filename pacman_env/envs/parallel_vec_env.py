@@ -1,7 +1,5 @@
 """Games of several agents: what all such environments share, and many of them at once, as arrays."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The multi-agent PettingZoo environment: the same game with ghosts that are agents."""
 
-from __future__ import annotations
-
 import inspect
 from typing import Any
 

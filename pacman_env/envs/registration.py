@@ -4,8 +4,6 @@ Importing this package must load neither, as a robot's node does without their 8
 points. The standard library has no public hook for the end of an import, so a finder in ``sys.meta_path`` waits for it.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from importlib.abc import MetaPathFinder

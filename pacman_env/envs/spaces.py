@@ -1,7 +1,5 @@
 """Gymnasium spaces of the environments, and actions checked against them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -3,8 +3,6 @@
 The records depend on map, configuration, policy and seeds alone, not on the batch a round is played in.
 """
 
-from __future__ import annotations
-
 import copy
 import itertools
 import time

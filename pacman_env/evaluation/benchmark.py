@@ -9,8 +9,6 @@ house for each episode of 64 games, whose houses two threads prepare while they 
 Machines are noisy: the ratio is the median over rounds of figures measured one after the other.
 """
 
-from __future__ import annotations
-
 import argparse
 import platform
 import sys

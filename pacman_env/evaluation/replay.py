@@ -4,8 +4,6 @@ Writes a film, or a page with the film in it, and prints what happened, and when
 game is bit for bit that of :func:`pacman_env.episodes.rollout.play` with the same seed.
 """
 
-from __future__ import annotations
-
 import argparse
 import base64
 import sys

@@ -5,8 +5,6 @@ on with what was chosen. A batch of the simulator applies the rule to arrays; :c
 is stepped tick by tick, on a robot or elsewhere.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any, NamedTuple

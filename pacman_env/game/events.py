@@ -4,8 +4,6 @@ How a light is shown and which sound is played is in ``lights.py`` and ``sounds.
 few seconds at most.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Literal

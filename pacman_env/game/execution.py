@@ -5,8 +5,6 @@ loops over its games; the robot's goal selector steps one record. Time is in one
 physics steps in the simulator, seconds on the robot.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple

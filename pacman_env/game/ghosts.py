@@ -4,8 +4,6 @@ A behaviour is a function from what a ghost knows to where it goes. ``wander`` i
 from the cells it can reach, the next one when it is there. A ghost moves exactly along its path at its speed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

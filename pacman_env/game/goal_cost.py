@@ -1,7 +1,5 @@
 """Algorithm 3 of Milestone 3: the handcrafted scorer's cost of a goal, and when Clyde threatens."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ A pure state machine: time is an argument, the result is a list of actions. What
 is decided in ``execution.py``. Nav2 may answer late, about goals given up long ago, or never.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 

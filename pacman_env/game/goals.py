@@ -1,7 +1,5 @@
 """Where a robot can be sent, and the goals that were sent to Nav2 and have not ended, as far as is known."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal

@@ -1,7 +1,5 @@
 """Algorithm 7: what the six LEDs of the light ring show, by light word and time; the lights of events are theirs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Algorithm 1: where pellets lie on a map, whether or not a robot can reach them."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Protocol

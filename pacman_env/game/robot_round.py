@@ -1,7 +1,5 @@
 """One round on a robot: Algorithm 4's record, corrected by reports of the pellets, and what the referee is to know."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from types import SimpleNamespace

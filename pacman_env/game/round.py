@@ -4,8 +4,6 @@ A pure state machine: time is an argument, the result is a list of actions. Pick
 ``<ghost> killed`` are Algorithm 4's.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Algorithm 8: what a sound is, and which of them is played when several are requested."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ J is a cost in m (``game/goal_cost.py``) and rates pellets only; refuges never w
 chosen.
 """
 
-from __future__ import annotations
-
 import math
 from functools import partial
 from typing import Literal

@@ -5,8 +5,6 @@ approached on it costs by its probability (``prediction.py``), and for refuges a
 cheapest is the goal.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

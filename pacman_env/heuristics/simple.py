@@ -1,7 +1,5 @@
 """Two baselines: the nearest pellet by path length, and a random pellet. Both ignore Clyde."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The one protocol of everything that picks goals, and a base class with what most policies share."""
 
-from __future__ import annotations
-
 import inspect
 from typing import Any, Protocol
 

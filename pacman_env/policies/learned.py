@@ -3,8 +3,6 @@
 onnxruntime is imported when the first planner is made.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Any

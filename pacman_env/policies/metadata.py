@@ -1,7 +1,5 @@
 """The metadata of a learned planner: the JSON file beside its ONNX file, read strictly; nothing in it is evaluated."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Policies for ghosts: a pool that gives each round one of several, and the environment's behaviours as members."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Policies by name or by file; those of the package need nothing but the base install."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -3,8 +3,6 @@
 What does not move is drawn once per map, configuration and size, and kept.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable

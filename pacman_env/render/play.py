@@ -3,8 +3,6 @@
 :class:`Player` uses no window: it handles inputs and gives pictures and a caption, and works without a screen.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

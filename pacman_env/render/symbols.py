@@ -4,8 +4,6 @@ Positions are pixels (x, y), whole at pixel centres, as floats; angles grow cloc
 are drawn finer than the picture and averaged, so that they move smoothly and stay clear when small.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import math

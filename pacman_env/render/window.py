@@ -3,8 +3,6 @@
 pygame is imported when the first window is made: everything else works without it.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections import deque

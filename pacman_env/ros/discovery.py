@@ -2,8 +2,6 @@
 
 The middleware reads what is set here when a process creates its first node. ROS is not imported."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import time

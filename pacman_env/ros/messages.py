@@ -2,8 +2,6 @@
 
 Poses are (x, y, theta) in m, m, rad, positions (x, y) in m, in the map frame unless another is named."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Collection, Mapping

@@ -2,8 +2,6 @@
 
 It is JSON on a latched topic: ``stopped``, ``at``, ``who``, ``by`` (the publishing node)."""
 
-from __future__ import annotations
-
 import json
 import threading
 from collections.abc import Callable

@@ -2,8 +2,6 @@
 
 Fast DDS discovers such a participant again, but not always its endpoints (its issues 155, 457): it must start anew."""
 
-from __future__ import annotations
-
 import math
 import os
 import threading

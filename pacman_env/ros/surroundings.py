@@ -2,8 +2,6 @@
 
 Nodes of a lock-step game (``lock_step/``) share a process with a simulated wall clock and ids drawn from a seed."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import secrets

@@ -2,8 +2,6 @@
 
 Names are relative to a node's namespace. A type is imported when its topic is first used, so others may be missing."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 Arguments, the rounds in order, the planner's opponents, the table of completion for each pair, and the record.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import sys

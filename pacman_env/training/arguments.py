@@ -1,7 +1,5 @@
 """Arguments of a training run: hyperparameters come from YAML per environment, the command line may replace each."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path

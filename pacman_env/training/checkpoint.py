@@ -4,8 +4,6 @@ A checkpoint is laid out as the zips of Stable-Baselines3, which earlier version
 which would run any code when they are loaded: only tensors and plain JSON are read here.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import zipfile

@@ -4,8 +4,6 @@ The graph is written out from the weights, operator by operator, so that it need
 the same bytes. Beside the ONNX file goes its metadata (:mod:`pacman_env.policies.metadata`).
 """
 
-from __future__ import annotations
-
 import argparse
 import copy
 import hashlib

@@ -1,7 +1,5 @@
 """The games that a planner, or a Clyde against it, is trained on: generated houses, many games at once."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial

@@ -8,8 +8,6 @@ are met (``network.Packed``). A minibatch goes through the network in pieces tha
 among threads; gradients are added in the pieces' order, so the number of threads changes nothing.
 """
 
-from __future__ import annotations
-
 import os
 import time
 from collections import deque

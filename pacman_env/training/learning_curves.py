@@ -4,8 +4,6 @@ Stable-Baselines3's PPO or sb3-contrib's MaskablePPO with their own defaults, ei
 the model plays the same rounds, which the policies ``nearest`` and ``random`` have played too.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 from collections.abc import Iterator, Sequence

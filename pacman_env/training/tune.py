@@ -4,8 +4,6 @@ Every trial trains from the same seed and its proposal depends on the trials bef
 interrupted goes on to the same trials.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Which person operates the game and has which role: one operator at a time, one person a role, one role a person."""
 
-from __future__ import annotations
-
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.web.game import Refused
 

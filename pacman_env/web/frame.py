@@ -1,7 +1,5 @@
 """The state of a game at one moment: the schema of the message ``frame``, which the page reads by field name."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 import msgspec

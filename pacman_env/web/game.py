@@ -1,7 +1,5 @@
 """What the server requires of a game, simulated or of a robot's nodes: the interface, its scene and its news."""
 
-from __future__ import annotations
-
 import threading
 from collections import deque
 from dataclasses import dataclass, field

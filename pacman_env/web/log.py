@@ -1,7 +1,5 @@
 """The server's log: each kind of entry once a minute, and never a token."""
 
-from __future__ import annotations
-
 import logging
 import time
 import traceback

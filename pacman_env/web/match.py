@@ -1,7 +1,5 @@
 """A simulated game as the robot's referee plays it: menu, show, round, the next round or round 1; the people in it."""
 
-from __future__ import annotations
-
 import logging
 import threading
 import time

@@ -1,7 +1,5 @@
 """What a page may send (docs/web_protocol.md, "What a page sends"): a schema that each message is checked by."""
 
-from __future__ import annotations
-
 from functools import reduce
 from operator import or_
 from typing import Annotated, Any, Literal

@@ -1,7 +1,5 @@
 """One round in the simulator, tick by tick: played by a policy or by people, beside another robot, and recorded."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """What is answered over HTTP: the page's files, maps, recorded rounds, the upload of a map."""
 
-from __future__ import annotations
-
 import asyncio
 import base64
 import binascii

@@ -1,7 +1,5 @@
 """The sessions of pages: their websockets, and what is done with their messages, by whom allowed and in which order."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import threading

@@ -1,7 +1,5 @@
 """The simulator's side of the page: a thread that plays a match, and does what people ask between two ticks."""
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import queue

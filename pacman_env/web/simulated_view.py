@@ -1,7 +1,5 @@
 """What is shown of a simulated game: its scene, frames between ticks, lights, sounds and motions."""
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The connected viewers: what waits to be sent to each, how much each may send, and what is sent to all."""
 
-from __future__ import annotations
-
 import asyncio
 import secrets
 from collections import deque

@@ -1,7 +1,5 @@
 """The names, colours, lights and sounds that the page shows, sent in its first message."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from pacman_env.game.events import FEEDBACK, LIGHTS, SOUNDS

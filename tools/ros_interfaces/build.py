@@ -4,8 +4,6 @@ Needs gcc, g++ and ROS's wheels. Builds and tries all in a temporary folder; onl
 ``pip uninstall pacman-ros-interfaces`` removes. A second run finds nothing to do.
 """
 
-from __future__ import annotations
-
 import argparse
 import base64
 import contextlib

@@ -4,8 +4,6 @@ Run as ``python -m tools.ros_interfaces.generate FOLDER OUT`` in a process for e
 state between calls and print. The generators are called as functions, because the wheels' ``rosidl`` command fails.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

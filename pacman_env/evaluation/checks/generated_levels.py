@@ -5,8 +5,6 @@ flooded with OpenCV: home and every pellet must lie in one part where the robot'
 own loader, grid or path fields is used.
 """
 
-from __future__ import annotations
-
 import argparse
 import re
 import tempfile

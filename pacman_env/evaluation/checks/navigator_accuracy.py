@@ -4,8 +4,6 @@ Reports the share of goals that end SUCCEEDED, the travel time against path leng
 overlap of a body with a wall. Also drives to a goal that cannot be reached, which must end ABORTED.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 from collections.abc import Sequence

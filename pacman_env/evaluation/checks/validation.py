@@ -4,8 +4,6 @@ The reference is the original as it was: deployed scorer, executor as built, mea
 spawning anywhere. Every other row changes one cause and nothing else, in the same rounds.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 Rounds are played by ``workers``, counted in ``rows``, shown by ``table``, ``plot`` and ``evaluation.replay``.
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import json

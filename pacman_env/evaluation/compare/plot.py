@@ -1,7 +1,5 @@
 """The comparison as a picture: completion with intervals, and how the rounds ended; of endless games, pellets."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -25,8 +25,6 @@ policy in the same rounds. In a row of kind ``endless`` an episode is a game of 
 ``paired_difference``/``paired_ci``: pellets per game minus those of the first policy (paired bootstrap).
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

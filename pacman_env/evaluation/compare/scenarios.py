@@ -5,8 +5,6 @@ Scenarios are plain data that goes to other processes. A process keeps the level
 policies and speeds play the same ones one after the other.
 """
 
-from __future__ import annotations
-
 import argparse
 import functools
 import math

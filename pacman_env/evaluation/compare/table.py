@@ -1,7 +1,5 @@
 """The comparison as aligned plain text for a terminal."""
 
-from __future__ import annotations
-
 import itertools
 import textwrap
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Blocks of rounds on one or more processes; the records are the same for any number of them."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import multiprocessing

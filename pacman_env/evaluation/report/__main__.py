@@ -3,8 +3,6 @@
 Rounds are chosen in ``plan``, played by ``compare.workers``, counted in ``numbers`` and shown by ``page``.
 """
 
-from __future__ import annotations
-
 import argparse
 import datetime
 import json

@@ -5,8 +5,6 @@ them. Proportions of rounds have Wilson's interval, differences Newcombe's for p
 rounds. All intervals are 95 %; rates and probabilities are 0..1. Policies always meet the same seeds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The report's numbers as one HTML page that needs nothing else. Which numbers there are is decided by ``numbers``."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

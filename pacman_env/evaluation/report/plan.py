@@ -1,7 +1,5 @@
 """The plan of a report: policies, scenarios, speeds and variants, and the blocks of rounds that follow from them."""
 
-from __future__ import annotations
-
 import itertools
 import re
 import shlex

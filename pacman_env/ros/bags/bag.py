@@ -2,8 +2,6 @@
 
 A recorder writes into ``NAME.unfinished`` and holds that folder's lock; the whole bag gets its own name."""
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import os

@@ -2,8 +2,6 @@
 
 The game continues as it was recorded, whatever the policy chooses."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Statistics of a robot's motion and of the poses that it receives, alike for a recorded game and for the simulator."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Any

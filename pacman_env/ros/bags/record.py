@@ -2,8 +2,6 @@
 
 A home's inside is left out on purpose: no map, no scan, no picture; poses show where the robot has been."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import sys

@@ -2,8 +2,6 @@
 
 Every message before that is written to a new bag with index and ``metadata.yaml``; the file is not changed."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil

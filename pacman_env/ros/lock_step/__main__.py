@@ -4,8 +4,6 @@ A page, a terminal or RViz takes part as in any other game: what it has sent is 
 nothing waits for it.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The messages between the nodes of a lock-step game: each is taken as it is sent, and waits in one queue."""
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections import defaultdict, deque

@@ -1,7 +1,5 @@
 """The entities of members, by their names: how what has come for one is taken from the middleware, and handled."""
 
-from __future__ import annotations
-
 import inspect
 from collections import defaultdict
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """A whole game over the simulated robot, in lock-step: the nodes that ``ros up --sim`` starts, in one process."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable
 from dataclasses import replace

@@ -5,8 +5,6 @@ comes after it for the same reader waits behind it. A participant that is unreac
 what waited for it is lost, except what is latched.
 """
 
-from __future__ import annotations
-
 import random
 from collections import defaultdict, deque
 from dataclasses import dataclass

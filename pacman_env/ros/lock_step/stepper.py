@@ -1,7 +1,5 @@
 """Steps the nodes of one process: each message is handled before the next one, and all of them before time goes on."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable
 from functools import partial

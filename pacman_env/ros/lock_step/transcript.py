@@ -1,7 +1,5 @@
 """The transcript of a lock-step game: one hash over every message that a node has handled, in order."""
 
-from __future__ import annotations
-
 import array
 import hashlib
 from collections.abc import Iterable, Iterator

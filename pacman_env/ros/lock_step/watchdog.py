@@ -1,7 +1,5 @@
 """Ends a process, with the name of the node, when one of its callbacks takes too long."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import sys

@@ -1,7 +1,5 @@
 """Node ``audio_node``: plays sound words with the Create 3's loudspeaker (Algorithm 8)."""
 
-from __future__ import annotations
-
 import sys
 from functools import partial
 from typing import Any

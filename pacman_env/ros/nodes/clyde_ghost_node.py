@@ -4,8 +4,6 @@ Where they go and how they walk is the simulator's (``sim/core/ghosts.py``); her
 Those that a policy moves see what the robot's policy sees.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Iterable, Sequence

@@ -4,8 +4,6 @@ All decisions are made in ``game/round.py``; here its inputs come in as messages
 It alone knows how a game stands, so it saves it in a file: killed and started again, it goes on with it.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import sys

@@ -1,7 +1,5 @@
 """Node ``game_event_mapper``: turns an event into a light, a sound and a motion of the robot (Algorithm 6)."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterable
 from functools import partial

@@ -4,8 +4,6 @@ A ring that shows nothing belongs to the base again, whose own warnings it would
 another process has left lit.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterable
 from functools import partial

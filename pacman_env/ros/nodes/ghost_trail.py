@@ -4,8 +4,6 @@ A costmap keeps what it has marked until a ray clears it, and the lidar's rays p
 published as points that clear and do not mark (``config/nav2.yaml``), or the whole costmap is cleared.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 

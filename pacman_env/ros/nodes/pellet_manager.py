@@ -1,7 +1,5 @@
 """Node ``pellet_manager``: shows the pellets that are left on the map, removes and restores them."""
 
-from __future__ import annotations
-
 import sys
 from functools import partial
 from typing import Any

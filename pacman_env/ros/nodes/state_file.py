@@ -1,7 +1,5 @@
 """One small JSON file that outlives a node: whole or absent, and ignored after a while."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Command ``wait_for_amcl_pose``: ends when the robot knows where it is (Algorithm 9), for launch files to go on."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from typing import Any

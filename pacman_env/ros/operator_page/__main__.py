@@ -1,7 +1,5 @@
 """The page as a process of its own beside a game's nodes, for this machine alone: ``pacman-env ros up --web``."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Sequence

@@ -2,8 +2,6 @@
 last of every message as plain values, the map as a picture, a scan as rays.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import math

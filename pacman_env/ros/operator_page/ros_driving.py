@@ -4,8 +4,6 @@ A stop has three effects at once: zero velocity from a thread that does nothing 
 goal that Nav2 pursues, and the message that the nodes obey until the release (``operator_stop.py``).
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable, Collection

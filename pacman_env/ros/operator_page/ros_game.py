@@ -4,8 +4,6 @@ A request is carried out in the thread of its caller, by the referee's services 
 context and a thread of its own, but in a lock-step game, where it is one of the game's.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 import threading

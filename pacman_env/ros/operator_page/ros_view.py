@@ -1,7 +1,5 @@
 """What is shown of a robot's game: whether there is one, its scene and its frames, from what the node has received."""
 
-from __future__ import annotations
-
 import json
 import math
 from functools import lru_cache

@@ -3,8 +3,6 @@
 TF is composed here, from the few frames between the base and the map.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

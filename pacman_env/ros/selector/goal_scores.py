@@ -1,7 +1,5 @@
 """What a goal selector publishes about itself: the score of every candidate as markers, its condition as JSON."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

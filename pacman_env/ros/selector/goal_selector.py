@@ -4,8 +4,6 @@ The node's life and its parameters; what it does while it is configured is in ``
 the next message.
 """
 
-from __future__ import annotations
-
 import sys
 import traceback
 from collections.abc import Iterable

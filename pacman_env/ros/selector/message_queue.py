@@ -4,8 +4,6 @@ Each waking of an executor costs rclpy half a millisecond, whatever the message:
 usual rates would keep a node busier than all that it does with them.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Nav2's NavigateToPose as numbered goals whose answers come later; nothing here waits, and nothing is decided."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial

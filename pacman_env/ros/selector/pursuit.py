@@ -3,8 +3,6 @@
 What is done, and when, is decided in ``selection.py``.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import partial

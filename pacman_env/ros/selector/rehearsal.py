@@ -1,7 +1,5 @@
 """A policy's first decisions, which load and compile what the later ones need; they are not used."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pacman_env.config import Config

@@ -4,8 +4,6 @@ Messages become a situation in ``robot_view.py``, the policy chooses, ``game/goa
 Nothing is published here, and time is an argument.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence

@@ -3,8 +3,6 @@
 What becomes of goals is decided in ``sim/core/navigate_to_pose.py``; here they are received, checked, and answered.
 """
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """What can be made to go wrong with the simulated robot, in words: ``abort 2.0``, ``end abort``, ``end``."""
 
-from __future__ import annotations
-
 import math
 
 #: Each fault, and the names of the numbers that follow it.

@@ -3,8 +3,6 @@
 It owns the pace of time, receives velocities, poses, lights and faults, and steps the world (``sim/core/robot.py``).
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

@@ -1,7 +1,5 @@
 """What the simulated robot publishes, at the real rates: odometry, transforms, scans, AMCL's pose, the map."""
 
-from __future__ import annotations
-
 import array
 import math
 from typing import Any

@@ -2,8 +2,6 @@
 
 Started as ``python -m pacman_env.ros.supervisor.child PARENT_PID MODULE ARGUMENTS...``."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import runpy

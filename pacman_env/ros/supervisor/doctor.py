@@ -2,8 +2,6 @@
 
 It publishes nothing and calls only services that answer questions: nothing moves because of it."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import json

@@ -3,8 +3,6 @@
 A lock is a file in the user's runtime folder; the kernel releases it when its process has ended. Games without one,
 such as those of other users, are discovered (``up.py``)."""
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import json

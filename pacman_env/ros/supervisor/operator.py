@@ -2,8 +2,6 @@
 
 A node beside those of the game; it publishes nothing until it is asked to stop the robot."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -1,7 +1,5 @@
 """The nodes of a game as processes: started in order, started again when they die, stopped one after another."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import subprocess

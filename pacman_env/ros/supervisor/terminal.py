@@ -1,7 +1,5 @@
 """The terminal of an operator: one line that is written over and over, and keys that need no Return."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import select

@@ -2,8 +2,6 @@
 
 What nodes need is compiled before they start; the game waits for the robot's pose; at the end the robot stops first."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import sys

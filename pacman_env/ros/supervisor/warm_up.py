@@ -1,7 +1,5 @@
 """``python -m pacman_env.ros.supervisor.warm_up``: compiles what nodes need before any is started, without ROS."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

@@ -1,7 +1,5 @@
 """N independent games simulated at once; game i is bit-identical to the same game alone with the same seed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

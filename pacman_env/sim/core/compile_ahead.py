@@ -3,8 +3,6 @@
 It ends with this process, or when it is done; what it compiled is found on disk (``kernel_cache.py``).
 """
 
-from __future__ import annotations
-
 import atexit
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """The ghosts of N games: where they are, the paths they are on, where each goes. Rules are in ``game/ghosts.py``."""
 
-from __future__ import annotations
-
 import functools
 import math
 import types

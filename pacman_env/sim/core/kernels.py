@@ -1,7 +1,5 @@
 """What happens in one game, compiled: rules live in ``game/``, the robot's in ``world/``. Game i touches row i only."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """The records of one game and one ghost, the constants of a batch, and what is drawn for each episode."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

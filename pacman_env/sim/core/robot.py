@@ -3,8 +3,6 @@
 Its goals are treated as Nav2's ``navigate_to_pose`` server treats them: one current, one pending.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The state of N games, arrays of which row i is game i's: what was decided in their rounds, and their levels."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Ticks of games in one call, game after game, so that what a game touches stays in the cache for the whole tick."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Everything computed once per map and configuration; kept in the process, path fields on disk by the map's hash."""
 
-from __future__ import annotations
-
 import collections
 import contextlib
 import functools

@@ -3,8 +3,6 @@
 A* goes to 8 neighbours without corner cutting; exact distances from landmarks guide it and leave paths as short.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass

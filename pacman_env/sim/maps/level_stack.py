@@ -1,7 +1,5 @@
 """The maps of a batch, stacked into one array per kind for the kernels; one map for all is stacked without copying."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

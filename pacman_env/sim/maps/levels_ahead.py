@@ -1,7 +1,5 @@
 """Levels prepared by other threads while games are played: most of it is compiled code or OpenCV's."""
 
-from __future__ import annotations
-
 import atexit
 import collections
 import functools

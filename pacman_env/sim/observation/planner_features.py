@@ -3,8 +3,6 @@
 ``VERSION`` changes with the meaning of any column: a network trained on other columns must not be run on these.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

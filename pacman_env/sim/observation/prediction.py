@@ -4,8 +4,6 @@ The ghost's are the shortest from its place to the map's goals, each as likely a
 it goes on to another. The robot's leads to a candidate, the first turn included, and ends there.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """The egocentric picture of a situation: walls, pellets, ghosts and robot around the robot, its heading up."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

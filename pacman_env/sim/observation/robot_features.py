@@ -3,8 +3,6 @@
 Directions are in the robot's frame, lengths in m, capped at ``FAR_M``.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """A situation of one game from what a robot knows, filled by the simulator's kernels: the same numbers as in a game."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass

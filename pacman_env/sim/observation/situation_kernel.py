@@ -1,7 +1,5 @@
 """From the games of a batch to what a policy sees, compiled."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

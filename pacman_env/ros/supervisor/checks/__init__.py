@@ -1,7 +1,5 @@
 """What ``pacman-env ros doctor`` and the operator's page check of a robot, one function a check, without ROS."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Iterable, Sequence
 

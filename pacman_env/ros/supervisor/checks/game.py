@@ -1,7 +1,5 @@
 """Checks of Nav2 and of the game: servers, nodes, what costmaps see of ghosts, configuration, state."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping
 from functools import partial

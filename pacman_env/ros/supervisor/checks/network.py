@@ -1,7 +1,5 @@
 """Checks of what can be discovered, and of time: ROS, domain, namespace, base, simulated clock, stamps."""
 
-from __future__ import annotations
-
 import statistics
 from collections import deque
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Checks of the robot itself: dock, battery, lidar, map, pose and transforms."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import dataclass
