@@ -74,9 +74,10 @@ PLAIN_LIGHTS = (
 LASTING = {"starting": "pacman", "running": "pacman"}
 
 
-def light_colour(word: str) -> Colour | None:
-    """The colour that stands for a light word, such as on a button; None if it has several, or none."""
-    return COLOURS.get(word) or GHOST_COLOURS.get(word.split()[0])
+def light_colour(light: Light) -> Colour | None:
+    """The colour that stands for a light, such as on a button: its ghost's, or its only one; None if it has several."""
+    colours = {colour for ring in light.rings for colour in ring}
+    return GHOST_COLOURS.get(light.word.split()[0]) or (colours.pop() if len(colours) == 1 else None)
 
 
 class LightRing:

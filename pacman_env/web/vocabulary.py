@@ -43,6 +43,6 @@ def vocabulary() -> dict[str, Any]:
             }
             for word, answer in sorted(FEEDBACK.items())
         },
-        "lights": {word: light_colour(word) for word in sorted(LIGHTS)},
+        "lights": {word: light_colour(LIGHTS[word]) for word in sorted(LIGHTS)},
         "sounds": {word: [(frequency_hz(note), s) for note, s in SOUNDS[word].melody] for word in sorted(SOUNDS)},
     }
