@@ -6,6 +6,7 @@ Numba asks its cache, compiles, and saves; the lock comes between the first two,
 
 import contextlib
 import functools
+import gc
 import os
 import shutil
 import sys
@@ -159,10 +160,14 @@ def take_turns(kernel: Any) -> None:
     def compile_in_turn(signature: Any) -> Any:
         with global_compiler_lock, contextlib.ExitStack() as turn:
             turns.append(turn)
+            collects = gc.isenabled()
+            gc.disable()  # it would examine the compiler's many objects again and again: 5 to 7 % of the time
             try:
                 return compile_alone(signature)
             finally:
                 turns.pop()
+                if collects:
+                    gc.enable()
 
     kernel._cache.load_overload, kernel.compile = load_or_wait, compile_in_turn
 
