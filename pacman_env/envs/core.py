@@ -75,19 +75,20 @@ class EnvCore:
         self._nearer = np.zeros(n)  # m, in the last step
         self._was_over = _NONE_OVER  # (N,) before the last step, where a reward asks for it
         self._draws = bool(self.config.randomize.ranges())
+        self._by_event = self.config.decisions.when == "event"
 
     def require_reset(self, running: bool = False) -> None:
         """Raise ResetNeeded before the first reset, or with ``running`` where every episode is over."""
         if self.latest is None:
             raise gym.error.ResetNeeded("call reset() first")
-        if running and (self.batch.games["end"] != RUNNING).all():
+        if running and self.batch.games["end"][0] != RUNNING and (self.batch.games["end"] != RUNNING).all():
             raise gym.error.ResetNeeded("the episode is over: call reset()")
 
     @property
     def situation(self) -> Situation:
         """As the robot's policy sees it now."""
-        self.require_reset()
-        assert self.latest is not None
+        if self.latest is None:
+            raise gym.error.ResetNeeded("call reset() first")
         return self.latest
 
     def ghost_observation_space(self) -> spaces.Dict | spaces.Box:
@@ -154,7 +155,7 @@ class EnvCore:
         if self._path_counts or self.ghost_agents:
             over = batch.games["end"] != RUNNING
             self._was_over = over if plays is None else over | self.cut
-        if self.config.decisions.when == "event":
+        if self._by_event:
             choose = functools.partial(self._ghost_choices, {}) if self._policies else None
             batch.step_until_due(*self._chosen(actions), choose)
             self.elapsed_s = batch.elapsed_s.copy()
@@ -173,14 +174,15 @@ class EnvCore:
         if self._path_counts:
             self._nearer = self._progress(path_before, terminated)
             reward += self.config.reward.progress * self._nearer
-        self._cut_long_episodes(terminated, truncated)
+        if self.ghost_agents or self._most_steps is not None:
+            self._cut_long_episodes(terminated, truncated)
         return reward, terminated, truncated
 
     def _cut_long_episodes(self, terminated: Flags, truncated: Flags) -> None:
         """Truncate episodes at the most steps; with one agent terminated ones too, as Gymnasium's ``TimeLimit``."""
         most = self.config.max_cycles if self.ghost_agents else self._most_steps
-        self._steps += 1
         if most is not None:
+            self._steps += 1
             long = self._steps >= most
             self.cut = long & ~terminated & ~truncated
             truncated |= long & ~terminated if self.ghost_agents else long
@@ -191,7 +193,7 @@ class EnvCore:
         Over an episode it telescopes: with gamma = 1, to the path length at its beginning, whatever was done.
         """
         config = self.config
-        passed_s = self.elapsed_s if config.decisions.when == "event" else config.execution.tick_s
+        passed_s = self.elapsed_s if self._by_event else config.execution.tick_s
         left = np.where(terminated, 0.0, self._path_left)
         return np.where(self._was_over, 0.0, path_before - config.decisions.discount_per_s**passed_s * left)
 
@@ -242,7 +244,7 @@ class EnvCore:
             result["level"] = batch.level_numbers()
         if self.config.endless:
             result["round"], result["score"] = games["round"].astype(np.int64), games["score"].astype(np.int64)
-        if self.config.decisions.when == "event":
+        if self._by_event:
             result["elapsed_s"] = self.elapsed_s.copy()
         return result | drawn_values(games, self.config) if self._draws else result
 

@@ -175,14 +175,14 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
     def check(self, actions: NDArray[Any]) -> NDArray[Any]:
         """Actions as the games need them; raises ValueError where shape, dtype or a candidate is not valid."""
         actions = np.asarray(actions)
-        got = f"got {actions.dtype} of shape {actions.shape}"
         if self.config.action == "velocity":
             if actions.shape != (self.num_envs, 2) or actions.dtype.kind not in "fiu":
-                raise ValueError(f"actions must be {self.num_envs} pairs of v and omega, {got}")
+                raise ValueError(f"actions must be {self.num_envs} pairs of v and omega, {_got(actions)}")
             return actions.astype(np.float64)
         if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
-            raise ValueError(f"actions must be {self.num_envs} integers, {got}")
-        for game in np.flatnonzero((actions < 0) | (actions >= self._core.candidates))[:1].tolist():
+            raise ValueError(f"actions must be {self.num_envs} integers, {_got(actions)}")
+        if actions.min() < 0 or actions.max() >= self._core.candidates:
+            game = int(np.flatnonzero((actions < 0) | (actions >= self._core.candidates))[0])
             raise ValueError(f"choice {actions[game]} of game {game}: candidates are 0 to {self._core.candidates - 1}")
         return actions.astype(np.int64, copy=False)
 
@@ -208,3 +208,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
             return {"final_info": self._infos(ended)}
         final = {"final_obs": self._last_of(ended, self._core.observe()), "final_info": self._infos(ended)}
         return final | {f"_{name}": self._mask(ended) for name in final}
+
+
+def _got(actions: NDArray[Any]) -> str:
+    return f"got {actions.dtype} of shape {actions.shape}"
