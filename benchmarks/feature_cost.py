@@ -66,9 +66,8 @@ def parts(s: Situation, speed_mps: float, repeats: int) -> dict[str, float]:
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    levels: dict[str, Any] = (
-        {"settings": {"num_levels": arguments.games}} if arguments.map.startswith("generated") else {}
-    )
+    generated = arguments.map.startswith("generated")
+    levels: dict[str, Any] = {"settings": {"num_levels": arguments.games}} if generated else {}
     envs = [make_vector(arguments.games, arguments.map, observation=kinds, **levels) for kinds in KINDS]
     rng = np.random.default_rng(arguments.seed)
     measures = [partial(_rate, env, rng, arguments.steps) for env in envs]

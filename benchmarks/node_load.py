@@ -94,9 +94,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     print(f"{', '.join(LIGHT_NODES)}: promised are at most {LIGHT_MB:g} MB each")
     print(f"goal_selector: promised are less than {SELECTOR_CPU_PERCENT:g} % and {SELECTOR_MB:g} MB")
     if (decisions := figures["decisions"]).get("count"):
-        print(
-            "from pose to goal sent: median {median_ms:.1f} ms, 99 % within {p99_ms:.1f} ms".format(**decisions), end=""
-        )
+        text = "from pose to goal sent: median {median_ms:.1f} ms, 99 % within {p99_ms:.1f} ms"
+        print(text.format(**decisions), end="")
         print(f" (promised: {DECISION_MS:g}), longest of {decisions['count']}: {decisions['longest_ms']:.1f} ms")
     return figures
 

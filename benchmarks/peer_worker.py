@@ -100,10 +100,8 @@ def of_vmas(_: str) -> list[Task]:
 
         return step
 
-    description = (
-        "2 substeps of 4 discs that collide, all 4 actions one decision; 18 numbers each, 12 of them a lidar's"
-    )
-    return [Task("navigation", 0.1, description, BATCHES, True, make)]
+    discs = "2 substeps of 4 discs that collide, all 4 actions one decision; 18 numbers each, 12 of them a lidar's"
+    return [Task("navigation", 0.1, discs, BATCHES, True, make)]
 
 
 def of_mpe2(_: str) -> list[Task]:

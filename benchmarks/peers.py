@@ -85,7 +85,7 @@ class Worker:
         self.name = name
         self._command = [python or sys.executable, "-P", SCRIPT, name, map_source]
         self._environment = _environment(bare=python is not None)
-        facts = self._run()
+        facts = self.turn()
         self.version: str = facts["version"]
         self.tasks: list[dict[str, Any]] = facts["tasks"]  # peer_worker.Task
 
@@ -99,10 +99,8 @@ class Worker:
                 for threads in sorted({1, CORES if task["threaded"] and size > 1 else 1}):
                     yield number, size, threads
 
-    def turn(self, task: int, size: int, threads: int, seconds: float) -> Turn:
-        return self._run(task, size, threads, seconds)
-
-    def _run(self, *case: float) -> dict[str, Any]:
+    def turn(self, *case: float) -> dict[str, Any]:
+        """The figures of a task's number, how many games, threads and seconds; without them, version and tasks."""
         command, env = [*self._command, json.dumps(case)], self._environment
         try:
             done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=LIMIT_S)
@@ -188,9 +186,8 @@ def table(figures: dict[str, Any]) -> str:
             f"{_rounded(real):>15}{simulated:>9}{row['cores']:>7.2f}"
         )
     lines += ["", "a decision:"]
-    lines += [
-        f"  {title}: {task['simulated_s']:.3g} s, {task['description']}" for title, task in figures["steps"].items()
-    ]
+    steps = figures["steps"].items()
+    lines += [f"  {title}: {task['simulated_s']:.3g} s, {task['description']}" for title, task in steps]
     lines += [f"not measured: {name}: {reason}" for name, reason in figures["failed"].items()]
     if figures["failed"] and not figures["venvs"]:
         lines.append("  (--venvs DIR installs them there)")

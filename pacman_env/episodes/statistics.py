@@ -7,16 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 Interval = tuple[float, float]
+Floats = NDArray[np.float64]
 Z95 = 1.959963984540054  # two-sided 95 % of the normal distribution
 REPLICATES = 2000  # of a bootstrap
 
 
 def wilson(successes: int, trials: int, z: float = Z95) -> Interval:
-    """Wilson's score interval of a proportion (Wilson 1927, no continuity correction).
-
-    Raises:
-        ValueError: no trials, or ``successes`` outside 0..trials.
-    """
+    """Wilson's score interval of a proportion (Wilson 1927, no continuity correction)."""
     if trials < 1 or not 0 <= successes <= trials:
         raise ValueError(f"{successes} successes in {trials} trials")
     p, z2 = successes / trials, z * z
@@ -29,19 +26,11 @@ def wilson(successes: int, trials: int, z: float = Z95) -> Interval:
 
 
 def paired_difference(ours: NDArray[np.bool_], theirs: NDArray[np.bool_], z: float = Z95) -> tuple[float, Interval]:
-    """Difference of two proportions seen on the same trials, ours minus theirs, with its interval.
+    """Difference of two proportions, ours minus theirs, of (n,) successes in the same trials, with its interval.
 
     The interval is method 10 of Newcombe, "Improved confidence intervals for the difference between binomial
     proportions based on paired data", Statistics in Medicine 17 (1998): Wilson's limits of both proportions,
     joined by the correlation phi of the pairs, which is shrunk by half a trial where it is positive.
-
-    Args:
-        ours: (n,) successes.
-        theirs: (n,) successes in the same trials.
-        z: quantile of the normal distribution.
-
-    Raises:
-        ValueError: no trials, or not the same number of them.
     """
     n = len(ours)
     if n < 1 or len(theirs) != n:
@@ -66,7 +55,7 @@ def paired_difference(ours: NDArray[np.bool_], theirs: NDArray[np.bool_], z: flo
     return difference, (difference - down, difference + up)
 
 
-def interquartile_mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def interquartile_mean(values: Floats) -> Floats:
     """Mean of the middle half along the last axis: the floor(n / 4) smallest and largest of n are left out.
 
     Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical Precipice", NeurIPS 2021; whole values
@@ -76,9 +65,7 @@ def interquartile_mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.sort(values, axis=-1)[..., n // 4 : n - n // 4].mean(axis=-1)
 
 
-def improvement(
-    ours: NDArray[np.float64], theirs: NDArray[np.float64], weights: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def improvement(ours: Floats, theirs: Floats, weights: Floats) -> Floats:
     """(R,) probability that one of our (n,) scores is above one of theirs in the same trials, ties counting half.
 
     Mann and Whitney's U / n^2; Agarwal et al. 2021, "probability of improvement", on one task. ``weights`` (R, n) are
@@ -90,20 +77,20 @@ def improvement(
     return np.asarray((our_count * not_above).sum(axis=1) / len(ours) ** 2)
 
 
-def bootstrap_weights(trials: int, rng: np.random.Generator, replicates: int = REPLICATES) -> NDArray[np.float64]:
+def bootstrap_weights(trials: int, rng: np.random.Generator, replicates: int = REPLICATES) -> Floats:
     """(R, n) how often each of n trials is drawn in n draws with replacement."""
     if trials < 1:
         raise ValueError(f"{trials} trials")
     return rng.multinomial(trials, np.full(trials, 1 / trials), size=replicates).astype(np.float64)
 
 
-def percentiles95(values: NDArray[np.float64]) -> Interval:
+def percentiles95(values: Floats) -> Interval:
     """The middle 95 % of bootstrapped estimates."""
     low, high = np.percentile(values, (2.5, 97.5))
     return float(low), float(high)
 
 
-def bootstrapped_mean(tasks: Sequence[NDArray[np.float64]], rng: np.random.Generator) -> tuple[float, Interval]:
+def bootstrapped_mean(tasks: Sequence[Floats], rng: np.random.Generator) -> tuple[float, Interval]:
     """Mean over tasks of their (n,) scores' means, with its stratified bootstrap interval (percentiles; Efron 1979).
 
     Trials are drawn anew within each task. For paired scores pass the differences: pairs are then drawn together.
@@ -112,19 +99,19 @@ def bootstrapped_mean(tasks: Sequence[NDArray[np.float64]], rng: np.random.Gener
     return float(np.mean([scores.mean() for scores in tasks])), percentiles95(drawn)
 
 
-def bootstrapped_iqm(tasks: Sequence[NDArray[np.float64]], rng: np.random.Generator) -> tuple[float, Interval]:
+def bootstrapped_iqm(tasks: Sequence[Floats], rng: np.random.Generator) -> tuple[float, Interval]:
     """Interquartile mean over tasks of their mean scores; otherwise as :func:`bootstrapped_mean`."""
     drawn = interquartile_mean(_drawn_means(tasks, rng))
     return float(interquartile_mean(np.array([scores.mean() for scores in tasks]))), percentiles95(drawn)
 
 
-def _drawn_means(tasks: Sequence[NDArray[np.float64]], rng: np.random.Generator) -> NDArray[np.float64]:
+def _drawn_means(tasks: Sequence[Floats], rng: np.random.Generator) -> Floats:
     """(R, T) the mean of each task in each replicate."""
     return np.stack([bootstrap_weights(len(scores), rng) @ scores / len(scores) for scores in tasks], axis=1)
 
 
 def bootstrapped_improvement(
-    ours: Sequence[NDArray[np.float64]], theirs: Sequence[NDArray[np.float64]], rng: np.random.Generator
+    ours: Sequence[Floats], theirs: Sequence[Floats], rng: np.random.Generator
 ) -> tuple[float, Interval]:
     """Mean over tasks of the probability of :func:`improvement`, with its stratified bootstrap interval.
 

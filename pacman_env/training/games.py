@@ -50,13 +50,13 @@ def game_settings(arguments: Arguments, fastest_mps: float | None = None) -> dic
     hyper = arguments.hyper
     low, high = hyper.clyde_speed
     high = high if fastest_mps is None else max(low, min(high, fastest_mps))
-    changes: dict[str, Any] = {
+    return {
         "randomize.clyde_speed_mps": (low, high),
         "randomize.speed_mps": hyper.robot_speed,
         "observation.kinds": ("planner",),
         "decisions.when": hyper.decide,
+        **(_DOMAIN if arguments.randomize else {}),
     }
-    return changes | (_DOMAIN if arguments.randomize else {})
 
 
 def clyde_limit(arguments: Arguments, segment: int) -> float | None:
@@ -193,11 +193,9 @@ class GhostGames:
     """Games in which the agent is Clyde and sees planner features from its side; ``robot`` makes robots' policies."""
 
     def __init__(self, games: Sequence[PacManBotParallelEnv], robot: Callable[[], Policy], scale: float = 1.0) -> None:
-        shapes = {(tuple(game.possible_agents), game.batch.candidates) for game in games}
-        if len(shapes) != 1 or next(iter(shapes))[0] != (PACMAN, CLYDE):
-            raise ValueError(
-                f"agents and candidates of the games: {sorted(shapes)}, must be alike and {PACMAN}, {CLYDE}"
-            )
+        shapes = sorted({(tuple(game.possible_agents), game.batch.candidates) for game in games})
+        if len(shapes) != 1 or shapes[0][0] != (PACMAN, CLYDE):
+            raise ValueError(f"agents and candidates of the games: {shapes}, must be alike and {PACMAN}, {CLYDE}")
         self.games, self._robots, self._scale = list(games), [robot() for _ in games], np.float32(scale)
         self.num_envs, self.groups = len(games), [slice(0, len(games))]
         self._actions: NDArray[Any] = np.zeros(0, dtype=np.int64)

@@ -94,9 +94,8 @@ def baselines(map_name: str, seeds: NDArray[np.uint64]) -> dict[str, float]:
     arguments = EnvArguments(map=map_name)
     config, _ = arguments.make_config()
     source = arguments.make_source(config)
-    return {
-        name: float((play(source, config, name, seeds)[0]["end"] == COMPLETE).mean()) for name in ("nearest", "random")
-    }
+    played = {name: play(source, config, name, seeds)[0] for name in ("nearest", "random")}
+    return {name: float((records["end"] == COMPLETE).mean()) for name, records in played.items()}
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:

@@ -72,13 +72,10 @@ def run(source: str, episodes: int, seed: int, workers: int) -> list[tuple[Varia
 
 
 def table(results: list[tuple[Variant, Row]]) -> str:
-    lines = [
-        "| cause | what differs | complete, % | all but one, % | pellets | difference, points |",
-        "|---|---|---|---|---|---|",
-    ]
-    complete, all_but_one = (
-        with_interval(count / TRIALS, wilson(count, TRIALS)) for count in (TRIALS_COMPLETE, TRIALS_ALL_BUT_ONE)
-    )
+    lines = ["| cause | what differs | complete, % | all but one, % | pellets | difference, points |"]
+    lines.append("|---|---|---|---|---|---|")
+    counts = TRIALS_COMPLETE, TRIALS_ALL_BUT_ONE
+    complete, all_but_one = (with_interval(count / TRIALS, wilson(count, TRIALS)) for count in counts)
     lines.append(f"| real robot | ten trials | {complete} | {all_but_one} | | |")
     for variant, row in results:
         complete = with_interval(row["completion_rate"], row["completion_ci"])

@@ -37,6 +37,7 @@ from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, TIMEOUT
 
 Row = dict[str, Any]
 ENDS = {COMPLETE: "C", CLEARED: "L", DEAD: "D", TIMEOUT: "T"}
+_DRAWS = 0  # seed of each interval: rows differ only by what was played
 _PERCENTILES = (1, 5, 25, 50, 75, 95, 99, 99.9)
 
 
@@ -88,20 +89,15 @@ def _of_games(records: NDArray, first: NDArray | None) -> Row:
     collected = records["collected"].astype(np.float64)
     difference, interval = 0.0, (0.0, 0.0)
     if first is not None:
-        difference, interval = bootstrapped_mean([collected - first["collected"]], _rng())
+        difference, interval = bootstrapped_mean([collected - first["collected"]], np.random.default_rng(_DRAWS))
     return {
-        "pellets_ci": list(bootstrapped_mean([collected], _rng())[1]),
+        "pellets_ci": list(bootstrapped_mean([collected], np.random.default_rng(_DRAWS))[1]),
         "pellets_median": float(np.median(collected)),
         "rounds_mean": float(records["rounds"].mean()),
         "rounds_most": int(records["rounds"].max()),
         "paired_difference": difference,
         "paired_ci": list(interval),
     }
-
-
-def _rng() -> np.random.Generator:
-    """The same draws for each interval: rows differ only by what was played."""
-    return np.random.default_rng(0)
 
 
 def _decisions(decision_ms: NDArray[np.float64]) -> Row:

@@ -181,9 +181,8 @@ def game_configs(arguments: argparse.Namespace) -> list[Config]:
                 raise ConfigError(f"{name}: given twice")
             changes[name] = value
     speeds = dict.fromkeys(arguments.clyde_speed)
-    configs = [
-        make_config(arguments.preset, arguments.execution, **changes, **{"clyde.speed_mps": speed}) for speed in speeds
-    ]
+    rules = {"preset": arguments.preset, "execution": arguments.execution, **changes}
+    configs = [make_config(**rules, **{"clyde.speed_mps": speed}) for speed in speeds]
     check_goals(configs[0])
     return configs
 

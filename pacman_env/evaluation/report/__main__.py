@@ -21,7 +21,7 @@ from pacman_env.cli.command import Parser, finite_number, run_command, whole_num
 from pacman_env.config import PRESETS, ConfigError, make_config
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.compare import scenarios
-from pacman_env.evaluation.compare.scenarios import Levels, Scenario
+from pacman_env.evaluation.compare.scenarios import Levels
 from pacman_env.evaluation.compare.workers import play_all
 from pacman_env.evaluation.report.numbers import Numbers, Results
 from pacman_env.evaluation.report.plan import Plan, blocks, check_single_rounds, parse_variant
@@ -149,9 +149,11 @@ def _plan(arguments: argparse.Namespace) -> Plan:
 def _header(plan: Plan, arguments: argparse.Namespace, command: str) -> Numbers:
     """All that is needed to play the rounds again."""
 
-    def pellets(scenario: Scenario) -> int | None:
-        return None if isinstance(scenario, Levels) else scenarios.open_scenario(scenario, plan.config).first.pellets
-
+    maps = []
+    for name, scenario in plan.maps.items():
+        first = scenarios.open_scenario(scenario, plan.config).first
+        pellets = None if isinstance(scenario, Levels) else first.pellets
+        maps.append(scenarios.describe_scenario(name, scenario, plan.config) | {"pellets": pellets})
     return {
         "schema": SCHEMA,
         "version": __version__,
@@ -166,10 +168,7 @@ def _header(plan: Plan, arguments: argparse.Namespace, command: str) -> Numbers:
         "settings": list(plan.settings),
         "clyde_speed": plan.speed,
         "quick": arguments.quick,
-        "maps": [
-            scenarios.describe_scenario(name, scenario, plan.config) | {"pellets": pellets(scenario)}
-            for name, scenario in plan.maps.items()
-        ],
+        "maps": maps,
         "policies": [
             {"name": name, "spec": spec, "baseline": name == plan.baseline, "facts": model_facts(spec)}
             for name, spec in plan.policies.items()
