@@ -13,7 +13,10 @@ REPLICATES = 2000  # of a bootstrap
 
 
 def wilson(successes: int, trials: int, z: float = Z95) -> Interval:
-    """Wilson's score interval of a proportion (Wilson 1927, no continuity correction)."""
+    """Wilson's score interval of a proportion (Wilson 1927, no continuity correction).
+
+    Raises ValueError without a trial, or with more successes than trials.
+    """
     if trials < 1 or not 0 <= successes <= trials:
         raise ValueError(f"{successes} successes in {trials} trials")
     p, z2 = successes / trials, z * z
@@ -31,6 +34,7 @@ def paired_difference(ours: NDArray[np.bool_], theirs: NDArray[np.bool_], z: flo
     The interval is method 10 of Newcombe, "Improved confidence intervals for the difference between binomial
     proportions based on paired data", Statistics in Medicine 17 (1998): Wilson's limits of both proportions,
     joined by the correlation phi of the pairs, which is shrunk by half a trial where it is positive.
+    Raises ValueError without a trial, or if the two have different lengths.
     """
     n = len(ours)
     if n < 1 or len(theirs) != n:
