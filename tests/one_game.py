@@ -86,7 +86,7 @@ class SimulatorSide:
         self.game["nav_result"] = status
         kernels.apply_result(self.rules, 0)
 
-    def look(self) -> None:
+    def check(self) -> None:
         if self.game["end"][0] == RUNNING:
             for axis in "xy":
                 self.game[f"body_{axis}"] = self.game[axis]
@@ -138,7 +138,7 @@ class RobotSide:
             if self.referee.state == "running":
                 break
             self.now += self.referee.show.start_s + self.referee.show.death_s
-            self._do(self.executor.look(self.home, (), self.now))
+            self._do(self.executor.check(self.home, (), self.now))
             for number in list(self.live):  # among them the way home
                 self.finish(number, SUCCEEDED, self.home)
             self._hear(self.referee.tick(self.now))
@@ -189,12 +189,12 @@ class RobotSide:
             self.live.remove(number)
         self._do(self.executor.finished(number, status, self.now, at=pose))
 
-    def look(self, pose: Position, ghosts: list[Position]) -> None:
-        self._do(self.executor.look(pose, ghosts, self.now))
+    def check(self, pose: Position, ghosts: list[Position]) -> None:
+        self._do(self.executor.check(pose, ghosts, self.now))
 
     def look_at(self, pose: Position) -> None:
         """Move there, far from all ghosts and past no pellet."""
-        self._do(self.executor.look(pose, (), self.now)) if pose == (1.0, 1.5) else None
+        self._do(self.executor.check(pose, (), self.now)) if pose == (1.0, 1.5) else None
         self.executor.pose = pose
 
     def let_go(self, number: int) -> bool:

@@ -27,7 +27,7 @@ REFUGES = np.array([(0.0, 3.0), (2.0, 3.0)])
 HOLD = len(PELLETS) + len(REFUGES)
 PLACES: list[tuple[float, float]] = [*map(tuple, PELLETS.tolist()), *map(tuple, REFUGES.tolist()), (1.0, 1.5)]
 #: By a byte of a trace: what happens.
-EVENTS = ("choose", "choose", "choose", "accept", "end", "reject", "stale", "look", "look", "wait", "report", "reset")
+EVENTS = ("choose", "choose", "choose", "accept", "end", "reject", "stale", "check", "check", "wait", "report", "reset")
 WAITS = (1, 4, 8, 16, 40, 100)  # steps
 
 
@@ -109,13 +109,13 @@ class Trace:
     def _end_again(self, number: int) -> None:
         self.robot.finish(number, SUCCEEDED, PLACES[0])
 
-    def look(self, value: int) -> None:
+    def check(self, value: int) -> None:
         pose, ghost = PLACES[value % len(PLACES)], PLACES[value // 16 % len(PLACES)]
         ghost = ghost if value & 1 else (99.0, 99.0)
         self.simulator.at(self.step, pose, ghost)
         self.time_out()
-        self.simulator.look()
-        self.robot.look(pose, [ghost])
+        self.simulator.check()
+        self.robot.check(pose, [ghost])
 
     def time_out(self) -> None:
         """A goal without an answer is given up by the next look."""

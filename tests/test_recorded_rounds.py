@@ -47,7 +47,7 @@ class Recorded:
         for i in self._running:
             if self.batch.games["tick"][i] > self._before["tick"][i]:
                 g = self.batch.games[i]
-                self._note(i, (int(g["step"]), "look", None), self.batch.obstacles[i], int(g["pursued"]))
+                self._note(i, (int(g["step"]), "check", None), self.batch.obstacles[i], int(g["pursued"]))
 
     def _remember(self) -> None:
         self._before, self._ghosts = self.batch.games.copy(), self.batch.obstacles.copy()
@@ -66,7 +66,7 @@ class Recorded:
             if k == 0:
                 self._note(i, (step, "choose", int(self.batch.arrays["choices"][i])), self._ghosts[i], pursued)
             elif k % self._check_steps == 0:
-                self._note(i, (step, "look", None), self._ghosts[i], pursued)
+                self._note(i, (step, "check", None), self._ghosts[i], pursued)
             if ended:
                 result = ended, bool(after["nav_next"] >= 0)
                 self._note(i, (step + 1, "result", result), self.batch.obstacles[i], int(after["pursued"]))
@@ -114,7 +114,7 @@ def play_again(
             if numbers:
                 robot.finish(numbers[-1], status, at)
         else:
-            robot.look(at, ghosts)
+            robot.check(at, ghosts)
         if robot.end == RUNNING and pursued is not None:
             assert robot.executor.sent.pursued == pursued, (step, kind, value)
     return robot

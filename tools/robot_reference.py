@@ -27,9 +27,9 @@ from tools.common import ROOT, add_check, table, update
 PAGE = ROOT / "docs" / "robot_reference.md"
 INTRO = """# Robot reference: nodes, topics, parameters
 
-Written by `scripts/robot_reference` from the nodes themselves; [robot.md](robot.md) says how they are used. All names
+Written by `scripts/robot_reference` from the nodes themselves; [robot.md](robot.md) shows how they are used. All names
 are relative, so that the robot's namespace applies (`/robot_15/game_state`); parameters are given as
-`--ros-args -p NAME:=VALUE`, and are read once, at the start, where their meaning says nothing else.
+`--ros-args -p NAME:=VALUE`, and are read once, at the start, unless their meaning is otherwise.
 """
 _EVERY_NODE_HAS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 _OWN = ("rcl_interfaces/", "type_description_interfaces/", "lifecycle_msgs/", "rosgraph_msgs/")  # of ROS itself

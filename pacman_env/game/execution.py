@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from ..config import Config
 
-NO_CHOICE, CHOICE, RESULT, LOOK = -1, 0, 1, 2  # events; as a value, NO_CHOICE is hold
+NO_CHOICE, CHOICE, RESULT, CHECK = -1, 0, 1, 2  # events; as a value, NO_CHOICE is hold
 KEEP, SEND, CANCEL = 0, 1, 2  # what is to be done with Nav2's goal
 REJECTED, SUCCEEDED, CANCELED, ABORTED = -1, 4, 5, 6  # action_msgs/GoalStatus; REJECTED: Nav2 did not accept it
 RUNNING, DEAD, COMPLETE, CLEARED, TIMEOUT = 0, 1, 2, 3, 4  # CLEARED: no pellet left, but some were lost
@@ -83,7 +83,7 @@ def transition(s, event, value, at, now, navigating, board, p):  # type: ignore[
 
     Args:
         s: the record, see :class:`Execution`.
-        event: ``CHOICE`` of a candidate, ``RESULT`` of the goal pursued, ``LOOK`` at pellets and ghosts.
+        event: ``CHOICE`` of a candidate, ``RESULT`` of the goal pursued, ``CHECK`` of pellets and ghosts.
         value: the candidate chosen or ``NO_CHOICE``; the status of the result.
         at: (x, y), m, where the robot believes to be; of a result, where Nav2 has left it.
         now: time.
@@ -97,7 +97,7 @@ def transition(s, event, value, at, now, navigating, board, p):  # type: ignore[
         return _choose(s, value, at, now, navigating, board.goal_xy, p)
     if event == RESULT:
         return _conclude(s, value, at, now, board, p)
-    return _look(s, at, board, p)
+    return _check(s, at, board, p)
 
 
 def _choose(s, chosen, at, now, navigating, goal_xy, p):  # type: ignore[no-untyped-def]
@@ -159,7 +159,7 @@ def _conclude(s, status, at, now, board, p):  # type: ignore[no-untyped-def]
     return KEEP
 
 
-def _look(s, at, board, p):  # type: ignore[no-untyped-def]
+def _check(s, at, board, p):  # type: ignore[no-untyped-def]
     """In the order of Algorithm 4: the last pellet, collected in a ghost's reach, completes the round."""
     x, y = at
     goal_xy, ghost_xy = board.goal_xy, board.ghost_xy

@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterable, Sequence
 
 from ..config import Config
-from .execution import CANCEL, CHOICE, DEAD, LOOK, NO_CHOICE, REJECTED, RESULT, RUNNING, SEND, SUCCEEDED, within
+from .execution import CANCEL, CHECK, CHOICE, DEAD, NO_CHOICE, REJECTED, RESULT, RUNNING, SEND, SUCCEEDED, within
 from .ghosts import GHOST_NAMES
 from .goals import HOME, ExecutorAction, Goals, Place, Position, SentGoals
 from .robot_round import RobotRound
@@ -102,12 +102,12 @@ class GoalExecutor:
 
     # What the robot does
 
-    def look(self, pose: Position | None, ghosts: Sequence[Position], now: float) -> list[ExecutorAction]:
+    def check(self, pose: Position | None, ghosts: Sequence[Position], now: float) -> list[ExecutorAction]:
         """Pick-up, completion and death on the believed pose; positions in m, None if unknown."""
         self.pose = pose or self.pose
         if pose is None or not self.playing:
             return self._continue(now)
-        action, actions = self._step(LOOK, 0, pose, now, ghosts)
+        action, actions = self._step(CHECK, 0, pose, now, ghosts)
         if self.round.record.end == DEAD:
             self.task = "none"
             killed = ExecutorAction("event", f"{GHOST_NAMES[self.round.record.catcher]} killed")

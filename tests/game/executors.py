@@ -38,13 +38,13 @@ def running(goals: Goals = GOALS, shown: Iterable[int] | None = None, **options:
     executor.command("enable", 0.0)
     executor.state("running", 0.0)
     executor.pellets(goals.positions if shown is None else shown, 0, 0.0)
-    executor.look((0.0, 0.0), (), 0.0)
+    executor.check((0.0, 0.0), (), 0.0)
     return executor
 
 
 def homing(pose: tuple[float, float] = (4.0, 0.0)) -> GoalExecutor:
     executor = running()
-    executor.look(pose, (), 0.0)
+    executor.check(pose, (), 0.0)
     executor.command("disable", 1.0)
     executor.command("return_home", 1.0)
     return executor

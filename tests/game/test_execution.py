@@ -13,12 +13,12 @@ from pacman_env.game.execution import (
     ABORTED,
     CANCEL,
     CANCELED,
+    CHECK,
     CHOICE,
     CLEARED,
     COMPLETE,
     DEAD,
     KEEP,
-    LOOK,
     NO_CHOICE,
     REJECTED,
     RESULT,
@@ -162,10 +162,10 @@ def test_who_takes_the_last_pellet_in_a_ghosts_reach_has_completed_the_round() -
     game = Round()
     game.left[1:] = False
     game.record.collected = PELLETS - 1
-    assert game.step(LOOK, at=(0.2, 0.0), ghosts=((9.0, 9.0), (0.2, 0.1))) == CANCEL
+    assert game.step(CHECK, at=(0.2, 0.0), ghosts=((9.0, 9.0), (0.2, 0.1))) == CANCEL
     assert (game.record.end, game.record.collected) == (COMPLETE, PELLETS)
     game = Round()
-    assert game.step(LOOK, at=(0.2, 0.0), ghosts=((9.0, 9.0), (0.2, 0.1))) == CANCEL
+    assert game.step(CHECK, at=(0.2, 0.0), ghosts=((9.0, 9.0), (0.2, 0.1))) == CANCEL
     assert (game.record.end, game.record.collected, game.record.catcher) == (DEAD, 1, 1)
     assert game.step(CHOICE, 3) == KEEP  # nothing happens any more
     assert game.record.pursued == NO_CHOICE
@@ -183,9 +183,9 @@ def test_a_goal_goes_on_after_its_pellet_was_picked_up_and_is_cancelled_as_built
     for execution, expected in (("robust", KEEP), ("as_built", CANCEL)):
         game = Round(execution)
         game.record.pursued = 2
-        assert game.step(LOOK, at=(3.1, 0.0)) == KEEP  # another
+        assert game.step(CHECK, at=(3.1, 0.0)) == KEEP  # another
         assert game.record.pursued == 2
-        assert game.step(LOOK, at=(2.1, 0.0)) == expected
+        assert game.step(CHECK, at=(2.1, 0.0)) == expected
         assert game.record.pursued == NO_CHOICE
 
 

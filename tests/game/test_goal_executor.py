@@ -64,7 +64,7 @@ def test_the_dwell_time_does_not_delay_what_follows_a_goal_that_has_ended() -> N
     executor = running(min_dwell_s=10.0)
     executor.choose(NEAR, 0.0)
     executor.sent.accepted(1, 0.1)
-    executor.look((0.9, 0.0), (), 0.2)
+    executor.check((0.9, 0.0), (), 0.2)
     assert words(executor.choose(FAR, 0.2)) == ["send 2"]
 
 
@@ -72,7 +72,7 @@ def test_a_refuge_where_the_robot_waits_is_not_sent_again() -> None:
     executor = running()
     executor.choose(REFUGE, 0.0)
     executor.sent.accepted(1, 0.1)
-    executor.look((0.0, 2.8), (), 5.0)
+    executor.check((0.0, 2.8), (), 5.0)
     assert executor.finished(1, SUCCEEDED, 5.0) == []
     assert executor.choose(REFUGE, 5.5) == []
     assert words(executor.choose(NEAR, 6.0)) == ["send 2"]
@@ -87,19 +87,19 @@ def test_a_success_near_the_pellet_collects_it_once(x: float) -> None:
     executor = running()
     executor.choose(NEAR, 0.0)
     executor.sent.accepted(1, 0.1)
-    executor.look((x, 0.0), (), 4.0)
+    executor.check((x, 0.0), (), 4.0)
     assert words(executor.finished(1, SUCCEEDED, 4.0)) == ["status pellet_collected:10", "remove 10"]
-    assert executor.look((0.8, 0.0), (), 4.1) == []
+    assert executor.check((0.8, 0.0), (), 4.1) == []
     executor.pellets(PELLETS, 0, 4.2)  # on its way since before
     assert executor.round.left == {11: PELLETS[11]}
-    assert executor.look((0.9, 0.0), (), 4.3) == []
+    assert executor.check((0.9, 0.0), (), 4.3) == []
 
 
 def test_a_success_far_from_the_pellet_makes_it_wait() -> None:
     executor = running()
     executor.choose(NEAR, 0.0)
     executor.sent.accepted(1, 0.1)
-    executor.look((0.5, 0.4), (), 4.0)
+    executor.check((0.5, 0.4), (), 4.0)
     assert executor.finished(1, SUCCEEDED, 4.0) == []
     assert executor.round.masked(4.0) == {0}
     assert 10 in executor.round.left
@@ -138,7 +138,7 @@ def test_a_new_round_forgets_what_failed_and_what_was_collected() -> None:
     executor = running()
     executor.choose(NEAR, 0.0)
     executor.rejected(1, 0.1)
-    executor.look((5.0, 0.0), (), 0.2)
+    executor.check((5.0, 0.0), (), 0.2)
     executor.command("reset_round", 0.3)
     assert executor.round.masked(0.3) == set()
     executor.pellets(PELLETS, 0, 0.4)
@@ -148,9 +148,9 @@ def test_a_new_round_forgets_what_failed_and_what_was_collected() -> None:
 def test_a_goal_without_an_answer_is_given_up() -> None:
     executor = running()
     executor.choose(NEAR, 0.0)
-    executor.look((0.0, 0.0), (), 4.9)
+    executor.check((0.0, 0.0), (), 4.9)
     assert executor.sent.pursued == 0
-    executor.look((0.0, 0.0), (), 5.0)
+    executor.check((0.0, 0.0), (), 5.0)
     assert executor.sent.pursued == -1
     assert executor.round.masked(5.0) == {0}
     assert words(executor.sent.accepted(1, 6.0)) == ["cancel 1"]
@@ -160,21 +160,21 @@ def test_a_goal_without_an_answer_is_cancelled_after_the_end_all_the_same() -> N
     executor = running()
     executor.choose(NEAR, 0.0)
     assert words(executor.command("disable", 4.0)) == ["stop"]
-    assert words(executor.look(None, (), 4.9)) == []
-    assert words(executor.look(None, (), 5.0)) == ["cancel 1"]
-    assert words(executor.look(None, (), 9.9)) == []
-    assert words(executor.look(None, (), 10.0)) == ["cancel 1"]
+    assert words(executor.check(None, (), 4.9)) == []
+    assert words(executor.check(None, (), 5.0)) == ["cancel 1"]
+    assert words(executor.check(None, (), 9.9)) == []
+    assert words(executor.check(None, (), 10.0)) == ["cancel 1"]
     executor.finished(1, CANCELED, 10.1)
-    assert words(executor.look(None, (), 16.0)) == []
+    assert words(executor.check(None, (), 16.0)) == []
 
 
 def test_a_goal_that_was_lost_on_the_way_stops_nobody_from_choosing() -> None:
     executor = running()
     executor.choose(NEAR, 0.0)
-    assert words(executor.look((0.0, 0.0), (), 5.0)) == []
-    assert words(executor.look((0.0, 0.0), (), 5.1)) == ["cancel 1"]
+    assert words(executor.check((0.0, 0.0), (), 5.0)) == []
+    assert words(executor.check((0.0, 0.0), (), 5.1)) == ["cancel 1"]
     assert not executor.wants_choice(5.9)  # was it taken up after all, its end would take the next one along
-    assert words(executor.look((0.0, 0.0), (), 6.2)) == []
+    assert words(executor.check((0.0, 0.0), (), 6.2)) == []
     assert executor.wants_choice(6.2)
     assert words(executor.choose(FAR, 6.2)) == ["send 2"]
 
@@ -201,7 +201,7 @@ def test_a_goal_accepted_after_the_end_is_cancelled_at_once(how: str) -> None:
         "disable": lambda: executor.command("disable", 0.1),
         "menu": lambda: executor.state("menu", 0.1),
         "deactivate": lambda: executor.deactivate(0.1),
-        "death": lambda: executor.look((0.0, 0.0), [(0.1, 0.0)], 0.1),
+        "death": lambda: executor.check((0.0, 0.0), [(0.1, 0.0)], 0.1),
     }[how]
     assert words(end())[-1] == "stop"
     assert words(executor.sent.accepted(1, 0.2)) == ["cancel 1"]
@@ -244,7 +244,7 @@ def test_nothing_is_driven_in_the_menu_or_before_the_state_is_known(state: str |
         executor.state(state, 0.0)
     for word in ("enable", "return_home", "enable"):
         assert not [a for a in executor.command(word, 1.0) if a.kind == "send"]
-        assert not [a for a in executor.look((0.0, 0.0), (), 1.0) if a.kind == "send"]
+        assert not [a for a in executor.check((0.0, 0.0), (), 1.0) if a.kind == "send"]
         assert not executor.wants_choice(1.0)
         assert executor.choose(NEAR, 1.0) == []
 
@@ -269,17 +269,17 @@ def test_nav2_that_is_back_after_the_end_is_told_to_cancel_again() -> None:
     executor.sent.accepted(1, 0.1)
     executor.nav2(False, 1.0)
     assert words(executor.command("disable", 1.1)) == ["cancel 1", "stop"]
-    assert executor.look((0.0, 0.0), (), 2.5) == []
+    assert executor.check((0.0, 0.0), (), 2.5) == []
     assert words(executor.nav2(True, 3.0)) == ["cancel 1"]
-    assert executor.look((0.0, 0.0), (), 3.5) == []
-    assert words(executor.look((0.0, 0.0), (), 4.0)) == ["cancel 1"]
+    assert executor.check((0.0, 0.0), (), 3.5) == []
+    assert words(executor.check((0.0, 0.0), (), 4.0)) == ["cancel 1"]
     executor.finished(1, CANCELED, 4.1)
-    assert executor.look((0.0, 0.0), (), 5.5) == []
+    assert executor.check((0.0, 0.0), (), 5.5) == []
 
 
 def test_a_burst_of_commands_loses_none() -> None:
     executor = running()
-    executor.look((1.0, 0.0), (), 0.0)
+    executor.check((1.0, 0.0), (), 0.0)
     for word in ("disable", "reset_round", "return_home", "disable", "enable"):
         executor.command(word, 1.0)
     assert executor.playing
@@ -297,7 +297,7 @@ def test_a_new_start_acts_on_what_the_old_commands_come_to_and_on_nothing_on_the
 ) -> None:
     executor = make_executor(home_place(0.0, 0.0, 0.0))
     executor.nav2(True, 0.0)
-    executor.look((4.0, 0.0), (), 0.0)
+    executor.check((4.0, 0.0), (), 0.0)
     for word in ("disable", "reset_round", "return_home", "enable", "disable", "return_home", last):
         assert executor.command(word, 0.0) == []
     assert executor.state(state, 0.1) == []

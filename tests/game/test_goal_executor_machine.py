@@ -30,7 +30,7 @@ class Nav2(RuleBasedStateMachine):
         self.last = 0
         self.there = False
         self.died = False
-        self.do(self.executor.look(self.pose, None, 0.0))
+        self.do(self.executor.check(self.pose, None, 0.0))
 
     def may_drive(self) -> bool:
         state = {"enable": "running", "return_home": "returning_home"}.get(self.task)
@@ -97,7 +97,7 @@ class Nav2(RuleBasedStateMachine):
     @rule(x=st.sampled_from([0.0, 0.9, 3.0, 4.9]), clyde=st.sampled_from([None, None, (0.9, 0.1), (9.0, 9.0)]))
     def robot_moves(self, x: float, clyde: tuple[float, float] | None) -> None:
         self.pose = (x, 0.0)
-        self.do(self.executor.look(self.pose, [] if clyde is None else [clyde], self.now))
+        self.do(self.executor.check(self.pose, [] if clyde is None else [clyde], self.now))
 
     @rule(spot=st.sampled_from([None, NEAR, FAR, REFUGE]))
     def policy_chooses(self, spot: Place | None) -> None:

@@ -14,7 +14,7 @@ from tests.game.executors import FAR, NEAR, PELLETS, homing, running, words
 def test_pellets_within_the_radius_are_collected_whichever_is_pursued() -> None:
     executor = running()
     executor.choose(FAR, 0.0)
-    actions = executor.look((0.8, 0.1), (), 1.0)
+    actions = executor.check((0.8, 0.1), (), 1.0)
     assert words(actions) == ["status pellet_collected:10", "remove 10"]
     assert executor.sent.pursued == 1
 
@@ -23,7 +23,7 @@ def test_death_names_the_ghost_reports_and_stops_in_the_order_of_the_recorded_ga
     executor = running()
     executor.choose(NEAR, 0.0)
     executor.sent.accepted(1, 0.1)
-    actions = executor.look((0.9, 0.0), [(1.1, 0.1)], 1.0)
+    actions = executor.check((0.9, 0.0), [(1.1, 0.1)], 1.0)
     assert words(actions) == [
         "status pellet_collected:10",
         "remove 10",
@@ -32,14 +32,14 @@ def test_death_names_the_ghost_reports_and_stops_in_the_order_of_the_recorded_ga
         "cancel 1",
         "stop",
     ]
-    assert executor.look((0.9, 0.0), [(0.9, 0.0)], 1.5) == []
+    assert executor.check((0.9, 0.0), [(0.9, 0.0)], 1.5) == []
     assert executor.choose(FAR, 1.5) == []
 
 
 def test_nobody_dies_or_collects_outside_a_round() -> None:
     executor = running()
     executor.state("starting", 0.0)
-    assert executor.look((1.0, 0.0), [(1.0, 0.0)], 0.1) == []
+    assert executor.check((1.0, 0.0), [(1.0, 0.0)], 0.1) == []
 
 
 def test_a_round_is_complete_when_only_pellets_out_of_reach_are_left() -> None:
@@ -82,13 +82,13 @@ def test_a_pellet_that_reports_do_not_show_for_two_seconds_has_been_taken_by_som
 
 def test_alternating_empty_reports_end_no_round() -> None:
     executor = running()
-    executor.look((1.0, 0.0), (), 1.0)  # one of the two is collected
+    executor.check((1.0, 0.0), (), 1.0)  # one of the two is collected
     left = {11: PELLETS[11]}
     said = []
     for step in range(60):
         now = 1.0 + 0.5 * step
         said += words(executor.pellets(left if step % 2 else {}, 0, now))
-        said += words(executor.look((2.0, 0.0), (), now + 0.2))
+        said += words(executor.check((2.0, 0.0), (), now + 0.2))
         assert executor.round.left == left
     assert not [word for word in said if word.startswith("status")]
 
@@ -96,8 +96,8 @@ def test_alternating_empty_reports_end_no_round() -> None:
 def test_an_end_comes_after_the_pellets_that_nobody_has_counted() -> None:
     executor = running()
     executor.statuses.counted(0)
-    executor.look((1.0, 0.0), (), 1.0)
-    assert words(executor.look((3.0, 0.0), [(3.0, 0.0)], 2.0))[:3] == [
+    executor.check((1.0, 0.0), (), 1.0)
+    assert words(executor.check((3.0, 0.0), [(3.0, 0.0)], 2.0))[:3] == [
         *("event clyde killed", "status pellet_collected:10", "status death_detected"),
     ]
 
@@ -120,9 +120,9 @@ def test_the_way_home_begins_with_the_state_and_ends_with_one_report() -> None:
     assert [(a.kind, a.place) for a in actions] == [("send", home_place(0.0, 0.0, 0.0))]
     assert executor.sent.pursued == HOME
     executor.sent.accepted(1, 1.2)
-    executor.look((0.2, 0.1), (), 20.0)
+    executor.check((0.2, 0.1), (), 20.0)
     assert words(executor.finished(1, SUCCEEDED, 20.0)) == ["status home_reached"]
-    assert executor.look((0.2, 0.1), (), 20.5) == []
+    assert executor.check((0.2, 0.1), (), 20.5) == []
 
 
 def test_a_robot_that_is_home_reports_without_driving() -> None:
@@ -152,9 +152,9 @@ def test_a_success_far_from_home_waits_for_a_newer_pose(later: tuple[float, floa
     executor.state("returning_home", 1.1)
     executor.sent.accepted(1, 1.2)
     assert executor.finished(1, SUCCEEDED, 9.0, at=(1.0, 0.0)) == []
-    assert executor.look((1.0, 0.0), (), 9.5) == []
-    assert words(executor.look(later, (), 11.0)) == reports
-    assert executor.look(later, (), 12.0) == []
+    assert executor.check((1.0, 0.0), (), 9.5) == []
+    assert words(executor.check(later, (), 11.0)) == reports
+    assert executor.check(later, (), 12.0) == []
 
 
 def test_a_rejected_way_home_has_failed_and_is_tried_again_when_told_so() -> None:
@@ -166,7 +166,7 @@ def test_a_rejected_way_home_has_failed_and_is_tried_again_when_told_so() -> Non
 
 def test_the_way_home_waits_for_the_end_of_a_cancelled_goal() -> None:
     executor = running()
-    executor.look((3.0, 0.0), (), 0.0)
+    executor.check((3.0, 0.0), (), 0.0)
     executor.choose(FAR, 0.0)
     executor.sent.accepted(1, 0.1)
     assert words(executor.command("disable", 1.0)) == ["cancel 1", "stop"]
@@ -179,7 +179,7 @@ def test_the_way_home_waits_for_nav2_and_fails_without_it() -> None:
     executor = homing()
     executor.nav2(False, 1.0)
     assert executor.state("returning_home", 1.1) == []
-    assert executor.look((4.0, 0.0), (), 5.0) == []
-    assert words(executor.look((4.0, 0.0), (), 11.1)) == ["status home_failed"]
+    assert executor.check((4.0, 0.0), (), 5.0) == []
+    assert words(executor.check((4.0, 0.0), (), 11.1)) == ["status home_failed"]
     executor.command("return_home", 16.0)
     assert words(executor.nav2(True, 17.0)) == ["send 1"]

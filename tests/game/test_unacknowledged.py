@@ -17,12 +17,12 @@ def repeated(executor: GoalExecutor) -> list[str]:
 def test_a_pellet_that_is_not_counted_is_reported_again_and_one_that_is_counted_is_not() -> None:
     executor = running()
     executor.statuses.counted(3)  # by an executing side before this one
-    executor.look((1.0, 0.0), (), 1.0)
+    executor.check((1.0, 0.0), (), 1.0)
     assert executor.statuses.open() == []
     assert executor.statuses.open() == ["pellet_collected:10"]
     executor.statuses.counted(3)  # the referee is back, and says what he remembers
     assert executor.statuses.open() == ["pellet_collected:10"]
-    executor.look((5.0, 0.0), (), 2.0)
+    executor.check((5.0, 0.0), (), 2.0)
     executor.statuses.counted(4)
     assert repeated(executor) == ["pellet_collected:10", "pellet_collected:11"]
     executor.statuses.counted(5)
@@ -31,7 +31,7 @@ def test_a_pellet_that_is_not_counted_is_reported_again_and_one_that_is_counted_
 
 def test_nothing_is_reported_again_to_a_game_that_does_not_count_or_has_gone_on() -> None:
     executor = running()
-    executor.look((1.0, 0.0), (), 1.0)
+    executor.check((1.0, 0.0), (), 1.0)
     assert repeated(executor) == []
     executor.statuses.counted(0)
     assert repeated(executor) == ["pellet_collected:10"]
@@ -44,14 +44,14 @@ def test_counting_begins_again_with_the_round() -> None:
     executor.statuses.counted(8)  # of the round before: the new count comes a little later
     executor.command("reset_round", 1.0)
     executor.statuses.counted(0)
-    executor.look((1.0, 0.0), (), 2.0)
+    executor.check((1.0, 0.0), (), 2.0)
     executor.statuses.counted(1)
     assert repeated(executor) == []
 
 
 def test_a_death_that_the_referee_did_not_hear_of_stays_one_and_is_reported_again() -> None:
     executor = running()
-    executor.look((0.0, 0.0), [(0.1, 0.0)], 1.0)
+    executor.check((0.0, 0.0), [(0.1, 0.0)], 1.0)
     assert executor.command("enable", 5.0) == []  # a referee who goes on where he remembers to have been
     assert executor.state("running", 5.0) == []
     assert executor.choose(NEAR, 5.5) == []
@@ -67,7 +67,7 @@ def test_the_end_of_the_way_home_is_reported_until_the_game_goes_on(pose: tuple[
     executor = homing(pose)
     executor.nav2(False, 1.0)
     executor.state("returning_home", 1.1)
-    executor.look(pose, (), 20.0)
+    executor.check(pose, (), 20.0)
     report = "home_reached" if pose[0] < 1 else "home_failed"
     assert repeated(executor) == [report]
     assert words(executor.command("return_home", 21.0)) == ([f"status {report}"] if pose[0] < 1 else [])
@@ -78,9 +78,9 @@ def test_the_end_of_the_way_home_is_reported_until_the_game_goes_on(pose: tuple[
 def test_the_last_pellet_is_reported_again_before_the_end_of_the_round() -> None:
     executor = running()
     executor.statuses.counted(0)
-    executor.look((1.0, 0.0), (), 1.0)
+    executor.check((1.0, 0.0), (), 1.0)
     executor.statuses.counted(1)
-    executor.look((5.0, 0.0), (), 2.0)
+    executor.check((5.0, 0.0), (), 2.0)
     executor.pellets({}, 0, 3.0)
     assert words(executor.pellets({}, 0, 5.0)) == ["status pellet_collected:11", "status game_complete"]
     assert executor.command("enable", 6.0) == []

@@ -34,7 +34,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         LifecycleNodeMixin.__init__(self)
         text = "the policy: a name of the registry or an .onnx file; may be changed while the game is in menu"
         self.declare_parameter("policy", "ppo", ParameterDescriptor(description=text))
-        text = "home pose x, y, heading (m, m, rad); not set: the first pose in menu, or what initialpose says there"
+        text = "home pose x, y, heading (m, m, rad); not set: the first pose in menu, or the pose of initialpose there"
         descriptor = ParameterDescriptor(description=text, read_only=True)
         self._home = self.declare_parameter("home", Parameter.Type.DOUBLE_ARRAY, descriptor).value
         self._rate = parameter(self, "diagnostics_rate", 1.0, "diagnostics messages per second", 0.1, 10.0)

@@ -141,7 +141,7 @@ class Selection:
         """
         began = self._perf_counter()
         belief = self._believe(now)
-        do(self.executor.look(None if belief is None else belief.pose[:2], self.view.ghosts, now))
+        do(self.executor.check(None if belief is None else belief.pose[:2], self.view.ghosts, now))
         self.decision = None
         if belief is None or not self.executor.wants_choice(now):
             return

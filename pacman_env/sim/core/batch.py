@@ -193,7 +193,7 @@ class GameBatch(GameState):
         self,
         actions: NDArray[Any],
         ghost_choices: NDArray[np.int64] | None = None,
-        who: NDArray[np.bool_] | None = None,
+        played: NDArray[np.bool_] | None = None,
     ) -> None:
         """One tick and the physics steps until the next; games that have ended stand still.
 
@@ -204,7 +204,7 @@ class GameBatch(GameState):
                 (N, 2) float64, v in m/s and omega in rad/s.
             ghost_choices: (N, G) int64, for ghosts sent by a policy: the candidate whose place to go to, or the last
                 one to wander on; None: all wander on.
-            who: (N,) only these games are played; None: all. What the others' last tick brought stays as it is.
+            played: (N,) only these games are stepped; None: all. The results of the others' last tick stay.
 
         Raises ValueError for an invalid action or choice, and changes nothing.
         """
@@ -213,8 +213,8 @@ class GameBatch(GameState):
         if self.config.endless:
             self.completed_s.fill(0.0)
         self._awake.fill(ticks.ONE_TICK)
-        if who is not None:
-            self._awake[~who] = ticks.ASLEEP
+        if played is not None:
+            self._awake[~played] = ticks.ASLEEP
         self._advance()
         self._follow_completed_rounds()
 
@@ -241,19 +241,19 @@ class GameBatch(GameState):
         actions: NDArray[Any],
         forbidden: NDArray[np.bool_],
         choose_for_ghosts: Callable[[], NDArray[np.int64] | None] | None = None,
-        who: NDArray[np.bool_] | None = None,
+        played: NDArray[np.bool_] | None = None,
     ) -> None:
         """Ticks in each game until the next decision is due in it; a game that waits for the others stands still.
 
         After a choice that is ``forbidden`` (N,), the next is due after a tick. ``reward`` is the sum of the ticks',
         discounted by the time since the decision, which is ``elapsed_s`` in the end. ``choose_for_ghosts`` is asked
-        before each tick. Only the games ``who`` (N,) are played; None: all. Raises ValueError as :meth:`step` does.
+        before each tick. Only the games ``played`` (N,) are stepped; None: all. Raises ValueError as :meth:`step` does.
         """
         self._set_actions(actions)
         self._ghosts.send(None)
         self._awake[:] = np.where(forbidden, ticks.ONE_TICK, ticks.UNTIL_DUE)
-        if who is not None:
-            self._awake[~who] = ticks.ASLEEP
+        if played is not None:
+            self._awake[~played] = ticks.ASLEEP
         self.completed_s.fill(0.0)
         by_ticks = choose_for_ghosts is not None or self.after_physics_step is not None
         fresh = True

@@ -10,9 +10,9 @@ from ...engine.jit import kernel
 from ...game.decisions import decision_due
 from ...game.execution import (
     CANCEL,
+    CHECK,
     CHOICE,
     COMPLETE,
-    LOOK,
     NO_CHOICE,
     RESULT,
     RUNNING,
@@ -218,7 +218,7 @@ def observe(a, i):  # type: ignore[no-untyped-def]
     g = a.games[i]
     sense(g, a.parameters[0])
     bx, by, _ = believed(g, a.parameters[0].use_tf)
-    follow(a, i, np.int64(LOOK), np.int64(0), bx, by)
+    follow(a, i, np.int64(CHECK), np.int64(0), bx, by)
     return _goes_on(a, i)
 
 

@@ -21,7 +21,7 @@ def in_the_simulator(settings: list[str]) -> tuple[bool, bool, bool]:
     config = make_config("robot", **parse_settings(settings))
     side = SimulatorSide(config, np.array([[0.0, 0.0], [5.0, 0.0], [9.0, 9.0]]), np.array([[3.0, 3.0]]))
     side.at(10, (PICKUP_M, 0.0))
-    side.look()
+    side.check()
     collected = not side.alive[0, 0]
     side.at(20, (5.0 + SUCCESS_M, 0.0))
     side.choose(1)
@@ -29,7 +29,7 @@ def in_the_simulator(settings: list[str]) -> tuple[bool, bool, bool]:
     side.result(SUCCEEDED)
     counted = not side.alive[0, 1]
     side.at(30, (7.0, 7.0), ghost=(7.0 + DEATH_M, 7.0))
-    side.look()
+    side.check()
     return collected, side.seen()["end"] == DEAD, counted
 
 

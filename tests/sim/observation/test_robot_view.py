@@ -53,7 +53,7 @@ class Robot:
         self.live.begin()
         self.seen_updates = -1
 
-    def look(self) -> Situation:
+    def situation(self) -> Situation:
         game, config = self.batch.games[0], self.batch.config
         self.live.clyde_speed_mps = float(game["clyde_speed"])
         steps = round(config.clyde.update_period_s / config.physics_step_s)
@@ -111,7 +111,7 @@ def play(source: str, seed: int, policies: list[Policy], ticks: int, **changes: 
     for _ in range(ticks):
         if batch.games[0]["end"] != RUNNING:
             break
-        simulators, robots = batch.situation(), robot.look()
+        simulators, robots = batch.situation(), robot.situation()
         assert not differences(robots, simulators, batch.assets.clyde.resolution), f"tick {batch.games[0]['tick']}"
         choices = []
         for policy in policies:
@@ -194,7 +194,7 @@ def test_a_clyde_put_elsewhere_has_no_velocity_and_a_repeated_message_changes_no
     assert game.ghosts == [(here[0] + 3.0, here[1])]
 
 
-def test_the_closing_speed_is_that_of_the_time_passed_and_kept_at_a_second_look() -> None:
+def test_the_closing_speed_is_that_of_the_time_passed_and_kept_at_a_second_situation() -> None:
     game = RobotView(house().assets, config_of())
     game.see_ghost(0, 2.0, 0.0, 0)
     looks = [(0.0, 0.0), (0.5, 0.1), (0.6, 0.12), (1.0, 0.15), (0.2, 0.2)]

@@ -103,7 +103,7 @@ FRESH_S = 1.0  # of a transform; the goal selector's pose_timeout_s
 LIDAR_FRAME = "rplidar_link"  # of the TurtleBot 4, as long as no scan names another
 _LARGEST_MAP = 100_000_000  # cells
 _FRAMES = 1000
-_ESTIMATE = 'give the initial pose: RViz, "2D Pose Estimate", click where it stands, drag to where it looks'
+_ESTIMATE = 'give the initial pose: RViz, "2D Pose Estimate", click where it stands, drag to where it faces'
 _CELLS = {None: "off the map", 100: "in a wall", -1: "where the map knows nothing"}
 
 
