@@ -41,7 +41,7 @@ waited.
 Not compared: the games, the physics, what is observed and how long a decision lasts differ, as listed above, and with
 them the work in a decision. Simulated seconds are no common measure either: one of an emulated console, one of discs in
 the plane and one of a robot with its navigation have little in common. EnvPool's asynchronous mode and VMAS on a
-graphics processor, where they are fastest, are not measured. Speed says nothing about what an environment is worth."""
+graphics processor, where they are fastest, are not measured. Speed is no measure of an environment's quality."""
 
 
 class PeerError(Exception):

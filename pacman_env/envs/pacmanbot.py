@@ -23,7 +23,7 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     A TurtleBot 4 plays one round of Pac-Man on its SLAM map. Virtual pellets lie on the map, a virtual ghost, Clyde,
     wanders there. At every decision (0.5 s) the agent names the goal that the robot's navigator drives to; physics
     (pymunk, 20 Hz), navigation (a stand-in for Nav2) and localization (AMCL's belief) do the rest. Naming the goal
-    already pursued means "go on". There can be up to four ghosts, other kinds of observation and action, rounds
+    already pursued continues it. There can be up to four ghosts, other kinds of observation and action, rounds
     without end, and a new house for every episode: see the arguments. `docs/environments/pacmanbot.md` has examples.
 
     ## Action Space
@@ -50,10 +50,10 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     | Key | Shape | Columns |
     |---|---|---|
     | `robot` | (7,) | x, y (m), cos and sin of the heading, v (m/s), omega (rad/s), age of the pose (s) |
-    | `clyde` | (7,) | forward, left (m, robot frame), velocity forward, left (m/s), straight distance (m), closing speed (m/s), his speed in this round (m/s) |
+    | `clyde` | (7,) | forward, left (m, robot frame), velocity forward, left (m/s), straight distance (m), closing speed (m/s), its speed in this round (m/s) |
     | `candidates` | (C, 10) | is pellet, is refuge, is hold, is current, forward, left (m, robot frame), straight distance (m), path length from the robot (m), straight distance from Clyde (m), path length from Clyde (m) |
     | `round` | (2,) | time (s), pellets left |
-    | `ghosts` | (G, 6) | with several ghosts, of each: forward, left (m, robot frame), velocity forward, left (m/s), straight distance (m), his speed in this round (m/s) |
+    | `ghosts` | (G, 6) | with several ghosts, of each: forward, left (m, robot frame), velocity forward, left (m/s), straight distance (m), its speed in this round (m/s) |
     | `action_mask` | (C,) | 1: may be chosen; not with velocities |
     | `scan` | (R,) | with `observation="scan"`: the lidar's ranges (m), ray 0 ahead, the others counter-clockwise |
     | `pellet_bearings` | (K, 7) | with a scan and with velocities, of each of the nearest pellets by path length: is pellet, cos and sin of the bearing, straight distance (m), path length from the robot (m), cos and sin of the way |
@@ -117,7 +117,7 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     ## Settings
     Every number of the game is one (`docs/configuration.md`). With `{"randomize.speed_mps": (0.2, 0.3)}` and its like a
     value is drawn uniformly for each episode. These change how the environment is used, as a table in
-    `docs/environments/pacmanbot.md` says in detail: `execution.rules` (the original's faults), `decisions.when` (a step
+    `docs/environments/pacmanbot.md` describes in detail: `execution.rules` (the original's faults), `decisions.when` (a step
     is a tick, or lasts until something is to be decided), `observation.candidates` (all of the map, or the nearest),
     `observation.normalize`, `observation.mask` (where the mask is), `observation.numeric_info`, `timeout` (truncation
     or termination), `action_range`, `endless`, `start_level` and `num_levels` (which of the

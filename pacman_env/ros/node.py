@@ -305,7 +305,7 @@ def _spin(node: BaseNode, stop: Stop, longest_s: float) -> None:
         while not stop.asked and node.status is None:
             executor.spin_once(timeout_sec=POLL_S)
             if standstill:
-                text = f"stood still for {standstill.longest_s:.1f} s: others may not hear it any more; to start again"
+                text = f"stood still for {standstill.longest_s:.1f} s: others may have lost it, so it ends"
                 node.get_logger().warning(text)
                 node.status = STOOD_STILL
     finally:

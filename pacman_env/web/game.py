@@ -12,7 +12,7 @@ MOST_NEWS = 100
 
 
 class Refused(ValueError):
-    """A request of a person is not carried out; the words say why, and are shown on the page."""
+    """A request of a person is refused; its text is the reason, shown on the page."""
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,7 @@ def _check_dock(robot: Observations) -> Finding:
         return robot.not_received(DOCKED)
     if docked:
         undock = f'ros2 action send_goal {robot.full("undock")} irobot_create_msgs/action/Undock "{{}}"'
-        return Finding.bad("docked, where a TurtleBot 4 stops its lidar", "undock, a metre free behind", undock)
+        return Finding.bad("docked, where a TurtleBot 4 stops its lidar", "undock, with 1 m free behind it", undock)
     return Finding.ok("undocked")
 
 
@@ -83,7 +83,7 @@ def _check_lidar(robot: Observations) -> Finding:
     ranges = f", {min(nearest_m):.2f} to {max(farthest_m):.2f} m" if share > 0 else ""
     summary = f"{rate_hz:.1f} Hz, {100 * share:.0f} % of rays return{ranges}"
     if share < FEWEST_RETURNS:
-        return Finding.bad(summary, "is something on it, or is it covered? free it")
+        return Finding.bad(summary, "the lidar may be covered: remove what is on it")
     if rate_hz < SLOWEST_SCAN_HZ and not by_clock(robot):
         remedy = f"less than {SLOWEST_SCAN_HZ:g} Hz arrive: a nearer access point, or run the game on the robot"
         return Finding.bad(summary, remedy)
@@ -103,7 +103,7 @@ FRESH_S = 1.0  # of a transform; the goal selector's pose_timeout_s
 LIDAR_FRAME = "rplidar_link"  # of the TurtleBot 4, as long as no scan names another
 _LARGEST_MAP = 100_000_000  # cells
 _FRAMES = 1000
-_ESTIMATE = 'give the initial pose: RViz, "2D Pose Estimate", click where it stands, drag to where it looks'
+_ESTIMATE = 'give the initial pose: RViz, "2D Pose Estimate", click where it stands, drag to where it faces'
 _CELLS = {None: "off the map", 100: "in a wall", -1: "where the map knows nothing"}
 
 
