@@ -27,9 +27,9 @@ from tools.common import ROOT, add_check, table, update
 PAGE = ROOT / "docs" / "robot_reference.md"
 INTRO = """# Robot reference: nodes, topics, parameters
 
-Written by `scripts/robot_reference` from the nodes themselves; [robot.md](robot.md) shows how they are used. All names
+Written by `scripts/robot_reference` from the nodes themselves; [robot.md](robot.md) describes their use. All names
 are relative, so that the robot's namespace applies (`/robot_15/game_state`); parameters are given as
-`--ros-args -p NAME:=VALUE`, and are read once, at the start, unless their meaning is otherwise.
+`--ros-args -p NAME:=VALUE`, and are read once, at the start, unless their meaning states otherwise.
 """
 _EVERY_NODE_HAS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 _OWN = ("rcl_interfaces/", "type_description_interfaces/", "lifecycle_msgs/", "rosgraph_msgs/")  # of ROS itself
@@ -126,7 +126,7 @@ def _ends(nodes: dict[str, Described]) -> str:
     recorded = {f"`{topic.name}`" for topic in RECORDED}
     topics = _rows(nodes, ("publishes", "subscribes"))
     text = "\n## Topics\n\nA topic without a sender or receiver here belongs to Nav2, AMCL, the base or RViz. "
-    text += "Of a latched topic of depth 1 a listener keeps the last 10.\n\n"
+    text += "Of a latched topic of depth 1 a subscription stores the last 10.\n\n"
     text += table(
         ("Topic", "Type", "QoS", "From", "To", "Recorded"),
         ([*row, "yes" if row[0] in recorded else ""] for row in topics),

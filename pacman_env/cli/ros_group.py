@@ -17,7 +17,7 @@ ASKING = {
     "start": "begin a round of the game that is up",
     "reset": "break off whatever goes on: back to the menu",
     "stop": "the robot stands at once, and stays so whatever the game wants",
-    "release": "after a stop: let the robot go on",
+    "release": "after a stop: release the robot",
     "status": "how the game stands",
 }
 

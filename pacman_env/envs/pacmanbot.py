@@ -23,7 +23,7 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     A TurtleBot 4 plays one round of Pac-Man on its SLAM map. Virtual pellets lie on the map, a virtual ghost, Clyde,
     wanders there. At every decision (0.5 s) the agent names the goal that the robot's navigator drives to; physics
     (pymunk, 20 Hz), navigation (a stand-in for Nav2) and localization (AMCL's belief) do the rest. Naming the goal
-    already pursued means "go on". There can be up to four ghosts, other kinds of observation and action, rounds
+    already pursued continues it. There can be up to four ghosts, other kinds of observation and action, rounds
     without end, and a new house for every episode: see the arguments. `docs/environments/pacmanbot.md` has examples.
 
     ## Action Space

@@ -10,7 +10,7 @@ from ..config import Config
 from .execution import CLEARED, DEAD, RUNNING, Board, Execution, rules, transition
 from .goals import ExecutorAction, Goals, Position
 
-_GONE_S = 2.0  # a pellet that no report shows for so long has been taken by something else
+_GONE_S = 2.0  # a pellet that no report shows for so long has been removed by something else
 _EMPTY_S = 2.0  # a round without a pellet in reach for so long is complete
 
 

@@ -124,7 +124,7 @@ class RoundController:
         }
 
     def restore(self, values: Mapping[str, Any], now: float) -> list[Action]:
-        """Go on where a snapshot was taken, else ValueError; a round that has not begun is reset, maybe again."""
+        """Resume from a snapshot, else ValueError; a round that has not begun is reset, maybe again."""
         kept: Snapshot = convert(values, Snapshot, "snapshot")
         pellets: dict[str, Any] = {}
         for name in vars(_Pellets()):

@@ -305,9 +305,7 @@ def _spin(node: BaseNode, stop: Stop, longest_s: float) -> None:
         while not stop.asked and node.status is None:
             executor.spin_once(timeout_sec=POLL_S)
             if standstill:
-                text = (
-                    f"stood still for {standstill.longest_s:.1f} s: its messages may be lost, so it has to start again"
-                )
+                text = f"stood still for {standstill.longest_s:.1f} s: others may have lost it, so it ends"
                 node.get_logger().warning(text)
                 node.status = STOOD_STILL
     finally:

@@ -94,7 +94,7 @@ class OperatorStop:
 
 
 def _request_of(message: Any, now_ns: int, last_ns: int) -> tuple[tuple[int, bool], str, str]:
-    """When and whether the robot is to stand; who asked for it; which node publishes it."""
+    """When and whether the robot is to stand; who requested it; which node publishes it."""
     text = message.data
     if len(text) > _LONGEST:
         raise BadMessage(f"{len(text)} characters: at most {_LONGEST}")

@@ -114,7 +114,7 @@ class RosAction(_Interface):
         return server
 
 
-#: JSON: what each node plays by (``node.py``); as deep as there are nodes, for a reader keeps a topic's last alone.
+#: JSON: what each node plays by (``node.py``); as deep as there are nodes, for a reader stores a topic's last alone.
 CONFIGURATION = Topic("game/configuration", "std_msgs/String", COMMANDS)
 GAME_STATE = Topic("game_state", "std_msgs/String", LATCHED)
 GAME_COMMAND = Topic("game_command", "std_msgs/String", COMMANDS)

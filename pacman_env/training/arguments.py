@@ -75,7 +75,7 @@ class Arguments(Checked):
     seed: Annotated[int, Meta(ge=0, lt=2**32)] = 0
     """All that is random comes from it."""
     resume: bool = False
-    """Go on with the run in ``out``."""
+    """Resume the run in ``out``."""
     preset: str = "robot"
     execution: str = "robust"
     randomize: bool = False

@@ -206,7 +206,7 @@ class Run:
             if [number for number, _ in numbers] != list(range(len(numbers))):
                 raise ValueError("its segments are not in order")
         except (OSError, ValueError, KeyError, TypeError) as error:
-            raise ValueError(f"{self.record}: no run to go on with: {error}") from None
+            raise ValueError(f"{self.record}: no run to resume: {error}") from None
         check_same(self.record, before, _plain(self.arguments))
 
     def checkpoint(self, segment: int) -> Path:

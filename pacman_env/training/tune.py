@@ -60,7 +60,7 @@ class Study(Checked):
     seed: Count = 0
     """Of the proposals and of every training."""
     resume: bool = False
-    """Go on with the study in ``out``."""
+    """Resume the study in ``out``."""
     threads: Count = 2
     """That compute an update, step games and play rounds; 0: one for each core."""
     progress: bool = True
@@ -165,7 +165,7 @@ def _read(record: Path, head: dict[str, Any]) -> list[FrozenTrial]:
     try:
         before, *lines = (json.loads(line) for line in record.read_text().splitlines())
     except (OSError, ValueError) as error:
-        raise ValueError(f"{record}: no study to go on with: {error}") from None
+        raise ValueError(f"{record}: no study to resume: {error}") from None
     check_same(record, before, head)
     trials = []
     for number, line in enumerate(lines):

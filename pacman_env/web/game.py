@@ -12,7 +12,7 @@ MOST_NEWS = 100
 
 
 class Refused(ValueError):
-    """A request of a person is refused; the text gives the reason and is shown on the page."""
+    """A request of a person is refused; its text is the reason, shown on the page."""
 
 
 @dataclass(frozen=True)

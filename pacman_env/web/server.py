@@ -348,7 +348,7 @@ def bind(host: str, port: int) -> socket.socket:
     except OSError as error:
         bound.close()
         reasons = {
-            errno.EADDRINUSE: f"port {port} of {host} is taken: another one, or 0 for any that is free",
+            errno.EADDRINUSE: f"port {port} of {host} is in use: choose another port, or 0 for any free one",
             errno.EADDRNOTAVAIL: f"{host} is no address of this computer",
             errno.EACCES: f"port {port} of {host} may not be used: one from 1024 on, or 0 for any that is free",
         }

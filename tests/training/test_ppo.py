@@ -156,7 +156,7 @@ def test_an_ablated_planner_keeps_to_what_it_was_given(part: str, tmp_path: Path
         (["--execution", "none"], "unknown execution 'none'"),
         (["--clyde-speed", "0.6", "0.2"], r"randomize.clyde_speed_mps = (0.6, 0.2)"),
         (["--levels", "1000000"], "levels = 1000000: there are 900000 to train on"),
-        (["--resume"], "run.json: no run to go on with"),
+        (["--resume"], "run.json: no run to resume"),
         (["--config", "nowhere.yaml"], "nowhere.yaml: cannot be read"),
         (["--learning-rate", "1e30", "1e30"], "the training has diverged"),
         (["--device", "abacus"], "device = 'abacus': must be cpu or cuda, or cuda:N"),

@@ -79,7 +79,7 @@ def begun(whole: Arguments, tmp_path_factory: pytest.TempPathFactory) -> Argumen
 
 @pytest.fixture
 def broken(begun: Arguments, tmp_path: Path) -> Arguments:
-    """A copy of it to go on with."""
+    """A copy of it to resume."""
     shutil.copytree(begun.out, tmp_path / "run")
     return again(begun, out=tmp_path / "run")
 
@@ -176,16 +176,16 @@ def test_going_on_with_other_arguments_is_refused_and_the_field_named(
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (None, "no run to go on with: .*No such file"),
-        ("", "no run to go on with"),
-        ('{"arguments"', "no run to go on with"),
-        ("[]", "no run to go on with"),
-        ('{"arguments": {}}', "no run to go on with: 'segments'"),
-        ('{"arguments": {}, "segments": [3]}', "no run to go on with"),
-        ('{"arguments": {}, "segments": [{"segment": 0}]}', "no run to go on with: 'completed'"),
+        (None, "no run to resume: .*No such file"),
+        ("", "no run to resume"),
+        ('{"arguments"', "no run to resume"),
+        ("[]", "no run to resume"),
+        ('{"arguments": {}}', "no run to resume: 'segments'"),
+        ('{"arguments": {}, "segments": [3]}', "no run to resume"),
+        ('{"arguments": {}, "segments": [{"segment": 0}]}', "no run to resume: 'completed'"),
         (
             '{"arguments": {}, "segments": [{"segment": 1, "completed": 0}]}',
-            "no run to go on with: its segments are not in order",
+            "no run to resume: its segments are not in order",
         ),
         ('{"arguments": [], "segments": []}', "was started with decisions = None, not 192"),
     ],

@@ -180,7 +180,7 @@ def test_going_on_with_other_settings_is_refused_and_the_field_named(
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('{"trial": 1', "", "no study to go on with"),
+        ('{"trial": 1', "", "no study to resume"),
         ('"trial": 1', '"trial": 2', "line 3: no trial of this search: the trials are not in order"),
         ("COMPLETE", "DONE", "line 2: no trial of this search"),
         ('"n_epochs": 3', '"n_epochs": 30', "line 2: no trial of this search"),
@@ -198,7 +198,7 @@ def test_a_torn_or_foreign_record_is_refused(old: str, new: str, message: str, t
 
 
 def test_a_missing_record_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"trials\.jsonl: no study to go on with"):
+    with pytest.raises(ValueError, match=r"trials\.jsonl: no study to resume"):
         search(settings(tmp_path, resume=True))
 
 
@@ -213,7 +213,7 @@ def test_the_command_writes_a_file_and_says_so(tmp_path: Path, capsys: pytest.Ca
     ("options", "message"),
     [
         (["--section", "none"], "tiny.yaml: no section 'none'"),
-        (["--resume"], "trials.jsonl: no study to go on with"),
+        (["--resume"], "trials.jsonl: no study to resume"),
         (["--config", "nowhere.yaml"], "nowhere.yaml: cannot be read"),
     ],
 )

@@ -452,7 +452,7 @@ def test_a_server_that_is_back_has_its_pages_again(serve: Callable[..., WebServe
 def test_what_cannot_be_had_is_one_line(serve: Callable[..., WebServer]) -> None:
     taken = serve(ScriptedGame()).port
     for host, port, words in (
-        ("127.0.0.1", taken, f"port {taken} of 127.0.0.1 is taken"),
+        ("127.0.0.1", taken, f"port {taken} of 127.0.0.1 is in use"),
         ("no-such-name.invalid", 0, "no-such-name.invalid: no such address"),
         ("192.0.2.1", 0, "192.0.2.1 is no address of this computer"),
     ):

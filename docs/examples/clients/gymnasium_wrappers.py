@@ -1,6 +1,6 @@
 """Gymnasium's wrappers: each on PacManBot-v0 (a ``Dict``) and PacManBotFlat-v0 (one array), single and vector.
 
-A row of ``SINGLE`` and ``VECTOR`` says with which arguments of ``gym.make`` or ``gym.make_vec`` a wrapper works.
+A row of ``SINGLE`` and ``VECTOR`` states with which arguments of ``gym.make`` or ``gym.make_vec`` a wrapper works.
 """
 
 from __future__ import annotations

@@ -105,7 +105,7 @@ def one_player(map: str, decisions: int, seed: int, masked: bool) -> None:
 
 
 def two_players(map: str, decisions: int, seed: int) -> None:
-    """Pac-Man and Clyde, each with a PPO of its own."""
+    """Pac-Man and Clyde, each with its own PPO."""
 
     def make() -> PettingZooEnv:
         game = pettingzoo.make("aec", "pacman_env/PacManBotFlat-v0", map=map, settings={"max_cycles": 100})

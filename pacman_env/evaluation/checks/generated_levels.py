@@ -61,7 +61,7 @@ def objection(yaml_path: Path, places: NDArray[np.float64], radius_m: float) -> 
     reached = fits.copy()
     cv2.floodFill(reached, None, (int(column[0]), int(row[0])), 2, flags=4)
     sealed = reached[row, column] != 2
-    return f"no way from {places[0].tolist()} to {places[sealed].tolist()}" if sealed.any() else ""
+    return f"no path from {places[0].tolist()} to {places[sealed].tolist()}" if sealed.any() else ""
 
 
 def judge(level: int, folder: Path) -> tuple[int, str]:

@@ -65,7 +65,7 @@ def headline(report: Numbers) -> str:
         f"{percent(abs(ours['difference']))} percentage points {verdict} (95 % interval"
         f" {percent(low, '+')} to {percent(high, '+')})"
         if verdict
-        else f"a difference that so few rounds do not show to be real (95 % interval {percent(low, '+')} to"
+        else f"a difference that is not significant with so few rounds (95 % interval {percent(low, '+')} to"
         f" {percent(high, '+')} percentage points)"
     )
     return (

@@ -23,7 +23,7 @@ _PERIOD_S = 0.1  # of the lidar: no pose is received more often
 QUANTITIES = {
     "speed": "driving speed, m/s",
     "interval": "time between poses, s",
-    "distance": "way between poses, m",
+    "distance": "distance between poses, m",
     "jump": "jump of a pose against odometry, m",
     "turn": "turn of a pose against odometry, rad",
     "clyde": "Clyde's speed as seen, m/s",

@@ -129,7 +129,7 @@ class LockStep:
         self.messages.queue.extend(inbox)
 
     def step(self) -> None:
-        """Let time go on by one step of the simulated robot, and have everything handled; raises NodeFailed."""
+        """Advance time by one step of the simulated robot, and have everything handled; raises NodeFailed."""
         self.wall.advance(self.step_ns)
         for delivery in self.losses.due(self.wall.now_s):
             self.messages.put(delivery)

@@ -115,7 +115,7 @@ class ClydeGhostNode(GameNode):
         if self._state == "running":
             raise BadMessage("Clyde can be placed only before a round")
         if distance > self.config.clyde.click_distance_m:
-            raise BadMessage(f"Clyde cannot be there: {distance:.2f} m from the nearest place wide enough for it")
+            raise BadMessage(f"Clyde cannot be there: {distance:.2f} m from the nearest place wide enough for a ghost")
         self.once.over("bad click")
         self._chosen = cell
         self._respawn([0])

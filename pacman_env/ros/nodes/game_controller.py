@@ -54,7 +54,7 @@ class GameController(GameNode):
         self._due: dict[str, float] = {}  # services that have not answered, and when to call them, in wall time
         self._met: set[str] = set()  # services that have been there
         self._file = self._state_file()
-        self._saved = self._load()  # a game to go on with, at the first tick: then there is a clock
+        self._saved = self._load()  # a game to resume, at the first tick: then there is a clock
         self._early: dict[str, None] = {}  # pellets reported before that, in their order
         self.listen(topics.GAME_STATUS, self._on_status, "bad status")
         self.listen(topics.PELLET_MARKERS, self._on_pellets, "bad pellets")
@@ -67,7 +67,7 @@ class GameController(GameNode):
             self._do(self.game.announce())
 
     def _state_file(self) -> StateFile:
-        text = "a game is saved in it, to go on with after a crash; auto: in the user's state folder; empty: none"
+        text = "a game is saved in it, to resume after a crash; auto: in the user's state folder; empty: none"
         where = parameter(self, "state_file", "auto", text)
         text = "a game that was saved longer ago is not gone on with, s"
         max_age_s = parameter(self, "state_file_max_age_s", 60.0, text, 0.0, 86400.0)

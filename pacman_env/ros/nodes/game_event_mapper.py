@@ -54,7 +54,7 @@ class GameEventMapper(GameNode):
             self._move()
 
     def _on_stop(self, stopped: bool, who: str) -> None:
-        if stopped:  # and the motion does not go on later
+        if stopped:  # and the motion is not resumed later
             self._stop()
 
     def _on_command(self, message: Any) -> None:

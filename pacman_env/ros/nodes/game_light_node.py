@@ -50,7 +50,7 @@ class GameLightNode(GameNode):
         self._show(anew=True)
 
     def _on_state(self, message: Any) -> None:
-        """After a start in the middle of a game, go on with the light of its state."""
+        """After a start in the middle of a game, continue with the light of its state."""
         state = word_of(message, topics.STATE_WORDS)
         if self._fresh and state in LASTING:
             self._command(LASTING[state])

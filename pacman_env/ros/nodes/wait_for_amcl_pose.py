@@ -1,4 +1,4 @@
-"""Command ``wait_for_amcl_pose``: ends when the robot knows where it is (Algorithm 9), for launch files to go on."""
+"""Command ``wait_for_amcl_pose``: ends when the robot knows where it is (Algorithm 9), so launch files continue."""
 
 import sys
 from collections.abc import Sequence

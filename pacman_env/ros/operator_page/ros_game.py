@@ -243,7 +243,7 @@ class RosGame:
         if not self._surroundings.wait_for(
             lambda: math.dist(game.ghosts.get(0, (math.nan, math.nan)), (x, y)) < _PLACED_M, _PLACED_S
         ):
-            raise Refused("Clyde cannot be there: no place near it is wide enough for it")
+            raise Refused("Clyde cannot be there: no place near it is wide enough for a ghost")
 
     def _ready(self) -> list[dict[str, str]]:
         """The findings of ``pacman-env ros doctor``, one doctor at a time, and the nodes that obey a stop."""

@@ -34,7 +34,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         LifecycleNodeMixin.__init__(self)
         text = "the policy: a name of the registry or an .onnx file; may be changed while the game is in menu"
         self.declare_parameter("policy", "ppo", ParameterDescriptor(description=text))
-        text = "home pose x, y, heading (m, m, rad); not set: the first pose in menu, or the pose of initialpose there"
+        text = "home pose x, y, heading (m, m, rad); not set: the first pose, or that of initialpose, in menu"
         descriptor = ParameterDescriptor(description=text, read_only=True)
         self._home = self.declare_parameter("home", Parameter.Type.DOUBLE_ARRAY, descriptor).value
         self._rate = parameter(self, "diagnostics_rate", 1.0, "diagnostics messages per second", 0.1, 10.0)
@@ -57,7 +57,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         return not self._passive
 
     def destroy_node(self) -> None:
-        """As rclpy's, which forgets the state machine: that keeps the node, and its name's place in the log."""
+        """As rclpy's; also destroy the state machine, which would hold the node and its logger's name."""
         super().destroy_node()
         self._state_machine.destroy_when_not_in_use()
 

@@ -166,7 +166,7 @@ class Pursuit:
             self._publish_json(goal_scores.WHY, goal_scores.reasons(selection.policy, situation, chosen, round_s))
 
     def _repeat(self) -> None:
-        """Report again what is unacknowledged; go on where an answer was lost."""
+        """Report again what is unacknowledged; continue where an answer was lost."""
         self._nav2.end_without_results()
         if self._tick_timer is not None and not self._passive:
             self._do([ExecutorAction("status", word) for word in self._executor.statuses.open()])

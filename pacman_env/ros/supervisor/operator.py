@@ -253,7 +253,7 @@ def _no_answer(status_line: StatusLine, what: str) -> int:
     where, number = status_line.get_namespace(), os.environ["ROS_DOMAIN_ID"]
     print(
         f"no game in {where}, ROS domain {number}: no answer on {what}; is 'pacman-env ros up' running there? "
-        "'pacman-env ros doctor' shows more",
+        "for details run 'pacman-env ros doctor'",
         file=sys.stderr,
     )
     return NO_ANSWER

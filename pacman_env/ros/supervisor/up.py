@@ -73,7 +73,7 @@ def up(
             ends = game_nodes.SPARE, game_nodes.FINAL
             spare, final = ([name for name, process in PROCESSES.items() if process.end == kind] for kind in ends)
             processes = ProcessGroup(setup.command, logs, environment, writer.print, spare, final)
-            keys = "; keys: s start, r reset, space stop, g go on, q quit" if pressed else ""
+            keys = "; keys: s start, r reset, space stop, g release, q quit" if pressed else ""
             writer.print(f"game on {game_nodes.full_namespace(setup.namespace)}{keys}")
             writer.print(f"logs in {logs}")
             if setup.web is not None:

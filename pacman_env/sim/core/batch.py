@@ -281,7 +281,7 @@ class GameBatch(GameState):
         self._play(resume=self.after_physics_step is not None)
 
     def _play(self, *, resume: bool) -> None:
-        """Let all games go on; those that come near a wall are given spaces."""
+        """Advance all games; those that come near a wall are given spaces."""
         self._control["resume"][0] = resume
         while len(self._tables) < self.threads.number:
             self._ghost_tables.append(self._ghosts.table(self.games, self._history.ghost_choices, self._parameters))

@@ -74,7 +74,7 @@ _arrays = arrays_by_address(GhostArrays)
 
 @kernel
 def wander_on(ghost, path, m, cells, search):  # type: ignore[no-untyped-def]
-    """Algorithm 2: draw a target and take the shortest way there, at the end of the path."""
+    """Algorithm 2: draw a target and take the shortest path there, at the end of the path."""
     graph, part, part_start, part_cells = cells
     node, queue = search
     here = path[ghost.path_index]

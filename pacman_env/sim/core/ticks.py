@@ -20,7 +20,7 @@ ASLEEP, ONE_TICK, UNTIL_DUE = range(3)
 #: What a call of :func:`play` is for.
 CONTROL = np.dtype(
     [
-        ("resume", np.int64),  # go on in the middle of ticks
+        ("resume", np.int64),  # continue in the middle of ticks
         ("fresh", np.int64),  # the first tick of a decision
         ("by_hand", np.int64),  # the velocities are commands, whatever the actions are
         ("watch", np.int64),  # see when the next decision is due

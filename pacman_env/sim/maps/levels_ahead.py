@@ -15,7 +15,7 @@ from typing import Any
 from .assets import MapAssets
 from .level_source import LevelSource
 
-_WAIT_S = 10.0  # for the level under way, when the interpreter ends: a thread must not be cut off inside OpenCV
+_WAIT_S = 10.0  # for the level begun, when the interpreter ends: a thread must not be cut off inside OpenCV
 
 
 class LevelsAhead:
@@ -119,7 +119,7 @@ class _Workers:
             del job, future  # or the level would be kept until the next one
 
     def stop(self) -> None:
-        """After the level under way; without a lock, for the collector may call this from any thread at any time."""
+        """After the level begun; without a lock, for the collector may call this from any thread at any time."""
         self._stopped = True
         for _ in self._threads:
             self.jobs.put(None)
@@ -142,7 +142,7 @@ def _end_all() -> None:
 
 
 def _hold_all() -> None:
-    """Wait for the levels under way: a child would inherit the locks that they hold, of compilers for example."""
+    """Wait for the levels begun: a child would inherit the locks that they hold, of compilers for example."""
     for busy in [busy for workers in list(_working) for busy in workers.busy]:
         busy.acquire()
         _held.append(busy)

@@ -191,8 +191,8 @@ PELLET_BEARING_COLUMNS = (
     ("sin_bearing", -1.0, 1.0, ""),
     ("distance", 0.0, FAR_M, "m, straight"),
     ("path_robot", 0.0, FAR_M, "m, path length from the robot"),
-    ("cos_way", -1.0, 1.0, "1, to the place 0.5 m on along the shortest way"),
-    ("sin_way", -1.0, 1.0, "1, likewise; both are 0 where there is no way"),
+    ("cos_way", -1.0, 1.0, "1, to the place 0.5 m ahead on the shortest path"),
+    ("sin_way", -1.0, 1.0, "1, likewise; both are 0 where there is no path"),
 )
 GHOST_BEARING_COLUMNS = (
     ("cos_bearing", -1.0, 1.0, ""),
@@ -206,7 +206,7 @@ GHOST_BEARING_COLUMNS = (
 def pellet_bearings(situation: Situation, count: int) -> NDArray[np.float32]:
     """(N, ``count``, 7) float32, as :func:`nearest_candidates` orders them; ValueError for a situation without maps."""
     if situation.maps is None:
-        raise ValueError("the situation has no maps to find a way on")
+        raise ValueError("the situation has no maps to plan a path on")
     s, a = situation, situation.maps.arrays
     result = np.zeros((len(s), count, len(PELLET_BEARING_COLUMNS)), dtype=np.float32)
     order = nearest_candidates(s, Nearest(count, 0))

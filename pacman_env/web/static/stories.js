@@ -14,7 +14,7 @@ const STEP_MS = 50; // at least, between two frames
 const EXPLAIN_DELAY_MS = 150;
 const REPLAY_TIMEOUT_MS = 180000;
 const THUMB_PX = 16; // of the slider
-const NO_LINK = "This round cannot be reproduced by a link: a person plays it, or a ghost was placed by hand.";
+const NO_LINK = "This round cannot be reproduced by a link: a person played in it, or a ghost was placed by hand.";
 
 const scenes = new Map(); // by revision
 let entries = []; // as the server lists them

@@ -83,7 +83,7 @@ def _raster(
     left, top = math.floor(column[rooms].min()) - 4, math.floor(row[rooms].min()) - 4  # with the outer walls
     width, height = math.ceil(column[rooms].max()) + 4 - left, math.ceil(row[rooms].max()) + 4 - top
     if max(width, height) > MAX_PIXELS:
-        raise ValueError(f"{name}: the building takes {width} x {height} px, the image has at most {MAX_PIXELS}")
+        raise ValueError(f"{name}: the building needs {width} x {height} px, the image has at most {MAX_PIXELS}")
     margin_x, margin_y = (min(_MARGIN_PX[1], (MAX_PIXELS - size) // 2) for size in (width, height))
     image = np.full((height + 2 * margin_y, width + 2 * margin_x), OUTSIDE, np.uint8)
     points = np.stack([column - left + margin_x, row - top + margin_y], axis=2) - 0.5

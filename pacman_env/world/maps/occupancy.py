@@ -311,7 +311,7 @@ def _read_image(path: Path) -> tuple[Grey, Mask | None]:
         raise ValueError("neither PGM (P2, P5) nor PNG nor BMP, or cut off")
     # Checked before anything is unpacked: a small file can claim to be a huge image.
     if not (0 < width <= MAX_PIXELS_PER_SIDE and 0 < height <= MAX_PIXELS_PER_SIDE):
-        raise ValueError(f"{width} x {height} pixels, must be within 1..{MAX_PIXELS_PER_SIDE} each way")
+        raise ValueError(f"{width} x {height} pixels, must be within 1..{MAX_PIXELS_PER_SIDE} per side")
     return (_pgm(data, pgm, width, height), None) if pgm else _decode(data, width, height)
 
 

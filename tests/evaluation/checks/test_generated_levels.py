@@ -25,14 +25,14 @@ def place(column: int, row: int) -> tuple[float, float]:
 def test_a_disc_goes_through_a_door_that_is_wide_enough_only(tmp_path: Path) -> None:
     path, places = saved(ROOMS, tmp_path), np.array([place(2, 2), place(10, 2)])
     assert objection(path, places, 0.15) == ""
-    assert objection(path, places, 0.25).startswith("no way from")
+    assert objection(path, places, 0.25).startswith("no path from")
 
 
 def test_a_sealed_room_a_wall_and_the_outside_are_named(tmp_path: Path) -> None:
     path = saved(SHUT, tmp_path)
     inside, sealed, wall = place(2, 2), place(10, 2), place(6, 2)
     assert objection(path, np.array([inside, place(4, 1)]), 0.15) == ""
-    assert objection(path, np.array([inside, sealed]), 0.15) == f"no way from {list(inside)} to {[list(sealed)]}"
+    assert objection(path, np.array([inside, sealed]), 0.15) == f"no path from {list(inside)} to {[list(sealed)]}"
     assert objection(path, np.array([wall, inside]), 0.15) == f"the disc does not fit at {list(wall)}"
     assert objection(path, np.array([inside, (-1.0, 0.0)]), 0.15) == "places [[-1.0, 0.0]] are off the map"
 

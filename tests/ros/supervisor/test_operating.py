@@ -132,7 +132,7 @@ def test_the_line_says_what_is_awaited_and_the_first_round_begins_where_it_is_as
     game.wait_for(lambda: terminal.shows(r"^running +round 1 "), "the round")
     assert terminal.shows(r"^starting: waiting for .*pellet_manager")
     assert terminal.shows(r"^starting: waiting for goal_selector")
-    assert terminal.shows(r"^game on /robot_15; keys: s start, r reset, space stop, g go on, q quit$")
+    assert terminal.shows(r"^game on /robot_15; keys: s start, r reset, space stop, g release, q quit$")
 
 
 def test_a_round_is_recorded_and_replayed(game: Game) -> None:

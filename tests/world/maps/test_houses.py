@@ -172,5 +172,5 @@ def test_a_building_is_refused_where_the_robot_or_the_image_has_no_room() -> Non
     draw = Dice(0).draw
     with pytest.raises(ValueError, match="closet: no place for the robot"):
         survey("closet", [(SOLID, 0.0, 0.0, 1.0, 1.0, 0.0), (OPEN, 0.0, 0.0, 0.6, 0.6, 0.0)], 0.0, draw)
-    with pytest.raises(ValueError, match="hangar: the building takes 4"):
+    with pytest.raises(ValueError, match="hangar: the building needs 4"):
         survey("hangar", [(OPEN, 0.0, 0.0, 20.0, 5.0, 0.0)], 0.0, draw)

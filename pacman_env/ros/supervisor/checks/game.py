@@ -55,7 +55,7 @@ def _check_lifecycle(robot: Observations) -> Finding:
         manager = (refused or [name for name, nodes in MANAGED.items() if inactive.keys() & set(nodes)])[0]
         service = robot.full(f"{manager}/manage_nodes")
         command = f'ros2 service call {service} nav2_msgs/srv/ManageLifecycleNodes "{{command: 0}}"'
-        return Finding.bad(summary, "start them; the launch file's log has the reason why they did not start", command)
+        return Finding.bad(summary, "start them up; the launch file's log names the reason", command)
     if silent:
         summary = f"{' and '.join(silent)} not answering {robot.within}; active: {active or 'none known'}"
         command = robot.start_nav2 if silent == ["lifecycle_manager_navigation"] else robot.start_localization
@@ -144,7 +144,7 @@ def _check_game_nodes(robot: Observations) -> Finding:
         return Finding.ok(f"all {len(wanted)} are there")
     if not here - {SIMULATOR}:
         return Finding.unknown("none yet", "when all else is ok", robot.start_game, settled=False)
-    remedy = "Ctrl-C in the game's terminal, then start it again; its log has the reason why a node ended"
+    remedy = "Ctrl-C in the game's terminal, then start it again; its log names the reason why a node ended"
     if missing == [SELECTOR]:
         remedy = f"it starts when the robot has a pose; else {remedy}"
     summary = f"{len(here)} of {len(wanted)}; not discovered {robot.within}: {listed(missing)}"
@@ -192,7 +192,7 @@ def _check_game(robot: Observations) -> Finding:
     state, condition = robot.get(STATE), robot.get(DIAGNOSTICS) or {}
     if state is None and not condition:
         if not {robot.full(REFEREE), robot.full(SELECTOR)} & set(robot.nodes):
-            return Finding.unknown("no game goes on")
+            return Finding.unknown("no game is in progress")
         remedy = "wait for it: the first start compiles for a minute"
         return Finding.unknown(robot.silence(STATE.name), remedy, settled=False)
     policy, troubles = condition.get("policy"), condition.get("troubles")
@@ -208,7 +208,7 @@ def _check_game(robot: Observations) -> Finding:
     summary, settled = ", ".join([*words, *faults]), state is not None and policy is not None
     if settled and not faults:
         return Finding.ok(summary)
-    remedy = "see its log: goal_selector.log in the folder that ros up names" if counted else ""
+    remedy = "see its log for details: goal_selector.log in the folder that ros up names" if counted else ""
     return Finding.unknown(summary, remedy or "see the lines above", settled=settled)
 
 

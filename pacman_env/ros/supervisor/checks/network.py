@@ -158,7 +158,7 @@ def _check_clock(robot: Observations) -> Finding:
         owner = owners[0] if owners else "/clock"
         return Finding.ok(f"simulated, by {owner}, {rate or 0.0:.1f} times as fast as time")
     if not owners:
-        return Finding.ok("no node publishes /clock: time is that on the wall")
+        return Finding.ok("no node publishes /clock: nodes use the system time")
     if rate is None:
         remedy = "listen for longer: --wait 30"
         return Finding.unknown(f"{owners[0]}: {robot.silence('/clock')}", remedy, settled=False)
@@ -191,7 +191,7 @@ def _too_few(topic: str, robot: Observations, stamps: int) -> Finding | None:
     if topic in robot.unavailable:
         return Finding.unknown(summary, *robot.waiting_remedy(topic), settled=False)
     if topic == "odom" and robot.publishers_of(topic) and not stamps:
-        remedy = "its publisher is known, but nothing arrives: a firewall that lets only discovery through?"
+        remedy = "its publisher is discovered, but no message arrives: check for a firewall that passes only discovery"
         return Finding.bad(summary, remedy, FIREWALL, settled=False)
     return Finding.unknown(summary, "see base and tf to base", settled=False)
 

@@ -55,7 +55,7 @@ def _check_dock(robot: Observations) -> Finding:
         return robot.not_received(DOCKED)
     if docked:
         undock = f'ros2 action send_goal {robot.full("undock")} irobot_create_msgs/action/Undock "{{}}"'
-        return Finding.bad("docked, where a TurtleBot 4 stops its lidar", "undock, a metre free behind", undock)
+        return Finding.bad("docked, where a TurtleBot 4 stops its lidar", "undock, with 1 m free behind it", undock)
     return Finding.ok("undocked")
 
 
@@ -83,7 +83,7 @@ def _check_lidar(robot: Observations) -> Finding:
     ranges = f", {min(nearest_m):.2f} to {max(farthest_m):.2f} m" if share > 0 else ""
     summary = f"{rate_hz:.1f} Hz, {100 * share:.0f} % of rays return{ranges}"
     if share < FEWEST_RETURNS:
-        return Finding.bad(summary, "is something on it, or is it covered? free it")
+        return Finding.bad(summary, "the lidar may be covered: remove what is on it")
     if rate_hz < SLOWEST_SCAN_HZ and not by_clock(robot):
         remedy = f"less than {SLOWEST_SCAN_HZ:g} Hz arrive: a nearer access point, or run the game on the robot"
         return Finding.bad(summary, remedy)
