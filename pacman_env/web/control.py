@@ -24,7 +24,7 @@ class Roles:
 
     def require(self, person: str, role: str) -> None:
         if self.people.get(role) != person:
-            raise Refused(f"the role {role} is not yours: take it first")
+            raise Refused(f"the role {role} is not yours: choose it in the tab Play first")
 
     def assume(self, person: str, role: str) -> None:
         """Have a role instead of the present one; Refused if another person has it."""

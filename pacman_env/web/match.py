@@ -50,7 +50,7 @@ class Driving:
     def choose(self, person: str, goal: messages.Goal, played: PlayedRound) -> None:
         role = self.roles.of(person)
         if role is None:
-            raise Refused("take a role first")
+            raise Refused("choose a role in the tab Play first")
         candidate = goal.candidate
         if candidate is None:
             if goal.x is None or goal.y is None:
@@ -107,13 +107,13 @@ class Match:
 
     def require_round(self) -> PlayedRound:
         if self.round is None:
-            raise Refused("no round could be laid out; choose another map or other settings")
+            raise Refused("no round could be prepared; choose another map or other settings")
         return self.round
 
     def start(self) -> None:
         self.require_round()
         if self.clock.stopped:
-            raise Refused("stopped: release first")
+            raise Refused("stopped: press Release first")
         self._act(self._controller.start(self._clock_s), refuse=True)
         self._follow_clock()
 
@@ -132,7 +132,7 @@ class Match:
         clyde_mps = self._clyde_mps if setup.clyde_mps is None else setup.clyde_mps
         self._choices.prepare(rules, clyde_mps)
         if self.driving.plays_robot and setup.finish:
-            raise Refused("a person plays the robot: a round to be finished is played by a policy")
+            raise Refused("a person plays the robot: only a policy's round can be played to its end")
         self._rules, self._clyde_mps = rules, clyde_mps
         if setup.seed is not None:
             self._next_seed = setup.seed
@@ -152,7 +152,7 @@ class Match:
     def place_ghost(self, ghost: int, x: float, y: float) -> None:
         played = self.require_round()
         if self.state != "menu":
-            raise Refused("Clyde is placed in the menu, before a round")
+            raise Refused("Clyde can be placed only in the menu: press Reset first")
         if ghost >= len(self._rules.ghosts):
             raise Refused(f"there is no ghost {ghost}")
         played.place_ghost(ghost, x, y)
@@ -178,7 +178,7 @@ class Match:
 
     def readiness(self) -> list[dict[str, str]]:
         if self.round is None:
-            return [{"name": "round", "state": "bad", "words": "no round is laid out", "remedy": "choose another map"}]
+            return [{"name": "round", "state": "bad", "words": "no round is prepared", "remedy": "choose another map"}]
         assets = self.round.assets
         dropped = len(assets.dropped_ids)
         words = f"{assets.occupancy.name}: {assets.pellets} pellets"

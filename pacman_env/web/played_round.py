@@ -284,7 +284,7 @@ class Recordings:
     def why(self, number: int, tick: int) -> dict[str, Any]:
         kept = self._kept.get(number)
         if kept is None:
-            raise Refused(f"story {number}: not kept")
+            raise Refused(f"round {number} is no longer stored")
         played = kept[0]
         if tick > played.ticks:
             raise Refused(f"tick {tick}: the round has {played.ticks}")

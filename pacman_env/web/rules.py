@@ -98,7 +98,7 @@ class Choices:
             if name not in known:
                 raise Refused(f"{what} {name!r}: choose one of {', '.join(known)}")
         for name in rules.settings.keys() - {setting.name for setting in self._settings}:
-            raise Refused(f"setting {name!r}: not one of those that can be set here")
+            raise Refused(f"setting {name!r}: cannot be set on this page")
         longest = rules.settings.get("time_limit_s", 0.0)
         if isinstance(longest, float | int) and longest > _LONGEST_S:
             raise Refused(f"time_limit_s = {longest}: at most {_LONGEST_S:g} s here")
@@ -130,7 +130,7 @@ class Choices:
             raise Refused(f"map {name!r}: a map that ships has this name")
         own = [known for known, one in self._maps.items() if not isinstance(one, str)]
         if name not in own and len(own) >= _MOST_MAPS:
-            raise Refused(f"{_MOST_MAPS} maps are kept: give this one the name of one that is not needed any more")
+            raise Refused(f"{_MOST_MAPS} maps are stored, the limit: use the name of a map that may be replaced")
         config = Config()
         try:
             pellets = generate_pellets(loaded, config.pellets)

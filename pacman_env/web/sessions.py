@@ -95,7 +95,7 @@ class Sessions:
     async def serve(self, socket: WebSocket) -> None:
         access = socket.scope["access"]
         if self._ending or not self.audience.has_room(access, self._arriving):
-            words = "no room: the limit of viewers is reached"
+            words = "the limit of viewers is reached; try again later"
             self._log.add("full", f"refused: {words}")
             await socket.send_denial_response(refusal_response(503, words))
             return
@@ -274,7 +274,11 @@ class Sessions:
             if isinstance(message, messages.Goal | messages.Drive):
                 role, drives = self.control.roles.of(name), isinstance(message, messages.Drive)
                 if role is None or (drives and role != ROBOT):
-                    raise Refused("take the robot's role first" if drives else "take a role first")
+                    raise Refused(
+                        "choose the robot's role in the tab Play first"
+                        if drives
+                        else "choose a role in the tab Play first"
+                    )
                 if role == ROBOT and self._game.source == "ros":
                     self.control.take(name)
             await self._handle(viewer, message)

@@ -99,7 +99,7 @@ class SimulatedGame:
 
     def _run(self) -> None:
         try:
-            self._news.add(words="preparing the first round; its rules are compiled if they have not been before")
+            self._news.add(words="preparing the first round; on a new computer the rules are compiled once")
             try:
                 self._match.rehearse()
                 self._match.lay_out()

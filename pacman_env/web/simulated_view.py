@@ -136,7 +136,7 @@ class SimulatedView:
         self.scene = scene_of(played, rules, self.scene.revision + 1)
 
     def frame(self, played: PlayedRound | None, controller: RoundController, real_s: float) -> Frame | None:
-        """The game at a moment of real time; None: no round is laid out yet."""
+        """The game at a moment of real time; None: no round is prepared yet."""
         if self._now is None or self._before is None or played is None:
             return None
         clock, feedback, before, now = self._clock, self._feedback, self._before, self._now

@@ -1,6 +1,6 @@
 """Nodes in processes of their own, killed with SIGKILL or stopped with SIGSTOP, find one another again.
 
-One system of real processes, ten times as fast as time, on a part of a map; the middleware takes a process for gone
+One system of real processes, ten times real time, on a part of a map; the middleware takes a process for gone
 after 5 s. What each node does after its return is in ``test_killed_nodes.py`` and ``test_frozen_nodes.py``.
 """
 

@@ -37,8 +37,8 @@ def test_every_choice_can_be_prepared() -> None:
         (Rules(second="nobody"), "policy 'nobody': choose one of"),
         (Rules(preset="dream"), "preset 'dream': choose one of"),
         (Rules(ghosts=("policy",)), "behaviour 'policy': choose one of"),
-        (Rules(settings={"action": "velocity"}), "setting 'action': not one of those"),
-        (Rules(settings={"clyde.speed": 3}), "setting 'clyde.speed': not one of those"),
+        (Rules(settings={"action": "velocity"}), "setting 'action': cannot be set on this page"),
+        (Rules(settings={"clyde.speed": 3}), "setting 'clyde.speed': cannot be set on this page"),
         (Rules(settings={"robot.speed_mps": 9.0}), "robot.speed_mps"),
         (Rules(settings={"time_limit_s": 1e9}), "at most 3600 s here"),
         (Rules(level=3), "level 3: map 'house' has none"),
@@ -119,7 +119,7 @@ def test_no_more_than_twenty_maps_are_kept_and_one_can_be_replaced(tmp_path: Pat
     text, image = own_map(tmp_path)
     for number in range(20):
         choices.add_map(f"mine-{number}", text, image)
-    with pytest.raises(Refused, match="20 maps are kept"):
+    with pytest.raises(Refused, match="20 maps are stored"):
         choices.add_map("mine-20", text, image)
     choices.add_map("mine-3", text, image)
 

@@ -383,11 +383,11 @@ def test_a_role_has_one_person_and_only_he_plays_it(serve: Callable[..., WebServ
     game = ScriptedGame()
     server = serve(game)
     with Page(server) as one, Page(server) as other:
-        assert one.ask("goal", candidate=1)["words"] == "take a role first"
+        assert one.ask("goal", candidate=1)["words"] == "choose a role in the tab Play first"
         assert one.ask("role", role="robot")["ok"]
         assert other.ask("role", role="robot")["words"] == f"{one.name} has the role robot"
         assert other.ask("role", role="ghost-0")["ok"]
-        assert other.ask("drive", v=1, omega=0)["words"] == "take the robot's role first"
+        assert other.ask("drive", v=1, omega=0)["words"] == "choose the robot's role in the tab Play first"
         assert one.ask("drive", v=1, omega=0)["ok"]
         assert other.ask("goal", x=1, y=2)["ok"]
         assert one.ask("role", role="none")["ok"]

@@ -197,7 +197,7 @@ def test_roles_are_taken_one_person_each_and_free_when_he_is_gone(game: Simulate
     for person, role in (("Bob", "robot"), ("Ann", "ghost-2")):
         with pytest.raises(Refused):
             game.handle(person, m.Role(role=role))  # type: ignore[arg-type]
-    with pytest.raises(Refused, match="take a role"):
+    with pytest.raises(Refused, match="choose a role"):
         game.handle("Eve", m.Goal(candidate=1))
     with pytest.raises(Refused, match="not yours"):
         game.handle("Bob", m.Drive(v=0.1, omega=0.0))

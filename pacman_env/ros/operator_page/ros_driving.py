@@ -157,7 +157,7 @@ class RosDriving:
             words = f"obeyed by {', '.join(obey)}{'; the robot is stopped now' if self._stop.stopped else ''}"
             return {"name": "STOP", "state": "ok", "words": words, "remedy": ""}
         remedy = "start the game by pacman-env ros up; until then STOP ends Nav2's goals and holds the wheels by itself"
-        return {"name": "STOP", "state": "bad", "words": "no node of the game obeys it", "remedy": remedy}
+        return {"name": "STOP", "state": "bad", "words": "no node of the game obeys STOP", "remedy": remedy}
 
     def _on_stop(self, stopped: bool, by: str) -> None:
         self._news.add(words=f"{'stopped' if stopped else 'released'} by {by}")
@@ -189,7 +189,7 @@ class RosDriving:
             self.leave(person)
             return
         if role != ROBOT:
-            raise Refused("ghosts are moved by the game here: roles of ghosts are the simulator's")
+            raise Refused("on a robot the game moves the ghosts; a ghost can be played only in the simulator")
         if self.roles.people.get(role, person) != person:
             raise Refused("another person drives the robot")
         self.roles.assume(person, role)
@@ -197,9 +197,9 @@ class RosDriving:
     def drive(self, v: float, omega: float, most: dict[str, Any]) -> None:
         """By hand, m/s and rad/s, while nothing else drives; ``most``: the limits, as in the facts of the scene."""
         if self._node.game.state != "menu":
-            raise Refused("the game drives: by hand in the menu alone; Reset leads there")
+            raise Refused("the game drives the robot; to drive by hand, press Reset first")
         if self._node.robot.navigating:
-            raise Refused("Nav2 drives to a goal that another program has sent; STOP ends that")
+            raise Refused("Nav2 drives to a goal of another program; press STOP to end that")
         fastest, turn = float(most.get("wheels_mps", 0.0)), float(most.get("turn_radps", 0.0))
         if not self.wheels.drive(min(max(v, -fastest), fastest), min(max(omega, -turn), turn)):
             self.require_not_stopped()
@@ -213,7 +213,7 @@ class RosDriving:
         if self._armed and answer.motion in ("spin", "shake"):
             self.require_not_stopped()
             if self._node.game.state != "menu" or self.wheels.driven or self._node.robot.navigating:
-                raise Refused("the robot is driving: an event moves it in the menu alone; disarm first")
+                raise Refused("the robot is driving: wait until it stands in the menu, or switch Armed off")
             self._shows_until_s = self._surroundings.monotonic() + _LONGEST_SHOW_S
             self._publish("event", word)
             return

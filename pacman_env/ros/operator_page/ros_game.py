@@ -214,7 +214,7 @@ class RosGame:
         answer = client.call_async(request)
         if not self._surroundings.wait_for(answer.done, _ANSWER_S):
             client.remove_pending_request(answer)
-            raise Refused(f"{node} has not answered within {_ANSWER_S:g} s: see whether it was done")
+            raise Refused(f"{node} has not answered within {_ANSWER_S:g} s: check whether the request was carried out")
         if answer.exception() is not None:
             raise Refused(f"{node}: {answer.exception()}")
         return answer.result()
@@ -223,7 +223,7 @@ class RosGame:
         """The policy can be changed while the game runs, in the menu; a second one is ignored, all else refused."""
         others = {name for name in setup.__struct_fields__ if name not in ("id", "policy", "second")}
         if setup.policy is None or any(getattr(setup, name) not in (None, False) for name in others):
-            raise Refused("on a robot only the policy can be changed here; all else is chosen by pacman-env ros up")
+            raise Refused("on a robot only the policy can be changed here; set all else with pacman-env ros up")
         value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=setup.policy)
         request = _SET_PARAMETERS.type.Request(parameters=[Parameter(name="policy", value=value)])
         result = self._call(_SET_PARAMETERS, request, SELECTOR).results[0]
@@ -233,9 +233,9 @@ class RosGame:
     def _place(self, x: float, y: float, ghost: int) -> None:
         self._require_game()
         if self.node.game.state != "menu":
-            raise Refused("Clyde is placed in the menu, before a round")
+            raise Refused("Clyde can be placed only in the menu: press Reset first")
         if ghost != 0:
-            raise Refused("on a robot Clyde alone can be placed")
+            raise Refused("on a robot only Clyde can be placed")
         point = PointStamped(header=Header(stamp=self.node.get_clock().now().to_msg(), frame_id="map"))
         point.point.x, point.point.y = x, y
         self._clicked_point.publish(point)

@@ -41,7 +41,7 @@ class RosView:
         self._notice = "" if there else f"no game is found in {self._where}: is 'pacman-env ros up' running there?"
         gone = bool(was and not there)
         if there and not was:
-            self._news.add(words=f"the game in {self._where} is there")
+            self._news.add(words=f"the game in {self._where} is running")
         elif gone:
             self._news.add(words=f"the game is gone: {self._notice}")
             node.game.state = None

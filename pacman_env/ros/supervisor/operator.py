@@ -118,7 +118,7 @@ class StatusLine(Observer):
             f"score {shown['score']}",
             f"pellets {shown['pellets_collected']}/{shown['pellets_spawned']}",
             "STOPPED" if self.operator.stopped else "",
-            "Nav2 is away" if self.condition.get("nav2") is False else "",
+            "Nav2 does not answer" if self.condition.get("nav2") is False else "",
             "Nav2 does not see Clyde" if self.condition.get("ghosts_heard") is False else "",
             self.result or "",
         ]

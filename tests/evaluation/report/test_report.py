@@ -227,7 +227,7 @@ def test_the_quick_report_has_its_own_numbers_and_levels_are_a_map(tmp_path: Pat
     [
         ((0.1, 0.3), "20.0 percentage points more"),
         ((-0.3, -0.1), "20.0 percentage points fewer"),
-        ((-0.1, 0.5), "do not show"),
+        ((-0.1, 0.5), "not significant"),
     ],
 )
 def test_the_headline_claims_no_more_than_the_interval(

@@ -54,7 +54,7 @@ def test_a_page_over_nothing_says_so_and_shows_the_game_when_it_comes(nodes: Nod
     assert "game_controller is not there" in answer["words"]
     nodes.start_all_once()
     page.wait(lambda: page.frame is not None and page.frame.alive.any() and page.frame.believed, "the game", START_S)
-    page.wait(lambda: any("is there" in words for words in page.words()), "it to be said")
+    page.wait(lambda: any("is running" in words for words in page.words()), "it to be said")
     page.wait(lambda: not page.notice(), "the notice to go")
     page.wait(lambda: page.scene().get("candidates") and page.scene()["map"], "the scene")
     scene = page.scene()

@@ -234,7 +234,7 @@ def test_clyde_is_placed_in_the_menu_alone(game: PageGame) -> None:
     game.wait(lambda: math.dist(game.frame.ghosts[0], (x, y)) < 0.5, "Clyde")
     with pytest.raises(Refused, match="wide enough"):
         game.handle(messages.PlaceClyde(x=x + 50.0, y=y))
-    with pytest.raises(Refused, match="Clyde alone"):
+    with pytest.raises(Refused, match="only Clyde"):
         game.handle(messages.PlaceClyde(x=x, y=y, ghost=1))
     game.round()
     with pytest.raises(Refused, match="menu"):
@@ -326,7 +326,7 @@ def test_a_referee_that_is_gone_and_back_is_said(game: PageGame) -> None:
     game.wait(lambda: game.frame.stopped, "the stop")
     game.release()
     game.start("game_controller")
-    game.wait(lambda: any("is there" in words for words in game.words(after)), "it to be back")
+    game.wait(lambda: any("is running" in words for words in game.words(after)), "it to be back")
     game.wait(lambda: game.frame.state == "menu", "the menu")
     game.wait(lambda: game.obeyed, "the referee to know the page")
     game.round()

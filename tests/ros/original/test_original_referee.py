@@ -1,7 +1,7 @@
 """The original's referee in a process of its own among ours: two rounds, and every pellet counts.
 
 It publishes its commands in bursts with a depth of 1, of which only the last is sure to arrive: that there is only
-between processes. Real processes, ten times as fast as time, which wait for conditions.
+between processes. Real processes, ten times real time, which wait for conditions.
 """
 
 from __future__ import annotations

@@ -172,7 +172,7 @@ def test_a_simulated_robot_where_all_is_well_has_no_dock_no_battery_and_no_nav2_
     assert [f.check for f in findings if f.status != OK] == ["dock", "battery", "Nav2's nodes", "clyde_trail"]
     assert all(f.settled for f in findings)
     assert is_ready(findings)
-    assert "10.0 times as fast" in found(simulated(), "clock").summary
+    assert "10.0 times real time" in found(simulated(), "clock").summary
 
 
 def test_before_a_game_its_nodes_are_no_fault_and_the_command_that_starts_them_is_named() -> None:
@@ -295,7 +295,7 @@ def test_what_is_wrong_is_bad_with_figures_and_its_remedy(
         ({"managers": {}}, "Nav2's nodes", f"not answering {WAITED}; active: amcl, bt_navigator", LOCALIZE),
         ({"managers": {"lifecycle_manager_localization": True}}, "Nav2's nodes", "lifecycle_manager_navigation", NAV2),
         ({"publishers": {"odom": (BASE,), "/clock": ("/a",)}}, "clock", "/clock not received", "--wait 30"),
-        ({"configurations": ()}, "configuration", "game/configuration not received", "the original's"),
+        ({"configurations": ()}, "configuration", "game/configuration not received", "nodes of the original game"),
         ({"state": None, "condition": None}, "game", f"game_state not received {WAITED}", "compiles"),
         ({"condition": {"policy": "ppo", "troubles": {"late": 3}}}, "game", "menu, policy ppo, troubles: late (3)",
          "goal_selector.log"),

@@ -9,7 +9,7 @@ from .check import BAD, UNKNOWN, Finding, Observations
 #: In the order in which what is wrong is to be remedied.
 CHECKS = (*network.CHECKS, *robot.CHECKS, *game.CHECKS)
 _NO_ROBOT = Finding(
-    *("robot", "Is there a robot?", UNKNOWN, "nothing else can be examined without one", "see above"), settled=False
+    *("robot", "Is there a robot?", UNKNOWN, "no other check is possible without a robot", "see above"), settled=False
 )
 _LONGEST = 300  # characters of a summary
 

@@ -34,7 +34,7 @@ def _check_navigator(robot: Observations) -> Finding:
     servers = robot.publishers.get(robot.full("navigate_to_pose/_action/status"), ())
     if len(servers) > 1:
         summary = f"{len(servers)} serve navigate_to_pose: {listed(servers)}"
-        return Finding.bad(summary, "end all but one: each goal goes to both")
+        return Finding.bad(summary, "end all but one: each of them receives every goal")
     if servers:
         return Finding.ok(f"navigate_to_pose is served by {servers[0]}")
     summary = f"no server of navigate_to_pose discovered {robot.within}"
@@ -43,7 +43,7 @@ def _check_navigator(robot: Observations) -> Finding:
 
 def _check_lifecycle(robot: Observations) -> Finding:
     if robot.virtual:
-        return Finding.unknown("simulated: they are not there, and not needed")
+        return Finding.unknown("a simulated robot needs none")
     managers = {name: robot.get(request) for name, request in MANAGERS.items()}
     states = {name: state for name, request in STATES.items() if (state := robot.get(request)) is not None}
     active = listed(name for name, state in states.items() if state == "active")
@@ -70,7 +70,7 @@ def _check_cloud(topic: str, robot: Observations) -> Finding:
         if simulator in subscribers:
             return Finding.ok(f"{simulator} subscribes to it, in place of the costmaps")
         if topic != CLOUDS[0]:
-            return Finding.unknown("simulated: what Clyde leaves behind is cleared without it")
+            return Finding.unknown("a simulated robot needs none: Clyde's trail is cleared without it")
         return robot.not_yet(f"no subscription of {simulator} discovered {robot.within}", "")
     missing = [name for name in COSTMAPS if robot.full(f"{name}/{name}") not in subscribers]
     if not missing:
@@ -143,7 +143,12 @@ def _check_game_nodes(robot: Observations) -> Finding:
     if not missing:
         return Finding.ok(f"all {len(wanted)} are there")
     if not here - {SIMULATOR}:
-        return Finding.unknown("none yet", "when all else is ok", robot.start_game, settled=False)
+        return Finding.unknown(
+            "no node of the game discovered",
+            "start the game when all other checks are ok",
+            robot.start_game,
+            settled=False,
+        )
     remedy = "Ctrl-C in the game's terminal, then start it again; its log names the reason why a node ended"
     if missing == [SELECTOR]:
         remedy = f"it starts when the robot has a pose; else {remedy}"
@@ -166,7 +171,7 @@ def _check_configuration(robot: Observations) -> Finding:
     if not nodes:
         if not any(robot.full(name) in robot.nodes for name in GAME):
             return Finding.unknown("no node of the game to compare")
-        remedy = "are these the original's nodes? they publish none"
+        remedy = "restart the game; nodes of the original game publish no configuration"
         return Finding.unknown(robot.silence(CONFIGURATIONS.name), remedy, settled=False)
     first, wrong = nodes[0], []
     for one in nodes[1:]:
@@ -193,7 +198,7 @@ def _check_game(robot: Observations) -> Finding:
     if state is None and not condition:
         if not {robot.full(REFEREE), robot.full(SELECTOR)} & set(robot.nodes):
             return Finding.unknown("no game is in progress")
-        remedy = "wait for it: the first start compiles for a minute"
+        remedy = "wait: the first start compiles for about a minute"
         return Finding.unknown(robot.silence(STATE.name), remedy, settled=False)
     policy, troubles = condition.get("policy"), condition.get("troubles")
     counted = [f"{name} ({times})" for name, times in troubles.items()] if isinstance(troubles, Mapping) else []
@@ -222,7 +227,7 @@ CHECKS = (
         (*MANAGERS.values(), *STATES.values()),
     ),
     *(Check(topic, f"Do both costmaps subscribe to {topic}?", partial(_check_cloud, topic)) for topic in CLOUDS),
-    Check("game's nodes", "Does each node of the game run, and once?", _check_game_nodes, _PLAYS),
-    Check("configuration", "Do all nodes play by one configuration, on one map?", _check_configuration, _PLAYS),
-    Check("game", "How does the game stand?", _check_game, (STATE, DIAGNOSTICS)),
+    Check("game's nodes", "Does each node of the game run exactly once?", _check_game_nodes, _PLAYS),
+    Check("configuration", "Do all nodes have the same configuration and map?", _check_configuration, _PLAYS),
+    Check("game", "What is the state of the game?", _check_game, (STATE, DIAGNOSTICS)),
 )

@@ -59,7 +59,7 @@ def _check_namespace(robot: Observations) -> Finding:
     robots = {where or "/" for where, _, last in ends if last == "odom" and "/_" not in where}  # _: of a Create 3
     others = sorted(robots or {name.rpartition("/")[0] or "/" for name in robot.nodes})
     nearest = others[0].strip("/") or "/"
-    remedy = f"did you mean --namespace {nearest}? else set the robot's in turtlebot4-setup"
+    remedy = f"did you mean --namespace {nearest}? If not, set the robot's in turtlebot4-setup"
     return Finding.bad(f"{summary}; others in {listed(others)}", remedy, settled=False)
 
 
@@ -156,7 +156,7 @@ def _check_clock(robot: Observations) -> Finding:
         return Finding.bad(f"{len(owners)} publish /clock: {listed(owners)}", remedy)
     if by_clock(robot):
         owner = owners[0] if owners else "/clock"
-        return Finding.ok(f"simulated, by {owner}, {rate or 0.0:.1f} times as fast as time")
+        return Finding.ok(f"simulated, by {owner}, {rate or 0.0:.1f} times real time")
     if not owners:
         return Finding.ok("no node publishes /clock: nodes use the system time")
     if rate is None:
@@ -203,7 +203,11 @@ CHECKS = (
     Check("base", "Does exactly one robot publish odometry?", _check_base),
     Check("clock", "Is there one simulated clock at most?", _check_clock, (CLOCK, *STAMPS.values()), False),
     *(
-        Check(f"time of {topic}", f"Are the stamps of {topic} by this machine's time?", partial(_check_stamps, topic))
+        Check(
+            f"time of {topic}",
+            f"Do the stamps of {topic} agree with this machine's clock?",
+            partial(_check_stamps, topic),
+        )
         for topic in STAMPS
     ),
 )

@@ -104,7 +104,7 @@ LIDAR_FRAME = "rplidar_link"  # of the TurtleBot 4, as long as no scan names ano
 _LARGEST_MAP = 100_000_000  # cells
 _FRAMES = 1000
 _ESTIMATE = 'give the initial pose: RViz, "2D Pose Estimate", click where it stands, drag to where it faces'
-_CELLS = {None: "off the map", 100: "in a wall", -1: "where the map knows nothing"}
+_CELLS = {None: "off the map", 100: "in a wall", -1: "where the map is unknown"}
 
 
 @dataclass(frozen=True)
@@ -279,5 +279,5 @@ CHECKS = (
     Check("map", "Do localization and game use the same map?", _check_map, (GRID,)),
     Check("pose", "Is the robot localized, on free floor?", _check_pose, (POSE,)),
     Check("tf to base", "Are the transforms from map to base_link complete and recent?", _check_base_tf, _TF),
-    Check("tf to lidar", "Is the lidar's place on the robot known?", _check_lidar_tf, _TF),
+    Check("tf to lidar", "Is the transform from base_link to the lidar known?", _check_lidar_tf, _TF),
 )
