@@ -144,5 +144,5 @@ def test_directions_are_not_scaled_and_lengths_are_within_1(columns: tuple[tuple
 
 
 def test_a_situation_without_maps_has_no_ways() -> None:
-    with pytest.raises(ValueError, match="no maps to find a way on"):
+    with pytest.raises(ValueError, match="no maps to plan a path on"):
         pellet_bearings(replace(games(n=1, steps=0).situation(), maps=None), 4)
