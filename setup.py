@@ -39,6 +39,7 @@ if not {"bdist_wheel", "dist_info", "editable_wheel"} & set(sys.argv):  # pip's 
     nodes = runpy.run_path(str(Path(__file__).with_name(NAME) / "ros" / "supervisor" / "game_nodes.py"))
     commands += [f"{node} = {nodes['module_of'](node)}:main" for node in nodes["NODES"]]  # of `ros2 run`
     commands.append(f"{nodes['LOCK_STEP']} = {NAME}.ros.lock_step.__main__:main")
+    commands.append(f"{nodes['COMPOSED']} = {NAME}.ros.composed:main")
     data_files = [
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

@@ -20,6 +20,7 @@ from launch_ros.actions import Node
 
 from pacman_env.ros.discovery import BEYOND, stay_on_this_machine
 from pacman_env.ros.supervisor.game_nodes import (
+    COMPOSED,
     FIRST_STEP,
     LOCK_STEP,
     NAMESPACE,
@@ -39,6 +40,7 @@ ARGUMENTS = (
     ("speed", "1.0", "of the simulated robot's clock, 1 to 10"),
     ("lock_step", "false", "true, with sim: all nodes in one process, as fast as they handle what is published"),
     ("seed", "0", "of a lock-step game"),
+    ("composed", "false", "true: all nodes but the robot's and the goal selector in one process, for less memory"),
     ("preset", "robot", "the configuration that every node plays by"),
     ("execution", "robust", "of Algorithm 4"),
     ("home", "", "x, y and heading of home, m and rad, separated by blanks; empty: where the robot is in the menu"),
@@ -69,7 +71,7 @@ def _confined():
 
 def _nodes(context):
     given = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
-    for name in ("sim", "lock_step"):
+    for name in ("sim", "lock_step", "composed"):
         if given[name].lower() not in ("true", "false"):
             raise ValueError(f"{name}:={given[name]}: must be true or false")
         given[name] = given[name].lower() == "true"
@@ -78,7 +80,7 @@ def _nodes(context):
 
     def start(name):
         process = PROCESSES[name]
-        if name == LOCK_STEP:
+        if name in (LOCK_STEP, COMPOSED):
             given = {"arguments": [setup.as_json()]}
         else:
             given = {"name": name, "namespace": setup.namespace, "parameters": [setup.parameters(name)]}

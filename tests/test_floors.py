@@ -145,7 +145,7 @@ def test_a_module_is_loaded_by_name_in_known_places_alone() -> None:
         "cli.main",  # commands
         "evaluation.compare.scenarios",  # a checkpoint of training
         "plugins",
-        "ros.lock_step.game",  # the nodes of the table of processes
+        "ros.node",  # the nodes of the table of processes
         "ros.topics",  # message types
         "sim.maps.levels_ahead",  # filelock
     }

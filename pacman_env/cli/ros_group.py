@@ -58,6 +58,8 @@ def _add_up(group: Any) -> None:
     in_step = "with --sim: all nodes in one process, and simulated time waits until each message has been handled"
     add("--lock-step", action="store_true", help=in_step)
     add("--seed", type=whole_number(0), default=0, metavar="S", help="of a lock-step game (%(default)s)")
+    one = "all nodes but the robot's and the goal selector in one process: half the memory"
+    add("--composed", action="store_true", help=one)
     add("--preset", default="robot", help="what every node plays by: robot or ideal (%(default)s)")
     add("--execution", default="robust", help="robust or as_built (%(default)s)")
     add("--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable")
@@ -82,6 +84,7 @@ def _up(arguments: argparse.Namespace) -> int:
         web=arguments.web,
         lock_step=arguments.lock_step,
         seed=arguments.seed,
+        composed=arguments.composed,
     )
     return up(setup, arguments.domain_id, arguments.logs, arguments.start, arguments.play_on)
 

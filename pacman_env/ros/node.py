@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import importlib
 import json
 import math
 import signal
@@ -34,7 +35,7 @@ from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 from .discovery import simulated, stay_on_this_machine
 from .messages import BadMessage
 from .standstill import STOOD_STILL, Standstill, lease_s
-from .supervisor.game_nodes import QUIET
+from .supervisor.game_nodes import QUIET, module_of
 from .surroundings import current
 from .topics import CONFIGURATION
 
@@ -233,6 +234,13 @@ def parameter(
     return value
 
 
+def node_class(name: str) -> type[BaseNode]:
+    """The class of a node of a game, by the node's name."""
+    module = importlib.import_module(module_of(name))
+    kinds = [one for one in vars(module).values() if isinstance(one, type) and issubclass(one, BaseNode)]
+    return next(kind for kind in kinds if kind.__module__ == module.__name__)
+
+
 class Stop:
     """SIGINT and SIGTERM ask for the end within the block; with ``breaks_off`` they also raise KeyboardInterrupt."""
 
@@ -259,8 +267,13 @@ def run(make: Callable[[], BaseNode], name: str, argv: Sequence[str] | None = No
 
     The exit status is ``stopped`` after a signal, the node's own (75 after a standstill), or 2 if it cannot be made.
     """
-    arguments = list(sys.argv[1:] if argv is None else argv)
-    node = None
+    return run_together((make,), name, list(sys.argv[1:] if argv is None else argv), stopped)
+
+
+def run_together(makes: Iterable[Callable[[], BaseNode]], name: str, arguments: list[str], stopped: int = 0) -> int:
+    """As :func:`run` for several nodes in one thread: the end of one of them is the end of all."""
+    nodes: list[BaseNode] = []
+    made = False
     # A client that is gone before the response is no reason to end, even where warnings are errors.
     warnings.filterwarnings("ignore", "failed to send response", RuntimeWarning)
     with Stop(breaks_off=True) as stop:
@@ -275,46 +288,49 @@ def run(make: Callable[[], BaseNode], name: str, argv: Sequence[str] | None = No
             longest_s = lease_s()
             # ROS's own signal handlers would end the context before the last messages.
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-            node = make()
-            stop.breaks_off = False
+            for make in makes:
+                nodes.append(make())
+            made, stop.breaks_off = True, False
             settle()
-            _spin(node, stop, longest_s)
+            _spin(nodes, stop, longest_s)
         except KeyboardInterrupt:
             pass  # there is no node yet that has last messages
         except (ValueError, OSError, ParameterException, rclpy_implementation.RCLError) as error:
-            if node is not None:
+            if made:
                 raise
             print(f"{name}: {error}", file=sys.stderr)
             return BAD_START
         finally:
             stop.breaks_off = False
             signal.alarm(TEARDOWN_S)  # kills the process; needs no Python to run
-            if node is not None:
+            for node in nodes:
                 node.destroy_node()
             rclpy.try_shutdown()
             signal.alarm(0)
-    return stopped if node is None or node.status is None else node.status
+    return next((node.status for node in nodes if node.status is not None), stopped)
 
 
-def _spin(node: BaseNode, stop: Stop, longest_s: float) -> None:
+def _spin(nodes: Sequence[BaseNode], stop: Stop, longest_s: float) -> None:
     """Spin until the end; then let the node publish its last messages, and its peers receive them."""
     executor = SingleThreadedExecutor()
-    executor.add_node(node)
+    for node in nodes:
+        executor.add_node(node)
     standstill = Standstill(longest_s)
     try:
-        while not stop.asked and node.status is None:
+        while not stop.asked and all(node.status is None for node in nodes):
             executor.spin_once(timeout_sec=POLL_S)
             if standstill:
                 text = f"stood still for {standstill.longest_s:.1f} s: others may have lost it, so it ends"
-                node.get_logger().warning(text)
-                node.status = STOOD_STILL
+                nodes[0].get_logger().warning(text)
+                nodes[0].status = STOOD_STILL
     finally:
         standstill.close()
         end = time.monotonic() + LAST_MESSAGES_S
-        for answer in () if node.silent else node.last_messages():
-            executor.spin_until_future_complete(answer, max(0.0, end - time.monotonic()))
-        node.once.summary()
-        for publisher in node.publishers:
+        for node in nodes:
+            for answer in () if node.silent else node.last_messages():
+                executor.spin_until_future_complete(answer, max(0.0, end - time.monotonic()))
+            node.once.summary()
+        for publisher in (publisher for node in nodes for publisher in node.publishers):
             publisher.wait_for_all_acked(Duration(seconds=max(0.0, end - time.monotonic())))
         executor.shutdown()
 

@@ -20,10 +20,10 @@ from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 
 from pacman_env.ros import topics
-from pacman_env.ros.lock_step.game import LockStepGame, node_class
+from pacman_env.ros.lock_step.game import LockStepGame
 from pacman_env.ros.lock_step.members import Member
 from pacman_env.ros.lock_step.stepper import LockStep
-from pacman_env.ros.node import BaseNode
+from pacman_env.ros.node import BaseNode, node_class
 from pacman_env.ros.supervisor.game_nodes import REFEREE, GameSetup
 
 NAMESPACE = "/robot_15"

@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from pacman_env.ros.supervisor.game_nodes import (
+    COMPOSED,
     GAME,
     LOCK_STEP,
     QUIET,
@@ -190,3 +191,11 @@ def test_a_launch_in_lock_step_is_one_process_whose_end_is_the_end(started: Any)
     assert "SetEnvironmentVariable" in map(kind, actions)
     with pytest.raises(ValueError, match="only with a simulated robot"):
         started(lock_step="true")
+
+
+def test_a_composed_launch_starts_one_process_for_the_light_nodes_again_when_it_dies(started: Any) -> None:
+    actions = started(composed="true")
+    assert set(nodes(actions)) == {COMPOSED, WAIT}
+    (text,) = nodes(actions)[COMPOSED]["arguments"]
+    assert from_json(text) == GameSetup("house", composed=True)
+    assert nodes(actions)[COMPOSED]["respawn"] is True

@@ -22,7 +22,7 @@ import yaml
 from pacman_env import __version__
 from pacman_env.ros import topics
 from pacman_env.ros.selector.goal_scores import SCORES
-from pacman_env.ros.supervisor.game_nodes import LOCK_STEP, NODES, PAGE, SELECTOR, STOP_ORDER, module_of
+from pacman_env.ros.supervisor.game_nodes import COMPOSED, LOCK_STEP, NODES, PAGE, SELECTOR, STOP_ORDER, module_of
 
 ROOT = Path(__file__).resolve().parents[2]
 VIEW = ROOT / "config" / "game.rviz"
@@ -103,12 +103,13 @@ def test_every_node_is_a_command_of_the_ros_package_and_a_module(monkeypatch: py
     command, *nodes = given["entry_points"]["console_scripts"]
     assert command == "pacman-env = pacman_env.cli.main:main"
     game = f"{LOCK_STEP} = pacman_env.ros.lock_step.__main__:main"
-    assert nodes == [*(f"{name} = {module_of(name)}:main" for name in NODES), game]
+    composed = f"{COMPOSED} = pacman_env.ros.composed:main"
+    assert nodes == [*(f"{name} = {module_of(name)}:main" for name in NODES), game, composed]
     for name in NODES:
         assert re.search(
             r"^(def main\(|main = )", (ROOT / f"{module_of(name).replace('.', '/')}.py").read_text(), re.M
         ), name
-    assert set(STOP_ORDER) <= {*NODES, PAGE}
+    assert set(STOP_ORDER) <= {*NODES, PAGE, COMPOSED}
 
 
 # colcon, the real one, with the setuptools of Ubuntu 24.04
@@ -182,7 +183,7 @@ def test_colcon_builds_a_package_that_ros2_run_and_launch_find(workspaces: dict[
     workspace = workspaces[kind]
     installed = workspace.folder / "install" / "pacman_env"
     commands = {path.name for path in (installed / "lib" / "pacman_env").iterdir() if os.access(path, os.X_OK)}
-    assert commands == {"pacman-env", *NODES, LOCK_STEP}
+    assert commands == {"pacman-env", *NODES, LOCK_STEP, COMPOSED}
     first = {(installed / "lib" / "pacman_env" / name).read_text().splitlines()[0] for name in commands}
     assert first == {"#!/usr/bin/env python3"}, "the interpreter of the environment that a node is started in"
     share = installed / "share" / "pacman_env"

@@ -1,11 +1,10 @@
 """A whole game over the simulated robot, in lock-step: the nodes that ``ros up --sim`` starts, in one process."""
 
-import importlib
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from ..node import BAD_START, BaseNode
+from ..node import BAD_START, BaseNode, node_class
 from ..nodes.wait_for_amcl_pose import FOUND
 from ..standstill import DEFAULT_LEASE_S, STOOD_STILL
 from ..supervisor import game_nodes
@@ -18,12 +17,6 @@ from .stepper import LockStep
 RESTART_S = 3.0  # of simulated time: the pause before a node is started again, and its start
 LOCALIZED_S = 60.0  # of simulated time, for the robot's first pose
 SEEDED = (SIMULATOR, "clyde_ghost_node")
-
-
-def node_class(name: str) -> type[BaseNode]:
-    module = importlib.import_module(game_nodes.module_of(name))
-    kinds = [one for one in vars(module).values() if isinstance(one, type) and issubclass(one, BaseNode)]
-    return next(kind for kind in kinds if kind.__module__ == module.__name__)
 
 
 class LockStepGame(LockStep):

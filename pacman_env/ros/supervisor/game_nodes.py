@@ -19,6 +19,7 @@ WAIT = "wait_for_amcl_pose"
 SELECTOR = "goal_selector"
 REFEREE = "game_controller"
 LOCK_STEP = "lock_step_game"  # the process that hosts all nodes of a lock-step game
+COMPOSED = "composed_nodes"  # the process that hosts those that neither simulate the robot nor select goals
 PAGE = "operator_page"  # no node of the game: it is left out unless asked for
 
 #: What the end of a process means: it is started again; the same, but the game continues where that does not help; the
@@ -50,14 +51,17 @@ PROCESSES = {
         GameProcess(SELECTOR, "selector", ("map_yaml", "policy", "home"), after=WAIT),
         GameProcess(PAGE, "operator_page", end=SPARE),
         GameProcess(LOCK_STEP, "lock_step", end=FINAL),
+        GameProcess(COMPOSED),
     )
 }
 #: Those that are nodes: the robot where it is simulated, the game, then the two that need a pose.
-NODES = tuple(name for name in PROCESSES if name not in (PAGE, LOCK_STEP))
+NODES = tuple(name for name in PROCESSES if name not in (PAGE, LOCK_STEP, COMPOSED))
 #: Those that only subscribe, publish and respond.
 GAME = tuple(name for name in NODES if name not in (SIMULATOR, WAIT, SELECTOR))
 #: What moves the robot stops first, then the lights, then the others.
-STOP_ORDER = (SELECTOR, "game_event_mapper", "game_light_node", PAGE, "audio_node", REFEREE)
+STOP_ORDER = (SELECTOR, COMPOSED, "game_event_mapper", "game_light_node", PAGE, "audio_node", REFEREE)
+#: Those of them that move the robot.
+MOVERS = STOP_ORDER[:3]
 
 QUIET = ("--disable-external-lib-logs",)  # what a node prints is kept once, by the process that started it
 
@@ -79,6 +83,7 @@ class GameSetup:
     web: int | None = None  # the operator's page on this port of this machine
     lock_step: bool = False  # all nodes in one process; simulated time waits for them
     seed: int = 0  # of a lock-step game
+    composed: bool = False  # the nodes of GAME in one process
 
     def __post_init__(self) -> None:
         if not 1.0 <= self.speed <= 10.0:
@@ -89,6 +94,8 @@ class GameSetup:
             raise ValueError("lock-step: only with a simulated robot (--sim)")
         if self.lock_step and self.speed != 1.0:
             raise ValueError(f"speed {self.speed:g}: a lock-step game is as fast as its nodes")
+        if self.composed and self.lock_step:
+            raise ValueError("composed: a lock-step game is one process anyway")
         if self.home is not None and not all(map(math.isfinite, self.home)):
             raise ValueError(f"home {self.home}: must be three finite numbers, x, y (m) and heading (rad)")
         full_namespace(self.namespace)
@@ -106,6 +113,8 @@ class GameSetup:
     @property
     def first_processes(self) -> tuple[str, ...]:
         nodes = (LOCK_STEP,) if self.lock_step else self.first_nodes
+        if self.composed:
+            nodes = tuple(dict.fromkeys(COMPOSED if name in GAME else name for name in nodes))
         return nodes if self.web is None else (*nodes, PAGE)
 
     def parameters(self, node: str) -> dict[str, Value]:
@@ -125,7 +134,7 @@ class GameSetup:
         return found | self.extra.get(node, {})
 
     def as_json(self) -> str:
-        """All fields, as the process of a lock-step game reads them (:func:`from_json`)."""
+        """All fields, as a process of several nodes reads them (:func:`from_json`)."""
         return json.dumps(asdict(self), ensure_ascii=False)
 
     def command(self, node: str) -> list[str]:
@@ -135,6 +144,8 @@ class GameSetup:
             return [*words, "--port", str(self.web), *(["--sim"] if self.sim else [])]
         if node == LOCK_STEP:
             return ["pacman_env.ros.lock_step", self.as_json()]
+        if node == COMPOSED:
+            return ["pacman_env.ros.composed", self.as_json()]
         words = [module_of(node), "--ros-args", *QUIET, "-r", f"__ns:={full_namespace(self.namespace)}"]
         for name, value in self.parameters(node).items():
             words += ["-p", f"{name}:={json.dumps(value, ensure_ascii=False)}"]  # quoted: a map may be called 1e3

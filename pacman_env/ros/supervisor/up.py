@@ -19,7 +19,16 @@ from pacman_env.ros.discovery import join
 from pacman_env.ros.node import Stop
 from pacman_env.ros.supervisor import game_nodes, warm_up
 from pacman_env.ros.supervisor.game_lock import GameLock
-from pacman_env.ros.supervisor.game_nodes import LOCK_STEP, PROCESSES, REFEREE, SELECTOR, STOP_ORDER, WAIT, GameSetup
+from pacman_env.ros.supervisor.game_nodes import (
+    LOCK_STEP,
+    MOVERS,
+    PROCESSES,
+    REFEREE,
+    SELECTOR,
+    STOP_ORDER,
+    WAIT,
+    GameSetup,
+)
 from pacman_env.ros.supervisor.operator import StatusLine
 from pacman_env.ros.supervisor.processes import Lost, ProcessGroup, end
 from pacman_env.ros.supervisor.terminal import LineWriter, keyboard
@@ -236,7 +245,7 @@ class _Play:
 
     def _stop_all(self) -> list[str]:
         self.lock.stopping()
-        last_mover = next((name for name in STOP_ORDER[1::-1] if name in self.processes), None)
+        last_mover = next((name for name in reversed(MOVERS) if name in self.processes), None)
 
         def before(name: str, left: int) -> None:
             more = f", then {left} more" if left else ""

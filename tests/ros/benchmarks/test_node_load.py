@@ -23,14 +23,22 @@ def test_every_node_is_measured_and_keeps_to_the_memory_that_is_promised(
     nodes = figures["nodes"]
     assert len(nodes) == 8
     assert all(node["cpu_percent"] >= 0.0 and node["memory_mb"] > 30.0 for node in nodes.values())
-    assert figures["system_cpu_percent"] > 0.0
+    assert figures["system"]["cpu_percent"] > 0.0
     assert nodes["goal_selector"]["memory_mb"] < node_load.SELECTOR_MB
     assert {name: nodes[name]["memory_mb"] for name in node_load.LIGHT_NODES if nodes[name]["memory_mb"] > 75.0} == {}
-    assert figures["system_cpu_percent"] == pytest.approx(
+    assert figures["system"]["cpu_percent"] == pytest.approx(
         sum(node["cpu_percent"] for name, node in nodes.items() if name != "sim_robot")
     )
     assert figures["decisions"]["count"] >= 1
     assert "from pose to goal sent: median" in capsys.readouterr().out
+
+
+def test_composed_nodes_and_the_goal_selector_keep_to_400_mb(domain: int, tmp_path: Path) -> None:
+    out = tmp_path / "load.json"
+    assert node_load.main(["--seconds", "2", "--domain-id", str(domain), "--composed", "--json", str(out)]) == 0
+    figures = json.loads(out.read_text())
+    assert set(figures["nodes"]) == {"sim_robot", "composed_nodes", "goal_selector"}
+    assert figures["system"]["memory_mb"] < 400.0
 
 
 def test_what_cannot_be_played_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:

@@ -22,7 +22,7 @@ from pacman_env.ros.node import Stop
 from pacman_env.ros.supervisor import terminal as terminal_module
 from pacman_env.ros.supervisor import up as up_module
 from pacman_env.ros.supervisor.game_lock import GameLock
-from pacman_env.ros.supervisor.game_nodes import REFEREE, SELECTOR, STOP_ORDER, GameSetup
+from pacman_env.ros.supervisor.game_nodes import COMPOSED, MOVERS, REFEREE, SELECTOR, STOP_ORDER, GameSetup
 from pacman_env.ros.supervisor.operator import StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter
 from pacman_env.ros.supervisor.up import HAD_TO_KILL, NO_POSE, NODE_LOST
@@ -32,7 +32,8 @@ PATIENCE_S = 240.0  # the first nodes may have to compile
 
 
 def test_what_moves_the_robot_stops_first_then_the_lights() -> None:
-    assert STOP_ORDER[:3] == (SELECTOR, "game_event_mapper", "game_light_node")
+    assert STOP_ORDER[:4] == (SELECTOR, COMPOSED, "game_event_mapper", "game_light_node")
+    assert STOP_ORDER[:3] == MOVERS
 
 
 #: One node cannot be started; the others are processes that have begun, and compute nothing beside it.

@@ -1,0 +1,87 @@
+"""The nodes of a game that share one process: each is a node as before, and they end together."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("irobot_create_msgs")
+
+from pacman_env.ros import topics
+from pacman_env.ros.composed import main
+from pacman_env.ros.supervisor.game_nodes import (
+    COMPOSED,
+    GAME,
+    NAMESPACE,
+    REFEREE,
+    SELECTOR,
+    SIMULATOR,
+    WAIT,
+    GameSetup,
+)
+
+if TYPE_CHECKING:
+    from tests.ros.system import Probe, System
+
+PATIENCE_S = 240.0
+
+
+def setup(folder: Path, **fields: object) -> GameSetup:
+    extra = {REFEREE: {"state_file": str(folder / "game_controller.json")}}
+    shows = ("show.start_s=1.0", "show.death_s=1.0")
+    return GameSetup(
+        "house", "clyde_aware", NAMESPACE, True, 10.0, settings=shows, extra=extra, composed=True, **fields
+    )  # type: ignore[arg-type]
+
+
+def test_a_composed_game_is_three_processes_and_a_page() -> None:
+    processes = GameSetup("house", sim=True, composed=True, web=8000).first_processes
+    assert processes == (SIMULATOR, COMPOSED, WAIT, "operator_page")
+
+
+def test_a_round_is_played_by_nodes_of_one_process_which_end_together_with_their_last_messages(
+    system: System, probe: Probe, tmp_path: Path
+) -> None:
+    extra: dict[str, dict[str, Any]] = {REFEREE: {"state_file": str(tmp_path / "game_controller.json")}}
+    shows = ("show.start_s=1.0", "show.death_s=1.0")
+    game = GameSetup("house", "clyde_aware", NAMESPACE, True, 10.0, settings=shows, extra=extra, composed=True)
+    probe.record(topics.GAME_STATE, topics.GAME_COMMAND, topics.SCORE, topics.CONFIGURATION)
+    processes = {
+        name: system.run(name, [sys.executable, "-m", *game.command(name)]) for name in (SIMULATOR, COMPOSED, SELECTOR)
+    }
+    probe.wait_for(lambda: "menu" in probe.values(topics.GAME_STATE), PATIENCE_S, "the menu")
+    probe.wait_for(lambda: set(GAME) <= set(probe.node.get_node_names()), PATIENCE_S, "all nodes by name")
+    probe.wait_for(lambda: probe.call(topics.START_GAME).success, PATIENCE_S, "the start")
+    probe.wait_for(lambda: "running" in probe.values(topics.GAME_STATE), PATIENCE_S, "the round")
+    probe.wait_for(lambda: probe.values(topics.SCORE)[-1:] > [0], PATIENCE_S, "a pellet")
+    probe.forget()
+    processes[COMPOSED].send(signal.SIGINT)
+    probe.wait_for(lambda: "disable" in probe.values(topics.GAME_COMMAND), PATIENCE_S, "the referee's last command")
+    assert processes[COMPOSED].wait() == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "0 arguments: the setup of the game alone is needed"),
+        (["{}"], "no setup of a game"),
+        ([GameSetup("nowhere", sim=True, composed=True).as_json()], "nowhere"),
+    ],
+)
+def test_bad_arguments_are_one_line_and_status_2(
+    arguments: list[str], words: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert main(arguments) == 2
+    line = capfd.readouterr().err
+    assert words in line
+    assert line.count("\n") == 1
+
+
+def test_a_lock_step_game_is_not_composed() -> None:
+    with pytest.raises(ValueError, match="composed: a lock-step game is one process anyway"):
+        GameSetup("house", sim=True, lock_step=True, composed=True)
