@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from pacman_env.config import make_config
-from pacman_env.sim.core.robot import Ended, Navigation, SimulatedRobot
+from pacman_env.sim.core.navigate_to_pose import Ended, Navigation
+from pacman_env.sim.core.robot import SimulatedRobot
 from pacman_env.world.maps.occupancy import OccupancyMap
 from tests.drawn import drawn
 

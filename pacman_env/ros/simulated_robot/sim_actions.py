@@ -15,7 +15,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.duration import Duration
 from rclpy.task import Future
 
-from ...sim.core.robot import Navigation
+from ...sim.core.navigate_to_pose import Navigation
 from .. import topics
 from ..messages import BadMessage, pose_message, pose_of, seconds_of
 from ..node import GameNode

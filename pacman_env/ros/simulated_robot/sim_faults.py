@@ -10,6 +10,7 @@ FAULTS: dict[str, tuple[str, ...]] = {
     "late_acceptance": ("seconds",),  # goals are accepted that much later
     "pose_lost": (),  # no amcl_pose, no transform from map to odom
     "pose_jump": ("x", "y", "heading"),  # m, m, rad: the filter converges that far beside the truth
+    "kidnap": ("x", "y", "heading"),  # m, m, rad of the map: put there; odometry and AMCL notice nothing until it ends
     "clock_jump": ("seconds",),  # /clock and all stamps are that much ahead, or behind
 }
 _LIMITS = {"seconds": 3600.0, "x": 1000.0, "y": 1000.0, "heading": math.pi}
@@ -27,9 +28,10 @@ class Faults:
     def number(self, name: str) -> float | None:
         return self.now[name][0] if name in self.now else None
 
-    def apply(self, text: str) -> None:
+    def apply(self, text: str) -> str:
         """Begin a fault, ``NAME NUMBERS``, or end one, ``end NAME``, or all, ``end``; case does not matter.
 
+        Returns the name of the fault that begins, or "".
         Nothing has changed when it raises ValueError: no such fault, or other numbers than it needs.
         """
         words = text.lower().split()
@@ -37,15 +39,16 @@ class Faults:
             raise ValueError(f"fault {text!r}: {_USAGE}")
         if words == ["end"]:
             self.now.clear()
-            return
+            return ""
         ends = len(words) == 2 and words[0] == "end"
         name = words[ends]
         if name not in FAULTS:
             raise ValueError(f"fault {name!r}: unknown, {_USAGE}")
         if ends:
             self.now.pop(name, None)
-        else:
-            self.now[name] = _numbers(name, words[1:])
+            return ""
+        self.now[name] = _numbers(name, words[1:])
+        return name
 
     def words(self) -> list[str]:
         return [" ".join([name, *(f"{value:g}" for value in values)]) for name, values in sorted(self.now.items())]

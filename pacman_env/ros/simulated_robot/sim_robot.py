@@ -15,7 +15,8 @@ from builtin_interfaces.msg import Time
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import String
 
-from ...sim.core.robot import Navigation, SimulatedRobot
+from ...sim.core.navigate_to_pose import Navigation
+from ...sim.core.robot import SimulatedRobot
 from ...world.navigation.localization import Pose
 from .. import topics
 from ..discovery import publishers, stay_on_this_machine
@@ -234,11 +235,13 @@ class SimRobot(GameNode):
 
     def _apply_fault(self, text: str) -> None:
         before = dict(self._faults.now)
-        self._faults.apply(text)
+        begun = self._faults.apply(text)
         now = self._faults.now
-        if "clock_jump" in now and not self._simulated:
-            del now["clock_jump"]
-            raise ValueError("fault clock_jump: needs use_sim_time")
+        try:
+            self._begin_fault(begun)
+        except ValueError as error:
+            self._faults.now = before
+            raise ValueError(f"fault {begun}: {error}") from error
         self.navigation.abort_after_s = self._faults.number("abort")
         changed = {name for name in before.keys() | now.keys() if before.get(name) != now.get(name)}
         if "nav2_away" in changed:
@@ -248,10 +251,19 @@ class SimRobot(GameNode):
             else:
                 self._navigate.open()
                 self._clear_costmap = topics.CLEAR_GLOBAL_COSTMAP.server(self, self._clear)
-        if changed & {"pose_lost", "pose_jump"}:
+        if changed & {"pose_lost", "pose_jump"} or "kidnap" in changed - now.keys():
             self.robot.localizing = "pose_lost" not in now
             x, y, heading = now.get("pose_jump", (0.0, 0.0, 0.0))
             self.robot.shift_belief((x, y, heading))
+
+    def _begin_fault(self, name: str) -> None:
+        """What happens at once, or why it cannot (ValueError)."""
+        if name == "clock_jump" and not self._simulated:
+            raise ValueError("needs use_sim_time")
+        if name == "kidnap":
+            x, y, heading = self._faults.now[name]
+            self.robot.kidnap((x, y, heading))
+            self._sensors.publish_origin(self._stamp())
 
     def _begin_faults(self, texts: Iterable[str]) -> None:
         for text in texts:

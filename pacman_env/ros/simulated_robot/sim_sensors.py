@@ -40,15 +40,20 @@ class Sensors:
         self._scan_out, self._amcl_out = topics.SCAN.publisher(node), topics.AMCL_POSE.publisher(node)
         self._amcl_before: tuple[int, Pose] | None = None
         lidar = transform_message("base_link", LIDAR_FRAME, (0.0, 0.0, 0.0), stamp)
-        origin = pose_message(*compose(robot.pose, inverse(robot.odometry)), stamp)
         self._latched = []  # their publishers
         for topic, message in (
             (topics.TF_STATIC, TFMessage(transforms=[lidar])),
             (topics.MAP, map_message(robot.occupancy, stamp)),
-            (topics.SIMULATED_ORIGIN, origin),
         ):
             self._latched.append(topic.publisher(node))
             self._latched[-1].publish(message)
+        self._origin_out = topics.SIMULATED_ORIGIN.publisher(node)
+        self.publish_origin(stamp)
+
+    def publish_origin(self, stamp: Any) -> None:
+        """Where the frame of the odometry lies in the map."""
+        robot = self._robot
+        self._origin_out.publish(pose_message(*compose(robot.pose, inverse(robot.odometry)), stamp))
 
     def publish(self, stamp: Any, later: Any, with_scan: bool) -> None:
         """What is due after a step, and ``with_scan`` after a turn of the lidar.

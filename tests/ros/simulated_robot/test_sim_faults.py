@@ -48,6 +48,7 @@ def test_what_is_shown_can_be_applied_again(name: str) -> None:
         ("pose_jump 1 2", "X Y HEADING"),
         ("pose_jump 1 2 7", "heading"),
         ("clock_jump inf", "within"),
+        ("kidnap 1 2", "X Y HEADING"),
     ],
 )
 def test_what_is_no_fault_is_refused_with_a_reason_and_changes_nothing(text: str, reason: str) -> None:

@@ -29,7 +29,7 @@ from pacman_env.ros.messages import (  # noqa: E402
 )
 from pacman_env.ros.simulated_robot.sim_robot import AUDIO_SHOWN, FAULT, LIGHT_RING_SHOWN, main  # noqa: E402
 from pacman_env.ros.supervisor.game_nodes import SIMULATOR, module_of  # noqa: E402
-from pacman_env.sim.core import robot as nav  # noqa: E402
+from pacman_env.sim.core import navigate_to_pose as nav  # noqa: E402
 from pacman_env.world.navigation.localization import compose  # noqa: E402
 from tests.ros.simulated import ABORTED, CANCELED, LEFT, SUCCEEDED, Goal, Robot  # noqa: E402
 from tests.sim.robots import DOOR, RIGHT, rooms  # noqa: E402

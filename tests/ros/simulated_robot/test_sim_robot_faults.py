@@ -12,10 +12,11 @@ rclpy = pytest.importorskip("rclpy")
 from action_msgs.srv import CancelGoal  # noqa: E402
 
 from pacman_env.ros import topics  # noqa: E402
-from pacman_env.ros.messages import pose_of, seconds_of  # noqa: E402
+from pacman_env.ros.messages import pose_of, seconds_of, transform_of, twist_message  # noqa: E402
 from pacman_env.ros.simulated_robot.sim_robot import FAULT, FAULTS_NOW  # noqa: E402
 from pacman_env.ros.supervisor.game_nodes import SIMULATOR, module_of  # noqa: E402
-from pacman_env.sim.core import robot as nav  # noqa: E402
+from pacman_env.sim.core import navigate_to_pose as nav  # noqa: E402
+from pacman_env.world.navigation.localization import compose  # noqa: E402
 from tests.ros.simulated import ABORTED, SUCCEEDED, Robot  # noqa: E402
 from tests.sim.robots import RIGHT, rooms  # noqa: E402
 
@@ -94,6 +95,39 @@ def test_fault_pose_jump(robot: Robot) -> None:
     robot.fault("end pose_jump", [])
     assert believed_y() == pytest.approx(0.0, abs=0.2)
     assert robot.place() == (0.0, 0.0)
+
+
+def test_fault_kidnap(robot: Robot, log: Callable[[], str]) -> None:
+    def belief() -> tuple[float, float, float]:
+        last = {t.child_frame_id: t for m in robot.nodes.messages(topics.TF) for t in m.transforms}
+        return compose(transform_of(last["odom"])[2], transform_of(last["base_link"])[2])
+
+    def truth() -> tuple[float, float, float]:
+        return compose(pose_of(robot.nodes.latest(topics.SIMULATED_ORIGIN)), pose_of(robot.odometry(), "odom"))
+
+    robot.nodes.record(topics.SIMULATED_ORIGIN, topics.SCAN)
+    robot.nodes.advance(0.2)
+    before, odometry = belief(), robot.odometry()
+    robot.fault("kidnap 5.0 1.0 1.57", ["kidnap 5 1 1.57"])
+    robot.nodes.advance(0.2)
+    assert truth() == pytest.approx((5.0, 1.0, 1.57), abs=1e-6)
+    assert pose_of(robot.odometry(), "odom") == pytest.approx(pose_of(odometry, "odom"), abs=1e-6)
+    assert belief() == pytest.approx(before, abs=1e-6)
+    assert robot.nodes.messages(topics.AMCL_POSE) == []
+    assert robot.nodes.last(topics.SCAN).ranges[0] == pytest.approx(1.0, abs=0.2)  # the upper wall, ahead
+    for _ in range(20):  # it believes that it drives ahead in the old place, and drives ahead in the new one
+        robot.nodes.publish(topics.CMD_VEL, twist_message(0.2, 0.0, robot.nodes.stamp()))
+        robot.nodes.advance(0.1)
+    assert belief()[0] - before[0] == pytest.approx(0.38, abs=0.12)
+    assert truth()[1] - 1.0 == pytest.approx(0.38, abs=0.05)
+    robot.nodes.publish(FAULT, "kidnap 2.2 1.0 0.0")  # in the wall between the rooms
+    robot.nodes.publish(FAULT, "kidnap 40.0 1.0 0.0")
+    assert "fault kidnap: pose (2.2, 1): the robot does not fit there" in log()
+    assert truth()[1] > 1.3
+    robot.fault("end kidnap", [])
+    robot.nodes.advance(1.0)
+    assert belief()[:2] == pytest.approx(truth()[:2], abs=0.25)
+    assert robot.goal(1.0, 0.5).end()[0] == SUCCEEDED
 
 
 def test_fault_clock_jump(robot: Robot) -> None:

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from pacman_env.sim.core import robot as nav
-from pacman_env.sim.core.robot import Ended, Navigation
+from pacman_env.sim.core import navigate_to_pose as nav
+from pacman_env.sim.core.navigate_to_pose import Ended, Navigation
 from pacman_env.world.navigation.navigator import ABORTED, CANCELED, SUCCEEDED
 from tests.sim.robots import DT, RIGHT, a_robot, away, drive
 

@@ -24,6 +24,7 @@ ARENAS = (
     *(("house", 3.0), ("house", 4.0), ("loop", 3.0), ("loop", 3.5), ("maze", 3.0), ("maze", 4.0)),
     *(("open_plan", 2.5), ("open_plan", 3.0), ("house", math.inf)),
 )
+DRAWN_FAULTS = [name for name in FAULTS if name != "kidnap"]  # a robot that was moved waits for a person
 RESETS = ("reset", "start", "start and leave")
 #: Messages that no node may accept, by name; ``interference`` makes them.
 NONSENSE = (
@@ -122,7 +123,7 @@ def _step(rng: np.random.Generator, kind: str) -> Step:
 def _faults(rng: np.random.Generator, count: int) -> list[Step]:
     """Each of another kind: a second one of a kind would only change the first."""
     steps: list[Step] = []
-    for kind in rng.permutation(list(FAULTS))[:count].tolist():
+    for kind in rng.permutation(DRAWN_FAULTS)[:count].tolist():
         step = _step(rng, kind)
         if steps and rng.random() < _TOGETHER:
             step = replace(steps[-1], kind=kind)

@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 from pacman_env.config import make_config
 from pacman_env.game.pellets import generate_pellets
 from pacman_env.policies.registry import policy_names
-from pacman_env.ros.simulated_robot.sim_faults import FAULTS, Faults
+from pacman_env.ros.simulated_robot.sim_faults import Faults
 from pacman_env.sim.maps.assets import map_assets
 from tests.system.campaign.schedule import (
     ARENAS,
+    DRAWN_FAULTS,
     EVERY_NODE,
     FREEZE,
     GAMES_PER_SYSTEM,
@@ -66,8 +67,8 @@ def test_games_of_one_system_share_their_ground(seed: int) -> None:
 def test_two_hundred_games_meet_every_fault_every_interference_and_every_ground() -> None:
     games = [schedule(seed) for seed in range(200)]
     met = [step for game in games for step in game.steps]
-    assert {step.kind for step in met} == {*FAULTS, *INTERFERENCES, *OUTAGES}
-    for kind in (*FAULTS, *OUTAGES):
+    assert {step.kind for step in met} == {*DRAWN_FAULTS, *INTERFERENCES, *OUTAGES}
+    for kind in (*DRAWN_FAULTS, *OUTAGES):
         assert {step.state for step in met if step.kind == kind} == set(STATES)
     assert {game.policy for game in games} == set(POLICIES) <= set(policy_names())
     assert {arena_of(seed) for seed in range(400)} == set(ARENAS)

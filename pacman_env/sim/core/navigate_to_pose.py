@@ -1,0 +1,164 @@
+"""Goals as Nav2's ``navigate_to_pose`` server treats them: one current, one pending."""
+
+import math
+from dataclasses import dataclass
+
+from ...world.navigation.localization import Pose
+from ...world.navigation.navigator import ABORTED, CANCELED, NO_RESULT, SUCCEEDED
+from .robot import SimulatedRobot
+
+#: Error codes of Nav2 Jazzy's sub-servers, which the navigator hands on (FollowPath 1xx, ComputePathToPose 2xx).
+NONE = 0
+FAILED_TO_MAKE_PROGRESS, NO_VALID_CONTROL = 106, 107
+TF_ERROR, GOAL_OUTSIDE_MAP, GOAL_OCCUPIED, NO_VALID_PATH = 203, 205, 207, 209
+UNKNOWN = 9000
+_CODES = {"no path": NO_VALID_PATH, "no control": NO_VALID_CONTROL, "stuck": FAILED_TO_MAKE_PROGRESS}
+
+
+@dataclass(frozen=True)
+class Ended:
+    key: bytes
+    status: int  # of action_msgs/GoalStatus
+    error_code: int  # Nav2's
+    message: str
+
+
+@dataclass(frozen=True)
+class Feedback:
+    key: bytes
+    pose: Pose  # as believed
+    time_s: float  # since the goal became the current one
+    remaining_s: float  # at the robot's speed
+    recoveries: int
+    distance_m: float  # path length that is left
+
+
+@dataclass
+class _Goal:
+    key: bytes
+    x: float
+    y: float
+    slot: int = -1
+    began_step: int = 0
+    recoveries: int = 0
+
+
+class Navigation:
+    """``abort_after_s`` (None: never) ends every goal after that time, for tests of what follows."""
+
+    def __init__(self, robot: SimulatedRobot) -> None:
+        self.robot = robot
+        self.abort_after_s: float | None = None
+        self._current: _Goal | None = None
+        self._pending: _Goal | None = None
+        self._canceling: set[bytes] = set()
+        self._recovering = False
+        self._ended: list[Ended] = []
+
+    @property
+    def active(self) -> tuple[bytes, ...]:
+        return tuple(goal.key for goal in (self._current, self._pending) if goal is not None)
+
+    def send(self, key: bytes, x: float, y: float) -> None:
+        """A goal that has been accepted, (x, y) in m; the one before ends at the next step. Raises ValueError."""
+        if not (math.isfinite(x) and math.isfinite(y)):
+            raise ValueError(f"goal ({x}, {y}): must be two finite numbers")
+        if key in self.active:
+            raise ValueError(f"goal {key.hex()}: is active already")
+        if self._pending is not None:
+            self._end(self._pending, ABORTED, NONE, "replaced by a newer goal")
+        self._pending = _Goal(key, x, y)
+
+    def cancel(self, key: bytes) -> bool:
+        """Request the end of a goal, with which every other goal ends too; False if it is not active."""
+        if key not in self.active:
+            return False
+        self._canceling.add(key)
+        return True
+
+    def forget(self) -> None:
+        """The server ends: no goal gets a result, the robot stops."""
+        self._current = self._pending = None
+        self._canceling.clear()
+        self._ended.clear()
+        self.robot.cancel()
+
+    def step(self) -> list[Ended]:
+        """One step of the robot; returns the goals that ended, in order."""
+        if self._canceling:
+            self._terminate_all()
+        elif self._pending is not None:
+            self._begin(self._pending)
+        status, slot = self.robot.step()
+        current = self._current
+        if current is not None:
+            if not self._recovering and self.robot.recovering:
+                current.recoveries += 1
+            self._recovering = self.robot.recovering
+            if status == SUCCEEDED and slot == current.slot:
+                self._current = None
+                self._end(current, SUCCEEDED, NONE, "")
+            elif status != NO_RESULT and slot == current.slot:
+                reason = self.robot.why_aborted()
+                self._abort(current, _CODES.get(reason, UNKNOWN), reason)
+            elif self.robot.belief is None:
+                self._abort(current, TF_ERROR, "no transform from map to base_link")
+            elif self.abort_after_s is not None and self._age_s(current) >= self.abort_after_s - 1e-9:
+                self._abort(current, UNKNOWN, "aborted on request")
+        ended, self._ended = self._ended, []
+        return ended
+
+    def feedback(self) -> Feedback | None:
+        """None without a current goal or a pose."""
+        goal, belief = self._current, self.robot.belief
+        if goal is None or belief is None:
+            return None
+        distance = self.robot.distance_m(goal.slot) or 0.0  # as Nav2's while it has no path
+        speed = self.robot.config.robot.speed_mps
+        return Feedback(goal.key, belief, self._age_s(goal), distance / speed, goal.recoveries, distance)
+
+    def _age_s(self, goal: _Goal) -> float:
+        return (self.robot.steps - goal.began_step) * self.robot.config.physics_step_s
+
+    def _terminate_all(self) -> None:
+        for goal in (self._current, self._pending):
+            if goal is not None:
+                canceled = goal.key in self._canceling
+                self._end(goal, CANCELED if canceled else ABORTED, NONE, "canceled" if canceled else "canceled with it")
+        self._current = self._pending = None
+        self._canceling.clear()
+        self.robot.cancel()
+
+    def _begin(self, goal: _Goal) -> None:
+        if self._current is not None:
+            self._end(self._current, ABORTED, NONE, "pre-empted by a newer goal")
+        self._current, self._pending = goal, None
+        goal.began_step = self.robot.steps
+        self._recovering = False
+        code, message = self._refusal(goal)
+        if code != NONE:
+            self._abort(goal, code, message)
+        else:
+            goal.slot = self.robot.set_goal(goal.x, goal.y)
+
+    def _refusal(self, goal: _Goal) -> tuple[int, str]:
+        """Error code and message of a goal that ends at once; ``NONE`` for others."""
+        robot, where = self.robot, f"({goal.x:.2f}, {goal.y:.2f})"
+        if robot.belief is None:
+            return TF_ERROR, "no transform from map to base_link"
+        occupancy = robot.occupancy
+        column, row = (math.floor(c + 0.5) for c in occupancy.world_to_cell(goal.x, goal.y))
+        if not (0 <= column < occupancy.width and 0 <= row < occupancy.height):
+            return GOAL_OUTSIDE_MAP, f"goal {where} lies outside the map"
+        near = robot.grid.nearest_cell(goal.x, goal.y, robot.config.nav2.unreachable_tolerance_m)
+        if near < 0 and occupancy.occupancy[row, column] == 100:
+            return GOAL_OCCUPIED, f"goal {where} is occupied, and so is all around it"
+        return NONE, ""
+
+    def _abort(self, goal: _Goal, code: int, message: str) -> None:
+        self._current = None
+        self.robot.cancel()
+        self._end(goal, ABORTED, code, message)
+
+    def _end(self, goal: _Goal, status: int, code: int, message: str) -> None:
+        self._ended.append(Ended(goal.key, status, code, message))
