@@ -46,6 +46,7 @@ BAD_START = 2  # exit status
 _LONGEST = 100_000  # characters of a configuration that is read
 _LISTED = 5  # differing fields that are named
 _MADV_DONTNEED = 4  # Linux
+_LAPSE_S = 5.0  # longer than the period of every check and of every report
 
 Value = TypeVar("Value", bool, int, float, str)
 
@@ -54,7 +55,7 @@ class BaseNode(Node):
     def __init__(self, name: str, **options: Any) -> None:
         self.surroundings = current()
         super().__init__(name, **{**self.surroundings.options(), **options})
-        self.once = Once(self.get_logger())
+        self.once = Once(self.get_logger(), self.now_s)
         self.status: int | None = None  # with which the node ends by itself, None while it runs
         self.silent = False  # the node ends without its last messages
         self._latest_s = 0.0
@@ -141,6 +142,7 @@ class GameNode(BaseNode):
         self._configuration = CONFIGURATION.publisher(self)
         self.listen(CONFIGURATION, self._compare, "bad configuration")
         self._configuration.publish(CONFIGURATION.type(data=json.dumps(self._plays)))
+        self._differing: dict[str, str] = {}  # nodes that play by another configuration, by trouble
 
     def acts(self) -> bool:
         """Whether only one such node may run: the later of two is refused."""
@@ -165,12 +167,25 @@ class GameNode(BaseNode):
             found["map"] = map, own["map"]
         trouble = f"configuration of {node}"
         if not found:
-            self.once.over(trouble)
+            self._agrees(trouble)
             return
         fields = [f"{name} {there}, here {here}" for name, (there, here) in found.items()]
         more = [f"{len(fields) - _LISTED} fields more"] if len(fields) > _LISTED else []
         text = "; ".join([*fields[:_LISTED], *more])
-        self.once.warning(trouble, f"{node} plays by another configuration: {text}")
+        self._differing[trouble] = node
+        self.once.begin(trouble, f"{node} plays by another configuration: {text}")
+
+    def _agrees(self, trouble: str) -> None:
+        if self._differing.pop(trouble, None) is not None:
+            self.once.over(trouble)
+
+    def troubles(self) -> dict[str, int]:
+        """Those that are not over, and how often each was found."""
+        if self._differing:
+            there = {info.node_name for info in self.get_publishers_info_by_topic(self._configuration.topic_name)}
+            for trouble in [trouble for trouble, node in self._differing.items() if node not in there]:
+                self._agrees(trouble)
+        return self.once.counts
 
 
 def process_of(message: Any) -> dict[str, Any] | None:
@@ -195,25 +210,47 @@ def started(plays: Mapping[str, Any]) -> tuple[float, str, int]:
 
 
 class Once:
-    """Logs each kind of trouble once and counts the rest, so that a bad peer cannot fill the log."""
+    """Logs each kind of trouble once and counts the rest, so that a bad peer cannot fill the log.
 
-    def __init__(self, logger: Any) -> None:
-        self._logger = logger
-        self.counts: Counter[str] = Counter()
+    A trouble is over 5 s (of ``now_s``) after it was last found, or when its finder calls ``over``.
+    """
+
+    def __init__(self, logger: Any, now_s: Callable[[], float]) -> None:
+        self._logger, self._now_s = logger, now_s
+        self._counts: Counter[str] = Counter()
+        self._ends_s: dict[str, float] = {}
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How often each trouble that is not over was found."""
+        now_s = self._now_s()
+        for key in [key for key, end_s in self._ends_s.items() if end_s < now_s]:
+            self.over(key)
+        return dict(self._counts)
 
     def warning(self, key: str, text: str) -> None:
-        self.counts[key] += 1
-        if self.counts[key] == 1:
+        """For what is found again as long as it lasts, or lasts no time."""
+        self._found(key, text, self._now_s() + _LAPSE_S)
+
+    def begin(self, key: str, text: str) -> None:
+        """For what lasts until ``over``, though it is not found again."""
+        self._found(key, text, math.inf)
+
+    def _found(self, key: str, text: str, end_s: float) -> None:
+        if key not in self.counts:
             self._logger.warning(text)
+        self._counts[key] += 1
+        self._ends_s[key] = end_s
 
     def over(self, key: str) -> None:
         """The trouble has ended, which is logged if there was any; the next one is logged again."""
-        count = self.counts.pop(key, 0)
+        count = self._counts.pop(key, 0)
+        self._ends_s.pop(key, None)
         if count:
             self._logger.info(f"{key}: over, after {count} time{'s' if count > 1 else ''}")
 
     def summary(self) -> None:
-        for key, count in self.counts.items():
+        for key, count in self._counts.items():
             if count > 1:
                 self._logger.warning(f"{key}: {count} times")
 

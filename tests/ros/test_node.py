@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import signal
 from collections.abc import Callable, Iterator
@@ -15,6 +16,7 @@ rclpy = pytest.importorskip("rclpy")
 from rclpy.clock_type import ClockType  # noqa: E402
 from rclpy.time import Time  # noqa: E402
 
+from pacman_env import ros  # noqa: E402
 from pacman_env.config import make_config, parse_settings  # noqa: E402
 from pacman_env.ros import topics  # noqa: E402
 from pacman_env.ros.node import BaseNode, Once  # noqa: E402
@@ -131,10 +133,10 @@ class Log(list[str]):
 
 def test_a_trouble_is_said_once_and_counted_and_said_again_after_it_was_over() -> None:
     log = Log()
-    once = Once(log)
+    once = Once(log, lambda: 0.0)
     for i in range(3):
         once.warning("pose", f"bad pose {i}")
-    once.warning("map", "no map")
+    once.begin("map", "no map")
     assert log == ["warning bad pose 0", "warning no map"]
     assert once.counts == {"pose": 3, "map": 1}
     once.summary()
@@ -143,6 +145,42 @@ def test_a_trouble_is_said_once_and_counted_and_said_again_after_it_was_over() -
     once.over("pose")
     once.warning("pose", "bad again")
     assert log[3:] == ["info pose: over, after 3 times", "warning bad again"]
+
+
+def test_a_trouble_that_is_not_found_again_is_over_unless_it_lasts_until_it_is_said_to_be() -> None:
+    log, now_s = Log(), 0.0
+    once = Once(log, lambda: now_s)
+    once.warning("pose", "bad pose")
+    once.begin("stopped", "stopped by a person")
+    now_s = 4.0
+    assert once.counts == {"pose": 1, "stopped": 1}
+    now_s = 1e6
+    assert once.counts == {"stopped": 1}
+    once.warning("pose", "bad pose")
+    assert log == [
+        "warning bad pose",
+        "warning stopped by a person",
+        "info pose: over, after 1 time",
+        "warning bad pose",
+    ]
+    once.over("stopped")
+    assert once.counts == {"pose": 1}
+
+
+def begun_and_over() -> Iterator[tuple[str, list[str], list[str]]]:
+    """By file: the troubles that last until they are over, as written, and those that are ended."""
+    for path in sorted(Path(ros.__file__).parent.rglob("*.py")):
+        calls = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
+        named = [(ast.unparse(call.func), ast.unparse(call.args[0])) for call in calls if call.args]
+        begun, over = ([key for name, key in named if name.endswith(end)] for end in ("once.begin", "once.over"))
+        yield path.name, begun, over
+
+
+def test_every_trouble_that_lasts_has_an_end_in_the_same_file() -> None:
+    lasting = [(file, trouble) for file, begun, _ in begun_and_over() for trouble in begun]
+    assert {"node.py", "pursuit.py"} <= {file for file, _ in lasting}
+    endless = [(file, trouble) for file, begun, over in begun_and_over() for trouble in begun if trouble not in over]
+    assert endless == []
 
 
 class Peer:

@@ -112,7 +112,7 @@ class Pursuit:
         """The robot stops at once, and Nav2 has no goal of any node, until the release."""
         self._nav2.forbidden = stopped
         if stopped:
-            self._node.once.warning(_STOPPED, f"stopped by {who}: no goal is sent until it is released")
+            self._node.once.begin(_STOPPED, f"stopped by {who}: no goal is sent until it is released")
             self._stop()
             self._nav2.cancel_all()
         else:
@@ -187,7 +187,7 @@ class Pursuit:
             "ghosts_heard": ghosts_received,
             "last_status": self._nav2.last_status,
             "last_error_code": self._nav2.last_error,
-            "troubles": dict(node.once.counts),
+            "troubles": node.troubles(),
             **self.selection.condition(node.now_s()),
         }
         self._publish_json(goal_scores.DIAGNOSTICS, condition)

@@ -1,0 +1,115 @@
+"""The goal selector's troubles: each is in the list while it lasts, and not for the rest of a game."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from std_msgs.msg import Header
+
+from pacman_env.ros import topics
+from pacman_env.ros.messages import markers_of, transform_message
+from pacman_env.ros.node import GameNode
+from pacman_env.ros.supervisor.game_nodes import SELECTOR
+from tests.ros.selector_game import FAR_AWAY, Game, pellet
+
+if TYPE_CHECKING:
+    from tests.ros.session import Session
+
+LONGEST_S = 7.0  # simulated, from a trouble's end until it is no longer listed
+
+
+def bad_transform(game: Game, topic: topics.Topic) -> None:
+    broken = transform_message("odom", "base_link", (math.nan, 0.0, 0.0), game.session.stamp())
+    game.say(topic, topic.type(transforms=[broken]))
+
+
+def bad_pose(game: Game) -> None:
+    game.say(topics.AMCL_POSE, topics.AMCL_POSE.type(header=Header(frame_id="odom")))
+
+
+def off_the_map(game: Game) -> None:
+    game.stand(400.0, 400.0)
+    game.session.advance(1.0)
+    game.stand(*game.pose)
+
+
+def other_pellets(game: Game) -> None:
+    foreign = {99_999: pellet(0)}
+    game.say(topics.PELLET_MARKERS, markers_of(foreign, game.session.stamp()))
+
+
+def nav2_gone(game: Game) -> None:
+    game.end_nav2()
+    game.session.advance(1.0)
+    game.start_nav2()
+
+
+#: What goes wrong and is over again, by the name of the trouble.
+OVER: dict[str, Callable[[Game], None]] = {
+    "bad amcl_pose": bad_pose,
+    "bad clyde_pose": lambda game: game.clyde(math.nan, 0.0),
+    "bad game_command": lambda game: game.say(topics.GAME_COMMAND, "jump"),
+    "bad game_state": lambda game: game.say(topics.GAME_STATE, "jump"),
+    "bad clyde/speed": lambda game: game.say(topics.CLYDE_SPEED, -1.0),
+    "bad game/pellets_collected": lambda game: game.say(topics.PELLETS_COLLECTED, -5),
+    "bad tf": lambda game: bad_transform(game, topics.TF),
+    "bad tf_static": lambda game: bad_transform(game, topics.TF_STATIC),
+    "bad stop": lambda game: game.say(topics.OPERATOR_STOP, "jump"),
+    "off the map": off_the_map,
+    "unknown pellets": other_pellets,
+    "no Nav2": nav2_gone,
+}
+
+
+@pytest.mark.parametrize("trouble", OVER)
+def test_a_trouble_that_is_over_leaves_the_list(game: Game, trouble: str) -> None:
+    game.start()
+    game.begin()
+    game.running_goal(1)
+    OVER[trouble](game)
+    game.condition(lambda c: trouble in c["troubles"], trouble)
+    game.pellets()
+    game.session.advance(LONGEST_S)
+    assert trouble not in game.condition()["troubles"]
+
+
+def test_no_clyde_is_over_when_clyde_is_there(game: Game) -> None:
+    game.start()
+    game.stand(*game.pose)
+    game.pellets()
+    game.say(topics.GAME_STATE, "running")
+    game.say(topics.GAME_COMMAND, "enable")
+    game.condition(lambda c: "no clyde" in c["troubles"], "no clyde")
+    game.session.advance(3 * LONGEST_S)
+    assert "no clyde" in game.condition()["troubles"], "it lasts"
+    game.clyde(*FAR_AWAY)
+    game.session.advance(LONGEST_S)
+    assert game.condition()["troubles"].keys() == {"ghosts unheard"}
+
+
+class Peer(GameNode):
+    """Another node of the game."""
+
+    def __init__(self) -> None:
+        super().__init__("peer")
+
+
+def test_another_configuration_is_a_trouble_until_its_node_agrees_or_is_gone(game: Game) -> None:
+    session: Session = game.session
+    game.start()
+    trouble = "configuration of peer"
+    for _ in range(2):
+        session.start("peer", Peer, settings=["clyde.speed_mps=0.4"])
+        game.condition(lambda c: trouble in c["troubles"], trouble)
+        session.advance(3 * LONGEST_S)
+        assert trouble in game.condition()["troubles"], "it lasts"
+        session.kill("peer")
+        session.advance(LONGEST_S)
+        assert trouble not in game.condition()["troubles"]
+    assert session.node(SELECTOR).once.counts == {}
