@@ -20,6 +20,9 @@ _NAMES_S = 1.0
 _UNKNOWN_NAMESPACE, _UNKNOWN_NAME = "_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_"  # ROS's words
 NAMELESS = "a node without a name"
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
+PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
+_UDP_ALONE = Path(__file__).with_name("udp_alone.xml")
 BEYOND = ("ROS_DISCOVERY_SERVER", "ROS_SUPER_CLIENT", "ROS_STATIC_PEERS")  # these reach other machines, too
 
 
@@ -36,6 +39,7 @@ def join(domain: int | None, this_machine: bool) -> int:
     """Choose the domain of nodes made from now on, by default that of the environment, and return it."""
     number = domain_of(os.environ.get("ROS_DOMAIN_ID", "") if domain is None else str(domain))
     os.environ["ROS_DOMAIN_ID"] = str(number)
+    avoid_shared_memory()
     if this_machine:
         stay_on_this_machine()
     return number
@@ -47,6 +51,27 @@ def stay_on_this_machine(environment: MutableMapping[str, str] | None = None) ->
     environment[_RANGE] = "LOCALHOST"
     for name in BEYOND:
         environment.pop(name, None)
+
+
+def avoid_shared_memory(environment: MutableMapping[str, str] | None = None) -> None:
+    """Nodes that are created from now on talk by UDP alone, unless the user's environment or profile decides.
+
+    Fast DDS 2.14 does not notice that a process was killed while it read its port in shared memory: it deletes that
+    port when the process is started again, and older processes may write to the deleted one for ever.
+    """
+    environment = os.environ if environment is None else environment
+    if not (environment.get("RMW_IMPLEMENTATION") or "rmw_fastrtps").startswith("rmw_fastrtps"):
+        return
+    files = [environment[name] for name in PROFILES if environment.get(name)]
+    profiles = ""
+    for file in files:
+        with contextlib.suppress(OSError):
+            profiles += Path(file).read_text(errors="replace")
+    if TRANSPORTS in environment or "ransport" in profiles:
+        return
+    environment[TRANSPORTS] = "UDPv4"
+    if not files:  # with LOCALHOST, ROS adds shared memory whatever the transports are; it gets no port there
+        environment[PROFILES[0]] = str(_UDP_ALONE)
 
 
 @contextlib.contextmanager

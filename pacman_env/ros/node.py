@@ -32,7 +32,7 @@ from rclpy.utilities import remove_ros_args
 from pacman_env.config import EXECUTIONS, PRESETS, Config, differences, make_config, parse_settings
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 
-from .discovery import simulated, stay_on_this_machine
+from .discovery import avoid_shared_memory, simulated, stay_on_this_machine
 from .messages import BadMessage
 from .standstill import STOOD_STILL, Standstill, lease_s
 from .supervisor.game_nodes import QUIET, module_of
@@ -322,6 +322,7 @@ def run_together(makes: Iterable[Callable[[], BaseNode]], name: str, arguments: 
                 )
             if simulated(arguments):
                 stay_on_this_machine()
+            avoid_shared_memory()
             longest_s = lease_s()
             # ROS's own signal handlers would end the context before the last messages.
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
@@ -397,6 +398,7 @@ class Observer(Node):
     """A node beside a game: it works while it is spun, in a context of its own, which ``close`` shuts down."""
 
     def __init__(self, name: str, namespace: str, domain: int | None = None, **options: Any) -> None:
+        avoid_shared_memory()
         context, no_signals = rclpy.Context(), SignalHandlerOptions.NO
         rclpy.init(args=["--ros-args", *QUIET], context=context, domain_id=domain, signal_handler_options=no_signals)
         super().__init__(name, namespace=namespace, context=context, **options)

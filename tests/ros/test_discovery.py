@@ -3,25 +3,32 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import textwrap
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from unittest import mock
 
 import pytest
 
+from pacman_env import ros
 from pacman_env.game.lights import LASTING
-from pacman_env.ros.discovery import domain_of, simulated, stay_on_this_machine
+from pacman_env.ros.discovery import (
+    PROFILES,
+    TRANSPORTS,
+    avoid_shared_memory,
+    domain_of,
+    simulated,
+    stay_on_this_machine,
+)
 
 pytest.importorskip("rclpy")
 
 from pacman_env.ros import topics
 from tests.ros.network import on_the_network, two_machines, why_not
-
-if TYPE_CHECKING:
-    from tests.ros.system import Probe, System
+from tests.ros.system import Probe, System
 
 SIM_ROBOT = "pacman_env.ros.simulated_robot.sim_robot"
 LIGHTS = "pacman_env.ros.nodes.game_light_node"
@@ -62,6 +69,62 @@ def test_arguments_that_ask_for_simulated_time_are_known(words: str, asks: bool,
     file = tmp_path / "launch_params"
     file.write_text("/robot_15/sim_robot:\n  ros__parameters:\n    use_sim_time: true\n")
     assert simulated(["--ros-args", *words.format(file=file).split()]) is asks
+
+
+ROS_PROFILE, OTHER_PROFILE = PROFILES
+OWN = "{package}/udp_alone.xml"
+
+
+@pytest.mark.parametrize(
+    ("given", "profile", "transports", "file"),
+    [
+        ({}, "", "UDPv4", OWN),
+        ({TRANSPORTS: "LARGE_DATA"}, "", "LARGE_DATA", None),
+        ({"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"}, "", "UDPv4", OWN),
+        ({"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}, "", None, None),
+        ({ROS_PROFILE: "{file}"}, "<participant/>", "UDPv4", "{file}"),
+        ({ROS_PROFILE: "{file}"}, "<transport_descriptors/>", None, "{file}"),
+        ({OTHER_PROFILE: "{file}"}, "<participant/>", "UDPv4", None),
+        ({OTHER_PROFILE: "{file}"}, "<useBuiltinTransports/>", None, None),
+        ({ROS_PROFILE: "{file}.none"}, "", "UDPv4", "{file}.none"),
+    ],
+)
+def test_transports_and_profiles_that_the_user_has_chosen_stay(
+    given: dict[str, str], profile: str, transports: str | None, file: str | None, tmp_path: Path
+) -> None:
+    names = {"file": str(tmp_path / "profiles.xml"), "package": str(Path(ros.__file__).parent)}
+    Path(names["file"]).write_text(profile)
+    environment = {name: value.format(**names) for name, value in given.items()}
+    avoid_shared_memory(environment)
+    assert environment.get(TRANSPORTS) == transports
+    assert environment.get(ROS_PROFILE) == (file and file.format(**names))
+
+
+def ports(process: int) -> list[str]:
+    """In shared memory, that a process reads or writes: not those that discovery announces to, of domain 0."""
+    found = re.findall(r"/dev/shm/fastrtps_port(\d+)", Path(f"/proc/{process}/maps").read_text())
+    return [port for port in found if int(port) > 7400]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.parametrize("chosen", ["", "DEFAULT"])
+def test_nodes_talk_without_a_port_in_shared_memory_unless_the_user_wants_it(
+    system: System, monkeypatch: pytest.MonkeyPatch, chosen: str
+) -> None:
+    for name in (TRANSPORTS, *PROFILES):
+        monkeypatch.delenv(name, raising=False)
+    if chosen:
+        monkeypatch.setenv(TRANSPORTS, chosen)
+    nodes = [system.start(LIGHTS), system.start("pacman_env.ros.nodes.game_event_mapper")]
+    with mock.patch.dict(os.environ):
+        avoid_shared_memory()
+        with Probe(system) as probe:
+            probe.record(topics.LIGHT_RING)
+            for node in nodes:
+                probe.answered_by(f"{system.namespace}/{node.name}")
+            probe.publish(topics.GAME_EVENT, "start")
+            probe.wait_for(lambda: any(lit_rings(probe)), what="the ring to be lit")
+            assert [bool(ports(node.popen.pid)) for node in nodes] == [bool(chosen)] * 2
 
 
 def test_the_later_of_two_nodes_of_one_kind_is_refused_by_the_name_of_the_first(probe: Probe, system: System) -> None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from . import child
+from .shared_memory import remove_unused
 
 PATIENCE_S = 12.0  # of a node's end: its last messages, then a middleware that hangs (``node.py``)
 SLOW_START_S = 10.0  # the pause between two starts of a dying node is doubled up to this
@@ -76,6 +77,7 @@ class ProcessGroup:
             name = member.name
             if member.process is None:
                 if member.due_s is not None and now >= member.due_s:
+                    remove_unused()
                     self._launch(member, "ab")
             elif (status := member.process.poll()) is not None:
                 dead.append(name)

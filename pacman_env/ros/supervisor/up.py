@@ -31,6 +31,7 @@ from pacman_env.ros.supervisor.game_nodes import (
 )
 from pacman_env.ros.supervisor.operator import StatusLine
 from pacman_env.ros.supervisor.processes import Lost, ProcessGroup, end
+from pacman_env.ros.supervisor.shared_memory import tidied
 from pacman_env.ros.supervisor.terminal import LineWriter, keyboard
 from pacman_env.ros.topics import RESET_GAME, START_GAME, Service
 from pacman_env.sim.maps.assets import map_assets
@@ -62,6 +63,7 @@ def up(
         number = join(domain, setup.sim)
         check(setup, play_on)
         with (
+            tidied(),
             contextlib.closing(GameLock(setup.namespace, number, setup.sim)) as lock,
             StatusLine(setup.namespace, setup.sim, setup.policy) as status_line,
             keyboard(sys.stdin) as pressed,

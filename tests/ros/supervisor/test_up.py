@@ -24,9 +24,11 @@ from pacman_env.ros.supervisor import up as up_module
 from pacman_env.ros.supervisor.game_lock import GameLock
 from pacman_env.ros.supervisor.game_nodes import COMPOSED, MOVERS, REFEREE, SELECTOR, STOP_ORDER, GameSetup
 from pacman_env.ros.supervisor.operator import StatusLine
+from pacman_env.ros.supervisor.shared_memory import FOLDER
 from pacman_env.ros.supervisor.terminal import LineWriter
 from pacman_env.ros.supervisor.up import HAD_TO_KILL, NO_POSE, NODE_LOST
 from tests.ros import session
+from tests.ros.supervisor.test_shared_memory import families, files_of, of_all
 
 PATIENCE_S = 240.0  # the first nodes may have to compile
 
@@ -46,7 +48,9 @@ if "pacman_env.ros.supervisor.child" in sys.orig_argv:
 """
 
 
-def test_a_node_that_cannot_be_kept_alive_ends_the_game_with_its_reason(system: Any, tmp_path: Path) -> None:
+@pytest.fixture
+def broken_game(tmp_path: Path) -> list[str]:
+    """The command of a game that ends soon."""
     broken = tmp_path / "broken"
     broken.mkdir()
     (broken / "sitecustomize.py").write_text(BROKEN)
@@ -56,10 +60,32 @@ def test_a_node_that_cannot_be_kept_alive_ends_the_game_with_its_reason(system: 
     )
     words = ["ros", "up", "--map", "house", "--policy", "nearest", "--sim", "--logs", str(tmp_path / "logs")]
     environment = f"PYTHONPATH={broken}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
-    up = system.run("up", ["env", environment, sys.executable, "-c", code, *words])
+    return ["env", environment, sys.executable, "-c", code, *words]
+
+
+def test_a_node_that_cannot_be_kept_alive_ends_the_game_with_its_reason(system: Any, broken_game: list[str]) -> None:
+    up = system.run("up", broken_game)
     assert up.wait(PATIENCE_S) == NODE_LOST, up.output
     assert "audio_node died 5 times within 60 s" in up.output
     system.processes.clear()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="shared memory is a folder on Linux only")
+def test_what_a_killed_command_left_in_shared_memory_is_removed_by_the_next(
+    system: Any, probe: Any, broken_game: list[str]
+) -> None:
+    up = system.run("up", broken_game)
+    probe.wait_for(lambda: "game on /robot_15" in up.output, PATIENCE_S, "the game")
+    left = files_of(up.popen.pid) - files_of(os.getpid())
+    assert left
+    up.popen.kill()
+    up.popen.wait()
+    system.processes.clear()
+    assert {name for name in left if (FOLDER / name).exists()}
+    up = system.run("up", broken_game)
+    assert up.wait(PATIENCE_S) == NODE_LOST, up.output
+    system.processes.clear()
+    assert families(name for name in left if (FOLDER / name).exists()) <= families(of_all())
 
 
 @pytest.fixture

@@ -1,0 +1,334 @@
+"""Kills of real processes in a running game: ``python -m tests.system.kills --kills 200``.
+
+``pacman-env ros up --sim --play-on`` plays round after round; its nodes are killed with SIGKILL, one at a time, in a
+drawn order and at drawn moments. After each kill the node that is started again must receive from those that were
+there before: what it publishes then depends on their messages (``_EFFECTS``). Every round that is completed must have
+the right score. Middleware and processes are real, so the moments are not repeatable. Needs ROS.
+"""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.files import prepare, write_json
+from pacman_env.ros.supervisor.game_nodes import (
+    GAME,
+    NAMESPACE,
+    REFEREE,
+    SELECTOR,
+    SIMULATOR,
+    full_namespace,
+    module_of,
+)
+from tests.system.campaign.workers import require_ros
+
+FAULT_STATUS = 1
+NODES = (SIMULATOR, *GAME, SELECTOR)
+TRANSPORTS = {"default": "", "udp": "UDPv4", "shm": "DEFAULT"}  # values of the variable below
+TRANSPORT = "FASTDDS_BUILTIN_TRANSPORTS"  # of Fast DDS
+START_S = 300.0  # the first start may compile
+HANG_S = 60.0  # of real time, from a kill to a game that goes on
+REPAIR_S = 120.0  # then the node may be started again by itself; after that, this command kills it
+_PAUSE_S = 2.0  # between a game that goes on and the next kill, at most
+_DEAD_PORT = "fastrtps_port"  # in shared memory
+
+
+@dataclass
+class Kill:
+    node: str
+    state: str | None  # of the game
+    back_s: float = 0.0  # until the node was there again
+    on_s: float = 0.0  # until the game went on
+    missing: list[str] = field(default_factory=list)  # effects that were not seen in time
+    deleted_ports: int = 0  # processes that still map a port of shared memory that is deleted
+    repaired: str = ""  # how, if it was a hang
+
+
+def _mapped(process: int) -> str:
+    with suppress(OSError):
+        return Path(f"/proc/{process}/maps").read_text()
+    return ""
+
+
+class Command:
+    """``ros up`` as a process, and the processes of its nodes."""
+
+    def __init__(self, words: Sequence[str], folder: Path, transport: str) -> None:
+        self.log = folder / "up.log"
+        environment = dict(os.environ)
+        environment.pop(TRANSPORT, None)
+        if TRANSPORTS[transport]:
+            environment[TRANSPORT] = TRANSPORTS[transport]
+        with self.log.open("wb") as log:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "pacman_env.cli.main", "ros", "up", *words, "--logs", str(folder / "logs")],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env=environment,
+            )
+
+    def ids(self) -> dict[str, int]:
+        modules = {module_of(name): name for name in NODES}
+        found = {}
+        for folder in Path("/proc").iterdir():
+            if folder.name.isdigit():
+                with suppress(OSError, IndexError):
+                    parent = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
+                    words = (folder / "cmdline").read_bytes().decode(errors="replace").split("\0")
+                    if parent == self.process.pid and (name := modules.get(words[4])):
+                        found[name] = int(folder.name)
+        return found
+
+    def deleted_ports(self) -> int:
+        lines = [_mapped(number).splitlines() for number in self.ids().values()]
+        return sum(any(_DEAD_PORT in line and "(deleted)" in line for line in one) for one in lines)
+
+    def restarts(self) -> int:
+        """By the supervisor, of nodes that were there and did not respond."""
+        return self.log.read_text(errors="replace").count("is started again")
+
+    def end(self) -> int:
+        self.process.terminate()
+        try:
+            return self.process.wait(60)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            return self.process.wait()
+
+
+def watcher(namespace: str) -> Any:
+    """A node that counts what the nodes publish."""
+    from pacman_env.ros import topics
+    from pacman_env.ros.messages import pellets_of, pose_of
+    from pacman_env.ros.node import Observer, process_of
+
+    class Watcher(Observer):
+        def __init__(self) -> None:
+            super().__init__("pacman_kills", full_namespace(namespace))
+            self.counts: collections.Counter[str] = collections.Counter()  # of messages, by topic
+            self.ids: dict[str, int] = {}  # processes of nodes, as they name themselves
+            self.state: str | None = None
+            self.shown: set[int] = set()
+            self.removed: set[int] = set()  # of this round
+            self.clyde: tuple[float, ...] = ()
+            self.base, self.spawned, self.result = 0, 0, ""
+            self.rounds, self.deaths, self.wrong = 0, 0, list[str]()
+            handlers: list[tuple[Any, Callable[[Any], None]]] = [
+                (topics.CONFIGURATION, self._on_configuration),
+                (topics.GAME_STATE, self._on_state),
+                (topics.GAME_RESULT, self._on_result),
+                (topics.PELLETS_SPAWNED, self._on_spawned),
+                (topics.PELLETS_COLLECTED, lambda message: None),
+                (topics.PELLET_MARKERS, lambda message: self._show(set(pellets_of(message)))),
+                (topics.REMOVE_PELLET, lambda message: self.removed.add(message.data)),
+                (topics.CLYDE_POSE, lambda message: self._move(pose_of(message))),
+                (topics.PLAY_NOTES.statuses, lambda message: None),
+            ]
+            others = (topics.GAME_STATUS, topics.GAME_EVENT, topics.GAME_LIGHT, topics.GAME_SOUND, topics.LIGHT_RING)
+            handlers += [(topic, lambda message: None) for topic in others]
+            for topic, handle in handlers:
+                self._watch(topic, handle)
+
+        def _watch(self, topic: Any, handle: Callable[[Any], None]) -> None:
+            def receive(message: Any) -> None:
+                self.counts[topic.name] += 1
+                handle(message)
+
+            topic.subscription(self, receive)
+
+        def _on_configuration(self, message: Any) -> None:
+            if (plays := process_of(message)) is not None:
+                self.ids[str(plays["node"])] = int(plays["started"][2])
+
+        def _on_state(self, message: Any) -> None:
+            self.state = message.data
+            if self.state == "returning_home":
+                self.removed.clear()
+
+        def _show(self, pellets: set[int]) -> None:
+            self.shown = pellets
+
+        def _move(self, pose: tuple[float, ...]) -> None:
+            if pose != self.clyde:
+                self.clyde = pose
+                self.counts["clyde has moved"] += 1
+
+        def _on_spawned(self, message: Any) -> None:
+            self.spawned = message.data or self.spawned
+
+        def _on_result(self, message: Any) -> None:
+            before, self.result = self.result, message.data
+            if self.result == before or not self.result:
+                return
+            score = int(self.result.rpartition(" ")[2])
+            if self.result.startswith("Complete"):
+                self.rounds += 1
+                if score != self.base + self.spawned:
+                    self.wrong.append(f"{self.result}, {self.base} before and {self.spawned} pellets")
+                self.base = score
+            else:
+                self.deaths, self.base = self.deaths + 1, 0
+
+    return Watcher()
+
+
+#: What must come after a node's return, by node: messages that follow from others' messages to it.
+_EFFECTS = {
+    SIMULATOR: ("game_status",),
+    "pellet_manager": ("pellet_markers", "remove_pellet", "removed pellets are not shown"),
+    "audio_node": ("game_sound", "audio_note_sequence/_action/status"),
+    "game_light_node": ("game_light", "cmd_lightring"),
+    "clyde_ghost_node": ("clyde_pose", "clyde has moved"),
+    "game_event_mapper": ("game_event", "game_light", "game_sound"),
+    REFEREE: ("game_status", "game/pellets_collected"),
+    SELECTOR: ("game_status", "remove_pellet"),
+}
+
+
+def missing(node: str, watch: Any, before: collections.Counter[str]) -> list[str]:
+    """Effects of a node's return that were not seen yet, and the game's own: a pellet is counted."""
+    wanted = ("game/pellets_collected", *_EFFECTS[node])
+    gone = "removed pellets are not shown"
+    lacking = [name for name in dict.fromkeys(wanted) if name != gone and watch.counts[name] <= before[name]]
+    return lacking + [gone] * (gone in wanted and bool(watch.shown & watch.removed))
+
+
+class Series:
+    def __init__(self, arguments: argparse.Namespace, folder: Path) -> None:
+        self.rng = np.random.default_rng(arguments.seed)
+        self.kills: list[Kill] = []
+        self._stop_s = time.monotonic() + 60.0 * arguments.minutes if arguments.minutes else float("inf")
+        settings = ("clyde.speed_mps=0.02", "clyde.speed_step_mps=0.001", "show.start_s=1", "show.death_s=1")
+        words = ["--map", arguments.map, "--policy", arguments.policy, "--sim", "--speed", f"{arguments.speed:g}"]
+        words += [word for setting in settings for word in ("--set", setting)]
+        words += ["--start", "--play-on", *(["--domain-id", str(arguments.domain_id)] if arguments.domain_id else [])]
+        self.watch = watcher(NAMESPACE)
+        self.command = Command(words, folder, arguments.transport)
+
+    def spin_until(self, condition: Callable[[], object], timeout_s: float) -> bool:
+        end = time.monotonic() + timeout_s
+        while not condition():
+            if self.command.process.poll() is not None:
+                raise ValueError(f"ros up has ended:\n{self.command.log.read_text()[-2000:]}")
+            if time.monotonic() > end:
+                return False
+            self.watch.spin(0.05)
+        return True
+
+    def pause(self, seconds: float) -> None:
+        end = time.monotonic() + seconds
+        self.spin_until(lambda: time.monotonic() > end, seconds + 1.0)
+
+    def play(self, kills: int) -> None:
+        going = self.spin_until(lambda: set(NODES) <= set(self.watch.ids) and self.watch.spawned, START_S)
+        if not going:
+            raise ValueError(f"no game within {START_S:g} s:\n{self.command.log.read_text()[-2000:]}")
+        order: list[str] = []
+        while len(self.kills) < kills and time.monotonic() < self._stop_s:
+            order = order or [NODES[k] for k in self.rng.permutation(len(NODES))]
+            self.pause(self.rng.uniform(0.0, _PAUSE_S))
+            self._kill(order.pop())
+
+    def _kill(self, node: str) -> None:
+        watch, killed_s = self.watch, time.monotonic()
+        if (number := self.command.ids().get(node)) is None:  # it waits to be started again
+            return
+        kill = Kill(node, watch.state)
+        os.kill(number, 9)
+
+        def back() -> bool:
+            return watch.ids[node] not in (number, 0)
+
+        def goes_on() -> bool:
+            return not missing(node, watch, before)
+
+        there = self.spin_until(back, HANG_S)
+        kill.back_s = time.monotonic() - killed_s
+        before = watch.counts.copy()
+        if not (there and self.spin_until(goes_on, HANG_S)):
+            kill.missing = missing(node, watch, before)
+            print(f"{len(self.kills)}: {node} in {kill.state}: no {', '.join(kill.missing)}", flush=True)
+            kill.deleted_ports = self.command.deleted_ports()
+            kill.repaired = "by itself" if self.spin_until(goes_on, REPAIR_S) else "by another kill"
+            if kill.repaired != "by itself":
+                with suppress(OSError, KeyError):
+                    os.kill(self.command.ids()[node], 9)
+                self.spin_until(goes_on, REPAIR_S)
+        kill.on_s = time.monotonic() - killed_s
+        self.kills.append(kill)
+        if len(self.kills) % 10 == 0:
+            print(f"{len(self.kills)} kills, {watch.rounds} rounds, {len(watch.wrong)} wrong", flush=True)
+
+    def figures(self) -> dict[str, Any]:
+        on_s = sorted(kill.on_s for kill in self.kills)
+        return {
+            "kills": len(self.kills),
+            "by_node": dict(collections.Counter(kill.node for kill in self.kills)),
+            "on_s": {"median": statistics.median(on_s), "longest": on_s[-1]} if on_s else {},
+            "back_s": statistics.median(kill.back_s for kill in self.kills) if on_s else None,
+            "hangs": [asdict(kill) for kill in self.kills if kill.missing],
+            "rounds": self.watch.rounds,
+            "deaths": self.watch.deaths,
+            "wrong_scores": self.watch.wrong,
+            "restarts_by_supervisor": self.command.restarts(),
+        }
+
+
+def run(arguments: argparse.Namespace) -> int:
+    require_ros()
+    from pacman_env.ros.discovery import join
+
+    if arguments.json:
+        prepare(arguments.json)
+    folder = arguments.logs or Path(tempfile.mkdtemp(prefix="kills_"))
+    folder.mkdir(parents=True, exist_ok=True)
+    join(arguments.domain_id, this_machine=True)
+    series = Series(arguments, folder)
+    try:
+        series.play(arguments.kills)
+    finally:
+        status = series.command.end()
+        figures = {"transport": arguments.transport, "speed": arguments.speed, **series.figures(), "status": status}
+        series.watch.close()
+        print(json.dumps(figures, indent=2))
+        if arguments.json:
+            write_json(arguments.json, figures)
+    return FAULT_STATUS if figures["hangs"] or figures["wrong_scores"] or status else 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The exit status is 1 after a hang, a wrong score, or an end that is not in order."""
+    parser = Parser(prog="python -m tests.system.kills", description=__doc__)
+    add = parser.add_argument
+    add("--kills", type=whole_number(1), default=200, help="(%(default)s)")
+    add("--minutes", type=whole_number(0), default=0, help="after which none is killed; 0: no limit (%(default)s)")
+    add("--map", default="house", help="(%(default)s)")
+    add("--policy", default="nearest", help="(%(default)s)")
+    add("--speed", type=float, default=10.0, help="of the simulated clock (%(default)g)")
+    add("--seed", type=whole_number(0), default=0, help="of order and moments (%(default)s)")
+    add("--transport", choices=TRANSPORTS, default="default", help="of the middleware (%(default)s: the game's own)")
+    add("--domain-id", type=whole_number(0), default=None, help="ROS domain (ROS_DOMAIN_ID)")
+    add("--logs", type=Path, help="folder for what the processes print (a new one in the temporary folder)")
+    add("--json", type=Path, help="file for the figures")
+    return run_command(parser, argv, run)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
