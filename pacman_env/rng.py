@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-CLYDE, LOCALIZATION, NAVIGATION, POLICY, LEVEL, RANDOMIZE, LIDAR, ROUND = 1, 2, 3, 4, 5, 6, 7, 8
+CLYDE, LOCALIZATION, NAVIGATION, POLICY, LEVEL, RANDOMIZE, LIDAR, ROUND, ODOMETRY = range(1, 10)
 GHOSTS = 16  # and the numbers after it: the ghosts beside Clyde
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)

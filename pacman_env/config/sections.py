@@ -29,6 +29,22 @@ class RobotConfig(Checked, group="robot"):
     wheel_acceleration_mps2: Positive = 0.9  # Create 3
     wheel_base_m: Positive = 0.233  # Create 3
     velocity_timeout_s: Positive = 0.5  # a velocity that is not repeated ends (Create 3)
+    #: Of `sim_robot` as a base alone, which a real Nav2 drives; the game's own rounds do not use what follows.
+    lidar_x_m: Number = -0.04  # of the lidar, ahead of the base's centre (URDF of the TurtleBot 4)
+    lidar_height_m: Positive = 0.193  # 0.094 to the shell and 0.099 on it (URDF of the TurtleBot 4)
+    lidar_heading_rad: Number = 1.5708  # its frame is turned to the left (URDF of the TurtleBot 4)
+    #: What the odometry's distances and turns are wrong by, drawn once from the seed. A base with encoders, gyro and
+    #: floor camera is of this order [I]; relative standard deviations.
+    odometry_distance_error: NotNegative = 0.01
+    odometry_turn_error: NotNegative = 0.01
+    odometry_distance_noise: NotNegative = 0.005  # its random error after 1 m, m; grows with the distance's root [I]
+    odometry_turn_noise: NotNegative = 0.01  # its random error after 1 rad, rad; grows with the turn's root [I]
+    odometry_heading_noise: NotNegative = 0.01  # its random error after 1 m, rad; grows with the distance's root [I]
+    wheel_slip: Annotated[float, Meta(ge=0, le=0.5)] = 0.005  # share of the wheels' motion that moves nothing [I]
+    odometry_pose_variance: Positive = 0.001  # reported of x and y, m2, and of the speed (Create 3's simulator)
+    odometry_heading_variance: Positive = (
+        0.01  # reported of the heading, rad2, and the turn rate (Create 3's simulator)
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -149,8 +149,14 @@ AMCL_POSE = Topic("amcl_pose", "geometry_msgs/PoseWithCovarianceStamped", LATCHE
 INITIAL_POSE = Topic("initialpose", "geometry_msgs/PoseWithCovarianceStamped", EVENTS)
 #: Where a simulated robot's odometry began, in the map: with the odometry, where it truly is.
 SIMULATED_ORIGIN = Topic("sim/origin", "geometry_msgs/PoseStamped", LATCHED)
+SIMULATED_POSE = Topic("sim/true_pose", "geometry_msgs/PoseStamped", EVENTS)
 PLAN = Topic("plan", "nav_msgs/Path", EVENTS)
 ODOMETRY = Topic("odom", "nav_msgs/Odometry", SENSOR_DATA)
+#: As a base alone publishes it: some middlewares take the default of Nav2's subscriptions for reliable.
+RELIABLE_ODOMETRY = Topic("odom", "nav_msgs/Odometry", _qos(10))
+BATTERY_STATE = Topic("battery_state", "sensor_msgs/BatteryState", _qos(5))
+DOCK_STATUS = Topic("dock_status", "irobot_create_msgs/DockStatus", _qos(5))
+HAZARD_DETECTION = Topic("hazard_detection", "irobot_create_msgs/HazardDetectionVector", _qos(5))
 SCAN = Topic("scan", "sensor_msgs/LaserScan", SENSOR_DATA)
 TF = Topic("tf", "tf2_msgs/TFMessage", TRANSFORMS)
 TF_STATIC = Topic("tf_static", "tf2_msgs/TFMessage", STATIC_TRANSFORMS)
@@ -164,6 +170,8 @@ RESET_CLYDE = Service("reset_clyde", "std_srvs/Trigger")
 CLEAR_GLOBAL_COSTMAP = Service("global_costmap/clear_entirely_global_costmap", "nav2_msgs/ClearEntireCostmap")
 
 NAVIGATE_TO_POSE = RosAction("navigate_to_pose", "nav2_msgs/NavigateToPose")
+DOCK = RosAction("dock", "irobot_create_msgs/Dock")
+UNDOCK = RosAction("undock", "irobot_create_msgs/Undock")
 PLAY_NOTES = RosAction("audio_note_sequence", "irobot_create_msgs/AudioNoteSequence")
 
 #: What else moves a TurtleBot 4, by name: Nav2's behaviours and other navigators, then the base's own motions.

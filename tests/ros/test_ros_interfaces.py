@@ -73,8 +73,9 @@ def test_the_projects_own_definitions_are_those_that_its_topics_need() -> None:
     packages = {package.name: package.types for package in read(build.HERE)}
     assert packages == {
         "irobot_create_msgs": [
-            ("action", "AudioNoteSequence"),
-            *(("msg", name) for name in ("AudioNote", "AudioNoteVector", "DockStatus", "LedColor", "LightringLeds")),
+            *(("action", name) for name in ("AudioNoteSequence", "Dock", "Undock")),
+            *(("msg", name) for name in ("AudioNote", "AudioNoteVector", "DockStatus", "HazardDetection")),
+            *(("msg", name) for name in ("HazardDetectionVector", "LedColor", "LightringLeds")),
         ],
         "nav2_msgs": [("action", "NavigateToPose"), ("srv", "ClearEntireCostmap")],
         "tf2_msgs": [("msg", "TFMessage")],

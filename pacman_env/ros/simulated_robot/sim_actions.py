@@ -25,7 +25,7 @@ MOST_NOTES = 1000
 LONGEST_S = 600.0  # of a sequence
 
 
-class _Server(ABC):
+class Server(ABC):
     """An action server whose goals end by a call of :meth:`end`."""
 
     def __init__(self, node: GameNode, action: topics.RosAction) -> None:
@@ -96,7 +96,7 @@ class _Server(ABC):
     def cancel(self, key: bytes) -> bool: ...  # whether that is possible
 
 
-class NavigateServer(_Server):
+class NavigateServer(Server):
     """``navigate_to_pose``, one call of :meth:`step` for each of the world's."""
 
     def __init__(self, node: GameNode, navigation: Navigation, faults: Faults) -> None:
@@ -161,7 +161,7 @@ class _Melody:
     canceled: bool = False
 
 
-class NotesServer(_Server):
+class NotesServer(Server):
     """``audio_note_sequence``: one melody at a time; a newer one ends the one before it.
 
     ``show`` is called with what sounds when that changes.

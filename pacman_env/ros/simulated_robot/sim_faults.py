@@ -11,8 +11,12 @@ FAULTS: dict[str, tuple[str, ...]] = {
     "pose_lost": (),  # no amcl_pose, no transform from map to odom
     "pose_jump": ("x", "y", "heading"),  # m, m, rad: the filter converges that far beside the truth
     "kidnap": ("x", "y", "heading"),  # m, m, rad of the map: put there; odometry and AMCL notice nothing until it ends
+    "wheels_slip": ("seconds",),  # for so long they turn and the robot stands; AMCL notices nothing until it ends
     "clock_jump": ("seconds",),  # /clock and all stamps are that much ahead, or behind
 }
+#: Those of the simulated Nav2, and of the simulated AMCL.
+OF_NAVIGATION = frozenset({"reject", "abort", "nav2_away", "late_acceptance"})
+OF_LOCALIZATION = frozenset({"pose_lost", "pose_jump"})
 _LIMITS = {"seconds": 3600.0, "x": 1000.0, "y": 1000.0, "heading": math.pi}
 _USAGES = [" ".join([name, *map(str.upper, numbers)]) for name, numbers in FAULTS.items()]
 _USAGE = f"must be {', '.join(_USAGES)}, end or end NAME"

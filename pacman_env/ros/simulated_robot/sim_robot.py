@@ -1,6 +1,7 @@
 """The node ``sim_robot``: the simulated robot behind the robot's interface, in place of base, lidar, AMCL and Nav2.
 
 It owns the pace of time, receives velocities, poses, lights and faults, and steps the world (``sim/core/robot.py``).
+Without ``navigation`` it is the base and the lidar of a TurtleBot 4 (``sim_base.py``), for a Nav2 that drives it.
 """
 
 import dataclasses
@@ -20,11 +21,13 @@ from ...sim.core.robot import SimulatedRobot
 from ...world.navigation.localization import Pose
 from .. import topics
 from ..discovery import publishers, stay_on_this_machine
-from ..messages import GHOST_OBSTACLE, BadMessage, points_of, pose_of
+from ..messages import BadMessage, pose_of
 from ..node import GameNode, parameter, process_of, process_words, run, started
-from .sim_actions import NavigateServer, NotesServer
-from .sim_faults import Faults
-from .sim_sensors import TRANSFORM_TOLERANCE_NS, Sensors
+from .sim_actions import NotesServer
+from .sim_base import Base
+from .sim_faults import OF_LOCALIZATION, OF_NAVIGATION, Faults
+from .sim_nav2 import Nav2StandIn
+from .sim_sensors import Sensors
 
 NAME = "sim_robot"
 LIGHT_RING_SHOWN = topics.Topic("sim/lightring", "std_msgs/String", topics.COMMANDS)  # JSON: override_system, leds
@@ -39,7 +42,9 @@ AT_ONCE = 10  # steps; then messages that came meanwhile are received
 BASE, CLOCK = (topics.ODOMETRY.name, topics.SCAN.name), (topics.CLOCK.name,)
 OTHERS_S = 1.0  # of wall time, between two searches for other robots
 ONE_CLOCK = "give one of them another domain"
-MARK_LASTS_S = 2.0  # what is no longer published of a ghost, the lidar clears from the costmap
+RATES_HZ = (20, 40, 50, 100)  # of odometry; whole milliseconds, and whole steps in every period of the configuration
+BASE_HZ = 50  # without navigation: several messages in each period of Nav2's controller
+AT_HOME = "home"
 START_NS = 1_000_000_000  # of simulated time: a stamp of zero means "no time"
 
 
@@ -63,12 +68,26 @@ class SimRobot(GameNode):
         home = parameter(self, "home", "", "x,y,heading where the robot stands, m and rad; empty: as in the game")
         localized = parameter(self, "set_initial_pose", True, "AMCL starts at home; false: it waits for initialpose")
         self._speed = parameter(self, "speed", 1.0, "of simulated time, in wall time; needs use_sim_time", 0.1, FASTEST)
+        navigates = parameter(self, "navigation", True, "Nav2 is simulated; false: the base alone, for a real Nav2")
+        text = "AMCL is simulated; false: neither amcl_pose nor map to odom, and the odometry drifts"
+        self._localizes = parameter(self, "localization", True, text)
+        map_out = parameter(self, "map_out", True, "publish the map; false: a map_server does")
+        text = f"of odometry, tf and clock: {', '.join(map(str, RATES_HZ))}; 0: 20, without navigation {BASE_HZ}"
+        rate_hz = parameter(self, "odometry_hz", 0, text, 0, RATES_HZ[-1]) or (RATES_HZ[0] if navigates else BASE_HZ)
+        text = f"x,y,heading of the docked robot, m and rad, or {AT_HOME}: it starts docked; empty: no dock"
+        dock = parameter(self, "dock", "", f"without navigation: {text}")
+        charge = parameter(self, "charge", 1.0, "without navigation: of the battery, at the start", 0.0, 1.0)
         stamped = parameter(self, "stamped_cmd_vel", True, "cmd_vel is TwistStamped, as on Jazzy; false: Twist")
         faults = parameter(self, "fault", "", "faults from the start on, separated by semicolons (see sim/fault)")
         self._simulated = bool(self.get_parameter("use_sim_time").value)
         if self._speed != 1.0 and not self._simulated:
             raise ValueError(f"parameter speed = {self._speed}: needs use_sim_time, for the clock to run faster")
-        robot = SimulatedRobot(self.map, config, seed, home=_pose(home, "home"), localized=localized)
+        if rate_hz not in RATES_HZ:
+            raise ValueError(f"parameter odometry_hz = {rate_hz}: must be 0 or one of {', '.join(map(str, RATES_HZ))}")
+        if rate_hz != RATES_HZ[0]:
+            config = config.with_fields(physics_step_s=1.0 / rate_hz)
+        at, localized = _pose(home, "home"), localized and self._localizes
+        robot = SimulatedRobot(self.map, config, seed, home=at, localized=localized, drifts=not self._localizes)
         self.robot = robot
         robot.rehearse()  # meanwhile others become known
         self._starting = True
@@ -78,12 +97,10 @@ class SimRobot(GameNode):
         self._scan_steps = round(config.localization.scan_period_s / config.physics_step_s)
         self._start_ns = START_NS if self._simulated else self.surroundings.time_ns()
         self._began = self.surroundings.monotonic()  # wall time of step 0
-        self._marks: dict[int, tuple[float, float]] = {}  # where ghosts were seen
-        self._marked_step: int | None = None  # when one was seen last
         self._faults = Faults()
-        self.navigation = Navigation(robot)
-        self._navigate = NavigateServer(self, self.navigation, self._faults)
-        self._clear_costmap = topics.CLEAR_GLOBAL_COSTMAP.server(self, self._clear)
+        self._nav2 = Nav2StandIn(self, Navigation(robot), self._faults) if navigates else None
+        place = robot.pose if dock == AT_HOME else _pose(dock, "dock")
+        self._base = None if navigates else Base(self, robot, place, charge)
         self._audio = AUDIO_SHOWN.publisher(self)
         self._notes = NotesServer(self, lambda what: self._audio.publish(String(data=json.dumps(what))))
         self._clock_out = topics.CLOCK.publisher(self) if self._simulated else None
@@ -92,7 +109,7 @@ class SimRobot(GameNode):
             self.listen(topics.CLOCK_OWNER, self._on_clock_owner, "bad clock owner")
             self._owner_out = topics.CLOCK_OWNER.publisher(self)
             self._owner_out.publish(String(data=json.dumps(self._owner)))
-        self._sensors = Sensors(self, robot, self._stamp())
+        self._sensors = Sensors(self, robot, self._stamp(), alone=not navigates, map_out=map_out)
         self._lightring = LIGHT_RING_SHOWN.publisher(self)
         self._lights = ""
         self._faults_out = FAULTS_NOW.publisher(self)
@@ -130,9 +147,8 @@ class SimRobot(GameNode):
         velocity = topics.CMD_VEL if stamped else dataclasses.replace(topics.CMD_VEL, type_name="geometry_msgs/Twist")
         handlers: tuple[tuple[topics.Topic, Callable[[Any], None]], ...] = (
             (velocity, self._on_velocity),
-            (topics.INITIAL_POSE, self._on_initial_pose),
-            *((topic, partial(self._on_ghost, k)) for k, topic in enumerate(topics.GHOST_POSES)),
-            (topics.CLYDE_OBSTACLE, self._on_obstacle),
+            *(((topics.INITIAL_POSE, self._on_initial_pose),) if self._localizes else ()),
+            *(self._nav2.handlers() if self._nav2 is not None else ()),
             (topics.LIGHT_RING, self._on_lights),
             (FAULT, lambda message: self._begin_faults([message.data])),
         )
@@ -172,24 +188,30 @@ class SimRobot(GameNode):
 
     def step(self) -> None:
         robot = self.robot
-        if self._marked_step is not None and (robot.steps - self._marked_step) * self.step_ns > MARK_LASTS_S * 1e9:
-            self._unmark()
-        self._navigate.step()
+        if self._nav2 is not None:
+            self._nav2.step()
+        if self._base is not None:
+            self._base.step()
+            robot.step()
         self._notes.step(robot.time_s)
         stamp = self._stamp()
         if self._clock_out is not None:
             self._clock_out.publish(ClockMessage(clock=stamp))
         with_scan = robot.steps % self._scan_steps == 0
-        self._sensors.publish(stamp, self._stamp(TRANSFORM_TOLERANCE_NS), with_scan)
+        self._sensors.publish(self._stamp, with_scan)
         if with_scan:
-            self._navigate.send_feedback(stamp)
+            if self._nav2 is not None:
+                self._nav2.server.send_feedback(stamp)
+            if self._base is not None:
+                self._base.publish(stamp)
+                self._sensors.lidar_turns = not self._base.dock.docked  # a TurtleBot 4 stops it there
             self._notes.send_feedback()
 
     # Messages
 
     def _on_velocity(self, message: Any) -> None:
         twist = getattr(message, "twist", message)
-        self.robot.set_velocity(twist.linear.x, twist.angular.z)
+        (self.robot.set_velocity if self._base is None else self._base.command)(twist.linear.x, twist.angular.z)
 
     def _on_initial_pose(self, message: Any) -> None:
         pose = pose_of(message)
@@ -197,39 +219,12 @@ class SimRobot(GameNode):
             raise BadMessage("the pose is lost, by a fault")
         self.robot.set_initial_pose(pose)
 
-    def _on_ghost(self, number: int, message: Any) -> None:
-        self._marks[number] = pose_of(message)[:2]
-        self._mark()
-
-    def _on_obstacle(self, message: Any) -> None:
-        points = points_of(message)
-        if len(points) == 0:
-            self._unmark()
-            return
-        around = len(points) if len(points) % len(GHOST_OBSTACLE) else len(GHOST_OBSTACLE)
-        centres = points.reshape(-1, around, 2).mean(axis=1)
-        self._marks = {number: (x, y) for number, (x, y) in enumerate(centres.tolist())}
-        self._mark()
-
-    def _mark(self) -> None:
-        self.robot.set_obstacles(list(self._marks.values()))
-        self._marked_step = self.robot.steps
-
-    def _unmark(self) -> None:
-        self._marks.clear()
-        self.robot.set_obstacles([])
-        self._marked_step = None
-
     def _on_lights(self, message: Any) -> None:
         leds = [[led.red, led.green, led.blue] for led in message.leds]
         text = json.dumps({"override_system": message.override_system, "leds": leds})
         if text != self._lights:
             self._lights = text
             self._lightring.publish(String(data=text))
-
-    def _clear(self, request: Any, response: Any) -> Any:
-        self._unmark()
-        return response
 
     # Faults
 
@@ -242,24 +237,26 @@ class SimRobot(GameNode):
         except ValueError as error:
             self._faults.now = before
             raise ValueError(f"fault {begun}: {error}") from error
-        self.navigation.abort_after_s = self._faults.number("abort")
         changed = {name for name in before.keys() | now.keys() if before.get(name) != now.get(name)}
-        if "nav2_away" in changed:
-            if "nav2_away" in now:
-                self._navigate.close()
-                self.destroy_service(self._clear_costmap)
-            else:
-                self._navigate.open()
-                self._clear_costmap = topics.CLEAR_GLOBAL_COSTMAP.server(self, self._clear)
-        if changed & {"pose_lost", "pose_jump"} or "kidnap" in changed - now.keys():
-            self.robot.localizing = "pose_lost" not in now
+        if self._nav2 is not None:
+            self._nav2.navigation.abort_after_s = self._faults.number("abort")
+            if "nav2_away" in changed:
+                (self._nav2.close if "nav2_away" in now else self._nav2.open)()
+        if changed & {"pose_lost", "pose_jump"} or changed & {"kidnap", "wheels_slip"} - now.keys():
+            self.robot.localizing = self._localizes and "pose_lost" not in now
             x, y, heading = now.get("pose_jump", (0.0, 0.0, 0.0))
             self.robot.shift_belief((x, y, heading))
 
     def _begin_fault(self, name: str) -> None:
         """What happens at once, or why it cannot (ValueError)."""
+        if name in OF_NAVIGATION and self._nav2 is None:
+            raise ValueError("needs the simulated Nav2 (parameter navigation)")
+        if name in OF_LOCALIZATION and not self._localizes:
+            raise ValueError("needs the simulated AMCL (parameter localization)")
         if name == "clock_jump" and not self._simulated:
             raise ValueError("needs use_sim_time")
+        if name == "wheels_slip":
+            self.robot.slip(self._faults.now[name][0])
         if name == "kidnap":
             x, y, heading = self._faults.now[name]
             self.robot.kidnap((x, y, heading))

@@ -2,10 +2,13 @@
 
 import array
 import math
+from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from nav_msgs.msg import OccupancyGrid, Odometry
+from numpy.typing import NDArray
 from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
 
@@ -15,7 +18,7 @@ from ...world.navigation.localization import Pose, compose, inverse
 from .. import topics
 from ..messages import pose_message, transform_message
 
-LIDAR_FRAME = "rplidar_link"
+LIDAR_FRAME, FOOTPRINT_FRAME = "rplidar_link", "base_footprint"
 #: AMCL dates its transform ahead by this, so that it is still valid when the next one comes (TurtleBot 4's file).
 TRANSFORM_TOLERANCE_NS = 1_000_000_000
 #: Variances that AMCL reports, m2 and rad2; they are no measure of its error [M].
@@ -34,19 +37,25 @@ def map_message(occupancy: OccupancyMap, stamp: Any) -> Any:
 
 
 class Sensors:
-    def __init__(self, node: Any, robot: SimulatedRobot, stamp: Any) -> None:
-        self._robot = robot
-        self._odometry_out, self._tf_out = topics.ODOMETRY.publisher(node), topics.TF.publisher(node)
-        self._scan_out, self._amcl_out = topics.SCAN.publisher(node), topics.AMCL_POSE.publisher(node)
+    """``alone``: as a TurtleBot 4's base and lidar publish, for real consumers; else as the game needs it."""
+
+    def __init__(self, node: Any, robot: SimulatedRobot, stamp: Any, *, alone: bool, map_out: bool) -> None:
+        self._robot, self._alone, self.lidar_turns = robot, alone, True
+        odometry = topics.RELIABLE_ODOMETRY if alone else topics.ODOMETRY
+        self._odometry_out, self._tf_out = odometry.publisher(node), topics.TF.publisher(node)
+        self._scan_out = topics.SCAN.publisher(node)
+        self._amcl_out = topics.AMCL_POSE.publisher(node) if robot.localizing or not alone else None
         self._amcl_before: tuple[int, Pose] | None = None
-        lidar = transform_message("base_link", LIDAR_FRAME, (0.0, 0.0, 0.0), stamp)
+        turn_steps = round(robot.config.localization.scan_period_s / robot.config.physics_step_s)
+        self._turn: deque[Pose] = deque(maxlen=turn_steps)  # true poses of the lidar's turn
         self._latched = []  # their publishers
         for topic, message in (
-            (topics.TF_STATIC, TFMessage(transforms=[lidar])),
-            (topics.MAP, map_message(robot.occupancy, stamp)),
+            (topics.TF_STATIC, TFMessage(transforms=self._fixed(stamp))),
+            (topics.MAP, map_message(robot.occupancy, stamp) if map_out else None),
         ):
-            self._latched.append(topic.publisher(node))
-            self._latched[-1].publish(message)
+            if message is not None:
+                self._latched.append(topic.publisher(node))
+                self._latched[-1].publish(message)
         self._origin_out = topics.SIMULATED_ORIGIN.publisher(node)
         self.publish_origin(stamp)
 
@@ -55,32 +64,70 @@ class Sensors:
         robot = self._robot
         self._origin_out.publish(pose_message(*compose(robot.pose, inverse(robot.odometry)), stamp))
 
-    def publish(self, stamp: Any, later: Any, with_scan: bool) -> None:
+    @property
+    def _lidar(self) -> Pose:
+        base = self._robot.config.robot
+        return (base.lidar_x_m, 0.0, base.lidar_heading_rad) if self._alone else (0.0, 0.0, 0.0)
+
+    def _fixed(self, stamp: Any) -> list[Any]:
+        lidar = transform_message("base_link", LIDAR_FRAME, self._lidar, stamp)
+        if not self._alone:
+            return [lidar]
+        lidar.transform.translation.z = self._robot.config.robot.lidar_height_m
+        return [lidar, transform_message("base_link", FOOTPRINT_FRAME, (0.0, 0.0, 0.0), stamp)]
+
+    def publish(self, stamp_of: Callable[[int], Any], with_scan: bool) -> None:
         """What is due after a step, and ``with_scan`` after a turn of the lidar.
 
-        ``later`` is the time of the step, ``stamp``, and ``TRANSFORM_TOLERANCE_NS``.
+        ``stamp_of`` gives the time of the step and so many ns.
         """
+        stamp = stamp_of(0)
         robot = self._robot
         odometry = Odometry(child_frame_id="base_link")
         odometry.header.stamp, odometry.header.frame_id = stamp, "odom"
         odometry.pose.pose = pose_message(*robot.odometry, stamp).pose
-        odometry.twist.twist.linear.x, odometry.twist.twist.angular.z = robot.velocity
+        odometry.twist.twist.linear.x, odometry.twist.twist.angular.z = robot.odometry_velocity
+        if self._alone:
+            self._turn.append(robot.pose)
+            base = robot.config.robot
+            for covariance in (odometry.pose.covariance, odometry.twist.covariance):
+                covariance[[0, 7, 14, 21, 28]], covariance[35] = (
+                    base.odometry_pose_variance,
+                    base.odometry_heading_variance,
+                )
         self._odometry_out.publish(odometry)
         transforms = [transform_message("odom", "base_link", robot.odometry, stamp)]
         if with_scan:
             if (map_to_odom := robot.map_to_odom) is not None:
-                transforms.append(transform_message("map", "odom", map_to_odom, later))
-            if self._scan_out.get_subscription_count() > 0:
-                self._publish_scan(stamp)
+                transforms.append(transform_message("map", "odom", map_to_odom, stamp_of(TRANSFORM_TOLERANCE_NS)))
+            if self.lidar_turns and self._scan_out.get_subscription_count() > 0:
+                turn_ns = round(robot.config.localization.scan_period_s * 1e9)
+                self._publish_scan(stamp_of(-turn_ns) if self._alone else stamp)
             self._publish_amcl(stamp)
+            if self._alone:
+                self.publish_origin(stamp)
         self._tf_out.publish(TFMessage(transforms=transforms))
 
+    def _ranges(self) -> NDArray[np.float32]:
+        """Of one turn; with the base alone each ray is from where the robot was when it was measured."""
+        if not self._alone:
+            return self._robot.scan()
+        parts, ranges = len(self._turn), np.empty(self._robot.config.observation.scan_rays, dtype=np.float32)
+        edges = np.linspace(0, len(ranges), parts + 1).round().astype(int)
+        x, y, heading = self._lidar
+        for pose, first, last in zip(self._turn, edges, edges[1:], strict=False):
+            ranges[first:last] = self._robot.scan(compose(pose, (x, y, heading + math.pi)))[first:last]
+        return ranges
+
     def _publish_scan(self, stamp: Any) -> None:
-        config, ranges, scan = self._robot.config, self._robot.scan(), LaserScan()
+        config, ranges, scan = self._robot.config, self._ranges(), LaserScan()
         scan.header.stamp, scan.header.frame_id = stamp, LIDAR_FRAME
         scan.angle_increment = 2.0 * math.pi / config.observation.scan_rays
         scan.angle_max = 2.0 * math.pi - scan.angle_increment
         scan.scan_time = config.localization.scan_period_s
+        if self._alone:
+            scan.angle_min, scan.angle_max = -math.pi, math.pi - scan.angle_increment
+            scan.time_increment = scan.scan_time / config.observation.scan_rays
         scan.range_min, scan.range_max = config.observation.scan_minimum_m, config.observation.scan_maximum_m
         ranges[ranges >= np.float32(scan.range_max)] = np.inf  # nothing there
         scan.ranges = array.array("f", ranges.tobytes())
@@ -88,7 +135,7 @@ class Sensors:
 
     def _publish_amcl(self, stamp: Any) -> None:
         amcl = self._robot.amcl
-        if amcl is None or amcl == self._amcl_before:
+        if self._amcl_out is None or amcl is None or amcl == self._amcl_before:
             return
         self._amcl_before = amcl
         message = topics.AMCL_POSE.type()

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,15 +14,17 @@ from ...world.navigation import lidar, localization, navigator
 from ...world.navigation.grid import build_grid
 from ...world.navigation.localization import Pose, compose, inverse, relative, wrap
 from ...world.navigation.paths import NO_STEP, UNREACHABLE_CM
-from ...world.navigation.physics import Spaces, clear_cells, overlap_m
+from ...world.navigation.physics import Spaces, clear_cells, overlap_m, touched
 from ...world.navigation.physics import place as place_body
 from ...world.navigation.planner import PATH_POINTS, detour_memory
 from . import kernels
+from .odometry import Odometry, OdometryErrors
 from .parameters import GAME, batch_parameters, draw_episodes
 from .ticks import SpaceArrays
 
 _LONG_AGO = -1_000_000  # steps
 _FAR_M = 1e6  # where the ghost is before it has been seen
+_TOUCH_M = 0.002  # a wall this near touches the body
 _FIELDS_KEPT = 64  # path fields of the last goals
 
 
@@ -34,7 +37,8 @@ class SimulatedRobot:
     """The robot, its base, its lidar, its localization and the goal that it drives to.
 
     It starts at ``home`` (None: as in the game); ``localizing`` may be set at any time: False without a pose, until
-    :meth:`set_initial_pose`. Raises MapError if the map has no place for the robot.
+    :meth:`set_initial_pose`. Odometry is exact unless it ``drifts``, by ``config.robot``. Raises MapError if the map
+    has no place for the robot.
     """
 
     def __init__(
@@ -45,6 +49,7 @@ class SimulatedRobot:
         *,
         home: Pose | None = None,
         localized: bool = True,
+        drifts: bool = False,
     ) -> None:
         if home is not None and not all(map(math.isfinite, home)):
             raise MapError(f"{occupancy.name}: the home pose must be three finite numbers, not {home!r}")
@@ -70,11 +75,12 @@ class SimulatedRobot:
         self._longest_cm = 0
         self._search = SearchArrays(*detour_memory(cells, self._longest_cm, grid.resolution))
         self._velocity = (0.0, 0.0, _LONG_AGO)  # v, omega, step it came
+        self._backwards = False
         self._games = np.zeros(1, dtype=GAME)
         self._g = self._games[0]
         x, y, heading = grid.home.tolist()
-        self._start: Pose = (x, y, heading)
-        self._carried_off: Pose | None = None  # the belief as seen from the true pose's frame, after a kidnapping
+        self._odometry = Odometry((x, y, heading), OdometryErrors(config.robot, seed) if drifts else None)
+        self._slips_until = -1  # step
         seeds = np.array([seed], dtype=np.uint64)
         first, fresh = np.zeros(1, dtype=np.int64), draw_episodes(seeds, config)
         kernels.reset_robots(self._games, first, seeds, fresh, grid.home[None])
@@ -104,7 +110,14 @@ class SimulatedRobot:
     @property
     def odometry(self) -> Pose:
         """The pose in the odom frame, which lies where the robot started."""
-        return compose(inverse(self._start), self.pose)
+        return self._odometry.at(self.pose)
+
+    @property
+    def odometry_velocity(self) -> tuple[float, float]:
+        """As :attr:`velocity`, by the odometry."""
+        if self.steps > self._slips_until:
+            return self.velocity
+        return _wheels(self._g, self.config.robot.wheel_base_m)
 
     @property
     def belief(self) -> Pose | None:
@@ -136,14 +149,17 @@ class SimulatedRobot:
     def recovering(self) -> bool:
         return bool(self._g["nav_state"] == navigator.ACTIVE and self._g["nav_wait_step"] > self._g["step"])
 
-    def scan(self) -> NDArray[np.float32]:
-        """(R,) ranges in m, R and the limits as in ``config.observation``; see :func:`lidar.scan`."""
+    def scan(self, pose: Pose | None = None) -> NDArray[np.float32]:
+        """(R,) ranges in m from a pose of the lidar (None: the robot's); see :func:`lidar.scan`.
+
+        R and the limits are those of ``config.observation``.
+        """
         kinds, grid = self.config.observation, self.grid
         ranges = np.empty(kinds.scan_rays, dtype=np.float32)
         shape = np.array([grid.shape], np.int32)
         maps = lidar.Maps(grid.affine[None], grid.clearance_cm[None], shape, grid.resolution)
-        pose, tick = np.array([self.pose]), np.array([self.steps], np.int32)
-        robots = lidar.Robots(np.zeros(1, np.int32), pose, self._games["seed"], tick)
+        tick = np.array([self.steps], np.int32)
+        robots = lidar.Robots(np.zeros(1, np.int32), np.array([pose or self.pose]), self._games["seed"], tick)
         sensor = lidar.Sensor(kinds.scan_minimum_m, kinds.scan_maximum_m, kinds.scan_noise)
         lidar.scan(maps, robots, sensor, ranges[None])
         return ranges
@@ -202,10 +218,13 @@ class SimulatedRobot:
         navigator.cancel(self._g)
         self._g["nav_result"] = navigator.NO_RESULT
 
-    def set_velocity(self, v: float, omega: float) -> None:
-        """A velocity command, m/s and rad/s; it lasts half a second, beside a navigator that drives one step."""
+    def set_velocity(self, v: float, omega: float, *, backwards: bool = False) -> None:
+        """A velocity command, m/s and rad/s; it lasts half a second, beside a navigator that drives one step.
+
+        A negative ``v`` counts as 0, as with the base's safety on, unless ``backwards``: then it must be within limits.
+        """
         _check_finite("velocity", (v, omega))
-        self._velocity = (float(v), float(omega), self.steps)
+        self._velocity, self._backwards = (float(v), float(omega), self.steps), backwards
 
     def set_obstacles(self, places: Sequence[tuple[float, float]]) -> None:
         for place in places:
@@ -229,7 +248,7 @@ class SimulatedRobot:
     def shift_belief(self, shift: Pose) -> None:
         """From now on the filter converges this far beside the truth."""
         _check_finite("shift", shift)
-        self._carried_off = None
+        self._odometry.undeceive()
         self._g["bias_x"], self._g["bias_y"], self._g["bias_heading"] = shift
         localization.update(self._g, self.steps)
 
@@ -239,38 +258,24 @@ class SimulatedRobot:
         Raises ValueError where the robot does not fit.
         """
         _check_finite("pose", pose)
-        g, grid, (x, y, heading) = self._g, self.grid, pose
+        g, grid, (x, y, _) = self._g, self.grid, pose
         column, row, inside = grid.locate(np.array([[x, y]]))
         free = inside[0] and grid.clearance[row[0], column[0]] > 0.0
         if not free or overlap_m(grid.walls, np.array([[x, y]]), self.config.robot.radius_m)[0] > 0.0:
             raise ValueError(f"pose ({x:g}, {y:g}): the robot does not fit there")
-        odometry, before, last = self.odometry, self._unshifted(), (g["odom_x"], g["odom_y"], g["odom_heading"])
-        last = compose(pose, relative(self.pose, last))  # the next filter update comes when it would have
-        self._spaces.leave(np.zeros(1, dtype=np.int64))
-        place_body(g, x, y)
-        g["x"], g["y"], g["vx"], g["vy"], g["heading"] = x, y, 0.0, 0.0, heading
+        before, last = self.pose, (float(g["odom_x"]), float(g["odom_y"]), float(g["odom_heading"]))
+        self._odometry.deceive(self.pose, _filtered(g, self.pose))
+        _stand(g, self._spaces, pose)
         g["left"] = g["right"] = g["omega"] = 0.0
-        g["odom_x"], g["odom_y"], g["odom_heading"] = last
-        self._start = compose(pose, inverse(odometry))
-        self._carried_off = compose(before, inverse(pose))
-        self._carry_belief()
+        # The next filter update comes when it would have.
+        g["odom_x"], g["odom_y"], g["odom_heading"] = compose(pose, relative(before, last))
+        self._odometry.origin = compose(pose, inverse(self._odometry.at(before)))
+        _believe(g, pose, self._odometry.believed(pose))
 
-    def _unshifted(self) -> Pose:
-        """Where the filter converges to."""
-        g, (x, y, heading) = self._g, self.pose
-        return x + float(g["bias_x"]), y + float(g["bias_y"]), wrap(heading + float(g["bias_heading"]))
-
-    def _carry_belief(self) -> None:
-        """After a kidnapping the belief moves with the odometry, also where the headings differ."""
-        if self._carried_off is None:
-            return
-        g, pose = self._g, self.pose
-        believed = compose(self._carried_off, pose)
-        for name, off in zip(("x", "y", "heading"), (b - t for b, t in zip(believed, pose, strict=True)), strict=True):
-            off = wrap(off) if name == "heading" else off
-            g[f"error_{name}"] += off - g[f"bias_{name}"]
-            g[f"bias_{name}"] = off
-        g["error_cos"], g["error_sin"] = math.cos(g["error_heading"]), math.sin(g["error_heading"])
+    def slip(self, seconds: float) -> None:
+        """For so long the wheels turn and nothing moves; the belief follows them, until :meth:`shift_belief`."""
+        self._odometry.deceive(self.pose, _filtered(self._g, self.pose))
+        self._slips_until = self.steps + round(seconds / self.config.physics_step_s)
 
     def step(self) -> tuple[int, int]:
         """One physics step; the status (action_msgs/GoalStatus) and slot of a goal that ended in it, else (0, -1)."""
@@ -281,13 +286,61 @@ class SimulatedRobot:
         # The last command counts, and a navigator that drives gives one at each step.
         by_hand = age == 0 or (age < timeout and g["nav_state"] != navigator.ACTIVE)
         parameters, grid = self._parameters, self.grid
+        slips = self.steps < self._slips_until
+        before = self.pose
         if by_hand:
             kernels.command(g, v, omega, parameters[0])
+            if self._backwards:
+                g["command_v"] = v
         state = self._games, self._paths, self._obstacles, parameters, self._plan_end
         cells, spaces = (grid.clearance_cm, self._clear), SpaceArrays(*self._spaces.arrays)
         while not kernels.step_robot(state, int(by_hand), cells, self._nav, self._search, spaces):
             self._spaces.provide(0, grid.walls)
-        self._carry_belief()
+        wheels = None
+        if slips:
+            _stand(g, self._spaces, before)
+            v, omega = _wheels(g, self.config.robot.wheel_base_m)
+            wheels = v * self.config.physics_step_s, 0.0, omega * self.config.physics_step_s
+        self._odometry.count(before, self.pose, wheels)
+        _believe(g, self.pose, self._odometry.believed(self.pose))
         ended = int(g["nav_result"]), int(g["nav_result_goal"])
         g["nav_result"] = navigator.NO_RESULT
         return ended if ended[0] != navigator.NO_RESULT else (navigator.NO_RESULT, -1)
+
+
+def bumps(robot: SimulatedRobot) -> list[float]:
+    """Where walls touch the body, as angles from its heading, rad."""
+    x, y, heading = robot.pose
+    reach = robot.config.robot.radius_m + _TOUCH_M
+    if robot.grid.clearance[robot.grid.to_cell(x, y)[::-1]] > reach + 2.0 * robot.grid.resolution:
+        return []
+    return [wrap(angle - heading) for angle in touched(robot.grid.walls, x, y, reach)]
+
+
+def _wheels(g: Any, wheel_base_m: float) -> tuple[float, float]:
+    """Speed (m/s) and turn rate (rad/s) by the wheels."""
+    left, right = float(g["left"]), float(g["right"])
+    return 0.5 * (left + right), (right - left) / wheel_base_m
+
+
+def _stand(g: Any, spaces: Spaces, at: Pose) -> None:
+    """Put the robot there, at rest; its wheels may turn."""
+    spaces.leave(np.zeros(1, dtype=np.int64))
+    place_body(g, at[0], at[1])
+    g["x"], g["y"], g["vx"], g["vy"], g["heading"] = at[0], at[1], 0.0, 0.0, at[2]
+
+
+def _filtered(g: Any, pose: Pose) -> Pose:
+    """Where the filter converges to."""
+    return pose[0] + float(g["bias_x"]), pose[1] + float(g["bias_y"]), pose[2] + float(g["bias_heading"])
+
+
+def _believe(g: Any, pose: Pose, believed: Pose | None) -> None:
+    """The filter converges to ``believed``, and its error moves with that; None: nothing changes."""
+    if believed is None:
+        return
+    off = believed[0] - pose[0], believed[1] - pose[1], wrap(believed[2] - pose[2])
+    for name, now in zip(("x", "y", "heading"), off, strict=True):
+        g[f"error_{name}"] += now - g[f"bias_{name}"]
+        g[f"bias_{name}"] = now
+    g["error_cos"], g["error_sin"] = math.cos(g["error_heading"]), math.sin(g["error_heading"])

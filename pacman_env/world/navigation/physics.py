@@ -74,10 +74,23 @@ def _mark(clear, walls, affine, reach):  # type: ignore[no-untyped-def]
 
 def overlap_m(walls: NDArray[np.float64], places: NDArray[np.float64], radius_m: float) -> NDArray[np.float64]:
     """(N,) how deep a disc at each place (N, 2) overlaps with the nearest wall, m; negative: so far away from it."""
+    return radius_m - np.hypot(*np.moveaxis(_from_walls(walls, places), 2, 0)).min(axis=1)
+
+
+def touched(walls: NDArray[np.float64], x: float, y: float, reach_m: float) -> list[float]:
+    """Directions, rad, in which a wall is within reach of a place."""
+    from_wall = _from_walls(walls, np.array([[x, y]]))[0]
+    near = from_wall[np.hypot(*from_wall.T) <= reach_m]
+    return [float(angle) for angle in np.arctan2(-near[:, 1], -near[:, 0])]
+
+
+def _from_walls(walls: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, S, 2) from the nearest point of each wall (S, 4) to each place (N, 2), m."""
     a, along = walls[:, :2], walls[:, 2:] - walls[:, :2]
     off = places[:, None] - a
     share = np.clip((off * along).sum(axis=2) / np.maximum((along**2).sum(axis=1), 1e-12), 0.0, 1.0)
-    return radius_m - np.hypot(*np.moveaxis(off - share[..., None] * along, 2, 0)).min(axis=1)
+    nearest: NDArray[np.float64] = off - share[..., None] * along
+    return nearest
 
 
 @kernel

@@ -1,0 +1,165 @@
+"""What a Create 3 has beside wheels and lidar: battery, dock with its two actions, bumper, and the limit backwards."""
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from action_msgs.msg import GoalStatus
+from irobot_create_msgs import msg as irobot
+from sensor_msgs.msg import BatteryState
+
+from ...sim.core.docking import LIMIT_S, Dock, Velocities
+from ...sim.core.robot import SimulatedRobot, bumps
+from ...world.navigation.localization import Pose
+from .. import topics
+from ..messages import BadMessage, pose_message
+from ..node import GameNode
+from .sim_actions import Server
+
+#: Of the Create 3 (its simulator): capacity, Ah; current, A, while it stands, drives, charges; voltage, V, full, empty.
+CAPACITY_AH, IDLE_A, DRIVING_A, CHARGING_A, FULL_V, EMPTY_V = 2.046, -0.404, -0.526, 0.9, 16.474, 13.2
+#: Zones of the bumper from left to right, and where each ends, rad from ahead (Create 3's simulator).
+ZONES = ("bump_left", "bump_front_left", "bump_front_center", "bump_front_right", "bump_right")
+#: Share of the charge by which it falls and rises, per s, while the base stands, drives, charges (its simulator).
+IDLE_PER_S, DRIVING_PER_S, CHARGING_PER_S = -5.634e-5, -8.875e-5, 1.2658e-4
+_SLOW = 0.005  # m/s and rad/s; below it stands
+_STATUS_S = 1.0  # between two messages of the battery, and of the dock
+_BACK_MPS = -0.01  # what asks for more than this, asks for the way back that the base refuses
+
+
+class MotionServer(Server):
+    """``dock`` or ``undock``: it drives itself, whatever ``cmd_vel`` asks for."""
+
+    def __init__(self, node: GameNode, action: topics.RosAction, base: "Base") -> None:
+        self.base, self._docks = base, action is topics.DOCK
+        super().__init__(node, action)
+
+    async def check(self, request: Any) -> None:
+        dock = self.base.dock
+        if self.base.moving:
+            raise BadMessage("another one is under way")
+        if self._docks and dock.docked:
+            raise BadMessage("docked already")
+        if self._docks and not dock.visible:
+            raise BadMessage("no dock is seen")
+        if not self._docks and not dock.docked:
+            raise BadMessage("undocked already")
+
+    def begin(self, key: bytes, request: Any) -> None:
+        dock = self.base.dock
+        self.base.move(dock.docking() if self._docks else dock.undocking(), lambda how: self._finish(key, how))
+
+    def cancel(self, key: bytes) -> bool:
+        self.base.cancel()
+        return True
+
+    def _finish(self, key: bytes, how: int) -> None:
+        docked = self.base.dock.docked
+        if how == GoalStatus.STATUS_SUCCEEDED and docked != self._docks:
+            how = GoalStatus.STATUS_ABORTED
+        self.end(key, how, is_docked=docked)
+
+
+class Base:
+    """Its topics and actions; ``step`` is called before each of the robot's, ``publish`` with each scan."""
+
+    def __init__(self, node: GameNode, robot: SimulatedRobot, dock: Pose | None, charge: float) -> None:
+        self.robot, self.dock = robot, Dock(robot, dock)
+        self._charge, self._published_s = charge, -math.inf
+        self._bumped: set[str] = set()  # zones, since the last message
+        self._backed = False
+        self._motion: Velocities | None = None
+        self._motion_began_s, self._canceled = 0.0, False
+        self._finish: Callable[[int], None] = lambda how: None
+        self._battery_out = topics.BATTERY_STATE.publisher(node)
+        self._dock_out = topics.DOCK_STATUS.publisher(node)
+        self._hazards_out = topics.HAZARD_DETECTION.publisher(node)
+        self._pose_out = topics.SIMULATED_POSE.publisher(node)
+        self.servers = [MotionServer(node, action, self) for action in (topics.DOCK, topics.UNDOCK)]
+
+    @property
+    def _stands(self) -> bool:
+        return max(map(abs, self.robot.velocity)) <= _SLOW
+
+    # Motion
+
+    @property
+    def moving(self) -> bool:
+        return self._motion is not None
+
+    def move(self, motion: Iterator[tuple[float, float]], finish: Callable[[int], None]) -> None:
+        self._motion, self._finish, self._motion_began_s = motion, finish, self.robot.time_s
+        self._canceled = False
+
+    def cancel(self) -> None:
+        self._canceled = True
+
+    def command(self, v: float, omega: float) -> None:
+        """A velocity that someone asks for: refused backwards, and without effect on the dock and while it docks."""
+        self._backed = self._backed or v < _BACK_MPS
+        if self._motion is None:
+            self.robot.set_velocity(*((0.0, 0.0) if self.dock.docked else (v, omega)))
+
+    def step(self) -> None:
+        robot = self.robot
+        if self._motion is not None:
+            self._drive(self._motion)
+        self._bumped.update(zone for angle in bumps(robot) if (zone := zone_of(angle)))
+        rate_per_s = CHARGING_PER_S if self.dock.docked else IDLE_PER_S if self._stands else DRIVING_PER_S
+        self._charge = min(max(self._charge + rate_per_s * robot.config.physics_step_s, 0.0), 1.0)
+
+    def _drive(self, motion: Velocities) -> None:
+        how = GoalStatus.STATUS_SUCCEEDED
+        late = self.robot.time_s - self._motion_began_s > LIMIT_S
+        if self._canceled or late:
+            how = GoalStatus.STATUS_CANCELED if self._canceled else GoalStatus.STATUS_ABORTED
+            velocities = None
+        else:
+            velocities = next(motion, None)
+        self.robot.set_velocity(*(velocities or (0.0, 0.0)), backwards=True)
+        if velocities is None:
+            self._motion = None
+            self._finish(how)
+
+    # Topics
+
+    def publish(self, stamp: Any) -> None:
+        self._pose_out.publish(pose_message(*self.robot.pose, stamp))
+        self._publish_hazards(stamp)
+        if self.robot.time_s - self._published_s >= _STATUS_S - 1e-6:
+            self._published_s = self.robot.time_s
+            self._publish_status(stamp)
+
+    def _publish_hazards(self, stamp: Any) -> None:
+        message = topics.HAZARD_DETECTION.type()
+        message.header.stamp, message.header.frame_id = stamp, "base_link"
+        found = [(zone, irobot.HazardDetection.BUMP) for zone in sorted(self._bumped)]
+        found += [("base_link", irobot.HazardDetection.BACKUP_LIMIT)] if self._backed else []
+        for frame, kind in found:
+            hazard = irobot.HazardDetection(type=kind)
+            hazard.header.stamp, hazard.header.frame_id = stamp, frame
+            message.detections.append(hazard)
+        self._bumped.clear()
+        self._backed = False
+        self._hazards_out.publish(message)
+
+    def _publish_status(self, stamp: Any) -> None:
+        docked = self.dock.docked
+        status = topics.DOCK_STATUS.type(is_docked=docked, dock_visible=self.dock.visible)
+        status.header.stamp = stamp
+        self._dock_out.publish(status)
+        battery = BatteryState(percentage=self._charge, capacity=CAPACITY_AH, design_capacity=CAPACITY_AH, present=True)
+        battery.header.stamp, battery.header.frame_id = stamp, "base_link"
+        battery.voltage = EMPTY_V + (FULL_V - EMPTY_V) * self._charge
+        battery.charge, battery.temperature = CAPACITY_AH * self._charge, 27.0
+        battery.current = CHARGING_A if docked else IDLE_A if self._stands else DRIVING_A
+        kinds = BatteryState.POWER_SUPPLY_STATUS_CHARGING, BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
+        battery.power_supply_status = kinds[0] if docked else kinds[1]
+        self._battery_out.publish(battery)
+
+
+def zone_of(angle: float) -> str:
+    """The zone of the bumper that is touched at an angle from ahead, rad; behind it there is none."""
+    if abs(angle) > math.pi / 2:
+        return ""
+    return ZONES[min(int((math.pi / 2 - angle) / (math.pi / 5)), len(ZONES) - 1)]

@@ -1,0 +1,307 @@
+"""The simulated robot as a base alone: what a real Nav2 needs of a TurtleBot 4."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip("rclpy")
+
+from irobot_create_msgs import msg as irobot  # noqa: E402
+from rclpy.qos import ReliabilityPolicy  # noqa: E402
+
+from pacman_env.ros import topics  # noqa: E402
+from pacman_env.ros.messages import pose_of, seconds_of, transform_of, twist_message  # noqa: E402
+from pacman_env.ros.simulated_robot.sim_robot import FAULT, FAULTS_NOW, main  # noqa: E402
+from pacman_env.world.navigation.localization import compose, relative  # noqa: E402
+from tests.ros.simulated import ABORTED, SUCCEEDED, Goal, Robot  # noqa: E402
+from tests.sim.robots import rooms  # noqa: E402
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+BASE = {"navigation": False, "localization": False}
+EXACT = [
+    *(f"robot.odometry_{name}=0" for name in ("distance_error", "turn_error", "distance_noise", "turn_noise")),
+    *("robot.odometry_heading_noise=0", "robot.wheel_slip=0", "observation.scan_noise=0"),
+]
+Make = Callable[..., Robot]
+
+
+class Driven:
+    """A base alone, and a test that drives it."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot, self.nodes = robot, robot.nodes
+        self.nodes.record(topics.SIMULATED_POSE, topics.DOCK_STATUS, topics.BATTERY_STATE, topics.HAZARD_DETECTION)
+        self.nodes.record(topics.SCAN)
+
+    def drive(self, v: float, omega: float, seconds: float) -> None:
+        """Commands at 10 Hz, as a controller sends them."""
+        for _ in range(round(10 * seconds)):
+            self.nodes.publish(topics.CMD_VEL, twist_message(v, omega, self.nodes.stamp()))
+            self.nodes.advance(0.1)
+
+    def truth(self) -> tuple[float, float, float]:
+        self.nodes.advance(0.1)
+        return pose_of(self.nodes.last(topics.SIMULATED_POSE))
+
+    def error(self) -> tuple[float, float, float]:
+        """Of the odometry: the true pose as seen from where the odometry has the robot."""
+        true = pose_of(self.nodes.last(topics.SIMULATED_POSE))
+        stamp = self.nodes.last(topics.SIMULATED_POSE).header.stamp
+        odometry = next(m for m in reversed(self.nodes.messages(topics.ODOMETRY)) if m.header.stamp == stamp)
+        return relative(pose_of(odometry, "odom"), true)
+
+    def act(self, action: topics.RosAction) -> Goal:
+        return Goal(self.nodes, action.client(self.nodes.observer), action.type.Goal())
+
+    def hazards(self) -> set[tuple[str, int]]:
+        lists = self.nodes.messages(topics.HAZARD_DETECTION)
+        return {(one.header.frame_id, one.type) for message in lists for one in message.detections}
+
+
+@pytest.fixture
+def base(make_robot: Make) -> Driven:
+    return Driven(make_robot(**BASE, settings=EXACT))
+
+
+def test_it_has_neither_nav2_nor_amcl_and_a_map_only_if_it_is_to(make_robot: Make) -> None:
+    robot = make_robot(**BASE, map_out=False)
+    robot.nodes.record(topics.MAP)
+    robot.nodes.advance(2.0)
+    assert not robot.client.server_is_ready()
+    observer = robot.nodes.observer
+    for topic in (topics.AMCL_POSE, topics.MAP):
+        assert observer.count_publishers(topic.name) == 0
+    for topic in (topics.INITIAL_POSE, topics.CLYDE_OBSTACLE, topics.CLYDE_POSE):
+        assert observer.count_subscribers(topic.name) == 0
+    services = dict(observer.get_service_names_and_types())
+    assert not [name for name in services if topics.CLEAR_GLOBAL_COSTMAP.name in name]
+    children = {t.child_frame_id for m in robot.nodes.messages(topics.TF) for t in m.transforms}
+    assert children == {"base_link"}
+
+
+@pytest.mark.parametrize(("asked_hz", "hz"), [(0, 50), (20, 20), (100, 100)])
+def test_clock_odometry_and_transforms_come_at_the_rate_asked_for(make_robot: Make, asked_hz: int, hz: int) -> None:
+    robot = make_robot(**BASE, odometry_hz=asked_hz)
+    robot.nodes.record(topics.CLOCK)
+    robot.nodes.forget()
+    robot.nodes.advance(2.0)
+    for topic in (topics.CLOCK, topics.ODOMETRY, topics.TF):
+        assert len(robot.nodes.messages(topic)) == 2 * hz
+    stamps = [seconds_of(message.header.stamp) for message in robot.nodes.messages(topics.ODOMETRY)]
+    assert np.diff(stamps) == pytest.approx(1.0 / hz)
+
+
+def test_odometry_is_reliable_for_nav2s_subscriptions_and_has_covariances(base: Driven) -> None:
+    (info,) = base.nodes.observer.get_publishers_info_by_topic(topics.ODOMETRY.name)
+    assert info.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+    odometry = base.robot.odometry()
+    for covariance in (odometry.pose.covariance, odometry.twist.covariance):
+        assert np.all(covariance.reshape(6, 6).diagonal() > 0.0)
+
+
+def test_the_lidar_stands_above_the_floor_turned_as_on_the_robot_and_its_scan_is_timed(base: Driven) -> None:
+    base.nodes.record(topics.TF_STATIC)
+    base.nodes.advance(0.3)
+    (static,) = base.nodes.messages(topics.TF_STATIC)
+    by_child = {transform.child_frame_id: transform for transform in static.transforms}
+    assert {t.header.frame_id for t in static.transforms} == {"base_link"}
+    assert transform_of(by_child["base_footprint"])[2] == (0.0, 0.0, 0.0)
+    scan = base.nodes.last(topics.SCAN)
+    lidar = by_child[scan.header.frame_id]
+    assert lidar.transform.translation.z == pytest.approx(0.193)
+    x, y, heading = compose(base.truth(), transform_of(lidar)[2])
+    assert (x, y, heading) == pytest.approx((-0.04, 0.0, math.pi / 2), abs=1e-4)
+    angles = scan.angle_min + scan.angle_increment * np.arange(len(scan.ranges))
+    ahead = int(np.argmin(np.abs(angles + math.pi / 2)))  # of the robot, where the doorway is
+    assert scan.ranges[ahead] > 5.0
+    behind = int(np.argmin(np.abs(angles - math.pi / 2)))
+    assert scan.ranges[behind] == pytest.approx(2.0 - 0.04, abs=0.06)
+    assert scan.time_increment * len(scan.ranges) == pytest.approx(scan.scan_time) == pytest.approx(0.1)
+    # No ray is from the future: consumers wait for the transform of the last one.
+    assert seconds_of(scan.header.stamp) + scan.scan_time <= seconds_of(base.nodes.stamp()) + 1e-6
+
+
+def test_rays_of_a_robot_that_turns_are_from_where_it_was_when_each_was_measured(base: Driven) -> None:
+    base.drive(0.0, 1.5, 2.0)
+    scan = base.nodes.last(topics.SCAN)
+    stamps = {seconds_of(m.header.stamp): pose_of(m, "odom") for m in base.nodes.messages(topics.ODOMETRY)}
+    began_s = seconds_of(scan.header.stamp)
+    moments = np.array(sorted(stamps))
+    points = []
+    for k, length in enumerate(scan.ranges):
+        if math.isfinite(length):
+            at = stamps[moments[np.searchsorted(moments, began_s + (k + 0.5) * scan.time_increment)]]
+            angle = scan.angle_min + k * scan.angle_increment + math.pi / 2
+            lidar = compose(at, (-0.04, 0.0, angle))
+            points.append(compose(lidar, (float(length), 0.0, 0.0))[:2])
+    left = [x for x, y in points if abs(y) < 1.0 and x < 0.0]
+    assert len(left) > 20
+    assert np.ptp(left) < 0.03  # the wall on the left is straight
+
+
+def test_without_errors_odometry_is_the_truth_and_with_them_it_drifts_by_the_seed(make_robot: Make) -> None:
+    def drift(seed: int, settings: list[str]) -> tuple[float, float, float]:
+        driven = Driven(make_robot(**BASE, seed=seed, settings=settings))
+        for _ in range(6):
+            driven.drive(0.25, 0.0, 4.0)
+            driven.drive(0.0, 1.5, 2.1)
+        found = driven.error()
+        driven.nodes.stop("sim_robot")
+        return found
+
+    assert drift(1, EXACT) == pytest.approx((0.0, 0.0, 0.0), abs=1e-4)
+    one, same, other = (drift(seed, ["robot.wheel_slip=0.02"]) for seed in (1, 1, 2))
+    assert one == same != other
+    for x, y, heading in (one, other):
+        assert 0.01 < math.hypot(x, y) < 1.0
+        assert 0.005 < abs(heading) < 0.8
+
+
+def test_the_base_obeys_velocities_within_its_limits_for_half_a_second(base: Driven) -> None:
+    base.drive(5.0, 0.0, 0.3)  # 0.9 m/s2
+    assert base.robot.odometry().twist.twist.linear.x == pytest.approx(0.27, abs=0.04)
+    base.drive(5.0, 0.0, 0.5)
+    assert base.robot.odometry().twist.twist.linear.x == pytest.approx(0.306, abs=1e-6)
+    base.drive(5.0, 1.0, 0.5)
+    twist = base.robot.odometry().twist.twist
+    assert twist.linear.x + twist.angular.z * 0.1165 == pytest.approx(0.306, abs=1e-4)
+    base.nodes.advance(1.0)
+    assert base.robot.odometry().twist.twist.linear.x == pytest.approx(0.0, abs=1e-9)
+    before = base.truth()
+    base.drive(-0.2, 0.0, 1.0)
+    assert base.truth() == pytest.approx(before, abs=1e-9)
+    assert ("base_link", irobot.HazardDetection.BACKUP_LIMIT) in base.hazards()
+
+
+def test_a_wall_is_felt_by_the_bumper_where_it_is(base: Driven) -> None:
+    base.drive(0.0, 1.5, math.pi / 2 / 1.5)
+    base.drive(0.3, 0.0, 3.0)
+    assert base.hazards() == set()
+    base.drive(0.3, 0.0, 4.0)
+    assert base.hazards() == {("bump_front_center", irobot.HazardDetection.BUMP)}
+    base.nodes.forget()
+    base.drive(0.0, 1.5, math.radians(25.0) / 1.5)
+    base.nodes.forget()
+    base.drive(0.3, 0.0, 0.5)
+    assert base.hazards() == {("bump_front_right", irobot.HazardDetection.BUMP)}
+
+
+def test_a_docked_robot_undocks_and_docks_again(make_robot: Make, log: Callable[[], str]) -> None:
+    base = Driven(make_robot(**BASE, settings=EXACT, dock="home"))
+    base.nodes.advance(2.0)
+    status = base.nodes.last(topics.DOCK_STATUS)
+    assert (status.is_docked, status.dock_visible) == (True, True)
+    assert base.nodes.messages(topics.SCAN) == []  # its lidar stands still
+    base.drive(0.3, 0.0, 1.0)
+    assert base.truth() == (0.0, 0.0, 0.0)
+    assert not base.act(topics.DOCK).accepted
+    assert "docked already" in log()
+    undock = base.act(topics.UNDOCK)
+    assert not base.act(topics.UNDOCK).accepted
+    status, result = undock.end(30.0)
+    assert (status, result.is_docked) == (SUCCEEDED, False)
+    assert relative((-0.4, 0.0, math.pi), base.truth()) == pytest.approx((0.0, 0.0, 0.0), abs=0.06)
+    base.nodes.advance(1.0)
+    status = base.nodes.last(topics.DOCK_STATUS)
+    assert (status.is_docked, status.dock_visible) == (False, False)  # it faces away
+    assert base.nodes.messages(topics.SCAN)
+    assert not base.act(topics.DOCK).accepted
+    base.drive(0.0, 1.5, 2.1)
+    status, result = base.act(topics.DOCK).end(31.0)
+    assert (status, result.is_docked) == (SUCCEEDED, True)
+    assert base.truth() == pytest.approx((0.0, 0.0, 0.0), abs=0.1)
+
+
+def test_docking_that_takes_too_long_is_aborted_and_one_can_be_cancelled(make_robot: Make) -> None:
+    base = Driven(make_robot(**BASE, settings=EXACT, dock="home", fault="wheels_slip 60"))
+    assert base.act(topics.UNDOCK).end(31.0)[0] == ABORTED
+    base.nodes.kill("sim_robot")
+    again = Driven(make_robot(**BASE, settings=EXACT, dock="home"))
+    goal = again.act(topics.UNDOCK)
+    assert goal.accepted
+    again.nodes.advance(1.0)
+    assert goal.cancel() == 1
+    goal.end(1.0)
+    again.nodes.advance(0.5)
+    assert again.robot.odometry().twist.twist.linear.x == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_battery_empties_and_charges_on_the_dock(make_robot: Make) -> None:
+    base = Driven(make_robot(**BASE, settings=EXACT, charge=0.5))
+    base.nodes.advance(10.0)
+    charges = [message.percentage for message in base.nodes.messages(topics.BATTERY_STATE)]
+    assert len(charges) == 10
+    assert charges[0] - charges[-1] == pytest.approx(9.0 * 5.634e-5, rel=0.01)
+    assert base.nodes.last(topics.BATTERY_STATE).current < 0.0
+    base.nodes.kill("sim_robot")
+    docked = Driven(make_robot(**BASE, settings=EXACT, dock="home", charge=0.5))
+    docked.nodes.advance(10.0)
+    charges = [message.percentage for message in docked.nodes.messages(topics.BATTERY_STATE)]
+    assert charges[-1] - charges[0] == pytest.approx(9.0 * 1.2658e-4, rel=0.01)
+
+
+def test_wheels_that_slip_and_a_kidnapped_robot_are_not_noticed_by_odometry(base: Driven) -> None:
+    base.robot.fault("wheels_slip 2", ["wheels_slip 2"])
+    base.drive(0.2, 0.0, 2.0)
+    assert base.truth()[:2] == pytest.approx((0.0, 0.0), abs=0.05)
+    assert base.robot.place()[0] == pytest.approx(0.38, abs=0.05)
+    base.drive(0.2, 0.0, 2.0)
+    assert base.truth()[0] == pytest.approx(0.4, abs=0.1)
+    base.nodes.advance(1.0)  # it stands again
+    before = pose_of(base.robot.odometry(), "odom")
+    base.nodes.publish(FAULT, "kidnap 5 1 1.5")
+    base.nodes.advance(0.1)
+    assert base.truth() == pytest.approx((5.0, 1.0, 1.5), abs=1e-6)
+    assert pose_of(base.robot.odometry(), "odom") == pytest.approx(before, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("pose_lost", "needs the simulated AMCL (parameter localization)"),
+        ("pose_jump 1 1 0", "needs the simulated AMCL (parameter localization)"),
+        ("reject", "needs the simulated Nav2 (parameter navigation)"),
+        ("abort 1", "needs the simulated Nav2 (parameter navigation)"),
+        ("nav2_away", "needs the simulated Nav2 (parameter navigation)"),
+        ("late_acceptance 1", "needs the simulated Nav2 (parameter navigation)"),
+    ],
+)
+def test_a_fault_of_what_is_not_simulated_is_refused(
+    base: Driven, log: Callable[[], str], text: str, reason: str
+) -> None:
+    base.nodes.publish(FAULT, text)
+    assert reason in log()
+    assert json.loads(base.nodes.values(FAULTS_NOW)[-1]) == []
+
+
+def test_fault_clock_jump_moves_all_stamps(base: Driven) -> None:
+    before_s = seconds_of(base.robot.odometry().header.stamp)
+    base.robot.fault("clock_jump 100", ["clock_jump 100"])
+    base.nodes.advance(0.2)
+    after_s = seconds_of(base.robot.odometry().header.stamp)
+    assert 100.0 < after_s - before_s < 101.0
+
+
+@pytest.mark.parametrize(
+    ("parameters", "reason"),
+    [
+        ({"odometry_hz": 30}, "must be 0 or one of 20, 40, 50, 100"),
+        ({"dock": "here"}, "parameter dock = 'here': must be x,y,heading"),
+        ({"fault": "pose_lost"}, "needs the simulated AMCL"),
+    ],
+)
+def test_bad_parameters_of_a_base_end_it_with_a_reason(
+    domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str], parameters: dict[str, Any], reason: str
+) -> None:
+    parameters = {"map_yaml": rooms().save(tmp_path / "rooms.yaml"), **BASE, **parameters}
+    given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={str(value).lower()}")]
+    assert main(["--ros-args", *given]) == 2
+    assert reason in capsys.readouterr().err
