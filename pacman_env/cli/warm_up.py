@@ -28,7 +28,7 @@ def add_warm_up(commands: Any) -> None:
 
 
 def _report(robot: bool) -> int:
-    from pacman_env.engine.jit import cache_dir, kernel_folder, mark
+    from pacman_env.engine.cache_folder import cache_dir, kernel_folder, mark
 
     if (folder := kernel_folder()) is None:
         raise OSError(f"{cache_dir()}: cannot be written, nothing would be kept; PACMAN_ENV_CACHE names another folder")

@@ -1,21 +1,18 @@
 """The one decorator that compiles numeric kernels, kept by what they reach (``kernel_key.py``, ``kernel_cache.py``)."""
 
 import functools
-import hashlib
-import os
 import types
 import typing
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
 import numba.core.config as numba_config
-import platformdirs
 from llvmlite import ir
 from numba.core import cgutils
 from numba.core import types as numba_types
 
+from .cache_folder import kernel_folder
 from .kernel_cache import KernelCache, take_turns
 from .native import operation
 
@@ -23,24 +20,6 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 #: Modules of plain functions.
 _RULES = ("pacman_env.game.", "pacman_env.rng")
-_PACKAGE = Path(__file__).resolve().parents[1]
-_KERNEL_ROOMS = ("config", "engine", "game", "world", "sim", "heuristics")  # beside the modules of the package itself
-
-
-def cache_dir() -> Path:
-    """Folder for everything that can be computed again: $PACMAN_ENV_CACHE or the user's cache folder."""
-    return Path(os.environ.get("PACMAN_ENV_CACHE") or platformdirs.user_cache_dir("pacman_env"))
-
-
-@functools.cache
-def source_hash() -> str:
-    """Hash of the sources that prepare maps, 12 hexadecimal digits; compiled code has keys of its own."""
-    digest = hashlib.sha256()
-    paths = [*_PACKAGE.glob("*.py"), *(path for room in _KERNEL_ROOMS for path in (_PACKAGE / room).rglob("*.py"))]
-    for path in sorted(paths):
-        digest.update(path.relative_to(_PACKAGE).as_posix().encode())
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:12]
 
 
 @functools.cache
@@ -73,23 +52,6 @@ def _with_rules_compiled(function: F) -> F:
     copy = types.FunctionType(function.__code__, {**used, **rules}, function.__name__, function.__defaults__)
     copy.__qualname__, copy.__module__ = function.__qualname__, function.__module__
     return typing.cast(F, copy)
-
-
-@functools.cache
-def kernel_folder() -> Path | None:
-    """The folder of compiled code; None, and nothing is kept, where it cannot be written."""
-    folder = cache_dir() / "kernels"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return None
-    return folder if os.access(folder, os.W_OK) else None
-
-
-def mark(name: str) -> Path | None:
-    """The file that marks something as compiled beforehand, from these sources; None if nothing is kept."""
-    folder = kernel_folder()
-    return None if folder is None else folder / f"{name}-{source_hash()}"
 
 
 @operation(numba_types.void, None, None)

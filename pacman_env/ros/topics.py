@@ -163,6 +163,14 @@ TF_STATIC = Topic("tf_static", "tf2_msgs/TFMessage", STATIC_TRANSFORMS)
 CLOCK = Topic("/clock", "rosgraph_msgs/Clock", SENSOR_DATA)  # absolute, as rclpy subscribes to it
 CLOCK_OWNER = Topic("/clock_owner", "std_msgs/String", COMMANDS)  # JSON: which simulated robot gives the time
 
+#: What a goal selector publishes about itself (``selector/goal_scores.py``): the score of each candidate, as markers of
+#: one namespace; JSON: where the candidates lie, the terms of each at each decision, the node's condition.
+SCORES = Topic("goal_selector/scores", "visualization_msgs/MarkerArray", EVENTS)
+SCORE_MARKERS = "scores"
+CANDIDATES = Topic("goal_selector/candidates", "std_msgs/String", LATCHED)
+WHY = Topic("goal_selector/why", "std_msgs/String", EVENTS)
+DIAGNOSTICS = Topic("goal_selector/diagnostics", "std_msgs/String", LATCHED)
+
 START_GAME = Service("game/start", "std_srvs/Trigger")
 RESET_GAME = Service("game/reset", "std_srvs/Trigger")
 RESET_PELLETS = Service("reset_pellets", "std_srvs/Trigger")

@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks import cold_start
 from benchmarks.cold_start import main, seconds
-from pacman_env.engine.jit import cache_dir
+from pacman_env.engine.cache_folder import cache_dir
 
 
 def test_the_workers_play_with_the_given_cache_and_the_environment_stays_as_it_was() -> None:

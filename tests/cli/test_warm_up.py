@@ -12,7 +12,7 @@ import pytest
 
 from pacman_env.cli import warm_up
 from pacman_env.cli.main import main
-from pacman_env.engine import jit
+from pacman_env.engine import cache_folder
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Prints the kernels that games need which are none of those that the command plays.
@@ -86,7 +86,7 @@ def counted(done: list[str], name: str) -> Callable[[], None]:
 def done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The parts that were played; here they are quick ones."""
     names: list[str] = []
-    monkeypatch.setattr(jit, "kernel_folder", lambda: tmp_path)
+    monkeypatch.setattr(cache_folder, "kernel_folder", lambda: tmp_path)
     monkeypatch.setattr(warm_up, "PARTS", {name: counted(names, name) for name in ("one game", "policies")})
     monkeypatch.setattr(warm_up, "ROBOT_PARTS", {"robot": counted(names, "robot")})
     return names
@@ -132,7 +132,7 @@ def test_a_cache_that_cannot_be_written_is_one_line_and_status_2(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("PACMAN_ENV_CACHE", "/dev/null/cache")
-    monkeypatch.setattr(jit, "kernel_folder", jit.kernel_folder.__wrapped__)
+    monkeypatch.setattr(cache_folder, "kernel_folder", cache_folder.kernel_folder.__wrapped__)
     assert main(["warm-up"]) == 2
     out, err = capsys.readouterr()
     assert out == ""

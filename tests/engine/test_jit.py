@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pacman_env.engine import jit
+from pacman_env.engine import cache_folder
 from pacman_env.engine.jit import kernel, lowest_bit, prefetch
 
 
@@ -32,14 +32,14 @@ def test_asking_for_memory_changes_nothing_and_never_fails(beyond: int) -> None:
 def test_what_other_sources_have_prepared_is_kept_apart(
     file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert (jit._PACKAGE / file).is_file()
-    monkeypatch.setattr(jit, "_PACKAGE", tmp_path)
+    assert (cache_folder._PACKAGE / file).is_file()
+    monkeypatch.setattr(cache_folder, "_PACKAGE", tmp_path)
     path = tmp_path / file
     path.parent.mkdir(parents=True, exist_ok=True)
     hashes = set()
     for text in ("A = 1", "A = 2"):
         path.write_text(text)
-        hashes.add(jit.source_hash.__wrapped__())
+        hashes.add(cache_folder.source_hash.__wrapped__())
     assert len(hashes) == 2
 
 

@@ -13,7 +13,6 @@ from std_msgs.msg import Header
 from pacman_env.config import make_config
 from pacman_env.ros import topics
 from pacman_env.ros.messages import markers_of, pose_message
-from pacman_env.ros.selector.goal_scores import DIAGNOSTICS, SCORES
 from pacman_env.ros.supervisor.game_nodes import SELECTOR
 from pacman_env.sim.maps.assets import MapAssets, map_assets
 from tests.ros import scripted_nav2
@@ -59,7 +58,14 @@ class Game:
 
     def __init__(self, session: Session, *script: str) -> None:
         self.session = session
-        session.record(topics.GAME_STATUS, topics.GAME_EVENT, topics.REMOVE_PELLET, topics.CMD_VEL, DIAGNOSTICS, SCORES)
+        session.record(
+            topics.GAME_STATUS,
+            topics.GAME_EVENT,
+            topics.REMOVE_PELLET,
+            topics.CMD_VEL,
+            topics.DIAGNOSTICS,
+            topics.SCORES,
+        )
         self.nav2 = self.start_nav2(*script)
         self.left = {int(n): pellet(slot) for slot, n in enumerate(house().pellet_ids)}
         self.pose = tuple(house().grid.home.tolist())
@@ -71,7 +77,7 @@ class Game:
         self.session.forget()
         own = {"policy": "nearest", "settings": QUICK, "map_yaml": "house", "diagnostics_rate": 10.0, **parameters}
         self.session.start(SELECTOR, **own)
-        self.session.wait_for(lambda: self.session.messages(DIAGNOSTICS), what="the goal selector")
+        self.session.wait_for(lambda: self.session.messages(topics.DIAGNOSTICS), what="the goal selector")
 
     @property
     def troubles(self) -> dict[str, int]:
@@ -149,10 +155,10 @@ class Game:
         self, holds: Callable[[dict[str, Any]], Any] = lambda condition: True, what: str = "the condition"
     ) -> dict[str, Any]:
         """The first diagnostics from now on of which something holds."""
-        seen = len(self.session.values(DIAGNOSTICS))
+        seen = len(self.session.values(topics.DIAGNOSTICS))
 
         def found() -> dict[str, Any] | None:
-            latest = [json.loads(text) for text in self.session.values(DIAGNOSTICS)[seen:]]
+            latest = [json.loads(text) for text in self.session.values(topics.DIAGNOSTICS)[seen:]]
             return next((one for one in latest if holds(one)), None)
 
         condition = self.session.wait_for(found, what=what)

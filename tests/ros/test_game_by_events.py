@@ -12,7 +12,6 @@ pytest.importorskip("irobot_create_msgs")
 
 from pacman_env.config import make_config
 from pacman_env.ros import topics
-from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from tests.ros import session
 from tests.system.campaign.schedule import part_of_map
 
@@ -23,7 +22,7 @@ def test_a_round_is_completed_with_fewer_decisions_than_ticks(domain: int, tmp_p
     ground = part_of_map("house", 3.0).save(tmp_path / "ground.yaml")
     with session.game(tmp_path, ground, seed=3, settings=SETTINGS) as game:
         game.record(
-            topics.GAME_STATE, topics.GAME_RESULT, topics.PELLETS_COLLECTED, topics.PELLETS_SPAWNED, DIAGNOSTICS
+            topics.GAME_STATE, topics.GAME_RESULT, topics.PELLETS_COLLECTED, topics.PELLETS_SPAWNED, topics.DIAGNOSTICS
         )
         assert game.call(topics.START_GAME).success
         game.wait_for(lambda: game.values(topics.GAME_STATE)[-1] == "running", 30.0, "the round")
@@ -31,8 +30,10 @@ def test_a_round_is_completed_with_fewer_decisions_than_ticks(domain: int, tmp_p
         game.wait_for(lambda: game.values(topics.GAME_STATE)[-1] != "running", 600.0, "its end")
         ticks = (game.now_s - began_s) / make_config().execution.tick_s
         collected = max(game.values(topics.PELLETS_COLLECTED))
-        game.forget(DIAGNOSTICS)
-        condition = json.loads(game.wait_for(lambda: game.values(DIAGNOSTICS), 10.0, "the planner's diagnostics")[-1])
+        game.forget(topics.DIAGNOSTICS)
+        condition = json.loads(
+            game.wait_for(lambda: game.values(topics.DIAGNOSTICS), 10.0, "the planner's diagnostics")[-1]
+        )
         assert game.errors() == []
         assert "Complete" in game.values(topics.GAME_RESULT)[-1]
     assert collected == spawned > 2

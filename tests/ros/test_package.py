@@ -21,7 +21,6 @@ import yaml
 
 from pacman_env import __version__
 from pacman_env.ros import topics
-from pacman_env.ros.selector.goal_scores import SCORES
 from pacman_env.ros.supervisor.game_nodes import COMPOSED, LOCK_STEP, NODES, PAGE, SELECTOR, STOP_ORDER, module_of
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -85,10 +84,10 @@ def test_package_xml_names_rviz_and_every_package_with_a_plugin_of_the_view(name
 
 def test_the_view_shows_topics_of_the_game() -> None:
     view = yaml.safe_load(VIEW.read_text())
-    known = {value.name for value in vars(topics).values() if isinstance(value, topics.Topic)} | {SCORES.name}
+    known = {value.name for value in vars(topics).values() if isinstance(value, topics.Topic)} | {topics.SCORES.name}
     shown = {display["Topic"]["Value"] for display in view["Visualization Manager"]["Displays"] if "Topic" in display}
     nav2s_own = {"global_costmap/costmap", "local_costmap/costmap", "particle_cloud"}
-    wanted = (topics.MAP, topics.PELLET_MARKERS, topics.CLYDE_MARKER, topics.PLAN, SCORES)
+    wanted = (topics.MAP, topics.PELLET_MARKERS, topics.CLYDE_MARKER, topics.PLAN, topics.SCORES)
     assert {topic.name for topic in wanted} <= shown
     assert shown <= known | nav2s_own
     assert view["Visualization Manager"]["Global Options"]["Fixed Frame"] == "map"

@@ -18,7 +18,6 @@ from std_msgs.msg import Header
 
 from pacman_env.ros import topics
 from pacman_env.ros.messages import pose_of
-from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from pacman_env.ros.simulated_robot.sim_robot import AUDIO_SHOWN, LIGHT_RING_SHOWN
 from pacman_env.world.maps.occupancy import OccupancyMap
 from tests.ros.session import Recorded, Session
@@ -28,7 +27,7 @@ RECORDED = (
     *(topics.GAME_STATE, topics.GAME_COMMAND, topics.GAME_EVENT, topics.GAME_STATUS, topics.GAME_RESULT),
     *(topics.SCORE, topics.ROUND, topics.PELLETS_SPAWNED, topics.PELLETS_COLLECTED, topics.CLYDE_SPEED),
     *(topics.GAME_LIGHT, topics.GAME_SOUND, topics.REMOVE_PELLET, topics.CMD_VEL, topics.CLYDE_POSE),
-    *(LIGHT_RING_SHOWN, AUDIO_SHOWN, GOALS, topics.ODOMETRY, DIAGNOSTICS),
+    *(LIGHT_RING_SHOWN, AUDIO_SHOWN, GOALS, topics.ODOMETRY, topics.DIAGNOSTICS),
 )
 NUMBERS = (topics.SCORE, topics.ROUND, topics.PELLETS_COLLECTED, topics.CLYDE_SPEED, topics.PELLETS_SPAWNED)
 

@@ -19,7 +19,6 @@ from pacman_env.ros.bags.bag import Bag, BagError, Recorded, open_bag
 from pacman_env.ros.bags.pose_statistics import QUANTITIES, PoseStatistics, simulated_statistics
 from pacman_env.ros.messages import BadMessage, nanoseconds_of, pellets_of, pose_of
 from pacman_env.ros.selector.believed_pose import BelievedPose
-from pacman_env.ros.selector.goal_scores import SCORES
 from pacman_env.ros.supervisor.game_nodes import SELECTOR
 from pacman_env.sim.maps.assets import MapAssets, map_assets
 from pacman_env.sim.observation.robot_view import RobotView, Seen
@@ -28,7 +27,7 @@ from pacman_env.world.maps.occupancy import load_map
 
 _READ = (
     *(topics.GAME_STATE, topics.GAME_STATUS, topics.PELLET_MARKERS, topics.REMOVE_PELLET, *topics.GHOST_POSES),
-    *(topics.CLYDE_SPEED, topics.AMCL_POSE, topics.ODOMETRY, topics.TF, topics.TF_STATIC, SCORES),
+    *(topics.CLYDE_SPEED, topics.AMCL_POSE, topics.ODOMETRY, topics.TF, topics.TF_STATIC, topics.SCORES),
 )
 PLAN_LASTS_S = 2.5  # Nav2 plans anew every second while it has a goal
 PLAN_LATE_S = 1.2  # a choice is visible in the first plan after it, this late at most
@@ -117,7 +116,7 @@ class _Walk:
         self._tick_s = config.execution.tick_s
         self._by_event = config.decisions.when == "event"
         self._ghosts = {topics.GHOST_POSES[k].name: k for k in range(len(config.clyde.ghosts))}
-        self._has_scores = bag.has(SCORES)  # else it is another planner's game
+        self._has_scores = bag.has(topics.SCORES)  # else it is another planner's game
         self._chosen_before = -1
         self._plans = [] if self._has_scores else list(_plans(bag, assets))
         self._believed = BelievedPose(TF_S)  # as the goal selector has it
@@ -136,7 +135,7 @@ class _Walk:
             while self._by_event and self._running and self._due_s + TICK_LATE * self._tick_s < recorded.at_s:
                 self._situation(self._due_s, self._chosen_before)  # a tick in which it only observed
                 self._due_s += self._tick_s
-            if self._running and recorded.topic == SCORES.name:
+            if self._running and recorded.topic == topics.SCORES.name:
                 chosen = chosen_of(recorded.message)
                 self._decide(recorded.at_s, self._chosen_before, chosen)
                 self._chosen_before, self._due_s = chosen, recorded.at_s + self._tick_s

@@ -19,7 +19,6 @@ from pacman_env.ros import topics
 from pacman_env.ros.bags.bag import new_bag, recording
 from pacman_env.ros.discovery import join
 from pacman_env.ros.node import BaseNode, run
-from pacman_env.ros.selector.goal_scores import DIAGNOSTICS, SCORES
 from pacman_env.ros.supervisor.game_nodes import full_namespace
 
 NAME = "pacman_recorder"
@@ -28,7 +27,7 @@ RECORDED = (
     *(topics.PELLETS_COLLECTED, topics.SCORE, topics.ROUND, topics.BASE_CLYDE_SPEED, topics.CLYDE_SPEED),
     *(topics.PELLET_MARKERS, topics.REMOVE_PELLET, *topics.GHOST_POSES, topics.CLICKED_POINT, topics.GAME_EVENT),
     *(topics.GAME_STATUS, topics.GAME_LIGHT, topics.GAME_SOUND, topics.CMD_VEL, topics.OPERATOR_STOP),
-    *(SCORES, DIAGNOSTICS, topics.AMCL_POSE, topics.INITIAL_POSE, topics.PLAN, topics.ODOMETRY),
+    *(topics.SCORES, topics.DIAGNOSTICS, topics.AMCL_POSE, topics.INITIAL_POSE, topics.PLAN, topics.ODOMETRY),
     *(topics.TF, topics.TF_STATIC),
 )
 FLUSH_S = 2.0  # of wall time: a recorder that is killed loses no more

@@ -31,7 +31,6 @@ from pacman_env.ros.messages import (
 )
 from pacman_env.ros.node import BaseNode
 from pacman_env.ros.selector.believed_pose import BASE, BelievedPose
-from pacman_env.ros.selector.goal_scores import CANDIDATES, DIAGNOSTICS, NAMESPACE, SCORES, WHY
 from pacman_env.ros.selector.message_queue import MessageQueue
 from pacman_env.web.game import News
 from pacman_env.world.navigation.localization import compose
@@ -269,7 +268,7 @@ class GameState:
         self.places = places
 
     def on_scores(self, message: Any) -> None:
-        markers = [one for one in message.markers[:_MOST] if one.ns == NAMESPACE and one.action == one.ADD]
+        markers = [one for one in message.markers[:_MOST] if one.ns == topics.SCORE_MARKERS and one.action == one.ADD]
         self.scores = {one.id: float(one.text.split()[-1]) for one in markers if 0 <= one.id < _MOST}
 
     def on_why(self, message: Any) -> None:
@@ -299,9 +298,9 @@ class PageNode(BaseNode):
             (topics.GAME_RESULT, game.on_result),
             (topics.PELLET_MARKERS, game.on_pellets),
             (topics.CONFIGURATION, game.on_configuration),
-            (DIAGNOSTICS, game.on_condition),
-            (CANDIDATES, game.on_candidates),
-            (SCORES, game.on_scores),
+            (topics.DIAGNOSTICS, game.on_condition),
+            (topics.CANDIDATES, game.on_candidates),
+            (topics.SCORES, game.on_scores),
             (topics.MAP, robot.on_map),
             (topics.AMCL_POSE, lambda message: robot.belief.latched(message)),
             (topics.TF_STATIC, robot.on_static_transforms),
@@ -338,7 +337,7 @@ class PageNode(BaseNode):
 
     def watch(self, *, why: bool, lidar: bool) -> None:
         """Subscribe to the terms and the scan, which cost something, only while a page shows them."""
-        for topic, wanted, receive in ((WHY, why, self.game.on_why), (topics.SCAN, lidar, self.robot.on_scan)):
+        for topic, wanted, receive in ((topics.WHY, why, self.game.on_why), (topics.SCAN, lidar, self.robot.on_scan)):
             if wanted and topic.name not in self._watched:
                 self._watched[topic.name] = self._subscribe(topic, receive)
             elif not wanted and topic.name in self._watched:

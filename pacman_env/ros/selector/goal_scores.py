@@ -11,15 +11,10 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from pacman_env.policies.base import Policy
 from pacman_env.ros.messages import marker_message
-from pacman_env.ros.topics import EVENTS, LATCHED, Topic
+from pacman_env.ros.topics import SCORE_MARKERS
 from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.sim.observation.situation import HOLD, Situation
 
-SCORES = Topic("goal_selector/scores", "visualization_msgs/MarkerArray", EVENTS)
-CANDIDATES = Topic("goal_selector/candidates", "std_msgs/String", LATCHED)  # JSON: what their numbers stand for
-WHY = Topic("goal_selector/why", "std_msgs/String", EVENTS)  # JSON: the terms of each candidate, at each decision
-DIAGNOSTICS = Topic("goal_selector/diagnostics", "std_msgs/String", LATCHED)
-NAMESPACE = "scores"
 _HEIGHT_M = 0.25  # of the letters
 _CHOSEN, _OTHER = (0.1, 0.8, 0.1), (0.4, 0.4, 0.4)
 
@@ -29,14 +24,14 @@ def score_markers(situation: Situation, scores: NDArray[np.float64], chosen: int
 
     The id is the candidate's number; hold is shown at the robot.
     """
-    markers = [Marker(ns=NAMESPACE, action=Marker.DELETEALL)]
+    markers = [Marker(ns=SCORE_MARKERS, action=Marker.DELETEALL)]
     markers[0].header.frame_id, markers[0].header.stamp = "map", stamp
     for candidate, score in enumerate(scores[0].tolist()):
         if not math.isfinite(score):
             continue
         x, y = situation.position[0, candidate].tolist()
         colour = _CHOSEN if candidate == chosen else _OTHER
-        marker = marker_message(NAMESPACE, candidate, (x, y), _HEIGHT_M, colour, stamp)
+        marker = marker_message(SCORE_MARKERS, candidate, (x, y), _HEIGHT_M, colour, stamp)
         marker.type = Marker.TEXT_VIEW_FACING
         marker.text = f"hold {score:.1f}" if situation.kind[0, candidate] == HOLD else f"{score:.1f}"
         markers.append(marker)

@@ -27,7 +27,7 @@ _REPEAT_S = 2.0  # of wall time, however fast the game's clock runs: a referee n
 _NAV2_CHECK_S = 0.5  # of wall time, shorter than any start
 _PUBLISHED = (
     *(topics.GAME_STATUS, topics.GAME_EVENT, topics.REMOVE_PELLET, topics.CMD_VEL),
-    *(goal_scores.SCORES, goal_scores.WHY, goal_scores.CANDIDATES, goal_scores.DIAGNOSTICS),
+    *(topics.SCORES, topics.WHY, topics.CANDIDATES, topics.DIAGNOSTICS),
 )
 _Actions = list[ExecutorAction] | None
 
@@ -44,7 +44,7 @@ class Pursuit:
         self._out = {topic.name: topic.publisher(node) for topic in _PUBLISHED}
         self._nav2 = NavigationClient(node, self._on_accepted, self._on_rejected, self._on_finished)
         self._operator = None if passive else OperatorStop(node, self._on_stop)
-        self._publish_json(goal_scores.CANDIDATES, goal_scores.candidates_of(selection.view.assets))
+        self._publish_json(topics.CANDIDATES, goal_scores.candidates_of(selection.view.assets))
         ghosts = topics.GHOST_POSES[: len(node.config.clyde.ghosts)]
         handlers: tuple[tuple[topics.Topic, Callable[[Any, float], _Actions]], ...] = (
             (topics.GAME_STATE, selection.on_state),
@@ -157,13 +157,13 @@ class Pursuit:
         if selection.decision is None:
             return
         situation, chosen = selection.decision
-        if self._out[goal_scores.SCORES.name].get_subscription_count() > 0:
+        if self._out[topics.SCORES.name].get_subscription_count() > 0:
             scores = selection.policy.scores(situation)
             markers = goal_scores.score_markers(situation, scores, chosen, self._stamp())
-            self._out[goal_scores.SCORES.name].publish(markers)
-        if self._out[goal_scores.WHY.name].get_subscription_count() > 0:
+            self._out[topics.SCORES.name].publish(markers)
+        if self._out[topics.WHY.name].get_subscription_count() > 0:
             round_s = now - self._executor.began_s
-            self._publish_json(goal_scores.WHY, goal_scores.reasons(selection.policy, situation, chosen, round_s))
+            self._publish_json(topics.WHY, goal_scores.reasons(selection.policy, situation, chosen, round_s))
 
     def _repeat(self) -> None:
         """Report again what is unacknowledged; continue where an answer was lost."""
@@ -190,7 +190,7 @@ class Pursuit:
             "troubles": node.troubles(),
             **self.selection.condition(node.now_s()),
         }
-        self._publish_json(goal_scores.DIAGNOSTICS, condition)
+        self._publish_json(topics.DIAGNOSTICS, condition)
 
     # What is done
 

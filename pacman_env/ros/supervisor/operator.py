@@ -20,7 +20,6 @@ from pacman_env.ros.discovery import join, publishers
 from pacman_env.ros.messages import BadMessage, nanoseconds_of
 from pacman_env.ros.node import Observer, process_of, process_words
 from pacman_env.ros.operator_stop import OperatorStop
-from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from pacman_env.ros.supervisor.game_nodes import full_namespace
 from pacman_env.ros.supervisor.terminal import fitted
 
@@ -51,7 +50,7 @@ class StatusLine(Observer):
         for name, topic in _NUMBERS.items():
             topic.subscription(self, partial(self._on_value, name))
         self.condition: dict[str, Any] = {}  # the goal selector's diagnostics
-        DIAGNOSTICS.subscription(self, self._on_diagnostics)
+        topics.DIAGNOSTICS.subscription(self, self._on_diagnostics)
         self.nodes: dict[str, dict[str, Any]] = {}  # by name: what each of the game's nodes plays by
         topics.CONFIGURATION.subscription(self, self._on_configuration)
         self._pose_ns: int | None = None

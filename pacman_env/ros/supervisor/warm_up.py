@@ -10,7 +10,7 @@ from subprocess import DEVNULL, PIPE, Popen
 
 import numpy as np
 
-from pacman_env.engine import jit
+from pacman_env.engine.cache_folder import mark
 from pacman_env.policies.registry import split_ghosts
 from pacman_env.ros.selector.rehearsal import rehearsed
 from pacman_env.ros.supervisor.game_nodes import SELECTOR, SIMULATOR, GameSetup, from_json
@@ -35,7 +35,7 @@ class Part:
     def mark(self) -> Path | None:
         """The file that exists once it is done; None where nothing is kept."""
         kind = Path(self.policy).suffix.lstrip(".") or self.policy
-        return jit.mark(f"warm-{'-'.join(self.nodes)}-{kind or 'none'}")
+        return mark(f"warm-{'-'.join(self.nodes)}-{kind or 'none'}")
 
 
 def parts(setup: GameSetup) -> list[Part]:

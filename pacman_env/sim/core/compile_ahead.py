@@ -13,7 +13,7 @@ from pathlib import Path
 
 from numba.core import config as numba_config
 
-from ...engine.jit import kernel_folder
+from ...engine.cache_folder import kernel_folder
 from ...engine.kernel_cache import expect_help
 from ...engine.native import RANGE, address_of_kernel
 from ...engine.threads import cores

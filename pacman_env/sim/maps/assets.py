@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import ClydeConfig, Config, RefugeConfig
-from ...engine.jit import cache_dir, kernel, source_hash
+from ...engine.cache_folder import cache_dir, source_hash
+from ...engine.jit import kernel
 from ...game.pellets import generate_pellets
 from ...world.maps.occupancy import MapError, OccupancyMap, load_map
 from ...world.navigation.grid import DriveGrid, build_grid, clearance_m, connected_parts, nearest_numbers

@@ -28,7 +28,6 @@ from pacman_env.ros import topics
 from pacman_env.ros.bags.bag import BagError, open_bag
 from pacman_env.ros.bags.bag_replay import chosen_of, recorded_config, replay_bag
 from pacman_env.ros.bags.pose_statistics import PoseStatistics, simulated_statistics
-from pacman_env.ros.selector.goal_scores import SCORES
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.situation import Situation
@@ -188,7 +187,7 @@ def write_round(
                 decided.append(tick // 5)
                 if scores:
                     shown = {c: tuple(assets.goal_xy[c].tolist()) for c in range(assets.pellets)}
-                    bag.say(SCORES, at_s, markers=markers(shown, int(choice[0])))
+                    bag.say(topics.SCORES, at_s, markers=markers(shown, int(choice[0])))
             if plans and choice[0] != batch.hold:
                 way = of(
                     "geometry_msgs/PoseStamped", header=header(at_s), pose=pose(*assets.goal_xy[choice[0]].tolist())

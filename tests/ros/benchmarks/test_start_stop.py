@@ -11,7 +11,7 @@ pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
 from benchmarks import start_stop
-from pacman_env.engine.jit import cache_dir
+from pacman_env.engine.cache_folder import cache_dir
 
 
 def test_the_moments_of_a_start_follow_one_another(domain: int) -> None:

@@ -12,7 +12,6 @@ from typing import Any, TypeVar
 
 from pacman_env.ros import topics
 from pacman_env.ros.messages import seconds_of
-from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, SIMULATOR, module_of
 from pacman_env.web.frame import Frame
 from tests.ros.system import NAMESPACE, PATIENCE_S, Probe, Process, System
@@ -44,7 +43,7 @@ class Nodes:
         self.probe, self.system = probe, system
         self.processes: dict[str, Process] = {}
         self.pages: list[Page] = []  # at most one, which tests pass on
-        probe.record(topics.CMD_VEL, topics.ODOMETRY, topics.OPERATOR_STOP, topics.GAME_STATE, DIAGNOSTICS)
+        probe.record(topics.CMD_VEL, topics.ODOMETRY, topics.OPERATOR_STOP, topics.GAME_STATE, topics.DIAGNOSTICS)
 
     def start(self, name: str) -> None:
         own = OWN.get(name, {})
@@ -95,7 +94,7 @@ class Nodes:
 
     def condition(self) -> dict[str, Any]:
         """What the goal selector said of itself last."""
-        return dict(json.loads((self.probe.values(DIAGNOSTICS) or ["{}"])[-1]))
+        return dict(json.loads((self.probe.values(topics.DIAGNOSTICS) or ["{}"])[-1]))
 
     def stands(self) -> bool:
         """By the last odometry."""

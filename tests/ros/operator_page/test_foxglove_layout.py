@@ -14,7 +14,6 @@ pytest.importorskip("rclpy")
 
 from pacman_env.ros import topics
 from pacman_env.ros.bags.record import RECORDED
-from pacman_env.ros.selector import goal_scores
 from pacman_env.ros.topics import Topic
 from tests.ros.system import NAMESPACE
 
@@ -22,8 +21,7 @@ LAYOUT = json.loads((Path(__file__).resolve().parents[3] / "docs" / "foxglove_la
 PANELS: dict[str, Any] = LAYOUT["configById"]
 KNOWN = {
     topic.name: topic
-    for module in (topics, goal_scores)
-    for value in vars(module).values()
+    for value in vars(topics).values()
     for topic in (value if isinstance(value, tuple) else (value,))
     if isinstance(topic, Topic)
 }

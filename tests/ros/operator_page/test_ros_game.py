@@ -22,7 +22,6 @@ from std_msgs.msg import Header
 from pacman_env.ros import topics
 from pacman_env.ros.node import BaseNode
 from pacman_env.ros.operator_page.ros_game import RosGame
-from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from pacman_env.ros.simulated_robot.sim_sensors import map_message
 from pacman_env.web import messages
 from pacman_env.web.game import Refused
@@ -40,7 +39,7 @@ CANCELED = 5  # action_msgs/GoalStatus
 def whole(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[PageGame]:
     folder = tmp_path_factory.mktemp("game")
     with session.game(folder, MAP, POLICY, seed=1, settings=SETTINGS, home=HOME, extra=EXTRA) as nodes:
-        nodes.record(topics.CMD_VEL, topics.ODOMETRY, DIAGNOSTICS)
+        nodes.record(topics.CMD_VEL, topics.ODOMETRY, topics.DIAGNOSTICS)
         game = PageGame(nodes)
         try:
             yield game
@@ -194,7 +193,7 @@ def test_a_goal_selector_that_is_started_again_stays_stopped(game: PageGame) -> 
     game.start("goal_selector")
 
     def condition() -> dict[str, object]:
-        return json.loads((game.session.values(DIAGNOSTICS) or ["{}"])[-1])
+        return json.loads((game.session.values(topics.DIAGNOSTICS) or ["{}"])[-1])
 
     fresh = {"active": True, "stopped": True, "task": "play", "goals_sent": 0}  # not a word of the one before it
     game.wait(lambda: fresh.items() <= condition().items(), "the goal selector, stopped")

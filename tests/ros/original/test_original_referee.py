@@ -24,7 +24,6 @@ from std_msgs.msg import Header
 
 from pacman_env.ros import topics
 from pacman_env.ros.messages import pellets_of, pose_of
-from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from pacman_env.ros.supervisor.game_nodes import GAME, REFEREE, SELECTOR, SIMULATOR, module_of
 from tests.ros.original.corridor import AWAY, CLYDE_MPS, PELLETS, SETTINGS, corridor
 from tests.ros.system import Probe, System
@@ -54,7 +53,7 @@ STATE, RESULT, SCORE, ROUND, SPAWNED, COLLECTED = (
 )
 RECORDED = (
     *(STATE, RESULT, SCORE, ROUND, SPAWNED, COLLECTED),
-    *(topics.PELLET_MARKERS, topics.CLYDE_POSE, topics.GAME_LIGHT, DIAGNOSTICS),
+    *(topics.PELLET_MARKERS, topics.CLYDE_POSE, topics.GAME_LIGHT, topics.DIAGNOSTICS),
 )
 
 
@@ -109,7 +108,7 @@ class Game:
 
     def is_reset(self) -> bool:
         markers = self.probe.messages(topics.PELLET_MARKERS)
-        condition = json.loads(self.value(DIAGNOSTICS) or "{}")
+        condition = json.loads(self.value(topics.DIAGNOSTICS) or "{}")
         wanted = (STATE, "menu"), (SCORE, 0), (ROUND, 1), (SPAWNED, PELLETS), (topics.GAME_LIGHT, "off")
         return bool(
             all(self.value(topic) == value for topic, value in wanted)

@@ -13,7 +13,6 @@ from std_msgs.msg import Header
 
 from pacman_env.ros import topics
 from pacman_env.ros.messages import markers_of, pose_message
-from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from pacman_env.ros.supervisor.game_nodes import SELECTOR, module_of
 from tests.ros.scripted_nav2 import ScriptedNav2
 from tests.ros.selector_game import FAR_AWAY, Game, house, pellet
@@ -142,9 +141,9 @@ def test_fault_13_at_its_end_the_node_stops_the_robot_and_cancels_its_goal(game:
 def test_fault_13_a_signal_stops_the_robot_before_the_process_ends(probe: Probe, system: System, number: int) -> None:
     nav2 = ScriptedNav2(namespace=system.namespace, context=probe.context)
     probe.executor.add_node(nav2)
-    probe.record(topics.CMD_VEL, DIAGNOSTICS)
+    probe.record(topics.CMD_VEL, topics.DIAGNOSTICS)
     process = system.start(NODE, policy="nearest", map_yaml="house", diagnostics_rate=10.0)
-    probe.wait_for(lambda: probe.messages(DIAGNOSTICS), what="the goal selector")
+    probe.wait_for(lambda: probe.messages(topics.DIAGNOSTICS), what="the goal selector")
     stamp = probe.stamp()
     pose = topics.AMCL_POSE.type(header=Header(stamp=stamp, frame_id="map"))
     pose.pose.pose = pose_message(0.0, 0.0, 0.0, stamp).pose

@@ -18,7 +18,6 @@ from std_msgs.msg import Header
 
 from pacman_env.ros import topics
 from pacman_env.ros.messages import pose_message
-from pacman_env.ros.selector.goal_scores import SCORES
 from pacman_env.ros.selector.goal_selector import main
 from pacman_env.ros.supervisor.game_nodes import SELECTOR
 from tests.ros.selector_game import FAR_AWAY, Game, house, number_at, pellet, slot_of
@@ -125,7 +124,9 @@ def test_the_policy_changes_in_menu_alone_and_only_to_one_that_can_be_used(game:
     game.running_goal(2)
     wanted = set(range(house().pellets, len(house().goal_xy)))  # refuges, which the policy before did not rate
     shown = game.session.wait_for(
-        lambda: next((m.markers for m in game.session.messages(SCORES) if wanted & {one.id for one in m.markers}), []),
+        lambda: next(
+            (m.markers for m in game.session.messages(topics.SCORES) if wanted & {one.id for one in m.markers}), []
+        ),
         what="scores",
     )
     assert all(marker.text for marker in shown[1:])

@@ -10,7 +10,6 @@ import pytest
 pytest.importorskip("rclpy")
 
 from pacman_env.ros import topics
-from pacman_env.ros.selector.goal_scores import CANDIDATES, WHY
 from tests.ros.selector_game import house, pellet
 
 if TYPE_CHECKING:
@@ -99,13 +98,13 @@ def test_the_way_home_waits_for_the_release_and_does_not_fail(game: Game) -> Non
 
 
 def test_reasons_are_published_with_what_the_numbers_mean(game: Game) -> None:
-    game.session.record(WHY, CANDIDATES)
+    game.session.record(topics.WHY, topics.CANDIDATES)
     game.start(policy="clyde_aware")
     game.begin()
     game.running_goal(1)
-    game.session.wait_for(lambda: game.session.messages(WHY), what="reasons")
-    why: dict[str, Any] = json.loads(game.session.values(WHY)[-1])
-    candidates = json.loads(game.session.values(CANDIDATES)[-1])
+    game.session.wait_for(lambda: game.session.messages(topics.WHY), what="reasons")
+    why: dict[str, Any] = json.loads(game.session.values(topics.WHY)[-1])
+    candidates = json.loads(game.session.values(topics.CANDIDATES)[-1])
     assert candidates["pellets"] == house().pellet_ids.tolist()
     assert len(candidates["places"]) == len(house().goal_xy)
     row = next(row for row in why["rows"] if row["candidate"] == why["goal"])

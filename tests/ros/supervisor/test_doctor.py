@@ -25,7 +25,6 @@ from std_srvs.srv import Trigger
 
 from pacman_env.ros import topics
 from pacman_env.ros.messages import pose_message, transform_message
-from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from pacman_env.ros.simulated_robot.sim_sensors import map_message
 from pacman_env.ros.supervisor.checks import CHECKS, examine
 from pacman_env.ros.supervisor.checks.check import BAD, OK, UNKNOWN, Finding, Source
@@ -193,7 +192,7 @@ def test_a_robot_that_is_ready_is_all_ok_and_each_fault_is_named_with_its_remedy
         "9" * 9,
     ):
         probe.publisher(topics.CONFIGURATION).publish(topics.CONFIGURATION.type(data=text))
-    probe.publisher(DIAGNOSTICS).publish(DIAGNOSTICS.type(data='{"policy": NaN, "troubles": "many"}'))
+    probe.publisher(topics.DIAGNOSTICS).publish(topics.DIAGNOSTICS.type(data='{"policy": NaN, "troubles": "many"}'))
     probe.publisher(topics.GAME_STATE).publish(topics.GAME_STATE.type(data="\x1b[2J"))
     lost = transform_message("odom", "wheel", (float("nan"), 0.0, 0.0), probe.stamp())
     remedies = {
@@ -290,7 +289,7 @@ def test_the_doctor_publishes_nothing_that_moves_anything(domain: int) -> None:
 
 
 def test_sources_have_the_types_of_the_games_topics() -> None:
-    known = {one.name: one.type_name for one in (*vars(topics).values(), DIAGNOSTICS) if isinstance(one, topics.Topic)}
+    known = {one.name: one.type_name for one in vars(topics).values() if isinstance(one, topics.Topic)}
     known |= {DOCKED.name: DOCKED.type_name, CHARGE.name: CHARGE.type_name}
     sources = [source for check in CHECKS for source in check.sources if isinstance(source, Source)]
     assert len(sources) > 10

@@ -31,7 +31,6 @@ pytest.importorskip("irobot_create_msgs")
 from pacman_env.cli import main as cli
 from pacman_env.ros import topics
 from pacman_env.ros.bags.bag_replay import replay_bag
-from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from pacman_env.ros.supervisor.checks.check import BAD, OK
 from pacman_env.ros.supervisor.doctor import doctor
 from pacman_env.ros.supervisor.game_nodes import GAME, PAGE, SELECTOR, SIMULATOR, GameSetup
@@ -115,7 +114,7 @@ def game(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Game
         one.bind(("127.0.0.1", 0))
         port = one.getsockname()[1]
     with System(folder) as system, Probe(system) as probe:
-        probe.record(topics.GAME_STATE, topics.GAME_STATUS, topics.LIGHT_RING, topics.CMD_VEL, DIAGNOSTICS)
+        probe.record(topics.GAME_STATE, topics.GAME_STATUS, topics.LIGHT_RING, topics.CMD_VEL, topics.DIAGNOSTICS)
         bag = folder / "game"
         recorder = system.run("record", [*COMMAND, "record", "--out", str(bag), "--sim"])
         terminal = Terminal([*COMMAND, "up", *words, *SHOWS, "--web", str(port), "--logs", str(folder / "logs")])
@@ -210,7 +209,7 @@ def test_the_space_bar_stops_the_robot_until_g_and_so_do_others(game: Game) -> N
         return all(name in stopped.out for name in obeying)
 
     def stands() -> bool:
-        return bool(json.loads(game.probe.values(DIAGNOSTICS)[-1])["stopped"])
+        return bool(json.loads(game.probe.values(topics.DIAGNOSTICS)[-1])["stopped"])
 
     game.wait_for(all_obey, "all to obey")
     game.wait_for(stands, "the goal selector to say so")

@@ -18,7 +18,6 @@ from pacman_env.config import Config
 from pacman_env.ros import topics
 from pacman_env.ros.messages import twist_message
 from pacman_env.ros.node import BaseNode
-from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from pacman_env.ros.simulated_robot.sim_robot import FAULT, FAULTS_NOW
 from pacman_env.ros.supervisor.game_nodes import SELECTOR
 from tests.system.campaign.interference import Interference
@@ -68,7 +67,7 @@ class Recorder(BaseNode):
         self._record(topics.NAVIGATE_TO_POSE.statuses, self._statuses)
         topics.ODOMETRY.subscription(self, self._odometry)
         FAULTS_NOW.subscription(self, self._faults_now)
-        DIAGNOSTICS.subscription(self, lambda message: setattr(self, "condition", json.loads(message.data)))
+        topics.DIAGNOSTICS.subscription(self, lambda message: setattr(self, "condition", json.loads(message.data)))
         self._start = topics.START_GAME.client(self)
         self._reset = topics.RESET_GAME.client(self)
         self._set = _SET_PARAMETERS.client(self)
