@@ -32,7 +32,7 @@ class GoalExecutor:
         self.game_state: str | None = None  # None if not received
         self.began_s = 0.0  # when the task began
         self._active = False
-        self._held = False  # by an operator's stop
+        self._held: set[str] = set()  # by what: an operator's stop, a pose that is lost
         self._nav2_there = False
         self._waiting_s: float | None = None  # since when the return home cannot begin
         self._arrived_s: float | None = None  # when Nav2 reported a success at home that no pose confirms
@@ -61,12 +61,18 @@ class GoalExecutor:
         self._active = False
         return self._halt(now) if was or self.sent.open else []
 
-    def hold(self, held: bool, now: float) -> list[ExecutorAction]:
-        """An operator's stop, or its end: task and round go on as they are, but no goal is sent until the end."""
-        if held == self._held:
+    def hold(self, reason: str, held: bool, now: float) -> list[ExecutorAction]:
+        """A reason to stand, or its end: task and round go on as they are, but no goal is sent while there is one."""
+        if held == (reason in self._held):
             return []
-        self._held, self._waiting_s, self._arrived_s = held, None, None
-        return self._halt(now) if held else self._continue(now)
+        was = bool(self._held)
+        (self._held.add if held else self._held.discard)(reason)
+        if was == bool(self._held):
+            return []
+        self._waiting_s, self._arrived_s = None, None
+        if not held:
+            return self._continue(now)
+        return self._halt(now) if self.driving else self._cancel_all(now)
 
     def command(self, word: str, now: float) -> list[ExecutorAction]:
         if word == "enable" and self.statuses.end in ("death_detected", "game_complete"):

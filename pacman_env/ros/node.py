@@ -219,6 +219,7 @@ class Once:
         self._logger, self._now_s = logger, now_s
         self._counts: Counter[str] = Counter()
         self._ends_s: dict[str, float] = {}
+        self.texts: dict[str, str] = {}  # the newest of each
 
     @property
     def counts(self) -> dict[str, int]:
@@ -240,12 +241,13 @@ class Once:
         if key not in self.counts:
             self._logger.warning(text)
         self._counts[key] += 1
-        self._ends_s[key] = end_s
+        self._ends_s[key], self.texts[key] = end_s, text
 
     def over(self, key: str) -> None:
         """The trouble has ended, which is logged if there was any; the next one is logged again."""
         count = self._counts.pop(key, 0)
         self._ends_s.pop(key, None)
+        self.texts.pop(key, None)
         if count:
             self._logger.info(f"{key}: over, after {count} time{'s' if count > 1 else ''}")
 

@@ -32,6 +32,7 @@ from pacman_env.ros.messages import (
 from pacman_env.ros.node import BaseNode
 from pacman_env.ros.selector.believed_pose import BASE, BelievedPose
 from pacman_env.ros.selector.message_queue import MessageQueue
+from pacman_env.ros.selector.reasons import troubles_of
 from pacman_env.web.game import News
 from pacman_env.world.navigation.localization import compose
 
@@ -254,10 +255,12 @@ class GameState:
 
     def on_condition(self, message: Any) -> None:
         before, self.condition = self.condition, object_of(message, _LONGEST)
-        known = before.get("troubles") or {}
-        for trouble in self.condition.get("troubles") or {}:
-            if trouble not in known:
-                self._news.add(words=f"goal_selector: {trouble}"[:200])
+        known, troubles = troubles_of(before), troubles_of(self.condition)
+        for kind, words in troubles.items():
+            if kind not in known:
+                self._news.add(words=f"goal_selector: {words}"[:200])
+        for kind in known.keys() - troubles.keys():
+            self._news.add(words=f"goal_selector: {kind}: over"[:200])
         pursued = self.condition.get("pursued")
         self.goal = pursued if isinstance(pursued, int) and pursued >= 0 else -1
 

@@ -44,6 +44,7 @@ class BelievedPose:
         self._latched: tuple[Pose, float] | None = None
         self._odometry: tuple[Pose, float] | None = None  # base in odom and its stamp, where the motion began
         self._velocity = (0.0, 0.0)
+        self._first_s = math.inf  # when the first transform that may change was received
 
     def transforms(self, message: Any, now_s: float, static: bool = False) -> list[str]:
         """Use a TFMessage; returns what is wrong with its transforms of interest."""
@@ -57,6 +58,8 @@ class BelievedPose:
                 troubles.append(f"transform of {transform.child_frame_id!r}: {error}")
                 continue
             parent, child = parent.lstrip("/"), child.lstrip("/")
+            if not static:
+                self._first_s = min(self._first_s, now_s)
             self._links[child] = _Link(parent, pose, math.inf if static else now_s)
             if parent == "odom":
                 self._move(pose, seconds_of(transform.header.stamp))
@@ -75,6 +78,15 @@ class BelievedPose:
             return None
         pose, stamp_s = self._latched
         return Belief(pose, (0.0, 0.0), max(0.0, now_s - stamp_s), "amcl_pose")
+
+    def silent_s(self, now_s: float) -> float:
+        """For how long there has been no transform from the base to the map.
+
+        0 where transforms were never received at all: then the latched pose is all that there is.
+        """
+        found = self._in_map()
+        since_s = self._first_s if found is None else found[1]
+        return max(0.0, now_s - since_s)
 
     def _in_map(self) -> tuple[Pose, float] | None:
         """The base in the map, and when the oldest transform used was received."""

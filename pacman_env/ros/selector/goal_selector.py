@@ -17,6 +17,7 @@ from rclpy.parameter import Parameter
 from pacman_env.config import ConfigError
 from pacman_env.policies.base import Policy
 from pacman_env.ros.node import GameNode, parameter, run
+from pacman_env.ros.selector.pose_watch import PoseLimits
 from pacman_env.ros.selector.pursuit import Pursuit
 from pacman_env.ros.selector.rehearsal import rehearsed
 from pacman_env.ros.selector.selection import Selection
@@ -39,7 +40,11 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         self._home = self.declare_parameter("home", Parameter.Type.DOUBLE_ARRAY, descriptor).value
         self._rate = parameter(self, "diagnostics_rate", 1.0, "diagnostics messages per second", 0.1, 10.0)
         text = "a transform older than this gives way to the latched amcl_pose, s"
-        self._pose_timeout_s = parameter(self, "pose_timeout_s", 1.0, text, 0.1, 10.0)
+        timeout_s = parameter(self, "pose_timeout_s", PoseLimits.timeout_s, text, 0.1, 10.0)
+        # AMCL dates its transform 1 s ahead, so that Nav2 has been without one for a second by then.
+        text = "without a transform for so long the pose is lost: no goal, nothing counted, until it is back, s"
+        lost_s = parameter(self, "pose_lost_s", PoseLimits.lost_s, text, 0.5, 60.0)
+        self._limits = PoseLimits(timeout_s, lost_s)
         autostart = parameter(self, "autostart", True, "configure and activate without being asked")
 
         self._pursuit: Pursuit | None = None  # None if not configured
@@ -67,7 +72,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
                 raise ValueError(f"parameter home: {len(self._home)} numbers, must be x, y, heading")
             home = None if self._home is None else tuple(self._home)
             policy = self.get_parameter("policy").value
-            selection = Selection(self.config, self.map, policy, home, self._pose_timeout_s, self.once.warning)
+            selection = Selection(self.config, self.map, policy, home, self._limits, self.once)
             self._pursuit = Pursuit(self, selection, self._rate, self._passive)
         except _UNUSABLE as error:
             self._fault = str(error)

@@ -19,6 +19,7 @@ from pacman_env.ros.node import GameNode
 from pacman_env.ros.operator_stop import OperatorStop
 from pacman_env.ros.selector import goal_scores
 from pacman_env.ros.selector.message_queue import MessageQueue
+from pacman_env.ros.selector.nav2_failures import error_words
 from pacman_env.ros.selector.navigation_client import NavigationClient
 from pacman_env.ros.selector.selection import Selection
 
@@ -104,8 +105,13 @@ class Pursuit:
 
     # Messages
 
-    def _handle(self, handle: Callable[[Any, float], _Actions], message: Any) -> None:
+    def _catch_up(self) -> None:
+        """Receive the transforms that wait, and act on what they show before anything else does."""
         self._transforms.catch_up()
+        self._do(self.selection.watch(self._node.now_s()))
+
+    def _handle(self, handle: Callable[[Any, float], _Actions], message: Any) -> None:
+        self._catch_up()
         self._do(handle(message, self._node.now_s()))
 
     def _on_stop(self, stopped: bool, who: str) -> None:
@@ -117,7 +123,7 @@ class Pursuit:
             self._nav2.cancel_all()
         else:
             self._node.once.over(_STOPPED)
-        self._do(self._executor.hold(stopped, self._node.now_s()))
+        self._do(self._executor.hold(_STOPPED, stopped, self._node.now_s()))
 
     def _on_accepted(self, number: int) -> None:
         self._do(self._executor.sent.accepted(number, self._node.now_s()))
@@ -127,13 +133,13 @@ class Pursuit:
         self._do(self.selection.on_rejected(number, self._node.now_s()))
 
     def _on_finished(self, number: int, status: int, at: Position | None) -> None:
-        self._transforms.catch_up()
-        self._do(self.selection.on_finished(number, status, self._node.now_s(), at))
+        self._catch_up()
+        self._do(self.selection.on_finished(number, status, self._nav2.last_error, self._node.now_s(), at))
 
     # Timers
 
     def _tick(self) -> None:
-        self._transforms.catch_up()
+        self._catch_up()
         now, once = self._node.now_s(), self._node.once
         if self._fresh:  # what was latched has been received by now, and is acted on as a whole
             self._fresh = False
@@ -187,7 +193,9 @@ class Pursuit:
             "ghosts_heard": ghosts_received,
             "last_status": self._nav2.last_status,
             "last_error_code": self._nav2.last_error,
+            "last_error": error_words(self._nav2.last_error),
             "troubles": node.troubles(),
+            "trouble_texts": dict(node.once.texts),
             **self.selection.condition(node.now_s()),
         }
         self._publish_json(topics.DIAGNOSTICS, condition)

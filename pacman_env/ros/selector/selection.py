@@ -7,14 +7,14 @@ Nothing is published here, and time is an argument.
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from pacman_env import __version__
 from pacman_env.config import MAX_SPEED_MPS, Config
 from pacman_env.game.decisions import HOLD, LastDecision, Moment
-from pacman_env.game.execution import ABORTED
+from pacman_env.game.execution import ABORTED, REJECTED
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.game.goal_executor import GoalExecutor
 from pacman_env.game.goals import ExecutorAction, home_place
@@ -22,6 +22,9 @@ from pacman_env.ros import topics
 from pacman_env.ros.messages import BadMessage, Pose, Position, nanoseconds_of, number_of, pellets_of, pose_of, word_of
 from pacman_env.ros.selector.believed_pose import Belief, BelievedPose
 from pacman_env.ros.selector.goal_scores import decision_times
+from pacman_env.ros.selector.nav2_failures import Nav2Failures
+from pacman_env.ros.selector.pose_watch import PoseLimits, PoseWatch
+from pacman_env.ros.selector.reasons import NAV2_FAILS
 from pacman_env.ros.selector.rehearsal import rehearsed
 from pacman_env.ros.surroundings import current
 from pacman_env.sim.maps.assets import map_assets
@@ -30,11 +33,21 @@ from pacman_env.sim.observation.situation import Situation
 from pacman_env.world.maps.occupancy import OccupancyMap
 
 
+class Troubles(Protocol):
+    """Where a trouble is reported, by its kind and its words: one that may pass, or that lasts until it is over."""
+
+    def warning(self, key: str, text: str) -> None: ...
+
+    def begin(self, key: str, text: str) -> None: ...
+
+    def over(self, key: str) -> None: ...
+
+
 class Selection:
     """A policy on a prepared map, warmed up; handlers of messages return what is to be done and raise BadMessage.
 
-    Without a ``home`` it is the first pose in menu, or the one it is corrected to there, or the map's. ``warn`` is
-    called with the kind of a trouble and its text. Raises MapError, and what ``rehearsed`` raises.
+    Without a ``home`` it is the first pose in menu, or the one it is corrected to there, or the map's. Raises MapError,
+    and what ``rehearsed`` raises.
     """
 
     def __init__(
@@ -43,17 +56,21 @@ class Selection:
         map: str | OccupancyMap,
         policy: str,
         home: Pose | None,
-        pose_timeout_s: float,
-        warn: Callable[[str, str], None],
+        limits: PoseLimits,
+        troubles: Troubles,
     ) -> None:
-        self._warn, self._perf_counter = warn, current().perf_counter
+        self._warn, self._perf_counter = troubles.warning, current().perf_counter
+        self._troubles = troubles
         self._config = config
         self._home_given = home is not None
         self.view = RobotView(map_assets(map, config, home), config)
         self.executor = GoalExecutor(config, self.view.goals, None if home is None else home_place(*home))
         self.spec, self.policy = policy, rehearsed(policy, self.view, config)
         self.decision: tuple[Situation, int] | None = None  # if the policy was asked last: what it saw and chose
-        self._believed = BelievedPose(pose_timeout_s)
+        self._believed = BelievedPose(limits.timeout_s)
+        self._watch = PoseWatch(self._believed, limits)
+        self._nav2 = Nav2Failures()
+        self._collected = 0  # pellets of the round, at the last decision
         self._belief: Belief | None = None
         self._unknown_pellets: tuple[int, ...] = ()
         self._times_ms: deque[float] = deque(maxlen=1000)
@@ -72,6 +89,7 @@ class Selection:
             self.view.begin()
             self.policy.reset(np.ones(1, np.bool_), self._config)
             self._last.forget()
+            self._nav2.forget()
         self._believe(now)
         return self.executor.command(word, now)
 
@@ -114,9 +132,17 @@ class Selection:
         for trouble in self._believed.transforms(message, now, static):
             self._warn("bad tf_static" if static else "bad tf", trouble)
 
+    def watch(self, now: float) -> list[ExecutorAction]:
+        """Stand while the pose may not be played by; to be called after each reception of transforms."""
+        actions = []
+        for reason, words in self._watch.reasons(now).items():
+            self._report(reason, words)
+            actions += self.executor.hold(reason, bool(words), now)
+        return actions
+
     def _believe(self, now: float) -> Belief | None:
         """The pose to decide by, if there is one on the map."""
-        belief = self._believed.at(now)
+        belief = None if any(self._watch.reasons(now).values()) else self._believed.at(now)
         if belief is not None and self.view.off_the_map(*belief.pose[:2]):
             x, y, _ = belief.pose
             self._warn("off the map", f"{belief.source}: ({x:.2f}, {y:.2f}) is off the map")
@@ -143,7 +169,8 @@ class Selection:
         belief = self._believe(now)
         do(self.executor.check(None if belief is None else belief.pose[:2], self.view.ghosts, now))
         self.decision = None
-        if belief is None or not self.executor.wants_choice(now):
+        self._watch_nav2()
+        if belief is None or not self.executor.wants_choice(now) or self._nav2.waiting(now):
             return
         unseen = self.view.unseen
         if unseen:
@@ -174,12 +201,37 @@ class Selection:
 
     def on_rejected(self, number: int, now: float) -> list[ExecutorAction]:
         self._ended["rejected"] += number == self.executor.sent.number
+        self._count(number, REJECTED, 0, now)
         return self.executor.rejected(number, now)
 
-    def on_finished(self, number: int, status: int, now: float, at: Position | None) -> list[ExecutorAction]:
+    def on_finished(
+        self, number: int, status: int, error: int, now: float, at: Position | None
+    ) -> list[ExecutorAction]:
+        """``error``: Nav2's code; ``at``: where Nav2 saw the robot last."""
         self._believe(now)
         self._ended["aborted"] += number == self.executor.sent.number and status == ABORTED
+        self._count(number, status, error, now)
         return self.executor.finished(number, status, now, at)
+
+    def _count(self, number: int, status: int, error: int, now: float) -> None:
+        sent = self.executor.sent
+        if number == sent.current and number in sent.open:  # one that was given up ends aborted, too
+            self._nav2.ended(status, error, now - sent.open[number].since_s, now)
+            self._watch_nav2()
+
+    def _watch_nav2(self) -> None:
+        """Report failures in a row, until a goal is reached or a pellet collected."""
+        before, self._collected = self._collected, self.executor.round.record.collected
+        if self._collected > before:
+            self._nav2.forget()
+        self._report(NAV2_FAILS, self._nav2.words)
+
+    def _report(self, trouble: str, words: str) -> None:
+        """A trouble that lasts, or without words its end."""
+        if words:
+            self._troubles.begin(trouble, words)
+        else:
+            self._troubles.over(trouble)
 
     def condition(self, now: float) -> dict[str, Any]:
         """Everything that an operator may want to know, as plain values."""

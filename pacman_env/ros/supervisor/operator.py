@@ -20,6 +20,7 @@ from pacman_env.ros.discovery import join, publishers
 from pacman_env.ros.messages import BadMessage, nanoseconds_of
 from pacman_env.ros.node import Observer, process_of, process_words
 from pacman_env.ros.operator_stop import OperatorStop
+from pacman_env.ros.selector.reasons import REMEDIES, troubles_of
 from pacman_env.ros.supervisor.game_nodes import full_namespace
 from pacman_env.ros.supervisor.terminal import fitted
 
@@ -118,6 +119,7 @@ class StatusLine(Observer):
             f"pellets {shown['pellets_collected']}/{shown['pellets_spawned']}",
             "STOPPED" if self.operator.stopped else "",
             "Nav2 does not answer" if self.condition.get("nav2") is False else "",
+            *(kind for kind in troubles_of(self.condition) if kind in REMEDIES),
             "Nav2 does not see Clyde" if self.condition.get("ghosts_heard") is False else "",
             self.result or "",
         ]
@@ -223,7 +225,7 @@ def _status(status_line: StatusLine, wait_s: float, as_json: bool = False) -> in
         "policy": facts["policy"],
         "nodes": ", ".join(facts["nodes"]),
         "stopped": "until 'pacman-env ros release'" if facts["stopped"] else None,
-        "troubles": "; ".join(facts["goal_selector"].get("troubles", {})),
+        "troubles": "; ".join(troubles_of(facts["goal_selector"]).values()),
     }
     print(*(f"{name:<9} {value}" for name, value in rows.items() if value not in (None, "")), sep="\n")
     return DONE

@@ -9,8 +9,8 @@ from .robot import SimulatedRobot
 
 #: Error codes of Nav2 Jazzy's sub-servers, which the navigator hands on (FollowPath 1xx, ComputePathToPose 2xx).
 NONE = 0
-FAILED_TO_MAKE_PROGRESS, NO_VALID_CONTROL = 106, 107
-TF_ERROR, GOAL_OUTSIDE_MAP, GOAL_OCCUPIED, NO_VALID_PATH = 203, 205, 207, 209
+FAILED_TO_MAKE_PROGRESS, NO_VALID_CONTROL = 105, 106
+TF_ERROR, GOAL_OUTSIDE_MAP, GOAL_OCCUPIED, NO_VALID_PATH = 202, 204, 206, 208
 UNKNOWN = 9000
 _CODES = {"no path": NO_VALID_PATH, "no control": NO_VALID_CONTROL, "stuck": FAILED_TO_MAKE_PROGRESS}
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 
 import numpy as np
@@ -19,6 +20,8 @@ from pacman_env.policies import registry
 from pacman_env.policies.base import BasePolicy
 from pacman_env.ros import topics
 from pacman_env.ros.messages import markers_of, pose_message
+from pacman_env.ros.node import Once
+from pacman_env.ros.selector.pose_watch import PoseLimits
 from pacman_env.ros.selector.selection import Selection
 from pacman_env.sim.observation.situation import Situation
 from tests.ros.selector_game import FAR_AWAY, QUICK, Game, house, number_at, pellet, slot_of
@@ -61,7 +64,9 @@ def plays(monkeypatch: pytest.MonkeyPatch) -> Plays:
         policy, done = Stubborn(candidate), []
         monkeypatch.setitem(registry.POLICIES._own, "stubborn", lambda: policy)
         config = make_config(**{"decisions.when": when})
-        selection = Selection(config, "house", "stubborn", None, 1e9, lambda kind, text: None)
+        selection = Selection(
+            config, "house", "stubborn", None, PoseLimits(1e9), Once(logging.getLogger(__name__), lambda: 0.0)
+        )
         policy.seen.clear()  # the rehearsal
         stamp = Time().to_msg()
         amcl = topics.AMCL_POSE.type(header=Header(stamp=stamp, frame_id="map"))

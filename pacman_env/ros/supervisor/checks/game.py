@@ -8,6 +8,7 @@ from typing import Any
 from pacman_env.config import differences
 
 from ...discovery import COSTMAPS
+from ...selector.reasons import REMEDIES, troubles_of
 from ..game_nodes import GAME, REFEREE, SELECTOR, SIMULATOR
 from .check import LONGEST_JSON, Check, Finding, Moment, Observations, Request, Source, count, listed, newest
 
@@ -200,8 +201,11 @@ def _check_game(robot: Observations) -> Finding:
             return Finding.unknown("no game is in progress")
         remedy = "wait: the first start compiles for about a minute"
         return Finding.unknown(robot.silence(STATE.name), remedy, settled=False)
-    policy, troubles = condition.get("policy"), condition.get("troubles")
-    counted = [f"{name} ({times})" for name, times in troubles.items()] if isinstance(troubles, Mapping) else []
+    policy, troubles = condition.get("policy"), troubles_of(condition)
+    if serious := [kind for kind in REMEDIES if kind in troubles]:
+        summary = "; ".join([state or robot.silence(STATE.name), *(troubles[kind] for kind in serious)])
+        return Finding.bad(summary, REMEDIES[serious[0]])
+    counted = [f"{kind} ({condition['troubles'][kind]})" for kind in troubles]
     faults = [
         *(["the goal selector is not active"] if condition.get("active") is False else []),
         *(["Nav2 does not answer it"] if condition.get("nav2") is False else []),

@@ -1,0 +1,21 @@
+"""Why the goal selector sends no goal, or sends goals in vain, as kinds of trouble. Imports nothing of ROS."""
+
+from collections.abc import Mapping
+from typing import Any
+
+POSE_LOST = "pose lost"
+NAV2_FAILS = "Nav2 fails"
+#: What a person has to do something about, and what that is.
+REMEDIES: Mapping[str, str] = {
+    POSE_LOST: "localization must publish map to odom again: see lidar, pose and tf to base; the game goes on then",
+    NAV2_FAILS: "see Nav2's log by the code; 1xx: controller, 2xx: planner, TF_ERROR: see tf to base",
+}
+
+
+def troubles_of(condition: Mapping[str, Any]) -> dict[str, str]:
+    """The words for each trouble in a goal selector's diagnostics, by its kind; of another project's, none."""
+    troubles, texts = condition.get("troubles"), condition.get("trouble_texts")
+    if not isinstance(troubles, Mapping):
+        return {}
+    known = texts if isinstance(texts, Mapping) else {}
+    return {str(kind): str(known.get(kind, kind)) for kind in troubles}

@@ -1,0 +1,172 @@
+"""A robot whose pose is lost, or whose Nav2 ends every goal: reported, and not driven."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("irobot_create_msgs")
+
+from pacman_env.ros import topics
+from pacman_env.ros.messages import transform_message
+from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
+from pacman_env.ros.supervisor.game_nodes import SELECTOR
+from pacman_env.ros.simulated_robot.sim_robot import FAULT
+from tests.ros import session
+from tests.ros.selector_game import Game, house, pellet
+
+LOST, FAILS = "pose lost", "Nav2 fails"
+SETTINGS = ("show.start_s=1.0", "show.death_s=1.0", "clyde.speed_mps=0.02")
+
+
+class Played:
+    """A round in the simulated robot's world, with faults."""
+
+    def __init__(self, nodes: session.Session) -> None:
+        self.nodes = nodes
+        nodes.record(topics.GAME_STATE, topics.GAME_STATUS, topics.SCORE, DIAGNOSTICS, topics.CMD_VEL)
+        assert nodes.call(topics.START_GAME).success
+        nodes.wait_for(lambda: "running" in nodes.values(topics.GAME_STATE), 60)
+        self.wait(lambda c: c["goals_sent"] > 0, "a goal")
+
+    @property
+    def condition(self) -> dict[str, Any]:
+        found: dict[str, Any] = json.loads(self.nodes.values(DIAGNOSTICS)[-1])
+        return found
+
+    def wait(self, holds: Callable[[dict[str, Any]], Any], what: str, limit_s: float = 60.0) -> dict[str, Any]:
+        self.nodes.wait_for(lambda: holds(self.condition), limit_s, what)
+        return self.condition
+
+    def fault(self, text: str) -> None:
+        self.nodes.publish(FAULT, text)
+
+
+@pytest.fixture
+def played(domain: int, tmp_path: Path) -> Iterator[Played]:
+    extra = {SELECTOR: {"diagnostics_rate": 5.0}}
+    with session.game(tmp_path, settings=SETTINGS, extra=extra) as nodes:
+        yield Played(nodes)
+
+
+def test_without_a_transform_nothing_is_sent_or_counted_and_it_is_reported_until_it_is_back(
+    played: Played, log: Callable[[], str]
+) -> None:
+    nodes = played.nodes
+    nodes.advance(3.0)
+    played.fault("pose_lost")
+    condition = played.wait(lambda c: LOST in c["troubles"], "the report")
+    sent, statuses = condition["goals_sent"], len(nodes.values(topics.GAME_STATUS))
+    nodes.advance(28.0)
+    condition = played.condition
+    assert condition["goals_sent"] == sent
+    assert condition["pose"] is None
+    assert condition["pursued"] == -1
+    assert condition["state"] == "running"
+    assert len(nodes.values(topics.GAME_STATUS)) == statuses
+    assert condition["trouble_texts"][LOST] == "pose lost: no transform from map to base_link for 30 s"
+    assert log().count("pose lost: no transform") == 1
+    played.fault("end")
+    condition = played.wait(lambda c: c["goals_sent"] > sent, "the next goal", 5.0)
+    assert LOST not in condition["troubles"]
+    nodes.wait_for(lambda: "menu" in nodes.values(topics.GAME_STATE)[-1:], 900, "the end of the round")
+    assert max(nodes.values(topics.SCORE)) == len(house().pellet_ids)
+
+
+def test_a_short_gap_in_the_transforms_changes_nothing(played: Played) -> None:
+    nodes = played.nodes
+    played.fault("pose_lost")
+    nodes.advance(1.5)
+    sent = played.condition["goals_sent"]
+    played.fault("end")
+    nodes.advance(2.0)
+    assert LOST not in played.condition["troubles"]
+    assert played.condition["goals_sent"] >= sent
+
+
+def test_the_way_home_waits_for_the_pose_and_does_not_fail(played: Played) -> None:
+    nodes = played.nodes
+    nodes.advance(3.0)
+    assert nodes.call(topics.RESET_GAME).success
+    played.fault("pose_lost")
+    played.wait(lambda c: LOST in c["troubles"], "the report")
+    assert nodes.call(topics.START_GAME).success
+    played.wait(lambda c: c["task"] == "home", "the way home")
+    nodes.advance(30.0)
+    assert nodes.values(topics.GAME_STATE)[-1] == "returning_home"
+    played.fault("end")
+    nodes.wait_for(lambda: nodes.values(topics.GAME_STATE)[-1] == "running", 120, "the next round")
+
+
+def test_a_node_that_starts_while_the_pose_is_lost_waits_for_it(game: Game) -> None:
+    game.start()
+    for _ in range(30):  # the base alone, no localization; the latched pose is of another time
+        links = [transform_message("odom", "base_link", (0.0, 0.0, 0.0), game.session.stamp())]
+        game.say(topics.TF, topics.TF.type(transforms=links))
+        game.session.advance(0.1)
+    game.begin()
+    condition = game.condition(lambda c: LOST in c["troubles"] and c["task"] == "play")
+    assert condition["pose"] is None
+    game.session.advance(2.0)
+    assert not game.nav2.goals
+
+
+def test_goals_that_all_fail_are_reported_with_code_and_name_until_one_is_reached(
+    game: Game, log: Callable[[], str]
+) -> None:
+    game.start()
+    game.begin()
+    for number in range(1, 5):
+        game.abort(game.running_goal(number), 208)
+    words = "Nav2 aborted 4 goals in a row (208 ComputePathToPose NO_VALID_PATH)"
+    condition = game.condition(lambda c: FAILS in c["troubles"])
+    assert condition["trouble_texts"][FAILS] == words
+    assert condition["last_error"] == "208 ComputePathToPose NO_VALID_PATH"
+    assert log().count("goals in a row") == 1
+    fifth = game.running_goal(5)
+    game.stand(fifth.x, fifth.y)
+    game.condition(lambda c: FAILS not in c["troubles"], "the end of the trouble")
+
+
+def test_goals_that_fail_at_once_are_not_sent_in_a_flood(game: Game) -> None:
+    game.start()
+    game.begin()
+    began_s, number = game.session.now_s, 0
+    while game.session.now_s - began_s < 28.0:
+        number += 1
+        game.abort(game.running_goal(number), 202)
+    assert 5 <= number <= 12
+
+
+def test_a_goal_that_another_one_pre_empts_has_not_failed(game: Game) -> None:
+    game.start()
+    game.begin()
+    for slot in (0, 5, 0, 5, 0, 5):  # the nearest pellet changes; the goal before ends aborted
+        game.stand(*pellet(slot))
+        game.session.advance(2.0)
+    assert len(game.nav2.goals) > 3
+    assert FAILS not in game.troubles
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        (0, "no error code"),
+        (102, "102 FollowPath TF_ERROR"),
+        (105, "105 FollowPath FAILED_TO_MAKE_PROGRESS"),
+        (107, "107 FollowPath CONTROLLER_TIMED_OUT"),
+        (202, "202 ComputePathToPose TF_ERROR"),
+        (208, "208 ComputePathToPose NO_VALID_PATH"),
+        (723, "723 DriveOnHeading COLLISION_AHEAD"),
+        (4711, "4711"),
+    ],
+)
+def test_an_error_code_has_its_name(code: int, words: str) -> None:
+    from pacman_env.ros.selector.nav2_failures import error_words
+
+    assert error_words(code) == words
