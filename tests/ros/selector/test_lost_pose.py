@@ -15,8 +15,8 @@ pytest.importorskip("irobot_create_msgs")
 from pacman_env.ros import topics
 from pacman_env.ros.messages import transform_message
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
-from pacman_env.ros.supervisor.game_nodes import SELECTOR
 from pacman_env.ros.simulated_robot.sim_robot import FAULT
+from pacman_env.ros.supervisor.game_nodes import SELECTOR
 from tests.ros import session
 from tests.ros.selector_game import Game, house, pellet
 

@@ -336,6 +336,17 @@ def test_the_remedies_of_a_simulated_robot_are_no_commands_for_a_real_one(
     assert "ros2 " not in one.command + one.remedy
 
 
+def test_what_stops_the_game_is_bad_with_its_words_and_a_remedy() -> None:
+    words = "pose lost: no transform from map to base_link for 12 s"
+    condition = {"policy": "ppo", "troubles": {"late": 3, "pose lost": 9}, "trouble_texts": {"pose lost": words}}
+    one = found(robot(condition=condition, state="running"), "game")
+    assert (one.status, one.summary) == (BAD, f"running; {words}")
+    assert "localization must publish map to odom" in one.remedy
+    condition = {"troubles": {"Nav2 fails": 2}, "trouble_texts": [1]}  # of another version
+    one = found(robot(condition=condition, state="running"), "game")
+    assert (one.status, one.summary) == (BAD, "running; Nav2 fails")
+
+
 def test_skew_of_a_fifth_of_a_second_is_borne_and_a_scan_may_be_late_by_its_turn() -> None:
     late = {"odom": delays(*[0.2] * 9), "scan": delays(*[0.32] * 9, turn_s=0.13), "tf": delays(*[-0.2] * 9)}
     assert is_ready(examine(robot(delays=late)))
