@@ -14,7 +14,6 @@ pytest.importorskip("irobot_create_msgs")
 
 from pacman_env.ros import topics
 from pacman_env.ros.messages import transform_message
-from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from pacman_env.ros.simulated_robot.sim_robot import FAULT
 from pacman_env.ros.supervisor.game_nodes import SELECTOR
 from tests.ros import session
@@ -29,14 +28,14 @@ class Played:
 
     def __init__(self, nodes: session.Session) -> None:
         self.nodes = nodes
-        nodes.record(topics.GAME_STATE, topics.GAME_STATUS, topics.SCORE, DIAGNOSTICS, topics.CMD_VEL)
+        nodes.record(topics.GAME_STATE, topics.GAME_STATUS, topics.SCORE, topics.DIAGNOSTICS, topics.CMD_VEL)
         assert nodes.call(topics.START_GAME).success
         nodes.wait_for(lambda: "running" in nodes.values(topics.GAME_STATE), 60)
         self.wait(lambda c: c["goals_sent"] > 0, "a goal")
 
     @property
     def condition(self) -> dict[str, Any]:
-        found: dict[str, Any] = json.loads(self.nodes.values(DIAGNOSTICS)[-1])
+        found: dict[str, Any] = json.loads(self.nodes.values(topics.DIAGNOSTICS)[-1])
         return found
 
     def wait(self, holds: Callable[[dict[str, Any]], Any], what: str, limit_s: float = 60.0) -> dict[str, Any]:
