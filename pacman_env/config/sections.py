@@ -62,8 +62,11 @@ class LocalizationConfig(Checked, group="localization"):
     update_distance_m: Positive = 0.25  # filter update when moved farther in x or in y (AMCL)
     update_angle_rad: Positive = 0.2  # or turned farther (AMCL)
     scan_period_s: Positive = 0.1  # the filter tests each scan, 10 Hz (RPLIDAR A1: 5-10 Hz)
-    sigma_xy_m: NotNegative = 0.035  # error per axis, redrawn at each update [M]
+    sigma_xy_m: NotNegative = 0.035  # error per axis at an update [M]
     sigma_yaw_rad: NotNegative = 0.07  # [M]
+    #: Correlation of an update's error with the one before. 0.0: drawn anew each time; AMCL's own filter: 0.93
+    #: (docs/validation.md).
+    error_kept: Share = 0.0
     converges_m: Positive = 1.0  # a pose given in RViz that is off by at most this much ...
     converges_rad: Positive = 0.52  # ... and this much converges: two deviations of RViz's covariance
 

@@ -1,7 +1,8 @@
 """The simulator beside the ten real trials, and what each cause costs: ``pacman-env validation``.
 
 The reference is the original as it was: deployed scorer, executor as built, measured speed, AMCL's latched pose, Clyde
-spawning anywhere. Every other row changes one cause and nothing else, in the same rounds.
+spawning anywhere. Every other row changes one cause and nothing else, in the same rounds. With ``--planner-answers``
+the stand-in's paths beside recorded ones of another planner.
 """
 
 import argparse
@@ -14,6 +15,7 @@ from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.config import make_config
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.episodes.statistics import wilson
+from pacman_env.evaluation.checks import planner_answers
 from pacman_env.evaluation.compare.rows import Row, make_row
 from pacman_env.evaluation.compare.table import with_interval
 from pacman_env.evaluation.compare.workers import Block, play_all
@@ -94,13 +96,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--episodes", type=whole_number(1), default=1000)
     parser.add_argument("--seed", type=whole_number(0), default=0)
     parser.add_argument("--workers", type=whole_number(1), default=1)
+    parser.add_argument("--planner-answers", type=Path, help="compare paths with those of this file, and nothing else")
     parser.add_argument("--markdown", type=Path, help="write the table here too")
     return run_command(parser, argv, _report)
 
 
 def _report(arguments: argparse.Namespace) -> None:
     target = prepare(arguments.markdown) if arguments.markdown else None
-    text = table(run(arguments.map, arguments.episodes, arguments.seed, arguments.workers))
+    if arguments.planner_answers:
+        text = planner_answers.table(arguments.planner_answers)
+    else:
+        text = table(run(arguments.map, arguments.episodes, arguments.seed, arguments.workers))
     print(text)
     if target is not None:
         with replaced(target) as temporary:

@@ -162,7 +162,7 @@ _DRAWN = {
     "pickup_radius_m": "pickup",
 }
 #: What an endless game keeps when a round follows another.
-KEPT_FROM_ROUND_TO_ROUND = (*_DRAWN.values(), "episode_seed", "round", "score", "tick_pellets")
+KEPT_FROM_ROUND_TO_ROUND = (*_DRAWN.values(), "error_kept", "episode_seed", "round", "score", "tick_pellets")
 
 
 def draw_episodes(seeds: NDArray[np.uint64], config: Config) -> NDArray[Any]:
@@ -172,6 +172,7 @@ def draw_episodes(seeds: NDArray[np.uint64], config: Config) -> NDArray[Any]:
     fresh["episode_seed"], fresh["round"] = seeds, 1
     fresh["speed_limit"], fresh["base_clyde_speed"] = c.robot.speed_mps, c.clyde.speed_mps
     fresh["sigma_xy"], fresh["sigma_heading"] = local.sigma_xy_m, local.sigma_yaw_rad
+    fresh["error_kept"] = local.error_kept
     fresh["update_distance"], fresh["update_angle"] = local.update_distance_m, local.update_angle_rad
     fresh["nav_accept_steps"] = round(c.nav2.accept_delay_s / c.physics_step_s)
     fresh["nav_abort_rate"], fresh["pickup"] = c.nav2.abort_rate, c.execution.pickup_radius_m

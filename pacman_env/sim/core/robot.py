@@ -249,7 +249,7 @@ class SimulatedRobot:
         """From now on the filter converges this far beside the truth."""
         _check_finite("shift", shift)
         self._odometry.undeceive()
-        self._g["bias_x"], self._g["bias_y"], self._g["bias_heading"] = shift
+        _set_bias(self._g, shift)
         localization.update(self._g, self.steps)
 
     def kidnap(self, pose: Pose) -> None:
@@ -339,8 +339,12 @@ def _believe(g: Any, pose: Pose, believed: Pose | None) -> None:
     """The filter converges to ``believed``, and its error moves with that; None: nothing changes."""
     if believed is None:
         return
-    off = believed[0] - pose[0], believed[1] - pose[1], wrap(believed[2] - pose[2])
-    for name, now in zip(("x", "y", "heading"), off, strict=True):
+    _set_bias(g, (believed[0] - pose[0], believed[1] - pose[1], wrap(believed[2] - pose[2])))
+    g["error_cos"], g["error_sin"] = math.cos(g["error_heading"]), math.sin(g["error_heading"])
+
+
+def _set_bias(g: Any, bias: Pose) -> None:
+    """The filter converges so far beside the truth; what its error is beyond that stays."""
+    for name, now in zip(("x", "y", "heading"), bias, strict=True):
         g[f"error_{name}"] += now - g[f"bias_{name}"]
         g[f"bias_{name}"] = now
-    g["error_cos"], g["error_sin"] = math.cos(g["error_heading"]), math.sin(g["error_heading"])

@@ -1,7 +1,8 @@
 """AMCL's belief: when a pose is published, how wrong it is, and what TF gives in between; poses as frames, as in TF.
 
-At a filter update the error is drawn anew; between updates the robot's odometry carries it along unchanged, so TF is
-the true pose with the error of the last update, while the latched message keeps the pose of that instant.
+At a filter update the error is drawn anew, or keeps a share of the last one; between updates the robot's odometry
+carries it along unchanged, so TF is the true pose with the error of the last update, while the latched message keeps
+the pose of that instant.
 """
 
 import math
@@ -26,6 +27,7 @@ LOCALIZATION_FIELDS = [
     *record_fields(np.int32, "amcl_step"),  # physics step of the last update
     *record_fields(np.float64, "odom_x odom_y odom_heading"),  # true pose at the last update
     *record_fields(np.float64, "sigma_xy sigma_heading"),  # m, rad
+    *record_fields(np.float64, "error_kept"),  # correlation of an update's error with the one before
     *record_fields(np.float64, "update_distance update_angle"),  # m, rad: update when moved or turned farther
     *record_fields(np.uint64, "localization_stream"),
 ]
@@ -39,17 +41,21 @@ def wrap(angle):  # type: ignore[no-untyped-def]
 
 @kernel
 def update(g, step):  # type: ignore[no-untyped-def]
-    """A filter update of game ``g``: draw the error, publish the pose."""
+    """A filter update of game ``g``: draw the error, publish the pose. The first one, at step 0, keeps nothing."""
     stream = g.localization_stream
-    g.error_x, g.error_y, g.error_heading = g.bias_x, g.bias_y, g.bias_heading
+    kept = g.error_kept if step > 0 else 0.0
+    new = math.sqrt(1.0 - kept * kept)  # so that the deviation is sigma, whatever is kept
+    g.error_x = g.bias_x + kept * (g.error_x - g.bias_x)
+    g.error_y = g.bias_y + kept * (g.error_y - g.bias_y)
+    g.error_heading = g.bias_heading + kept * (g.error_heading - g.bias_heading)
     if g.sigma_xy > 0.0:
         stream, a = normal(stream)
         stream, b = normal(stream)
-        g.error_x += a * g.sigma_xy
-        g.error_y += b * g.sigma_xy
+        g.error_x += new * a * g.sigma_xy
+        g.error_y += new * b * g.sigma_xy
     if g.sigma_heading > 0.0:
         stream, c = normal(stream)
-        g.error_heading += c * g.sigma_heading
+        g.error_heading += new * c * g.sigma_heading
     g.error_cos, g.error_sin = math.cos(g.error_heading), math.sin(g.error_heading)
     g.localization_stream = stream
     g.odom_x, g.odom_y, g.odom_heading = g.x, g.y, g.heading

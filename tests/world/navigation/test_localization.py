@@ -78,6 +78,33 @@ def test_an_update_publishes_the_pose_with_a_new_error_and_its_unit_vector() -> 
     assert len(set(errors)) == 49
 
 
+def test_an_error_keeps_its_share_from_update_to_update_and_has_the_same_spread() -> None:
+    g = standing(1.0, -2.0, 0.3, sigma=0.2)
+    g["error_kept"] = 0.9
+    errors = []
+    for step in range(1, 20_001):
+        update(g[0], step)
+        errors.append([g[f"error_{name}"][0] for name in ("x", "y", "heading")])
+    series = np.array(errors)
+    for lag, share in ((1, 0.9), (2, 0.81), (5, 0.59)):
+        correlation = [np.corrcoef(series[:-lag, k], series[lag:, k])[0, 1] for k in range(3)]
+        np.testing.assert_allclose(correlation, share, atol=0.04)
+    np.testing.assert_allclose(series.std(axis=0), 0.2, rtol=0.1)
+    assert np.abs(np.corrcoef(series.T) - np.eye(3)).max() < 0.15
+
+
+def test_a_round_begins_with_an_error_of_full_spread_and_keeps_none_of_the_last_round() -> None:
+    config = make_config("robot", **{"localization.error_kept": 0.99})
+    batch = GameBatch(map_assets("house", config), config, 64)
+    errors = []
+    for k in range(40):
+        batch.reset(np.arange(64), 1000 + 64 * k + np.arange(64, dtype=np.uint64))
+        errors.append(np.stack([batch.games["error_x"], batch.games["error_y"]], axis=1))
+    spread = np.array(errors)
+    assert spread.std() == pytest.approx(ROBOT.sigma_xy_m, rel=0.05)
+    assert abs(np.corrcoef(spread[:-1].ravel(), spread[1:].ravel())[0, 1]) < 0.07
+
+
 # In a game
 
 
