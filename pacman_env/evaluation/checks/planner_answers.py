@@ -31,7 +31,7 @@ def our_path(grid: DriveGrid, fields: PathFields, start: Points, goal: Points, t
     cell, end = int(grid.snap[row, column]), goal
     last = int(grid.cells_under(goal[None])[0])
     if last < 0:
-        last = grid.nearest_cell(*goal, tolerance_m)
+        last = grid.nearest_cell(float(goal[0]), float(goal[1]), tolerance_m)
         end = np.array(grid.to_world(*grid.cell[last]))
     next_step = fields.to(last)[1] if last >= 0 else None
     if next_step is None or next_step[cell] == NO_STEP:
