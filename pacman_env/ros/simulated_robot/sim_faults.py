@@ -12,6 +12,7 @@ FAULTS: dict[str, tuple[str, ...]] = {
     "pose_jump": ("x", "y", "heading"),  # m, m, rad: the filter converges that far beside the truth
     "kidnap": ("x", "y", "heading"),  # m, m, rad of the map: put there; odometry and AMCL notice nothing until it ends
     "wheels_slip": ("seconds",),  # for so long they turn and the robot stands; AMCL notices nothing until it ends
+    "base_silent": (),  # only the lidar publishes, as when a TurtleBot 4's create3_republisher has stopped
     "clock_jump": ("seconds",),  # /clock and all stamps are that much ahead, or behind
 }
 #: Those of the simulated Nav2, and of the simulated AMCL.

@@ -198,18 +198,22 @@ class SimRobot(GameNode):
         if self._clock_out is not None:
             self._clock_out.publish(ClockMessage(clock=stamp))
         with_scan = robot.steps % self._scan_steps == 0
-        self._sensors.publish(self._stamp, with_scan)
+        silent = "base_silent" in self._faults
+        self._sensors.publish(self._stamp, with_scan, silent)
         if with_scan:
             if self._nav2 is not None:
                 self._nav2.server.send_feedback(stamp)
             if self._base is not None:
-                self._base.publish(stamp)
+                if not silent:
+                    self._base.publish(stamp)
                 self._sensors.lidar_turns = not self._base.dock.docked  # a TurtleBot 4 stops it there
             self._notes.send_feedback()
 
     # Messages
 
     def _on_velocity(self, message: Any) -> None:
+        if "base_silent" in self._faults:
+            return  # velocities take the same way
         twist = getattr(message, "twist", message)
         (self.robot.set_velocity if self._base is None else self._base.command)(twist.linear.x, twist.angular.z)
 
@@ -242,8 +246,9 @@ class SimRobot(GameNode):
             self._nav2.navigation.abort_after_s = self._faults.number("abort")
             if "nav2_away" in changed:
                 (self._nav2.close if "nav2_away" in now else self._nav2.open)()
-        if changed & {"pose_lost", "pose_jump"} or changed & {"kidnap", "wheels_slip"} - now.keys():
-            self.robot.localizing = self._localizes and "pose_lost" not in now
+        if changed & {"pose_lost", "pose_jump", "base_silent"} or changed & {"kidnap", "wheels_slip"} - now.keys():
+            without = now.keys() & {"pose_lost", "base_silent"}  # AMCL needs odometry
+            self.robot.localizing = self._localizes and not without
             x, y, heading = now.get("pose_jump", (0.0, 0.0, 0.0))
             self.robot.shift_belief((x, y, heading))
 

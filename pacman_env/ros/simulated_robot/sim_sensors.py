@@ -76,26 +76,17 @@ class Sensors:
         lidar.transform.translation.z = self._robot.config.robot.lidar_height_m
         return [lidar, transform_message("base_link", FOOTPRINT_FRAME, (0.0, 0.0, 0.0), stamp)]
 
-    def publish(self, stamp_of: Callable[[int], Any], with_scan: bool) -> None:
+    def publish(self, stamp_of: Callable[[int], Any], with_scan: bool, base_silent: bool) -> None:
         """What is due after a step, and ``with_scan`` after a turn of the lidar.
 
         ``stamp_of`` gives the time of the step and so many ns.
         """
         stamp = stamp_of(0)
         robot = self._robot
-        odometry = Odometry(child_frame_id="base_link")
-        odometry.header.stamp, odometry.header.frame_id = stamp, "odom"
-        odometry.pose.pose = pose_message(*robot.odometry, stamp).pose
-        odometry.twist.twist.linear.x, odometry.twist.twist.angular.z = robot.odometry_velocity
         if self._alone:
             self._turn.append(robot.pose)
-            base = robot.config.robot
-            for covariance in (odometry.pose.covariance, odometry.twist.covariance):
-                covariance[[0, 7, 14, 21, 28]], covariance[35] = (
-                    base.odometry_pose_variance,
-                    base.odometry_heading_variance,
-                )
-        self._odometry_out.publish(odometry)
+        if not base_silent:
+            self._publish_odometry(stamp)
         transforms = [transform_message("odom", "base_link", robot.odometry, stamp)]
         if with_scan:
             if (map_to_odom := robot.map_to_odom) is not None:
@@ -106,7 +97,22 @@ class Sensors:
             self._publish_amcl(stamp)
             if self._alone:
                 self.publish_origin(stamp)
-        self._tf_out.publish(TFMessage(transforms=transforms))
+        if not base_silent:
+            self._tf_out.publish(TFMessage(transforms=transforms))
+
+    def _publish_odometry(self, stamp: Any) -> None:
+        robot, base = self._robot, self._robot.config.robot
+        odometry = Odometry(child_frame_id="base_link")
+        odometry.header.stamp, odometry.header.frame_id = stamp, "odom"
+        odometry.pose.pose = pose_message(*robot.odometry, stamp).pose
+        odometry.twist.twist.linear.x, odometry.twist.twist.angular.z = robot.odometry_velocity
+        if self._alone:
+            for covariance in (odometry.pose.covariance, odometry.twist.covariance):
+                covariance[[0, 7, 14, 21, 28]], covariance[35] = (
+                    base.odometry_pose_variance,
+                    base.odometry_heading_variance,
+                )
+        self._odometry_out.publish(odometry)
 
     def _ranges(self) -> NDArray[np.float32]:
         """Of one turn; with the base alone each ray is from where the robot was when it was measured."""

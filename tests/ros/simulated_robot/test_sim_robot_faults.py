@@ -130,6 +130,34 @@ def test_fault_kidnap(robot: Robot, log: Callable[[], str]) -> None:
     assert robot.goal(1.0, 0.5).end()[0] == SUCCEEDED
 
 
+@pytest.mark.parametrize("alone", [False, True])
+def test_fault_base_silent(make_robot: Callable[..., Robot], alone: bool) -> None:
+    robot = make_robot(**({"navigation": False} if alone else {}))
+    of_base = (topics.ODOMETRY, topics.TF, *((topics.BATTERY_STATE, topics.DOCK_STATUS) if alone else ()))
+    robot.nodes.record(topics.SCAN, *of_base)
+    robot.fault("base_silent", ["base_silent"])
+    robot.nodes.forget()
+    robot.nodes.publish(topics.CMD_VEL, twist_message(0.2, 0.0, robot.nodes.stamp()))
+    robot.nodes.advance(3.0)
+    assert [robot.nodes.messages(topic) for topic in of_base] == [[]] * len(of_base)
+    assert robot.nodes.messages(topics.AMCL_POSE) == []
+    assert len(robot.nodes.messages(topics.SCAN)) >= 10
+    robot.fault("end base_silent", [])
+    robot.nodes.advance(3.0)
+    assert all(robot.nodes.messages(topic) for topic in of_base)
+    assert robot.place() == pytest.approx((0.0, 0.0), abs=1e-3)  # velocities take the same way
+
+
+def test_a_base_that_is_silent_ends_the_goal_as_without_a_transform(robot: Robot) -> None:
+    goal = robot.on_its_way()
+    robot.fault("base_silent", ["base_silent"])
+    status, result = goal.end()
+    assert (status, result.error_code) == (ABORTED, nav.TF_ERROR)
+    robot.fault("end", [])
+    robot.nodes.wait_for(lambda: robot.nodes.messages(topics.AMCL_POSE), what="amcl_pose")
+    assert robot.goal(*RIGHT).end()[0] == SUCCEEDED
+
+
 def test_fault_clock_jump(robot: Robot) -> None:
     robot.nodes.record(topics.CLOCK)
 

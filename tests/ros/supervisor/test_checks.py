@@ -57,6 +57,10 @@ def delays(*wall_s: float, clock_s: tuple[float, ...] = (), turn_s: float = 0.0)
 LATE = delays(*[0.02] * 20)
 
 
+def silent(age_s: float) -> Delays:
+    return dataclasses.replace(LATE, last_s=NOW.monotonic_s - age_s)
+
+
 def scans(
     count: int, rate_hz: float, share: float, nearest_m: float, farthest_m: float, frame: str = "l"
 ) -> deque[Scan]:
@@ -215,6 +219,10 @@ SPEEDY = {"clyde": {"speed_mps": 0.35}, "show": {"start_s": 8.0}}
         ({"delays": {"odom": LATE, "scan": delays(*[0.5] * 9), "tf": LATE}}, "time of scan", "0.50 s behind", "NTP"),
         ({"delays": {"odom": delays(*[3.0] * 9), "scan": LATE}}, "time of odom", "3.00 s behind", "Restart ntpd"),
         ({"delays": {}}, "time of odom", f"odom not received {WAITED}", "sudo ufw allow proto udp"),
+        ({"delays": {"scan": LATE}}, "base's messages", f"odom not received {WAITED}, but scan: create3_republisher",
+         RESTART),
+        ({"delays": {"odom": silent(6.5), "scan": LATE}}, "base's messages", "odom silent for 6.5 s, but scan is not",
+         RESTART),
         ({"docked": True}, "dock", "docked, where", UNDOCK),
         ({"charge": 0.19}, "battery", "19 %, less than 20 %", f"ros2 action send_goal {NS}/dock "),
         ({"charge": 0.1, "docked": True}, "battery", "10 %", "leave it on its dock"),
@@ -323,6 +331,7 @@ def test_a_question_without_an_answer_has_its_reason_and_is_no_fault(
         ({"scans": None}, "lidar", f"{UP} --sim"),
         ({"links": {}}, "tf to base", f"{UP} --sim"),
         ({"links": {}}, "tf to lidar", f"{UP} --sim"),
+        ({"delays": {"scan": LATE}}, "base's messages", f"{UP} --sim"),
         ({"nodes": (), "publishers": {}}, "domain", f"{UP} --sim"),
         ({"pose": None}, "pose", '"2D Pose Estimate"'),
     ],

@@ -1,5 +1,6 @@
 """Checks of what can be discovered, and of time: ROS, domain, namespace, base, simulated clock, stamps."""
 
+import math
 import statistics
 from collections import deque
 from dataclasses import dataclass, field
@@ -107,6 +108,7 @@ class Delays:
     wall_s: deque[float] = field(default_factory=lambda: deque(maxlen=_MOST))
     clock_s: deque[float] = field(default_factory=lambda: deque(maxlen=_MOST))
     turn_s: float = 0.0  # from a scan's stamp to its end
+    last_s: float = math.inf  # monotonic time of the last arrival
 
 
 def _ticked(before: Clock | None, message: Any, arrival: Moment) -> Clock:
@@ -116,6 +118,7 @@ def _ticked(before: Clock | None, message: Any, arrival: Moment) -> Clock:
 
 def _delayed(before: Delays | None, message: Any, arrival: Moment) -> Delays:
     delays = before or Delays()
+    delays.last_s = arrival.monotonic_s
     # Of transforms, those from odom: AMCL stamps those to odom ahead.
     transforms = [one for one in getattr(message, "transforms", ()) if one.header.frame_id.lstrip("/") == "odom"]
     for stamp_s in (seconds(one.header.stamp) for one in ([message] if hasattr(message, "header") else transforms)):
@@ -186,8 +189,8 @@ def _check_stamps(topic: str, robot: Observations) -> Finding | None:
 
 def _too_few(topic: str, robot: Observations, stamps: int) -> Finding | None:
     summary = f"{count(stamps, 'stamp')} received {robot.within}" if stamps else robot.silence(topic)
-    if topic == "scan":
-        return None  # a silent lidar has a line of its own
+    if topic == "scan" or (topic == "odom" and robot.get(STAMPS["scan"]) is not None):
+        return None  # a silent lidar has a line of its own, and so has a silent base
     if topic in robot.unavailable:
         return Finding.unknown(summary, *robot.waiting_remedy(topic), settled=False)
     if topic == "odom" and robot.publishers_of(topic) and not stamps:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .check import RESTART, Check, Finding, Moment, Observations, Source, count, newest, seconds
-from .network import CLOCK, by_clock
+from .network import CLOCK, STAMPS, by_clock
 
 FLAT = 0.2  # charge at which a TurtleBot 4 warns; it switches itself off at 0.12
 SLOWEST_SCAN_HZ = 4.0  # the RPLIDAR turns 5 to 10 times a second
@@ -47,6 +47,25 @@ def _charge(message: Any) -> float:
 DOCKED = Source("dock_status", "irobot_create_msgs/DockStatus", newest(lambda m: bool(m.is_docked)), "SENSOR_DATA")
 CHARGE = Source("battery_state", "sensor_msgs/BatteryState", newest(_charge), "SENSOR_DATA")
 SCANS = Source("scan", "sensor_msgs/LaserScan", _add_scan, "SENSOR_DATA")
+
+
+SILENT_S = 2.0  # a base publishes odometry 20 times a second and more
+_SILENT = "create3_republisher, through which odometry, tf, battery and dock pass, may have stopped; on the robot"
+
+
+def _check_silence(robot: Observations) -> Finding | None:
+    """Odometry comes through the republisher, scans do not: where both are silent, it is the network."""
+    odometry = robot.get(STAMPS["odom"])
+    if not robot.publishers_of("odom") or "odom" in robot.unavailable or not robot.get(STAMPS["scan"]):
+        return None
+    if odometry is None:
+        return robot.not_yet(
+            f"{robot.silence('odom')}, but scan: {_SILENT.partition(',')[0]} is silent", _SILENT, RESTART
+        )
+    silent_s = robot.now.monotonic_s - odometry.last_s
+    if silent_s > SILENT_S:
+        return robot.not_yet(f"odom silent for {silent_s:.1f} s, but scan is not", _SILENT, RESTART)
+    return Finding.ok("odom arrives")
 
 
 def _check_dock(robot: Observations) -> Finding:
@@ -273,6 +292,7 @@ def _no_parent(robot: Observations, source: Source[Any], frame: str) -> str:
 
 _TF = LINKS, STATIC_LINKS
 CHECKS = (
+    Check("base's messages", "Does the base publish, as its lidar does?", _check_silence),
     Check("dock", "Is the robot off its dock?", _check_dock, (DOCKED,)),
     Check("battery", "Is the battery charged?", _check_battery, (CHARGE,)),
     Check("lidar", "Does the lidar scan often enough, with nothing over it?", _check_lidar, (SCANS,)),
