@@ -3,10 +3,13 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from pacman_env.config import ConfigError
+from pacman_env.game.ghosts import POLICY, find_behaviour
 from pacman_env.plugins import Registry
 from pacman_env.policies.base import Policy, check_reset
 from pacman_env.policies.learned import LearnedPlanner
 
+_FILE = ".onnx"
 #: What makes each policy, called with its parameters; other packages add theirs as entry points.
 POLICIES: Registry[Callable[..., Policy]] = Registry(
     "policy",
@@ -32,7 +35,7 @@ def make_policy(spec: str, **parameters: Any) -> Policy:
     name, a parameter out of range, or what is not of this version; TypeError for a parameter that the policy does not
     have; ModuleNotFoundError for a learned planner without onnxruntime.
     """
-    if spec.endswith(".onnx"):
+    if spec.endswith(_FILE):
         return LearnedPlanner(spec, **parameters)
     factory = POLICIES.find(spec)
     if not callable(factory):
@@ -46,6 +49,14 @@ def make_policy(spec: str, **parameters: Any) -> Policy:
 
 
 def split_ghosts(ghosts: Sequence[str]) -> tuple[tuple[str, ...], dict[int, Policy]]:
-    """Behaviours by ghost, ``policy`` where an .onnx file moves it, and those policies by the ghost's number."""
-    policies = {number: make_policy(name) for number, name in enumerate(ghosts) if name.endswith(".onnx")}
-    return tuple("policy" if number in policies else name for number, name in enumerate(ghosts)), policies
+    """Behaviours by ghost, ``policy`` where an .onnx file moves it, and those policies by the ghost's number.
+
+    Raises ConfigError for an unknown behaviour, and for ``policy`` itself, and what ``make_policy`` raises.
+    """
+    for number, name in enumerate(ghosts):
+        if name == POLICY:
+            raise ConfigError(f"clyde.ghosts[{number}] = 'policy': name the .onnx file that moves it instead")
+        if not name.endswith(_FILE):
+            find_behaviour(name)
+    policies = {number: make_policy(name) for number, name in enumerate(ghosts) if name.endswith(_FILE)}
+    return tuple(POLICY if number in policies else name for number, name in enumerate(ghosts)), policies

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from pacman_env.cli.command import finite_number, whole_number
 from pacman_env.config import EXECUTIONS, Config, ConfigError, make_config, parse_settings, preset_names
+from pacman_env.game.ghosts import find_behaviour
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy, policy_names
 from pacman_env.sim.maps.assets import MapAssets, map_assets
@@ -165,6 +166,8 @@ def check_goals(config: Config) -> None:
     ):
         if wrong:
             raise ConfigError(f"{name} = {value!r}: played by policies that name goals, against ghosts that need none")
+    for ghost in config.clyde.ghosts:
+        find_behaviour(ghost)
 
 
 def game_configs(arguments: argparse.Namespace) -> list[Config]:

@@ -16,6 +16,7 @@ from rclpy.parameter import Parameter
 
 from pacman_env.config import ConfigError
 from pacman_env.policies.base import Policy
+from pacman_env.policies.registry import make_policy
 from pacman_env.ros.node import GameNode, parameter, run
 from pacman_env.ros.selector.pose_watch import PoseLimits
 from pacman_env.ros.selector.pursuit import Pursuit
@@ -120,7 +121,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             if state not in ("menu", None):
                 return SetParametersResult(successful=False, reason=f"policy: the game is in state {state!r}, not menu")
             try:
-                self._loaded = wanted.value, rehearsed(wanted.value, selection.view, self.config)
+                self._loaded = wanted.value, rehearsed(make_policy(wanted.value), selection.view, self.config)
             except _UNUSABLE as error:
                 return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

@@ -4,13 +4,12 @@ import numpy as np
 
 from pacman_env.config import Config
 from pacman_env.policies.base import Policy
-from pacman_env.policies.registry import make_policy
 from pacman_env.sim.observation.robot_view import RobotView
 
 
-def rehearsed(spec: str, view: RobotView, config: Config) -> Policy:
-    """The policy of that name or .onnx file, or ValueError, ModuleNotFoundError, TypeError if it does not run."""
-    policy, situation, first = make_policy(spec), view.rehearsal(), np.ones(1, np.bool_)
+def rehearsed(policy: Policy, view: RobotView, config: Config) -> Policy:
+    """The same policy, or ValueError, TypeError if it does not run."""
+    situation, first = view.rehearsal(), np.ones(1, np.bool_)
     policy.reset(first, config)
     policy.scores(situation)
     policy.select(situation)

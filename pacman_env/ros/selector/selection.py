@@ -18,6 +18,7 @@ from pacman_env.game.execution import ABORTED, REJECTED
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.game.goal_executor import GoalExecutor
 from pacman_env.game.goals import ExecutorAction, home_place
+from pacman_env.policies.registry import make_policy
 from pacman_env.ros import topics
 from pacman_env.ros.messages import BadMessage, Pose, Position, nanoseconds_of, number_of, pellets_of, pose_of, word_of
 from pacman_env.ros.selector.believed_pose import Belief, BelievedPose
@@ -63,9 +64,10 @@ class Selection:
         self._troubles = troubles
         self._config = config
         self._home_given = home is not None
+        made = make_policy(policy)  # what cannot be used is refused before anything is compiled
         self.view = RobotView(map_assets(map, config, home), config)
         self.executor = GoalExecutor(config, self.view.goals, None if home is None else home_place(*home))
-        self.spec, self.policy = policy, rehearsed(policy, self.view, config)
+        self.spec, self.policy = policy, rehearsed(made, self.view, config)
         self.decision: tuple[Situation, int] | None = None  # if the policy was asked last: what it saw and chose
         self._believed = BelievedPose(limits.timeout_s)
         self._watch = PoseWatch(self._believed, limits)

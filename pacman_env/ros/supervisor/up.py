@@ -14,7 +14,7 @@ from typing import Any, TextIO
 
 from platformdirs import user_log_path
 
-from pacman_env.policies.registry import make_policy
+from pacman_env.policies.registry import make_policy, split_ghosts
 from pacman_env.ros.discovery import join
 from pacman_env.ros.node import Stop
 from pacman_env.ros.supervisor import game_nodes, warm_up
@@ -101,6 +101,7 @@ def check(setup: GameSetup, play_on: bool = False) -> None:
         raise ValueError("--play-on: only with --sim; with a real robot a person starts each round")
     load_map(setup.map)
     make_policy(setup.policy)
+    split_ghosts(setup.config().clyde.ghosts)
 
 
 def _prepare(setup: GameSetup, writer: LineWriter, stop: Stop) -> None:

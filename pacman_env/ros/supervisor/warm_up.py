@@ -11,7 +11,7 @@ from subprocess import DEVNULL, PIPE, Popen
 import numpy as np
 
 from pacman_env.engine.cache_folder import mark
-from pacman_env.policies.registry import split_ghosts
+from pacman_env.policies.registry import make_policy, split_ghosts
 from pacman_env.ros.selector.rehearsal import rehearsed
 from pacman_env.ros.supervisor.game_nodes import SELECTOR, SIMULATOR, GameSetup, from_json
 from pacman_env.sim.core.ghosts import MapGhosts
@@ -54,7 +54,8 @@ def start(part: Part, setup: GameSetup) -> Popen[str]:
 def rehearse(part: Part, setup: GameSetup) -> None:
     config = setup.config()
     if SELECTOR in part.nodes:
-        rehearsed(part.policy, RobotView(map_assets(setup.map, config), config), config)
+        policy = make_policy(part.policy)
+        rehearsed(policy, RobotView(map_assets(setup.map, config), config), config)
     if SIMULATOR in part.nodes:  # before the ghosts: another process compiles meanwhile what both need of a map
         SimulatedRobot(load_map(setup.map), config, 0).rehearse()
     if GHOSTS in part.nodes:

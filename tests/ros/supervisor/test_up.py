@@ -167,6 +167,8 @@ def test_a_game_that_ends_is_waited_for(domain: int, tmp_path: Path, monkeypatch
         (["--map", "house", "--preset", "lunar"], "unknown preset 'lunar'"),
         (["--map", "house", "--set", "clyde.speed_mps=fast"], "clyde.speed_mps = 'fast': must be a finite number"),
         (["--map", "house", "--set", "clyde.sped=1"], "unknown configuration field 'clyde.sped'"),
+        (["--map", "house", "--set", "clyde.ghosts=wander,policy"], "clyde.ghosts[1] = 'policy': name the .onnx file"),
+        (["--map", "house", "--set", "clyde.ghosts=angry"], "unknown ghost behaviour 'angry'"),
     ],
 )
 def test_what_cannot_be_played_is_one_line_before_anything_starts(
