@@ -17,6 +17,7 @@ NAMESPACE = "robot_15"  # the experiment's robot
 SIMULATOR = "sim_robot"
 WAIT = "wait_for_amcl_pose"
 SELECTOR = "goal_selector"
+ORIGINAL_SELECTOR = "planner_stub"  # the node in its place in the experiment's software
 REFEREE = "game_controller"
 LOCK_STEP = "lock_step_game"  # the process that hosts all nodes of a lock-step game
 COMPOSED = "composed_nodes"  # the process that hosts those that neither simulate the robot nor select goals

@@ -2,6 +2,8 @@
 
 import contextlib
 import os
+import re
+import signal
 import subprocess
 import sys
 import time
@@ -18,6 +20,10 @@ MANY = 5  # deaths ...
 SOON_S = 60.0  # ... within this time: starting it again does not help
 BAD_START = 2  # exit status of a node that refuses its arguments (``node.py``)
 _LOG_END = 2000  # bytes of a log that are searched for the reason of a death
+#: A line that is no reason: of the log, below a warning.
+_NO_REASON = re.compile(r"\[(DEBUG|INFO)\]")
+#: A line that may be the reason even of a killed process: of the log, or Python's.
+_ERROR = re.compile(r"\[(ERROR|FATAL)\]|^(Fatal Python error|[\w.]*(Error|Exception|Interrupt)\b)")
 
 
 class Lost(RuntimeError):
@@ -29,6 +35,7 @@ class Member:
     name: str
     process: subprocess.Popen[bytes] | None = None
     due_s: float | None = None  # when it is started again
+    log_begins: int = 0  # bytes that earlier lives have written
     deaths: list[float] = field(default_factory=list)
 
 
@@ -61,14 +68,34 @@ class ProcessGroup:
         del self._members[name]
 
     def last_words(self, name: str) -> str:
-        """The last line of its log, or where the log is."""
+        """Why it may have ended, by the last line of its log since it was started, or where the log is."""
+        return self._reason(name) or f"no word in {self._log(name)}"
+
+    def _reason(self, name: str, what: re.Pattern[str] | None = None) -> str:
+        """The last line that it has written in this life, if it is of that kind, without one no mere information."""
         path = self._log(name)
         with contextlib.suppress(OSError), path.open("rb") as log:
-            log.seek(max(0, path.stat().st_size - _LOG_END))
+            log.seek(max(self._members[name].log_begins, path.stat().st_size - _LOG_END))
             lines = [line.strip() for line in log.read().decode(errors="replace").splitlines() if line.strip()]
-            if lines:
+            if lines and (what.search(lines[-1]) if what else not _NO_REASON.search(lines[-1])):
                 return f"{lines[-1]} ({path})"
-        return f"no word in {path}"
+        return ""
+
+    def _end_of(self, member: Member, status: int) -> tuple[str, bool]:
+        """How it ended, with its reason where its log has one, and whether it is useless to start it again."""
+        name = member.name
+        if status == BAD_START:
+            return f"does not start: {self.last_words(name)}", True
+        if status < 0:
+            signals = {one.value: one.name for one in signal.Signals}
+            ended, reason = f"was killed ({signals.get(-status, f'signal {-status}')})", self._reason(name, _ERROR)
+        else:
+            ended, reason = f"ended with status {status}", self._reason(name)
+        ended += f": {reason}" if reason else f", its log is {self._log(name)}"
+        if name in self.final:
+            return ended, True
+        many = len(member.deaths) >= MANY
+        return f"died {MANY} times within {SOON_S:.0f} s, at last it {ended}" if many else ended, many
 
     def tend(self) -> list[str]:
         """Start again what died and is due, and return the names of those found dead; Lost if that does not help."""
@@ -83,25 +110,17 @@ class ProcessGroup:
                 dead.append(name)
                 member.process = None
                 member.deaths = [when for when in member.deaths if now - when < SOON_S] + [now]
-                words, hopeless = self.last_words(name), self._hopeless(member, status)
+                ended, hopeless = self._end_of(member, status)
                 if hopeless and name not in self.spare:
-                    raise Lost(f"{name} {hopeless}: {words}")
+                    raise Lost(f"{name} {ended}")
                 if hopeless:
                     member.due_s = None
-                    self.report(f"{name} {hopeless}: {words}; it is given up, the rest goes on")
+                    self.report(f"{name} {ended}; it is given up, the rest goes on")
                 else:
                     pause = min(SLOW_START_S, 2.0 ** (len(member.deaths) - 1))
                     member.due_s = now + pause
-                    self.report(f"{name} ended with status {status}: {words}; again in {pause:.0f} s")
+                    self.report(f"{name} {ended}; again in {pause:.0f} s")
         return dead
-
-    def _hopeless(self, member: Member, status: int) -> str:
-        """Why it does not help to start it again; empty if it may."""
-        if status == BAD_START:
-            return "does not start"
-        if member.name in self.final:
-            return f"ended with status {status}"
-        return f"died {MANY} times within {SOON_S:.0f} s" if len(member.deaths) >= MANY else ""
 
     def stop(
         self,
@@ -126,6 +145,7 @@ class ProcessGroup:
 
     def _launch(self, member: Member, mode: str) -> None:
         with self._log(member.name).open(mode) as log:
+            member.log_begins = log.tell()
             member.process = subprocess.Popen(
                 [sys.executable, "-m", child.__name__, str(os.getpid()), *self.command(member.name)],
                 stdin=subprocess.DEVNULL,

@@ -56,6 +56,12 @@ def fitted(parts: Sequence[str], width: int | None = None) -> str:
     return line if len(line) <= width else f"{line[: max(width - 1, 0)]}…"
 
 
+def plain(text: str, longest: int) -> str:
+    """On one line and without control characters: names and words come from other machines."""
+    words = " ".join("".join(c if c.isprintable() else " " for c in text).split())
+    return words if len(words) <= longest else f"{words[: longest - 3]}..."
+
+
 @contextlib.contextmanager
 def keyboard(source: TextIO) -> Iterator[Callable[[], str] | None]:
     """A function that returns the keys pressed since its last call, in lower case; None where keys cannot be read."""

@@ -29,9 +29,9 @@ from pacman_env.ros.supervisor.game_nodes import (
     WAIT,
     GameSetup,
 )
-from pacman_env.ros.supervisor.operator import StatusLine
 from pacman_env.ros.supervisor.processes import Lost, ProcessGroup, end
 from pacman_env.ros.supervisor.shared_memory import tidied
+from pacman_env.ros.supervisor.status_line import StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter, keyboard
 from pacman_env.ros.topics import RESET_GAME, START_GAME, Service
 from pacman_env.sim.maps.assets import map_assets

@@ -54,12 +54,17 @@ class Answer:
     err: str
 
 
-def ask(*words: str) -> Answer:
+def ask_plainly(*words: str) -> Answer:
     """A command of another operator: a participant of its own in the domain, made in the test's process."""
     out, err = io.StringIO(), io.StringIO()
     with mock.patch.dict(os.environ), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        status = cli.main(["ros", *words, "--sim"])
+        status = cli.main(["ros", *words])
     return Answer(status, out.getvalue(), err.getvalue())
+
+
+def ask(*words: str) -> Answer:
+    """About a simulated game."""
+    return ask_plainly(*words, "--sim")
 
 
 def pid_of(node: str) -> int | None:
@@ -168,15 +173,13 @@ def test_others_start_and_reset_the_game_and_get_its_state(game: Game) -> None:
     again = ask("start")
     assert again.status == 1
     assert "start: the game is in state" in again.out
-    named = {"game_controller", "goal_selector", "sim_robot"}
-    facts: dict[str, Any] = {}
-
-    def all_are_named() -> bool:
-        """The status is what has reached it by then."""
-        facts.update(json.loads(ask("status", "--json").out))
-        return named <= set(facts["nodes"]) and facts["goal_selector"] is not None
-
-    game.wait_for(all_are_named, "a status with the nodes and the planner")
+    for _ in range(5):
+        answer = ask("status", "--json", "--wait", str(PATIENCE_S))
+        facts = json.loads(answer.out)
+        assert answer.status == 0, facts
+        assert facts["absent"] == facts["pending"] == {"nodes": [], "values": []}
+        assert facts["nodes"] == sorted([SIMULATOR, *GAME, SELECTOR])
+        assert None not in facts.values()
     assert facts["namespace"] == "/robot_15"
     assert facts["goal_selector"]["home"] == [0.5, 0.0, 1.5]
     assert ask("reset").status == 0
@@ -239,7 +242,7 @@ def test_the_page_and_a_node_come_back_when_they_were_killed(game: Game) -> None
         assert pid is not None, name
         os.kill(pid, signal.SIGKILL)
     for name, pid in killed.items():
-        game.wait_for(lambda name=name: terminal.shows(rf"^{name} ended with status -9"), f"the death of {name}")  # type: ignore[misc]
+        game.wait_for(lambda name=name: terminal.shows(rf"^{name} was killed \(SIGKILL\)"), f"the death of {name}")  # type: ignore[misc]
         game.wait_for(lambda name=name, pid=pid: pid_of(name) not in (None, pid), f"{name} to be started again")  # type: ignore[misc]
     game.wait_for(there, "the page to be back")
     game.probe.answered_by("/robot_15/game_light_node", anew=True)

@@ -32,6 +32,16 @@ NODES = {
     "done": "",
     "refuses": "import sys; print('refuses: no such map', file=sys.stderr); sys.exit(2)",
     "dies": "raise RuntimeError('out of luck')",
+    "twice": """
+import os, pathlib, signal, sys
+before = pathlib.Path(sys.argv[1] + ".twice")
+if before.exists():
+    print("[INFO] [1.0] [twice]: here again", flush=True)
+    os._exit(3)
+before.touch()
+print("Fatal Python error: Segmentation fault", flush=True)
+os.kill(os.getpid(), signal.SIGSEGV)
+""",
     "stubborn": "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('ready', flush=True)\n"
     "time.sleep(600)",
 }
@@ -100,7 +110,9 @@ def test_a_dead_node_is_started_again_and_its_reason_is_said(
     assert process is not None
     process.kill()
     wait_for(lambda: group.tend() == ["first"], "the death is seen")
-    assert "first ended with status -9: ready" in said[0]
+    assert said == [f"first was killed (SIGKILL), its log is {folder / 'first.log'}; again in 1 s"], (
+        "ready is no reason"
+    )
     wait_for(lambda: group.tend() == [] and group._members["first"].process is not None, "started again")
     assert group._members["first"].process is not process
 
@@ -114,9 +126,21 @@ def test_a_node_that_keeps_dying_is_given_up_with_its_last_words(
     def tend_for_ever() -> None:
         wait_for(lambda: group.tend() and False, "it is given up")
 
-    with pytest.raises(Lost, match="dies died 5 times within 60 s: RuntimeError: out of luck"):
+    with pytest.raises(
+        Lost, match="dies died 5 times within 60 s, at last it ended with status 1: RuntimeError: out of luck"
+    ):
         tend_for_ever()
     assert len(said) == 4
+
+
+def test_the_reason_of_a_death_is_an_error_of_the_same_life(group: ProcessGroup, folder: Path, said: list[str]) -> None:
+    """Its first life ends with an error in its log, the second with no word."""
+    group.start("twice")
+    wait_for(lambda: group.tend() == ["twice"], "the first death")
+    log = folder / "twice.log"
+    assert said == [f"twice was killed (SIGSEGV): Fatal Python error: Segmentation fault ({log}); again in 1 s"]
+    wait_for(lambda: group.tend() == ["twice"], "the second death")
+    assert said[1:] == [f"twice ended with status 3, its log is {log}; again in 2 s"]
 
 
 def test_a_node_that_refuses_its_arguments_is_not_started_again(group: ProcessGroup, said: list[str]) -> None:

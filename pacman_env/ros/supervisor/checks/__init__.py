@@ -3,6 +3,7 @@
 import textwrap
 from collections.abc import Iterable, Sequence
 
+from ..terminal import plain
 from . import game, network, robot
 from .check import BAD, UNKNOWN, Finding, Observations
 
@@ -34,19 +35,13 @@ def render(findings: Sequence[Finding], title: str, width: int = 80) -> str:
         )
 
     for finding in findings:
-        wrap(_plain(finding.summary), f"{finding.status:<4}{finding.check:<{indent - 4}}", space)
-        command = _plain(finding.command)
+        wrap(plain(finding.summary, _LONGEST), f"{finding.status:<4}{finding.check:<{indent - 4}}", space)
+        command = plain(finding.command, _LONGEST)
         if finding.remedy or command:
             colon = ":" if finding.remedy and command else ""
-            wrap(f"-> {_plain(finding.remedy)}{colon}".rstrip(), space, f"{space}   ")
+            wrap(f"-> {plain(finding.remedy, _LONGEST)}{colon}".rstrip(), space, f"{space}   ")
         if command:
             lines.append(" " * min(indent + 3, max(width - len(command), 4)) + command)
     bad = [finding.check for finding in findings if finding.status == BAD]
     wrap(f"{len(bad)} of {len(findings)} BAD: {', '.join(bad)}" if bad else "nothing is BAD", "", "")
     return "\n".join(lines)
-
-
-def _plain(text: str) -> str:
-    """On one line and without control characters: names and words come from other machines."""
-    words = " ".join("".join(c if c.isprintable() else " " for c in text).split())
-    return words if len(words) <= _LONGEST else f"{words[: _LONGEST - 3]}..."

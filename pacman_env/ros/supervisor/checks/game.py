@@ -9,7 +9,7 @@ from pacman_env.config import differences
 
 from ...discovery import COSTMAPS
 from ...selector.reasons import REMEDIES, troubles_of
-from ..game_nodes import GAME, REFEREE, SELECTOR, SIMULATOR
+from ..game_nodes import GAME, ORIGINAL_SELECTOR, REFEREE, SELECTOR, SIMULATOR
 from .check import LONGEST_JSON, Check, Finding, Moment, Observations, Request, Source, count, listed, newest
 
 CLOUDS = ("clyde_obstacle", "clyde_trail")
@@ -84,7 +84,6 @@ def _check_cloud(topic: str, robot: Observations) -> Finding:
     return robot.not_yet(summary, remedy, robot.start_nav2)
 
 
-ORIGINAL_SELECTOR = "planner_stub"
 _NODES = 100  # configurations that are kept
 
 #: By a node's name and when, where and as which process it was started: what it plays by.

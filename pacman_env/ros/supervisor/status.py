@@ -1,0 +1,94 @@
+"""``pacman-env ros status``: how a game stands, and what of it is absent or not received yet."""
+
+import json
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+from pacman_env import __version__
+from pacman_env.ros import topics
+from pacman_env.ros.discovery import publishers
+from pacman_env.ros.supervisor.game_nodes import GAME, ORIGINAL_SELECTOR, SELECTOR, SIMULATOR
+from pacman_env.ros.supervisor.status_line import VALUES, StatusLine
+
+#: Exit statuses beside 3, no game: all is there; something is absent or pending.
+ALL_THERE, INCOMPLETE = 0, 1
+QUIET_S = 3.0  # what has not been discovered, or received, so long after the last that has, is not waited for
+#: Where each fact comes from.
+_SOURCES: dict[str, topics.Topic] = {
+    **{name: value.topic for name, value in VALUES.items()},
+    "policy": topics.DIAGNOSTICS,
+    "goal_selector": topics.DIAGNOSTICS,
+    "pose_age_s": topics.AMCL_POSE,
+    "stopped": topics.OPERATOR_STOP,
+}
+
+
+@dataclass(frozen=True)
+class Missing:
+    """Nodes and facts without an answer: nothing that could give it was discovered, or it has not answered yet."""
+
+    absent: dict[str, list[str]] = field(default_factory=dict)  # "nodes" and "values", by name
+    pending: dict[str, list[str]] = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        return any([*self.absent.values(), *self.pending.values()])
+
+
+def settled(status_line: StatusLine, end_s: float) -> Missing:
+    """What is missing once nothing more comes: nothing as soon as all is there, at the latest at ``end_s``."""
+    before: Any = None
+    quiet_s = 0.0
+    while True:
+        missing = _missing(status_line)
+        now_s = time.monotonic()
+        if missing != before:
+            before, quiet_s = missing, now_s + QUIET_S
+        if not missing or now_s >= min(quiet_s, end_s):
+            return missing
+        status_line.spin(0.05)
+
+
+def _missing(status_line: StatusLine) -> Missing:
+    there = {
+        name for name, where in status_line.get_node_names_and_namespaces() if where == status_line.get_namespace()
+    }
+    planner = ORIGINAL_SELECTOR if ORIGINAL_SELECTOR in there else SELECTOR
+    nodes = [*((SIMULATOR,) if status_line.sim else ()), *GAME, planner]
+    silent = [name for name in nodes if name not in status_line.nodes and name != ORIGINAL_SELECTOR]
+    facts = status_line.facts()
+    unknown = [name for name in _SOURCES if facts[name] is None]
+    published = {name for name in unknown if publishers(status_line, [_SOURCES[name].name])}
+    return Missing(
+        {
+            "nodes": [one for one in silent if one not in there],
+            "values": [one for one in unknown if one not in published],
+        },
+        {"nodes": [one for one in silent if one in there], "values": [one for one in unknown if one in published]},
+    )
+
+
+def as_json(status_line: StatusLine, missing: Missing) -> str:
+    parts = {"version": __version__, **status_line.facts(), "absent": missing.absent, "pending": missing.pending}
+    return json.dumps(parts, indent=2)
+
+
+def as_rows(status_line: StatusLine, missing: Missing) -> str:
+    facts = status_line.facts()
+    age_s, speed = facts["pose_age_s"], facts["clyde_speed_mps"]
+    pellets = ("-" if facts[name] is None else facts[name] for name in ("pellets_collected", "pellets_spawned"))
+    rows = {
+        **{name: facts[name] for name in ("state", "round", "score")},
+        "pellets": "{} of {}".format(*pellets),
+        "result": facts["result"],
+        "Clyde": None if speed is None else f"{speed:.2f} m/s",
+        "pose": "none yet" if age_s is None else f"{age_s:.1f} s ago",
+        "policy": facts["policy"],
+        "nodes": ", ".join(facts["nodes"]),
+        "stopped": "until 'pacman-env ros release'" if facts["stopped"] else None,
+        "troubles": "; ".join(status_line.troubles.values()),
+        "invalid": "; ".join(f"{name}: {what}" for name, what in facts["invalid"].items()),
+        "absent": ", ".join(name for names in missing.absent.values() for name in names),
+        "pending": ", ".join(name for names in missing.pending.values() for name in names),
+    }
+    return "\n".join(f"{name:<9} {value}" for name, value in rows.items() if value not in (None, ""))

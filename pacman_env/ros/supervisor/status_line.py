@@ -1,0 +1,195 @@
+"""The node of ``ros up`` and of an operator's commands: what a running game publishes, as values and as one line.
+
+It publishes nothing until it is asked to stop the robot."""
+
+import contextlib
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rclpy.parameter import Parameter
+
+from pacman_env.config import MAX_SPEED_MPS
+from pacman_env.ros import topics
+from pacman_env.ros.discovery import publishers
+from pacman_env.ros.messages import LONGEST_WORD, BadMessage, nanoseconds_of, number_of, object_of, word_of
+from pacman_env.ros.node import Observer, process_of, process_words
+from pacman_env.ros.operator_stop import OperatorStop
+from pacman_env.ros.selector.reasons import REMEDIES, troubles_of
+from pacman_env.ros.supervisor.checks.check import LONGEST_JSON
+from pacman_env.ros.supervisor.game_nodes import full_namespace
+from pacman_env.ros.supervisor.terminal import fitted, plain
+
+HALT_S = 1.0  # for Nav2's answer
+KNOWN_S = 0.3  # a server that is ready for a client may not know its reader yet, and drops its answer
+_MOST = 10**9
+
+
+@dataclass(frozen=True)
+class GameValue:
+    """What the referee publishes about the game, read or refused as every message is."""
+
+    topic: topics.Topic
+    read: Callable[[Any], Any]
+
+
+def _count(topic: topics.Topic, least: int = 0) -> GameValue:
+    return GameValue(topic, lambda message: int(number_of(message, least, _MOST)))
+
+
+VALUES = {
+    "state": GameValue(topics.GAME_STATE, lambda message: word_of(message, topics.STATE_WORDS)),
+    "result": GameValue(topics.GAME_RESULT, lambda message: plain(message.data, LONGEST_WORD)),
+    "round": _count(topics.ROUND, 1),
+    "score": _count(topics.SCORE),
+    "pellets_collected": _count(topics.PELLETS_COLLECTED),
+    "pellets_spawned": _count(topics.PELLETS_SPAWNED),
+    "clyde_speed_mps": GameValue(topics.CLYDE_SPEED, lambda message: number_of(message, 0.0, MAX_SPEED_MPS)),
+}
+#: Troubles of the goal selector that the line has other words for.
+_IN_OTHER_WORDS = ("no Nav2", "ghosts unheard", "stopped by the operator")
+
+
+class StatusLine(Observer):
+    """``sim``: time is the simulated robot's; ``policy`` is shown until the goal selector names its own."""
+
+    def __init__(self, namespace: str, sim: bool, policy: str = "") -> None:
+        clock = Parameter("use_sim_time", Parameter.Type.BOOL, sim)
+        super().__init__("pacman_up", full_namespace(namespace), parameter_overrides=[clock])
+        self.sim, self._policy = sim, policy
+        self._values: dict[str, Any] = {}
+        self.invalid: dict[str, str] = {}  # by name of the value: why the last message was refused
+        for name, value in VALUES.items():
+            value.topic.subscription(self, partial(self._on_value, name))
+        self.condition: dict[str, Any] = {}  # the goal selector's diagnostics
+        topics.DIAGNOSTICS.subscription(self, self._on_diagnostics)
+        self.nodes: dict[str, dict[str, Any]] = {}  # by name: what each of the game's nodes plays by
+        topics.CONFIGURATION.subscription(self, self._on_configuration)
+        self._pose_ns: int | None = None
+        topics.AMCL_POSE.subscription(self, self._on_pose)
+        self.operator = OperatorStop(self, obeys=False)
+        self._cmd_vel: Any = None
+        self._callers: dict[str, Any] = {}
+
+    def listen(self, topic: Any, handle: Callable[[Any], object], trouble: str) -> Any:
+        """A subscription that drops bad messages: the nodes of the game report them."""
+
+        def receive(message: Any) -> None:
+            with contextlib.suppress(BadMessage):
+                handle(message)
+
+        return topic.subscription(self, receive)
+
+    @property
+    def state(self) -> str | None:
+        return self._values.get("state")
+
+    @property
+    def result(self) -> str | None:
+        """Of the last round, empty before the first; None until it is received."""
+        return self._values.get("result")
+
+    @property
+    def ready(self) -> bool:
+        return bool(self.condition.get("active") and self.condition.get("nav2"))
+
+    @property
+    def pose_age_s(self) -> float | None:
+        """Since the latched pose was measured, None before the first; AMCL is silent while the robot stands."""
+        now_ns = self.get_clock().now().nanoseconds
+        no_time = self.sim and not now_ns  # the simulated robot's clock has not been received
+        return None if self._pose_ns is None or no_time else (now_ns - self._pose_ns) / 1e9
+
+    @property
+    def troubles(self) -> dict[str, str]:
+        """Those of the goal selector that are not over, with their words."""
+        found = troubles_of(self.condition).items()
+        return {plain(kind, LONGEST_WORD): plain(text, LONGEST_WORD) for kind, text in found}
+
+    def others(self) -> str:
+        """Which game is here already, or publishes the time, as far as it is discovered; empty if there is none."""
+        here = [f"{name} ({process_words(plays)})" for name, plays in sorted(self.nodes.items())]
+        if here and self.count_publishers(self.resolve_topic_name(topics.CONFIGURATION.name)):
+            return f"a game is in {self.get_namespace()} already: {', '.join(here)}"
+        if self.sim and (clocks := publishers(self, (topics.CLOCK.name,))):
+            return f"another clock runs in this ROS domain: {', '.join(clocks)}; choose another --domain-id"
+        return ""
+
+    def facts(self) -> dict[str, Any]:
+        """The game as plain values; None if not received, or not valid."""
+        return {
+            "namespace": self.get_namespace(),
+            **{name: self._values.get(name) for name in VALUES},
+            "policy": self._policy or None,
+            "pose_age_s": self.pose_age_s,
+            "nodes": sorted(self.nodes),
+            "stopped": self.operator.stopped if self.operator.known else None,
+            "goal_selector": self.condition or None,
+            "invalid": dict(self.invalid),
+        }
+
+    def line(self, pose_age: bool) -> str:
+        """The game on one line; without the pose's age where lines are compared."""
+        age, troubles = self.pose_age_s, [kind for kind in self.troubles if kind not in _IN_OTHER_WORDS]
+        shown = {name: self._values.get(name, "?" if name in self.invalid else "-") for name in VALUES}
+        if shown["state"] == "?":
+            shown["state"] = "unknown state"
+        pose = "no pose yet" if age is None else f"pose {age:.1f} s ago" if pose_age else "pose known"
+        parts = [
+            f"{shown['state']:<14}",
+            f"round {shown['round']}",
+            f"score {shown['score']}",
+            f"pellets {shown['pellets_collected']}/{shown['pellets_spawned']}",
+            "STOPPED" if self.operator.stopped else "",
+            "Nav2 does not answer" if self.condition.get("nav2") is False else "",
+            "Nav2 does not see Clyde" if self.condition.get("ghosts_heard") is False else "",
+            *sorted(troubles, key=lambda kind: kind not in REMEDIES),
+            *(self.result or "", pose, Path(self._policy).name),
+        ]
+        return fitted(list(filter(None, parts)))
+
+    def call(self, service: topics.Service) -> Any:
+        """A future with the response of one of the referee's services; None if that is not available yet."""
+        if service.name not in self._callers:
+            self._callers[service.name] = service.client(self), time.monotonic()
+        client, made_s = self._callers[service.name]
+        if not client.service_is_ready() or time.monotonic() - made_s < KNOWN_S:
+            return None
+        return client.call_async(service.type.Request())
+
+    def halt(self) -> None:
+        """Cancel every goal that Nav2 pursues, whichever node sent it, and command zero velocity."""
+        client = topics.NAVIGATE_TO_POSE.cancel_client(self)
+        end = time.monotonic() + HALT_S
+        if self.spin_until(client.service_is_ready, HALT_S):
+            answer = client.call_async(client.srv_type.Request())  # all zero: every goal
+            self.spin_until(answer.done, end - time.monotonic())
+        self.destroy_client(client)
+        if self._cmd_vel is None:
+            self._cmd_vel = topics.CMD_VEL.publisher(self)
+        self._cmd_vel.publish(topics.CMD_VEL.type())
+        self.spin(0.05)
+
+    def _on_value(self, name: str, message: Any) -> None:
+        try:
+            self._values[name] = VALUES[name].read(message)
+            self.invalid.pop(name, None)
+        except BadMessage as error:
+            self._values.pop(name, None)
+            self.invalid[name] = plain(str(error), LONGEST_WORD)
+
+    def _on_diagnostics(self, message: Any) -> None:
+        with contextlib.suppress(BadMessage):  # of another project's goal selector
+            self.condition = object_of(message, LONGEST_JSON)
+            self._policy = plain(str(self.condition.get("policy", self._policy)), LONGEST_WORD)
+
+    def _on_configuration(self, message: Any) -> None:
+        plays = process_of(message)
+        if plays is not None:
+            self.nodes[str(plays.get("node"))[:100]] = plays
+
+    def _on_pose(self, message: Any) -> None:
+        self._pose_ns = nanoseconds_of(message.header.stamp)

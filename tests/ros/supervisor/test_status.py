@@ -1,0 +1,91 @@
+"""How a game stands, for people and for programs: what is there, absent or not received, and what is not valid."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("irobot_create_msgs")
+
+from pacman_env.ros import topics
+from pacman_env.ros.node import Observer
+from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
+from pacman_env.ros.supervisor.game_nodes import GAME, REFEREE, SELECTOR
+from pacman_env.ros.supervisor.status_line import StatusLine
+from tests.ros import session
+from tests.ros.supervisor.test_operating import ask_plainly
+from tests.ros.system import Probe
+
+PATIENCE_S = 60.0
+
+
+@pytest.fixture
+def status_line(domain: int) -> Iterator[StatusLine]:
+    with StatusLine("robot_15", sim=False) as node:
+        yield node
+
+
+def test_what_is_absent_and_what_has_not_answered_is_named_and_is_an_exit_status(domain: int, tmp_path: Path) -> None:
+    with session.nodes(tmp_path, alone=False) as nodes, Observer("audio_node", "/robot_15") as silent:
+        nodes.start(REFEREE)
+        topics.AMCL_POSE.publisher(silent)  # a localization without a pose
+        answer = ask_plainly("status", "--json", "--wait", str(PATIENCE_S))
+        rows = ask_plainly("status", "--wait", str(PATIENCE_S))
+    assert answer.status == rows.status == 1
+    facts: dict[str, Any] = json.loads(answer.out)
+    assert facts["state"] == "menu"
+    assert facts["nodes"] == [REFEREE]
+    others = [name for name in GAME if name not in (REFEREE, "audio_node")]
+    assert facts["absent"] == {"nodes": [*others, SELECTOR], "values": ["policy", "goal_selector"]}
+    assert facts["pending"] == {"nodes": ["audio_node"], "values": ["pose_age_s"]}
+    for name in ("policy", "goal_selector", "pose_age_s"):
+        assert facts[name] is None
+    assert facts["stopped"] is False
+    lines = dict(line.split(None, 1) for line in rows.out.splitlines())
+    assert lines["absent"] == ", ".join([*others, SELECTOR, "policy", "goal_selector"])
+    assert lines["pending"] == "audio_node, pose_age_s"
+
+
+def test_words_and_numbers_that_no_game_has_are_shown_as_unknown(probe: Probe, status_line: StatusLine) -> None:
+    def say(topic: topics.Topic, value: Any) -> None:
+        probe.publisher(topic).publish(topic.type(data=value))
+
+    for topic, value in (
+        (topics.GAME_STATE, "nonsense"),
+        (topics.ROUND, -1),
+        (topics.SCORE, -3),
+        (topics.PELLETS_COLLECTED, -5),
+        (topics.PELLETS_SPAWNED, 13),
+        (topics.CLYDE_SPEED, float("nan")),
+        (topics.GAME_RESULT, "Complete\x1b[2J\n - Score: 3"),
+    ):
+        say(topic, value)
+    probe.publisher(DIAGNOSTICS).publish(DIAGNOSTICS.type(data='{"troubles": [3], "policy": "a\\nb"}'))
+    assert status_line.spin_until(lambda: len(status_line.invalid) == 5 and status_line.result, PATIENCE_S)
+    assert status_line.spin_until(lambda: status_line.condition, PATIENCE_S)
+    assert status_line.spin_until(lambda: status_line.facts()["pellets_spawned"], PATIENCE_S)
+    assert status_line.line(pose_age=False).startswith("unknown state   round ?  score ?  pellets ?/13")
+    assert "nonsense" not in status_line.line(pose_age=True)
+    facts = status_line.facts()
+    assert facts["state"] is facts["pellets_collected"] is facts["clyde_speed_mps"] is None
+    assert "unknown word 'nonsense'" in facts["invalid"]["state"]
+    assert "must be within 0 and" in facts["invalid"]["pellets_collected"]
+    assert facts["result"] == "Complete [2J - Score: 3"
+    assert facts["policy"] == "a b"
+    say(topics.GAME_STATE, "running")
+    say(topics.PELLETS_COLLECTED, 5)
+    assert status_line.spin_until(lambda: len(status_line.invalid) == 3, PATIENCE_S)
+    assert status_line.line(pose_age=False).startswith("running         round ?  score ?  pellets 5/13")
+
+
+def test_the_line_has_the_troubles_of_the_goal_selector(probe: Probe, status_line: StatusLine) -> None:
+    condition = {"nav2": True, "troubles": {"stopped by the operator": 3, "off the map": 4, "ghosts unheard": 1}}
+    probe.publisher(topics.GAME_STATE).publish(topics.GAME_STATE.type(data="running"))
+    probe.publisher(DIAGNOSTICS).publish(DIAGNOSTICS.type(data=json.dumps(condition)))
+    assert status_line.spin_until(lambda: status_line.condition and status_line.state, PATIENCE_S)
+    assert status_line.line(pose_age=False).endswith("pellets -/-  off the map  no pose yet")
