@@ -267,10 +267,21 @@ def parameter(
             descriptor.floating_point_range = [FloatingPointRange(from_value=float(low), to_value=float(high))]
         else:
             descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=1)]
+    if isinstance(default, float):
+        accept_integers(node, name)
     value: Value = node.declare_parameter(name, default, descriptor).value
     if isinstance(value, float) and not math.isfinite(value):
         raise ValueError(f"parameter {name} = {value}: must be finite")  # one without a range may be anything
     return value
+
+
+def accept_integers(node: Any, name: str) -> None:
+    """``speed:=4`` is an integer, or an array of them, for ROS: have it mean 4.0 before the parameter is declared."""
+    given = node._parameter_overrides.get(name)
+    if given is not None and given.type_ is Parameter.Type.INTEGER:
+        node._parameter_overrides[name] = Parameter(name, Parameter.Type.DOUBLE, float(given.value))
+    elif given is not None and given.type_ is Parameter.Type.INTEGER_ARRAY:
+        node._parameter_overrides[name] = Parameter(name, Parameter.Type.DOUBLE_ARRAY, [float(n) for n in given.value])
 
 
 def node_class(name: str) -> type[BaseNode]:

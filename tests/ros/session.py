@@ -189,11 +189,15 @@ class Session:
 
     def publish(self, topic: topics.Topic, message: Any) -> None:
         """Publish, and have everything handled that follows; a plain value becomes the ``data`` of a message."""
-        if topic.name not in self._publishers:
-            self._publishers[topic.name] = topic.publisher(self.observer)
+        self.announce(topic)
         if not hasattr(message, "get_fields_and_field_types"):
             message = topic.type(data=message)
         self.within(lambda: self._publishers[topic.name].publish(message))
+
+    def announce(self, topic: topics.Topic) -> None:
+        """Have a publisher of a topic, as others can discover."""
+        if topic.name not in self._publishers:
+            self._publishers[topic.name] = topic.publisher(self.observer)
 
     def call(self, service: topics.Service, request: Any = None, limit_s: float = 30.0) -> Any:
         """The answer of a service."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import math
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 rclpy = pytest.importorskip("rclpy")
 
 from rclpy.clock_type import ClockType  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.time import Time  # noqa: E402
 
 from pacman_env import ros  # noqa: E402
@@ -22,6 +24,7 @@ from pacman_env.ros import topics  # noqa: E402
 from pacman_env.ros.node import BaseNode, Once  # noqa: E402
 from pacman_env.ros.nodes import game_event_mapper  # noqa: E402
 from pacman_env.ros.standstill import LEASE, STOOD_STILL  # noqa: E402
+from pacman_env.ros.supervisor.game_nodes import PROCESSES, REFEREE, SELECTOR, SIMULATOR, WAIT  # noqa: E402
 from tests.ros import last_messages_node, session  # noqa: E402
 
 if TYPE_CHECKING:
@@ -121,6 +124,23 @@ def test_a_process_that_starts_badly_ends_with_status_2(system: System) -> None:
     system.processes.clear()
     assert process.output.startswith("last_messages_node: ")
     assert process.output.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", [SIMULATOR, REFEREE, SELECTOR, WAIT, "clyde_ghost_node"])
+def test_an_integer_is_a_number_for_every_parameter_that_is_one(domain: int, tmp_path: Path, name: str) -> None:
+    own = {"map_yaml": "house"} if "map_yaml" in PROCESSES[name].parameters else {}
+    with session.nodes(tmp_path, gives_time=name != SIMULATOR) as nodes:
+        node = nodes.start(name, **own).node
+        floats = [key for key, one in node._parameters.items() if one.type_ is Parameter.Type.DOUBLE]
+        ranges = {key: node.describe_parameter(key).floating_point_range[0] for key in floats}
+        assert floats
+        given: dict[str, Any] = {key: math.ceil(allowed.from_value) for key, allowed in ranges.items()}
+        nodes.kill(name)
+        if name == SELECTOR:
+            given["home"] = [1, 0, 2]
+        again = nodes.start(name, **own, **given).node
+        assert {key: again.get_parameter(key).value for key in given} == given
+        assert all(isinstance(again.get_parameter(key).value, float) for key in floats)
 
 
 class Log(list[str]):

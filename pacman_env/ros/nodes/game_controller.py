@@ -41,6 +41,7 @@ _PUBLISHED = {
     "clyde_speed": topics.CLYDE_SPEED,
     "remove": topics.REMOVE_PELLET,
 }
+_STARTED = "a round begins: the robot drives home first"
 _CALLED = {"reset_pellets": topics.RESET_PELLETS, "reset_clyde": topics.RESET_CLYDE}
 
 
@@ -59,8 +60,8 @@ class GameController(GameNode):
         self.listen(topics.GAME_STATUS, self._on_status, "bad status")
         self.listen(topics.PELLET_MARKERS, self._on_pellets, "bad pellets")
         self.listen(topics.BASE_CLYDE_SPEED, self._on_speed, "bad speed")
-        topics.START_GAME.server(self, partial(self._serve, self._start))
-        topics.RESET_GAME.server(self, partial(self._serve, self._reset))
+        topics.START_GAME.server(self, partial(self._serve, self._start, _STARTED))
+        topics.RESET_GAME.server(self, partial(self._serve, self._reset, "the game is reset: it is in the menu"))
         self.create_timer(_TICK_S, self._tick)
         self.create_timer(_SAVE_S, self._save, clock=self.surroundings.clock())
         if self._saved is None:
@@ -137,6 +138,9 @@ class GameController(GameNode):
     def _start(self) -> list[Action]:
         if self._saved is not None:
             return [Action("ignored", "start: a game is about to be gone on with")]
+        if self.game.state == "menu" and not self.count_publishers(topics.GAME_STATUS.name):
+            # A round that waits for one would begin, and move the robot, at a moment that no person has chosen.
+            return [Action("ignored", "start: no goal selector is there; it starts when the robot has a pose")]
         return self.game.start(self.now_s())
 
     def _reset(self) -> list[Action]:
@@ -144,12 +148,12 @@ class GameController(GameNode):
         self._early.clear()
         return self.game.reset(self.now_s())
 
-    def _serve(self, act: Callable[[], list[Action]], request: Any, response: Any) -> Any:
+    def _serve(self, act: Callable[[], list[Action]], done: str, request: Any, response: Any) -> Any:
         actions = act()
         refused = [str(action.value) for action in actions if action.kind == "ignored"]
         self._do(actions)
         response.success = not refused
-        response.message = refused[0] if refused else f"the game is in state {self.game.state!r}"
+        response.message = refused[0] if refused else done
         return response
 
     def _tick(self) -> None:

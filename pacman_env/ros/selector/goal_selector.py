@@ -17,7 +17,7 @@ from rclpy.parameter import Parameter
 from pacman_env.config import ConfigError
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
-from pacman_env.ros.node import GameNode, parameter, run
+from pacman_env.ros.node import GameNode, accept_integers, parameter, run
 from pacman_env.ros.selector.pose_watch import PoseLimits
 from pacman_env.ros.selector.pursuit import Pursuit
 from pacman_env.ros.selector.rehearsal import rehearsed
@@ -36,8 +36,9 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         LifecycleNodeMixin.__init__(self)
         text = "the policy: a name of the registry or an .onnx file; may be changed while the game is in menu"
         self.declare_parameter("policy", "ppo", ParameterDescriptor(description=text))
-        text = "home pose x, y, heading (m, m, rad); not set: the first pose, or that of initialpose, in menu"
+        text = "home pose x, y, heading (m, m, rad); not set: where the robot stands when it first leaves the menu"
         descriptor = ParameterDescriptor(description=text, read_only=True)
+        accept_integers(self, "home")
         self._home = self.declare_parameter("home", Parameter.Type.DOUBLE_ARRAY, descriptor).value
         self._rate = parameter(self, "diagnostics_rate", 1.0, "diagnostics messages per second", 0.1, 10.0)
         text = "a transform older than this gives way to the latched amcl_pose, s"

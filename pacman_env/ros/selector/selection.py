@@ -47,8 +47,9 @@ class Troubles(Protocol):
 class Selection:
     """A policy on a prepared map, warmed up; handlers of messages return what is to be done and raise BadMessage.
 
-    Without a ``home`` it is the first pose in menu, or the one it is corrected to there, or the map's. Raises MapError,
-    and what ``rehearsed`` raises.
+    Without a ``home`` it is where the robot stands when it leaves the menu for the first time, or after its pose was
+    set there: by then AMCL has corrected what was clicked. In the middle of a game it is the map's. Raises MapError,
+    and what ``make_policy`` and ``rehearsed`` raise.
     """
 
     def __init__(
@@ -63,7 +64,7 @@ class Selection:
         self._warn, self._perf_counter = troubles.warning, current().perf_counter
         self._troubles = troubles
         self._config = config
-        self._home_given = home is not None
+        self._home_given = self._home_known = home is not None
         made = make_policy(policy)  # what cannot be used is refused before anything is compiled
         self.view = RobotView(map_assets(map, config, home), config)
         self.executor = GoalExecutor(config, self.view.goals, None if home is None else home_place(*home))
@@ -83,7 +84,10 @@ class Selection:
 
     def on_state(self, message: Any, now: float) -> list[ExecutorAction]:
         self._believe(now)
-        return self.executor.state(word_of(message, topics.STATE_WORDS), now)
+        word = word_of(message, topics.STATE_WORDS)
+        if word != "menu" and self.executor.home is not None:
+            self._home_known = True
+        return self.executor.state(word, now)
 
     def on_command(self, message: Any, now: float) -> list[ExecutorAction]:
         word = word_of(message, topics.COMMAND_WORDS)
@@ -120,12 +124,12 @@ class Selection:
     # Where the robot is
 
     def on_initial_pose(self, message: Any, now: float) -> None:
-        """A correction of the robot's pose in the menu sets its home, unless that was given."""
+        """After a correction of the robot's pose in the menu its home is there, unless that was given."""
         pose = pose_of(message)
         if self.view.off_the_map(*pose[:2]):
             raise BadMessage(f"({pose[0]:.2f}, {pose[1]:.2f}) is off the map")
-        if self.executor.game_state == "menu" and not self._home_given:
-            self.executor.home = home_place(*pose)
+        if self.executor.game_state == "menu":
+            self._home_known = self._home_given
 
     def on_amcl(self, message: Any, now: float) -> None:
         self._believed.latched(message)
@@ -153,10 +157,10 @@ class Selection:
         if belief is not None:
             self.executor.pose = belief.pose[:2]
         state = self.executor.game_state
-        if self.executor.home is None and belief is not None and state is not None:
+        if not self._home_known and belief is not None and state is not None:
             # After a start in the middle of a round the pose is anywhere.
             home = belief.pose if state == "menu" else self.view.assets.grid.home.tolist()
-            self.executor.home = home_place(*home)
+            self.executor.home, self._home_known = home_place(*home), state != "menu"
         return belief
 
     # Choosing

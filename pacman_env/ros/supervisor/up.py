@@ -89,8 +89,8 @@ def up(
             writer.print(f"logs in {logs}")
             if setup.web is not None:
                 writer.print(f"page: http://127.0.0.1:{setup.web}/ on this computer")
-            play = _Play(setup, processes, status_line, writer, stop, pressed or (lambda: ""), lock)
-            return play.play(start or play_on, play_on)
+            read_keys, starts = pressed or (lambda: ""), start or play_on
+            return _Play(setup, processes, status_line, writer, stop, read_keys, lock, starts, play_on).play()
 
 
 def check(setup: GameSetup, play_on: bool = False) -> None:
@@ -158,11 +158,13 @@ class _Play:
     stop: Stop
     pressed: Callable[[], str]
     lock: GameLock
+    starts: bool  # the next round by itself
+    play_on: bool  # and every later one
     answers: list[tuple[Service, Any]] = field(default_factory=list)  # of services that were called
     wanted: list[Service] = field(default_factory=list)  # to be called as soon as they are there
     menu_s: float | None = None  # since when the game is in the menu, wall time
 
-    def play(self, start: bool, play_on: bool) -> int:
+    def play(self) -> int:
         status, processes, status_line = 0, self.processes, self.status_line
         killed: list[str] = []
         try:
@@ -182,9 +184,8 @@ class _Play:
                     for name in game_nodes.following(WAIT):
                         processes.start(name)
                 awaited = self._awaited()
-                if start and not awaited and self._in_menu():
+                if self.starts and not awaited and self._in_menu():
                     self.wanted.append(START_GAME)
-                    start = play_on
                 self._handle_keys()
                 self._call_services()
                 if SELECTOR in processes.tend():
@@ -207,7 +208,8 @@ class _Play:
         if missing:
             return f"waiting for {', '.join(missing)}"
         if SELECTOR not in processes and LOCK_STEP not in processes:
-            return "waiting for the robot's pose (docs/robot.md, step 5)"
+            robot = "the simulated robot's pose" if self.setup.sim else "the robot's pose (docs/robot.md, step 5)"
+            return f"waiting for {robot}"
         return "" if status_line.condition else f"waiting for {SELECTOR}"
 
     def _in_menu(self) -> bool:
@@ -243,7 +245,9 @@ class _Play:
         done = [(service, answer) for service, answer in self.answers if answer.done()]
         for service, answer in done:
             self.answers.remove((service, answer))
-            if not answer.result().success:
+            if answer.result().success:
+                self.starts = self.play_on or (self.starts and service is not START_GAME)
+            elif service is not START_GAME or not self.starts:  # else it is asked again
                 self.writer.print(f"{service.name}: {answer.result().message}")
 
     def _stop_all(self) -> list[str]:

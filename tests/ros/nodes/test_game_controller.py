@@ -40,6 +40,7 @@ def up(nodes: Session, *settings: str, **parameters: Any) -> None:
     """Start the referee, with short shows."""
     quick = ["show.start_s=0.2", "show.death_s=0.2", "show.home_retry_s=0.1"]
     nodes.record(*SAID)
+    nodes.announce(topics.GAME_STATUS)  # as a goal selector does
     nodes.start(REFEREE, **{"state_file": "auto", "settings": [*quick, *settings], **parameters})
     nodes.advance(0.1)
     assert all(nodes.values(topic) for topic in LATCHED)
@@ -105,15 +106,30 @@ def test_everything_latched_is_there_for_a_node_that_comes_late(nodes: Session) 
 def test_a_start_resets_pellets_and_clyde_and_is_refused_during_a_game(nodes: Session) -> None:
     called = serve(nodes)
     up(nodes)
-    assert nodes.call(topics.START_GAME).success
+    begun = nodes.call(topics.START_GAME)
+    assert (begun.success, begun.message) == (True, "a round begins: the robot drives home first")
     assert sorted(called) == ["reset_clyde", "reset_pellets"]
     again = nodes.call(topics.START_GAME)
     assert not again.success
     assert "returning_home" in again.message
     back = nodes.call(topics.RESET_GAME)
-    assert back.success
-    assert "menu" in back.message
+    assert (back.success, back.message) == (True, "the game is reset: it is in the menu")
     assert last(nodes, topics.GAME_STATE) == "menu"
+
+
+def test_a_start_is_refused_while_no_goal_selector_is_there(nodes: Session) -> None:
+    nodes.record(*SAID)
+    nodes.start(REFEREE)
+    nodes.advance(0.1)
+    answer = nodes.call(topics.START_GAME)
+    why = "start: no goal selector is there; it starts when the robot has a pose"
+    assert (answer.success, answer.message) == (False, why)
+    nodes.advance(1.0)
+    assert nodes.values(topics.GAME_STATE) == ["menu"]
+    nodes.announce(topics.GAME_STATUS)
+    nodes.advance(1.0)
+    assert nodes.call(topics.START_GAME).success
+    assert last(nodes, topics.GAME_STATE) == "returning_home"
 
 
 def test_pellets_and_clyde_that_come_late_are_reset_all_the_same(nodes: Session) -> None:

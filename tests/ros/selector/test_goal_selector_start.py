@@ -183,23 +183,39 @@ def test_what_cannot_be_used_is_said_at_the_start(
     assert "Traceback" not in said
 
 
-def test_an_initial_pose_that_is_corrected_in_the_menu_moves_home_and_in_a_round_it_does_not(game: Game) -> None:
+def test_home_is_where_the_robot_leaves_the_menu_after_its_pose_was_set_and_not_the_click(game: Game) -> None:
     game.start()
     game.stand(*game.pose)
     game.say(topics.GAME_STATE, "menu")
 
     def home() -> list[float]:
+        game.session.advance(0.2)  # a decision
         return game.condition(lambda c: c["home"], "home")["home"]  # type: ignore[no-any-return]
 
-    def corrected(x: float, y: float) -> None:
+    def click(x: float, y: float) -> None:
         message = topics.INITIAL_POSE.type(header=Header(stamp=game.session.stamp(), frame_id="map"))
         message.pose.pose = pose_message(x, y, 0.0, game.session.stamp()).pose
         game.say(topics.INITIAL_POSE, message)
 
+    def play() -> None:
+        for state in ("returning_home", "starting", "running", "returning_home", "menu"):
+            game.say(topics.GAME_STATE, state)
+
     assert home() == pytest.approx(list(game.pose))
-    corrected(*pellet(0))
-    assert home()[:2] == pytest.approx(list(pellet(0)))
+    (x, y), (other_x, other_y) = pellet(0), pellet(1)
+    for where in ((x, y, 0.1), (other_x, other_y, 0.0)):
+        click(*where[:2])
+        game.stand(*where)  # as AMCL begins
+        converged = where[0] + 0.2, where[1] - 0.1, 0.3
+        game.stand(*converged)
+        assert home() == pytest.approx(list(converged))
+        play()
+        game.stand(where[0] + 0.4, where[1], 0.0)  # as far as a goal may be missed
+        assert home() == pytest.approx(list(converged)), "it does not wander from round to round"
+        play()
+        assert home() == pytest.approx(list(converged))
     game.begin()
-    game.running_goal(1)
-    corrected(*pellet(1))
-    assert home()[:2] == pytest.approx(list(pellet(0)))
+    click(x, y)
+    game.stand(x, y)
+    game.say(topics.GAME_STATE, "menu")
+    assert home() == pytest.approx(list(converged)), "a pose that is set in a round does not move it"

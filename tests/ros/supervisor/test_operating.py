@@ -169,7 +169,7 @@ def test_others_start_and_reset_the_game_and_get_its_state(game: Game) -> None:
     game.in_menu()
     started = ask("start")
     assert (started.status, started.err) == (0, "")
-    assert "the game is in state 'returning_home'" in started.out
+    assert started.out == "a round begins: the robot drives home first\n"
     again = ask("start")
     assert again.status == 1
     assert "start: the game is in state" in again.out
