@@ -14,7 +14,6 @@ pytest.importorskip("irobot_create_msgs")
 
 from pacman_env.ros import topics
 from pacman_env.ros.node import Observer
-from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from pacman_env.ros.supervisor.game_nodes import GAME, REFEREE, SELECTOR
 from pacman_env.ros.supervisor.status_line import StatusLine
 from tests.ros import session
@@ -65,7 +64,7 @@ def test_words_and_numbers_that_no_game_has_are_shown_as_unknown(probe: Probe, s
         (topics.GAME_RESULT, "Complete\x1b[2J\n - Score: 3"),
     ):
         say(topic, value)
-    probe.publisher(DIAGNOSTICS).publish(DIAGNOSTICS.type(data='{"troubles": [3], "policy": "a\\nb"}'))
+    probe.publisher(topics.DIAGNOSTICS).publish(topics.DIAGNOSTICS.type(data='{"troubles": [3], "policy": "a\\nb"}'))
     assert status_line.spin_until(lambda: len(status_line.invalid) == 5 and status_line.result, PATIENCE_S)
     assert status_line.spin_until(lambda: status_line.condition, PATIENCE_S)
     assert status_line.spin_until(lambda: status_line.facts()["pellets_spawned"], PATIENCE_S)
@@ -86,6 +85,6 @@ def test_words_and_numbers_that_no_game_has_are_shown_as_unknown(probe: Probe, s
 def test_the_line_has_the_troubles_of_the_goal_selector(probe: Probe, status_line: StatusLine) -> None:
     condition = {"nav2": True, "troubles": {"stopped by the operator": 3, "off the map": 4, "ghosts unheard": 1}}
     probe.publisher(topics.GAME_STATE).publish(topics.GAME_STATE.type(data="running"))
-    probe.publisher(DIAGNOSTICS).publish(DIAGNOSTICS.type(data=json.dumps(condition)))
+    probe.publisher(topics.DIAGNOSTICS).publish(topics.DIAGNOSTICS.type(data=json.dumps(condition)))
     assert status_line.spin_until(lambda: status_line.condition and status_line.state, PATIENCE_S)
     assert status_line.line(pose_age=False).endswith("pellets -/-  off the map  no pose yet")
