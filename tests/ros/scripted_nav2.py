@@ -98,9 +98,10 @@ class ScriptedNav2(BaseNode):
         return GoalResponse.ACCEPT
 
     def _accepted(self, handle: Any) -> None:
-        for goal in self.running():
-            self._end(goal, "abort")
+        before = self.running()
         self._asked.pop(0).handle = handle
+        for goal in before:
+            self._end(goal, "abort")
 
     def _cancel(self, handle: Any) -> CancelResponse:
         for goal in self.running():

@@ -255,6 +255,7 @@ def game(
     policy: str = "clyde_aware",
     seed: int = 0,
     alone: bool = True,
+    kind: type[LockStepGame] = LockStepGame,
     **fields: Any,
 ) -> Iterator[Session]:
     """A session of a whole game.
@@ -265,13 +266,14 @@ def game(
         policy: of the goal selector.
         seed: of everything that is drawn.
         alone: no node of another process or context can meet those of the game.
+        kind: of the game.
         fields: of ``GameSetup``.
     """
     gc.collect()  # a node of an earlier session that is collected later takes the log of its name with it
     extra = fields.pop("extra", {})
     referee = {"state_file": str(folder / "game_controller.json"), **extra.get(REFEREE, {})}
     setup = GameSetup(str(map), policy, NAMESPACE, sim=True, extra={**extra, REFEREE: referee}, **fields)
-    whole = LockStepGame(setup, seed, alone=alone)
+    whole = kind(setup, seed, alone=alone)
     try:
         yield Session(whole, folder)
     finally:
