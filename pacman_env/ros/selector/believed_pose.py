@@ -88,6 +88,10 @@ class BelievedPose:
         since_s = self._first_s if found is None else found[1]
         return max(0.0, now_s - since_s)
 
+    def without_odometry_s(self, now_s: float) -> float:
+        """For how long there has been no transform from the base to odom; 0 where there never was one."""
+        return max((now_s - link.received_s for link in self._links.values() if link.parent == "odom"), default=0.0)
+
     def _in_map(self) -> tuple[Pose, float] | None:
         """The base in the map, and when the oldest transform used was received."""
         frame, pose, received_s = BASE, (0.0, 0.0, 0.0), math.inf

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from pacman_env.ros.selector.believed_pose import BelievedPose
-from pacman_env.ros.selector.reasons import POSE_LOST
+from pacman_env.ros.selector.reasons import NO_ODOMETRY, POSE_LOST
 
 
 @dataclass(frozen=True)
@@ -20,6 +20,11 @@ class PoseWatch:
 
     def reasons(self, now: float) -> dict[str, str]:
         """Each reason why the pose may not be played by, and the words for it, empty where it does not hold."""
-        silent_s = self._believed.silent_s(now)
+        silent_s, without_s = self._believed.silent_s(now), self._believed.without_odometry_s(now)
         lost = silent_s > self._limits.lost_s
-        return {POSE_LOST: f"pose lost: no transform from map to base_link for {silent_s:.0f} s" if lost else ""}
+        no_odometry = lost and without_s > self._limits.lost_s / 2  # of which AMCL's silence is a consequence
+        lost = lost and not no_odometry
+        return {
+            NO_ODOMETRY: f"no odometry for {without_s:.0f} s: the base is silent" if no_odometry else "",
+            POSE_LOST: f"pose lost: no transform from map to base_link for {silent_s:.0f} s" if lost else "",
+        }

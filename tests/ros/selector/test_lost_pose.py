@@ -19,7 +19,7 @@ from pacman_env.ros.supervisor.game_nodes import SELECTOR
 from tests.ros import session
 from tests.ros.selector_game import Game, house, pellet
 
-LOST, FAILS = "pose lost", "Nav2 fails"
+LOST, FAILS, SILENT = "pose lost", "Nav2 fails", "no odometry"
 SETTINGS = ("show.start_s=1.0", "show.death_s=1.0", "clyde.speed_mps=0.02")
 
 
@@ -75,6 +75,26 @@ def test_without_a_transform_nothing_is_sent_or_counted_and_it_is_reported_until
     assert LOST not in condition["troubles"]
     nodes.wait_for(lambda: "menu" in nodes.values(topics.GAME_STATE)[-1:], 900, "the end of the round")
     assert max(nodes.values(topics.SCORE)) == len(house().pellet_ids)
+
+
+def test_a_base_that_falls_silent_is_named_as_the_cause_in_place_of_the_pose_that_is_lost_with_it(
+    played: Played, log: Callable[[], str]
+) -> None:
+    nodes = played.nodes
+    nodes.advance(3.0)
+    played.fault("base_silent")
+    condition = played.wait(lambda c: SILENT in c["troubles"], "the report")
+    sent = condition["goals_sent"]
+    nodes.advance(28.0)
+    condition = played.condition
+    assert condition["goals_sent"] == sent
+    assert condition["pursued"] == -1
+    assert condition["trouble_texts"][SILENT] == "no odometry for 30 s: the base is silent"
+    assert LOST not in condition["troubles"]
+    assert LOST not in log()
+    played.fault("end")
+    condition = played.wait(lambda c: c["goals_sent"] > sent, "the next goal", 5.0)
+    assert SILENT not in condition["troubles"]
 
 
 def test_a_short_gap_in_the_transforms_changes_nothing(played: Played) -> None:
