@@ -87,7 +87,7 @@ class RoundController:
     round: int = field(default=1, init=False)
     result: str = field(default="", init=False)
     base_speed_mps: float = field(init=False)
-    _pellets: _Pellets = field(default_factory=_Pellets, init=False)
+    pellets: _Pellets = field(default_factory=_Pellets, init=False)
     _reported_s: float = field(default=-math.inf, init=False)  # when the latest report of pellets was received
     _deadline_s: float | None = field(default=None, init=False)  # when ``tick`` acts next
     after_home: _AfterHome = field(default="start", init=False)
@@ -98,12 +98,12 @@ class RoundController:
 
     @property
     def collected(self) -> int:
-        return len(self._pellets.collected)
+        return len(self.pellets.collected)
 
     @property
     def spawned(self) -> int:
         """Pellets of this round, collected or not, and those whose collection is not reported yet; 0 if unknown."""
-        pellets = self._pellets
+        pellets = self.pellets
         return 0 if pellets.left is None else len(pellets.left | pellets.collected | pellets.lasting)
 
     @property
@@ -119,7 +119,7 @@ class RoundController:
         """All that ``restore`` needs, as plain values that JSON has; instants as the time left until then, s."""
         return {
             **{name: getattr(self, name) for name in _KEPT},
-            **{name: None if ids is None else sorted(ids) for name, ids in vars(self._pellets).items()},
+            **{name: None if ids is None else sorted(ids) for name, ids in vars(self.pellets).items()},
             "due_in_s": None if self._deadline_s is None else max(0.0, self._deadline_s - now),
         }
 
@@ -136,7 +136,7 @@ class RoundController:
         require(timed, "snapshot.due_in_s", due_s, f"does not fit state {state!r}")
         for name in _KEPT:
             setattr(self, name, getattr(kept, name))
-        self._pellets = _Pellets(**pellets)
+        self.pellets = _Pellets(**pellets)
         self._reported_s = -math.inf  # reports were missed since
         self._deadline_s = None if due_s is None else now + due_s
         before_round = state == "starting" or (state == "returning_home" and self.after_home == "start")
@@ -161,7 +161,7 @@ class RoundController:
         matter, nor that a report shows nothing. A pellet that two reports show after it was collected is to be removed
         again: the node that shows it has forgotten it.
         """
-        before, pellets = self.spawned, self._pellets
+        before, pellets = self.spawned, self.pellets
         left, missed = set(ids), now - self._reported_s > _MISSED_S
         if pellets.left is not None:
             pellets.lasting |= pellets.left if missed else pellets.left & left
@@ -200,7 +200,7 @@ class RoundController:
 
     def tick(self, now: float) -> list[Action]:
         """What is due: the end of the start show or of the death show, another try to get home."""
-        if self._deadline_s is None or now < self._deadline_s:
+        if self._deadline_s is None or now < self._deadline_s or awaits_pellets(self, now):
             return []
         self._deadline_s = None
         if self.state == "starting":
@@ -219,7 +219,7 @@ class RoundController:
 
     def _reset_round(self) -> list[Action]:
         self.state = "menu"
-        self._pellets = _Pellets()
+        self.pellets = _Pellets()
         self._deadline_s = None
         words = [Action("command", "disable"), Action("command", "reset_round"), Action("event", "reset")]
         return [*words, *_RESETS, *self._latched()]
@@ -258,12 +258,12 @@ class RoundController:
         if not (argument.isascii() and argument.isdigit() and len(argument) < 10):
             return [Action("ignored", f"status 'pellet_collected:{argument}': not a pellet id")]
         pellet = int(argument)
-        if pellet in self._pellets.collected:
+        if pellet in self.pellets.collected:
             return [Action("ignored", f"pellet {pellet} was counted before")]
-        if self._pellets.left is not None and pellet not in self._pellets.shown:
+        if self.pellets.left is not None and pellet not in self.pellets.shown:
             return [Action("ignored", f"pellet {pellet} is not in this round")]
         before = self.spawned
-        self._pellets.collected.add(pellet)
+        self.pellets.collected.add(pellet)
         self.score += 1
         counts = [Action("collected", self.collected), Action("score", self.score), Action("event", "pellet")]
         end = self._complete() if round_complete(self.collected, self.spawned) else []
@@ -279,3 +279,9 @@ class RoundController:
         self.result = f"Death - Score: {self.score}"
         self._deadline_s = now + self.show.death_s
         return [Action("command", "disable"), Action("result", self.result), self._enter("dying")]
+
+
+def awaits_pellets(game: RoundController, now: float) -> bool:
+    """Whether the start show is over, and the round does not begin because there is no pellet in it."""
+    due_s = game._deadline_s
+    return game.state == "starting" and due_s is not None and now >= due_s and game.spawned == 0

@@ -126,6 +126,9 @@ ROUND = Topic("game/round", "std_msgs/Int32", LATCHED)
 BASE_CLYDE_SPEED = Topic("game/base_clyde_speed", "std_msgs/Float32", LATCHED)  # m/s
 CLYDE_SPEED = Topic("clyde/speed", "std_msgs/Float32", LATCHED)  # m/s
 
+#: JSON: nodes that do not do what the referee has asked them to, and what that is (``game/requests.py``).
+UNRESPONSIVE = Topic("game/unresponsive", "std_msgs/String", LATCHED)
+
 #: JSON: whether the robot is to stand whatever else is asked, by whose request and since when (``operator_stop.py``).
 OPERATOR_STOP = Topic("operator/stop", "std_msgs/String", LATCHED)
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pacman_env.config import ShowConfig
 from pacman_env.game.execution import round_complete
-from pacman_env.game.round import Action, RoundController, clyde_speed_mps
+from pacman_env.game.round import Action, RoundController, awaits_pellets, clyde_speed_mps
 
 SHOWN = ("command", "event", "state", "score", "round", "clyde_speed", "collected", "spawned", "result")
 
@@ -149,14 +149,21 @@ def test_a_pellet_report_that_overtakes_the_status_does_not_end_the_round(
     assert (game.state, game.spawned, game.collected) == ("running", 3, 2)
 
 
-def test_a_round_whose_pellets_were_never_reported_ends_by_the_planners_word_only() -> None:
+@pytest.mark.parametrize("reported", [False, True])
+def test_a_round_without_a_pellet_does_not_begin_before_there_is_one(reported: bool) -> None:
     game = RoundController()
     game.start(0.0)
     game.status("home_reached", 1.0)
-    game.tick(9.0)
-    game.status("pellet_collected:0", 20.0)
-    assert (game.state, game.spawned) == ("running", 0)
-    assert ("event", "win") in words(game.status("game_complete", 21.0))
+    if reported:
+        game.pellets_left([], 2.0)
+    assert not awaits_pellets(game, 8.9)
+    assert game.tick(9.0) == game.tick(20.0) == []
+    assert game.state == "starting"
+    assert awaits_pellets(game, 20.0)
+    assert (game.pellets.left is not None) == reported
+    assert words(game.pellets_left([3], 21.0)) == [("spawned", 1)]
+    assert ("state", "running") in words(game.tick(21.05))
+    assert not awaits_pellets(game, 21.1)
 
 
 def test_game_complete_after_the_last_pellet_raises_the_round_once() -> None:
@@ -229,6 +236,7 @@ def test_game_statuses_outside_of_running_are_ignored(word: str, state: str) -> 
     if state in ("starting", "dying"):
         game.status("home_reached", 1.0)
     if state == "dying":
+        game.pellets_left([1], 8.0)
         game.tick(9.0)
         game.status("death_detected", 10.0)
     assert game.state == state
@@ -280,6 +288,7 @@ def test_the_base_speed_is_announced_in_the_menu_and_kept_for_later_elsewhere() 
     game.start(0.0)
     assert game.base_clyde_speed(0.5) == []
     game.status("home_reached", 1.0)
+    game.pellets_left([1], 8.0)
     assert ("clyde_speed", 0.5) in words(game.tick(9.0))
 
 
@@ -391,6 +400,7 @@ def test_the_shows_go_on_with_the_rest_of_their_time() -> None:
     game = RoundController()
     game.start(0.0)
     game.status("home_reached", 1.0)
+    game.pellets_left([1], 2.0)
     other = RoundController()
     said = other.restore(game.snapshot(7.0), 1000.0)
     assert words(said, "command", "state") == [("command", "disable"), ("state", "starting")]

@@ -20,6 +20,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,10 @@ START_S = 300.0  # the first start may compile
 HANG_S = 60.0  # of real time, from a kill to a game that goes on
 REPAIR_S = 120.0  # then the node may be started again by itself; after that, this command kills it
 _PAUSE_S = 2.0  # between a game that goes on and the next kill, at most
+SETTINGS = ("clyde.speed_mps=0.02", "clyde.speed_step_mps=0.001", "show.start_s=1", "show.death_s=1")
+_SIMULATED_PAUSE_S = 20.0  # as the last, in lock-step
+_SIMULATED_HANG_S = 600.0
+_MOVED, _GONE = "clyde has moved", "removed pellets are not shown"
 _DEAD_PORT = "fastrtps_port"  # in shared memory
 
 
@@ -113,101 +118,92 @@ class Command:
             return self.process.wait()
 
 
-def watcher(namespace: str) -> Any:
-    """A node that counts what the nodes publish."""
-    from pacman_env.ros import topics
-    from pacman_env.ros.messages import pellets_of, pose_of
-    from pacman_env.ros.node import Observer, process_of
+class Watch:
+    """Counts what the nodes publish, and judges the score of each round."""
 
-    class Watcher(Observer):
-        def __init__(self) -> None:
-            super().__init__("pacman_kills", full_namespace(namespace))
-            self.counts: collections.Counter[str] = collections.Counter()  # of messages, by topic
-            self.ids: dict[str, int] = {}  # processes of nodes, as they name themselves
-            self.state: str | None = None
-            self.shown: set[int] = set()
-            self.removed: set[int] = set()  # of this round
-            self.clyde: tuple[float, ...] = ()
-            self.base, self.spawned, self.result = 0, 0, ""
-            self.rounds, self.deaths, self.wrong = 0, 0, list[str]()
-            handlers: list[tuple[Any, Callable[[Any], None]]] = [
-                (topics.CONFIGURATION, self._on_configuration),
-                (topics.GAME_STATE, self._on_state),
-                (topics.GAME_RESULT, self._on_result),
-                (topics.PELLETS_SPAWNED, self._on_spawned),
-                (topics.PELLETS_COLLECTED, lambda message: None),
-                (topics.PELLET_MARKERS, lambda message: self._show(set(pellets_of(message)))),
-                (topics.REMOVE_PELLET, lambda message: self.removed.add(message.data)),
-                (topics.CLYDE_POSE, lambda message: self._move(pose_of(message))),
-                (topics.PLAY_NOTES.statuses, lambda message: None),
-            ]
-            others = (topics.GAME_STATUS, topics.GAME_EVENT, topics.GAME_LIGHT, topics.GAME_SOUND, topics.LIGHT_RING)
-            handlers += [(topic, lambda message: None) for topic in others]
-            for topic, handle in handlers:
-                self._watch(topic, handle)
+    def __init__(self) -> None:
+        self.counts: collections.Counter[str] = collections.Counter()  # of messages, by topic
+        self.ids: dict[str, int] = {}  # processes of nodes, as they name themselves
+        self.state: str | None = None
+        self.shown: set[int] = set()
+        self.removed: set[int] = set()  # of this round
+        self.clyde: tuple[float, ...] = ()
+        self.base, self.spawned, self.result = 0, 0, ""
+        self.rounds, self.deaths, self.wrong = 0, 0, list[str]()
 
-        def _watch(self, topic: Any, handle: Callable[[Any], None]) -> None:
-            def receive(message: Any) -> None:
-                self.counts[topic.name] += 1
-                handle(message)
+    def subscribe(self, subscribe: Callable[[Any, Callable[[Any], None]], object]) -> None:
+        """Call ``subscribe`` for each topic, with what takes its messages."""
+        from pacman_env.ros import topics
+        from pacman_env.ros.messages import pellets_of, pose_of
+        from pacman_env.ros.node import process_of
 
-            topic.subscription(self, receive)
-
-        def _on_configuration(self, message: Any) -> None:
+        def configured(message: Any) -> None:
             if (plays := process_of(message)) is not None:
                 self.ids[str(plays["node"])] = int(plays["started"][2])
 
-        def _on_state(self, message: Any) -> None:
-            self.state = message.data
-            if self.state == "returning_home":
-                self.removed.clear()
+        def show(message: Any) -> None:
+            self.shown = set(pellets_of(message))
 
-        def _show(self, pellets: set[int]) -> None:
-            self.shown = pellets
+        known: list[tuple[Any, Callable[[Any], None]]] = [
+            (topics.CONFIGURATION, configured),
+            (topics.GAME_STATE, lambda message: self._enter(message.data)),
+            (topics.GAME_RESULT, lambda message: self._end(message.data)),
+            (topics.PELLETS_SPAWNED, lambda message: setattr(self, "spawned", message.data or self.spawned)),
+            (topics.PELLET_MARKERS, show),
+            (topics.REMOVE_PELLET, lambda message: self.removed.add(message.data)),
+            (topics.CLYDE_POSE, lambda message: self._move(pose_of(message))),
+        ]
+        counted = topics.PELLETS_COLLECTED, topics.PLAY_NOTES.statuses, topics.GAME_STATUS, topics.GAME_EVENT
+        known += [(topic, lambda message: None) for topic in (*counted, topics.GAME_LIGHT, topics.GAME_SOUND)]
+        known += [(topics.LIGHT_RING, lambda message: None)]
+        for topic, handle in known:
+            subscribe(topic, partial(self._receive, topic.name, handle))
 
-        def _move(self, pose: tuple[float, ...]) -> None:
-            if pose != self.clyde:
-                self.clyde = pose
-                self.counts["clyde has moved"] += 1
+    def _receive(self, name: str, handle: Callable[[Any], None], message: Any) -> None:
+        self.counts[name] += 1
+        handle(message)
 
-        def _on_spawned(self, message: Any) -> None:
-            self.spawned = message.data or self.spawned
+    def _enter(self, state: str) -> None:
+        self.state = state
+        if state == "returning_home":
+            self.removed.clear()
 
-        def _on_result(self, message: Any) -> None:
-            before, self.result = self.result, message.data
-            if self.result == before or not self.result:
-                return
-            score = int(self.result.rpartition(" ")[2])
-            if self.result.startswith("Complete"):
-                self.rounds += 1
-                if score != self.base + self.spawned:
-                    self.wrong.append(f"{self.result}, {self.base} before and {self.spawned} pellets")
-                self.base = score
-            else:
-                self.deaths, self.base = self.deaths + 1, 0
+    def _move(self, pose: tuple[float, ...]) -> None:
+        self.counts[_MOVED] += pose != self.clyde
+        self.clyde = pose
 
-    return Watcher()
+    def _end(self, result: str) -> None:
+        before, self.result = self.result, result
+        if result in ("", before):
+            return
+        score = int(result.rpartition(" ")[2])
+        if not result.startswith("Complete"):
+            self.deaths, self.base = self.deaths + 1, 0
+            return
+        self.rounds += 1
+        if score != self.base + self.spawned:
+            self.wrong.append(f"{result}, {self.base} before and {self.spawned} pellets")
+        self.base = score
 
 
 #: What must come after a node's return, by node: messages that follow from others' messages to it.
 _EFFECTS = {
     SIMULATOR: ("game_status",),
-    "pellet_manager": ("pellet_markers", "remove_pellet", "removed pellets are not shown"),
+    "pellet_manager": ("pellet_markers", "remove_pellet", _GONE),
     "audio_node": ("game_sound", "audio_note_sequence/_action/status"),
     "game_light_node": ("game_light", "cmd_lightring"),
-    "clyde_ghost_node": ("clyde_pose", "clyde has moved"),
+    "clyde_ghost_node": ("clyde_pose", _MOVED),
     "game_event_mapper": ("game_event", "game_light", "game_sound"),
     REFEREE: ("game_status", "game/pellets_collected"),
     SELECTOR: ("game_status", "remove_pellet"),
 }
 
 
-def missing(node: str, watch: Any, before: collections.Counter[str]) -> list[str]:
+def missing(node: str, watch: Watch, before: collections.Counter[str]) -> list[str]:
     """Effects of a node's return that were not seen yet, and the game's own: a pellet is counted."""
     wanted = ("game/pellets_collected", *_EFFECTS[node])
-    gone = "removed pellets are not shown"
-    lacking = [name for name in dict.fromkeys(wanted) if name != gone and watch.counts[name] <= before[name]]
-    return lacking + [gone] * (gone in wanted and bool(watch.shown & watch.removed))
+    lacking = [name for name in dict.fromkeys(wanted) if name != _GONE and watch.counts[name] <= before[name]]
+    return lacking + [_GONE] * (_GONE in wanted and bool(watch.shown & watch.removed))
 
 
 class Series:
@@ -215,11 +211,14 @@ class Series:
         self.rng = np.random.default_rng(arguments.seed)
         self.kills: list[Kill] = []
         self._stop_s = time.monotonic() + 60.0 * arguments.minutes if arguments.minutes else float("inf")
-        settings = ("clyde.speed_mps=0.02", "clyde.speed_step_mps=0.001", "show.start_s=1", "show.death_s=1")
         words = ["--map", arguments.map, "--policy", arguments.policy, "--sim", "--speed", f"{arguments.speed:g}"]
-        words += [word for setting in settings for word in ("--set", setting)]
+        words += [word for setting in SETTINGS for word in ("--set", setting)]
         words += ["--start", "--play-on", *(["--domain-id", str(arguments.domain_id)] if arguments.domain_id else [])]
-        self.watch = watcher(NAMESPACE)
+        from pacman_env.ros.node import Observer
+
+        self.node = Observer("pacman_kills", full_namespace(NAMESPACE))
+        self.watch = Watch()
+        self.watch.subscribe(lambda topic, receive: topic.subscription(self.node, receive))
         self.command = Command(words, folder, arguments.transport)
 
     def spin_until(self, condition: Callable[[], object], timeout_s: float) -> bool:
@@ -229,7 +228,7 @@ class Series:
                 raise ValueError(f"ros up has ended:\n{self.command.log.read_text()[-2000:]}")
             if time.monotonic() > end:
                 return False
-            self.watch.spin(0.05)
+            self.node.spin(0.05)
         return True
 
     def pause(self, seconds: float) -> None:
@@ -276,19 +275,63 @@ class Series:
         if len(self.kills) % 10 == 0:
             print(f"{len(self.kills)} kills, {watch.rounds} rounds, {len(watch.wrong)} wrong", flush=True)
 
-    def figures(self) -> dict[str, Any]:
-        on_s = sorted(kill.on_s for kill in self.kills)
-        return {
-            "kills": len(self.kills),
-            "by_node": dict(collections.Counter(kill.node for kill in self.kills)),
-            "on_s": {"median": statistics.median(on_s), "longest": on_s[-1]} if on_s else {},
-            "back_s": statistics.median(kill.back_s for kill in self.kills) if on_s else None,
-            "hangs": [asdict(kill) for kill in self.kills if kill.missing],
-            "rounds": self.watch.rounds,
-            "deaths": self.watch.deaths,
-            "wrong_scores": self.watch.wrong,
-            "restarts_by_supervisor": self.command.restarts(),
-        }
+
+def simulated(arguments: argparse.Namespace, folder: Path) -> tuple[list[Kill], Watch]:
+    """The same in lock-step: all times are simulated, and a game that hangs is abandoned with ValueError."""
+    from pacman_env.ros import topics
+    from pacman_env.ros.lock_step.deliveries import NodeFailed
+    from pacman_env.ros.lock_step.game import LockStepGame
+    from tests.ros import session
+
+    rng, watch, kills = np.random.default_rng(arguments.seed), Watch(), list[Kill]()
+    with session.game(folder, arguments.map, arguments.policy, arguments.seed, settings=SETTINGS) as whole:
+        game = whole.game
+        assert isinstance(game, LockStepGame)
+        watch.subscribe(
+            lambda topic, receive: game.subscribe(whole.observer, partial(topic.subscription, whole.observer, receive))
+        )
+
+        def until(condition: Callable[[], object], limit_s: float) -> bool:
+            end_s = whole.now_s + limit_s
+            while not condition() and whole.now_s < end_s:
+                if watch.state == "menu":
+                    with suppress(NodeFailed):  # no referee is there to answer
+                        game.call(whole.observer, topics.START_GAME, 5.0)
+                game.advance(0.5)
+            return bool(condition())
+
+        while len(kills) < arguments.kills:
+            for node in [NODES[k] for k in rng.permutation(len(NODES))]:
+                end_s = whole.now_s + rng.uniform(0.0, _SIMULATED_PAUSE_S)
+                until(lambda end_s=end_s: whole.now_s >= end_s, _SIMULATED_PAUSE_S)
+                kill, killed_s = Kill(node, watch.state), whole.now_s
+                game.kill(node)
+                there = until(lambda node=node: game.member(node) is not None, HANG_S)
+                kill.back_s, before = whole.now_s - killed_s, watch.counts.copy()
+                if not (there and until(lambda n=node, b=before: not missing(n, watch, b), _SIMULATED_HANG_S)):
+                    kill.missing = missing(node, watch, before)
+                kill.on_s = whole.now_s - killed_s
+                kills.append(kill)
+                if kill.missing:
+                    return kills, watch
+        errors = whole.errors()
+    watch.wrong += errors
+    return kills, watch
+
+
+def figures(kills: Sequence[Kill], watch: Watch) -> dict[str, Any]:
+    on_s = sorted(kill.on_s for kill in kills)
+    return {
+        "kills": len(kills),
+        "by_node": dict(collections.Counter(kill.node for kill in kills)),
+        "in_state": dict(collections.Counter(kill.state for kill in kills)),
+        "on_s": {"median": statistics.median(on_s), "longest": on_s[-1]} if on_s else {},
+        "back_s": statistics.median(kill.back_s for kill in kills) if on_s else None,
+        "hangs": [asdict(kill) for kill in kills if kill.missing],
+        "rounds": watch.rounds,
+        "deaths": watch.deaths,
+        "wrong": watch.wrong,
+    }
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -300,17 +343,21 @@ def run(arguments: argparse.Namespace) -> int:
     folder = arguments.logs or Path(tempfile.mkdtemp(prefix="kills_"))
     folder.mkdir(parents=True, exist_ok=True)
     join(arguments.domain_id, this_machine=True)
-    series = Series(arguments, folder)
-    try:
-        series.play(arguments.kills)
-    finally:
-        status = series.command.end()
-        figures = {"transport": arguments.transport, "speed": arguments.speed, **series.figures(), "status": status}
-        series.watch.close()
-        print(json.dumps(figures, indent=2))
-        if arguments.json:
-            write_json(arguments.json, figures)
-    return FAULT_STATUS if figures["hangs"] or figures["wrong_scores"] or status else 0
+    found: dict[str, Any] = {"lock_step": arguments.lock_step}
+    if arguments.lock_step:
+        found |= figures(*simulated(arguments, folder))
+    else:
+        series = Series(arguments, folder)
+        try:
+            series.play(arguments.kills)
+        finally:
+            found |= {"transport": arguments.transport, "speed": arguments.speed, "status": series.command.end()}
+            found |= {"restarts_by_supervisor": series.command.restarts(), **figures(series.kills, series.watch)}
+            series.node.close()
+    print(json.dumps(found, indent=2))
+    if arguments.json:
+        write_json(arguments.json, found)
+    return FAULT_STATUS if found["hangs"] or found["wrong"] or found.get("status") else 0
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -323,6 +370,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--policy", default="nearest", help="(%(default)s)")
     add("--speed", type=float, default=10.0, help="of the simulated clock (%(default)g)")
     add("--seed", type=whole_number(0), default=0, help="of order and moments (%(default)s)")
+    add(
+        "--lock-step",
+        action="store_true",
+        help="all nodes in one process, times are simulated: repeatable",
+    )
     add("--transport", choices=TRANSPORTS, default="default", help="of the middleware (%(default)s: the game's own)")
     add("--domain-id", type=whole_number(0), default=None, help="ROS domain (ROS_DOMAIN_ID)")
     add("--logs", type=Path, help="folder for what the processes print (a new one in the temporary folder)")

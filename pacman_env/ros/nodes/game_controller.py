@@ -4,7 +4,7 @@ All decisions are made in ``game/round.py``; here its inputs come in as messages
 It alone knows how a game stands, so it saves it in a file: killed and started again, it goes on with it.
 """
 
-import math
+import json
 import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
@@ -15,7 +15,8 @@ from typing import Any
 from platformdirs import user_state_path
 
 from pacman_env.config import MAX_SPEED_MPS
-from pacman_env.game.round import Action, RoundController
+from pacman_env.game.requests import Removals, Requests
+from pacman_env.game.round import Action, RoundController, awaits_pellets
 
 from .. import topics
 from ..messages import number_of, pellets_of, word_of
@@ -26,7 +27,7 @@ from .state_file import StateFile
 
 NAME = "game_controller"
 _TICK_S = 0.05
-_ANSWER_S = 2.0  # of wall time: a service that has not answered by then is called again
+_PELLETS_S = 6.0  # of wall time: so long a round waits for its first pellet before that is reported
 _EARLY = 10_000  # pellets at most
 _SAVE_S = 1.0  # of wall time: what is saved is never older
 _PUBLISHED = {
@@ -42,6 +43,7 @@ _PUBLISHED = {
     "remove": topics.REMOVE_PELLET,
 }
 _STARTED = "a round begins: the robot drives home first"
+_SERVED_BY = {"reset_pellets": "pellet_manager", "reset_clyde": "clyde_ghost_node"}
 _CALLED = {"reset_pellets": topics.RESET_PELLETS, "reset_clyde": topics.RESET_CLYDE}
 
 
@@ -52,7 +54,10 @@ class GameController(GameNode):
         self._operator = OperatorStop(self)  # a planner that restarts receives a stop before the state of a round
         self._out = {kind: topic.publisher(self) for kind, topic in _PUBLISHED.items()}
         self._resets = {kind: service.client(self) for kind, service in _CALLED.items()}
-        self._due: dict[str, float] = {}  # services that have not answered, and when to call them, in wall time
+        self._requests, self._removals = Requests(), Removals()  # by wall time
+        self._waits_s: float | None = None  # since when a round waits for its pellets, wall time
+        self._unresponsive: dict[str, str] = {}  # as published
+        self._unresponsive_out = topics.UNRESPONSIVE.publisher(self)
         self._met: set[str] = set()  # services that have been there
         self._file = self._state_file()
         self._saved = self._load()  # a game to resume, at the first tick: then there is a clock
@@ -110,30 +115,49 @@ class GameController(GameNode):
             if action.kind == "ignored":
                 self.once.warning(f"ignored in state {self.game.state}", str(action.value))
             elif action.kind in _CALLED:
-                self._due[action.kind] = -math.inf
+                self._requests.ask(action.kind, self.surroundings.monotonic())
             else:
                 self._out[action.kind].publish(_PUBLISHED[action.kind].type(data=action.value))
         self._call_services()
 
     def _call_services(self) -> None:
         """Call each service until it answers: one that is frozen receives the call when it is back, or never."""
-        now = self.surroundings.monotonic()
-        for kind, due in sorted(self._due.items()):
-            client = self._resets[kind]
-            if self.game.state == "running" and self.game.collected:  # too late: the round is on
-                self.once.warning(kind, f"{_CALLED[kind].name}: no server, the round goes on without it")
-                del self._due[kind]
-            elif now >= due and client.service_is_ready():
-                self._met.add(kind)
-                answer = client.call_async(_CALLED[kind].type.Request())
-                answer.add_done_callback(partial(self._on_answer, kind))
-                self._due[kind] = now + _ANSWER_S
+        for kind in _CALLED:
+            if kind in self._requests and self.game.state == "running" and self.game.collected:  # the round is on
+                self.once.warning(kind, f"{self._requests.unanswered(kind)}; the round goes on without it")
+                self._requests.answered(kind)
+        for kind in self._requests.due(
+            self.surroundings.monotonic(), lambda kind: self._resets[kind].service_is_ready()
+        ):
+            self._met.add(kind)
+            answer = self._resets[kind].call_async(_CALLED[kind].type.Request())
+            answer.add_done_callback(partial(self._on_answer, kind))
 
     def _on_answer(self, kind: str, answer: Any) -> None:
-        self._due.pop(kind, None)
+        self._requests.answered(kind)
         problem = answer.exception() or (None if answer.result().success else answer.result().message)
         if problem is not None:
             self.once.warning(f"{kind} failed", f"{_CALLED[kind].name}: {problem}")
+
+    def _report(self) -> None:
+        """Publish which nodes do not do what they were asked to, when that changes; the log has it, too."""
+        now = self.surroundings.monotonic()
+        found = {_SERVED_BY[kind]: words for kind, words in self._requests.overdue(now).items()}
+        self._waits_s = None if not awaits_pellets(self.game, self.now_s()) else self._waits_s or now
+        self._removals.shown(frozenset(self.game.pellets.still_shown), now)
+        if words := self._removals.overdue(now):
+            found.setdefault("pellet_manager", words)
+        if self._waits_s is not None and now - self._waits_s >= _PELLETS_S:
+            what = "it shows no pellet" if self.game.pellets.left is not None else f"no {topics.PELLET_MARKERS.name}"
+            found.setdefault("pellet_manager", f"{what}, so no round begins")
+        if found.keys() == self._unresponsive.keys():
+            return
+        for node in found.keys() - self._unresponsive.keys():
+            self.once.warning(f"{node} does not respond", f"{node} does not respond: {found[node]}")
+        for node in self._unresponsive.keys() - found.keys():
+            self.once.over(f"{node} does not respond")
+        self._unresponsive = found
+        self._unresponsive_out.publish(topics.UNRESPONSIVE.type(data=json.dumps(found)))
 
     def _start(self) -> list[Action]:
         if self._saved is not None:
@@ -164,6 +188,7 @@ class GameController(GameNode):
                 self._do(self.game.status(word, self.now_s()))
             self.get_logger().info(f"goes on in state {self.game.state!r}, score {self.game.score}")
         self._do(self.game.tick(self.now_s()))
+        self._report()
 
     def _on_status(self, message: Any) -> None:
         word = word_of(message)
@@ -171,7 +196,7 @@ class GameController(GameNode):
             if word.startswith("pellet_collected:") and len(self._early) < _EARLY:
                 self._early[word] = None  # the end of the round may be reported right after it
             return
-        if word == "game_complete" and "reset_pellets" in self._due:
+        if word == "game_complete" and "reset_pellets" in self._requests:
             self.once.warning("no pellets yet", "game_complete: the pellets of this round have not been put back yet")
             return
         self._do(self.game.status(word, self.now_s()))
@@ -179,7 +204,7 @@ class GameController(GameNode):
     def _on_pellets(self, message: Any) -> None:
         if self._saved is not None:
             return  # of a game that is not gone on with yet; the next report comes within a second
-        if "reset_pellets" in self._due and "reset_pellets" in self._met:
+        if "reset_pellets" in self._requests and "reset_pellets" in self._met:
             return  # of the round before: the pellets of this one have not been put back yet
         self._do(self.game.pellets_left(pellets_of(message), self.now_s()))
 

@@ -33,6 +33,7 @@ from pacman_env.ros.node import BaseNode
 from pacman_env.ros.selector.believed_pose import BASE, BelievedPose
 from pacman_env.ros.selector.message_queue import MessageQueue
 from pacman_env.ros.selector.reasons import troubles_of
+from pacman_env.ros.supervisor.unresponsive import WORDS, reasons_of
 from pacman_env.web.game import News
 from pacman_env.world.navigation.localization import compose
 
@@ -200,6 +201,7 @@ class GameState:
         self.result = ""
         self.numbers: dict[str, float] = {}
         self.condition: dict[str, Any] = {}  # the goal selector's own
+        self.unresponsive: dict[str, str] = {}  # by node, as the referee reports
         self.configuration: dict[str, Any] = {}
         self.configuration_text = ""  # as JSON
         self._began_s: float | None = None  # the round, by the robot's clock
@@ -264,6 +266,14 @@ class GameState:
         pursued = self.condition.get("pursued")
         self.goal = pursued if isinstance(pursued, int) and pursued >= 0 else -1
 
+    def on_unresponsive(self, message: Any) -> None:
+        before, self.unresponsive = self.unresponsive, reasons_of(message)
+        for node, reason in self.unresponsive.items():
+            if node not in before:
+                self._news.add(words=f"{WORDS.format(node)}: {reason}")
+        for node in before.keys() - self.unresponsive.keys():
+            self._news.add(words=f"{node} responds again")
+
     def on_candidates(self, message: Any) -> None:
         given = object_of(message, _LONGEST)
         places = [(float(x), float(y)) for x, y in given["places"][:_MOST]]
@@ -302,6 +312,7 @@ class PageNode(BaseNode):
             (topics.PELLET_MARKERS, game.on_pellets),
             (topics.CONFIGURATION, game.on_configuration),
             (topics.DIAGNOSTICS, game.on_condition),
+            (topics.UNRESPONSIVE, game.on_unresponsive),
             (topics.CANDIDATES, game.on_candidates),
             (topics.SCORES, game.on_scores),
             (topics.MAP, robot.on_map),

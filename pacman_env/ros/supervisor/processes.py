@@ -19,6 +19,9 @@ SLOW_START_S = 10.0  # the pause between two starts of a dying node is doubled u
 MANY = 5  # deaths ...
 SOON_S = 60.0  # ... within this time: starting it again does not help
 BAD_START = 2  # exit status of a node that refuses its arguments (``node.py``)
+AT_REST_S = 20.0  # a process that runs for less long may still be starting
+RESTARTS = 3  # of a process that does not respond ...
+RESTARTS_S = 600.0  # ... within this time: another one does not help
 _LOG_END = 2000  # bytes of a log that are searched for the reason of a death
 #: A line that is no reason: of the log, below a warning.
 _NO_REASON = re.compile(r"\[(DEBUG|INFO)\]")
@@ -37,6 +40,9 @@ class Member:
     due_s: float | None = None  # when it is started again
     log_begins: int = 0  # bytes that earlier lives have written
     deaths: list[float] = field(default_factory=list)
+    started_s: float = 0.0
+    restarts: list[float] = field(default_factory=list)  # because it did not respond
+    left_alone: bool = False  # so often that it is not started again
 
 
 @dataclass
@@ -97,6 +103,22 @@ class ProcessGroup:
         many = len(member.deaths) >= MANY
         return f"died {MANY} times within {SOON_S:.0f} s, at last it {ended}" if many else ended, many
 
+    def restart(self, name: str, reason: str) -> None:
+        """Kill a process that runs and does not respond, so that ``tend`` starts it again; not too often."""
+        member, now = self._members[name], time.monotonic()
+        if member.process is None or member.process.poll() is not None or now - member.started_s < AT_REST_S:
+            return
+        member.restarts = [when for when in member.restarts if now - when < RESTARTS_S]
+        if len(member.restarts) < RESTARTS:
+            member.restarts.append(now)
+            member.left_alone = False
+            self.report(f"{name} is started again: {reason}")
+            member.process.kill()  # it may not be able to end by itself
+            member.process.wait()
+        elif not member.left_alone:
+            member.left_alone = True
+            self.report(f"{name}: {RESTARTS} restarts did not help: {reason}")
+
     def tend(self) -> list[str]:
         """Start again what died and is due, and return the names of those found dead; Lost if that does not help."""
         dead, now = [], time.monotonic()
@@ -154,7 +176,7 @@ class ProcessGroup:
                 env=self.environment,
                 start_new_session=True,  # Ctrl-C is for the command, which stops the nodes in order
             )
-        member.due_s = None
+        member.due_s, member.started_s = None, time.monotonic()
 
 
 def end(process: subprocess.Popen[bytes] | subprocess.Popen[str], patience_s: float) -> bool:

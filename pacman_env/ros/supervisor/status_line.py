@@ -22,6 +22,7 @@ from pacman_env.ros.selector.reasons import REMEDIES, troubles_of
 from pacman_env.ros.supervisor.checks.check import LONGEST_JSON
 from pacman_env.ros.supervisor.game_nodes import full_namespace
 from pacman_env.ros.supervisor.terminal import fitted, plain
+from pacman_env.ros.supervisor.unresponsive import Unresponsive
 
 HALT_S = 1.0  # for Nav2's answer
 KNOWN_S = 0.3  # a server that is ready for a client may not know its reader yet, and drops its answer
@@ -71,6 +72,7 @@ class StatusLine(Observer):
         self._pose_ns: int | None = None
         topics.AMCL_POSE.subscription(self, self._on_pose)
         self.operator = OperatorStop(self, obeys=False)
+        self.unresponsive = Unresponsive(self)
         self._cmd_vel: Any = None
         self._callers: dict[str, Any] = {}
 
@@ -105,9 +107,9 @@ class StatusLine(Observer):
 
     @property
     def troubles(self) -> dict[str, str]:
-        """Those of the goal selector that are not over, with their words."""
-        found = troubles_of(self.condition).items()
-        return {plain(kind, LONGEST_WORD): plain(text, LONGEST_WORD) for kind, text in found}
+        """Nodes that do not respond, and what the goal selector reports, with their words; none that is over."""
+        found = {**self.unresponsive.troubles, **troubles_of(self.condition)}
+        return {plain(kind, LONGEST_WORD): plain(text, LONGEST_WORD) for kind, text in found.items()}
 
     def others(self) -> str:
         """Which game is here already, or publishes the time, as far as it is discovered; empty if there is none."""
@@ -128,6 +130,7 @@ class StatusLine(Observer):
             "nodes": sorted(self.nodes),
             "stopped": self.operator.stopped if self.operator.known else None,
             "goal_selector": self.condition or None,
+            "unresponsive": dict(self.unresponsive.reasons),
             "invalid": dict(self.invalid),
         }
 

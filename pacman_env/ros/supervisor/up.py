@@ -20,6 +20,8 @@ from pacman_env.ros.node import Stop
 from pacman_env.ros.supervisor import game_nodes, warm_up
 from pacman_env.ros.supervisor.game_lock import GameLock
 from pacman_env.ros.supervisor.game_nodes import (
+    COMPOSED,
+    GAME,
     LOCK_STEP,
     MOVERS,
     PROCESSES,
@@ -188,6 +190,7 @@ class _Play:
                     self.wanted.append(START_GAME)
                 self._handle_keys()
                 self._call_services()
+                self._restart_unresponsive()
                 if SELECTOR in processes.tend():
                     self.status_line.halt()  # no node watches over its goal any more
                 if awaited:
@@ -249,6 +252,13 @@ class _Play:
                 self.starts = self.play_on or (self.starts and service is not START_GAME)
             elif service is not START_GAME or not self.starts:  # else it is asked again
                 self.writer.print(f"{service.name}: {answer.result().message}")
+
+    def _restart_unresponsive(self) -> None:
+        """Of nodes that do not do what the referee asks them to: frozen ones, or those that receive nothing."""
+        for node, reason in self.status_line.unresponsive.reasons.items():
+            process = COMPOSED if node in GAME and COMPOSED in self.processes else node
+            if process in self.processes:
+                self.processes.restart(process, reason)
 
     def _stop_all(self) -> list[str]:
         self.lock.stopping()

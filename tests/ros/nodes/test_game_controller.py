@@ -254,6 +254,7 @@ def test_a_show_is_not_prolonged_by_a_clock_that_is_set_back(nodes: Session) -> 
     assert nodes.call(topics.START_GAME).success
     status(nodes, "home_reached")
     assert last(nodes, topics.GAME_STATE) == "starting"
+    pellets(nodes, [1])
     began_s = nodes.now_s
     nodes.advance(1.0)
     nodes.node(CLOCK).set(100)  # from 1000: the show would last for 900 s more

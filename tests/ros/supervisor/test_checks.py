@@ -12,7 +12,15 @@ import pytest
 
 from pacman_env.ros.supervisor.checks import CHECKS, examine, is_ready, render
 from pacman_env.ros.supervisor.checks.check import BAD, OK, UNKNOWN, Finding, Moment, Observations
-from pacman_env.ros.supervisor.checks.game import CLOUDS, CONFIGURATIONS, DIAGNOSTICS, MANAGERS, STATE, STATES
+from pacman_env.ros.supervisor.checks.game import (
+    CLOUDS,
+    CONFIGURATIONS,
+    DIAGNOSTICS,
+    MANAGERS,
+    STATE,
+    STATES,
+    UNRESPONSIVE,
+)
 from pacman_env.ros.supervisor.checks.network import CLOCK, STAMPS, Clock, Delays
 from pacman_env.ros.supervisor.checks.robot import (
     CHARGE,
@@ -47,6 +55,7 @@ SOURCES = {
     "charge": CHARGE,
     "state": STATE,
     "condition": DIAGNOSTICS,
+    "unresponsive": UNRESPONSIVE,
 }
 
 
@@ -129,6 +138,7 @@ FACTS: dict[str, Any] = {
     "configurations": tuple(plays(name) for name in (*GAME, SELECTOR)),
     "state": "menu",
     "condition": {"policy": "ppo", "active": True, "nav2": True, "troubles": {}},
+    "unresponsive": {},
 }
 
 
@@ -270,6 +280,8 @@ SPEEDY = {"clyde": {"speed_mps": 0.35}, "show": {"start_s": 8.0}}
          "it starts when the robot has a pose"),
         ({"configurations": (plays("audio_node"), plays("audio_node", started=(2000.0, "pi", 4)))}, "game's nodes",
          "audio_node runs 2 times: process 17 on laptop, process 4 on pi", "end all but one"),
+        ({"unresponsive": {"pellet_manager": "reset_pellets: no answer to 3 calls"}}, "game's answers",
+         "pellet_manager does not respond, reset_pellets: no answer to 3 calls", "kill -9 17"),
         ({"configurations": (plays("game_controller"), plays("audio_node", hash="d", configuration=SPEEDY))},
          "configuration", "audio_node plays by clyde.speed_mps 0.35, there 0.25 (there: game_controller)", UP),
         ({"configurations": (plays("game_controller"), plays("audio_node", hash="d"))}, "configuration",
@@ -396,7 +408,7 @@ def test_the_list_fits_80_columns_but_for_commands_which_stay_whole() -> None:
     assert [line for line in lines if len(line) > 80 and line.strip() not in commands] == []
     assert lines[1].startswith("ok  ROS ")
     assert any(line.startswith("BAD dock ") for line in lines)
-    assert lines[-1] == "6 of 21 BAD: time of odom, dock, lidar, map, clyde_obstacle, clyde_trail"
+    assert lines[-1] == "6 of 22 BAD: time of odom, dock, lidar, map, clyde_obstacle, clyde_trail"
     assert render(examine(robot()), "title").endswith("\nnothing is BAD")
 
 

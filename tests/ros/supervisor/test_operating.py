@@ -248,6 +248,24 @@ def test_the_page_and_a_node_come_back_when_they_were_killed(game: Game) -> None
     game.probe.answered_by("/robot_15/game_light_node", anew=True)
 
 
+def test_a_pellet_manager_that_is_there_and_does_not_answer_is_reported_and_started_again(
+    game: Game, domain: int
+) -> None:
+    terminal, number = game.terminal, pid_of("pellet_manager")
+    game.in_menu()
+    assert number is not None
+    os.kill(number, signal.SIGSTOP)
+    since = len(terminal.lines)
+    terminal.press("s")
+    words = r"^pellet_manager is started again: reset_pellets: no answer to \d calls$"
+    game.wait_for(lambda: terminal.shows(words, since), "the restart")
+    game.wait_for(lambda: terminal.shows(r"^\w+ +round .*pellet_manager does not respond", since), "the report")
+    game.wait_for(lambda: pid_of("pellet_manager") not in (None, number), "another pellet manager")
+    game.wait_for(lambda: terminal.shows(r"^running +round 1 +score \d+ +pellets \d+/13", since), "the round")
+    assert not terminal.shows(r"^running .* pellets 0/0", since)
+    game.in_menu()
+
+
 def test_the_doctor_finds_a_whole_simulated_game_ready_and_names_another_map_and_namespace(
     game: Game, domain: int
 ) -> None:

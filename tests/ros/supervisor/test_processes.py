@@ -192,3 +192,27 @@ time.sleep(600)
         wait_for(lambda: log.exists() and "ready" in log.read_text(), "the node runs")
         process.send_signal(signal.SIGKILL)
     wait_for(order.exists, "the node has ended")
+
+
+def test_a_process_that_does_not_respond_is_started_again_but_not_too_soon_or_too_often(
+    group: ProcessGroup, said: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    group.start("stubborn")
+    ready(group, "stubborn")
+    first = group.ids()
+    group.restart("stubborn", "no answer")
+    assert (group.ids(), said) == (first, [])  # it has only just been started
+    monkeypatch.setattr(module, "AT_REST_S", 0.0)
+    monkeypatch.setattr(module, "SLOW_START_S", 0.0)
+    for count in range(1, module.RESTARTS + 1):
+        before = group.ids()
+        group.restart("stubborn", "no answer")
+        assert said.count("stubborn is started again: no answer") == count
+        wait_for(lambda before=before: group.tend() == [] and group.ids().items() - before.items(), "another process")
+    last = group.ids()
+    for _ in range(2):
+        group.restart("stubborn", "no answer")
+    assert group.ids() == last
+    assert said[-1] == "stubborn: 3 restarts did not help: no answer"
+    assert sum("did not help" in line for line in said) == 1
+    os.kill(last["stubborn"], signal.SIGKILL)

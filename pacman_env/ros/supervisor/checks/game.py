@@ -121,6 +121,15 @@ STATE = Source("game_state", "std_msgs/String", newest(_state), "LATCHED")
 DIAGNOSTICS = Source("goal_selector/diagnostics", "std_msgs/String", newest(_object), "LATCHED")
 
 
+def _reasons(message: Any) -> dict[str, str]:
+    from pacman_env.ros.supervisor.unresponsive import reasons_of
+
+    return reasons_of(message)
+
+
+UNRESPONSIVE = Source("game/unresponsive", "std_msgs/String", newest(_reasons), "LATCHED")
+
+
 def _configurations(robot: Observations) -> list[Mapping[str, Any]]:
     """Of the nodes that are there; a node that was started again meanwhile has published two."""
     there = Counter(name.rpartition("/")[2] for name in robot.publishers.get(robot.full(CONFIGURATIONS.name), ()))
@@ -164,6 +173,21 @@ def _duplicates(robot: Observations) -> list[str]:
             _, host, number = configured["started"]
             found.setdefault(configured["node"], []).append(f"process {number} on {host}")
     return [f"{name} runs {len(ids)} times: {listed(ids)}" for name, ids in found.items() if len(ids) > 1]
+
+
+def _check_responses(robot: Observations) -> Finding | None:
+    if robot.full(REFEREE) not in robot.nodes:
+        return None
+    reasons = robot.get(UNRESPONSIVE)
+    if reasons is None:
+        return Finding.unknown(robot.silence(UNRESPONSIVE.name), "nodes of the original game do not report it")
+    if not reasons:
+        return Finding.ok("what the referee asks for is done")
+    ids = {one["node"]: one["started"][2] for one in _configurations(robot)}
+    summary = listed(f"{node} does not respond, {reason}" for node, reason in reasons.items())
+    remedy = "ros up starts such a node again, at most 3 times in 10 min; under ros2 launch, on its computer"
+    number = next((ids[node] for node in reasons if node in ids), None)
+    return Finding.bad(summary, remedy, "" if number is None else f"kill -9 {number}")
 
 
 def _check_configuration(robot: Observations) -> Finding:
@@ -231,6 +255,12 @@ CHECKS = (
     ),
     *(Check(topic, f"Do both costmaps subscribe to {topic}?", partial(_check_cloud, topic)) for topic in CLOUDS),
     Check("game's nodes", "Does each node of the game run exactly once?", _check_game_nodes, _PLAYS),
+    Check(
+        "game's answers",
+        "Do all nodes do what the referee asks them to?",
+        _check_responses,
+        (UNRESPONSIVE, CONFIGURATIONS),
+    ),
     Check("configuration", "Do all nodes have the same configuration and map?", _check_configuration, _PLAYS),
     Check("game", "What is the state of the game?", _check_game, (STATE, DIAGNOSTICS)),
 )
