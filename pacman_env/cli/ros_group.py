@@ -16,6 +16,7 @@ WAIT_S = 10.0
 ASKING = {
     "start": "begin a round of the game that is up",
     "reset": "break off whatever goes on: back to the menu",
+    "continue": "after a jump of the robot's pose: play on with the pose as it is",
     "stop": "the robot stands at once, and stays so whatever the game wants",
     "release": "after a stop: release the robot",
     "status": "how the game stands",

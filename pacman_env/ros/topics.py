@@ -176,6 +176,7 @@ DIAGNOSTICS = Topic("goal_selector/diagnostics", "std_msgs/String", LATCHED)
 
 START_GAME = Service("game/start", "std_srvs/Trigger")
 RESET_GAME = Service("game/reset", "std_srvs/Trigger")
+CONTINUE = Service("goal_selector/continue", "std_srvs/Trigger")  # with the believed pose, after a jump
 RESET_PELLETS = Service("reset_pellets", "std_srvs/Trigger")
 RESET_CLYDE = Service("reset_clyde", "std_srvs/Trigger")
 CLEAR_GLOBAL_COSTMAP = Service("global_costmap/clear_entirely_global_costmap", "nav2_msgs/ClearEntireCostmap")

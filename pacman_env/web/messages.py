@@ -58,6 +58,17 @@ class PlaceClyde(Message, frozen=True, tag="place_clyde"):
     ghost: Annotated[int, Meta(ge=0, le=3)] = 0
 
 
+class SetPose(Message, frozen=True, tag="set_pose"):
+    """Where the robot stands, m and rad, for its localization."""
+
+    x: Number
+    y: Number
+    heading: Annotated[float, Meta(ge=-7, le=7)]
+
+
+class Continue(Message, frozen=True): ...  # with the pose that is believed, after it has jumped
+
+
 class Stop(Message, frozen=True): ...  # the robot stands at once, until the release
 
 

@@ -24,7 +24,7 @@ from pacman_env.ros.lock_step.game import LockStepGame
 from pacman_env.ros.lock_step.members import Member
 from pacman_env.ros.lock_step.stepper import LockStep
 from pacman_env.ros.node import BaseNode, node_class
-from pacman_env.ros.supervisor.game_nodes import REFEREE, GameSetup
+from pacman_env.ros.supervisor.game_nodes import REFEREE, SELECTOR, GameSetup
 
 NAMESPACE = "/robot_15"
 T = TypeVar("T")
@@ -103,8 +103,8 @@ class Session:
 
     def start(self, name: str, make: Callable[[], BaseNode] | None = None, **parameters: Any) -> Member:
         """Start one of the game's nodes, or what ``make`` makes, with parameters; one step later it knows the time."""
-        if name == REFEREE:
-            parameters = {"state_file": str(self.folder / "game_controller.json"), **parameters}
+        if name in (REFEREE, SELECTOR):
+            parameters = {"state_file": str(self.folder / f"{name}.json"), **parameters}
         member = self.game.add(make or node_class(name), self._arguments(**parameters))
         self.game.step()
         return member
@@ -271,8 +271,9 @@ def game(
     """
     gc.collect()  # a node of an earlier session that is collected later takes the log of its name with it
     extra = fields.pop("extra", {})
-    referee = {"state_file": str(folder / "game_controller.json"), **extra.get(REFEREE, {})}
-    setup = GameSetup(str(map), policy, NAMESPACE, sim=True, extra={**extra, REFEREE: referee}, **fields)
+    for name in (REFEREE, SELECTOR):
+        extra = {**extra, name: {"state_file": str(folder / f"{name}.json"), **extra.get(name, {})}}
+    setup = GameSetup(str(map), policy, NAMESPACE, sim=True, extra=extra, **fields)
     whole = kind(setup, seed, alone=alone)
     try:
         yield Session(whole, folder)

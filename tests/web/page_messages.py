@@ -19,6 +19,8 @@ RIGHT: dict[str, dict[str, Any]] = {
     "setup": {"map": "house", "ghosts": ["chase"], "seed": 3, "settings": {"endless": True}},
     "clyde_speed": {"mps": 0.3},
     "place_clyde": {"x": 1.5, "y": -2},
+    "set_pose": {"x": 1.5, "y": -2, "heading": 0.5},
+    "continue": {},
     "stop": {},
     "release": {},
     "control": {"what": "take"},

@@ -21,6 +21,7 @@ from std_msgs.msg import Header
 from pacman_env.policies.registry import policy_names
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import join
+from pacman_env.ros.messages import pose_message
 from pacman_env.ros.operator_page.page_node import PageNode
 from pacman_env.ros.operator_page.ros_driving import RosDriving, require_word
 from pacman_env.ros.operator_page.ros_view import RosView
@@ -86,9 +87,10 @@ class RosGame:
         self._driving = driving = RosDriving(node, self._news)
         self.stop, self.release, self.leave = driving.stop, driving.release, driving.leave
         self.news = self._news.after
-        services = (topics.START_GAME, topics.RESET_GAME, _SET_PARAMETERS)
+        services = (topics.START_GAME, topics.RESET_GAME, topics.CONTINUE, _SET_PARAMETERS)
         self._services = {service.name: service.client(node) for service in services}
         self._clicked_point = topics.CLICKED_POINT.publisher(node)
+        self._initial_pose = topics.INITIAL_POSE.publisher(node)
         self._clyde_speed = topics.BASE_CLYDE_SPEED.publisher(node)
         node.create_timer(_PERIOD_S, self._update, clock=self._surroundings.clock())
         if not lock_step:
@@ -144,6 +146,10 @@ class RosGame:
                 self._clyde_speed.publish(topics.BASE_CLYDE_SPEED.type(data=mps))
             case messages.PlaceClyde(x=x, y=y, ghost=ghost):
                 self._place(x, y, ghost)
+            case messages.SetPose(x=x, y=y, heading=heading):
+                self._set_pose(x, y, heading)
+            case messages.Continue():
+                self._require(self._call(topics.CONTINUE, topics.CONTINUE.type.Request(), SELECTOR))
             case messages.Role(role=role):
                 self._driving.assume(person, role)
                 return {"words": ""}
@@ -203,9 +209,20 @@ class RosGame:
             raise Refused(f"no game is found in {self._where}: start it by pacman-env ros up")
 
     def _call_referee(self, service: topics.Service) -> None:
-        answer = self._call(service, service.type.Request(), REFEREE)
+        self._require(self._call(service, service.type.Request(), REFEREE))
+
+    def _require(self, answer: Any) -> None:
         if not answer.success:
             raise Refused(str(answer.message))
+
+    def _set_pose(self, x: float, y: float, heading: float) -> None:
+        """As RViz's 2D Pose Estimate, with its covariance."""
+        message = topics.INITIAL_POSE.type()
+        stamped = pose_message(x, y, heading, self.node.get_clock().now().to_msg())
+        message.header, message.pose.pose = stamped.header, stamped.pose
+        message.pose.covariance[0] = message.pose.covariance[7] = 0.25
+        message.pose.covariance[35] = (math.pi / 12) ** 2
+        self._initial_pose.publish(message)
 
     def _call(self, service: topics.Service, request: Any, node: str) -> Any:
         client = self._services[service.name]

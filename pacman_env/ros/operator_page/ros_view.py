@@ -14,6 +14,7 @@ from pacman_env.game.round import State
 from pacman_env.ros import topics
 from pacman_env.ros.messages import Position
 from pacman_env.ros.operator_page.page_node import GameState, PageNode
+from pacman_env.ros.selector.reasons import POSE_JUMPED, POSE_LOST, REMEDIES, troubles_of
 from pacman_env.web.control import ghost_role
 from pacman_env.web.frame import Frame, thinned
 from pacman_env.web.game import News, Scene
@@ -149,7 +150,23 @@ def _facts(node: PageNode, pellets: dict[int, Position]) -> dict[str, Any]:
         "clyde_speed_mps": game.numbers.get("clyde_speed", own.clyde.speed_mps),
         "link": "",
         "preparing": picture is None,
+        "alerts": _alerts(condition),
     }
+
+
+def _alerts(condition: dict[str, Any]) -> list[dict[str, Any]]:
+    """What a person has to do something about; without the seconds of a lost pose, for a scene has what stays."""
+    troubles = troubles_of(condition)
+    return [
+        {
+            "kind": kind,
+            "words": kind if kind == POSE_LOST else troubles[kind][:300],
+            "remedy": remedy,
+            "asks": kind == POSE_JUMPED,
+        }
+        for kind, remedy in REMEDIES.items()
+        if kind in troubles
+    ]
 
 
 @lru_cache(maxsize=4)

@@ -5,14 +5,15 @@ TF is composed here, from the few frames between the base and the map.
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from pacman_env.ros.messages import BadMessage, Pose, pose_of, seconds_of, transform_of
 from pacman_env.world.navigation.localization import compose, wrap
 
-BASE, MAP = "base_link", "map"
-_BETWEEN = frozenset({BASE, "base_footprint", "odom"})  # frames whose parents matter
+BASE, MAP, ODOM = "base_link", "map", "odom"
+_BETWEEN = frozenset({BASE, "base_footprint", ODOM})  # frames whose parents matter
 _MOTION_S = 0.1  # velocities are measured over at least this long
+_SET_BACK_S = 1.0  # stamps of odometry that go back farther are of another start of the robot
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,19 @@ class Belief:
     velocity: tuple[float, float]
     age_s: float
     source: str
+
+
+class Chain(NamedTuple):
+    """The transforms from the map to the base in two parts, and when the older of them was received, s."""
+
+    correction: Pose  # of odom in the map
+    travelled: Pose  # of the base in odom
+    received_s: float
+
+    @property
+    def pose(self) -> Pose:
+        """Of the base in the map."""
+        return compose(self.correction, self.travelled)
 
 
 @dataclass(frozen=True)
@@ -44,6 +58,7 @@ class BelievedPose:
         self._latched: tuple[Pose, float] | None = None
         self._odometry: tuple[Pose, float] | None = None  # base in odom and its stamp, where the motion began
         self._velocity = (0.0, 0.0)
+        self.restarts = 0  # of the odometry: its stamps were set back
         self._first_s = math.inf  # when the first transform that may change was received
 
     def transforms(self, message: Any, now_s: float, static: bool = False) -> list[str]:
@@ -61,7 +76,7 @@ class BelievedPose:
             if not static:
                 self._first_s = min(self._first_s, now_s)
             self._links[child] = _Link(parent, pose, math.inf if static else now_s)
-            if parent == "odom":
+            if parent == ODOM:
                 self._move(pose, seconds_of(transform.header.stamp))
         return troubles
 
@@ -92,15 +107,25 @@ class BelievedPose:
         """For how long there has been no transform from the base to odom; 0 where there never was one."""
         return max((now_s - link.received_s for link in self._links.values() if link.parent == "odom"), default=0.0)
 
+    def chain(self) -> Chain | None:
+        """None where the map's frame is not odom's parent."""
+        travelled, correction = self._base_in(ODOM), self._links.get(ODOM)
+        if travelled is None or correction is None or correction.parent != MAP:
+            return None
+        return Chain(correction.pose, travelled[0], min(travelled[1], correction.received_s))
+
     def _in_map(self) -> tuple[Pose, float] | None:
-        """The base in the map, and when the oldest transform used was received."""
+        return self._base_in(MAP)
+
+    def _base_in(self, top: str) -> tuple[Pose, float] | None:
+        """The base in that frame, and when the oldest transform used was received."""
         frame, pose, received_s = BASE, (0.0, 0.0, 0.0), math.inf
         for _ in range(len(_BETWEEN)):
             link = self._links.get(frame)
             if link is None:
                 return None
             pose, received_s, frame = compose(link.pose, pose), min(received_s, link.received_s), link.parent
-            if frame == MAP:
+            if frame == top:
                 return pose, received_s
         return None
 
@@ -109,6 +134,7 @@ class BelievedPose:
         if self._odometry is not None:
             (x, y, heading), since_s = self._odometry
             passed_s = stamp_s - since_s
+            self.restarts += passed_s < -_SET_BACK_S
             if 0 <= passed_s < _MOTION_S:
                 return
             if 0 < passed_s <= self._timeout_s:

@@ -1,9 +1,19 @@
-"""Whether the robot may play by the pose that it believes: not while there has been no transform for a while."""
+"""Whether the robot may play by the pose that it believes.
 
+Not while there has been no transform for a while, not after a jump that odometry does not explain until a person has
+answered, and not while localization uses another map than the game.
+"""
+
+import math
+from collections import deque
 from dataclasses import dataclass
 
-from pacman_env.ros.selector.believed_pose import BelievedPose
-from pacman_env.ros.selector.reasons import NO_ODOMETRY, POSE_LOST
+from pacman_env.ros.messages import Pose
+from pacman_env.ros.selector.believed_pose import BelievedPose, Chain
+from pacman_env.ros.selector.reasons import NO_ODOMETRY, OTHER_MAP, POSE_JUMPED, POSE_LOST
+from pacman_env.world.navigation.localization import compose, inverse, wrap
+
+_WINDOW_S = 3.0  # of corrections that are added up: AMCL makes one every 1.0 to 1.4 s while the robot drives
 
 
 @dataclass(frozen=True)
@@ -12,11 +22,19 @@ class PoseLimits:
 
     timeout_s: float = 1.0  # a transform older than this gives way to the latched pose
     lost_s: float = 2.0  # and beyond this the pose is lost
+    jump_m: float = 1.0  # corrections that odometry does not explain
+    jump_rad: float = 1.0
+    fastest_mps: float = 0.46  # of the wheels: odometry that runs faster has jumped itself
 
 
 class PoseWatch:
     def __init__(self, believed: BelievedPose, limits: PoseLimits) -> None:
         self._believed, self._limits = believed, limits
+        self._seen: deque[tuple[float, Chain]] = deque()  # when (s), and what, from before the window on
+        self._restarts = 0  # of the odometry
+        self._given: tuple[Pose, Pose | None] | None = None  # by a person, and odometry's pose then
+        self.jump = ""  # what is to be answered; empty: nothing
+        self.other_map = ""  # what differs
 
     def reasons(self, now: float) -> dict[str, str]:
         """Each reason why the pose may not be played by, and the words for it, empty where it does not hold."""
@@ -27,4 +45,72 @@ class PoseWatch:
         return {
             NO_ODOMETRY: f"no odometry for {without_s:.0f} s: the base is silent" if no_odometry else "",
             POSE_LOST: f"pose lost: no transform from map to base_link for {silent_s:.0f} s" if lost else "",
+            POSE_JUMPED: self.jump,
+            OTHER_MAP: f"localization uses another map: {self.other_map}" if self.other_map else "",
         }
+
+    def check(self, now: float) -> None:
+        """Compare the newest transforms with earlier ones; to be called before anything is decided by them."""
+        chain = self._believed.chain()
+        if chain is None or now - chain.received_s > self._limits.timeout_s:
+            return
+        if self._restarts != self._believed.restarts:  # a simulated robot that was started again; as TF does it
+            self._restarts = self._believed.restarts
+            self._seen.clear()
+        if self.jump:
+            if self._agrees_with_given(chain):
+                self.jump = ""
+                self._seen.clear()
+            return
+        if self._seen:
+            self.jump = self._jump_to(chain, now)
+            if self.jump:
+                self._given = None  # given before the jump, it does not answer it
+                return
+        self._seen.append((now, chain))
+        while len(self._seen) > 1 and now - self._seen[1][0] >= _WINDOW_S:
+            self._seen.popleft()
+
+    def give(self, pose: Pose) -> None:
+        """A person has given the robot's pose: a jump to it is expected, and answered once the pose agrees."""
+        chain = self._believed.chain()
+        self._given = pose, None if chain is None else chain.travelled
+
+    def accept(self) -> None:
+        """Continue with the pose that is believed now."""
+        self.jump, self._given = "", None
+        self._seen.clear()
+
+    def _jump_to(self, chain: Chain, now: float) -> str:
+        limits, pose = self._limits, chain.pose
+        at_s, last = self._seen[-1]
+        rolled = math.dist(chain.travelled[:2], last.travelled[:2])
+        before = self._seen[0][1]
+        expected = compose(before.correction, chain.travelled)
+        if rolled > limits.fastest_mps * max(0.0, now - at_s) + limits.jump_m:
+            expected = last.pose
+        elif not _apart(pose, expected, limits):
+            return ""
+        if self._agrees_with_given(chain):
+            self._seen.clear()
+            return ""
+        (x, y, heading), (x0, y0, heading0) = pose, expected
+        turned = abs(math.degrees(float(wrap(heading - heading0))))
+        far = math.dist((x, y), (x0, y0))
+        return (
+            f"pose jumped {far:.1f} m and {turned:.0f} degrees, from ({x0:.2f}, {y0:.2f}) to ({x:.2f}, {y:.2f}), "
+            "which odometry does not explain"
+        )
+
+    def _agrees_with_given(self, chain: Chain) -> bool:
+        """Whether the pose is where a person has said, as far as odometry knows since."""
+        if self._given is None:
+            return False
+        pose, travelled = self._given
+        if travelled is not None:
+            pose = compose(pose, compose(inverse(travelled), chain.travelled))
+        return not _apart(chain.pose, pose, self._limits)
+
+
+def _apart(a: Pose, b: Pose, limits: PoseLimits) -> bool:
+    return math.dist(a[:2], b[:2]) > limits.jump_m or abs(float(wrap(a[2] - b[2]))) > limits.jump_rad

@@ -21,6 +21,7 @@ from pacman_env.ros.selector import goal_scores
 from pacman_env.ros.selector.message_queue import MessageQueue
 from pacman_env.ros.selector.nav2_failures import error_words
 from pacman_env.ros.selector.navigation_client import NavigationClient
+from pacman_env.ros.selector.saved_jump import SavedJump
 from pacman_env.ros.selector.selection import Selection
 
 _STOPPED = "stopped by the operator"
@@ -36,9 +37,13 @@ _Actions = list[ExecutorAction] | None
 class Pursuit:
     """The entities of a configured node, and what they do; it decides and logs, but sends nothing, if ``passive``."""
 
-    def __init__(self, node: GameNode, selection: Selection, diagnostics_rate: float, passive: bool) -> None:
+    def __init__(
+        self, node: GameNode, selection: Selection, jump: SavedJump, diagnostics_rate: float, passive: bool
+    ) -> None:
         self._node, self.selection, self._passive = node, selection, passive
         self._executor = selection.executor
+        self._jump = jump
+        selection.resume(jump.load())
         self._tick_timer: Any = None  # None if not active
         self._fresh = False  # activated, but no tick yet
         self._cleared = False  # earlier goals have been cancelled
@@ -57,10 +62,12 @@ class Pursuit:
             (topics.AMCL_POSE, selection.on_amcl),
             (topics.INITIAL_POSE, selection.on_initial_pose),
             (topics.TF_STATIC, partial(selection.on_transforms, static=True)),
+            (topics.MAP, selection.on_map),
         )
         self._subscriptions = [
             node.listen(topic, partial(self._handle, handle), f"bad {topic.name}") for topic, handle in handlers
         ]
+        self._continue = topics.CONTINUE.server(node, self._on_continue)
         self._transforms = MessageQueue(
             node, topics.TF, lambda message, waited_s: selection.on_transforms(message, node.now_s() - waited_s)
         )
@@ -77,6 +84,7 @@ class Pursuit:
         self._transforms.destroy()
         if self._operator is not None:
             self._operator.destroy(self._node)
+        self._node.destroy_service(self._continue)
         for timer in self._timers:
             self._node.destroy_timer(timer)
         for subscription in self._subscriptions:
@@ -108,7 +116,20 @@ class Pursuit:
     def _catch_up(self) -> None:
         """Receive the transforms that wait, and act on what they show before anything else does."""
         self._transforms.catch_up()
+        self._watch()
+
+    def _watch(self) -> None:
         self._do(self.selection.watch(self._node.now_s()))
+        self._jump.save(self.selection.jump)
+
+    def _on_continue(self, request: Any, response: Any) -> Any:
+        self._catch_up()
+        jump = self.selection.jump
+        self.selection.accept_pose()
+        self._watch()
+        response.success = bool(jump)
+        response.message = f"continues although the {jump}" if jump else "there is nothing to continue from"
+        return response
 
     def _handle(self, handle: Callable[[Any, float], _Actions], message: Any) -> None:
         self._catch_up()

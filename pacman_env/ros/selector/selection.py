@@ -20,6 +20,7 @@ from pacman_env.game.goal_executor import GoalExecutor
 from pacman_env.game.goals import ExecutorAction, home_place
 from pacman_env.policies.registry import make_policy
 from pacman_env.ros import topics
+from pacman_env.ros.grid import grid_of, map_differences
 from pacman_env.ros.messages import BadMessage, Pose, Position, nanoseconds_of, number_of, pellets_of, pose_of, word_of
 from pacman_env.ros.selector.believed_pose import Belief, BelievedPose
 from pacman_env.ros.selector.goal_scores import decision_times
@@ -128,8 +129,29 @@ class Selection:
         pose = pose_of(message)
         if self.view.off_the_map(*pose[:2]):
             raise BadMessage(f"({pose[0]:.2f}, {pose[1]:.2f}) is off the map")
+        self._watch.give(pose)
         if self.executor.game_state == "menu":
             self._home_known = self._home_given
+
+    def on_map(self, message: Any, now: float) -> None:
+        """Localization's map: the believed pose is one in it."""
+        try:
+            found = map_differences(grid_of(message), self.view.assets.occupancy)
+        except ValueError as error:
+            raise BadMessage(str(error)) from None
+        self._watch.other_map = "; ".join(found)
+
+    @property
+    def jump(self) -> str:
+        """Of the pose, to be answered by a person; empty if there is none."""
+        return self._watch.jump
+
+    def resume(self, jump: str) -> None:
+        """Take over a jump that was not answered yet when the node ended."""
+        self._watch.jump = jump
+
+    def accept_pose(self) -> None:
+        self._watch.accept()
 
     def on_amcl(self, message: Any, now: float) -> None:
         self._believed.latched(message)
@@ -141,7 +163,9 @@ class Selection:
     def watch(self, now: float) -> list[ExecutorAction]:
         """Stand while the pose may not be played by; to be called after each reception of transforms."""
         actions = []
-        for reason, words in self._watch.reasons(now).items():
+        self._watch.check(now)
+        # Those that hold first: where one follows another, nothing is sent in between.
+        for reason, words in sorted(self._watch.reasons(now).items(), key=lambda pair: not pair[1]):
             self._report(reason, words)
             actions += self.executor.hold(reason, bool(words), now)
         return actions

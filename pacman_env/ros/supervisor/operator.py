@@ -70,6 +70,7 @@ def _status(status_line: StatusLine, wait_s: float, as_json: bool = False) -> in
 COMMANDS: dict[str, Callable[[StatusLine, float], int]] = {
     "start": partial(_call, topics.START_GAME),
     "reset": partial(_call, topics.RESET_GAME),
+    "continue": partial(_call, topics.CONTINUE),
     "stop": _stop,
     "release": _release,
     "status": _status,

@@ -17,6 +17,7 @@ from platformdirs import user_log_path
 from pacman_env.policies.registry import make_policy, split_ghosts
 from pacman_env.ros.discovery import join
 from pacman_env.ros.node import Stop
+from pacman_env.ros.selector.reasons import POSE_JUMPED, troubles_of
 from pacman_env.ros.supervisor import game_nodes, warm_up
 from pacman_env.ros.supervisor.game_lock import GameLock
 from pacman_env.ros.supervisor.game_nodes import (
@@ -35,7 +36,7 @@ from pacman_env.ros.supervisor.processes import Lost, ProcessGroup, end
 from pacman_env.ros.supervisor.shared_memory import tidied
 from pacman_env.ros.supervisor.status_line import StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter, keyboard
-from pacman_env.ros.topics import RESET_GAME, START_GAME, Service
+from pacman_env.ros.topics import CONTINUE, RESET_GAME, START_GAME, Service
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.world.maps.occupancy import load_map
 
@@ -46,7 +47,7 @@ POLL_S = 0.1
 DISCOVERY_S = 1.0  # of other games, before anything is started
 GOING_S = 8.0  # a game that is just being stopped is waited for so long
 NEXT_ROUND_S = 2.0  # in the menu, where round follows round
-KEYS = {"s": START_GAME, "r": RESET_GAME}
+KEYS = {"s": START_GAME, "r": RESET_GAME, "c": CONTINUE}
 _WEB = ("starlette", "uvicorn", "websockets")  # what the page's server needs
 _BACKLOG = 20  # messages
 
@@ -78,10 +79,12 @@ def up(
                 return 0
             logs = logs or user_log_path("pacman_env") / (setup.namespace.strip("/").replace("/", "-") or "root")
             logs.mkdir(parents=True, exist_ok=True)
-            state_file = logs / f"{REFEREE}.json"
-            state_file.unlink(missing_ok=True)  # a game of an earlier command is not continued
-            referee = {"state_file": str(state_file), **setup.extra.get(REFEREE, {})}
-            setup = replace(setup, extra={**setup.extra, REFEREE: referee})
+            extra = dict(setup.extra)
+            for name in (REFEREE, SELECTOR):
+                state_file = logs / f"{name}.json"
+                state_file.unlink(missing_ok=True)  # a game of an earlier command is not continued
+                extra[name] = {"state_file": str(state_file), **extra.get(name, {})}
+            setup = replace(setup, extra=extra)
             environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
             ends = game_nodes.SPARE, game_nodes.FINAL
             spare, final = ([name for name, process in PROCESSES.items() if process.end == kind] for kind in ends)
@@ -165,6 +168,7 @@ class _Play:
     answers: list[tuple[Service, Any]] = field(default_factory=list)  # of services that were called
     wanted: list[Service] = field(default_factory=list)  # to be called as soon as they are there
     menu_s: float | None = None  # since when the game is in the menu, wall time
+    jump: str = ""  # of the pose, reported last
 
     def play(self) -> int:
         status, processes, status_line = 0, self.processes, self.status_line
@@ -189,6 +193,7 @@ class _Play:
                 if self.starts and not awaited and self._in_menu():
                     self.wanted.append(START_GAME)
                 self._handle_keys()
+                self._report_jump()
                 self._call_services()
                 self._restart_unresponsive()
                 if SELECTOR in processes.tend():
@@ -238,6 +243,11 @@ class _Play:
             elif key == "g" and operator.stopped:
                 operator.request(False, "ros up")
                 self.writer.print("released")
+
+    def _report_jump(self) -> None:
+        before, self.jump = self.jump, troubles_of(self.status_line.condition).get(POSE_JUMPED, "")
+        if self.jump and self.jump != before:
+            self.writer.print(f"{self.jump}: set the robot's pose, or c to continue as it is")
 
     def _call_services(self) -> None:
         for service in list(self.wanted):

@@ -4,6 +4,7 @@ import { request, send } from "./connection.js";
 import { $, button, isShortcut, make, write, writeOrHide } from "./dom.js";
 import * as map from "./map.js";
 import { notice } from "./notices.js";
+import { poseRobot } from "./pose.js";
 import { placeGhost } from "./setup.js";
 import { emit, me, on, robotPose, state, updateControls } from "./state.js";
 
@@ -21,7 +22,8 @@ const ARROWS = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowLeft: [-1, 0], ArrowR
 const goTo = (place) => request({ do: "goal", ...place });
 
 function chooseOnMap({ world, candidate }) {
-  if (state.placing) placeGhost(world);
+  if (state.posing) poseRobot(world);
+  else if (state.placing) placeGhost(world);
   else if (state.story) return;
   else if (state.role === "robot" && candidate >= 0) goTo({ candidate });
   else if (state.role !== "none") goTo({ x: world[0], y: world[1] });
@@ -75,7 +77,7 @@ function showMode() {
   const { frame, role, story, scene } = state;
   const character = role === "robot" ? "the robot" : state.hello?.roles[role]?.name;
   const playing = !story && role !== "none" ? `You are ${character}` : "";
-  writeOrHide($("mode"), state.placing ? "Click where the ghost starts" : playing);
+  writeOrHide($("mode"), state.posing || (state.placing ? "Click where the ghost starts" : playing));
   const player = state.people.roles?.robot;
   const score = frame?.baseline && player && !story ? `${player === me() ? "you" : player} ${frame.collected}, `
     + `${scene?.policy ?? "policy"} ${frame.baseline_collected}` : "";
@@ -132,7 +134,7 @@ addEventListener("keydown", (event) => {
   const { code, key, target } = event;
   if (state.story || !isShortcut(event)) return;
   const movesFocus = target?.matches?.("input[type=range], [role=tab]");
-  const pointing = state.placing || state.role.startsWith("ghost");
+  const pointing = state.posing || state.placing || state.role.startsWith("ghost");
   if (state.role === "robot" && FORWARD_LEFT[code] && !movesFocus && !state.placing) {
     event.preventDefault();
     held.add(code);

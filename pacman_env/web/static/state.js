@@ -13,6 +13,7 @@ export const state = {
   why: null,
   candidate: -1, // below the mouse pointer
   placing: false,
+  posing: "", // what is to be clicked to set the robot's pose
 };
 export const count = { frames: 0, frames_drawn: 0, notes: 0, lit: 0, errors: [] }; // for tests
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
+    from tests.ros.played_round import Played
     from tests.ros.selector_game import Game
 
 
@@ -20,3 +21,14 @@ def game(domain: int, tmp_path: Path) -> Iterator[Game]:
 
     with session.nodes(tmp_path) as nodes:
         yield Game(nodes)
+
+
+@pytest.fixture
+def played(domain: int, tmp_path: Path) -> Iterator[Played]:
+    """A round that has begun, with a Clyde that is no danger."""
+    from pacman_env.ros.supervisor.game_nodes import SELECTOR
+    from tests.ros import session
+    from tests.ros.played_round import SETTINGS, Played
+
+    with session.game(tmp_path, settings=SETTINGS, extra={SELECTOR: {"diagnostics_rate": 5.0}}) as nodes:
+        yield Played(nodes)

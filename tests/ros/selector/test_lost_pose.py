@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable
 
 import pytest
 
@@ -14,43 +11,10 @@ pytest.importorskip("irobot_create_msgs")
 
 from pacman_env.ros import topics
 from pacman_env.ros.messages import transform_message
-from pacman_env.ros.simulated_robot.sim_robot import FAULT
-from pacman_env.ros.supervisor.game_nodes import SELECTOR
-from tests.ros import session
+from tests.ros.played_round import Played
 from tests.ros.selector_game import Game, house, pellet
 
 LOST, FAILS, SILENT = "pose lost", "Nav2 fails", "no odometry"
-SETTINGS = ("show.start_s=1.0", "show.death_s=1.0", "clyde.speed_mps=0.02")
-
-
-class Played:
-    """A round in the simulated robot's world, with faults."""
-
-    def __init__(self, nodes: session.Session) -> None:
-        self.nodes = nodes
-        nodes.record(topics.GAME_STATE, topics.GAME_STATUS, topics.SCORE, topics.DIAGNOSTICS, topics.CMD_VEL)
-        assert nodes.call(topics.START_GAME).success
-        nodes.wait_for(lambda: "running" in nodes.values(topics.GAME_STATE), 60)
-        self.wait(lambda c: c["goals_sent"] > 0, "a goal")
-
-    @property
-    def condition(self) -> dict[str, Any]:
-        found: dict[str, Any] = json.loads(self.nodes.values(topics.DIAGNOSTICS)[-1])
-        return found
-
-    def wait(self, holds: Callable[[dict[str, Any]], Any], what: str, limit_s: float = 60.0) -> dict[str, Any]:
-        self.nodes.wait_for(lambda: holds(self.condition), limit_s, what)
-        return self.condition
-
-    def fault(self, text: str) -> None:
-        self.nodes.publish(FAULT, text)
-
-
-@pytest.fixture
-def played(domain: int, tmp_path: Path) -> Iterator[Played]:
-    extra = {SELECTOR: {"diagnostics_rate": 5.0}}
-    with session.game(tmp_path, settings=SETTINGS, extra=extra) as nodes:
-        yield Played(nodes)
 
 
 def test_without_a_transform_nothing_is_sent_or_counted_and_it_is_reported_until_it_is_back(

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pacman_env.ros.grid import Grid
 from pacman_env.ros.supervisor.checks import CHECKS, examine, is_ready, render
 from pacman_env.ros.supervisor.checks.check import BAD, OK, UNKNOWN, Finding, Moment, Observations
 from pacman_env.ros.supervisor.checks.game import (
@@ -29,7 +30,6 @@ from pacman_env.ros.supervisor.checks.robot import (
     LINKS,
     POSE,
     SCANS,
-    Grid,
     Link,
     Scan,
     StampedPose,

@@ -2,12 +2,11 @@
 
 import math
 from collections import deque
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...grid import differing_cells, grid_of, map_differences
 from .check import RESTART, Check, Finding, Moment, Observations, Source, count, newest, seconds
 from .network import CLOCK, STAMPS, by_clock
 
@@ -117,22 +116,11 @@ def _lidar_remedy(robot: Observations) -> tuple[str, str]:
     return "start its motor", f'ros2 service call {robot.full("start_motor")} std_srvs/srv/Empty "{{}}"'
 
 
-CELLS_DIFFER = 0.001  # share; the same file gives 0
 FRESH_S = 1.0  # of a transform; the goal selector's pose_timeout_s
 LIDAR_FRAME = "rplidar_link"  # of the TurtleBot 4, as long as no scan names another
-_LARGEST_MAP = 100_000_000  # cells
 _FRAMES = 1000
 _ESTIMATE = 'give the initial pose: RViz, "2D Pose Estimate", click where it stands, drag to where it faces'
 _CELLS = {None: "off the map", 100: "in a wall", -1: "where the map is unknown"}
-
-
-@dataclass(frozen=True)
-class Grid:
-    """The robot's map; ``cells`` (H, W), row 0 is the lowest."""
-
-    resolution: float
-    origin: tuple[float, float, float]
-    cells: NDArray[np.int8]
 
 
 class StampedPose(NamedTuple):
@@ -147,16 +135,6 @@ class Link(NamedTuple):
 
     parent: str
     received_s: float | None
-
-
-def _grid(message: Any) -> Grid:
-    info = message.info
-    if info.width * info.height != len(message.data) or not 0 < len(message.data) <= _LARGEST_MAP:
-        raise ValueError(f"{info.width} x {info.height} cells, {len(message.data)} values")
-    position, q = info.origin.position, info.origin.orientation
-    yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
-    cells = np.array(message.data, dtype=np.int8).reshape(info.height, info.width)
-    return Grid(float(info.resolution), (position.x, position.y, yaw), cells)
 
 
 def _pose(message: Any) -> StampedPose:
@@ -181,7 +159,7 @@ def _add_static_links(before: dict[str, Link] | None, message: Any, arrival: Mom
     return {child: Link(parent, None) for child, (parent, _) in _add_links(before, message, arrival).items()}
 
 
-GRID = Source("map", "nav_msgs/OccupancyGrid", newest(_grid), "LATCHED")
+GRID = Source("map", "nav_msgs/OccupancyGrid", newest(grid_of), "LATCHED")
 POSE = Source("amcl_pose", "geometry_msgs/PoseWithCovarianceStamped", newest(_pose), "LATCHED")
 LINKS = Source("tf", "tf2_msgs/TFMessage", _add_links)
 STATIC_LINKS = Source("tf_static", "tf2_msgs/TFMessage", _add_static_links, "STATIC_TRANSFORMS")
@@ -196,19 +174,9 @@ def _check_map(robot: Observations) -> Finding:
     summary = f"{columns} x {rows} cells of {grid.resolution:.3g} m"
     if game is None:
         return Finding.unknown(f"{summary}; not compared", "name the game's: --map FILE_OR_NAME")
-    wrong = []
-    if (columns, rows) != (game.width, game.height):
-        wrong.append(f"size {columns} x {rows}, here {game.width} x {game.height}")
-    if not math.isclose(grid.resolution, game.resolution, rel_tol=1e-4):
-        wrong.append(f"cells of {grid.resolution:.4g} m, here {game.resolution:.4g} m")
-    if not all(math.isclose(a, b, abs_tol=1e-3) for a, b in zip(grid.origin, game.origin, strict=True)):
-        theirs, ours = (f"({x:.2f}, {y:.2f}, {yaw:.2f})" for x, y, yaw in (grid.origin, game.origin))
-        wrong.append(f"origin {theirs}, here {ours}")
+    wrong = map_differences(grid, game)
     if not wrong:
-        share = float(np.mean(np.flipud(grid.cells) != game.occupancy))
-        if share <= CELLS_DIFFER:
-            return Finding.ok(f"{summary}, {100 * share:.1f} % differ from {game.name}")
-        wrong.append(f"{100 * share:.1f} % of cells differ")
+        return Finding.ok(f"{summary}, {100 * differing_cells(grid, game):.1f} % differ from {game.name}")
     remedy = "localization and game need one file: start one of them again with the other's"
     command = "" if robot.in_simulation else robot.start_localization
     return Finding.bad(f"not {game.name}: {'; '.join(wrong)}", remedy, command)

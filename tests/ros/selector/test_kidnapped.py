@@ -1,0 +1,132 @@
+"""A robot that is carried away, and a localization in another map: nothing is sent or counted until that is settled."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import TYPE_CHECKING
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("irobot_create_msgs")
+
+from pacman_env.ros import topics
+from pacman_env.ros.messages import pose_message
+from pacman_env.ros.simulated_robot.sim_sensors import map_message
+from pacman_env.world.maps.occupancy import load_map
+from tests.ros.selector_game import house
+
+if TYPE_CHECKING:
+    from tests.ros.played_round import Played
+
+JUMPED, OTHER = "pose jumped", "another map"
+FAR = (4.0, -1.0)  # m, beside the truth
+
+
+def carry(played: Played) -> None:
+    """The robot is put at the farthest pellet, and localization finds it there."""
+    x, y, _ = played.condition["pose"]
+    far = max(house().goal_xy[: len(house().pellet_ids)].tolist(), key=lambda at: math.dist(at, (x, y)))
+    played.fault(f"kidnap {far[0]} {far[1]} 0")
+    played.nodes.advance(0.5)
+    played.fault("end kidnap")
+
+
+def give(played: Played) -> None:
+    """A person sets the pose to where localization has it already."""
+    x, y, heading = played.nodes.node("sim_robot").robot.pose
+    message = topics.INITIAL_POSE.type()
+    stamped = pose_message(x, y, heading, played.nodes.stamp())
+    message.header, message.pose.pose = stamped.header, stamped.pose
+    played.nodes.publish(topics.INITIAL_POSE, message)
+
+
+def answer(played: Played, how: str) -> None:
+    if how == "set":
+        give(played)
+    else:
+        assert played.nodes.call(topics.CONTINUE).success
+
+
+@pytest.mark.parametrize("how", ["set", "continue"])
+def test_a_carried_robot_collects_nothing_and_stands_until_a_person_answers(played: Played, how: str) -> None:
+    nodes = played.nodes
+    nodes.advance(3.0)
+    score, sent = nodes.values(topics.SCORE)[-1], played.condition["goals_sent"]
+    carry(played)
+    condition = played.wait(lambda c: JUMPED in c["troubles"], "the report", 5.0)
+    assert "which odometry does not explain" in condition["trouble_texts"][JUMPED]
+    nodes.advance(20.0)
+    condition = played.condition
+    assert condition["goals_sent"] <= sent + 1, "one may have been sent before localization noticed"
+    sent = condition["goals_sent"]
+    assert condition["pursued"] == -1
+    assert nodes.values(topics.SCORE)[-1] <= score + 1
+    assert nodes.node("sim_robot").robot.velocity == pytest.approx((0.0, 0.0), abs=0.01)
+    answer(played, how)
+    condition = played.wait(lambda c: c["goals_sent"] > sent, "the next goal", 5.0)
+    assert JUMPED not in condition["troubles"]
+    nodes.wait_for(lambda: "menu" in nodes.values(topics.GAME_STATE)[-1:], 900, "the end of the round")
+    assert max(nodes.values(topics.SCORE)) == len(house().pellet_ids)
+
+
+def test_a_carried_robot_does_not_die_of_the_ghost_beside_its_believed_place(played: Played) -> None:
+    nodes = played.nodes
+    x, y, _ = nodes.node("sim_robot").robot.pose
+    ghost = played.condition["clyde"]
+    played.fault(f"pose_jump {ghost[0] - x} {ghost[1] - y} 0")
+    played.wait(lambda c: JUMPED in c["troubles"], "the report", 5.0)
+    nodes.advance(5.0)
+    assert "death_detected" not in nodes.values(topics.GAME_STATUS)
+
+
+def test_a_jump_in_the_menu_is_answered_before_a_round_goes_on(played: Played) -> None:
+    nodes = played.nodes
+    assert nodes.call(topics.RESET_GAME).success
+    carry(played)
+    played.wait(lambda c: JUMPED in c["troubles"] and c["state"] == "menu", "the report", 5.0)
+    assert nodes.call(topics.START_GAME).success
+    nodes.advance(20.0)
+    assert nodes.values(topics.GAME_STATE)[-1] == "returning_home"
+    give(played)
+    nodes.wait_for(lambda: nodes.values(topics.GAME_STATE)[-1] == "running", 120, "the round")
+
+
+def test_a_jump_outlives_a_goal_selector_that_is_killed(played: Played) -> None:
+    nodes = played.nodes
+    carry(played)
+    played.wait(lambda c: JUMPED in c["troubles"], "the report", 5.0)
+    nodes.game.kill("goal_selector")
+    nodes.forget(topics.DIAGNOSTICS)
+    nodes.wait_for(lambda: nodes.values(topics.DIAGNOSTICS), 30, "the node")
+    nodes.advance(5.0)
+    condition = json.loads(nodes.values(topics.DIAGNOSTICS)[-1])
+    assert JUMPED in condition["troubles"]
+    assert condition["goals_sent"] == 0
+    assert nodes.call(topics.CONTINUE).success
+    played.wait(lambda c: c["goals_sent"] > 0, "a goal", 5.0)
+    nodes.game.kill("goal_selector")
+    nodes.forget(topics.DIAGNOSTICS)
+    nodes.wait_for(lambda: nodes.values(topics.DIAGNOSTICS), 30, "the node")
+    played.wait(lambda c: c["goals_sent"] > 0, "a goal", 5.0)
+
+
+def test_without_a_jump_there_is_nothing_to_continue_from(played: Played) -> None:
+    response = played.nodes.call(topics.CONTINUE)
+    assert (response.success, response.message) == (False, "there is nothing to continue from")
+
+
+def test_while_localization_uses_another_map_nothing_is_sent_until_the_games_is_back(played: Played) -> None:
+    nodes = played.nodes
+    nodes.advance(2.0)
+    nodes.publish(topics.MAP, map_message(load_map("loop"), nodes.stamp()))
+    condition = played.wait(lambda c: OTHER in c["troubles"], "the report", 5.0)
+    assert condition["trouble_texts"][OTHER].startswith("localization uses another map: size ")
+    sent, statuses = condition["goals_sent"], len(nodes.values(topics.GAME_STATUS))
+    nodes.advance(10.0)
+    assert played.condition["goals_sent"] == sent
+    assert len(nodes.values(topics.GAME_STATUS)) == statuses
+    nodes.publish(topics.MAP, map_message(load_map("house"), nodes.stamp()))
+    condition = played.wait(lambda c: c["goals_sent"] > sent, "the next goal", 5.0)
+    assert OTHER not in condition["troubles"]
