@@ -89,9 +89,8 @@ class RosGame:
         self.news = self._news.after
         services = (topics.START_GAME, topics.RESET_GAME, topics.CONTINUE, _SET_PARAMETERS)
         self._services = {service.name: service.client(node) for service in services}
-        self._clicked_point = topics.CLICKED_POINT.publisher(node)
-        self._initial_pose = topics.INITIAL_POSE.publisher(node)
-        self._clyde_speed = topics.BASE_CLYDE_SPEED.publisher(node)
+        published = (topics.CLICKED_POINT, topics.INITIAL_POSE, topics.BASE_CLYDE_SPEED)
+        self._out = {topic.name: topic.publisher(node) for topic in published}
         node.create_timer(_PERIOD_S, self._update, clock=self._surroundings.clock())
         if not lock_step:
             self._executor = SingleThreadedExecutor(context=self._context)
@@ -143,7 +142,7 @@ class RosGame:
             case messages.Setup():
                 self._set_up(message)
             case messages.ClydeSpeed(mps=mps):
-                self._clyde_speed.publish(topics.BASE_CLYDE_SPEED.type(data=mps))
+                self._out[topics.BASE_CLYDE_SPEED.name].publish(topics.BASE_CLYDE_SPEED.type(data=mps))
             case messages.PlaceClyde(x=x, y=y, ghost=ghost):
                 self._place(x, y, ghost)
             case messages.SetPose(x=x, y=y, heading=heading):
@@ -222,7 +221,7 @@ class RosGame:
         message.header, message.pose.pose = stamped.header, stamped.pose
         message.pose.covariance[0] = message.pose.covariance[7] = 0.25
         message.pose.covariance[35] = (math.pi / 12) ** 2
-        self._initial_pose.publish(message)
+        self._out[topics.INITIAL_POSE.name].publish(message)
 
     def _call(self, service: topics.Service, request: Any, node: str) -> Any:
         client = self._services[service.name]
@@ -255,7 +254,7 @@ class RosGame:
             raise Refused("on a robot only Clyde can be placed")
         point = PointStamped(header=Header(stamp=self.node.get_clock().now().to_msg(), frame_id="map"))
         point.point.x, point.point.y = x, y
-        self._clicked_point.publish(point)
+        self._out[topics.CLICKED_POINT.name].publish(point)
         game = self.node.game
         if not self._surroundings.wait_for(
             lambda: math.dist(game.ghosts.get(0, (math.nan, math.nan)), (x, y)) < _PLACED_M, _PLACED_S

@@ -14,7 +14,7 @@ from pacman_env.game.round import State
 from pacman_env.ros import topics
 from pacman_env.ros.messages import Position
 from pacman_env.ros.operator_page.page_node import GameState, PageNode
-from pacman_env.ros.selector.reasons import POSE_JUMPED, POSE_LOST, REMEDIES, troubles_of
+from pacman_env.ros.selector.reasons import NO_ODOMETRY, POSE_JUMPED, POSE_LOST, REMEDIES, troubles_of
 from pacman_env.web.control import ghost_role
 from pacman_env.web.frame import Frame, thinned
 from pacman_env.web.game import News, Scene
@@ -155,12 +155,12 @@ def _facts(node: PageNode, pellets: dict[int, Position]) -> dict[str, Any]:
 
 
 def _alerts(condition: dict[str, Any]) -> list[dict[str, Any]]:
-    """What a person has to do something about; without the seconds of a lost pose, for a scene has what stays."""
+    """What a person has to do something about; without seconds, for a scene has what stays."""
     troubles = troubles_of(condition)
     return [
         {
             "kind": kind,
-            "words": kind if kind == POSE_LOST else troubles[kind][:300],
+            "words": kind if kind in (POSE_LOST, NO_ODOMETRY) else troubles[kind][:300],
             "remedy": remedy,
             "asks": kind == POSE_JUMPED,
         }

@@ -103,6 +103,8 @@ class Pursuit:
         self._do(self._executor.deactivate(self._node.now_s()))
 
     def last_messages(self) -> tuple[Any, ...]:
+        if self._node.status is None:  # after a signal: the game ends, and with it the question
+            self._jump.save("")
         if self._passive:
             return ()
         self.deactivate()

@@ -22,6 +22,7 @@ from std_msgs.msg import Header
 from pacman_env.ros import topics
 from pacman_env.ros.node import BaseNode
 from pacman_env.ros.operator_page.ros_game import RosGame
+from pacman_env.ros.simulated_robot.sim_robot import FAULT
 from pacman_env.ros.simulated_robot.sim_sensors import map_message
 from pacman_env.web import messages
 from pacman_env.web.game import Refused
@@ -113,6 +114,31 @@ def first_still_s(game: PageGame, topic: topics.Topic, twist: Any) -> float:
         return None
 
     return float(game.wait(still, f"a velocity of zero on {topic.name}"))
+
+
+def test_a_pose_that_has_jumped_is_an_alert_until_it_is_set_or_taken_as_it_is(game: PageGame) -> None:
+    def alerts() -> list[dict[str, Any]]:
+        found: list[dict[str, Any]] = game.page.scene().facts["alerts"]
+        return found
+
+    game.menu()
+    assert alerts() == []
+    after = game.news_number()
+    game.session.publish(FAULT, "pose_jump 0 1.5 0")
+    game.wait(alerts, "the alert")
+    (alert,) = alerts()
+    assert (alert["kind"], alert["asks"]) == ("pose jumped", True)
+    assert alert["words"].startswith("pose jumped 1.")
+    assert any("pose jumped" in one.get("words", "") for one in game.page.news(after))
+    game.handle(messages.Continue())
+    game.wait(lambda: not alerts(), "its end")
+    with pytest.raises(Refused, match="nothing to continue from"):
+        game.handle(messages.Continue())
+    game.session.publish(FAULT, "end pose_jump")
+    game.wait(alerts, "the alert")
+    x, y, heading = game.frame.true
+    game.handle(messages.SetPose(x=x, y=y, heading=heading))
+    game.wait(lambda: not alerts(), "its end")
 
 
 def test_stop_is_quick_holds_and_lets_go(game: PageGame) -> None:

@@ -219,6 +219,7 @@ class Played:
         """The nodes, those that are away, and a reset that was not answered."""
         now_s = self._game.wall.now_s
         self.verdict.violations += self._game.tend()
+        self._game.do(self._recorder.accept_pose)
         if self._outages:
             self._outages.tend()
             self._quiet_s = self._recorder.time_s

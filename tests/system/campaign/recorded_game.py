@@ -38,7 +38,9 @@ class RecordedGame(LockStepGame):
     def __init__(
         self, map_yaml: str, seed: int, folder: Path, settings: Sequence[str] = (), preset: str = "robot"
     ) -> None:
-        extra: dict[str, dict[str, Any]] = {REFEREE: {"state_file": str(folder / "game_controller.json")}}
+        extra: dict[str, dict[str, Any]] = {
+            name: {"state_file": str(folder / f"{name}.json")} for name in (REFEREE, SELECTOR)
+        }
         setup = GameSetup(map_yaml, FIRST_POLICY, sim=True, preset=preset, settings=tuple(settings), extra=extra)
         super().__init__(setup, seed, alone=True)
         self._looked_at = 0  # of the restarts

@@ -18,6 +18,7 @@ from pacman_env.config import Config
 from pacman_env.ros import topics
 from pacman_env.ros.messages import twist_message
 from pacman_env.ros.node import BaseNode
+from pacman_env.ros.selector.reasons import POSE_JUMPED
 from pacman_env.ros.simulated_robot.sim_robot import FAULT, FAULTS_NOW
 from pacman_env.ros.supervisor.game_nodes import SELECTOR
 from tests.system.campaign.interference import Interference
@@ -70,6 +71,7 @@ class Recorder(BaseNode):
         topics.DIAGNOSTICS.subscription(self, lambda message: setattr(self, "condition", json.loads(message.data)))
         self._start = topics.START_GAME.client(self)
         self._reset = topics.RESET_GAME.client(self)
+        self._continue = topics.CONTINUE.client(self)
         self._set = _SET_PARAMETERS.client(self)
         self._fault = FAULT.publisher(self)
         self._base_speed = topics.BASE_CLYDE_SPEED.publisher(self)
@@ -168,6 +170,12 @@ class Recorder(BaseNode):
 
     def reset(self) -> Any:
         return self._reset.call_async(self._reset.srv_type.Request())
+
+    def accept_pose(self) -> None:
+        """As an operator does after a jump of the pose; without effect if there was none."""
+        if POSE_JUMPED in self.condition.get("troubles", ()) and self._continue.service_is_ready():
+            self.condition = {**self.condition, "troubles": {}}
+            self._continue.call_async(self._continue.srv_type.Request())
 
     def halt(self) -> None:
         """Have every goal cancelled and the wheels stopped, as ``ros up`` does when the goal selector has died."""
