@@ -6,9 +6,10 @@ import math
 import os
 import signal
 import sys
-import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NoReturn, TypeVar
+
+from pacman_env.engine.interrupts import uninterrupted
 
 T = TypeVar("T", int, float)
 ERROR_STATUS = 2
@@ -54,27 +55,6 @@ def guarded(prog: str, work: Callable[[], int | None], extra: str = "eval") -> i
         message = " ".join(str(error).split())
     print(f"{prog}: {message}", file=sys.stderr)
     return ERROR_STATUS
-
-
-@contextlib.contextmanager
-def uninterrupted() -> Iterator[None]:
-    """Ctrl-C breaks nothing off within the block, such as an import half done; KeyboardInterrupt follows at its end."""
-    if threading.current_thread() is not threading.main_thread():  # Ctrl-C concerns the main thread alone
-        yield
-        return
-    asked = False
-
-    def note(number: int, frame: Any) -> None:
-        nonlocal asked
-        asked = True
-
-    before = signal.signal(signal.SIGINT, note)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-        if asked:
-            raise KeyboardInterrupt
 
 
 def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:

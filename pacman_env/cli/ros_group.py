@@ -9,7 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pacman_env.cli.command import finite_number, uninterrupted, whole_number
+from pacman_env.cli.command import finite_number, whole_number
+from pacman_env.engine.interrupts import uninterrupted
 
 WAIT_S = 10.0
 #: The commands of an operator, by name.

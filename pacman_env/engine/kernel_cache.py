@@ -21,6 +21,7 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.sigutils import normalize_signature
 
 from . import kernel_key
+from .interrupts import interruptible, uninterrupted
 
 KEPT_S = 30 * 86400.0  # since it was last used
 _SWEPT_S = 86400.0
@@ -151,14 +152,15 @@ def take_turns(kernel: Any) -> None:
     def load_or_wait(signature: Any, context: Any) -> Any:
         kept = load(signature, context)
         if kept is None and turns and (file := kernel._cache.lock) is not None:
-            turns[-1].enter_context(_locked(file))
+            with interruptible():  # for as long as another process compiles
+                turns[-1].enter_context(_locked(file))
             kept = load(signature, context)
             if kept is None:
                 _note_compiling()
         return kept
 
     def compile_in_turn(signature: Any) -> Any:
-        with global_compiler_lock, contextlib.ExitStack() as turn:
+        with uninterrupted(), global_compiler_lock, contextlib.ExitStack() as turn:
             turns.append(turn)
             collects = gc.isenabled()
             gc.disable()  # it would examine the compiler's many objects again and again: 5 to 7 % of the time

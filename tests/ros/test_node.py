@@ -24,7 +24,8 @@ from pacman_env.ros import topics  # noqa: E402
 from pacman_env.ros.node import BaseNode, Once  # noqa: E402
 from pacman_env.ros.nodes import game_event_mapper  # noqa: E402
 from pacman_env.ros.standstill import LEASE, STOOD_STILL  # noqa: E402
-from pacman_env.ros.supervisor.game_nodes import PROCESSES, REFEREE, SELECTOR, SIMULATOR, WAIT  # noqa: E402
+from pacman_env.ros.supervisor.game_nodes import PROCESSES, REFEREE, SELECTOR, SIMULATOR, WAIT, module_of  # noqa: E402
+from tests.engine.test_interrupts import interrupted  # noqa: E402
 from tests.ros import last_messages_node, session  # noqa: E402
 
 if TYPE_CHECKING:
@@ -344,3 +345,9 @@ def test_a_lease_that_is_none_is_refused_by_name(system: System, monkeypatch: py
     assert process.wait() == 2
     assert f"{LEASE}='soon': must be a number of seconds above 0" in process.output
     system.processes.remove(process)
+
+
+def test_ctrl_c_while_a_node_compiles_ends_it_without_a_traceback(domain: int, tmp_path: Path) -> None:
+    words = [module_of(SELECTOR), "--ros-args", "-p", "map_yaml:=house", "-p", "policy:=nearest"]
+    status, lines = interrupted(words, 3, tmp_path)
+    assert (status, lines) == (0, [])

@@ -1,0 +1,120 @@
+"""Signals that wait for the end of what must not be broken off half-way."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pacman_env.engine.interrupts import interruptible, uninterrupted
+
+BOTH = pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
+
+
+class Asked(BaseException):
+    """What a handler of a node raises."""
+
+
+@pytest.fixture(autouse=True)
+def handled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both signals raise."""
+
+    def ask(number: int, frame: object) -> None:
+        raise Asked(number)
+
+    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield  # type: ignore[misc]
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@BOTH
+def test_a_signal_waits_for_the_end_of_the_block(number: int) -> None:
+    done = []
+
+    @uninterrupted()
+    def work() -> None:
+        signal.raise_signal(number)
+        done.append("all")
+
+    with pytest.raises(Asked):
+        work()
+    assert done == ["all"]
+    with pytest.raises(Asked):
+        signal.raise_signal(number)
+
+
+@BOTH
+def test_it_waits_for_the_end_of_the_inner_block_alone(number: int) -> None:
+    done = []
+
+    @uninterrupted()
+    def work() -> None:
+        with uninterrupted():
+            signal.raise_signal(number)
+            done.append("inner")
+        done.append("outer")
+
+    with pytest.raises(Asked):
+        work()
+    assert done == ["inner"]
+
+
+@BOTH
+def test_a_wait_for_others_is_broken_off_at_once(number: int) -> None:
+    done = []
+
+    @uninterrupted()
+    def work() -> None:
+        with interruptible():
+            done.append("waits")
+            signal.raise_signal(number)
+            done.append("has waited")
+
+    with pytest.raises(Asked):
+        work()
+    assert done == ["waits"]
+
+
+def test_without_a_signal_nothing_happens_and_handlers_are_as_before() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    with uninterrupted(), interruptible(), uninterrupted():
+        pass
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+#: Ctrl-C comes when LLVM calls back: what is raised there would be dropped, and its work found missing later.
+INTERRUPTED = """
+import os, runpy, signal, sys
+from numba.core.codegen import CPUCodeLibrary
+
+count, compiled = int(sys.argv.pop(1)), CPUCodeLibrary._object_compiled_hook
+
+def hook(module, code):
+    global count
+    count -= 1
+    if count == 0:
+        os.kill(os.getpid(), signal.SIGINT)
+    compiled(module, code)
+
+CPUCodeLibrary._object_compiled_hook = hook
+sys.argv = sys.argv[1:]
+runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
+"""
+
+
+def interrupted(words: list[str], callback: int, folder: Path) -> tuple[int, list[str]]:
+    """Exit status and lines of a module that is interrupted while it compiles, with nothing compiled before."""
+    environment = {**os.environ, "PACMAN_ENV_CACHE": str(folder / "cache")}
+    command = [sys.executable, "-c", INTERRUPTED, str(callback), *words]
+    ended = subprocess.run(command, env=environment, check=False, capture_output=True, text=True)
+    return ended.returncode, ended.stderr.splitlines()
+
+
+@pytest.mark.parametrize("callback", [1, 4])
+def test_ctrl_c_while_a_command_compiles_is_one_line(callback: int, tmp_path: Path) -> None:
+    assert interrupted(["pacman_env.cli.main", "warm-up"], callback, tmp_path) == (130, ["pacman-env: stopped"])
