@@ -23,6 +23,7 @@ from pacman_env.ros.supervisor import terminal as terminal_module
 from pacman_env.ros.supervisor import up as up_module
 from pacman_env.ros.supervisor.game_lock import GameLock
 from pacman_env.ros.supervisor.game_nodes import COMPOSED, MOVERS, REFEREE, SELECTOR, STOP_ORDER, GameSetup
+from pacman_env.ros.supervisor.processes import ProcessGroup
 from pacman_env.ros.supervisor.shared_memory import FOLDER
 from pacman_env.ros.supervisor.status_line import StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter
@@ -236,3 +237,19 @@ def test_lines_are_written_when_something_changes_and_over_one_another_on_a_term
 
 def test_every_end_has_an_exit_status_of_its_own() -> None:
     assert (NO_POSE, NODE_LOST, HAD_TO_KILL) == (3, 4, 5)
+
+
+@pytest.mark.parametrize(("sim", "words"), [(True, "the simulated robot's pose"), (False, "docs/robot.md, step 5")])
+def test_only_a_real_robots_pose_is_waited_for_with_a_step_of_the_page(
+    domain: int, tmp_path: Path, sim: bool, words: str
+) -> None:
+    setup = GameSetup("house", sim=sim)
+    processes = ProcessGroup(setup.command, tmp_path, {}, print)
+    with StatusLine(setup.namespace, setup.sim) as status_line:
+        status_line.nodes |= {name: {} for name in setup.first_nodes}
+        play = up_module._Play(
+            *(setup, processes, status_line, LineWriter(io.StringIO()), Stop(), lambda: ""),
+            *(GameLock(setup.namespace, domain, sim), False, False),
+        )
+        assert words in play._awaited()
+        assert ("step" in play._awaited()) != sim
