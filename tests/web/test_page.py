@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
 
+from pacman_env.web import messages
 from pacman_env.web.access import Tokens
+from pacman_env.web.game import Scene
 from pacman_env.web.routes import STATIC
 from pacman_env.web.server import WebServer
 from pacman_env.web.simulated import SimulatedGame
@@ -303,6 +307,45 @@ def test_viewer_sees_and_stops(simulated: SimulatedGame, visit: Visit) -> None:
         page.wait("state.frame.stopped")
         assert page.page.is_disabled("#release")
         assert page.value("state.scene.map.url").startswith("/map/")
+
+
+@pytest.mark.parametrize("width", [390, 1440])
+def test_an_alert_asks_for_the_robots_pose_and_goes(
+    simulated: SimulatedGame, visit: Visit, monkeypatch: pytest.MonkeyPatch, width: int
+) -> None:
+    alerts = [{"kind": "pose jumped", "words": "pose jumped 3.1 m", "remedy": "look", "asks": True}]
+    asked: list[messages.Message] = []
+    scene, handle = simulated.scene, simulated.handle
+
+    def shown() -> Scene:
+        now = scene()
+        return Scene(now.revision + 1000 * len(alerts), {**now.facts, "alerts": list(alerts)}, now.picture)
+
+    def handled(person: str, message: messages.Message) -> Any:
+        if not isinstance(message, messages.SetPose | messages.Continue):
+            return handle(person, message)
+        asked.append(message)
+        return None
+
+    monkeypatch.setattr(simulated, "scene", shown)
+    monkeypatch.setattr(simulated, "handle", handled)
+    page = visit(viewport={"width": width, "height": 844})
+    assert page.text("alert-words") == "Pose jumped 3.1 m. Where is the robot?"
+    x, y = page.value("state.scene.pellets[7]")
+    page.press("set-pose")
+    assert page.text("mode") == "Click where the robot stands"
+    page.click_at(x, y)
+    assert page.text("mode") == "Click a place that it faces"
+    page.click_at(x, y + 1.0)
+    page.until(lambda: asked, "a pose")
+    (pose,) = asked
+    assert isinstance(pose, messages.SetPose)
+    assert (pose.x, pose.y, pose.heading) == pytest.approx((x, y, math.pi / 2), abs=0.1)
+    page.wait("state.posing === ''")
+    page.press("continue")
+    page.until(lambda: len(asked) == 2, "to continue")
+    alerts.clear()
+    page.until(lambda: not page.page.is_visible("#alert"), "the end of the alert")
 
 
 @pytest.mark.parametrize("width", [390, 1024, 1920])
