@@ -37,8 +37,8 @@ from pacman_env.world.navigation.paths import NO_STEP
 from tests.ros.particle_filter import ParticleFilter
 from tests.ros.scripted_nav2 import Goal, ScriptedNav2
 
-#: Parameters of the simulated robot that leave all to Nav2 but the base.
-BASE_ONLY = {"navigation": False, "localization": False, "map_out": False}
+#: Parameters of the simulated robot that leave all to Nav2 but the base, and the first pose to the test.
+BASE_ONLY = {"navigation": False, "localization": False, "map_out": False, "set_initial_pose": False}
 FAILED_TO_MAKE_PROGRESS, NO_VALID_PATH = 105, 208  # of FollowPath and ComputePathToPose
 TRANSFORM_TOLERANCE_S = 1.0  # AMCL's, by which its transform is dated ahead
 INITIAL_OFF = (0.2, -0.1, 0.1)  # m, m, rad: of a game's first pose, beside the truth
