@@ -44,6 +44,8 @@ VARIANTS = (
     Variant("selector", "random pellet", "random"),
     Variant("belief", "fresh pose from TF, with AMCL's error", changes={"execution.pose_source": "tf"}),
     Variant("belief", "perfect localization", changes={"localization.perfect": True}),
+    Variant("belief", "AMCL's error as its own filter has it in this house", changes={
+        "localization.sigma_xy_m": 0.135, "localization.sigma_yaw_rad": 0.07, "localization.error_kept": 0.97}),
     Variant("belief", "rules tested 20 times a second", changes={"execution.check_period_s": 0.05}),
     Variant("executor", "pre-empt instead of cancel-then-send, back-off", changes=_PREEMPT),
     Variant("executor", "Nav2 plans at 2 Hz, takes goals at once", changes={

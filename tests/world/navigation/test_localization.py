@@ -1,8 +1,11 @@
 from __future__ import annotations
 
 import csv
+import json
 import math
 from functools import cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +20,9 @@ from pacman_env.world.navigation.localization import LOCALIZATION_FIELDS, scan, 
 from tests.shared import shared_path
 
 ROBOT = make_config("robot").localization
+#: Figures of Nav2 1.3.13's AMCL along games on the shipped maps (docs/validation.md).
+REAL = json.loads((Path(__file__).parents[2] / "evaluation/checks/golden/amcl_errors.json").read_text())["maps"]
+SHIPPED = [(name, REAL[name]) for name in ("house", "loop", "maze", "open_plan")]
 POSE = [("x", np.float64), ("y", np.float64), ("heading", np.float64)]
 
 
@@ -91,6 +97,18 @@ def test_an_error_keeps_its_share_from_update_to_update_and_has_the_same_spread(
         np.testing.assert_allclose(correlation, share, atol=0.04)
     np.testing.assert_allclose(series.std(axis=0), 0.2, rtol=0.1)
     assert np.abs(np.corrcoef(series.T) - np.eye(3)).max() < 0.15
+
+
+def test_a_kept_error_lasts_as_long_as_the_real_filters() -> None:
+    g = standing(0.0, 0.0, 0.0, sigma=0.05)
+    g["error_kept"] = 0.93
+    errors = []
+    for step in range(1, 20_001):
+        update(g[0], step)
+        errors.append(g["error_x"][0])
+    for lag in (1, 2, 5):
+        real = np.mean([figures["correlation"][str(lag)][:2] for _, figures in SHIPPED])
+        assert np.corrcoef(errors[:-lag], errors[lag:])[0, 1] == pytest.approx(real, abs=0.12)
 
 
 def test_a_round_begins_with_an_error_of_full_spread_and_keeps_none_of_the_last_round() -> None:
@@ -221,6 +239,14 @@ def test_the_cadence_is_that_of_a_log(log: str) -> None:
     assert np.median(true_spacing[driving] / simulated[driving]) == pytest.approx(
         np.median(spacing / interval), abs=0.02
     )
+
+
+@pytest.mark.parametrize(("name", "real"), SHIPPED)
+def test_the_cadence_is_that_of_the_real_filter(name: str, real: dict[str, Any]) -> None:
+    interval, _, true_spacing, turn = published()
+    driving = (true_spacing > 0.2) & (turn < 0.2)
+    assert np.median(interval[driving]) == pytest.approx(real["interval_s"][1], abs=0.15)
+    assert np.median(true_spacing[driving]) == pytest.approx(real["spacing_m"][1], abs=0.03)
 
 
 def test_while_turning_amcl_speaks_more_often() -> None:
