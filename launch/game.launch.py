@@ -4,10 +4,16 @@ Localization and Nav2 are launched beside it (docs/robot.md). The goal selector 
 Ctrl-C `launch` stops all nodes at once; `pacman-env ros up` does it in order, the robot first.
 """
 
+import shlex
+import tempfile
+from pathlib import Path
+
 from launch import LaunchDescription
 from launch.actions import (
     DeclareLaunchArgument,
     EmitEvent,
+    ExecuteProcess,
+    LogInfo,
     OpaqueFunction,
     RegisterEventHandler,
     SetEnvironmentVariable,
@@ -19,11 +25,14 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from pacman_env.ros.discovery import BEYOND, stay_on_this_machine
+from pacman_env.ros.supervisor import nav2
 from pacman_env.ros.supervisor.game_nodes import (
     COMPOSED,
     FIRST_STEP,
     LOCK_STEP,
     NAMESPACE,
+    NAV2,
+    NAV2_BY_HAND,
     PROCESSES,
     RESTARTED,
     WAIT,
@@ -41,6 +50,7 @@ ARGUMENTS = (
     ("lock_step", "false", "true, with sim: all nodes in one process, as fast as they handle what is published"),
     ("seed", "0", "of a lock-step game"),
     ("composed", "false", "true: all nodes but the robot's and the goal selector in one process, for less memory"),
+    ("nav2", "", "with sim, a real Nav2 for the simulated base: bringup (nav2_bringup), none (by hand) or a command"),
     ("preset", "robot", "the configuration that every node plays by"),
     ("execution", "robust", "of Algorithm 4"),
     ("home", "", "x, y and heading of home, m and rad, separated by blanks; empty: where the robot is in the menu"),
@@ -78,6 +88,9 @@ def _nodes(context):
     given |= {"speed": float(given["speed"]), "seed": int(given["seed"])}
     setup = GameSetup(**given | {"settings": tuple(given["settings"].split()), "home": _home(given["home"])})
 
+    nav2.check(setup)
+    foreign = nav2.command(setup, Path(tempfile.mkdtemp(prefix="pacman_env-")))[1:] if setup.nav2 else []
+
     def start(name):
         process = PROCESSES[name]
         if name in (LOCK_STEP, COMPOSED):
@@ -85,7 +98,10 @@ def _nodes(context):
         else:
             given = {"name": name, "namespace": setup.namespace, "parameters": [setup.parameters(name)]}
         respawn = RESPAWN if process.end == RESTARTED else {}
-        node = Node(package="pacman_env", executable=name, output="screen", **given, **respawn)
+        if name == NAV2:
+            node = ExecuteProcess(cmd=foreign, name=name, output="screen", **respawn)
+        else:
+            node = Node(package="pacman_env", executable=name, output="screen", **given, **respawn)
 
         def ended(event, context):
             if process.end == RESTARTED and event.returncode != BAD_START:  # else starting it again does not help
@@ -99,6 +115,7 @@ def _nodes(context):
 
     return [
         *(_confined() if setup.sim else ()),
+        *((LogInfo(msg=f"start Nav2: {shlex.join(foreign)}"),) if setup.nav2 == NAV2_BY_HAND else ()),
         *(action for name in setup.first_processes for action in start(name)),
     ]
 

@@ -57,6 +57,11 @@ def _add_up(group: Any) -> None:
     add("--policy", default="ppo", help="what picks the goals: a name or an .onnx file (%(default)s)")
     add("--sim", action="store_true", help="a simulated robot instead of the real one, on this machine only")
     add("--speed", type=number, default=1.0, help="of the simulated robot's clock, 1 to 10 (%(default)s)")
+    real = (
+        "with --sim: a real Nav2 drives; bringup (nav2_bringup's launch file, the default here), none (you start it) "
+    )
+    real += "or a command, which may use {namespace}, {map} and {params}"
+    add("--nav2", nargs="?", const="bringup", default="", metavar="WHAT", help=real)
     in_step = "with --sim: all nodes in one process, and simulated time waits until each message has been handled"
     add("--lock-step", action="store_true", help=in_step)
     add("--seed", type=whole_number(0), default=0, metavar="S", help="of a lock-step game (%(default)s)")
@@ -69,6 +74,7 @@ def _add_up(group: Any) -> None:
     add("--home", nargs=3, type=number, metavar=pose, help=home)
     add("--start", action="store_true", help="begin the first round as soon as everything is there")
     add("--play-on", action="store_true", help="begin every round by itself; only with --sim")
+    add("--rounds", type=whole_number(1), metavar="N", help="begin so many rounds by itself, then end; only with --sim")
     page = "the operator's page too, for browsers on this machine (port 8000)"
     add("--web", nargs="?", const=8000, type=port, metavar="PORT", help=page)
     add("--logs", type=Path, metavar="FOLDER", help="for what the nodes print (the user's log folder)")
@@ -87,8 +93,10 @@ def _up(arguments: argparse.Namespace) -> int:
         lock_step=arguments.lock_step,
         seed=arguments.seed,
         composed=arguments.composed,
+        nav2=arguments.nav2,
     )
-    return up(setup, arguments.domain_id, arguments.logs, arguments.start, arguments.play_on)
+    where = arguments.domain_id, arguments.logs
+    return up(setup, *where, arguments.start, arguments.play_on, rounds=arguments.rounds)
 
 
 def _ask(name: str, arguments: argparse.Namespace) -> int:

@@ -45,7 +45,7 @@ class Asked:
 NAMES = {
     "launch": ("LaunchDescription",),
     "launch.actions": (
-        *("DeclareLaunchArgument", "EmitEvent", "OpaqueFunction", "RegisterEventHandler"),
+        *("DeclareLaunchArgument", "EmitEvent", "ExecuteProcess", "LogInfo", "OpaqueFunction", "RegisterEventHandler"),
         *("SetEnvironmentVariable", "UnsetEnvironmentVariable"),
     ),
     "launch.event_handlers": ("OnProcessExit",),
@@ -135,11 +135,26 @@ def test_a_simulated_robot_comes_first_and_gives_the_time(started: Any) -> None:
     assert all(o["parameters"][0]["use_sim_time"] for o in found.values())
 
 
+def test_a_real_nav2_is_started_after_the_base_that_it_drives(started: Any) -> None:
+    actions = started(sim="true", nav2="sleep {namespace} {map}", namespace="robot_7")
+    kinds = [kind(a) for a in actions if kind(a) in ("Node", "ExecuteProcess")]
+    assert kinds[:3] == ["Node", "ExecuteProcess", "Node"]
+    (nav2,) = [a for a in actions if kind(a) == "ExecuteProcess"]
+    assert nav2.options["cmd"] == ["sleep", "robot_7", str(ROOT / "maps" / "house.yaml")]
+    assert nav2.options["respawn"]
+    (parameters,) = nodes(actions)[SIMULATOR]["parameters"]
+    assert (parameters["navigation"], parameters["localization"], parameters["map_out"]) == (False, False, False)
+    by_hand = started(sim="true", nav2="none")
+    (line,) = [a.options["msg"] for a in by_hand if kind(a) == "LogInfo"]
+    assert line.startswith("start Nav2: ros2 launch nav2_bringup bringup_launch.py namespace:=robot_15 ")
+    assert not [a for a in by_hand if kind(a) == "ExecuteProcess"]
+
+
 @pytest.mark.parametrize(
-    "given", [{"sim": "perhaps"}, {"speed": "2.0"}, {"sim": "true", "speed": "11"}, {"home": "1 2"}]
+    "given", [{"nav2": "none"}, {"sim": "perhaps"}, {"speed": "2.0"}, {"sim": "true", "speed": "11"}, {"home": "1 2"}]
 )
 def test_the_launch_file_refuses_what_makes_no_game(started: Any, given: dict[str, str]) -> None:
-    with pytest.raises(ValueError, match=r"speed|must be true or false|home"):
+    with pytest.raises(ValueError, match=r"nav2|speed|must be true or false|home"):
         started(**given)
 
 

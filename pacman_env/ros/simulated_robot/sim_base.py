@@ -22,6 +22,7 @@ CAPACITY_AH, IDLE_A, DRIVING_A, CHARGING_A, FULL_V, EMPTY_V = 2.046, -0.404, -0.
 ZONES = ("bump_left", "bump_front_left", "bump_front_center", "bump_front_right", "bump_right")
 #: Share of the charge by which it falls and rises, per s, while the base stands, drives, charges (its simulator).
 IDLE_PER_S, DRIVING_PER_S, CHARGING_PER_S = -5.634e-5, -8.875e-5, 1.2658e-4
+RVIZ_VARIANCE = (0.25, 0.25, 0.0685)  # m2, m2, rad2, of "2D Pose Estimate"
 _SLOW = 0.005  # m/s and rad/s; below it stands
 _STATUS_S = 1.0  # between two messages of the battery, and of the dock
 _BACK_MPS = -0.01  # what asks for more than this, asks for the way back that the base refuses
@@ -156,6 +157,30 @@ class Base:
         kinds = BatteryState.POWER_SUPPLY_STATUS_CHARGING, BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
         battery.power_supply_status = kinds[0] if docked else kinds[1]
         self._battery_out.publish(battery)
+
+
+class InitialPose:
+    """Gives a real AMCL the true pose, as a person does in RViz, until it has published one."""
+
+    def __init__(self, node: GameNode, robot: SimulatedRobot) -> None:
+        self._node, self._robot = node, robot
+        self._given_s, self._known = -math.inf, False
+        self._out = topics.INITIAL_POSE.publisher(node)
+        topics.AMCL_POSE.subscription(node, self._on_pose)
+
+    def _on_pose(self, message: Any) -> None:
+        self._known = True
+
+    def give(self, stamp: Any) -> None:
+        if self._node.count_publishers(topics.AMCL_POSE.name) == 0:
+            self._known = False  # one that is started again has none
+        elif not self._known and self._robot.time_s - self._given_s >= _STATUS_S - 1e-6:
+            self._given_s = self._robot.time_s
+            message = topics.INITIAL_POSE.type()
+            message.header.stamp, message.header.frame_id = stamp, "map"
+            message.pose.pose = pose_message(*self._robot.pose, stamp).pose
+            message.pose.covariance[[0, 7, 35]] = RVIZ_VARIANCE
+            self._out.publish(message)
 
 
 def zone_of(angle: float) -> str:

@@ -24,7 +24,7 @@ from ..discovery import publishers, stay_on_this_machine
 from ..messages import BadMessage, pose_of
 from ..node import GameNode, parameter, process_of, process_words, run, started
 from .sim_actions import NotesServer
-from .sim_base import Base
+from .sim_base import Base, InitialPose
 from .sim_faults import OF_LOCALIZATION, OF_NAVIGATION, Faults
 from .sim_nav2 import Nav2StandIn
 from .sim_sensors import Sensors
@@ -66,7 +66,7 @@ class SimRobot(GameNode):
         config = self.config
         seed = parameter(self, "seed", 0, "of all that is drawn", 0, 2**63 - 1)
         home = parameter(self, "home", "", "x,y,heading where the robot stands, m and rad; empty: as in the game")
-        localized = parameter(self, "set_initial_pose", True, "AMCL starts at home; false: it waits for initialpose")
+        localized = parameter(self, "set_initial_pose", True, "AMCL is given home; false: it waits for initialpose")
         self._speed = parameter(self, "speed", 1.0, "of simulated time, in wall time; needs use_sim_time", 0.1, FASTEST)
         navigates = parameter(self, "navigation", True, "Nav2 is simulated; false: the base alone, for a real Nav2")
         text = "AMCL is simulated; false: neither amcl_pose nor map to odom, and the odometry drifts"
@@ -86,8 +86,10 @@ class SimRobot(GameNode):
             raise ValueError(f"parameter odometry_hz = {rate_hz}: must be 0 or one of {', '.join(map(str, RATES_HZ))}")
         if rate_hz != RATES_HZ[0]:
             config = config.with_fields(physics_step_s=1.0 / rate_hz)
-        at, localized = _pose(home, "home"), localized and self._localizes
-        robot = SimulatedRobot(self.map, config, seed, home=at, localized=localized, drifts=not self._localizes)
+        if navigates and not self._localizes:
+            raise ValueError("parameter localization = false: needs navigation = false, too")
+        at, here = _pose(home, "home"), localized and self._localizes
+        robot = SimulatedRobot(self.map, config, seed, home=at, localized=here, drifts=not self._localizes)
         self.robot = robot
         robot.rehearse()  # meanwhile others become known
         self._starting = True
@@ -101,6 +103,7 @@ class SimRobot(GameNode):
         self._nav2 = Nav2StandIn(self, Navigation(robot), self._faults) if navigates else None
         place = robot.pose if dock == AT_HOME else _pose(dock, "dock")
         self._base = None if navigates else Base(self, robot, place, charge)
+        self._initial_pose = InitialPose(self, robot) if localized and not self._localizes else None
         self._audio = AUDIO_SHOWN.publisher(self)
         self._notes = NotesServer(self, lambda what: self._audio.publish(String(data=json.dumps(what))))
         self._clock_out = topics.CLOCK.publisher(self) if self._simulated else None
@@ -207,6 +210,8 @@ class SimRobot(GameNode):
                 if not silent:
                     self._base.publish(stamp)
                 self._sensors.lidar_turns = not self._base.dock.docked  # a TurtleBot 4 stops it there
+            if self._initial_pose is not None:
+                self._initial_pose.give(stamp)
             self._notes.send_feedback()
 
     # Messages

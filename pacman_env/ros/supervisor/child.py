@@ -11,10 +11,10 @@ import sys
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
-def end_with_parent() -> None:
-    """Have this process asked to end when the one that started it has ended; on Linux only."""
+def end_with_parent(number: int = signal.SIGTERM) -> None:
+    """Have this process get that signal when the one that started it has ended; on Linux only."""
     if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, number)
 
 
 def main() -> None:

@@ -21,6 +21,8 @@ ORIGINAL_SELECTOR = "planner_stub"  # the node in its place in the experiment's 
 REFEREE = "game_controller"
 LOCK_STEP = "lock_step_game"  # the process that hosts all nodes of a lock-step game
 COMPOSED = "composed_nodes"  # the process that hosts those that neither simulate the robot nor select goals
+NAV2 = "nav2"  # a real one, for the simulated base: no node of the game
+NAV2_BRINGUP, NAV2_BY_HAND = "bringup", "none"  # what it may be, beside a command: Nav2's launch file; started by hand
 PAGE = "operator_page"  # no node of the game: it is left out unless asked for
 
 #: What the end of a process means: it is started again; the same, but the game continues where that does not help; the
@@ -42,6 +44,7 @@ PROCESSES = {
     process.name: process
     for process in (
         GameProcess(SIMULATOR, "simulated_robot", ("map_yaml", "speed", "home")),
+        GameProcess(NAV2, configured=False),
         GameProcess("pellet_manager", parameters=("map_yaml",)),
         GameProcess("audio_node"),
         GameProcess("game_light_node"),
@@ -56,7 +59,7 @@ PROCESSES = {
     )
 }
 #: Those that are nodes: the robot where it is simulated, the game, then the two that need a pose.
-NODES = tuple(name for name in PROCESSES if name not in (PAGE, LOCK_STEP, COMPOSED))
+NODES = tuple(name for name in PROCESSES if name not in (NAV2, PAGE, LOCK_STEP, COMPOSED))
 #: Those that only subscribe, publish and respond.
 GAME = tuple(name for name in NODES if name not in (SIMULATOR, WAIT, SELECTOR))
 #: What moves the robot stops first, then the lights, then the others.
@@ -85,12 +88,21 @@ class GameSetup:
     lock_step: bool = False  # all nodes in one process; simulated time waits for them
     seed: int = 0  # of a lock-step game
     composed: bool = False  # the nodes of GAME in one process
+    nav2: str = (
+        ""  # a real Nav2 drives the simulated base: NAV2_BRINGUP, NAV2_BY_HAND or a command; "": it is simulated
+    )
 
     def __post_init__(self) -> None:
         if not 1.0 <= self.speed <= 10.0:
             raise ValueError(f"speed {self.speed:g}: must be 1 to 10")
         if self.speed != 1.0 and not self.sim:
             raise ValueError(f"speed {self.speed:g}: only a simulated robot (--sim) can be faster than time")
+        if self.nav2 and not self.sim:
+            raise ValueError(
+                "nav2: only with a simulated robot (--sim); a real one has its own (docs/robot.md, step 5)"
+            )
+        if self.nav2 and self.lock_step:
+            raise ValueError("nav2: not in lock-step, for which a real Nav2 does not wait")
         if self.lock_step and not self.sim:
             raise ValueError("lock-step: only with a simulated robot (--sim)")
         if self.lock_step and self.speed != 1.0:
@@ -112,8 +124,14 @@ class GameSetup:
         return tuple(name for name in NODES if not PROCESSES[name].after and (self.sim or name != SIMULATOR))
 
     @property
+    def starts_nav2(self) -> bool:
+        return self.nav2 not in ("", NAV2_BY_HAND)
+
+    @property
     def first_processes(self) -> tuple[str, ...]:
         nodes = (LOCK_STEP,) if self.lock_step else self.first_nodes
+        if self.starts_nav2:
+            nodes = (nodes[0], NAV2, *nodes[1:])
         if self.composed:
             nodes = tuple(dict.fromkeys(COMPOSED if name in GAME else name for name in nodes))
         return nodes if self.web is None else (*nodes, PAGE)
@@ -132,6 +150,8 @@ class GameSetup:
             found |= {name: value for name, value in played.items() if value != standard[name]}
         if self.sim:
             found["use_sim_time"] = True
+        if self.nav2 and node == SIMULATOR:
+            found |= dict.fromkeys(("navigation", "localization", "map_out"), False)
         return found | self.extra.get(node, {})
 
     def as_json(self) -> str:

@@ -4,6 +4,7 @@ What nodes need is compiled before they start; the game waits for the robot's po
 
 import contextlib
 import os
+import shlex
 import sys
 import time
 from collections.abc import Callable
@@ -18,13 +19,15 @@ from pacman_env.policies.registry import make_policy, split_ghosts
 from pacman_env.ros.discovery import join
 from pacman_env.ros.node import Stop
 from pacman_env.ros.selector.reasons import POSE_JUMPED, troubles_of
-from pacman_env.ros.supervisor import game_nodes, warm_up
+from pacman_env.ros.supervisor import game_nodes, nav2, warm_up
 from pacman_env.ros.supervisor.game_lock import GameLock
 from pacman_env.ros.supervisor.game_nodes import (
     COMPOSED,
     GAME,
     LOCK_STEP,
     MOVERS,
+    NAV2,
+    NAV2_BY_HAND,
     PROCESSES,
     REFEREE,
     SELECTOR,
@@ -59,12 +62,16 @@ def up(
     start: bool = False,
     play_on: bool = False,
     out: TextIO | None = None,
+    rounds: int | None = None,
 ) -> int:
-    """Play until SIGINT, SIGTERM or the key q, in the main thread, and return the exit status."""
+    """Play until SIGINT, SIGTERM, the key q or the end of so many rounds, and return the exit status.
+
+    In the main thread. ``rounds`` are begun by themselves, as all are with ``play_on``.
+    """
     writer = LineWriter(out or sys.stdout)
     with Stop() as stop:
         number = join(domain, setup.sim)
-        check(setup, play_on)
+        check(setup, play_on or rounds is not None)
         with (
             tidied(),
             contextlib.closing(GameLock(setup.namespace, number, setup.sim)) as lock,
@@ -88,14 +95,20 @@ def up(
             environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
             ends = game_nodes.SPARE, game_nodes.FINAL
             spare, final = ([name for name, process in PROCESSES.items() if process.end == kind] for kind in ends)
-            processes = ProcessGroup(setup.command, logs, environment, writer.print, spare, final)
+            foreign = nav2.command(setup, logs) if setup.nav2 else []
+            command = lambda name: foreign if name == NAV2 else setup.command(name)  # noqa: E731
+            processes = ProcessGroup(command, logs, environment, writer.print, spare, final)
             keys = "; keys: s start, r reset, space stop, g release, q quit" if pressed else ""
             writer.print(f"game on {game_nodes.full_namespace(setup.namespace)}{keys}")
             writer.print(f"logs in {logs}")
+            if setup.nav2 == NAV2_BY_HAND:
+                writer.print(f"start Nav2: {shlex.join(foreign[1:])}")
             if setup.web is not None:
                 writer.print(f"page: http://127.0.0.1:{setup.web}/ on this computer")
-            read_keys, starts = pressed or (lambda: ""), start or play_on
-            return _Play(setup, processes, status_line, writer, stop, read_keys, lock, starts, play_on).play()
+            read_keys, starts = pressed or (lambda: ""), start or play_on or rounds is not None
+            goes_on = play_on or rounds is not None
+            play = _Play(setup, processes, status_line, writer, stop, read_keys, lock, starts, goes_on)
+            return play.play(rounds)
 
 
 def check(setup: GameSetup, play_on: bool = False) -> None:
@@ -103,8 +116,9 @@ def check(setup: GameSetup, play_on: bool = False) -> None:
     if setup.web is not None and (missing := [name for name in _WEB if find_spec(name) is None]):
         raise ValueError(f"--web needs {', '.join(missing)}: pip install 'pacman_env[web]'")
     if play_on and not setup.sim:
-        raise ValueError("--play-on: only with --sim; with a real robot a person starts each round")
+        raise ValueError("--play-on, --rounds: only with --sim; with a real robot a person starts each round")
     load_map(setup.map)
+    nav2.check(setup)
     make_policy(setup.policy)
     split_ghosts(setup.config().clyde.ghosts)
 
@@ -170,7 +184,8 @@ class _Play:
     menu_s: float | None = None  # since when the game is in the menu, wall time
     jump: str = ""  # of the pose, reported last
 
-    def play(self) -> int:
+    def play(self, rounds: int | None = None) -> int:
+        played, running = 0, False
         status, processes, status_line = 0, self.processes, self.status_line
         killed: list[str] = []
         try:
@@ -190,7 +205,12 @@ class _Play:
                     for name in game_nodes.following(WAIT):
                         processes.start(name)
                 awaited = self._awaited()
+                running = running or status_line.state == "running"
                 if self.starts and not awaited and self._in_menu():
+                    played, running = played + running, False
+                    if played == rounds:
+                        self.writer.print(f"{played} played: {status_line.result}")
+                        break
                     self.wanted.append(START_GAME)
                 self._handle_keys()
                 self._report_jump()
@@ -217,7 +237,7 @@ class _Play:
             return f"waiting for {', '.join(missing)}"
         if SELECTOR not in processes and LOCK_STEP not in processes:
             robot = "the simulated robot's pose" if self.setup.sim else "the robot's pose (docs/robot.md, step 5)"
-            return f"waiting for {robot}"
+            return f"waiting for {f'the pose, from AMCL (log of {NAV2})' if self.setup.nav2 else robot}"
         return "" if status_line.condition else f"waiting for {SELECTOR}"
 
     def _in_menu(self) -> bool:

@@ -188,9 +188,19 @@ def load_map(source: str | os.PathLike[str]) -> OccupancyMap:
     Raises:
         MapError: names the file and the key or image that is wrong, or lists the shipped names.
     """
+    return _load(*_find(source))
+
+
+def map_file(source: str | os.PathLike[str]) -> Path:
+    """The YAML file that :func:`load_map` reads, absolute; raises MapError where there is none."""
+    return _find(source)[0].resolve()
+
+
+def _find(source: str | os.PathLike[str]) -> tuple[Path, str]:
+    """File and name of a map."""
     known = _shipped()
     if isinstance(source, str) and source in known:
-        return _load(known[source], source)
+        return known[source], source
     if not os.fspath(source):
         raise MapError("map = '': must be a shipped map's name, a YAML file or a folder with one")
     try:
@@ -199,9 +209,9 @@ def load_map(source: str | os.PathLike[str]) -> OccupancyMap:
             found = sorted(path.glob("*.yaml"))
             if len(found) != 1:
                 raise MapError(f"{path}: a map's folder holds exactly one .yaml file, this one {len(found)}")
-            return _load(found[0], path.resolve().name)
+            return found[0], path.resolve().name
         if path.is_file():
-            return _load(path, map_name(path))
+            return path, map_name(path)
     except (OSError, RuntimeError) as error:  # no permission, no such user's home
         raise MapError(f"{source}: cannot be read: {error}") from error
     if str(source).startswith("generated"):

@@ -263,6 +263,27 @@ def test_wheels_that_slip_and_a_kidnapped_robot_are_not_noticed_by_odometry(base
     assert pose_of(base.robot.odometry(), "odom") == pytest.approx(before, abs=0.05)
 
 
+def test_a_real_amcl_is_given_the_true_pose_until_it_has_published_one(make_robot: Make) -> None:
+    base = Driven(make_robot(**BASE))
+    base.nodes.record(topics.INITIAL_POSE)
+    base.nodes.advance(3.0)
+    assert base.nodes.messages(topics.INITIAL_POSE) == []  # no AMCL is there
+    amcl = topics.AMCL_POSE.publisher(base.nodes.observer)
+    base.nodes.advance(2.5)
+    given = base.nodes.messages(topics.INITIAL_POSE)
+    assert len(given) in (2, 3)
+    assert pose_of(given[0]) == (0.0, 0.0, 0.0)
+    assert given[0].pose.covariance[0] > 0.0
+    base.nodes.within(lambda: amcl.publish(given[0]))
+    base.nodes.forget()
+    base.nodes.advance(3.0)
+    assert base.nodes.messages(topics.INITIAL_POSE) == []
+    base.nodes.observer.destroy_publisher(amcl)
+    base.nodes.advance(1.0)
+    base.nodes.within(lambda: topics.AMCL_POSE.publisher(base.nodes.observer))  # it is started again
+    base.nodes.wait_for(lambda: base.nodes.messages(topics.INITIAL_POSE), 5.0, "an initial pose")
+
+
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
@@ -293,6 +314,7 @@ def test_fault_clock_jump_moves_all_stamps(base: Driven) -> None:
 @pytest.mark.parametrize(
     ("parameters", "reason"),
     [
+        ({"navigation": True}, "needs navigation = false"),
         ({"odometry_hz": 30}, "must be 0 or one of 20, 40, 50, 100"),
         ({"dock": "here"}, "parameter dock = 'here': must be x,y,heading"),
         ({"fault": "pose_lost"}, "needs the simulated AMCL"),

@@ -165,6 +165,25 @@ def simulated(**changes: Any) -> Observations:
     return robot(**{**facts, **changes})
 
 
+BRINGUP_NODES = (f"{NS}/amcl", f"{NS}/map_server", NAVIGATOR, *COSTMAPS)
+
+
+def base_with_nav2(**changes: Any) -> Observations:
+    """A simulated base that a real Nav2 drives."""
+    of_nav2 = {"amcl_pose": (f"{NS}/amcl",), "map": (f"{NS}/map_server",)}
+    facts = {
+        "nodes": (SIM, *BRINGUP_NODES, *(f"{NS}/{name}" for name in (*GAME, SELECTOR))),
+        "publishers": {**dict.fromkeys(("odom", "scan", "tf", "/clock", "battery_state"), (SIM,)), **of_nav2},
+        "subscribers": dict.fromkeys(CLOUDS, COSTMAPS),
+        "docked": False,
+        "charge": 0.9,
+        "navigators": (NAVIGATOR,),
+        "managers": dict.fromkeys(MANAGERS, True),
+        "states": {"amcl": "active", "bt_navigator": "active"},
+    }
+    return simulated(**{**facts, **changes})
+
+
 def found(observations: Observations, check: str) -> Finding:
     (one,) = [finding for finding in examine(observations) if finding.check == check]
     return one
@@ -179,6 +198,36 @@ def test_a_robot_where_all_is_well_is_ready_and_nothing_is_left_to_listen_for() 
     findings = examine(robot())
     assert [(f.check, f.summary) for f in findings if f.status != OK or f.remedy or not f.settled] == []
     assert is_ready(findings)
+
+
+def test_a_simulated_base_with_a_real_nav2_where_all_is_well_is_checked_as_a_robot() -> None:
+    findings = examine(base_with_nav2())
+    assert [(f.check, f.summary) for f in findings if f.status != OK] == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "check", "summary", "remedy"),
+    [
+        ({"navigators": ()}, "navigator", "no server of navigate_to_pose", "nav2.log"),
+        ({"managers": {}, "states": {}}, "Nav2's nodes", "not answering", "nav2.log"),
+        ({"states": {"amcl": "inactive"}}, "Nav2's nodes", "amcl is inactive", "manage_nodes"),
+        ({"grid": None}, "map", "map not received", "nav2.log"),
+        ({"pose": None}, "pose", "amcl_pose not received", "RViz"),
+        ({"subscribers": {}}, "clyde_obstacle", "no subscription of local_costmap", "nav2.log"),
+        ({"docked": True}, "dock", "docked, where", "undock"),
+        ({"scans": None}, "lidar", "scan not received", "start or restart the simulated game"),
+    ],
+)
+def test_what_is_wrong_with_a_real_nav2_on_a_simulated_base_has_a_remedy_that_fits(
+    changes: dict[str, Any], check: str, summary: str, remedy: str
+) -> None:
+    finding = found(base_with_nav2(**changes), check)
+    assert finding.status == BAD
+    assert summary in finding.summary
+    assert remedy in f"{finding.remedy}: {finding.command}"
+    assert "turtlebot4" not in finding.command
+    if finding.command.startswith("pacman-env"):
+        assert finding.command == f"pacman-env ros up --map house --namespace {NS.strip('/')} --sim --nav2"
 
 
 def test_a_simulated_robot_where_all_is_well_has_no_dock_no_battery_and_no_nav2_nodes() -> None:

@@ -17,6 +17,10 @@ LONGEST_JSON = 100_000  # characters
 FIREWALL = "sudo ufw allow proto udp from 192.168.0.0/16"  # these two are commands
 RESTART = "sudo systemctl restart turtlebot4"
 _LISTED = 5  # names in one summary
+_NAV2_LOG = (
+    "Nav2 is not up yet, or has ended: read nav2.log in the folder that ros up prints; with --nav2 none, start it with "
+    "the command that is printed there"
+)
 
 T = TypeVar("T")
 
@@ -123,6 +127,11 @@ class Observations:
         return self.simulated or self.in_simulation
 
     @property
+    def real_nav2(self) -> bool:
+        """Whether a Nav2 is to drive: that of a real robot, or a real one on a simulated base."""
+        return not self.virtual or self.full(SIMULATOR) in self.publishers_of("battery_state")
+
+    @property
     def within(self) -> str:
         return f"within {self.waited_s:g} s"
 
@@ -144,12 +153,13 @@ class Observations:
     def not_yet(self, summary: str, remedy: str, command: str = "") -> Finding:
         """BAD for now; where the robot is simulated, with a remedy for that."""
         if self.virtual:
-            remedy, command = "start or restart the simulated game", self.start_game
+            of_nav2 = self.real_nav2 and command in (self.start_nav2, self.start_localization)
+            remedy, command = _NAV2_LOG if of_nav2 else "start or restart the simulated game", self.start_game
         return Finding.bad(summary, remedy, command, settled=False)
 
     def not_received(self, source: Source[Any]) -> Finding:
         """UNKNOWN: a topic of a real base was not received."""
-        if self.virtual:
+        if not self.real_nav2:
             return Finding.unknown("a simulated robot has none")
         return Finding.unknown(self.silence(source.name), *self.waiting_remedy(source.name), settled=False)
 
@@ -160,7 +170,7 @@ class Observations:
     @property
     def start_game(self) -> str:
         """The command; so are the next two."""
-        sim = " --sim" if self.virtual else ""
+        sim = (" --sim --nav2" if self.real_nav2 else " --sim") if self.virtual else ""
         where = self.namespace.strip("/") or "/"
         return f"pacman-env ros up --map {self.map_file or 'FILE_OR_NAME'} --namespace {where}{sim}"
 

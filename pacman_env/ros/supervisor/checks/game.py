@@ -43,7 +43,7 @@ def _check_navigator(robot: Observations) -> Finding:
 
 
 def _check_lifecycle(robot: Observations) -> Finding:
-    if robot.virtual:
+    if not robot.real_nav2:
         return Finding.unknown("a simulated robot needs none")
     managers = {name: robot.get(request) for name, request in MANAGERS.items()}
     states = {name: state for name, request in STATES.items() if (state := robot.get(request)) is not None}
@@ -60,13 +60,15 @@ def _check_lifecycle(robot: Observations) -> Finding:
     if silent:
         summary = f"{' and '.join(silent)} not answering {robot.within}; active: {active or 'none known'}"
         command = robot.start_nav2 if silent == ["lifecycle_manager_navigation"] else robot.start_localization
+        if robot.virtual:
+            return robot.not_yet(summary, "", command)
         return Finding.unknown(summary, "if it does not run, start it", command, settled=False)
     return Finding.ok(f"localization and navigation are active: {active}".removesuffix(": "))
 
 
 def _check_cloud(topic: str, robot: Observations) -> Finding:
     subscribers = robot.subscribers_of(topic)
-    if robot.virtual:
+    if not robot.real_nav2:
         simulator = robot.full(SIMULATOR)
         if simulator in subscribers:
             return Finding.ok(f"{simulator} subscribes to it, in place of the costmaps")

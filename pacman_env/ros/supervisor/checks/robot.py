@@ -69,7 +69,7 @@ def _check_silence(robot: Observations) -> Finding | None:
 
 def _check_dock(robot: Observations) -> Finding:
     docked = robot.get(DOCKED)
-    if robot.virtual or docked is None:
+    if docked is None:
         return robot.not_received(DOCKED)
     if docked:
         undock = f'ros2 action send_goal {robot.full("undock")} irobot_create_msgs/action/Undock "{{}}"'
@@ -79,7 +79,7 @@ def _check_dock(robot: Observations) -> Finding:
 
 def _check_battery(robot: Observations) -> Finding:
     charge = robot.get(CHARGE)
-    if robot.virtual or charge is None:
+    if charge is None:
         return robot.not_received(CHARGE)
     if charge >= FLAT:
         return Finding.ok(f"{100 * charge:.0f} %")
@@ -178,14 +178,14 @@ def _check_map(robot: Observations) -> Finding:
     if not wrong:
         return Finding.ok(f"{summary}, {100 * differing_cells(grid, game):.1f} % differ from {game.name}")
     remedy = "localization and game need one file: start one of them again with the other's"
-    command = "" if robot.in_simulation else robot.start_localization
+    command = "" if robot.virtual else robot.start_localization
     return Finding.bad(f"not {game.name}: {'; '.join(wrong)}", remedy, command)
 
 
 def _check_pose(robot: Observations) -> Finding:
     stamped = robot.get(POSE)
     if stamped is None:
-        if robot.in_simulation or robot.full("amcl") in robot.nodes or robot.publishers_of("amcl_pose"):
+        if not robot.real_nav2 or robot.full("amcl") in robot.nodes or robot.publishers_of("amcl_pose"):
             return Finding.bad(f"{robot.silence('amcl_pose')}: no initial pose yet", _ESTIMATE, settled=False)
         remedy = "no amcl discovered either: start localization"
         return robot.not_yet(robot.silence("amcl_pose"), remedy, robot.start_localization)
