@@ -208,7 +208,7 @@ def test_a_simulated_base_with_a_real_nav2_where_all_is_well_is_checked_as_a_rob
 @pytest.mark.parametrize(
     ("changes", "check", "summary", "remedy"),
     [
-        ({"navigators": ()}, "navigator", "no server of navigate_to_pose", "nav2.log"),
+        ({"navigators": ()}, "Nav2", "no server of navigate_to_pose", "nav2.log"),
         ({"managers": {}, "states": {}}, "Nav2's nodes", "not answering", "nav2.log"),
         ({"states": {"amcl": "inactive"}}, "Nav2's nodes", "amcl is inactive", "manage_nodes"),
         ({"grid": None}, "map", "map not received", "nav2.log"),
