@@ -44,7 +44,7 @@ NODES = (SIMULATOR, *GAME, SELECTOR)
 TRANSPORTS = {"default": "", "udp": "UDPv4", "shm": "DEFAULT"}  # values of the variable below
 TRANSPORT = "FASTDDS_BUILTIN_TRANSPORTS"  # of Fast DDS
 START_S = 300.0  # the first start may compile
-HANG_S = 60.0  # of real time, from a kill to a game that goes on
+HANG_S = 180.0  # of real time, from a kill to a game that goes on; a busy machine needs a minute
 REPAIR_S = 120.0  # then the node may be started again by itself; after that, this command kills it
 _PAUSE_S = 2.0  # between a game that goes on and the next kill, at most
 SETTINGS = ("clyde.speed_mps=0.02", "clyde.speed_step_mps=0.001", "show.start_s=1", "show.death_s=1")
