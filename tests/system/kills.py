@@ -277,7 +277,7 @@ class Series:
 
 
 def simulated(arguments: argparse.Namespace, folder: Path) -> tuple[list[Kill], Watch]:
-    """The same in lock-step: all times are simulated, and a game that hangs is abandoned with ValueError."""
+    """The same in lock-step, where all times are simulated; a hang ends the series."""
     from pacman_env.ros import topics
     from pacman_env.ros.lock_step.deliveries import NodeFailed
     from pacman_env.ros.lock_step.game import LockStepGame
@@ -300,19 +300,21 @@ def simulated(arguments: argparse.Namespace, folder: Path) -> tuple[list[Kill], 
                 game.advance(0.5)
             return bool(condition())
 
+        def kill_one(node: str) -> Kill:
+            until(lambda: False, rng.uniform(0.0, _SIMULATED_PAUSE_S))
+            kill, killed_s = Kill(node, watch.state), whole.now_s
+            game.kill(node)
+            there = until(lambda: game.member(node) is not None, HANG_S)
+            kill.back_s, before = whole.now_s - killed_s, watch.counts.copy()
+            if not (there and until(lambda: not missing(node, watch, before), _SIMULATED_HANG_S)):
+                kill.missing = missing(node, watch, before)
+            kill.on_s = whole.now_s - killed_s
+            return kill
+
         while len(kills) < arguments.kills:
-            for node in [NODES[k] for k in rng.permutation(len(NODES))]:
-                end_s = whole.now_s + rng.uniform(0.0, _SIMULATED_PAUSE_S)
-                until(lambda end_s=end_s: whole.now_s >= end_s, _SIMULATED_PAUSE_S)
-                kill, killed_s = Kill(node, watch.state), whole.now_s
-                game.kill(node)
-                there = until(lambda node=node: game.member(node) is not None, HANG_S)
-                kill.back_s, before = whole.now_s - killed_s, watch.counts.copy()
-                if not (there and until(lambda n=node, b=before: not missing(n, watch, b), _SIMULATED_HANG_S)):
-                    kill.missing = missing(node, watch, before)
-                kill.on_s = whole.now_s - killed_s
-                kills.append(kill)
-                if kill.missing:
+            for number in rng.permutation(len(NODES)):
+                kills.append(kill_one(NODES[number]))
+                if kills[-1].missing:
                     return kills, watch
         errors = whole.errors()
     watch.wrong += errors
@@ -364,7 +366,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """The exit status is 1 after a hang, a wrong score, or an end that is not in order."""
     parser = Parser(prog="python -m tests.system.kills", description=__doc__)
     add = parser.add_argument
-    add("--kills", type=whole_number(1), default=200, help="(%(default)s)")
+    add("--kills", type=whole_number(1), default=200, help="in lock-step whole turns of all nodes (%(default)s)")
     add("--minutes", type=whole_number(0), default=0, help="after which none is killed; 0: no limit (%(default)s)")
     add("--map", default="house", help="(%(default)s)")
     add("--policy", default="nearest", help="(%(default)s)")
