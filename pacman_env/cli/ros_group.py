@@ -4,6 +4,8 @@ import argparse
 import contextlib
 import dataclasses
 import json
+import os
+import sys
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -13,6 +15,7 @@ from pacman_env.cli.command import finite_number, whole_number
 from pacman_env.engine.interrupts import uninterrupted
 
 WAIT_S = 10.0
+FAST_DDS = "rmw_fastrtps_cpp"  # the middleware that comes with rclpy
 #: The commands of an operator, by name.
 ASKING = {
     "start": "begin a round of the game that is up",
@@ -160,9 +163,19 @@ def _replay(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _check_middleware() -> None:
+    """OSError where another one is asked for than there is: ROS's library would end the process."""
+    wanted = os.environ.get("RMW_IMPLEMENTATION") or FAST_DDS
+    prefixes = [sys.prefix, *filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))]
+    if wanted != FAST_DDS and not any((Path(one) / "lib" / f"lib{wanted}.so").exists() for one in prefixes):
+        package = wanted.replace("_", "-")
+        raise OSError(f"RMW_IMPLEMENTATION={wanted} is not installed: unset it, or apt install ros-jazzy-{package}")
+
+
 @contextlib.contextmanager
 def what_ros_needs() -> Iterator[None]:
-    """A package that is missing becomes one line that names its source; Ctrl-C waits for the import's end."""
+    """What is missing becomes one line that names its source; Ctrl-C waits for the import's end."""
+    _check_middleware()
     try:
         with uninterrupted():
             yield

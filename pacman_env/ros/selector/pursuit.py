@@ -46,6 +46,7 @@ class Pursuit:
         selection.resume(jump.load())
         self._tick_timer: Any = None  # None if not active
         self._fresh = False  # activated, but no tick yet
+        self._shown_ready = False  # that Nav2 is, in the last diagnostics
         self._cleared = False  # earlier goals have been cancelled
         self._out = {topic.name: topic.publisher(node) for topic in _PUBLISHED}
         self._nav2 = NavigationClient(node, self._on_accepted, self._on_rejected, self._on_finished)
@@ -173,6 +174,8 @@ class Pursuit:
         else:
             once.warning("no Nav2", "no action server navigate_to_pose")
         self._do(self._executor.nav2(self._passive or (self._nav2.ready and self._cleared), now))
+        if self._nav2.ready != self._shown_ready:  # a round may be waiting for it
+            self._publish_diagnostics()
         self._decide()
 
     def _check_nav2(self) -> None:
@@ -208,6 +211,7 @@ class Pursuit:
             node.once.warning(key, text)
         elif ghosts_received:
             node.once.over(key)
+        self._shown_ready = self._nav2.ready
         condition = {
             "shadow": self._passive,
             "active": self._tick_timer is not None,

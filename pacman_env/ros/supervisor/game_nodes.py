@@ -120,6 +120,11 @@ class GameSetup:
         return make_config(self.preset, self.execution, **parse_settings(self.settings))
 
     @property
+    def knows_its_pose(self) -> bool:
+        """Whether the robot is localized from the start on."""
+        return self.sim and not self.nav2
+
+    @property
     def first_nodes(self) -> tuple[str, ...]:
         return tuple(name for name in NODES if not PROCESSES[name].after and (self.sim or name != SIMULATOR))
 

@@ -53,11 +53,15 @@ class ProcessGroup:
     report: Callable[[str], None]  # called with one line about each event
     spare: Collection[str] = ()  # those without which the others continue: not started again, where others are Lost
     final: Collection[str] = ()  # those that are not started again when they end
+    held: Callable[[str], bool] = lambda name: False  # whether it waits before its first start
     _members: dict[str, Member] = field(default_factory=dict)
 
     def start(self, name: str) -> None:
         member = self._members[name] = Member(name)
-        self._launch(member, "wb")
+        if self.held(name):
+            member.due_s = time.monotonic()
+        else:
+            self._launch(member, "wb")
 
     def __contains__(self, name: str) -> bool:
         return name in self._members
@@ -125,9 +129,9 @@ class ProcessGroup:
         for member in self._members.values():
             name = member.name
             if member.process is None:
-                if member.due_s is not None and now >= member.due_s:
+                if member.due_s is not None and now >= member.due_s and not self.held(name):
                     remove_unused()
-                    self._launch(member, "ab")
+                    self._launch(member, "ab" if member.deaths else "wb")
             elif (status := member.process.poll()) is not None:
                 dead.append(name)
                 member.process = None

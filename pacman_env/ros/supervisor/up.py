@@ -1,6 +1,6 @@
 """``pacman-env ros up``: a whole game on one machine, from the first process to the last.
 
-What nodes need is compiled before they start; the game waits for the robot's pose; at the end the robot stops first."""
+A node starts when what it needs is compiled; the game waits for the robot's pose; at the end the robot stops first."""
 
 import contextlib
 import os
@@ -15,11 +15,10 @@ from typing import Any, TextIO
 
 from platformdirs import user_log_path
 
-from pacman_env.policies.registry import make_policy, split_ghosts
 from pacman_env.ros.discovery import join
 from pacman_env.ros.node import Stop
 from pacman_env.ros.selector.reasons import POSE_JUMPED, troubles_of
-from pacman_env.ros.supervisor import game_nodes, nav2, warm_up
+from pacman_env.ros.supervisor import game_nodes, nav2
 from pacman_env.ros.supervisor.game_lock import GameLock
 from pacman_env.ros.supervisor.game_nodes import (
     COMPOSED,
@@ -35,12 +34,12 @@ from pacman_env.ros.supervisor.game_nodes import (
     WAIT,
     GameSetup,
 )
-from pacman_env.ros.supervisor.processes import Lost, ProcessGroup, end
+from pacman_env.ros.supervisor.preparation import Preparation
+from pacman_env.ros.supervisor.processes import Lost, ProcessGroup
 from pacman_env.ros.supervisor.shared_memory import tidied
 from pacman_env.ros.supervisor.status_line import StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter, keyboard
 from pacman_env.ros.topics import CONTINUE, RESET_GAME, START_GAME, Service
-from pacman_env.sim.maps.assets import map_assets
 from pacman_env.world.maps.occupancy import load_map
 
 # Exit statuses beside 0, stopped as asked, and 2, bad arguments or no ROS: the robot is not localized; a node could not
@@ -50,6 +49,7 @@ POLL_S = 0.1
 DISCOVERY_S = 1.0  # of other games, before anything is started
 GOING_S = 8.0  # a game that is just being stopped is waited for so long
 NEXT_ROUND_S = 2.0  # in the menu, where round follows round
+FAST_DDS = "rmw_fastrtps_cpp"
 KEYS = {"s": START_GAME, "r": RESET_GAME, "c": CONTINUE}
 _WEB = ("starlette", "uvicorn", "websockets")  # what the page's server needs
 _BACKLOG = 20  # messages
@@ -77,10 +77,12 @@ def up(
             contextlib.closing(GameLock(setup.namespace, number, setup.sim)) as lock,
             StatusLine(setup.namespace, setup.sim, setup.policy) as status_line,
             keyboard(sys.stdin) as pressed,
+            contextlib.ExitStack() as beside,
         ):
             _acquire(lock, writer, stop)
-            _prepare(setup, writer, stop)
+            preparation = beside.enter_context(contextlib.closing(Preparation(setup, writer.print)))
             _alone(status_line, writer, stop)
+            preparation.check()
             if stop.asked:
                 writer.print("stopped before anything was started")
                 return 0
@@ -97,7 +99,7 @@ def up(
             spare, final = ([name for name, process in PROCESSES.items() if process.end == kind] for kind in ends)
             foreign = nav2.command(setup, logs) if setup.nav2 else []
             command = lambda name: foreign if name == NAV2 else setup.command(name)  # noqa: E731
-            processes = ProcessGroup(command, logs, environment, writer.print, spare, final)
+            processes = ProcessGroup(command, logs, environment, writer.print, spare, final, preparation.holds)
             keys = "; keys: s start, r reset, space stop, g release, q quit" if pressed else ""
             writer.print(f"game on {game_nodes.full_namespace(setup.namespace)}{keys}")
             writer.print(f"logs in {logs}")
@@ -108,6 +110,7 @@ def up(
             read_keys, starts = pressed or (lambda: ""), start or play_on or rounds is not None
             goes_on = play_on or rounds is not None
             play = _Play(setup, processes, status_line, writer, stop, read_keys, lock, starts, goes_on)
+            play.compiling = lambda: preparation.words
             return play.play(rounds)
 
 
@@ -117,33 +120,10 @@ def check(setup: GameSetup, play_on: bool = False) -> None:
         raise ValueError(f"--web needs {', '.join(missing)}: pip install 'pacman_env[web]'")
     if play_on and not setup.sim:
         raise ValueError("--play-on, --rounds: only with --sim; with a real robot a person starts each round")
+    if setup.lock_step and (other := os.environ.get("RMW_IMPLEMENTATION", FAST_DDS)) not in ("", FAST_DDS):
+        raise ValueError(f"--lock-step: only with {FAST_DDS}, which delivers within publish; here {other} is set")
     load_map(setup.map)
     nav2.check(setup)
-    make_policy(setup.policy)
-    split_ghosts(setup.config().clyde.ghosts)
-
-
-def _prepare(setup: GameSetup, writer: LineWriter, stop: Stop) -> None:
-    """Compile what has not been compiled on this machine yet, on all its cores, and prepare the map."""
-    running = {part: warm_up.start(part, setup) for part in warm_up.parts(setup)}
-    try:
-        while running and not stop.asked:
-            writer.wait(f"compiling (once): {', '.join(name for part in running for name in part.nodes)}")
-            time.sleep(POLL_S)
-            for part, process in list(running.items()):
-                if (status := process.poll()) is None:
-                    continue
-                del running[part]
-                words = process.stderr.read().strip() if process.stderr else ""
-                if status == warm_up.BAD_SETUP:
-                    raise ValueError(words)
-                if status:  # the nodes compile for themselves, and report what is wrong
-                    writer.print(f"{', '.join(part.nodes)}: compiling ended with status {status}")
-    finally:
-        for process in running.values():
-            end(process, 2.0)
-    if not stop.asked:
-        map_assets(setup.map, setup.config())
 
 
 def _acquire(lock: GameLock, writer: LineWriter, stop: Stop) -> None:
@@ -181,6 +161,7 @@ class _Play:
     play_on: bool  # and every later one
     answers: list[tuple[Service, Any]] = field(default_factory=list)  # of services that were called
     wanted: list[Service] = field(default_factory=list)  # to be called as soon as they are there
+    compiling: Callable[[], str] = lambda: ""  # what is compiled now
     menu_s: float | None = None  # since when the game is in the menu, wall time
     jump: str = ""  # of the pose, reported last
 
@@ -190,7 +171,8 @@ class _Play:
         killed: list[str] = []
         try:
             for name in self.setup.first_processes:
-                processes.start(name)
+                # A simulated robot knows from the start where it is.
+                processes.start(SELECTOR if name == WAIT and self.setup.knows_its_pose else name)
             while not self.stop.asked:
                 status_line.spin(POLL_S)
                 for _ in range(_BACKLOG if self.setup.lock_step else 0):  # of seconds that last milliseconds
@@ -219,7 +201,7 @@ class _Play:
                 if SELECTOR in processes.tend():
                     self.status_line.halt()  # no node watches over its goal any more
                 if awaited:
-                    self.writer.wait(f"starting: {awaited}")
+                    self.writer.wait(self.compiling() or f"starting: {awaited}")
                 else:
                     self.writer.show(self.status_line.line)
         except Lost as lost:

@@ -182,6 +182,24 @@ def test_what_cannot_be_played_is_one_line_before_anything_starts(
     assert err.count("\n") == 1
 
 
+@pytest.mark.parametrize("command", [["status"], ["up", "--map", "house"], ["doctor"]])
+def test_a_middleware_that_is_not_installed_is_one_line(
+    command: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
+    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
+    assert cli.main(["ros", *command]) == 2
+    err = capsys.readouterr().err
+    assert "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp is not installed: unset it, or apt install" in err
+    assert err.count("\n") == 1
+
+
+def test_lock_step_is_refused_with_another_middleware(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
+    with pytest.raises(ValueError, match="--lock-step: only with rmw_fastrtps_cpp"):
+        up_module.check(GameSetup("house", sim=True, lock_step=True))
+
+
 def test_a_home_is_three_finite_numbers() -> None:
     assert GameSetup("house", home=(1.0, 2.0, 0.5)).parameters(SELECTOR)["home"] == [1.0, 2.0, 0.5]
     with pytest.raises(ValueError, match="home"):

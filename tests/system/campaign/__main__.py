@@ -29,7 +29,8 @@ from pathlib import Path
 from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.files import prepare, write_json
 from pacman_env.ros.supervisor.game_nodes import SELECTOR, SIMULATOR, GameSetup
-from pacman_env.ros.supervisor.warm_up import GHOSTS, Part, rehearse
+from pacman_env.ros.supervisor.preparation import GHOSTS, Part
+from pacman_env.ros.supervisor.warm_up import rehearse
 from tests.system.campaign.results import Verdict, blocks, table
 from tests.system.campaign.schedule import POLICIES
 from tests.system.campaign.workers import pool, require_ros

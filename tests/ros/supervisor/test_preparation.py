@@ -1,0 +1,71 @@
+"""What processes of their own prepare for a game, and which nodes wait for them."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from pacman_env.ros.supervisor.game_nodes import COMPOSED, GAME, LOCK_STEP, REFEREE, SELECTOR, GameSetup
+from pacman_env.ros.supervisor.preparation import GHOSTS, Preparation
+from pacman_env.ros.supervisor.processes import ProcessGroup
+
+PATIENCE_S = 400.0  # it may have to compile
+
+
+def until_free(preparation: Preparation, name: str) -> None:
+    end_s = time.monotonic() + PATIENCE_S
+    while preparation.holds(name):
+        assert time.monotonic() < end_s, f"{name} waits"
+        time.sleep(0.05)
+
+
+def test_nodes_that_need_nothing_of_it_do_not_wait_and_the_others_until_it_is_done() -> None:
+    reports: list[str] = []
+    preparation = Preparation(GameSetup("house", "nearest", sim=True), reports.append)
+    try:
+        assert preparation.holds(SELECTOR)
+        assert preparation.holds(LOCK_STEP)
+        assert [name for name in GAME if preparation.holds(name) and name != GHOSTS] == []
+        preparation.check()
+        until_free(preparation, LOCK_STEP)
+        assert [name for name in (*GAME, COMPOSED, SELECTOR) if preparation.holds(name)] == []
+        assert preparation.words == ""
+    finally:
+        preparation.close()
+    assert reports == []
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"policy": "brave"}, "unknown policy 'brave'"),
+        ({"settings": ("clyde.ghosts=policy",)}, "clyde.ghosts"),
+    ],
+)
+def test_what_is_wrong_is_known_before_anything_else_is_compiled(fields: dict[str, object], words: str) -> None:
+    preparation = Preparation(GameSetup("house", **fields), print)  # type: ignore[arg-type]
+    try:
+        with pytest.raises(ValueError, match=words):
+            preparation.check()
+    finally:
+        preparation.close()
+
+
+def test_a_process_that_is_held_starts_as_soon_as_it_is_not(tmp_path: Path) -> None:
+    held = {REFEREE}
+    (tmp_path / f"{REFEREE}.log").write_text("of an earlier game")
+    group = ProcessGroup(lambda name: ["platform"], tmp_path, dict(os.environ), print, held=lambda name: name in held)
+    group.start(REFEREE)
+    assert group.tend() == []
+    assert REFEREE in group
+    assert group.ids() == {}
+    held.clear()
+    group.tend()
+    assert list(group.ids()) == [REFEREE]
+    assert group.stop() == []
+    assert "earlier" not in (tmp_path / f"{REFEREE}.log").read_text()

@@ -1,0 +1,89 @@
+"""Two robots in one ROS domain, each with a game of its own in its own namespace, as real processes in real time."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import signal
+import sys
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("irobot_create_msgs")
+
+from pacman_env.ros import topics
+from pacman_env.ros.supervisor.game_nodes import COMPOSED, REFEREE, SELECTOR, SIMULATOR, GameSetup, module_of
+from pacman_env.ros.supervisor.status_line import StatusLine
+
+if TYPE_CHECKING:
+    from tests.ros.system import System
+
+PATIENCE_S = 400.0
+SETTINGS = ("show.start_s=0.5", "clyde.speed_mps=0.02")
+PELLETS = 2  # of each, before it is compared
+
+
+class Robot:
+    """A robot by the system's clock, its game, and what is published in its namespace."""
+
+    def __init__(self, system: System, namespace: str) -> None:
+        extra: dict[str, Any] = {REFEREE: {"state_file": str(system.folder / f"{namespace}.json")}}
+        setup = GameSetup("house", "nearest", namespace, settings=SETTINGS, extra=extra, composed=True)
+        base = [module_of(SIMULATOR), "--ros-args", "-r", f"__ns:=/{namespace}", "-p", "map_yaml:=house"]
+        commands = {SIMULATOR: [*base, "-p", f"settings:={json.dumps(SETTINGS)}"]}
+        commands |= {name: setup.command(name) for name in (COMPOSED, SELECTOR)}
+        self.processes = {
+            name: system.run(f"{namespace}-{name}", [sys.executable, "-m", *command])
+            for name, command in commands.items()
+        }
+        self.line = StatusLine(namespace, sim=False)
+        self.collected: set[str] = set()
+        self.removed: set[int] = set()
+        self.nodes = self.line.nodes
+        topics.GAME_STATUS.subscription(self.line, lambda message: self.collected.add(message.data))
+        topics.REMOVE_PELLET.subscription(self.line, lambda message: self.removed.add(message.data))
+
+    @property
+    def score(self) -> int:
+        return int(self.line.facts()["score"] or 0)
+
+
+def test_two_games_in_one_domain_do_not_disturb_each_other(system: System, domain: int) -> None:
+    with contextlib.ExitStack() as closed:
+        robots = [Robot(system, name) for name in ("robot_1", "robot_2")]
+        for robot in robots:
+            closed.enter_context(contextlib.closing(robot.line))
+
+        def wait(condition: Callable[[], object], what: str) -> None:
+            end_s = time.monotonic() + PATIENCE_S
+            while not condition():
+                assert time.monotonic() < end_s, what
+                for robot in robots:
+                    robot.line.spin(0.02)
+
+        wait(lambda: all(robot.line.ready and robot.line.state == "menu" for robot in robots), "both in the menu")
+        first, second = robots
+        answers: list[Any] = []
+        wait(lambda: answers or answers.extend(filter(None, [first.line.call(topics.START_GAME)])), "the service")
+        wait(lambda: first.line.state == "running" and first.score >= PELLETS, "the first one's pellets")
+        assert (second.line.state, second.score, second.collected, second.removed) == ("menu", 0, set(), set())
+
+        answers.clear()
+        wait(lambda: answers or answers.extend(filter(None, [second.line.call(topics.START_GAME)])), "the service")
+        wait(lambda: second.score >= PELLETS, "the second one's pellets")
+        for robot in robots:
+            wait(lambda robot=robot: robot.score == len(pellets(robot)), "a score of what was collected")
+            assert robot.removed <= pellets(robot)
+        first.processes[SELECTOR].send(signal.SIGINT)
+        first.processes[COMPOSED].send(signal.SIGINT)
+        before = second.score
+        wait(lambda: second.score > before, "the second one's game goes on")
+        assert set(second.line.nodes) >= {REFEREE, SELECTOR}
+
+
+def pellets(robot: Robot) -> set[int]:
+    return {int(word.partition(":")[2]) for word in robot.collected if word.startswith("pellet_collected:")}
