@@ -7,24 +7,30 @@ _QUICK_S = 2.0  # a goal that fails sooner after it was sent was not tried; with
 _SHORTEST_S, _LONGEST_S = 1.0, 5.0  # between two goals while all of them fail quickly
 _SERVERS = {  # of Nav2 Jazzy (1.3.13) by their first code, as in nav2_msgs/action; the navigator hands the code on
     "FollowPath": (
-        *(100, "UNKNOWN", "INVALID_CONTROLLER", "TF_ERROR", "INVALID_PATH", "PATIENCE_EXCEEDED"),
-        *("FAILED_TO_MAKE_PROGRESS", "NO_VALID_CONTROL", "CONTROLLER_TIMED_OUT"),
+        100,
+        (
+            "UNKNOWN INVALID_CONTROLLER TF_ERROR INVALID_PATH PATIENCE_EXCEEDED FAILED_TO_MAKE_PROGRESS "
+            "NO_VALID_CONTROL CONTROLLER_TIMED_OUT"
+        ),
     ),
     "ComputePathToPose": (
-        *(200, "UNKNOWN", "INVALID_PLANNER", "TF_ERROR", "START_OUTSIDE_MAP", "GOAL_OUTSIDE_MAP", "START_OCCUPIED"),
-        *("GOAL_OCCUPIED", "TIMEOUT", "NO_VALID_PATH"),
+        200,
+        (
+            "UNKNOWN INVALID_PLANNER TF_ERROR START_OUTSIDE_MAP GOAL_OUTSIDE_MAP START_OCCUPIED GOAL_OCCUPIED TIMEOUT "
+            "NO_VALID_PATH"
+        ),
     ),
     "SmoothPath": (
-        *(500, "UNKNOWN", "INVALID_SMOOTHER", "TIMEOUT", "SMOOTHED_PATH_IN_COLLISION", "FAILED_TO_SMOOTH_PATH"),
-        "INVALID_PATH",
+        500,
+        "UNKNOWN INVALID_SMOOTHER TIMEOUT SMOOTHED_PATH_IN_COLLISION FAILED_TO_SMOOTH_PATH INVALID_PATH",
     ),
-    "Spin": (700, "UNKNOWN", "TIMEOUT", "TF_ERROR", "COLLISION_AHEAD"),
-    "BackUp": (710, "UNKNOWN", "TIMEOUT", "TF_ERROR", "INVALID_INPUT", "COLLISION_AHEAD"),
-    "DriveOnHeading": (720, "UNKNOWN", "TIMEOUT", "TF_ERROR", "COLLISION_AHEAD", "INVALID_INPUT"),
-    "NavigateToPose": (9000, "UNKNOWN", "FAILED_TO_LOAD_BEHAVIOR_TREE", "TF_ERROR", "TIMEOUT"),  # since Kilted
+    "Spin": (700, "UNKNOWN TIMEOUT TF_ERROR COLLISION_AHEAD"),
+    "BackUp": (710, "UNKNOWN TIMEOUT TF_ERROR INVALID_INPUT COLLISION_AHEAD"),
+    "DriveOnHeading": (720, "UNKNOWN TIMEOUT TF_ERROR COLLISION_AHEAD INVALID_INPUT"),
+    "NavigateToPose": (9000, "UNKNOWN FAILED_TO_LOAD_BEHAVIOR_TREE TF_ERROR TIMEOUT"),  # since Kilted
 }
 _NAMES = {
-    int(first) + k: f"{server} {name}" for server, (first, *names) in _SERVERS.items() for k, name in enumerate(names)
+    first + k: f"{server} {name}" for server, (first, names) in _SERVERS.items() for k, name in enumerate(names.split())
 }
 
 

@@ -162,7 +162,7 @@ class Selection:
 
     def watch(self, now: float) -> list[ExecutorAction]:
         """Stand while the pose may not be played by; to be called after each reception of transforms."""
-        actions = []
+        actions: list[ExecutorAction] = []
         self._watch.check(now)
         # Those that hold first: where one follows another, nothing is sent in between.
         for reason, words in sorted(self._watch.reasons(now).items(), key=lambda pair: not pair[1]):

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from tests.ros.played_round import Played
 
 JUMPED, OTHER = "pose jumped", "another map"
-FAR = (4.0, -1.0)  # m, beside the truth
 
 
 def carry(played: Played) -> None:
