@@ -74,6 +74,11 @@ def avoid_shared_memory(environment: MutableMapping[str, str] | None = None) -> 
         environment[PROFILES[0]] = str(_UDP_ALONE)
 
 
+def users_environment() -> dict[str, str]:
+    """The environment without the file of profiles that :func:`avoid_shared_memory` has named."""
+    return {name: value for name, value in os.environ.items() if value != str(_UDP_ALONE)}
+
+
 @contextlib.contextmanager
 def undiscovered() -> Iterator[None]:
     """Nodes of a context of rclpy that is made in the block discover only one another."""

@@ -22,6 +22,7 @@ from pacman_env.ros.discovery import (
     domain_of,
     simulated,
     stay_on_this_machine,
+    users_environment,
 )
 
 pytest.importorskip("rclpy")
@@ -98,6 +99,13 @@ def test_transports_and_profiles_that_the_user_has_chosen_stay(
     avoid_shared_memory(environment)
     assert environment.get(TRANSPORTS) == transports
     assert environment.get(ROS_PROFILE) == (file and file.format(**names))
+
+
+def test_the_doctor_shows_no_profile_that_the_user_has_not_named() -> None:
+    with mock.patch.dict(os.environ, {"HOME": "/h"}, clear=True):
+        avoid_shared_memory()
+        assert ROS_PROFILE in os.environ
+        assert users_environment() == {"HOME": "/h", TRANSPORTS: "UDPv4"}
 
 
 def ports(process: int) -> list[str]:

@@ -5,7 +5,6 @@ It publishes nothing and calls only services that answer questions: nothing move
 import contextlib
 import dataclasses
 import json
-import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -15,7 +14,7 @@ import rclpy
 
 from pacman_env import __version__
 from pacman_env.ros import topics
-from pacman_env.ros.discovery import NAMELESS, full_name, join
+from pacman_env.ros.discovery import NAMELESS, full_name, join, users_environment
 from pacman_env.ros.node import Observer, Stop
 from pacman_env.ros.supervisor.checks import CHECKS, examine, is_ready, render
 from pacman_env.ros.supervisor.checks.check import Moment, Observations, Request, Source
@@ -44,7 +43,7 @@ class Doctor(Observer):
         super().__init__("pacman_doctor", namespace, domain)
         now, middleware = Moment(time.time(), time.monotonic()), rclpy.get_rmw_implementation_identifier()
         self._observed = Observations(
-            *(namespace, wait_s, now, domain, sim, map, map_file, dict(os.environ), middleware)
+            *(namespace, wait_s, now, domain, sim, map, map_file, users_environment(), middleware)
         )
         self._values = self._observed.values
         self._received = 0  # messages
