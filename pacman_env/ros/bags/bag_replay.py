@@ -78,14 +78,15 @@ class ReplayReport:
         if self.decision_ms:
             lines.append("decision: {:.2f} ms at 50 %, {:.2f} ms at 99 %, {:.2f} ms at most".format(*self.decision_ms))
         for one in self.otherwise[:_LISTED]:
-            lines.append(f"  {one.at_s:7.1f} s  {one.chosen} instead of {one.recorded} ({one.decisions} decisions)")
+            more = f", {one.decisions} times" if one.decisions > 1 else ""
+            lines.append(f"{one.at_s:7.1f} s  {one.chosen} instead of {one.recorded}{more}")
         if len(self.otherwise) > _LISTED:
             lines.append(f"  and {len(self.otherwise) - _LISTED} more")
         lines += [f"  {count} bad messages: {what}" for what, count in self.bad_messages.items()]
-        lines.append(f"{'median (10 % to 90 %)':40}{'robot':24}simulator")
+        lines.append(f"{'median (10 % to 90 %)':29}{'robot':24}simulator")
         for name, words in QUANTITIES.items():
             columns = (_range(side.get(name)) for side in (self.robot, self.simulator))
-            lines.append(f"{words:40}{{:24}}{{}}".format(*columns))
+            lines.append(f"{words:29}{{:24}}{{}}".format(*columns))
         return "\n".join(lines)
 
 

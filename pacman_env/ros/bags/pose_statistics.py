@@ -24,8 +24,8 @@ QUANTITIES = {
     "speed": "driving speed, m/s",
     "interval": "time between poses, s",
     "distance": "distance between poses, m",
-    "jump": "jump of a pose against odometry, m",
-    "turn": "turn of a pose against odometry, rad",
+    "jump": "jump against odometry, m",
+    "turn": "turn against odometry, rad",
     "clyde": "Clyde's speed as seen, m/s",
 }
 

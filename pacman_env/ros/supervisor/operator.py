@@ -11,6 +11,7 @@ from pacman_env.ros import topics
 from pacman_env.ros.discovery import join
 from pacman_env.ros.supervisor import status
 from pacman_env.ros.supervisor.status_line import StatusLine
+from pacman_env.ros.supervisor.terminal import wrapped
 
 DONE, REFUSED, NO_ANSWER = 0, 1, 3  # exit statuses, beside 2 for bad arguments
 ANSWER_S = 2.0  # then it is asked again: an answer may be lost
@@ -83,7 +84,7 @@ def _print_obeying(status_line: StatusLine, wait_s: float, text: str) -> int:
     if not status_line.spin_until(lambda: operator.obeyed_by, wait_s):
         return _no_answer(status_line, topics.OPERATOR_STOP.name)
     status_line.spin_until(lambda: False, SETTLE_S)
-    print(text.format(", ".join(operator.obeyed_by)))
+    print(wrapped(text.format(", ".join(operator.obeyed_by))))
     return DONE
 
 

@@ -1,6 +1,7 @@
 """``pacman-env ros status``: how a game stands, and what of it is absent or not received yet."""
 
 import json
+import math
 import time
 from dataclasses import dataclass, field
 from typing import Any
@@ -9,7 +10,8 @@ from pacman_env import __version__
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import publishers
 from pacman_env.ros.supervisor.game_nodes import GAME, ORIGINAL_SELECTOR, SELECTOR, SIMULATOR
-from pacman_env.ros.supervisor.status_line import VALUES, StatusLine
+from pacman_env.ros.supervisor.status_line import STOPPED, VALUES, StatusLine
+from pacman_env.ros.supervisor.terminal import wrapped
 
 #: Exit statuses beside 3, no game: all is there; something is absent or pending.
 ALL_THERE, INCOMPLETE = 0, 1
@@ -82,13 +84,24 @@ def as_rows(status_line: StatusLine, missing: Missing) -> str:
         "pellets": "{} of {}".format(*pellets),
         "result": facts["result"],
         "Clyde": None if speed is None else f"{speed:.2f} m/s",
-        "pose": "none yet" if age_s is None else f"{age_s:.1f} s ago",
+        "pose": "none yet" if age_s is None else f"{_place(facts['goal_selector'])}AMCL's last {age_s:.1f} s ago",
         "policy": facts["policy"],
         "nodes": ", ".join(facts["nodes"]),
         "stopped": "until 'pacman-env ros release'" if facts["stopped"] else None,
-        "troubles": "; ".join(status_line.troubles.values()),
+        "troubles": "; ".join(text for kind, text in status_line.troubles.items() if kind != STOPPED),
         "invalid": "; ".join(f"{name}: {what}" for name, what in facts["invalid"].items()),
         "absent": ", ".join(name for names in missing.absent.values() for name in names),
         "pending": ", ".join(name for names in missing.pending.values() for name in names),
     }
-    return "\n".join(f"{name:<9} {value}" for name, value in rows.items() if value not in (None, ""))
+    lines = (f"{name:<9} {value}" for name, value in rows.items() if value not in (None, ""))
+    return "\n".join(wrapped(line, 10) for line in lines)
+
+
+def _place(condition: Any) -> str:
+    """Where the goal selector believes the robot to be, if it says so."""
+    pose = (condition or {}).get("pose", ())
+    if pose is None:
+        return "unknown; "
+    if not (isinstance(pose, list) and len(pose) == 3 and all(isinstance(value, float | int) for value in pose)):
+        return ""
+    return f"({pose[0]:.2f}, {pose[1]:.2f}) m, {math.degrees(pose[2]):.0f} degrees; "

@@ -26,6 +26,7 @@ from pacman_env.ros.supervisor.unresponsive import Unresponsive
 
 HALT_S = 1.0  # for Nav2's answer
 KNOWN_S = 0.3  # a server that is ready for a client may not know its reader yet, and drops its answer
+STOPPED = "stopped by the operator"
 _MOST = 10**9
 
 
@@ -51,7 +52,7 @@ VALUES = {
     "clyde_speed_mps": GameValue(topics.CLYDE_SPEED, lambda message: number_of(message, 0.0, MAX_SPEED_MPS)),
 }
 #: Troubles of the goal selector that the line has other words for.
-_IN_OTHER_WORDS = ("no Nav2", "ghosts unheard", "stopped by the operator")
+_IN_OTHER_WORDS = ("no Nav2", "ghosts unheard", STOPPED)
 
 
 class StatusLine(Observer):

@@ -5,6 +5,7 @@ import os
 import select
 import shutil
 import termios
+import textwrap
 import time
 import tty
 from collections.abc import Callable, Iterator, Sequence
@@ -54,6 +55,12 @@ def fitted(parts: Sequence[str], width: int | None = None) -> str:
         if len(line) + 2 + len(part) <= width:
             line += f"  {part}"
     return line if len(line) <= width else f"{line[: max(width - 1, 0)]}…"
+
+
+def wrapped(text: str, indent: int = 0) -> str:
+    """Lines as wide as the terminal, broken between words; those after the first are indented."""
+    width = shutil.get_terminal_size().columns
+    return "\n".join(textwrap.wrap(text, width, subsequent_indent=" " * indent, break_on_hyphens=False))
 
 
 def plain(text: str, longest: int) -> str:

@@ -230,7 +230,7 @@ def _check_game(robot: Observations) -> Finding:
     if serious := [kind for kind in REMEDIES if kind in troubles]:
         summary = "; ".join([state or robot.silence(STATE.name), *(troubles[kind] for kind in serious)])
         return Finding.bad(summary, REMEDIES[serious[0]])
-    counted = [f"{kind} ({condition['troubles'][kind]})" for kind in troubles]
+    counted = [f"{kind} ({condition['troubles'][kind]})" for kind in troubles if kind != "no Nav2"]
     faults = [
         *(["the goal selector is not active"] if condition.get("active") is False else []),
         *(["Nav2 does not answer it"] if condition.get("nav2") is False else []),

@@ -5,6 +5,7 @@ import statistics
 from collections import deque
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from ...discovery import BEYOND
@@ -26,7 +27,7 @@ def _check_ros(robot: Observations) -> Finding:
     summary = "; ".join(
         [
             f"domain {robot.domain}, {robot.middleware or 'unknown middleware'}, sees {_REACHES.get(reach, reach)}",
-            *(f"{name}={variables[name]}" for name in _VARIABLES if name in variables),
+            *(f"{name}={Path(variables[name]).name}" for name in _VARIABLES if name in variables),
             *([f"not set: {', '.join(missing)}"] if missing else []),
         ]
     )
