@@ -45,7 +45,8 @@ def test_what_is_absent_and_what_has_not_answered_is_named_and_is_an_exit_status
     for name in ("policy", "goal_selector", "pose_age_s"):
         assert facts[name] is None
     assert facts["stopped"] is False
-    lines = dict(line.split(None, 1) for line in rows.out.splitlines())
+    assert max(map(len, rows.out.splitlines())) <= 80
+    lines = dict(line.split(None, 1) for line in rows.out.replace("\n" + 10 * " ", " ").splitlines())
     assert lines["absent"] == ", ".join([*others, SELECTOR, "policy", "goal_selector"])
     assert lines["pending"] == "audio_node, pose_age_s"
 

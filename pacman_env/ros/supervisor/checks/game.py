@@ -212,7 +212,9 @@ def _check_configuration(robot: Observations) -> Finding:
     whose, ours = next(((f"{node}'s map", there) for node, there in maps.items()), ("", None))
     if robot.map is not None:
         whose, ours = f"map {robot.map.name}", robot.map.hash[:12]
-    wrong += [f"{node} plays on {there}, {whose} is {ours}" for node, there in maps.items() if there != ours]
+    for other in dict.fromkeys(there for there in maps.values() if there != ours):
+        names = [node for node, there in maps.items() if there == other]
+        wrong.append(f"{' and '.join(names)} play{'s' if len(names) == 1 else ''} on {other}, {whose} is {ours}")
     if wrong:
         remedy = "start all nodes with the same --map, --preset, --execution and --set"
         return Finding.bad(listed(wrong) + reference, remedy, robot.start_game)

@@ -48,7 +48,11 @@ def _check_domain(robot: Observations) -> Finding:
     )
     if robot.environment.get(_RANGE, "").upper() == "LOCALHOST":
         remedy = f"unset {_RANGE}, which is LOCALHOST; {remedy}"
-    return robot.not_yet(f"no node discovered in domain {robot.domain} {robot.within}", remedy, FIREWALL)
+    summary = f"no node discovered in domain {robot.domain} {robot.within}"
+    if robot.virtual:
+        remedy = "name the domain of the game that is up, --domain-id N, or start one"
+        return Finding.bad(summary, remedy, robot.start_game, settled=False)
+    return Finding.bad(summary, remedy, FIREWALL, settled=False)
 
 
 def _check_namespace(robot: Observations) -> Finding:
