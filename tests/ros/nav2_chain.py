@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,14 @@ from rclpy.signals import SignalHandlerOptions
 #: Each costmap and the node that it lives in the process of; the costmap's own node lies below a namespace of its name.
 COSTMAPS = {"local_costmap": "controller_server", "global_costmap": "planner_server"}
 _SUBSTITUTION = re.compile(r"(?<!\\)\$\(([a-z][\w-]*)(?: ([^\s()'\"]+| *\"(?:[^\"$]|\$(?!\()|\$\(var [\w-]+\))*\"))?\)")
+
+
+@cache
+def nav2_yaml() -> dict[str, Any]:
+    """The parameters of each node and costmap of the files in ``config/``, as they are written."""
+    folder = Path(__file__).resolve().parents[2] / "config"
+    files = [yaml.safe_load((folder / name).read_text()) for name in ("nav2.yaml", "localization.yaml")]
+    return {name: node.get(name, node)["ros__parameters"] for file in files for name, node in file.items()}
 
 
 @dataclass(frozen=True)

@@ -1,18 +1,15 @@
 """A navigation that takes Nav2's place over the simulated base: it drives by ``cmd_vel`` alone and knows where it is
 from ``scan`` and odometry alone, as AMCL, a planner and a controller do. Nav2's own numbers come from
-``config/nav2.yaml``.
+``config/``.
 """
 
 from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from tf2_msgs.msg import TFMessage
 
@@ -29,18 +26,22 @@ from pacman_env.ros.messages import (
     twist_message,
 )
 from pacman_env.ros.simulated_robot.sim_sensors import map_message
-from pacman_env.ros.supervisor.game_nodes import SIMULATOR
+from pacman_env.ros.supervisor.game_nodes import NAV2_BY_HAND, SIMULATOR, GameSetup
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 from pacman_env.world.navigation.grid import build_grid
 from pacman_env.world.navigation.localization import Pose, compose, inverse, wrap
 from pacman_env.world.navigation.paths import NO_STEP
+from tests.ros.nav2_chain import nav2_yaml
 from tests.ros.particle_filter import ParticleFilter
 from tests.ros.scripted_nav2 import Goal, ScriptedNav2
 
-#: Parameters of the simulated robot that leave all to Nav2 but the base, and the first pose to the test.
-BASE_ONLY = {"navigation": False, "localization": False, "map_out": False, "set_initial_pose": False}
+_FOR_NAV2 = GameSetup("house", sim=True, nav2=NAV2_BY_HAND).parameters(SIMULATOR)
+#: Parameters of the simulated robot that leave all to Nav2 but the base, as `ros up --sim --nav2` gives them; the first
+#: pose is the test's.
+BASE_ONLY = {name: value for name, value in _FOR_NAV2.items() if name not in ("map_yaml", "speed", "use_sim_time")} | {
+    "set_initial_pose": False
+}
 FAILED_TO_MAKE_PROGRESS, NO_VALID_PATH = 105, 208  # of FollowPath and ComputePathToPose
-TRANSFORM_TOLERANCE_S = 1.0  # AMCL's, by which its transform is dated ahead
 INITIAL_OFF = (0.2, -0.1, 0.1)  # m, m, rad: of a game's first pose, beside the truth
 INITIAL_SIGMAS = (0.2, 0.2, 0.1)  # m, m, rad: of a pose that was given as a parameter
 HISTORY_NS = 2_000_000_000  # of odometry
@@ -51,14 +52,6 @@ TURN_RATE = 2.5  # rad/s for a radian off the path
 
 #: Of nav2_util's TwistPublisher.
 VELOCITIES = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE)
-
-
-@cache
-def nav2_yaml() -> dict[str, Any]:
-    """The parameters of each node and costmap of ``config/nav2.yaml``."""
-    file = Path(__file__).resolve().parents[2] / "config/nav2.yaml"
-    nodes = yaml.safe_load(file.read_text())
-    return {name: node.get(name, node)["ros__parameters"] for name, node in nodes.items()}
 
 
 class Amcl:
@@ -133,7 +126,7 @@ class Amcl:
         if self._filter.scan(odometry, ranges, bearings) or began:
             self._map_to_odom = compose(self._filter.pose, inverse(odometry))
             self._publish(scan.header.stamp)
-        later_ns = at_ns + round(TRANSFORM_TOLERANCE_S * 1e9)
+        later_ns = at_ns + round(nav2_yaml()["amcl"]["transform_tolerance"] * 1e9)
         later = type(scan.header.stamp)(sec=later_ns // 1_000_000_000, nanosec=later_ns % 1_000_000_000)
         self._tf_out.publish(TFMessage(transforms=[transform_message("map", "odom", self._map_to_odom, later)]))
 

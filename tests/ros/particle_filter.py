@@ -1,6 +1,6 @@
 """A particle filter with AMCL's models: likelihood field, differential odometry, an update when moved far enough.
 
-Numbers are nav2_amcl's defaults. There are always as many particles, and one cluster.
+Numbers are those of ``config/localization.yaml``. There are always as many particles, and one cluster.
 """
 
 from __future__ import annotations
@@ -13,12 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.world.navigation.localization import Pose, compose, inverse, wrap
+from tests.ros.nav2_chain import nav2_yaml
 
-UPDATE_MIN_D, UPDATE_MIN_A = 0.25, 0.2  # m along an axis, rad
-SIGMA_HIT, Z_HIT, Z_RAND, FARTHEST_HIT = 0.2, 0.5, 0.5, 2.0
-MAX_BEAMS = 60
-ALPHA = 0.2  # all four noises of the odometry
-PARTICLES = 500
+AMCL = nav2_yaml()["amcl"]
+UPDATE_MIN_D, UPDATE_MIN_A = AMCL["update_min_d"], AMCL["update_min_a"]  # m along an axis, rad
+SIGMA_HIT, Z_HIT, Z_RAND = AMCL["sigma_hit"], AMCL["z_hit"], AMCL["z_rand"]
+FARTHEST_HIT = AMCL["laser_likelihood_max_dist"]
+MAX_BEAMS = AMCL["max_beams"]
+ALPHA = AMCL["alpha1"]  # of the odometry's noises, which are all the same
+PARTICLES = AMCL["min_particles"]
 
 
 class LikelihoodField:

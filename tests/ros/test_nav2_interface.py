@@ -1,6 +1,6 @@
 """The simulated base against what Nav2 subscribes to, publishes and looks up, by Nav2's sources.
 
-The facts are rows of ``golden/nav2_interface.json``; numbers that ``config/nav2.yaml`` sets are read from there.
+The facts are rows of ``golden/nav2_interface.json``; numbers that files in ``config/`` set are read from there.
 """
 
 from __future__ import annotations
@@ -25,12 +25,13 @@ from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, Reliabilit
 
 from pacman_env.ros import topics
 from pacman_env.ros.messages import nanoseconds_of, seconds_of, transform_of, twist_message
-from pacman_env.ros.supervisor.game_nodes import NODES, SIMULATOR
+from pacman_env.ros.supervisor.game_nodes import NAV2_BRINGUP, NODES, SIMULATOR, GameSetup
 from pacman_env.sim.core import navigate_to_pose
 from pacman_env.world.navigation.grid import clearance_m
 from pacman_env.world.navigation.localization import compose
 from tests.ros import session
-from tests.ros.nav2_stand_in import BASE_ONLY, nav2_yaml
+from tests.ros.nav2_chain import nav2_yaml
+from tests.ros.nav2_stand_in import BASE_ONLY
 from tests.sim.robots import rooms
 
 FACTS: dict[str, Any] = json.loads((Path(__file__).parent / "golden/nav2_interface.json").read_text())
@@ -43,7 +44,7 @@ VELOCITY = (0.2, 0.5)  # m/s, rad/s
 
 
 def setting(node: str, name: str) -> Any:
-    """A parameter of a node or a costmap in ``config/nav2.yaml``."""
+    """A parameter of a node or a costmap in ``config/``."""
     value = nav2_yaml()[node]
     for key in name.split("."):
         value = value[key]
@@ -205,7 +206,7 @@ def test_rates_suffice_for_the_loops_of_the_configuration(base: Base, row: dict[
     if "at_least_hz" in row:
         allowed_s = 1.0 / (setting(*row["at_least_hz"]) * (2.0 if row.get("twice") else 1.0))
     else:
-        allowed_s = setting(*row["longest_gap_s"]) + FACTS["defaults"].get(row.get("plus"), 0.0)
+        allowed_s = setting(*row["longest_gap_s"]) + (setting(*row["plus"]) if "plus" in row else 0.0)
     assert 0.0 < longest_s <= allowed_s + 1e-6
 
 
@@ -346,6 +347,12 @@ def test_walls_of_the_map_lie_where_scan_and_transforms_put_them(base: Base) -> 
             off.append(float(away[row, column]))
     assert len(off) > 1000
     assert np.percentile(off, 95) < occupancy.resolution + 0.03 * 4.0  # lidar noise: 1 % of 4 m, three sigmas
+
+
+def test_time_runs_as_fast_as_the_wall_where_nav2s_loops_go_by_it() -> None:
+    assert FACTS["wall_clock"]["loops"].keys() >= {"controller_server", "velocity_smoother"}
+    with pytest.raises(ValueError, match="speed 2"):
+        GameSetup("house", sim=True, nav2=NAV2_BRINGUP, speed=2.0)
 
 
 def test_the_simulators_goals_end_with_nav2s_error_codes() -> None:

@@ -88,9 +88,7 @@ class GameSetup:
     lock_step: bool = False  # all nodes in one process; simulated time waits for them
     seed: int = 0  # of a lock-step game
     composed: bool = False  # the nodes of GAME in one process
-    nav2: str = (
-        ""  # a real Nav2 drives the simulated base: NAV2_BRINGUP, NAV2_BY_HAND or a command; "": it is simulated
-    )
+    nav2: str = ""  # what drives the simulated base: NAV2_BRINGUP, NAV2_BY_HAND or a command; "": a simulated Nav2
 
     def __post_init__(self) -> None:
         if not 1.0 <= self.speed <= 10.0:
@@ -101,6 +99,8 @@ class GameSetup:
             raise ValueError(
                 "nav2: only with a simulated robot (--sim); a real one has its own (docs/robot.md, step 5)"
             )
+        if self.starts_nav2 and self.speed != 1.0:
+            raise ValueError(f"speed {self.speed:g}: only 1 with nav2, whose loops run by the wall's clock")
         if self.nav2 and self.lock_step:
             raise ValueError("nav2: not in lock-step, for which a real Nav2 does not wait")
         if self.lock_step and not self.sim:
