@@ -202,6 +202,8 @@ def test_nav2_drives_no_faster_than_the_robot_can(nav2: dict[str, Any]) -> None:
     assert drive["vx_min"] >= 0
     # What MPPI pays for speed against what the path pays it: with more than Nav2's own it drove 0.11 m/s.
     assert drive["gamma"] / drive["vx_std"] ** 2 <= 0.015 / 0.2**2 + 1e-9
+    # It cannot back up: wherever it is not at the goal yet, it turns to one behind it.
+    assert drive["PathAngleCritic"]["threshold_to_consider"] < Config().nav2.goal_tolerance_m
 
 
 def test_a_server_that_acknowledges_late_aborts_no_goal(nav2: dict[str, Any]) -> None:
