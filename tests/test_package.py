@@ -105,7 +105,7 @@ def test_the_wheel_holds_the_package_evaluation_training_maps_planner_page_and_n
     maps = {f"pacman_env/maps/{path.name}" for path in (ROOT / "maps").iterdir() if path.suffix in (".yaml", ".pgm")}
     planner = {f"pacman_env/policies/pretrained/ppo.{kind}" for kind in ("onnx", "json")}
     page = {path.relative_to(ROOT).as_posix() for path in (ROOT / "pacman_env/web/static").iterdir()}
-    assert packed == package | maps | planner | page | {"pacman_env/py.typed"}
+    assert packed == package | maps | planner | page | {"pacman_env/py.typed", "pacman_env/ros/udp_alone.xml"}
     assert wheel.name == f"pacman_env-{pacman_env.__version__}-py3-none-any.whl"
 
 

@@ -298,11 +298,10 @@ class Match:
                     self._to_menu()
             if self.state == state:
                 return
-            if self.state == "running":
+            if self.state == "starting":  # a round without pellets would not begin
                 ids = [int(number) for number in self.require_round().assets.pellet_ids]
                 for _ in range(2):  # what two reports show is of this round
                     self._act(self._controller.pellets_left(ids, self._clock_s))
-            elif self.state == "starting":
                 self.clock.begin(time.monotonic())
 
     def _to_menu(self) -> None:

@@ -32,6 +32,7 @@ class Chain(NamedTuple):
     correction: Pose  # of odom in the map
     travelled: Pose  # of the base in odom
     received_s: float
+    travelled_s: float  # the stamp of the newest odometry: messages that were held up come all at once
 
     @property
     def pose(self) -> Pose:
@@ -58,6 +59,7 @@ class BelievedPose:
         self._latched: tuple[Pose, float] | None = None
         self._odometry: tuple[Pose, float] | None = None  # base in odom and its stamp, where the motion began
         self._velocity = (0.0, 0.0)
+        self._stamp_s = 0.0  # of the newest odometry
         self.restarts = 0  # of the odometry: its stamps were set back
         self._first_s = math.inf  # when the first transform that may change was received
 
@@ -112,7 +114,7 @@ class BelievedPose:
         travelled, correction = self._base_in(ODOM), self._links.get(ODOM)
         if travelled is None or correction is None or correction.parent != MAP:
             return None
-        return Chain(correction.pose, travelled[0], min(travelled[1], correction.received_s))
+        return Chain(correction.pose, travelled[0], min(travelled[1], correction.received_s), self._stamp_s)
 
     def _in_map(self) -> tuple[Pose, float] | None:
         return self._base_in(MAP)
@@ -131,6 +133,7 @@ class BelievedPose:
 
     def _move(self, pose: Pose, stamp_s: float) -> None:
         """Measure the velocity from odometry."""
+        self._stamp_s = stamp_s
         if self._odometry is not None:
             (x, y, heading), since_s = self._odometry
             passed_s = stamp_s - since_s

@@ -87,7 +87,8 @@ class PoseWatch:
         rolled = math.dist(chain.travelled[:2], last.travelled[:2])
         before = self._seen[0][1]
         expected = compose(before.correction, chain.travelled)
-        if rolled > limits.fastest_mps * max(0.0, now - at_s) + limits.jump_m:
+        passed_s = max(now - at_s, chain.travelled_s - last.travelled_s)
+        if rolled > limits.fastest_mps * passed_s + limits.jump_m:
             expected = last.pose
         elif not _apart(pose, expected, limits):
             return ""

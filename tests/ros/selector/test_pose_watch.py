@@ -50,6 +50,13 @@ def robot() -> Robot:
     return robot
 
 
+def test_transforms_that_were_held_up_and_come_all_at_once_are_no_jump(robot: Robot) -> None:
+    x, y, heading = robot.travelled
+    robot.travelled, robot.stamp = (x + 1.3, y, heading), robot.stamp + 5.0
+    robot.step()
+    assert not robot.watch.jump
+
+
 def test_corrections_as_amcl_makes_them_are_no_jump(robot: Robot) -> None:
     for k in range(30):
         error = (0.3 * math.sin(k), 0.3 * math.cos(k), 0.2 * math.sin(2.0 * k))
