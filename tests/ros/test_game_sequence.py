@@ -15,7 +15,7 @@ from pacman_env.game.events import STAND_S
 from pacman_env.ros import topics
 from tests.ros import session
 
-SHOW_S = 0.5  # of start and death; the motions are of 8 s and 5 s
+SHOW_S = 1.5  # of start and death; longer than a period of the pellet reports, without which no round begins
 NODES = ("game_event_mapper", "clyde_ghost_node", "pellet_manager", "game_controller")
 
 
