@@ -134,6 +134,7 @@ class RobotSide:
     def reset(self) -> None:
         """From wherever the game is to the first moment of a round."""
         self._hear(self.referee.reset(self.now)) if self.end == RUNNING and self.referee.state == "running" else None
+        self.shown = set(range(len(self.pellets)))
         for _ in range(6):
             if self.referee.state == "running":
                 break
@@ -141,10 +142,10 @@ class RobotSide:
             self._do(self.executor.check(self.home, (), self.now))
             for number in list(self.live):  # among them the way home
                 self.finish(number, SUCCEEDED, self.home)
+            self._hear(self.referee.pellets_left(self.shown, self.now)) if self.referee.state == "starting" else None
             self._hear(self.referee.tick(self.now))
             self._hear(self.referee.start(self.now)) if self.referee.state == "menu" else None
         assert self.referee.state == "running"
-        self.shown = set(range(len(self.pellets)))
         self.report()
         self.end = RUNNING
         self.sent.clear()

@@ -36,7 +36,7 @@ class RobotConfig(Checked, group="robot"):
     #: What the odometry's distances and turns are wrong by, drawn once from the seed. A base with encoders, gyro and
     #: floor camera is of this order [I]; relative standard deviations.
     odometry_distance_error: NotNegative = 0.01
-    odometry_turn_error: NotNegative = 0.01
+    odometry_turn_error: NotNegative = 0.01  # relative standard deviation, as of the distance [I]
     odometry_distance_noise: NotNegative = 0.005  # its random error after 1 m, m; grows with the distance's root [I]
     odometry_turn_noise: NotNegative = 0.01  # its random error after 1 rad, rad; grows with the turn's root [I]
     odometry_heading_noise: NotNegative = 0.01  # its random error after 1 m, rad; grows with the distance's root [I]

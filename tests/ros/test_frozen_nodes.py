@@ -89,6 +89,7 @@ def test_a_pellet_manager_that_was_frozen_between_two_rounds_has_all_pellets_in_
         game.until("menu")
         game.forget(topics.GAME_RESULT, topics.REMOVE_PELLET)
         assert game.session.call(topics.START_GAME).success
-        game.until("running")
+        game.until("starting")
+    game.until("running")  # the round has waited for its pellets
     assert game.value(topics.ROUND) == 2
     to_the_end(game, 2 * spawned)

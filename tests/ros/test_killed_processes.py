@@ -199,6 +199,7 @@ def test_a_pellet_manager_that_was_taken_for_gone_between_two_rounds_has_all_pel
         game.to_the_end(spawned)
         game.wait(lambda: game.value(STATE) == "menu", "the menu")
         game.forget(RESULT, topics.REMOVE_PELLET)
-        game.ask_for_start()
+        game.ask(topics.START_GAME, lambda: game.value(STATE) == "starting", "the start show", only_in="menu")
+    game.wait(lambda: game.value(STATE) == "running", "the round, which has waited for its pellets")
     assert game.value(ROUND) == 2
     game.to_the_end(2 * spawned)

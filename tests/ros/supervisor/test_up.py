@@ -46,8 +46,8 @@ import os, sys, time
 if any(word.endswith("audio_node") for word in sys.orig_argv):
     sys.exit("no ears")
 if "pacman_env.ros.supervisor.child" in sys.orig_argv:
-    parent = os.getppid()
-    while os.getppid() == parent:
+    parent = sys.orig_argv[sys.orig_argv.index("pacman_env.ros.supervisor.child") + 1]
+    while os.getppid() == int(parent):
         time.sleep(0.2)
     sys.exit()
 """
