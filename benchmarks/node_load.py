@@ -55,7 +55,7 @@ def measure(map_source: str, policy: str, seconds: float, domain: int, composed:
             for name in names:
                 processes.start(name)
             wait(lambda: status_line.pose_age_s is not None, "a pose")
-            wait(lambda: status_line.ready and status_line.call(START_GAME), "the referee")
+            wait(lambda: status_line.ready and status_line.request(START_GAME), "the referee")
             wait(lambda: status_line.state == "running", "the round")
             wait(lambda: status_line.condition.get("decisions", {}).get("count"), "a decision")
             log(f"running, watched for {seconds:g} s")

@@ -75,6 +75,7 @@ class StatusLine(Observer):
         self.operator = OperatorStop(self, obeys=False)
         self.unresponsive = Unresponsive(self)
         self._cmd_vel: Any = None
+        self._requests: dict[str, Any] = {}  # futures, by the service's name
         self._callers: dict[str, Any] = {}
 
     def listen(self, topic: Any, handle: Callable[[Any], object], trouble: str) -> Any:
@@ -163,6 +164,17 @@ class StatusLine(Observer):
         if not client.service_is_ready() or time.monotonic() - made_s < KNOWN_S:
             return None
         return client.call_async(service.type.Request())
+
+    def request(self, service: topics.Service) -> bool:
+        """Whether the service has granted a request; to be called until it has, as it may refuse the first ones."""
+        pending = self._requests.get(service.name)
+        if pending is not None and pending.done():
+            if pending.result().success:
+                return True
+            pending = None
+        if pending is None:
+            self._requests[service.name] = self.call(service)
+        return False
 
     def halt(self) -> None:
         """Cancel every goal that Nav2 pursues, whichever node sent it, and command zero velocity."""
