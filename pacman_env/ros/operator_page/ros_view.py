@@ -173,7 +173,8 @@ def _alerts(node: PageNode) -> list[dict[str, Any]]:
     silent = {} if node.game.state is None else node.game.unresponsive
     for name, reason in silent.items():
         words = WORDS.format(name)
-        alerts.append({"kind": words, "words": f"{words} ({reason})"[:300], "remedy": START_AGAIN, "asks": False})
+        text = f"the node {words} ({reason})"[:300]
+        alerts.append({"kind": words, "words": text, "remedy": START_AGAIN, "asks": False})
     return alerts
 
 

@@ -150,7 +150,7 @@ def test_a_node_that_does_not_respond_is_an_alert_until_it_does(game: PageGame) 
     game.wait(alerts, "the alert")
     (alert,) = alerts()
     assert (alert["kind"], alert["asks"]) == ("pellet_manager does not respond", False)
-    assert alert["words"] == "pellet_manager does not respond (reset_pellets: no answer to 3 calls)"
+    assert alert["words"] == "the node pellet_manager does not respond (reset_pellets: no answer to 3 calls)"
     assert "ros up starts it again" in alert["remedy"]
     game.session.publish(topics.UNRESPONSIVE, "{}")
     game.wait(lambda: not alerts(), "its end")
