@@ -131,7 +131,8 @@ class Pursuit:
         self.selection.accept_pose()
         self._watch()
         response.success = bool(jump)
-        response.message = f"continues although the {jump}" if jump else "there is nothing to continue from"
+        nothing = "there is nothing to continue from: the pose has not jumped"
+        response.message = f"continues although the {jump}" if jump else nothing
         return response
 
     def _handle(self, handle: Callable[[Any, float], _Actions], message: Any) -> None:

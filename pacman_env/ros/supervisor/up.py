@@ -19,6 +19,7 @@ from pacman_env.ros.discovery import join
 from pacman_env.ros.node import Stop
 from pacman_env.ros.selector.reasons import POSE_JUMPED, troubles_of
 from pacman_env.ros.supervisor import game_nodes, nav2
+from pacman_env.ros.supervisor.checks.check import count
 from pacman_env.ros.supervisor.game_lock import GameLock
 from pacman_env.ros.supervisor.game_nodes import (
     COMPOSED,
@@ -100,11 +101,12 @@ def up(
             foreign = nav2.command(setup, logs) if setup.nav2 else []
             command = lambda name: foreign if name == NAV2 else setup.command(name)  # noqa: E731
             processes = ProcessGroup(command, logs, environment, writer.print, spare, final, preparation.holds)
-            keys = "; keys: s start, r reset, space stop, g release, q quit" if pressed else ""
-            writer.print(f"game on {game_nodes.full_namespace(setup.namespace)}{keys}")
+            writer.print(f"game on {game_nodes.full_namespace(setup.namespace)}")
+            if pressed:
+                writer.print("keys: s start, r reset, c continue, space stop, g release, q quit")
             writer.print(f"logs in {logs}")
             if setup.nav2 == NAV2_BY_HAND:
-                writer.print(f"start Nav2: {shlex.join(foreign[1:])}")
+                writer.print(f"start Nav2: {shlex.join(foreign[1:])}", whole=True)
             if setup.web is not None:
                 writer.print(f"page: http://127.0.0.1:{setup.web}/ on this computer")
             read_keys, starts = pressed or (lambda: ""), start or play_on or rounds is not None
@@ -191,7 +193,7 @@ class _Play:
                 if self.starts and not awaited and self._in_menu():
                     played, running = played + running, False
                     if played == rounds:
-                        self.writer.print(f"{played} played: {status_line.result}")
+                        self.writer.print(f"{count(played, 'round')} played: {status_line.result}")
                         break
                     self.wanted.append(START_GAME)
                 self._handle_keys()

@@ -34,7 +34,7 @@ from pacman_env.ros.bags.bag_replay import replay_bag
 from pacman_env.ros.supervisor.checks.check import BAD, OK
 from pacman_env.ros.supervisor.doctor import doctor
 from pacman_env.ros.supervisor.game_nodes import GAME, PAGE, SELECTOR, SIMULATOR, GameSetup
-from pacman_env.ros.supervisor.terminal import fitted
+from pacman_env.ros.supervisor.terminal import LineWriter, fitted
 from pacman_env.world.maps.occupancy import load_map
 from tests.ros.supervisor.terminal import COLUMNS, PATIENCE_S, Terminal
 from tests.ros.supervisor.test_doctor import diagnose, is_bad
@@ -136,7 +136,8 @@ def test_the_line_says_what_is_awaited_and_the_first_round_begins_where_it_is_as
     game.wait_for(lambda: terminal.shows(r"^running +round 1 "), "the round")
     assert terminal.shows(r"^starting: waiting for .*pellet_manager")
     assert terminal.shows(r"^starting: waiting for goal_selector")
-    assert terminal.shows(r"^game on /robot_15; keys: s start, r reset, space stop, g release, q quit$")
+    assert terminal.shows(r"^game on /robot_15$")
+    assert terminal.shows(r"^keys: s start, r reset, c continue, space stop, g release, q quit$")
 
 
 def test_a_round_is_recorded_and_replayed(game: Game) -> None:
@@ -218,7 +219,7 @@ def test_the_space_bar_stops_the_robot_until_g_and_so_do_others(game: Game) -> N
     game.wait_for(stands, "the goal selector to say so")
     released = ask("release")
     assert released.status == 0
-    assert released.out.startswith("released: ")
+    assert released.out.startswith("released; received by ")
     game.wait_for(lambda: not stands(), "the goal selector to go on")
     assert ask("release").out == "nothing was stopped\n"
 
@@ -429,3 +430,21 @@ def test_a_bad_domain_is_one_line(
 )
 def test_a_line_leaves_out_what_does_not_fit(width: int, line: str) -> None:
     assert fitted(["state", "score 1", "pellets 2/3"], width) == line
+
+
+class Screen(io.StringIO):
+    """A terminal, as far as writing goes."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_lines_that_stay_are_broken_between_words_but_for_paths_and_commands(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    screen, path = Screen(), f"/home/{'a' * 50}/log"
+    LineWriter(screen).print(f"pose jumped 3.1 m and 4 degrees, which odometry does not explain; log {path}")
+    lines = screen.getvalue().removeprefix("\r\x1b[K").splitlines()
+    assert lines == ["pose jumped 3.1 m and 4 degrees, which", "  odometry does not explain; log", f"  {path}"]
+    screen = Screen()
+    LineWriter(screen).print(command := "ros2 launch nav2_bringup bringup_launch.py namespace:=robot_15", whole=True)
+    assert screen.getvalue() == f"\r\x1b[K{command}\n"
