@@ -10,11 +10,10 @@ from typing import Any
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import join
 from pacman_env.ros.supervisor import status
-from pacman_env.ros.supervisor.status_line import StatusLine
+from pacman_env.ros.supervisor.status_line import ANSWER_S, StatusLine
 from pacman_env.ros.supervisor.terminal import wrapped
 
 DONE, REFUSED, NO_ANSWER = 0, 1, 3  # exit statuses, beside 2 for bad arguments
-ANSWER_S = 2.0  # then it is asked again: an answer may be lost
 SETTLE_S = 0.5  # in which what is latched comes in, once anything has
 OBEY_S = 2.0  # in which all obey that have ever published
 

@@ -38,7 +38,7 @@ from pacman_env.ros.supervisor.game_nodes import (
 from pacman_env.ros.supervisor.preparation import Preparation
 from pacman_env.ros.supervisor.processes import Lost, ProcessGroup
 from pacman_env.ros.supervisor.shared_memory import tidied
-from pacman_env.ros.supervisor.status_line import StatusLine
+from pacman_env.ros.supervisor.status_line import ANSWER_S, StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter, keyboard
 from pacman_env.ros.topics import CONTINUE, RESET_GAME, START_GAME, Service
 from pacman_env.world.maps.occupancy import load_map
@@ -161,7 +161,7 @@ class _Play:
     lock: GameLock
     starts: bool  # the next round by itself
     play_on: bool  # and every later one
-    answers: list[tuple[Service, Any]] = field(default_factory=list)  # of services that were called
+    answers: list[tuple[Service, Any, float]] = field(default_factory=list)  # of services, and when they were called
     wanted: list[Service] = field(default_factory=list)  # to be called as soon as they are there
     compiling: Callable[[], str] = lambda: ""  # what is compiled now
     menu_s: float | None = None  # since when the game is in the menu, wall time
@@ -258,13 +258,20 @@ class _Play:
             answer = self.status_line.call(service)
             if answer is not None:
                 self.wanted.remove(service)
-                self.answers.append((service, answer))
-        done = [(service, answer) for service, answer in self.answers if answer.done()]
-        for service, answer in done:
-            self.answers.remove((service, answer))
+                self.answers.append((service, answer, time.monotonic()))
+        for call in list(self.answers):
+            service, answer, called_s = call
+            if not answer.done():
+                if time.monotonic() - called_s > ANSWER_S:
+                    self.answers.remove(call)
+                    self.wanted.append(service)
+                continue
+            self.answers.remove(call)
             if answer.result().success:
                 self.starts = self.play_on or (self.starts and service is not START_GAME)
-            elif service is not START_GAME or not self.starts:  # else it is asked again
+            elif service is START_GAME and self.starts:  # asked again, if it has not begun by an answer that was lost
+                self.starts = self.play_on or self.status_line.state == "menu"
+            else:
                 self.writer.print(f"{service.name}: {answer.result().message}")
 
     def _restart_unresponsive(self) -> None:

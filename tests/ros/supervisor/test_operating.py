@@ -15,6 +15,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 import urllib.request
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -168,9 +169,10 @@ def test_keys_start_and_reset_a_game_and_what_is_refused_is_said(game: Game) -> 
 
 def test_others_start_and_reset_the_game_and_get_its_state(game: Game) -> None:
     game.in_menu()
-    started = ask("start")
-    assert (started.status, started.err) == (0, "")
-    assert started.out == "a round begins: the robot drives home first\n"
+    answers = []  # refused as long as the referee has not discovered the goal selector
+    game.wait_for(lambda: answers.append(ask("start")) or answers[-1].status == 0, "the start")
+    assert answers[-1].err == ""
+    assert answers[-1].out == "a round begins: the robot drives home first\n"
     again = ask("start")
     assert again.status == 1
     assert "start: the game is in state" in again.out
@@ -264,6 +266,19 @@ def test_a_pellet_manager_that_is_there_and_does_not_answer_is_reported_and_star
     game.wait_for(lambda: pid_of("pellet_manager") not in (None, number), "another pellet manager")
     game.wait_for(lambda: terminal.shows(r"^running +round 1 +score \d+ +pellets \d+/13", since), "the round")
     assert not terminal.shows(r"^running .* pellets 0/0", since)
+    game.in_menu()
+
+
+def test_a_start_that_a_killed_referee_never_answered_is_asked_for_again(game: Game) -> None:
+    terminal, number = game.terminal, pid_of("game_controller")
+    game.in_menu()
+    assert number is not None
+    os.kill(number, signal.SIGSTOP)
+    since = len(terminal.lines)
+    terminal.press("s")
+    time.sleep(1.0)  # the service is ready: it is called
+    os.kill(number, signal.SIGKILL)
+    game.wait_for(lambda: terminal.shows(r"^running +round 1 +score \d+ +pellets \d+/13", since), "the round")
     game.in_menu()
 
 
