@@ -166,26 +166,22 @@ class GameBatch(GameState):
         levels = self.level_numbers()[games]
         of_each = zip(games.tolist(), self.games["tick"][games].tolist(), levels.tolist(), into.tolist(), strict=True)
         rounds = [self._history.so_far(i, ticks, level)._replace(game=k) for i, ticks, level, k in of_each]
-        target._receive(clones.Copies(self, games), rounds, into, levels)
+        copies = clones.Copies(self, games)
+        if len(target.levels) > 1:
+            target._change_levels(into, levels)
+        target._levels.enter(into, copies.games)
+        target._replay([r for r, touch in zip(rounds, copies.games["touch"], strict=True) if touch])
+        copies.games["level"] = [target._levels.slots[i] for i in into.tolist()]
+        copies.write(target, into)
+        # A robot that was driven by hand is not where its decisions lead to: its contact begins anew.
+        target.games["touch"][into[~target.spaces.hold(into)]] = 0
+        if target._history.resume(target.games, rounds):
+            target._forget_tables()
         if reseed is not None:
             seeds = np.asarray(reseed, dtype=np.uint64)
             clones.reseed(target.games, target.ghosts, into, seeds)
             for r, seed in zip(rounds, seeds.tolist(), strict=True):
                 target._history.reseeded[r.game] = (*r.reseeded, (len(r.decisions), seed))
-
-    def _receive(
-        self, copies: clones.Copies, rounds: list[RoundSoFar], into: NDArray[np.int64], levels: NDArray[np.int64]
-    ) -> None:
-        if len(self.levels) > 1:
-            self._change_levels(into, levels)
-        self._levels.enter(into, copies.games)
-        self._replay([r for r, touch in zip(rounds, copies.games["touch"], strict=True) if touch])
-        copies.games["level"] = [self._levels.slots[i] for i in into.tolist()]
-        copies.write(self, into)
-        # A robot that was driven by hand is not where its decisions lead to: its contact begins anew.
-        self.games["touch"][into[~self.spaces.hold(into)]] = 0
-        if self._history.resume(self.games, rounds):
-            self._forget_tables()
 
     def _bind(self) -> None:
         if self._version == self.levels.version:
