@@ -57,6 +57,7 @@ class Pursuit:
             (topics.GAME_STATE, selection.on_state),
             (topics.GAME_COMMAND, selection.on_command),
             (topics.PELLET_MARKERS, selection.on_pellets),
+            (topics.PELLETS_SPAWNED, selection.on_spawned),
             (topics.PELLETS_COLLECTED, selection.on_collected),
             *((topic, partial(selection.on_ghost, k)) for k, topic in enumerate(ghosts)),
             (topics.CLYDE_SPEED, selection.on_clyde_speed),
