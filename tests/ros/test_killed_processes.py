@@ -33,7 +33,8 @@ if TYPE_CHECKING:
 
 AGAIN_S = 5.0  # of real time: a busy machine answers within it
 LIMIT_S = 600.0  # of real time, for anything that happens at all
-SETTINGS = ["clyde.speed_mps=0.02", "show.start_s=2", "show.death_s=2"]
+# No round is lost.
+SETTINGS = ["clyde.speed_mps=0.02", "execution.death_radius_m=0.001", "show.start_s=2", "show.death_s=2"]
 OWN: dict[str, dict[str, Any]] = {
     SIMULATOR: {"speed": 10.0},
     SELECTOR: {"policy": "lookahead", "home": "[0.0, 0.0, 0.0]"},
@@ -147,7 +148,7 @@ class Game:
     def to_the_end(self, score: int) -> None:
         """The round is completed; every pellet of it counts."""
         result = f"Complete - Score: {score}"  # the result of the round before may still be on its way
-        self.wait(lambda: self.value(RESULT) == result or self.value(STATE) == "dying", result)
+        self.wait(lambda: self.value(RESULT) == result or "dying" in self.probe.values(STATE), result)
         assert self.value(RESULT) == result
         self.wait(lambda: self.value(SCORE) == score, "the score")
 

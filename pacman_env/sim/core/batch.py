@@ -121,7 +121,7 @@ class GameBatch(GameState):
                 if len(self.levels) > 1:
                     self._change_levels(index, np.array([r.level for r in begin]))
                 began = np.array([r.began for r in begin], dtype=GAME)
-                self._start(index, began["seed"], began)
+                self._start(index, np.ascontiguousarray(began["seed"]), began)
             for r in rounds:
                 k = tick - (longest - len(r.decisions))
                 for _, seed in (one for one in r.reseeded if one[0] == k):
