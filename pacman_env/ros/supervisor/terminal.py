@@ -61,9 +61,10 @@ def fitted(parts: Sequence[str], width: int | None = None) -> str:
 def wrapped(text: str, indent: int = 0) -> str:
     """Lines as wide as the terminal, broken between words; those after the first are indented. Paths stay whole."""
     width = shutil.get_terminal_size().columns
-    wrapper = textwrap.TextWrapper(width, subsequent_indent=" " * indent, break_on_hyphens=False)
-    wrapper.break_long_words = False
-    return "\n".join(wrapper.wrap(text))
+    indented = " " * indent
+    return "\n".join(
+        textwrap.wrap(text, width, subsequent_indent=indented, break_on_hyphens=False, break_long_words=False)
+    )
 
 
 def plain(text: str, longest: int) -> str:

@@ -63,15 +63,19 @@ def test_a_pellet_collected_while_the_referee_was_dead_by_a_goal_selector_that_i
     with session.game(tmp_path, ground, "nearest", settings=settings) as played:
         game = played.game
         played.record(topics.GAME_STATE, topics.SCORE, topics.REMOVE_PELLET, topics.PELLETS_SPAWNED, topics.GAME_RESULT)
+
+        def removed() -> int:
+            return len(set(played.values(topics.REMOVE_PELLET)))
+
         assert played.call(topics.START_GAME).success
-        played.wait_for(lambda: len(set(played.values(topics.REMOVE_PELLET))) >= 1, 200, "the first pellet")
+        played.wait_for(removed, 200, "the first pellet")
         spawned = played.values(topics.PELLETS_SPAWNED)[-1]
         while True:  # until a pellet is collected in the three seconds that a referee's start takes
-            removed = len(set(played.values(topics.REMOVE_PELLET)))
+            before = removed()
             game.kill("game_controller")
-            while game.member("game_controller") is None and len(set(played.values(topics.REMOVE_PELLET))) == removed:
+            while game.member("game_controller") is None and removed() == before:
                 played.advance(0.1)
-            if len(set(played.values(topics.REMOVE_PELLET))) > removed:
+            if removed() > before:
                 break
             played.advance(0.7)
         game.kill("goal_selector")
