@@ -11,9 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...engine.jit import kernel
-from ...sim.coarse.model import GHOST, NOWHERE, ROBOT, choose, lead_m, step
+from ...sim.coarse.model import GHOST, NOWHERE, ROBOT, lead_m, play
 
-NODE = np.dtype([*ROBOT, ("first", np.int32), ("value", np.float64)])
+NODE = np.dtype(
+    [
+        *ROBOT,
+        ("first", np.int32),  # of the choices
+        ("value", np.float64),
+        ("safety", np.float64),  # the same with all that a lead is worth
+    ]
+)
 #: Numbers of the search.
 SETTINGS = np.dtype(
     [
@@ -26,7 +33,8 @@ SETTINGS = np.dtype(
         ("pellet_worth", np.float64),
         ("second_worth", np.float64),  # of a pellet that is collected a second earlier
         ("completion_worth", np.float64),
-        ("lead_worth", np.float64),  # of a ghost that is far, at the end of the horizon
+        ("lead_worth", np.float64),  # of a ghost that is far, at the end of the horizon ...
+        ("lead_share", np.float64),  # ... and this share of it before
         ("lead_m", np.float64),  # far, by its path
         ("metre_worth", np.float64),  # of the path to the nearest pellet left, at the end of the horizon
         ("near_worth", np.float64),  # of a ghost that never came near
@@ -43,19 +51,19 @@ class Room(NamedTuple):
     nodes: Any  # (L, K) NODE
     ghosts: Any  # (L, K, G) GHOST
     counts: Any  # (L,)
-    goals: Any  # (K,) of one node
-    kept: Any  # (K,) of a layer
+    goals: Any  # of one node
+    kept: Any  # of a layer
 
 
-def new_room(width: int, ghosts: int, goals: int, settings: NDArray[Any]) -> Room:
+def new_room(width: int, ghosts: int, settings: NDArray[Any]) -> Room:
     layers = int(np.ceil(settings["segment_s"][0] / settings["layer_s"][0])) + 2
     choices = int(settings["pellets"][0] + settings["refuges"][0]) + 2
-    most = max(layers * width * choices, goals + 1)
+    most = layers * width * choices
     return Room(
         np.zeros((layers, most), NODE),
         np.zeros((layers, most, ghosts), GHOST),
         np.zeros(layers, np.int64),
-        np.zeros(max(choices, goals + 1), np.int64),
+        np.zeros(choices, np.int64),
         np.zeros(width, np.int64),
     )
 
@@ -104,15 +112,17 @@ def _list_goals(node, model, s, refuges, goals):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _value(node, ghosts, model, s, at_end):  # type: ignore[no-untyped-def]
-    value = s.pellet_worth * node.collected - s.second_worth * node.collected_s
+def _rate(node, ghosts, model, s, start_s, over):  # type: ignore[no-untyped-def]
+    """Fill in a node's value and safety; ``over``: its line ends there."""
+    value = s.pellet_worth * node.collected - s.second_worth * (node.collected_s - start_s * node.collected)
     if node.closest_m < s.near_m:
         value -= s.near_worth * (1.0 - node.closest_m / s.near_m)
+    lost = 0.0
     if node.pellets == 0:
-        return value + s.completion_worth
-    if at_end:
+        value += s.completion_worth
+    elif not over:
         far = min(lead_m(node, ghosts, model.map) / s.lead_m, 1.0)
-        value -= s.lead_worth * (1.0 - far) ** 2
+        lost = s.lead_worth * (1.0 - far) ** 2
         length = model.map.robot_length[node.block]
         nearest = np.inf
         for goal in range(len(model.bit)):
@@ -121,7 +131,7 @@ def _value(node, ghosts, model, s, at_end):  # type: ignore[no-untyped-def]
                 nearest = min(nearest, length[goal])
         if nearest < np.inf:
             value -= s.metre_worth * nearest
-    return value
+    node.value, node.safety = value - s.lead_share * lost, value - lost
 
 
 @kernel
@@ -130,11 +140,11 @@ def _same(a, b):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _keep_best(nodes, count, width, kept):  # type: ignore[no-untyped-def]
-    """Number the best nodes of a layer, one of those that are alike; returns how many."""
-    order = np.argsort(-nodes[:count].value, kind="mergesort")
-    found = 0
-    for k in range(count):
+def _keep_best(nodes, order, found, width, kept):  # type: ignore[no-untyped-def]
+    """Add to the ``found`` nodes of a layer the first of an order, up to ``width``, one of those that are alike."""
+    for k in range(len(order)):
+        if found >= width:
+            break
         node = nodes[order[k]]
         alike = False
         for j in range(found):
@@ -142,9 +152,17 @@ def _keep_best(nodes, count, width, kept):  # type: ignore[no-untyped-def]
         if not alike:
             kept[found] = order[k]
             found += 1
-            if found == width:
-                break
     return found
+
+
+@kernel
+def _keep(nodes, width, kept):  # type: ignore[no-untyped-def]
+    """Number the nodes of a layer that are continued: half of them for their value, half for their safety.
+
+    For their value alone, lines that collect and then die crowd out those that live.
+    """
+    found = _keep_best(nodes, np.argsort(-nodes.value, kind="mergesort"), 0, (width + 1) // 2, kept)
+    return _keep_best(nodes, np.argsort(-nodes.safety, kind="mergesort"), found, width, kept)
 
 
 @kernel
@@ -154,68 +172,59 @@ def _copy(ghosts, other):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def search(root, ghosts, choices, model, settings, refuges, room, best):  # type: ignore[no-untyped-def]
-    """Fill in the value of the best line that begins with each of the ``choices`` (R,), goals of the map.
+def search(begin, choices, settings, room, best):  # type: ignore[no-untyped-def]
+    """Fill in the value of the best line that begins with each of the goals ``choices`` (R,).
 
-    ``root`` (1,) and ``ghosts`` (G,) are where it begins, ``refuges`` the number of the first goal that is none of the
-    pellets. Returns how many segments were played.
+    ``begin`` is a ``Start`` whose robot is a ``NODE``. Returns how many segments were played.
     """
-    s = settings[0]
-    start_s, layers = root[0].time_s, len(room.counts)
+    s, model, start_s = settings[0], begin.model, begin.robot[0].time_s
+    layers = len(room.counts)
     room.counts[:] = 0
     best[:] = DEAD
     played = 0
     for layer in range(-1, s.layers):
-        here = (layer + layers) % layers
-        nodes, many = room.nodes[here], room.ghosts[here]
+        here, following = (layer + layers) % layers, (layer + 1) % layers
+        nodes, ghosts = room.nodes[here], room.ghosts[here]
+        kept = 1
         if layer < 0:
-            nodes[0] = root[0]
-            _copy(ghosts, many[0])
+            nodes[0] = begin.robot[0]
+            _copy(begin.ghosts, ghosts[0])
             room.kept[0] = 0
-            kept = 1
         else:
-            kept = _keep_best(nodes, room.counts[here], s.width, room.kept)
+            kept = _keep(nodes[: room.counts[here]], s.width, room.kept)
             for k in range(room.counts[here]):
                 best[nodes[k].first] = max(best[nodes[k].first], nodes[k].value + PRUNED)
         for k in range(kept):
-            node = nodes[room.kept[k]]
-            if layer < 0:
-                count = len(choices)
-                room.goals[:count] = choices
-            else:
-                count = _list_goals(node, model, s, refuges, room.goals)
+            node = room.kept[k]
+            count = len(choices)
+            if layer >= 0:
+                count = _list_goals(nodes[node], model, s, begin.pellets, room.goals)
             for j in range(count):
-                played += 1
-                after, until_s = -1, node.time_s + s.segment_s
-                # The child is played where it will lie, in a layer that is known only then: last in the next one.
-                there = (layer + 1) % layers
-                at = room.counts[there]
-                child, its = room.nodes[there, at], room.ghosts[there, at]
-                room.nodes[there, at] = node
-                _copy(many[room.kept[k]], its)
+                goal = choices[j] if layer < 0 else room.goals[j]
+                # A child is played where it lies if it is of the next layer, behind those that are there.
+                at = room.counts[following]
+                room.nodes[following, at] = nodes[node]
+                child, its = room.nodes[following, at], room.ghosts[following, at]
+                _copy(ghosts[node], its)
                 if layer < 0:
                     child.first = j
-                choose(child, room.goals[j], model)
-                while child.time_s < until_s:
-                    step(child, its, model)
-                    if child.dead or child.reached or child.pellets == 0 or child.time_s >= model.rules[0].limit_s:
-                        break
+                play(child, its, goal, child.time_s + s.segment_s, model)
+                played += 1
                 if child.dead:
                     best[child.first] = max(best[child.first], DEAD + child.time_s - start_s)
                     continue
-                after = int((child.time_s - start_s) / s.layer_s)
                 over = child.pellets == 0 or child.time_s >= model.rules[0].limit_s
-                child.value = _value(child, its, model, s, not over)
+                after = max(int((child.time_s - start_s) / s.layer_s), layer + 1)
+                _rate(child, its, model, s, start_s, over)
                 if over or after >= s.layers:
-                    best[child.first] = max(best[child.first], child.value)
-                    continue
-                after = max(after, layer + 1)
-                if after > layer + 1:
-                    goes = after % layers
-                    room.nodes[goes, room.counts[goes]] = child
-                    _copy(its, room.ghosts[goes, room.counts[goes]])
-                    there = goes
-                room.counts[there] += 1
+                    best[child.first] = max(best[child.first], child.safety)
+                elif after == layer + 1:
+                    room.counts[following] += 1
+                else:
+                    there = after % layers
+                    room.nodes[there, room.counts[there]] = child
+                    _copy(its, room.ghosts[there, room.counts[there]])
+                    room.counts[there] += 1
         if layer >= 0:
             room.counts[here] = 0
     return played

@@ -3,7 +3,6 @@
 A block is the cells of a square that are connected inside it; its place is that of the cell nearest to their middle.
 """
 
-import functools
 import math
 import weakref
 from typing import Any, NamedTuple
@@ -22,6 +21,7 @@ BLOCK_M = 0.2
 MOST_BLOCKS = 3000  # of the ghosts: the tables from each to each are 6 bytes a pair
 NO_BLOCK = -1  # in ``robot_next``: none before the goal
 _AHEAD_M = 0.35  # the stretch of a path that the robot turns to before it drives (world/navigation/controller.py)
+_BESIDE_M = 0.7  # a ghost so near, straight, may reach the robot wherever its path leads
 _PULL_CM = 5  # a next block is so much nearer to the goal at least
 _MM = 1000.0
 
@@ -40,6 +40,7 @@ class CoarseArrays(NamedTuple):
     ghost_xy: Any = Array(np.float64, "A 2")  # m
     ghost_length: Any = Array(np.float32, "A A")  # m, path between blocks
     ghost_next: Any = Array(np.int32, "A A")  # [target, block]: the block that follows on the way to the target
+    ghost_beside: Any = Array(np.int32, "B 2")  # blocks that are nearest to a robot's block, on both sides of a wall
     ghost_corner: Any = Array(np.int32, "4")  # block of each ghost's corner
 
 
@@ -86,6 +87,7 @@ def _build(assets: MapAssets) -> CoarseArrays:
         ghost_xy=clyde.position[cells[ghost_place]],
         ghost_length=ghost_length,
         ghost_next=ghost_next,
+        ghost_beside=_beside(assets.cell_xy[place].astype(np.float64), clyde.position[cells[ghost_place]], ghost_length),
         ghost_corner=ghost_block[number[targets.corner]],
     )
 
@@ -219,7 +221,23 @@ def _ways(place, block, length_cm, next_step, cell_xy, ahead):  # type: ignore[n
     return length, following, heading
 
 
-def block_lengths(assets: MapAssets) -> NDArray[np.float32]:
-    """(A, A) lengths in m between the ghosts' blocks."""
-    lengths: NDArray[np.float32] = coarse_map(assets).ghost_length
-    return lengths
+@kernel
+def _beside(place, ghost_place, length):  # type: ignore[no-untyped-def]
+    """(B, 2) the ghosts' block nearest to each place, and of those beside the place the farthest from that by path.
+
+    A robot near a wall can be reached from both sides, and which one a ghost takes can change with a centimetre.
+    """
+    beside = np.zeros((len(place), 2), np.int32)
+    for b in range(len(place)):
+        nearest, least = 0, np.inf
+        for a in range(len(ghost_place)):
+            square = (ghost_place[a, 0] - place[b, 0]) ** 2 + (ghost_place[a, 1] - place[b, 1]) ** 2
+            if square < least:
+                nearest, least = a, square
+        other = nearest
+        for a in range(len(ghost_place)):
+            square = (ghost_place[a, 0] - place[b, 0]) ** 2 + (ghost_place[a, 1] - place[b, 1]) ** 2
+            if square <= _BESIDE_M * _BESIDE_M and length[nearest, a] > length[nearest, other]:
+                other = a
+        beside[b, 0], beside[b, 1] = nearest, other
+    return beside

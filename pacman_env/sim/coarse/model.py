@@ -84,24 +84,25 @@ GHOST = np.dtype(
 class Lags(NamedTuple):
     """How the robot drives; calibrated by ``python -m benchmarks.coarse_model``."""
 
-    speed_share: float = 0.93  # of the commanded speed, along a path
+    speed_share: float = 0.995  # of the commanded speed, along a path
     free_turn_rad: float = 0.7  # as the controller's (world/navigation/controller.py)
     turn_radps: float = 1.2
     start_s: float = 0.3
-    switch_s: float = 0.6
-    pickup_s: float = 0.25
-    death_margin_m: float = 0.15
+    switch_s: float = 0.6  # in periods of Nav2's planner
+    pickup_s: float = 0.0  # a goal that is reached ends its step
+    step_s: float = 1.0
+    death_margin_m: float = 0.1
 
 
-def rules(config: Config, lags: Lags, speed_mps: float | None = None) -> NDArray[Any]:
-    """(1,) record of the numbers; ``speed_mps`` None: the configuration's."""
+def rules(config: Config, lags: Lags) -> NDArray[Any]:
+    """(1,) record of the numbers."""
     record = np.zeros(1, dtype=RULES)
-    record["speed"] = lags.speed_share * (speed_mps or config.robot.speed_mps)
+    record["speed"] = lags.speed_share * config.robot.speed_mps
     record["free_turn"], record["turn_rate"] = lags.free_turn_rad, lags.turn_radps
     record["start_s"] = lags.start_s
     record["switch_s"] = lags.switch_s * config.nav2.planner_period_s
     record["pickup_s"] = lags.pickup_s
-    record["step_s"] = config.execution.tick_s
+    record["step_s"] = lags.step_s
     record["pickup_m"], record["goal_m"] = config.execution.pickup_radius_m, config.nav2.goal_tolerance_m
     record["death_m"] = config.execution.death_radius_m + lags.death_margin_m
     record["limit_s"] = config.time_limit_s
@@ -388,15 +389,25 @@ def step(robot, ghosts, model):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def play(robot, ghosts, goal, until_s, model):  # type: ignore[no-untyped-def]
+    """Choose a goal and step until that time, or until it is reached, or the round ends."""
+    choose(robot, goal, model)
+    while robot.time_s < until_s:
+        step(robot, ghosts, model)
+        if robot.dead or robot.reached or robot.pellets == 0 or robot.time_s >= model.rules[0].limit_s:
+            break
+
+
+@kernel
 def lead_m(robot, ghosts, m):  # type: ignore[no-untyped-def]
-    """The shortest path of a ghost to the robot, m; where no ghost can come, with the straight rest."""
-    column, row = cell_of(m.affine, m.ghost_block.shape[0], m.ghost_block.shape[1], robot.x, robot.y)
-    here = m.ghost_block[row, column]
-    rest = math.hypot(m.ghost_xy[here, 0] - robot.x, m.ghost_xy[here, 1] - robot.y)
+    """The shortest path of a ghost to the robot, on either side of a wall that it is at, m."""
     least = np.inf
-    for k in range(len(ghosts)):
-        ghost = ghosts[k]
-        on = m.ghost_length[ghost.block, ghost.towards] - ghost.offset_m
-        ahead = m.ghost_length[here, ghost.towards] + on
-        least = min(least, ahead, m.ghost_length[here, ghost.block] + ghost.offset_m)
-    return least + rest
+    for j in range(2):
+        here = m.ghost_beside[robot.block, j]
+        rest = math.hypot(m.ghost_xy[here, 0] - robot.x, m.ghost_xy[here, 1] - robot.y)
+        for k in range(len(ghosts)):
+            ghost = ghosts[k]
+            on = m.ghost_length[ghost.block, ghost.towards] - ghost.offset_m
+            ahead = min(m.ghost_length[here, ghost.towards] + on, m.ghost_length[here, ghost.block] + ghost.offset_m)
+            least = min(least, ahead + rest)
+    return least
