@@ -24,7 +24,7 @@ _MOST_SAMPLES = 16
 class Parameters(NamedTuple):
     """Numbers of the search, by hand."""
 
-    nodes: int = 6_200  # segments played for a decision, at most
+    nodes: int = 12_500  # segments played for a decision, at most
     milliseconds: float = 0.0  # above 0, in place of that: wider and wider searches in that time
     samples: int = 2  # futures of the ghosts that wander beside others
     horizon_s: float = 48.0
@@ -35,13 +35,13 @@ class Parameters(NamedTuple):
     pellet_worth: float = 10.0
     second_worth: float = 0.1  # of a pellet that is collected a second earlier
     completion_worth: float = 20.0
-    lead_worth: float = 20.0  # of ghosts that are far away at the end, by their paths ...
-    lead_share: float = 0.25  # ... and this share of it on the way there
+    lead_worth: float = 40.0  # of ghosts that are far away at the end, by their paths ...
+    lead_share: float = 0.125  # ... and this share of it on the way there
     lead_m: float = 3.0
     metre_worth: float = 0.5  # of the path to the nearest pellet left
-    near_worth: float = 4.0  # of ghosts that never come near, straight
-    near_m: float = 0.8
-    keep_worth: float = 0.5  # the goal pursued now is worth so much more
+    near_worth: float = 12.0  # of ghosts that never come near, straight
+    near_m: float = 0.9
+    keep_worth: float = 3.0  # the goal pursued now is worth so much more
     seed: int = 0  # of the futures
 
 

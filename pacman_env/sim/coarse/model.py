@@ -91,7 +91,7 @@ class Lags(NamedTuple):
     switch_s: float = 0.6  # in periods of Nav2's planner
     pickup_s: float = 0.0  # a goal that is reached ends its step
     step_s: float = 1.0
-    death_margin_m: float = 0.1
+    death_margin_m: float = 0.15
 
 
 def rules(config: Config, lags: Lags) -> NDArray[Any]:
