@@ -44,6 +44,31 @@ class Parameters(NamedTuple):
     keep_worth: float = 3.0  # the goal pursued now is worth so much more
     seed: int = 0  # of the futures
 
+    @property
+    def layers(self) -> int:
+        return round(self.horizon_s / self.layer_s)
+
+    @property
+    def choices(self) -> int:
+        """Of a node, at most: those, to hold, and to go on."""
+        return self.pellets + self.refuges + 2
+
+
+def _check(p: Parameters) -> None:
+    above_0 = ("nodes", "samples", "horizon_s", "layer_s", "segment_s", "lead_m", "near_m")
+    for name, value in p._asdict().items():
+        if not 0 <= value < np.inf or (name in above_0 and value == 0):
+            raise ValueError(
+                f"{name} = {value!r}: must be a finite number, {'above' if name in above_0 else 'at least'} 0"
+            )
+    if not p.layer_s <= p.segment_s <= p.horizon_s:
+        raise ValueError(f"segment_s = {p.segment_s}: must be layer_s = {p.layer_s} to horizon_s = {p.horizon_s}")
+    if p.samples > _MOST_SAMPLES:
+        raise ValueError(f"samples = {p.samples}: must be {_MOST_SAMPLES} at most")
+    least = p.samples * p.choices * (p.layers + 1)
+    if p.nodes < least:
+        raise ValueError(f"nodes = {p.nodes}: must be at least {least}, one of each layer in each future")
+
 
 class Search(BasePolicy):
     """The rule; every parameter can be given by name.
@@ -55,20 +80,12 @@ class Search(BasePolicy):
 
     def __init__(self, base: str = "ppo", **parameters: Any) -> None:
         self.parameters = p = Parameters(**parameters)
-        for name, value in p._asdict().items():
-            if not 0 <= value < np.inf:
-                raise ValueError(f"{name} = {value!r}: must be a finite number of at least 0")
-        for name in ("nodes", "horizon_s", "layer_s", "segment_s", "samples", "lead_m", "near_m"):
-            if getattr(p, name) == 0:
-                raise ValueError(f"{name} = {getattr(p, name)!r}: must be above 0")
-        if p.segment_s < p.layer_s or p.horizon_s < p.segment_s or p.samples > _MOST_SAMPLES:
-            rule = f"layer_s <= segment_s <= horizon_s and samples <= {_MOST_SAMPLES}"
-            raise ValueError(f"layer_s, segment_s, horizon_s, samples = {p[3:6]}, {p.samples}: must be {rule}")
+        _check(p)
         self.base: Policy = make_policy(base)
         self._settings = np.zeros(1, dtype=SETTINGS)
         for name in set(SETTINGS.names or ()) & set(Parameters._fields):
             self._settings[name] = getattr(p, name)
-        self._settings["layers"] = round(p.horizon_s / p.layer_s)
+        self._settings["layers"] = p.layers
         self._room: Room | None = None
         self.played = 0  #: segments, for the last situation
         self._take(self.config)
@@ -90,7 +107,7 @@ class Search(BasePolicy):
         return [find_behaviour(name) for name in config.clyde.ghosts]
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
-        """(N, C) the value of the best line that begins with each candidate; the base's where nothing is predictable."""
+        """(N, C) value of the best line that begins with each candidate; the base's where nothing is predictable."""
         if not self._predictable:
             return self.base.scores(situation)
         p = self.parameters
@@ -120,10 +137,9 @@ class Search(BasePolicy):
         """(R,) with this share of the budget."""
         p, settings = self.parameters, self._settings
         best = np.empty(len(goals))
-        choices = p.pellets + p.refuges + 2
-        width = max((p.nodes // samples - len(goals)) // (int(settings["layers"][0]) * choices), 1)
-        if p.milliseconds > 0:
-            width = _NARROWEST
+        width = _NARROWEST
+        if p.milliseconds == 0:
+            width = (p.nodes // samples - len(goals)) // (p.layers * p.choices)
         began = time.perf_counter()
         while True:
             before = time.perf_counter()

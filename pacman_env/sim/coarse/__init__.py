@@ -1,1 +1,1 @@
-"""A coarse model of the game, compiled: blocks of the map, a robot with lags, ghosts that react; for policies that plan."""
+"""A coarse model of the game, for policies that plan: blocks of the map, a robot with lags, ghosts that react."""

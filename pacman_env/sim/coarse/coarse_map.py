@@ -15,7 +15,6 @@ from ...engine.bucket_queue import clear, new_queue, pop, push
 from ...engine.jit import kernel
 from ...world.navigation.paths import AT_GOAL, NO_STEP
 from ..maps.assets import MapAssets
-from ..maps.ghost_cells import nearest_positions
 
 BLOCK_M = 0.2
 MOST_BLOCKS = 3000  # of the ghosts: the tables from each to each are 6 bytes a pair
@@ -87,7 +86,9 @@ def _build(assets: MapAssets) -> CoarseArrays:
         ghost_xy=clyde.position[cells[ghost_place]],
         ghost_length=ghost_length,
         ghost_next=ghost_next,
-        ghost_beside=_beside(assets.cell_xy[place].astype(np.float64), clyde.position[cells[ghost_place]], ghost_length),
+        ghost_beside=_beside(
+            assets.cell_xy[place].astype(np.float64), clyde.position[cells[ghost_place]], ghost_length
+        ),
         ghost_corner=ghost_block[number[targets.corner]],
     )
 
@@ -149,7 +150,7 @@ def _edges(
 def _between_all(
     pixel: NDArray[np.int32], start: NDArray[np.int64], ends: NDArray[np.int64], resolution: float
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Lengths (A, A) in m and next blocks (A, A), by target, on ghosts' ways; ``pixel`` (A, 2) are the blocks' places."""
+    """Lengths (A, A) in m and next blocks (A, A), by target, of ghosts; ``pixel`` (A, 2) are the blocks' places."""
     count = len(pixel)
     here = np.repeat(np.arange(count), np.diff(start))
     apart = np.sort(np.abs(pixel[here] - pixel[ends]), axis=1)
@@ -211,9 +212,9 @@ def _ways(place, block, length_cm, next_step, cell_xy, ahead):  # type: ignore[n
                 cell += next_step[g, cell]
                 walked += 1
                 other = block[cell]
-                if following[b, g] == NO_BLOCK and other != b:
-                    if np.int64(length_cm[place[other], g]) <= own - _PULL_CM:
-                        following[b, g] = other
+                nearer = np.int64(length_cm[place[other], g]) <= own - _PULL_CM
+                if following[b, g] == NO_BLOCK and other != b and nearer:
+                    following[b, g] = other
                 if walked <= ahead:
                     heading[b, g] = math.atan2(cell_xy[cell, 1] - y, cell_xy[cell, 0] - x)
                 elif following[b, g] != NO_BLOCK:

@@ -31,7 +31,7 @@ def start(
     lags: Lags,
     robot: np.dtype[Any] | None = None,
 ) -> Start:
-    """The coarse game of situation ``i``; ``robot`` is the type of the robot's record. Raises ValueError without maps."""
+    """The coarse game of situation ``i``; ``robot``: the type of the robot's record. ValueError without maps."""
     s = situation
     if s.maps is None:
         raise ValueError("the situation has no maps to plan on")
