@@ -51,7 +51,7 @@ def start(
     goals = s.goal[i].astype(np.int64)  # a candidate that is no goal has -1, NOWHERE
     goal, left_m = NOWHERE, 0.0
     current = int(s.current[i])
-    if current >= 0 and np.isfinite(s.path_robot[i, current]):
+    if current >= 0 and s.mask[i, current] and np.isfinite(s.path_robot[i, current]):
         goal, left_m = int(goals[current]), float(s.path_robot[i, current])
     _put(own, ghosts, model, s.robot[i], s.ghosts[i], np.int64(goal), left_m)
     return Start(own, ghosts, goals, model, assets.pellets)

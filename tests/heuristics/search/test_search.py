@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from pacman_env.config import make_config
 from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.game.execution import COMPLETE
+from pacman_env.game.ghosts import BEHAVIOURS
 from pacman_env.heuristics.search.search import Search, is_predictable
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
@@ -26,20 +27,10 @@ class TestSearchAgainstWanderers(PolicyContract):
 
 
 class TestSearchAgainstAChaser(PolicyContract):
+    config = config_of("chase")
+
     def make(self) -> Policy:
         return Search(nodes=300, horizon_s=12.0)
-
-    def fresh(self, games: int) -> Policy:
-        policy = self.make()
-        policy.reset(np.ones(games, np.bool_), config_of("chase"))
-        return policy
-
-    def test_reset_makes_a_policy_as_new(self) -> None:
-        used, fresh = self.fresh(50), self.fresh(50)
-        used.select(random_situation(5, 50))
-        used.reset(np.ones(50, np.bool_), config_of("chase"))
-        situation = random_situation(6, 50)
-        np.testing.assert_array_equal(used.select(situation), fresh.select(situation))
 
 
 def policy_for(*ghosts: str, **parameters: Any) -> Search:
@@ -138,8 +129,6 @@ def test_holding_is_always_rated() -> None:
 
 
 def test_what_can_be_predicted() -> None:
-    from pacman_env.game.ghosts import BEHAVIOURS
-
     assert {name for name, one in BEHAVIOURS.items() if is_predictable(one)} == {"arcade", "chase"}
 
 
@@ -158,9 +147,6 @@ def test_a_parameter_that_it_does_not_have_is_refused() -> None:
 
 
 def test_a_situation_without_maps_is_refused() -> None:
-    from dataclasses import replace
-
     situation = replace(random_situation(0, 1), maps=None)
     with pytest.raises(ValueError, match="no maps"):
         policy_for("chase").scores(situation)
-    assert make_config().clyde.ghosts == ("wander",)
