@@ -7,7 +7,7 @@ wanders draws its targets from a stream of its own.
 import functools
 import math
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -132,7 +132,7 @@ def _decide_behaviour(table, k, unused):  # type: ignore[no-untyped-def]
     a = _behaviour_arrays(table)
     v = a.views[k]
     constants = reals_at(a.behaviours[k, 1], _CONSTANTS)
-    view = GhostView(np.int64(v[0]), v[1], v[2], v[3], v[4], v[5], v[6], v[7], v[8], v[9])
+    view = GhostView(int(v[0]), v[1], v[2], v[3], v[4], v[5], v[6], v[7], v[8], v[9])
     a.targets[k, 0], a.targets[k, 1] = _target(view, to_fixed_tuple(constants, _CONSTANTS))
     return 0
 
@@ -152,7 +152,7 @@ def _behaviour_kernel(behaviour: Behaviour) -> Callable[[int, int, int], int]:
 class Behaviours:
     """The ghosts' behaviours, ready to be called from kernels; ``table`` is theirs."""
 
-    def __init__(self, behaviours: tuple[Behaviour, ...], config: Config) -> None:
+    def __init__(self, behaviours: Sequence[Behaviour], config: Config) -> None:
         """One that is sent from outside is modelled as one that wanders."""
         count = len(behaviours)
         self._constants = [np.array(one.constants(config), dtype=np.float64) for one in behaviours]
