@@ -2,7 +2,7 @@
 
 Nodes are kept in layers by their time. Of each layer the best are continued, of those that are at the same place with
 the same goal and pellets only the best one. The value of a node is what was collected, earlier is better, less for a
-ghost that came near, and at the end of the horizon for how far the ghosts' paths to the robot are.
+ghost that came near; its safety is less for a short lead, too, and is what counts at the end of the horizon.
 """
 
 from typing import Any, NamedTuple
@@ -33,10 +33,10 @@ SETTINGS = np.dtype(
         ("pellet_worth", np.float64),
         ("second_worth", np.float64),  # of a pellet that is collected a second earlier
         ("completion_worth", np.float64),
-        ("lead_worth", np.float64),  # of a ghost that is far, at the end of the horizon ...
-        ("lead_share", np.float64),  # ... and this share of it before
-        ("lead_m", np.float64),  # far, by its path
-        ("metre_worth", np.float64),  # of the path to the nearest pellet left, at the end of the horizon
+        ("lead_worth", np.float64),  # of ghosts that are far, in a node's safety ...
+        ("lead_share", np.float64),  # ... and this share of it in its value
+        ("lead_m", np.float64),  # far, by their paths
+        ("metre_worth", np.float64),  # of the path to the nearest pellet left
         ("near_worth", np.float64),  # of a ghost that never came near
         ("near_m", np.float64),
     ]

@@ -35,8 +35,8 @@ class Parameters(NamedTuple):
     pellet_worth: float = 10.0
     second_worth: float = 0.1  # of a pellet that is collected a second earlier
     completion_worth: float = 20.0
-    lead_worth: float = 40.0  # of ghosts that are far away at the end, by their paths ...
-    lead_share: float = 0.125  # ... and this share of it on the way there
+    lead_worth: float = 40.0  # of ghosts that are far by their paths, in a node's safety ...
+    lead_share: float = 0.125  # ... and this share of it in its value
     lead_m: float = 3.0
     metre_worth: float = 0.5  # of the path to the nearest pellet left
     near_worth: float = 12.0  # of ghosts that never come near, straight

@@ -26,18 +26,14 @@ from .coarse_map import NO_BLOCK, CoarseArrays
 _BESIDE_M = 0.6  # blocks farther apart are not joined by a step
 NOWHERE, UNCHANGED = -1, -2  # goals: none; no other than the one driven to
 MOST_PELLETS = 64  # bits of a state
-_LAGS = (
-    ("speed", np.float64),  # m/s along a path
-    ("free_turn", np.float64),  # rad off the path that are turned while driving
-    ("turn_rate", np.float64),  # rad/s beyond that, starting and stopping included
-    ("start_s", np.float64),  # from a choice to driving, at rest
-    ("switch_s", np.float64),  # from a choice to driving elsewhere, on the way
-    ("pickup_s", np.float64),  # from a goal reached to the next choice
-)
 #: The numbers of a game, and of how the robot drives.
 RULES = np.dtype(
     [
-        *_LAGS,
+        ("speed", np.float64),  # m/s along a path
+        ("free_turn", np.float64),  # rad off the path that are turned while driving
+        ("turn_rate", np.float64),  # rad/s beyond that, starting and stopping included
+        ("start_s", np.float64),  # from a choice to driving, at rest
+        ("switch_s", np.float64),  # from a choice to driving elsewhere, on the way
         ("step_s", np.float64),  # ghosts decide, pick-up and death are tested
         ("pickup_m", np.float64),
         ("goal_m", np.float64),  # Nav2's tolerance
@@ -82,15 +78,14 @@ GHOST = np.dtype(
 
 
 class Lags(NamedTuple):
-    """How the robot drives; calibrated by ``python -m benchmarks.coarse_model``."""
+    """How the robot drives, and how finely the model is stepped; ``python -m benchmarks.coarse_model`` checks it."""
 
     speed_share: float = 0.995  # of the commanded speed, along a path
     free_turn_rad: float = 0.7  # as the controller's (world/navigation/controller.py)
-    turn_radps: float = 1.2
+    turn_radps: float = 1.2  # as the prediction's (sim/observation/prediction.py)
     start_s: float = 0.3
     switch_s: float = 0.6  # in periods of Nav2's planner
-    pickup_s: float = 0.0  # a goal that is reached ends its step
-    step_s: float = 1.0
+    step_s: float = 1.0  # a goal that is reached ends its step, which stands for the wait for the next choice
     death_margin_m: float = 0.15
 
 
@@ -101,7 +96,6 @@ def rules(config: Config, lags: Lags) -> NDArray[Any]:
     record["free_turn"], record["turn_rate"] = lags.free_turn_rad, lags.turn_radps
     record["start_s"] = lags.start_s
     record["switch_s"] = lags.switch_s * config.nav2.planner_period_s
-    record["pickup_s"] = lags.pickup_s
     record["step_s"] = lags.step_s
     record["pickup_m"], record["goal_m"] = config.execution.pickup_radius_m, config.nav2.goal_tolerance_m
     record["death_m"] = config.execution.death_radius_m + lags.death_margin_m
@@ -236,7 +230,7 @@ def choose(robot, goal, model):  # type: ignore[no-untyped-def]
         robot.goal, robot.then = NOWHERE, UNCHANGED
         return
     if robot.then != goal:
-        robot.then_s = p.switch_s if robot.goal >= 0 else p.start_s + (p.pickup_s if robot.reached else 0.0)
+        robot.then_s = p.switch_s if robot.goal >= 0 else p.start_s
         robot.then = goal
 
 
