@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,7 @@ import pytest
 from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.game.execution import COMPLETE
 from pacman_env.game.ghosts import BEHAVIOURS
+from pacman_env.heuristics.search import search as module
 from pacman_env.heuristics.search.search import Search, is_predictable
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
@@ -73,12 +76,16 @@ def test_no_more_segments_are_played_than_the_budget(ghosts: tuple[str, ...], sa
     assert nodes / 4 < policy.played <= nodes
 
 
-def test_more_time_is_a_wider_search() -> None:
+def test_more_time_is_a_wider_search(monkeypatch: pytest.MonkeyPatch) -> None:
     situation = situation_of(config_of("chase"))
-    least, more = (policy_for("chase", milliseconds=ms) for ms in (1e-3, 1e4))
-    for policy in (least, more):
+    played = []
+    for milliseconds in (1.0, 8.0):
+        clock = itertools.count(0.0, 1e-3)  # a search takes a millisecond, however wide it is
+        monkeypatch.setattr(module, "time", SimpleNamespace(perf_counter=lambda clock=clock: next(clock)))
+        policy = policy_for("chase", milliseconds=milliseconds)
         policy.scores(situation)
-    assert more.played > 10 * least.played
+        played.append(policy.played)
+    assert played[1] > 5 * played[0]
 
 
 def test_it_flees_from_a_chaser_in_time() -> None:
