@@ -50,6 +50,31 @@ def test_examples_run(example: str, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     exec(compile(example, "example", "exec"), {})
 
 
+def test_the_table_of_faults_has_each_test_that_holds_one_by_its_name() -> None:
+    text = (ROOT / "docs" / "robot.md").read_text()
+    section = text.partition("### Faults of the original")[2].partition("\n### ")[0]
+    tests = {str(file.relative_to(ROOT / "tests")): file.read_text() for file in (ROOT / "tests").rglob("test_*.py")}
+    named = re.findall(r"`([\w/]+\.py)`", section)
+    assert set(named) <= tests.keys()
+    held: dict[int, set[tuple[str, str]]] = {}
+    for file, code in tests.items():
+        for name in re.findall(r"^def test_(\w+)", code, re.MULTILINE):
+            if number := re.search(r"(?:^|_)fault_(\d+)(?:_|$)", name):
+                words = f"{name[: number.start()]}_{name[number.end() :]}".strip("_").replace("_", " ")
+                held.setdefault(int(number[1]), set()).add((file, words))
+    rows = {int(row[1]): row[2] for row in re.finditer(r"^\| (\d+) \|.*\| (.*) \|$", section, re.MULTILINE)}
+    shown = {
+        number: {
+            (file, words)
+            for part in row.split("; ")
+            for file, _, names in (part.partition(": "),)
+            for words in names.split(", ")
+        }
+        for number, row in rows.items()
+    }
+    assert {n: {(file.strip("`"), words) for file, words in pairs} for n, pairs in shown.items()} == held
+
+
 def anchors(page: Path) -> set[str]:
     """Of the headings, as GitHub makes them."""
     headings = re.findall(r"^#+ (.*)", page.read_text(), re.MULTILINE)

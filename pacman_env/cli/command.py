@@ -4,8 +4,10 @@ import argparse
 import contextlib
 import math
 import os
+import shutil
 import signal
 import sys
+import textwrap
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn, TypeVar
 
@@ -53,7 +55,11 @@ def guarded(prog: str, work: Callable[[], int | None], extra: str = "eval") -> i
         message = f"needs {error.name}: pip install 'pacman_env[{extra}]'"
     except (ValueError, OSError, FloatingPointError) as error:  # MapError and ConfigError are ValueErrors
         message = " ".join(str(error).split())
-    print(f"{prog}: {message}", file=sys.stderr)
+    text = f"{prog}: {message}"
+    if sys.stderr.isatty():
+        width = shutil.get_terminal_size().columns
+        text = "\n".join(textwrap.wrap(text, width, break_on_hyphens=False, break_long_words=False))
+    print(text, file=sys.stderr)
     return ERROR_STATUS
 
 

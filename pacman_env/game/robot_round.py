@@ -24,7 +24,8 @@ class UnacknowledgedStatuses:
     def __init__(self) -> None:
         self.end = ""  # what ended the task, empty once it was acknowledged
         self.pellets: list[str] = []  # reported, not counted yet
-        self._counted: int | None = None  # pellets of the round by the game's count; None if not received
+        self.spawned = 0  # pellets of the round by the game's count; 0 if not received
+        self._counted: int | None = None  # of them those that are collected; None if not received
         self._expected = 0  # the count once every report was received
         self._open_before: set[str] = set()  # at the last call of ``open``
         self._earlier = 0  # of the pellets, those that were reported before the present event
@@ -42,6 +43,20 @@ class UnacknowledgedStatuses:
         self.pellets.append(f"pellet_collected:{pellet}")
         self._expected = max(self._expected, self._counted or 0) + 1
         return ExecutorAction("status", self.pellets[-1])
+
+    def inherit(self, gone: list[int], known: int) -> list[ExecutorAction] | None:
+        """Report the pellets that are ``gone``, of ``known``, in a round that an executing side before this one played.
+
+        It may have ended with a report that the referee has not received; pellets that were counted are not counted
+        again. None while it is not known whether there are such.
+        """
+        if not self.spawned or self._counted is None:
+            return None
+        if self.spawned != known or len(gone) <= self._counted:
+            return []
+        self.pellets = [f"pellet_collected:{pellet}" for pellet in gone]
+        self._expected = len(gone)
+        return [ExecutorAction("status", word) for word in self.pellets]
 
     def counted(self, count: int) -> None:
         """The game's count of this round's pellets, including those of an executing side before this one."""
@@ -82,9 +97,12 @@ class RobotRound:
         self._missing_s = np.full(len(goals.ids), math.inf)  # by slot, since when reports do not show a pellet left
         self.record = Execution(config.execution.pickup_radius_m, pellets=len(goals.ids))
         self.reset()
+        # The round may be one that another executing side began; pellets that an abort removes are never counted.
+        self._inherited = config.execution.on_abort != "lose_pellet"
 
     def reset(self) -> None:
         """A new round, whose pellets the next report shows."""
+        self._inherited = False
         self.statuses.new_round()
         self.record = Execution(self.record.pickup, pellets=len(self.goals.ids))
         self.waits = np.zeros(self.goals.candidates + self.goals.refuges)
@@ -108,6 +126,8 @@ class RobotRound:
         to be gone after 2 s. A report of unknown pellets alone is about another map and changes nothing.
         """
         self.statuses.begin_event()
+        left = list(left)
+        inherited = self._inherit(left, unknown) if self._inherited and playing else []
         shown = np.zeros_like(self._left)
         shown[[self.goals.slot[number] for number in left if number not in self._collected]] = True
         if shown.any() or not unknown:
@@ -126,8 +146,14 @@ class RobotRound:
             self.empty_s = now
         elif now - self.empty_s >= _EMPTY_S:  # the last of a round is reported at once: this round had none in reach
             self.empty_s = math.inf
-            return self.statuses.ended("game_complete")
-        return []
+            return [*inherited, *self.statuses.ended("game_complete")]
+        return inherited
+
+    def _inherit(self, left: list[int], unknown: int) -> list[ExecutorAction]:
+        gone = sorted(set(self.goals.ids) - set(left))
+        reports = None if unknown else self.statuses.inherit(gone, len(self.goals.ids))
+        self._inherited = reports is None
+        return reports or []
 
     def step(
         self, event: int, value: int, at: Position | None, now: float, navigating: bool, ghosts: Sequence[Position] = ()

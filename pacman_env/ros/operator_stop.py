@@ -54,6 +54,12 @@ class OperatorStop:
         with self._lock:
             return sorted(by.rpartition("/")[2] for by, request in self._received.items() if request == self._last)
 
+    @property
+    def obeyed_by_all(self) -> bool:
+        """Whether every other node that has published any request has published the last one."""
+        with self._lock:
+            return all(request == self._last for request in self._received.values())
+
     def request(self, stopped: bool, who: str) -> None:
         """Stop or release, from any thread."""
         with self._lock:

@@ -331,7 +331,7 @@ def greeting(address: str, port: int, tokens: Tokens | None) -> str:
     return (
         f"To play and run it: {operator}\n{qr_code(operator)}\n"
         f"To view, and to STOP: {link(shown, port, tokens.viewer)}\n"
-        "Anyone with a link can use it, and the network can read it (http, not https). Ctrl-C ends the page."
+        "Anyone with a link can use it, and the network can read it (http, not https).\nCtrl-C ends the page."
     )
 
 

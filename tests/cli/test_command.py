@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import os
 import signal
+import sys
 import threading
 from typing import Any
 
 import pytest
 
-from pacman_env.cli.command import Parser
+from pacman_env.cli.command import Parser, guarded
 from pacman_env.cli.main import main
 
 
@@ -30,6 +31,22 @@ def test_ctrl_c_while_a_parser_is_made_follows_once_it_is_made(monkeypatch: pyte
     with pytest.raises(KeyboardInterrupt):
         Parser(prog="command")
     assert finished
+
+
+def test_on_a_terminal_what_is_wrong_is_broken_between_words_and_else_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "30")
+
+    def fail() -> int:
+        raise ValueError("a game is in /robot_15 already: ros up (process 4504 on this machine)")
+
+    assert guarded("command", fail) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    assert guarded("command", fail) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == ["command: a game is in", "/robot_15 already: ros up", "(process 4504 on this machine)"]
 
 
 def test_a_command_can_be_called_in_another_thread() -> None:

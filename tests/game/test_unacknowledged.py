@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from pacman_env.config import make_config
 from pacman_env.game.goal_executor import GoalExecutor
-from tests.game.executors import NEAR, homing, running, words
+from pacman_env.game.goals import home_place
+from tests.game.executors import GOALS, NEAR, homing, running, words
 
 
 def repeated(executor: GoalExecutor) -> list[str]:
@@ -37,6 +39,56 @@ def test_nothing_is_reported_again_to_a_game_that_does_not_count_or_has_gone_on(
     assert repeated(executor) == ["pellet_collected:10"]
     executor.state("dying", 2.0)
     assert repeated(executor) == []
+
+
+def in_a_round_of_another(left: list[int], spawned: int, counted: int | None, **settings: str) -> GoalExecutor:
+    """An executing side that is started in a round that runs, and the first report of its pellets."""
+    executor = GoalExecutor(make_config("robot", **settings), GOALS, home_place(0.0, 0.0, 0.0))
+    executor.activate(0.0)
+    executor.nav2(True, 0.0)
+    executor.command("enable", 0.0)
+    executor.state("running", 0.0)
+    executor.statuses.spawned = spawned
+    if counted is not None:
+        executor.statuses.counted(counted)
+    executor.reported = words(executor.pellets(left, 0, 0.0))  # type: ignore[attr-defined]
+    return executor
+
+
+def test_a_pellet_that_an_executing_side_before_this_one_collected_and_nobody_counted_is_reported() -> None:
+    executor = in_a_round_of_another([11], 2, None)
+    assert executor.reported == []  # type: ignore[attr-defined]
+    executor.statuses.counted(0)  # the referee is back
+    assert words(executor.pellets([11], 0, 1.0)) == ["status pellet_collected:10"]
+    assert repeated(executor) == ["pellet_collected:10"]
+    executor.statuses.counted(1)
+    assert repeated(executor) == []
+    assert words(executor.pellets([11], 0, 2.0)) == []
+
+
+@pytest.mark.parametrize(
+    ("left", "spawned", "counted", "settings"),
+    [
+        ([11], 2, 1, {}),  # it was counted
+        ([11], 1, 0, {}),  # the game has other pellets
+        ([10, 11], 2, 0, {}),
+        ([11], 2, 0, {"execution.on_abort": "lose_pellet"}),
+    ],
+)
+def test_nothing_is_reported_of_a_round_of_another_in_which_all_was_counted_or_nothing_is_known(
+    left: list[int], spawned: int, counted: int, settings: dict[str, str]
+) -> None:
+    executor = in_a_round_of_another(left, spawned, counted, **settings)
+    assert executor.reported == []  # type: ignore[attr-defined]
+    assert words(executor.pellets(left, 0, 1.0)) == []
+    assert repeated(executor) == []
+
+
+def test_a_round_that_begins_is_not_one_of_another() -> None:
+    executor = in_a_round_of_another([10, 11], 2, None)
+    executor.command("reset_round", 1.0)
+    executor.statuses.counted(0)
+    assert words(executor.pellets([11], 0, 1.0)) == []
 
 
 def test_counting_begins_again_with_the_round() -> None:

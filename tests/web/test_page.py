@@ -330,12 +330,16 @@ def test_an_alert_asks_for_the_robots_pose_and_goes(
     monkeypatch.setattr(simulated, "scene", shown)
     monkeypatch.setattr(simulated, "handle", handled)
     page = visit(viewport={"width": width, "height": 844})
+    page.press("tab-why")
     assert page.text("alert-words") == "Pose jumped 3.1 m. Where is the robot?"
     x, y = page.value("state.scene.pellets[7]")
     page.press("set-pose")
     assert page.text("mode") == "Click where the robot stands"
+    assert page.page.is_visible("#panel-why") == (width > 800)  # on a telephone the map needs its place
+    page.wait("view.fitted")
     page.click_at(x, y)
     assert page.text("mode") == "Click a place that it faces"
+    assert page.value("state.stands") == pytest.approx([x, y], abs=0.1)  # where the map has a cross
     page.click_at(x, y + 1.0)
     page.until(lambda: asked, "a pose")
     (pose,) = asked
@@ -344,6 +348,9 @@ def test_an_alert_asks_for_the_robots_pose_and_goes(
     page.wait("state.posing === ''")
     page.press("continue")
     page.until(lambda: len(asked) == 2, "to continue")
+    alerts.append({"kind": "silent", "words": "a node does not respond", "remedy": "wait", "asks": False})
+    page.wait("document.querySelectorAll('#alert-words p').length === 2")
+    assert page.page.locator("#alert-words p").last.text_content() == "A node does not respond: wait."
     alerts.clear()
     page.until(lambda: not page.page.is_visible("#alert"), "the end of the alert")
 
@@ -365,6 +372,36 @@ def test_stop_is_in_reach(visit: Visit, width: int) -> None:
     page.wait("state.frame.stopped")
     page.press("release")
     page.wait("!state.frame.stopped")
+
+
+def test_release_covers_no_tab_of_a_telephone(visit: Visit) -> None:
+    page = visit(viewport={"width": 390, "height": 844}, has_touch=True)
+    page.press("stop")
+    page.wait("state.frame.stopped")
+    for tab in ("", "tab-game"):  # the panel is closed at first
+        if tab:
+            page.press(tab)
+        for name in ("game", "play", "why", "rounds", "show", "ready"):
+            box = page.page.locator(f"#tab-{name}").bounding_box()
+            at = f"{box['x'] + box['width'] / 2}, {box['y'] + box['height'] / 2}"
+            assert page.value(f"document.elementFromPoint({at}).id") == f"tab-{name}"
+    page.page.evaluate("document.getElementById('release').disabled = true")  # for who has no control
+    assert page.value("getComputedStyle(document.getElementById('release')).opacity") == "1"
+
+
+def test_over_a_robot_the_page_offers_what_a_robot_can_do(
+    simulated: SimulatedGame, visit: Visit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(simulated, "source", "ros")
+    page = visit()
+    for name in ("share", "setup-seed", "setup-dice", "setup-second", "pause", "speed"):
+        assert not page.page.is_visible(f"#{name}"), name
+    assert page.page.is_visible("#setup-policy")
+    page.press("tab-play")
+    page.until(lambda: page.page.locator("#roles li").all_text_contents() == ["Robot: freePlay Robot"], "one role")
+    assert not page.page.is_visible("#duel-words")
+    page.press("tab-rounds")
+    assert page.text("stories-words").startswith("Rounds of a robot are not kept here.")
 
 
 def test_files_are_small_and_need_no_other_server() -> None:

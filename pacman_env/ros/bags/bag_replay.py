@@ -20,6 +20,7 @@ from pacman_env.ros.bags.pose_statistics import QUANTITIES, PoseStatistics, simu
 from pacman_env.ros.messages import BadMessage, nanoseconds_of, pellets_of, pose_of
 from pacman_env.ros.selector.believed_pose import BelievedPose
 from pacman_env.ros.supervisor.game_nodes import SELECTOR
+from pacman_env.ros.supervisor.terminal import wrapped
 from pacman_env.sim.maps.assets import MapAssets, map_assets
 from pacman_env.sim.observation.robot_view import RobotView, Seen
 from pacman_env.sim.observation.situation import Situation
@@ -87,7 +88,7 @@ class ReplayReport:
         for name, words in QUANTITIES.items():
             columns = (_range(side.get(name)) for side in (self.robot, self.simulator))
             lines.append(f"{words:29}{{:24}}{{}}".format(*columns))
-        return "\n".join(lines)
+        return "\n".join(wrapped(line, 11) for line in lines)
 
 
 def _range(quantiles: list[float] | None) -> str:

@@ -56,8 +56,8 @@ class GameController(GameNode):
         self._resets = {kind: service.client(self) for kind, service in _CALLED.items()}
         self._requests, self._removals = Requests(), Removals()  # by wall time
         self._waits_s: float | None = None  # since when a round waits for its pellets, wall time
-        self._unresponsive: dict[str, str] = {}  # as published
         self._unresponsive_out = topics.UNRESPONSIVE.publisher(self)
+        self._publish_unresponsive({})  # a referee before this one may have published others
         self._met: set[str] = set()  # services that have been there
         self._file = self._state_file()
         self._saved = self._load()  # a game to resume, at the first tick: then there is a clock
@@ -156,8 +156,11 @@ class GameController(GameNode):
             self.once.warning(f"{node} does not respond", f"{node} does not respond: {found[node]}")
         for node in self._unresponsive.keys() - found.keys():
             self.once.over(f"{node} does not respond")
-        self._unresponsive = found
-        self._unresponsive_out.publish(topics.UNRESPONSIVE.type(data=json.dumps(found)))
+        self._publish_unresponsive(found)
+
+    def _publish_unresponsive(self, reasons: dict[str, str]) -> None:
+        self._unresponsive = reasons
+        self._unresponsive_out.publish(topics.UNRESPONSIVE.type(data=json.dumps(reasons)))
 
     def _start(self) -> list[Action]:
         if self._saved is not None:

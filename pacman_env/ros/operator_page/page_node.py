@@ -293,7 +293,7 @@ class PageNode(BaseNode):
 
     def __init__(self, sim: bool, news: News, **options: Any) -> None:
         super().__init__(NAME, **options)
-        self._news = news
+        self.sim, self._news = sim, news
         self.robot = robot = RobotState(self)
         self.game = game = GameState(robot, news)
         self._watched: dict[str, Any] = {}  # subscriptions

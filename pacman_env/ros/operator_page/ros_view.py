@@ -15,6 +15,8 @@ from pacman_env.ros import topics
 from pacman_env.ros.messages import Position
 from pacman_env.ros.operator_page.page_node import GameState, PageNode
 from pacman_env.ros.selector.reasons import NO_ODOMETRY, POSE_JUMPED, POSE_LOST, REMEDIES, troubles_of
+from pacman_env.ros.supervisor.checks.check import RESTART_GAME, START_AGAIN
+from pacman_env.ros.supervisor.unresponsive import WORDS
 from pacman_env.web.control import ghost_role
 from pacman_env.web.frame import Frame, thinned
 from pacman_env.web.game import News, Scene
@@ -150,23 +152,30 @@ def _facts(node: PageNode, pellets: dict[int, Position]) -> dict[str, Any]:
         "clyde_speed_mps": game.numbers.get("clyde_speed", own.clyde.speed_mps),
         "link": "",
         "preparing": picture is None,
-        "alerts": _alerts(condition),
+        "alerts": _alerts(node),
     }
 
 
-def _alerts(condition: dict[str, Any]) -> list[dict[str, Any]]:
+def _alerts(node: PageNode) -> list[dict[str, Any]]:
     """What a person has to do something about; without seconds, for a scene has what stays."""
-    troubles = troubles_of(condition)
-    return [
+    troubles = troubles_of(node.game.condition)
+    remedies = {**REMEDIES, **({NO_ODOMETRY: RESTART_GAME} if node.sim else {})}
+    alerts = [
         {
             "kind": kind,
             "words": kind if kind in (POSE_LOST, NO_ODOMETRY) else troubles[kind][:300],
             "remedy": remedy,
             "asks": kind == POSE_JUMPED,
         }
-        for kind, remedy in REMEDIES.items()
+        for kind, remedy in remedies.items()
         if kind in troubles
     ]
+    silent = {} if node.game.state is None else node.game.unresponsive
+    for name, reason in silent.items():
+        words = WORDS.format(name)
+        text = f"the node {words} ({reason})"[:300]
+        alerts.append({"kind": words, "words": text, "remedy": START_AGAIN, "asks": False})
+    return alerts
 
 
 @lru_cache(maxsize=4)

@@ -57,6 +57,7 @@ class Pursuit:
             (topics.GAME_STATE, selection.on_state),
             (topics.GAME_COMMAND, selection.on_command),
             (topics.PELLET_MARKERS, selection.on_pellets),
+            (topics.PELLETS_SPAWNED, selection.on_spawned),
             (topics.PELLETS_COLLECTED, selection.on_collected),
             *((topic, partial(selection.on_ghost, k)) for k, topic in enumerate(ghosts)),
             (topics.CLYDE_SPEED, selection.on_clyde_speed),
@@ -131,7 +132,8 @@ class Pursuit:
         self.selection.accept_pose()
         self._watch()
         response.success = bool(jump)
-        response.message = f"continues although the {jump}" if jump else "there is nothing to continue from"
+        nothing = "there is nothing to continue from: the pose has not jumped"
+        response.message = f"continues although the {jump}" if jump else nothing
         return response
 
     def _handle(self, handle: Callable[[Any, float], _Actions], message: Any) -> None:

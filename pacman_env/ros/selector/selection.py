@@ -115,6 +115,9 @@ class Selection:
     def on_collected(self, message: Any, now: float) -> None:
         self.executor.statuses.counted(int(number_of(message, 0, 2**31 - 1)))
 
+    def on_spawned(self, message: Any, now: float) -> None:
+        self.executor.statuses.spawned = int(number_of(message, 0, 2**31 - 1))
+
     def on_ghost(self, number: int, message: Any, now: float) -> None:
         x, y, _ = pose_of(message)
         self.view.see_ghost(number, x, y, nanoseconds_of(message.header.stamp) or int(now * 1e9))

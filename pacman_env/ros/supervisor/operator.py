@@ -10,12 +10,12 @@ from typing import Any
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import join
 from pacman_env.ros.supervisor import status
-from pacman_env.ros.supervisor.status_line import StatusLine
+from pacman_env.ros.supervisor.status_line import ANSWER_S, StatusLine
 from pacman_env.ros.supervisor.terminal import wrapped
 
 DONE, REFUSED, NO_ANSWER = 0, 1, 3  # exit statuses, beside 2 for bad arguments
-ANSWER_S = 2.0  # then it is asked again: an answer may be lost
 SETTLE_S = 0.5  # in which what is latched comes in, once anything has
+OBEY_S = 2.0  # in which all obey that have ever published
 
 
 def operate(command: str, namespace: str, domain: int | None, sim: bool, wait_s: float) -> int:
@@ -37,14 +37,14 @@ def _call(service: topics.Service, status_line: StatusLine, wait_s: float) -> in
     if answer is None or not answer.done():
         return _no_answer(status_line, service.name)
     result = answer.result()
-    print(result.message)
+    print(wrapped(result.message))
     return DONE if result.success else REFUSED
 
 
 def _stop(status_line: StatusLine, wait_s: float) -> int:
     status_line.operator.request(True, "a terminal")
     status_line.halt()
-    return _print_obeying(status_line, wait_s, "stopped: {} obey until 'pacman-env ros release'")
+    return _print_obeying(status_line, wait_s, "stopped until 'pacman-env ros release'; obeyed by {}")
 
 
 def _release(status_line: StatusLine, wait_s: float) -> int:
@@ -56,7 +56,7 @@ def _release(status_line: StatusLine, wait_s: float) -> int:
         print("nothing was stopped")
         return DONE
     operator.request(False, "a terminal")
-    return _print_obeying(status_line, wait_s, "released: {} know it")
+    return _print_obeying(status_line, wait_s, "released; received by {}")
 
 
 def _status(status_line: StatusLine, wait_s: float, as_json: bool = False) -> int:
@@ -84,15 +84,14 @@ def _print_obeying(status_line: StatusLine, wait_s: float, text: str) -> int:
     if not status_line.spin_until(lambda: operator.obeyed_by, wait_s):
         return _no_answer(status_line, topics.OPERATOR_STOP.name)
     status_line.spin_until(lambda: False, SETTLE_S)
+    status_line.spin_until(lambda: operator.obeyed_by_all, OBEY_S)
     print(wrapped(text.format(", ".join(operator.obeyed_by))))
     return DONE
 
 
 def _no_answer(status_line: StatusLine, what: str) -> int:
     where, number = status_line.get_namespace(), os.environ["ROS_DOMAIN_ID"]
-    print(
-        f"no game in {where}, ROS domain {number}: no answer on {what}; is 'pacman-env ros up' running there? "
-        "for details run 'pacman-env ros doctor'",
-        file=sys.stderr,
-    )
+    text = f"no game in {where}, ROS domain {number}: no answer on {what}; is 'pacman-env ros up' running there? "
+    text += f"for details run 'pacman-env ros doctor{' --sim' if status_line.sim else ''}'"
+    print(wrapped(text) if sys.stderr.isatty() else text, file=sys.stderr)
     return NO_ANSWER

@@ -43,6 +43,7 @@ class Member:
     started_s: float = 0.0
     restarts: list[float] = field(default_factory=list)  # because it did not respond
     left_alone: bool = False  # so often that it is not started again
+    ended_by_us: bool = False  # for a restart, which has been reported
 
 
 @dataclass
@@ -117,6 +118,7 @@ class ProcessGroup:
             member.restarts.append(now)
             member.left_alone = False
             self.report(f"{name} is started again: {reason}")
+            member.ended_by_us = True
             member.process.kill()  # it may not be able to end by itself
             member.process.wait()
         elif not member.left_alone:
@@ -145,7 +147,9 @@ class ProcessGroup:
                 else:
                     pause = min(SLOW_START_S, 2.0 ** (len(member.deaths) - 1))
                     member.due_s = now + pause
-                    self.report(f"{name} {ended}; again in {pause:.0f} s")
+                    if not member.ended_by_us:
+                        self.report(f"{name} {ended}; again in {pause:.0f} s")
+                member.ended_by_us = False
         return dead
 
     def stop(

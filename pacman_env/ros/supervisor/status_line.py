@@ -24,6 +24,7 @@ from pacman_env.ros.supervisor.game_nodes import full_namespace
 from pacman_env.ros.supervisor.terminal import fitted, plain
 from pacman_env.ros.supervisor.unresponsive import Unresponsive
 
+ANSWER_S = 2.0  # then a service is called again: an answer may be lost, a referee that ended never sends it
 HALT_S = 1.0  # for Nav2's answer
 KNOWN_S = 0.3  # a server that is ready for a client may not know its reader yet, and drops its answer
 STOPPED = "stopped by the operator"
@@ -75,7 +76,7 @@ class StatusLine(Observer):
         self.operator = OperatorStop(self, obeys=False)
         self.unresponsive = Unresponsive(self)
         self._cmd_vel: Any = None
-        self._requests: dict[str, Any] = {}  # futures, by the service's name
+        self._requests: dict[str, tuple[Any, float]] = {}  # futures and when they were made, by the service's name
         self._callers: dict[str, Any] = {}
 
     def listen(self, topic: Any, handle: Callable[[Any], object], trouble: str) -> Any:
@@ -167,13 +168,11 @@ class StatusLine(Observer):
 
     def request(self, service: topics.Service) -> bool:
         """Whether the service has granted a request; to be called until it has, as it may refuse the first ones."""
-        pending = self._requests.get(service.name)
-        if pending is not None and pending.done():
-            if pending.result().success:
-                return True
-            pending = None
-        if pending is None:
-            self._requests[service.name] = self.call(service)
+        pending, called_s = self._requests.get(service.name, (None, 0.0))
+        if pending is not None and pending.done() and pending.result().success:
+            return True
+        if pending is None or pending.done() or time.monotonic() - called_s > ANSWER_S:
+            self._requests[service.name] = self.call(service), time.monotonic()
         return False
 
     def halt(self) -> None:

@@ -23,8 +23,9 @@ class LineWriter:
         self._last, self._due_s = "", 0.0
         self._awaited, self._since_s = "", 0.0
 
-    def print(self, text: str) -> None:
-        """A line that stays."""
+    def print(self, text: str, whole: bool = False) -> None:
+        """A line that stays, on a terminal broken between words; ``whole``: a command, which is to be copied."""
+        text = text if whole or not self._is_terminal else wrapped(text, 2)
         print(f"{_CLEAR if self._is_terminal else ''}{text}", file=self._out, flush=True)
         self._due_s = 0.0
 
@@ -58,9 +59,11 @@ def fitted(parts: Sequence[str], width: int | None = None) -> str:
 
 
 def wrapped(text: str, indent: int = 0) -> str:
-    """Lines as wide as the terminal, broken between words; those after the first are indented."""
+    """Lines as wide as the terminal, broken between words; those after the first are indented. Paths stay whole."""
     width = shutil.get_terminal_size().columns
-    return "\n".join(textwrap.wrap(text, width, subsequent_indent=" " * indent, break_on_hyphens=False))
+    wrapper = textwrap.TextWrapper(width, subsequent_indent=" " * indent, break_on_hyphens=False)
+    wrapper.break_long_words = False
+    return "\n".join(wrapper.wrap(text))
 
 
 def plain(text: str, longest: int) -> str:

@@ -19,6 +19,7 @@ from pacman_env.ros.discovery import join
 from pacman_env.ros.node import Stop
 from pacman_env.ros.selector.reasons import POSE_JUMPED, troubles_of
 from pacman_env.ros.supervisor import game_nodes, nav2
+from pacman_env.ros.supervisor.checks.check import count
 from pacman_env.ros.supervisor.game_lock import GameLock
 from pacman_env.ros.supervisor.game_nodes import (
     COMPOSED,
@@ -37,7 +38,7 @@ from pacman_env.ros.supervisor.game_nodes import (
 from pacman_env.ros.supervisor.preparation import Preparation
 from pacman_env.ros.supervisor.processes import Lost, ProcessGroup
 from pacman_env.ros.supervisor.shared_memory import tidied
-from pacman_env.ros.supervisor.status_line import StatusLine
+from pacman_env.ros.supervisor.status_line import ANSWER_S, StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter, keyboard
 from pacman_env.ros.topics import CONTINUE, RESET_GAME, START_GAME, Service
 from pacman_env.world.maps.occupancy import load_map
@@ -100,11 +101,12 @@ def up(
             foreign = nav2.command(setup, logs) if setup.nav2 else []
             command = lambda name: foreign if name == NAV2 else setup.command(name)  # noqa: E731
             processes = ProcessGroup(command, logs, environment, writer.print, spare, final, preparation.holds)
-            keys = "; keys: s start, r reset, space stop, g release, q quit" if pressed else ""
-            writer.print(f"game on {game_nodes.full_namespace(setup.namespace)}{keys}")
+            writer.print(f"game on {game_nodes.full_namespace(setup.namespace)}")
+            if pressed:
+                writer.print("keys: s start, r reset, c continue, space stop, g release, q quit")
             writer.print(f"logs in {logs}")
             if setup.nav2 == NAV2_BY_HAND:
-                writer.print(f"start Nav2: {shlex.join(foreign[1:])}")
+                writer.print(f"start Nav2: {shlex.join(foreign[1:])}", whole=True)
             if setup.web is not None:
                 writer.print(f"page: http://127.0.0.1:{setup.web}/ on this computer")
             read_keys, starts = pressed or (lambda: ""), start or play_on or rounds is not None
@@ -159,7 +161,7 @@ class _Play:
     lock: GameLock
     starts: bool  # the next round by itself
     play_on: bool  # and every later one
-    answers: list[tuple[Service, Any]] = field(default_factory=list)  # of services that were called
+    answers: list[tuple[Service, Any, float]] = field(default_factory=list)  # of services, and when they were called
     wanted: list[Service] = field(default_factory=list)  # to be called as soon as they are there
     compiling: Callable[[], str] = lambda: ""  # what is compiled now
     menu_s: float | None = None  # since when the game is in the menu, wall time
@@ -191,7 +193,7 @@ class _Play:
                 if self.starts and not awaited and self._in_menu():
                     played, running = played + running, False
                     if played == rounds:
-                        self.writer.print(f"{played} played: {status_line.result}")
+                        self.writer.print(f"{count(played, 'round')} played: {status_line.result}")
                         break
                     self.wanted.append(START_GAME)
                 self._handle_keys()
@@ -256,13 +258,20 @@ class _Play:
             answer = self.status_line.call(service)
             if answer is not None:
                 self.wanted.remove(service)
-                self.answers.append((service, answer))
-        done = [(service, answer) for service, answer in self.answers if answer.done()]
-        for service, answer in done:
-            self.answers.remove((service, answer))
+                self.answers.append((service, answer, time.monotonic()))
+        for call in list(self.answers):
+            service, answer, called_s = call
+            if not answer.done():
+                if time.monotonic() - called_s > ANSWER_S:
+                    self.answers.remove(call)
+                    self.wanted.append(service)
+                continue
+            self.answers.remove(call)
             if answer.result().success:
                 self.starts = self.play_on or (self.starts and service is not START_GAME)
-            elif service is not START_GAME or not self.starts:  # else it is asked again
+            elif service is START_GAME and self.starts:  # asked again, if it has not begun by an answer that was lost
+                self.starts = self.play_on or self.status_line.state == "menu"
+            else:
                 self.writer.print(f"{service.name}: {answer.result().message}")
 
     def _restart_unresponsive(self) -> None:

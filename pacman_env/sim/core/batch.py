@@ -1,5 +1,7 @@
 """N independent games simulated at once; game i is bit-identical to the same game alone with the same seed."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from typing import Any
 
@@ -10,7 +12,7 @@ from ...config import MAX_SPEED_MPS, Config, ConfigError
 from ...engine.arrays import Table, zeros
 from ...engine.bucket_queue import SearchArrays
 from ...engine.threads import Threads
-from ...game.execution import COMPLETE, TIMEOUT
+from ...game.execution import COMPLETE
 from ...game.round import clyde_speed_mps
 from ...world.navigation.physics import overlap_m
 from ...world.navigation.planner import detour_memory
@@ -18,7 +20,7 @@ from ..maps.assets import MapAssets
 from ..maps.level_source import FixedMap, LevelSource
 from ..observation import situation_kernel
 from ..observation.situation import Situation
-from . import kernels, ticks
+from . import clones, kernels, ticks
 from .ghosts import spawn_ghost
 from .parameters import GAME, KEPT_FROM_ROUND_TO_ROUND, batch_parameters, draw_episodes, next_seeds, reward_record
 from .state import GameLevels, GameState, History, RoundSoFar
@@ -88,7 +90,7 @@ class GameBatch(GameState):
         """How each game's round began and what has been decided in it since."""
         levels = self.level_numbers()
         started = [i for i in range(self.n) if self._levels.slots[i] >= 0]
-        rounds = [self._history.so_far(i, self.games[i], int(levels[i])) for i in started]
+        rounds = [self._history.so_far(i, int(self.games["tick"][i]), int(levels[i])) for i in started]
         made_from = self.source, self.config, self.n, self.threads.number
         return {"made_from": made_from, "rounds": rounds, "shows_features": self.shows_features}
 
@@ -96,35 +98,90 @@ class GameBatch(GameState):
         """Play every round again, so that the copy is the same down to the solver's memory of contacts."""
         self.__init__(*state["made_from"])  # type: ignore[misc]
         self.shows_features = state["shows_features"]
-        rounds: list[RoundSoFar] = state["rounds"]
+        self._replay(state["rounds"])
+        if state["rounds"]:
+            self.situation()  # which summarizes the games
+
+    def _replay(self, rounds: list[RoundSoFar]) -> None:
+        """Play these rounds in their games from the beginning until now; the other games stand still.
+
+        Chipmunk's memory of contacts is the result of the steps that led to it, and cannot be copied.
+        """
         longest = max((len(r.decisions) for r in rounds), default=0)
-        self.games["end"][[r.game for r in rounds]] = TIMEOUT  # they stand still until they begin
         still = np.zeros(2) if self.config.action == "velocity" else np.int64(self.hold)
         actions = np.stack([still] * self.n)
         choices = np.full(self.ghosts.shape, self.hold, dtype=np.int64)
+        awake = np.full(self.n, ticks.ASLEEP, dtype=self._awake.dtype)
         for tick in range(longest + 1):
             # All arrive at their present together.
             begin = [r for r in rounds if longest - len(r.decisions) == tick]
             if begin:
                 index = np.array([r.game for r in begin])
+                awake[index] = ticks.ONE_TICK
                 if len(self.levels) > 1:
                     self._change_levels(index, np.array([r.level for r in begin]))
-                seeds = np.array([r.seed for r in begin], dtype=np.uint64)
-                self._start(index, seeds, np.array([r.began for r in begin], dtype=GAME))
-            if tick == longest:
-                break
+                began = np.array([r.began for r in begin], dtype=GAME)
+                self._start(index, began["seed"], began)
             for r in rounds:
                 k = tick - (longest - len(r.decisions))
-                if k >= 0:
+                for _, seed in (one for one in r.reseeded if one[0] == k):
+                    clones.reseed(self.games, self.ghosts, np.array([r.game]), np.array([seed], dtype=np.uint64))
+                if 0 <= k < len(r.decisions):
                     actions[r.game] = r.decisions[k]
                     if len(r.ghost_choices):
                         choices[r.game] = r.ghost_choices[k]
+            if tick == longest:
+                break
             self._set_actions(actions)
             self._ghosts.send(choices)
-            self._awake.fill(ticks.ONE_TICK)
+            self._awake[:] = awake
             self._advance()
-        if rounds:
-            self.situation()  # which summarizes the games
+
+    def clone_into(
+        self,
+        target: GameBatch,
+        games: NDArray[np.int64],
+        into: NDArray[np.int64] | None = None,
+        reseed: NDArray[np.uint64] | None = None,
+    ) -> None:
+        """Copy the running games ``games`` (M,) to the games ``into`` (M,) of a batch; None: to its first M.
+
+        A copy goes on as its original does, to the bit, unless ``reseed`` (M,) gives it another random future: what
+        ghosts, localization and navigation draw from now on comes from that seed. A game whose robot is at a wall is
+        played again from its beginning, as Chipmunk's memory of contacts cannot be copied.
+
+        ``target`` has the same source of levels and the same configuration, as ``GameBatch(batch.source, batch.config,
+        n)`` does, and may be this batch; its situations are to be asked for anew. Raises ValueError for games that are
+        not there or have not begun, for one that is copied to twice and for another kind of target, and changes
+        nothing.
+        """
+        games = np.asarray(games, dtype=np.int64)
+        into = np.arange(len(games)) if into is None else np.asarray(into, dtype=np.int64)
+        clones.check(self, target, games, into, reseed)
+        if target.source is not self.source:
+            raise ValueError("clone_into: the target has another source of levels")
+        idle = [i for i in games.tolist() if self._levels.slots[i] < 0]
+        if idle:
+            raise ValueError(f"clone_into: game {idle[0]} has not begun")
+        levels = self.level_numbers()[games]
+        of_each = zip(games.tolist(), self.games["tick"][games].tolist(), levels.tolist(), into.tolist(), strict=True)
+        rounds = [self._history.so_far(i, ticks, level)._replace(game=k) for i, ticks, level, k in of_each]
+        copies = clones.Copies(self, games)
+        if len(target.levels) > 1:
+            target._change_levels(into, levels)
+        target._levels.enter(into, copies.games)
+        target._replay([r for r, touch in zip(rounds, copies.games["touch"], strict=True) if touch])
+        copies.games["level"] = [target._levels.slots[i] for i in into.tolist()]
+        copies.write(target, into)
+        # A robot that was driven by hand is not where its decisions lead to: its contact begins anew.
+        target.games["touch"][into[~target.spaces.hold(into)]] = 0
+        if target._history.resume(target.games, rounds):
+            target._forget_tables()
+        if reseed is not None:
+            seeds = np.asarray(reseed, dtype=np.uint64)
+            clones.reseed(target.games, target.ghosts, into, seeds)
+            for r, seed in zip(rounds, seeds.tolist(), strict=True):
+                target._history.reseeded[r.game] = (*r.reseeded, (len(r.decisions), seed))
 
     def _bind(self) -> None:
         if self._version == self.levels.version:
@@ -157,7 +214,7 @@ class GameBatch(GameState):
 
     def _start(self, index: NDArray[np.int64], seeds: NDArray[np.uint64], fresh: NDArray[Any]) -> None:
         """Begin a round; ``fresh`` holds what goes on from the round before, or the episode's parameters."""
-        self._history.began[index] = fresh
+        self._history.begin(index, seeds, fresh)
         self._levels.enter(index, fresh)
         maps, ghosts = self.levels.arrays, self._ghosts
         kernels.reset_robots(self.games, index, seeds, fresh, maps["home"])

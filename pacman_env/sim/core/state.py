@@ -20,6 +20,7 @@ from .parameters import GAME
 from .ticks import TickArrays
 
 _ROOM = 1024  # decisions to begin with
+_OWN_RULES = "games", "alive", "waits", "aborts"  # of ``kernels.RuleArrays``: those with a row for each game
 
 
 class GameState:
@@ -43,8 +44,7 @@ class GameState:
         self.candidates = self.hold + 1
         self.substeps = round(config.execution.tick_s / config.physics_step_s)
         self._ghosts = Ghosts(n, config)
-        own = "games", "alive", "waits", "aborts"
-        self.rules = zeros(kernels.RuleArrays, own, N=n, P=pellet_slots, C=self.candidates)
+        self.rules = zeros(kernels.RuleArrays, _OWN_RULES, N=n, P=pellet_slots, C=self.candidates)
         self.games, self.alive = self.rules["games"], self.rules["alive"]
         results = "reward", "elapsed_s", "terminated", "truncated"
         self.arrays = zeros(TickArrays, ("last_decision", "paths", "choices", "velocities", *results), N=n)
@@ -57,6 +57,11 @@ class GameState:
     def ghosts(self) -> NDArray[Any]:
         """(N, G) records of type ``GHOST``."""
         return self._ghosts.state
+
+    @property
+    def ghost_paths(self) -> NDArray[np.int32]:
+        """(N, G, L) cells of the path that each ghost is on."""
+        return self._ghosts.paths
 
     @property
     def obstacles(self) -> NDArray[np.float64]:
@@ -76,9 +81,9 @@ class GameState:
 
 class RoundSoFar(NamedTuple):
     game: int
-    seed: int
     level: int
-    began: Any  # the record that the round began with
+    began: Any  # the record that the round began with, and its first seed
+    reseeded: tuple[tuple[int, int], ...]  # at which tick the rest of the round has been given which seed
     decisions: NDArray[Any]  # (T,) or (T, 2)
     ghost_choices: NDArray[np.int16]  # (T, G); (0, G) where no ghost is sent from outside
 
@@ -91,6 +96,7 @@ class History:
         self.decisions = np.zeros((n, _ROOM, 2) if velocity else (n, _ROOM), np.float64 if velocity else np.int16)
         self.ghost_choices = np.zeros((n, _ROOM if sent else 0, ghosts), np.int16)
         self.began = np.zeros(n, dtype=GAME)
+        self.reseeded: dict[int, tuple[tuple[int, int], ...]] = {}  # by game, as in RoundSoFar
         self._certain = 0  # so many more ticks have room in every game
 
     def make_room(self, games: NDArray[Any], ticks: int = 1) -> bool:
@@ -108,10 +114,30 @@ class History:
         self._certain = room - tick - ticks
         return longer
 
-    def so_far(self, game: int, record: Any, level: int) -> RoundSoFar:
-        ticks = int(record["tick"])
+    def begin(self, index: NDArray[np.int64], seeds: NDArray[np.uint64], records: NDArray[Any]) -> None:
+        """Rounds begin in the games ``index`` (M,) with these seeds and records (M,)."""
+        self.began[index] = records
+        self.began["seed"][index] = seeds
+        if self.reseeded:
+            for i in index.tolist():
+                self.reseeded.pop(i, None)
+
+    def so_far(self, game: int, ticks: int, level: int) -> RoundSoFar:
         decided = self.decisions[game, :ticks].copy(), self.ghost_choices[game, :ticks].copy()
-        return RoundSoFar(game, int(record["seed"]), level, self.began[game].copy(), *decided)
+        return RoundSoFar(game, level, self.began[game].copy(), self.reseeded.get(game, ()), *decided)
+
+    def resume(self, games: NDArray[Any], rounds: list[RoundSoFar]) -> bool:
+        """Keep the rounds as those of their games, whose records are ``games`` (N,); True as by :meth:`make_room`."""
+        self._certain = 0
+        replaced = self.make_room(games)
+        for r in rounds:
+            self.began[r.game] = r.began
+            self.reseeded.pop(r.game, None)
+            if r.reseeded:
+                self.reseeded[r.game] = r.reseeded
+            self.decisions[r.game, : len(r.decisions)] = r.decisions
+            self.ghost_choices[r.game, : len(r.ghost_choices)] = r.ghost_choices
+        return replaced
 
 
 _MOST_AHEAD = 64  # levels, of some 4 MB each

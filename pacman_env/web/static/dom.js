@@ -75,3 +75,8 @@ export function slider(input, describe, send, wait_ms) {
 // Whether a key pressed is a shortcut of the page: without modifiers, not typed into a field or a dialog.
 export const isShortcut = ({ ctrlKey, metaKey, altKey, target }) => !(ctrlKey || metaKey || altKey || $("ask").open
   || target?.matches?.("input:not([type=range]):not([type=checkbox]), select, textarea"));
+
+// On a narrow page the panel leaves its place to the map.
+export function showMap() {
+  if (matchMedia("(max-width: 820px)").matches) document.querySelector(".panel").classList.remove("open");
+}

@@ -149,7 +149,10 @@ const SHORTCUTS = {
 addEventListener("keydown", (event) => isShortcut(event) && SHORTCUTS[event.key]?.());
 
 async function checkReadiness() {
+  const again = $("ready-check");
+  write(again, "Checking");
   const answer = await request({ do: "ready" }, 30000);
+  write(again, "Check again");
   if (!answer) return;
   $("ready").replaceChildren(...(answer.data ?? []).map(({ name, state: result, words, remedy }) =>
     make("li", { data: { state: result } },

@@ -165,7 +165,7 @@ function draw() {
   drawTop(top, {
     scene, frame, poses, trail, layers, colours, candidate: state.candidate,
     mine: state.story ? "none" : state.role,
-    cross: state.posing || state.placing || state.role.startsWith("ghost") ? cross : null,
+    cross: state.posing || state.placing || state.role.startsWith("ghost") ? cross ?? state.stands : null,
     mouth: frame?.state === "running" ? 0.5 + 0.5 * Math.sin((driven - ahead) * 22) : 0.75,
   });
   count.frames_drawn++;

@@ -1,14 +1,15 @@
 // Why the robot stands: the alert, and its two answers; the robot's pose by two clicks on the map.
 
 import { request } from "./connection.js";
-import { $, write } from "./dom.js";
+import { $, make, showMap } from "./dom.js";
 import { emit, on, state } from "./state.js";
 
-let stands = null; // where the robot stands, once that was clicked
+let shown = ""; // of the alert
 
 function setPosing(posing) {
   state.posing = posing;
-  stands = null;
+  state.stands = null;
+  if (posing) showMap();
   $("set-pose").setAttribute("aria-pressed", String(Boolean(posing)));
   $("top").classList.toggle("placing", Boolean(posing));
   emit("placing");
@@ -17,20 +18,22 @@ $("set-pose").onclick = () => setPosing(state.posing ? "" : "Click where the rob
 $("continue").onclick = async () => await request({ do: "continue" }) && setPosing("");
 
 export async function poseRobot([x, y]) {
-  if (!stands) {
+  if (!state.stands) {
     setPosing("Click a place that it faces");
-    stands = [x, y];
+    state.stands = [x, y];
     return;
   }
-  const heading = Math.atan2(y - stands[1], x - stands[0]);
-  if (await request({ do: "set_pose", x: stands[0], y: stands[1], heading })) setPosing("");
+  const [left, top] = state.stands;
+  const heading = Math.atan2(y - top, x - left);
+  if (await request({ do: "set_pose", x: left, y: top, heading })) setPosing("");
 }
 
 on("scene", ({ alerts = [] }) => {
   const asks = alerts.some((one) => one.asks);
   const words = alerts.map(({ words: what, remedy, asks: answered }) =>
     `${what[0].toUpperCase()}${what.slice(1)}${answered ? ". Where is the robot?" : `: ${remedy}.`}`);
-  write($("alert-words"), words.join(" "));
+  if (words.join("\n") !== shown) $("alert-words").replaceChildren(...words.map((text) => make("p", { text })));
+  shown = words.join("\n");
   $("alert").hidden = !alerts.length;
   $("alert-answers").hidden = !asks;
   if (!asks && state.posing) setPosing("");

@@ -1,12 +1,12 @@
 // Play it yourself: roles, goals by click and by key, velocities by keys and by joystick.
 
 import { request, send } from "./connection.js";
-import { $, button, isShortcut, make, write, writeOrHide } from "./dom.js";
+import { $, button, isShortcut, make, showMap, write, writeOrHide } from "./dom.js";
 import * as map from "./map.js";
 import { notice } from "./notices.js";
 import { poseRobot } from "./pose.js";
 import { placeGhost } from "./setup.js";
-import { emit, me, on, robotPose, state, updateControls } from "./state.js";
+import { emit, me, on, robotPose, source, state, updateControls } from "./state.js";
 
 const REPEAT_MS = 100;
 const STEP_M = 0.2;
@@ -41,7 +41,8 @@ function showRoles() {
   const players = state.people.roles ?? {};
   const mine = Object.keys(players).find((role) => players[role] && players[role] === me()) ?? "none";
   if (mine !== state.role) changeRole(mine);
-  const rows = state.hello ? [{ role: "robot", ...state.hello.roles.robot }, ...(state.scene?.ghosts ?? [])] : [];
+  const ghosts = source() === "ros" ? [] : state.scene?.ghosts ?? []; // a robot's game has no players of ghosts
+  const rows = state.hello ? [{ role: "robot", ...state.hello.roles.robot }, ...ghosts] : [];
   const active = document.activeElement?.dataset?.role;
   $("roles").replaceChildren(...rows.map(({ role, name, colour }) => {
     const player = players[role];
@@ -67,9 +68,7 @@ function changeRole(role) {
   stopDriving();
   state.role = role;
   showStick(role === "robot" && matchMedia("(pointer: coarse)").matches);
-  if (role !== "none" && matchMedia("(max-width: 820px)").matches) {
-    document.querySelector(".panel").classList.remove("open"); // more room for the map
-  }
+  if (role !== "none") showMap();
   emit("role", role);
 }
 

@@ -14,6 +14,7 @@ export const state = {
   candidate: -1, // below the mouse pointer
   placing: false,
   posing: "", // what is to be clicked to set the robot's pose
+  stands: null, // where the robot stands, once that was clicked
 };
 export const count = { frames: 0, frames_drawn: 0, notes: 0, lit: 0, errors: [] }; // for tests
 
@@ -29,6 +30,7 @@ export function emit(topic, value) {
 
 export const shownFrame = () => (state.story ? state.story.frames[state.story.index] : state.frame);
 export const shownScene = () => state.story?.scene ?? state.scene;
+export const source = () => state.hello?.source ?? "simulator"; // or "ros"
 export const me = () => state.hello?.you ?? null;
 export const inControl = () => state.people.operator !== null && state.people.operator === me();
 export const robotPose = (frame) => frame?.true ?? frame?.believed ?? null;
@@ -57,9 +59,8 @@ export function updateControls() {
       element.disabled = Boolean(reason);
       element.title = reason || (element.dataset.title ?? "");
     }
-    const source = state.hello?.source ?? "simulator";
     for (const element of document.querySelectorAll("[data-only]")) {
-      element.hidden = Boolean(state.hello) && source !== element.dataset.only;
+      element.hidden = source() !== element.dataset.only;
     }
     writeOrHide($("reason"), state.connected ? obstacle(["control"]) : "");
   });

@@ -7,13 +7,14 @@ import * as map from "./map.js";
 import { notice, question } from "./notices.js";
 import { compareWithPolicy } from "./roles.js";
 import { parseSetting } from "./settings.js";
-import { emit, on, robotPose, state } from "./state.js";
+import { emit, on, robotPose, source, state } from "./state.js";
 
 const SPEED = 4; // times real time
 const STEP_MS = 50; // at least, between two frames
 const EXPLAIN_DELAY_MS = 150;
 const REPLAY_TIMEOUT_MS = 180000;
 const THUMB_PX = 16; // of the slider
+const NOT_KEPT = "Rounds of a robot are not kept here. Record them in a terminal: pacman-env ros record.";
 const NO_LINK = "This round cannot be reproduced by a link: a person played in it, or a ghost was placed by hand.";
 
 const scenes = new Map(); // by revision
@@ -42,7 +43,7 @@ on("news", async (items) => {
 });
 
 function showList() {
-  write($("stories-words"), entries.length ? "Newest first." : "No round has ended yet.");
+  write($("stories-words"), source() === "ros" ? NOT_KEPT : entries.length ? "Newest first." : "No round has ended yet.");
   $("stories").replaceChildren(...entries.map((entry) => {
     const { story, second, parts, policies: [policy] = ["policy"] } = entry;
     const disagree = parts.length ? `policies disagree ${parts.length} ${parts.length === 1 ? "time" : "times"}` : "";

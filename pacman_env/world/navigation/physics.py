@@ -212,6 +212,10 @@ class Spaces:
         empty(self.arrays, k, _REMEMBERS, self.step_s)
         self._levels[k] = level
 
+    def hold(self, robots: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """(M,) which of these robots (M,) are in a space."""
+        return self._space_of[robots] != _NONE
+
     def leave(self, robots: NDArray[np.int64]) -> None:
         """These robots are moved elsewhere; nothing of their contacts is left in the spaces that they were in."""
         for k in self._space_of[robots].tolist():

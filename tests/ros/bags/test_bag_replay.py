@@ -26,7 +26,7 @@ from pacman_env.policies import registry
 from pacman_env.policies.registry import make_policy
 from pacman_env.ros import topics
 from pacman_env.ros.bags.bag import BagError, open_bag
-from pacman_env.ros.bags.bag_replay import chosen_of, recorded_config, replay_bag
+from pacman_env.ros.bags.bag_replay import Otherwise, ReplayReport, chosen_of, recorded_config, replay_bag
 from pacman_env.ros.bags.pose_statistics import PoseStatistics, simulated_statistics
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
@@ -256,7 +256,19 @@ def test_another_policy_is_reported_where_it_differs(bag: Path) -> None:
     assert first.at_s >= START_S
     text = report.render()
     assert f"{other} otherwise" in text
-    assert f"{first.chosen} instead of {first.recorded}" in text
+    assert f"{first.chosen} instead of {first.recorded}" in " ".join(text.split())
+
+
+def test_a_report_fits_80_columns(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    report = ReplayReport("games/first", "/robot_15", "house", "nearest", 255.7, rounds=1)
+    report.statuses = {"home_reached": 1, "pellet_collected": 8, "death_detected": 1}
+    report.otherwise = [Otherwise(76.4, 10, "refuge 9 at (9.28, -1.42)", "pellet 8 at (8.45, -1.30)")]
+    text = report.render()
+    lines = text.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert lines[0].startswith("games/first: /robot_15, 255.7 s, rounds 1, 1 home_reached")
+    assert "refuge 9 at (9.28, -1.42), 10 times" in " ".join(text.split())
 
 
 def test_the_recorded_simulator_moves_as_the_simulator(bag: Path) -> None:

@@ -11,13 +11,15 @@ pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
 from benchmarks import lock_step
+from tests.system.campaign.schedule import part_of_map
 
 
 def test_the_command_plays_a_seed_twice_and_finds_both_equal(
     domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "games.json"
-    words = ["--games", "1", "--policy", "clyde_aware", "--busy", "1", "--json", str(out)]
+    ground = part_of_map("house", 3.0).save(tmp_path / "ground.yaml")
+    words = ["--map", str(ground), "--games", "1", "--policy", "clyde_aware", "--busy", "1", "--json", str(out)]
     assert lock_step.main(words) == 0
     assert capsys.readouterr().out.endswith("the same seed: equal; seed 1: another game\n")
     games = json.loads(out.read_text())

@@ -14,6 +14,7 @@ from pacman_env.ros.lock_step.game import RESTART_S
 from pacman_env.ros.lock_step.transcript import Transcript
 from pacman_env.ros.standstill import DEFAULT_LEASE_S, STOOD_STILL
 from tests.ros import session
+from tests.system.campaign.schedule import part_of_map
 
 SHOWS = ("show.start_s=1.0", "show.death_s=1.0")
 
@@ -52,6 +53,30 @@ def test_faults_come_at_the_same_moment_of_the_same_game_and_no_pellet_is_lost(d
     ]
     assert restarts[2][0] - restarts[0][0] == pytest.approx(10.0 + DEFAULT_LEASE_S + 1.0)
     assert max(scores) == 13
+
+
+def test_a_pellet_collected_while_the_referee_was_dead_by_a_goal_selector_that_is_killed_before_it_is_back_counts(
+    domain: int, tmp_path: Path
+) -> None:
+    ground = part_of_map("loop", 3.0).save(tmp_path / "ground.yaml")
+    settings = (*SHOWS, "execution.death_radius_m=0.001")  # no round is lost
+    with session.game(tmp_path, ground, "nearest", settings=settings) as played:
+        game = played.game
+        played.record(topics.GAME_STATE, topics.SCORE, topics.REMOVE_PELLET, topics.PELLETS_SPAWNED, topics.GAME_RESULT)
+        assert played.call(topics.START_GAME).success
+        played.wait_for(lambda: len(set(played.values(topics.REMOVE_PELLET))) >= 1, 200, "the first pellet")
+        spawned = played.values(topics.PELLETS_SPAWNED)[-1]
+        while True:  # until a pellet is collected in the three seconds that a referee's start takes
+            removed = len(set(played.values(topics.REMOVE_PELLET)))
+            game.kill("game_controller")
+            while game.member("game_controller") is None and len(set(played.values(topics.REMOVE_PELLET))) == removed:
+                played.advance(0.1)
+            if len(set(played.values(topics.REMOVE_PELLET))) > removed:
+                break
+            played.advance(0.7)
+        game.kill("goal_selector")
+        played.wait_for(lambda: played.values(topics.GAME_RESULT)[-1:] not in ([], [""]), 900, "the end of the round")
+        assert played.values(topics.GAME_RESULT)[-1] == f"Complete - Score: {spawned}"
 
 
 def test_a_killed_node_is_back_after_the_time_that_its_start_takes(domain: int, tmp_path: Path) -> None:

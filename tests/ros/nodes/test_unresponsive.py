@@ -43,6 +43,12 @@ def begin(nodes: Session) -> None:
     nodes.publish(topics.GAME_STATUS, "home_reached")
 
 
+def test_a_referee_that_has_just_started_reports_that_no_node_is_unresponsive(referee: Session) -> None:
+    """So that nobody keeps what a referee before it has reported, and the doctor has an answer."""
+    referee.wait_for(lambda: referee.values(topics.GAME_STATE), LIMIT_S, "the state")
+    assert [json.loads(text) for text in referee.values(topics.UNRESPONSIVE)] == [{}]
+
+
 def test_a_frozen_pellet_manager_is_reported_and_the_round_begins_when_it_answers(
     referee: Session, log: Callable[[], str]
 ) -> None:

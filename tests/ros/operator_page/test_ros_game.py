@@ -141,6 +141,21 @@ def test_a_pose_that_has_jumped_is_an_alert_until_it_is_set_or_taken_as_it_is(ga
     game.wait(lambda: not alerts(), "its end")
 
 
+def test_a_node_that_does_not_respond_is_an_alert_until_it_does(game: PageGame) -> None:
+    def alerts() -> list[dict[str, Any]]:
+        return list(game.page.scene().facts["alerts"])
+
+    game.menu()
+    game.session.publish(topics.UNRESPONSIVE, '{"pellet_manager": "reset_pellets: no answer to 3 calls"}')
+    game.wait(alerts, "the alert")
+    (alert,) = alerts()
+    assert (alert["kind"], alert["asks"]) == ("pellet_manager does not respond", False)
+    assert alert["words"] == "the node pellet_manager does not respond (reset_pellets: no answer to 3 calls)"
+    assert "ros up starts it again" in alert["remedy"]
+    game.session.publish(topics.UNRESPONSIVE, "{}")
+    game.wait(lambda: not alerts(), "its end")
+
+
 def test_stop_is_quick_holds_and_lets_go(game: PageGame) -> None:
     for _ in range(STOPS):
         game.round()

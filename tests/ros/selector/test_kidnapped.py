@@ -113,7 +113,10 @@ def test_a_jump_outlives_a_goal_selector_that_is_killed(played: Played) -> None:
 
 def test_without_a_jump_there_is_nothing_to_continue_from(played: Played) -> None:
     response = played.nodes.call(topics.CONTINUE)
-    assert (response.success, response.message) == (False, "there is nothing to continue from")
+    assert (response.success, response.message) == (
+        False,
+        "there is nothing to continue from: the pose has not jumped",
+    )
 
 
 def test_while_localization_uses_another_map_nothing_is_sent_until_the_games_is_back(played: Played) -> None:

@@ -252,6 +252,7 @@ LOCALIZE = f"ros2 launch turtlebot4_navigation localization.launch.py namespace:
 RESTART = "sudo systemctl restart turtlebot4"
 STARTUP = f'{NS}/lifecycle_manager_navigation/manage_nodes nav2_msgs/srv/ManageLifecycleNodes "{{command: 0}}"'
 UP = "pacman-env ros up --map house --namespace robot_15"
+THREE = "clyde_ghost_node", SELECTOR, "pellet_manager"
 SPEEDY = {"clyde": {"speed_mps": 0.35}, "show": {"start_s": 8.0}}
 
 
@@ -337,6 +338,9 @@ SPEEDY = {"clyde": {"speed_mps": 0.35}, "show": {"start_s": 8.0}}
          "audio_node plays by d, game_controller by abc", "the same --map"),
         ({"configurations": (plays("pellet_manager", map="feed"),)}, "configuration",
          f"pellet_manager plays on feed, map house is {HASH}", UP),
+        ({"configurations": tuple(plays(name, map="feed") for name in THREE)},
+         "configuration", f"clyde_ghost_node, goal_selector and pellet_manager play on feed, map house is {HASH}",
+         "ask with the map that they play on"),
         ({"map": None, "configurations": (plays("pellet_manager", map="feed"), plays(SELECTOR))}, "configuration",
          f"pellet_manager plays on feed, goal_selector's map is {HASH}", "the same --map"),
     ],
@@ -395,6 +399,8 @@ def test_a_question_without_an_answer_has_its_reason_and_is_no_fault(
         ({"delays": {"scan": LATE}}, "base's messages", f"{UP} --sim"),
         ({"nodes": (), "publishers": {}}, "domain", f"{UP} --sim"),
         ({"pose": None}, "pose", '"2D Pose Estimate"'),
+        ({"condition": {"troubles": {"no odometry": 4}}}, "game", f"{UP} --sim"),
+        ({"condition": {"troubles": {"pose jumped": 1}}}, "game", "pacman-env ros continue --namespace robot_15 --sim"),
     ],
 )
 def test_the_remedies_of_a_simulated_robot_are_no_commands_for_a_real_one(
@@ -404,6 +410,7 @@ def test_the_remedies_of_a_simulated_robot_are_no_commands_for_a_real_one(
     assert one.status == BAD
     assert remedy in f"{one.remedy}: {one.command}"
     assert "ros2 " not in one.command + one.remedy
+    assert "turtlebot4" not in one.command + one.remedy
 
 
 def test_what_stops_the_game_is_bad_with_its_words_and_a_remedy() -> None:
@@ -412,6 +419,8 @@ def test_what_stops_the_game_is_bad_with_its_words_and_a_remedy() -> None:
     one = found(robot(condition=condition, state="running"), "game")
     assert (one.status, one.summary) == (BAD, f"running; {words}")
     assert "localization must publish map to odom" in one.remedy
+    condition = {"troubles": {"pose jumped": 1}}
+    assert found(robot(condition=condition), "game").command == "pacman-env ros continue --namespace robot_15"
     condition = {"troubles": {"Nav2 fails": 2}, "trouble_texts": [1]}  # of another version
     one = found(robot(condition=condition, state="running"), "game")
     assert (one.status, one.summary) == (BAD, "running; Nav2 fails")

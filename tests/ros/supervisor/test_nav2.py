@@ -205,7 +205,7 @@ def test_a_round_that_was_asked_for_is_played_and_the_command_ends(system: Any, 
         "up", [*words, "--set", "show.start_s=0", "--set", "clyde.speed_mps=0", "--set", "pellets.spacing_m=4"]
     )
     assert up.wait(PATIENCE_S) == 0, up.output
-    assert "1 played: " in up.output
+    assert "1 round played: " in up.output
 
 
 def test_rounds_by_themselves_are_for_simulated_robots_alone(capsys: pytest.CaptureFixture[str]) -> None:

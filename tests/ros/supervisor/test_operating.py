@@ -15,6 +15,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 import urllib.request
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -34,7 +35,7 @@ from pacman_env.ros.bags.bag_replay import replay_bag
 from pacman_env.ros.supervisor.checks.check import BAD, OK
 from pacman_env.ros.supervisor.doctor import doctor
 from pacman_env.ros.supervisor.game_nodes import GAME, PAGE, SELECTOR, SIMULATOR, GameSetup
-from pacman_env.ros.supervisor.terminal import fitted
+from pacman_env.ros.supervisor.terminal import LineWriter, fitted
 from pacman_env.world.maps.occupancy import load_map
 from tests.ros.supervisor.terminal import COLUMNS, PATIENCE_S, Terminal
 from tests.ros.supervisor.test_doctor import diagnose, is_bad
@@ -136,7 +137,8 @@ def test_the_line_says_what_is_awaited_and_the_first_round_begins_where_it_is_as
     game.wait_for(lambda: terminal.shows(r"^running +round 1 "), "the round")
     assert terminal.shows(r"^starting: waiting for .*pellet_manager")
     assert terminal.shows(r"^starting: waiting for goal_selector")
-    assert terminal.shows(r"^game on /robot_15; keys: s start, r reset, space stop, g release, q quit$")
+    assert terminal.shows(r"^game on /robot_15$")
+    assert terminal.shows(r"^keys: s start, r reset, c continue, space stop, g release, q quit$")
 
 
 def test_a_round_is_recorded_and_replayed(game: Game) -> None:
@@ -167,9 +169,10 @@ def test_keys_start_and_reset_a_game_and_what_is_refused_is_said(game: Game) -> 
 
 def test_others_start_and_reset_the_game_and_get_its_state(game: Game) -> None:
     game.in_menu()
-    started = ask("start")
-    assert (started.status, started.err) == (0, "")
-    assert started.out == "a round begins: the robot drives home first\n"
+    answers = []  # refused as long as the referee has not discovered the goal selector
+    game.wait_for(lambda: answers.append(ask("start")) or answers[-1].status == 0, "the start")
+    assert answers[-1].err == ""
+    assert answers[-1].out == "a round begins: the robot drives home first\n"
     again = ask("start")
     assert again.status == 1
     assert "start: the game is in state" in again.out
@@ -218,7 +221,7 @@ def test_the_space_bar_stops_the_robot_until_g_and_so_do_others(game: Game) -> N
     game.wait_for(stands, "the goal selector to say so")
     released = ask("release")
     assert released.status == 0
-    assert released.out.startswith("released: ")
+    assert released.out.startswith("released; received by ")
     game.wait_for(lambda: not stands(), "the goal selector to go on")
     assert ask("release").out == "nothing was stopped\n"
 
@@ -263,6 +266,19 @@ def test_a_pellet_manager_that_is_there_and_does_not_answer_is_reported_and_star
     game.wait_for(lambda: pid_of("pellet_manager") not in (None, number), "another pellet manager")
     game.wait_for(lambda: terminal.shows(r"^running +round 1 +score \d+ +pellets \d+/13", since), "the round")
     assert not terminal.shows(r"^running .* pellets 0/0", since)
+    game.in_menu()
+
+
+def test_a_start_that_a_killed_referee_never_answered_is_asked_for_again(game: Game) -> None:
+    terminal, number = game.terminal, pid_of("game_controller")
+    game.in_menu()
+    assert number is not None
+    os.kill(number, signal.SIGSTOP)
+    since = len(terminal.lines)
+    terminal.press("s")
+    time.sleep(1.0)  # the service is ready: it is called
+    os.kill(number, signal.SIGKILL)
+    game.wait_for(lambda: terminal.shows(r"^running +round 1 +score \d+ +pellets \d+/13", since), "the round")
     game.in_menu()
 
 
@@ -429,3 +445,21 @@ def test_a_bad_domain_is_one_line(
 )
 def test_a_line_leaves_out_what_does_not_fit(width: int, line: str) -> None:
     assert fitted(["state", "score 1", "pellets 2/3"], width) == line
+
+
+class Screen(io.StringIO):
+    """A terminal, as far as writing goes."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_lines_that_stay_are_broken_between_words_but_for_paths_and_commands(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    screen, path = Screen(), f"/home/{'a' * 50}/log"
+    LineWriter(screen).print(f"pose jumped 3.1 m and 4 degrees, which odometry does not explain; log {path}")
+    lines = screen.getvalue().removeprefix("\r\x1b[K").splitlines()
+    assert lines == ["pose jumped 3.1 m and 4 degrees, which", "  odometry does not explain; log", f"  {path}"]
+    screen = Screen()
+    LineWriter(screen).print(command := "ros2 launch nav2_bringup bringup_launch.py namespace:=robot_15", whole=True)
+    assert screen.getvalue() == f"\r\x1b[K{command}\n"

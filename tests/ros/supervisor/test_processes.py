@@ -209,6 +209,7 @@ def test_a_process_that_does_not_respond_is_started_again_but_not_too_soon_or_to
         group.restart("stubborn", "no answer")
         assert said.count("stubborn is started again: no answer") == count
         wait_for(lambda before=before: group.tend() == [] and group.ids().items() - before.items(), "another process")
+    assert not any("was killed" in line for line in said)  # one line says it all
     last = group.ids()
     for _ in range(2):
         group.restart("stubborn", "no answer")

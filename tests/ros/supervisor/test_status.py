@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,10 +16,11 @@ pytest.importorskip("irobot_create_msgs")
 from pacman_env.ros import topics
 from pacman_env.ros.node import Observer
 from pacman_env.ros.supervisor.game_nodes import GAME, REFEREE, SELECTOR
+from pacman_env.ros.supervisor.status import Missing, as_json
 from pacman_env.ros.supervisor.status_line import StatusLine
 from tests.ros import session
 from tests.ros.supervisor.test_operating import ask_plainly
-from tests.ros.system import Probe
+from tests.ros.system import ROOT, Probe
 
 PATIENCE_S = 60.0
 
@@ -49,6 +51,13 @@ def test_what_is_absent_and_what_has_not_answered_is_named_and_is_an_exit_status
     lines = dict(line.split(None, 1) for line in rows.out.replace("\n" + 10 * " ", " ").splitlines())
     assert lines["absent"] == ", ".join([*others, SELECTOR, "policy", "goal_selector"])
     assert lines["pending"] == "audio_node, pose_age_s"
+
+
+def test_the_table_of_the_robots_page_has_every_key_of_the_json(status_line: StatusLine) -> None:
+    text = (ROOT / "docs" / "robot.md").read_text()
+    rows = text.partition("| Key | Content |\n|---|---|\n")[2].partition("\n\n")[0].splitlines()
+    named = {key for row in rows for key in re.findall(r"`(\w+)`", row.split("|")[1])}
+    assert named == json.loads(as_json(status_line, Missing())).keys()
 
 
 def test_words_and_numbers_that_no_game_has_are_shown_as_unknown(probe: Probe, status_line: StatusLine) -> None:

@@ -4,7 +4,7 @@ A new check is a function in one of this folder's files, and an entry in ``CHECK
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -16,6 +16,8 @@ OK, BAD, UNKNOWN = "ok", "BAD", "-"
 LONGEST_JSON = 100_000  # characters
 FIREWALL = "sudo ufw allow proto udp from 192.168.0.0/16"  # these two are commands
 RESTART = "sudo systemctl restart turtlebot4"
+RESTART_GAME = "start or restart the simulated game"
+START_AGAIN = "ros up starts it again, at most 3 times in 10 min; under ros2 launch end its process"
 _LISTED = 5  # names in one summary
 _NAV2_LOG = (
     "Nav2 is not up yet, or has ended: read nav2.log in the folder that ros up prints; with --nav2 none, start it with "
@@ -154,7 +156,7 @@ class Observations:
         """BAD for now; where the robot is simulated, with a remedy for that."""
         if self.virtual:
             of_nav2 = self.real_nav2 and command in (self.start_nav2, self.start_localization)
-            remedy, command = _NAV2_LOG if of_nav2 else "start or restart the simulated game", self.start_game
+            remedy, command = _NAV2_LOG if of_nav2 else RESTART_GAME, self.start_game
         return Finding.bad(summary, remedy, command, settled=False)
 
     def not_received(self, source: Source[Any]) -> Finding:
@@ -205,6 +207,11 @@ def listed(names: Iterable[str]) -> str:
     found = list(names)
     more = f" and {len(found) - _LISTED} more" if len(found) > _LISTED else ""
     return ", ".join(found[:_LISTED]) + more
+
+
+def both(names: Sequence[str]) -> str:
+    """``a``, ``a and b``, ``a, b and c``."""
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
 def count(number: int, what: str) -> str:

@@ -8,9 +8,23 @@ from typing import Any
 from pacman_env.config import differences
 
 from ...discovery import COSTMAPS
-from ...selector.reasons import REMEDIES, troubles_of
+from ...selector.reasons import NO_ODOMETRY, POSE_JUMPED, REMEDIES, troubles_of
 from ..game_nodes import GAME, ORIGINAL_SELECTOR, REFEREE, SELECTOR, SIMULATOR
-from .check import LONGEST_JSON, Check, Finding, Moment, Observations, Request, Source, count, listed, newest
+from .check import (
+    LONGEST_JSON,
+    RESTART_GAME,
+    START_AGAIN,
+    Check,
+    Finding,
+    Moment,
+    Observations,
+    Request,
+    Source,
+    both,
+    count,
+    listed,
+    newest,
+)
 
 CLOUDS = ("clyde_obstacle", "clyde_trail")
 #: Nodes that Nav2's launch files for Jazzy bring up by these two managers (nav2_bringup 1.3.13, f4108e5).
@@ -187,9 +201,8 @@ def _check_responses(robot: Observations) -> Finding | None:
         return Finding.ok("what the referee asks for is done")
     ids = {one["node"]: one["started"][2] for one in _configurations(robot)}
     summary = listed(f"{node} does not respond, {reason}" for node, reason in reasons.items())
-    remedy = "ros up starts such a node again, at most 3 times in 10 min; under ros2 launch, on its computer"
     number = next((ids[node] for node in reasons if node in ids), None)
-    return Finding.bad(summary, remedy, "" if number is None else f"kill -9 {number}")
+    return Finding.bad(summary, START_AGAIN, "" if number is None else f"kill -9 {number}")
 
 
 def _check_configuration(robot: Observations) -> Finding:
@@ -214,11 +227,24 @@ def _check_configuration(robot: Observations) -> Finding:
         whose, ours = f"map {robot.map.name}", robot.map.hash[:12]
     for other in dict.fromkeys(there for there in maps.values() if there != ours):
         names = [node for node, there in maps.items() if there == other]
-        wrong.append(f"{' and '.join(names)} play{'s' if len(names) == 1 else ''} on {other}, {whose} is {ours}")
+        wrong.append(f"{both(names)} play{'s' if len(names) == 1 else ''} on {other}, {whose} is {ours}")
     if wrong:
         remedy = "start all nodes with the same --map, --preset, --execution and --set"
+        agree = len(wrong) == len(set(maps.values())) == 1 and ours not in maps.values()
+        if robot.map is not None and agree:
+            remedy = f"ask with the map that they play on, --map FILE_OR_NAME; else {remedy}"
         return Finding.bad(listed(wrong) + reference, remedy, robot.start_game)
     return Finding.ok(f"{count(len(nodes), 'node')} by {first['hash']}{f' on map {ours}' if maps else ''}")
+
+
+def _remedy(robot: Observations, trouble: str) -> tuple[str, str]:
+    """What to do about a trouble of the goal selector's, and the command."""
+    if trouble == NO_ODOMETRY and robot.virtual:
+        return RESTART_GAME, robot.start_game
+    if trouble == POSE_JUMPED:
+        where = robot.namespace.strip("/") or "/"
+        return REMEDIES[trouble], f"pacman-env ros continue --namespace {where}{' --sim' if robot.virtual else ''}"
+    return REMEDIES[trouble], ""
 
 
 def _check_game(robot: Observations) -> Finding:
@@ -231,7 +257,7 @@ def _check_game(robot: Observations) -> Finding:
     policy, troubles = condition.get("policy"), troubles_of(condition)
     if serious := [kind for kind in REMEDIES if kind in troubles]:
         summary = "; ".join([state or robot.silence(STATE.name), *(troubles[kind] for kind in serious)])
-        return Finding.bad(summary, REMEDIES[serious[0]])
+        return Finding.bad(summary, *_remedy(robot, serious[0]))
     counted = [f"{kind} ({condition['troubles'][kind]})" for kind in troubles if kind != "no Nav2"]
     faults = [
         *(["the goal selector is not active"] if condition.get("active") is False else []),

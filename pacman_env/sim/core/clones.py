@@ -1,0 +1,76 @@
+"""Copies of running games' arrays, and other random futures for games."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...engine.jit import kernel
+from ...game.ghosts import ghost_stream
+from ...rng import LOCALIZATION, NAVIGATION, stream
+from .state import GameState
+
+_ghost_stream = kernel(ghost_stream)
+_stream = kernel(stream)
+
+
+class Copies:
+    """The rows of the games ``index`` (M,) in all arrays of a state."""
+
+    def __init__(self, state: GameState, index: NDArray[np.int64]) -> None:
+        self.rows = [array[index] for array in _arrays(state)]
+        self.ghost_paths = state.ghost_paths[index]
+        self.summary = state.summary[:, index]
+
+    @property
+    def games(self) -> NDArray[Any]:
+        """(M,) the records of type ``GAME``."""
+        return self.rows[0]
+
+    def write(self, state: GameState, index: NDArray[np.int64]) -> None:
+        """As the rows ``index`` (M,) of another state of the same kind."""
+        for array, rows in zip(_arrays(state), self.rows, strict=True):
+            array[index] = rows
+        # Of both batches' lengths the shorter one has room for every path on these levels.
+        room = min(self.ghost_paths.shape[2], state.ghost_paths.shape[2])
+        state.ghost_paths[index, :, :room] = self.ghost_paths[:, :, :room]
+        state.summary[:, index] = self.summary
+
+
+def _arrays(state: GameState) -> list[NDArray[Any]]:
+    """All that have a row for each game, the records first."""
+    return [*state.rules.values(), *state.arrays.values(), state.completed_s, state.ghosts, state.obstacles]
+
+
+def check(
+    source: GameState,
+    target: GameState,
+    games: NDArray[np.int64],
+    into: NDArray[np.int64],
+    seeds: NDArray[np.uint64] | None,
+) -> None:
+    """Raise ValueError if these games (M,) cannot be copied to those (M,)."""
+    if target.config != source.config:
+        raise ValueError("clone_into: the target has another configuration")
+    if games.shape != into.shape or games.ndim != 1:
+        raise ValueError(f"clone_into: games of shape {games.shape} into {into.shape}: must be (M,) both")
+    if seeds is not None and np.shape(seeds) != games.shape:
+        raise ValueError(f"clone_into: reseed of shape {np.shape(seeds)}: must be {games.shape}")
+    for name, index, n in (("games", games, source.n), ("into", into, target.n)):
+        bad = np.flatnonzero((index < 0) | (index >= n))
+        if len(bad):
+            raise ValueError(f"clone_into: {name}[{bad[0]}] = {index[bad[0]]}: there are {n} games")
+    if len(np.unique(into)) < len(into):
+        raise ValueError(f"clone_into: into = {into.tolist()}: a game is named twice")
+
+
+def reseed(games: NDArray[Any], ghosts: NDArray[Any], index: NDArray[np.int64], seeds: NDArray[np.uint64]) -> None:
+    """All that is drawn from now on in the games ``index`` (M,) comes from these seeds (M,)."""
+    for i, seed in zip(index.tolist(), seeds, strict=True):
+        games["seed"][i] = seed
+        games["localization_stream"][i] = _stream(seed, LOCALIZATION)
+        games["nav_stream"][i] = _stream(seed, NAVIGATION)
+        for number in range(ghosts.shape[1]):
+            ghosts["stream"][i, number] = _ghost_stream(seed, number)
