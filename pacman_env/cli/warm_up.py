@@ -90,7 +90,7 @@ def _policies() -> None:
     from pacman_env.envs.pacmanbot import PacManBotEnv
     from pacman_env.policies.registry import make_policy, policy_names
 
-    env = PacManBotEnv(settings=_SHORT)
+    env = PacManBotEnv(settings=_SHORT, ghosts=_GHOSTS)  # search has nothing to compile where all wander
     env.reset(seed=0)
     for name in policy_names():
         policy = make_policy(name)

@@ -1,1 +1,1 @@
-"""Handcrafted goal selectors: the Clyde-aware scorer of Algorithm 3, look-ahead, nearest pellet, random pellet."""
+"""Handcrafted goal selectors: the scorer of Algorithm 3, look-ahead, search, nearest pellet, random pellet."""

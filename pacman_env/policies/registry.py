@@ -21,6 +21,7 @@ POLICIES: Registry[Callable[..., Policy]] = Registry(
         "nearest": "pacman_env.heuristics.simple:Nearest",
         "ppo": LearnedPlanner,
         "random": "pacman_env.heuristics.simple:Random",
+        "search": "pacman_env.heuristics.search.search:Search",
     },
     "module:Class, or an .onnx file",
 )

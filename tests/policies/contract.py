@@ -69,14 +69,16 @@ def copy(situation: Situation) -> Situation:
 
 
 class PolicyContract:
-    """Inherit and give ``make``."""
+    """Inherit and give ``make``; ``config`` is what the games are played by."""
+
+    config = make_config()
 
     def make(self) -> Policy:
         raise NotImplementedError
 
     def fresh(self, games: int) -> Policy:
         policy = self.make()
-        policy.reset(np.ones(games, np.bool_), make_config())
+        policy.reset(np.ones(games, np.bool_), self.config)
         return policy
 
     @pytest.mark.parametrize("seed", range(3))
@@ -112,7 +114,7 @@ class PolicyContract:
     def test_reset_makes_a_policy_as_new(self) -> None:
         used, fresh = self.fresh(50), self.fresh(50)
         used.select(random_situation(5, 50))
-        used.reset(np.ones(50, np.bool_), make_config())
+        used.reset(np.ones(50, np.bool_), self.config)
         situation = random_situation(6, 50)
         np.testing.assert_array_equal(used.select(situation), fresh.select(situation))
 
@@ -122,7 +124,7 @@ class PolicyContract:
         games = np.arange(50) % 2 == 0
         some.select(before)
         kept.select(before)
-        some.reset(games, make_config())
+        some.reset(games, self.config)
         expected = np.where(games, fresh.select(after), kept.select(after))
         np.testing.assert_array_equal(some.select(after), expected)
 

@@ -1,0 +1,157 @@
+"""How true the coarse model of the game is: ``python -m benchmarks.coarse_model``.
+
+Games of the simulator are played with goals drawn at random, each held for a while. From the same situations the coarse
+model plays the same goals. Compared are when a goal is reached, of those reached without a change, and within
+``--seconds`` after a choice where the robot and the ghosts are, how near they come, and whether the robot is caught.
+"""
+
+import argparse
+import sys
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.harness import Option, benchmark, count
+from pacman_env.config import Config, make_config, parse_settings
+from pacman_env.engine.jit import kernel
+from pacman_env.game.execution import DEAD, RUNNING
+from pacman_env.game.ghosts import find_behaviour
+from pacman_env.policies.registry import make_policy
+from pacman_env.sim.coarse.model import Behaviours, Lags, choose, step
+from pacman_env.sim.coarse.start import draw_futures, start
+from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.observation.situation import Situation
+
+_PLAYED_S = 4.0  # before the first comparison, and between two
+_FIELDS = (
+    *(("switched", np.bool_), ("caught", np.bool_), ("expected_caught", np.bool_)),
+    *(("reached_s", np.float64), ("expected_s", np.float64)),  # NaN: not
+    *(("closest_m", np.float64), ("expected_m", np.float64), ("robot_off_m", np.float64), ("ghost_off_m", np.float64)),
+)
+TRIAL = np.dtype(list(_FIELDS))
+
+
+@kernel
+def _play(robot, ghosts, goal, steps, model):  # type: ignore[no-untyped-def]
+    """Play on with a goal; returns when it was reached, s from now, NaN: not."""
+    reached, begin_s = np.nan, robot[0].time_s
+    choose(robot[0], goal, model)
+    for _ in range(steps):
+        step(robot[0], ghosts, model)
+        if robot[0].reached and not reached >= 0.0:
+            reached = robot[0].time_s - begin_s
+        if robot[0].dead:
+            break
+    return reached
+
+
+class Trials:
+    """Games side by side, and what the model expects of each from its situation on."""
+
+    def __init__(self, source: str, config: Config, games: int, seconds: float, seed: int) -> None:
+        self.config, self.seconds, self.games = config, seconds, games
+        self.batch = GameBatch(map_assets(source, config), config, games)
+        self.behaviours = Behaviours([find_behaviour(name) for name in config.clyde.ghosts], config)
+        self.ticks = round(seconds / config.execution.tick_s)
+        self.rng = np.random.default_rng(seed)
+        self._reset(np.arange(games))
+
+    def _reset(self, games: NDArray[np.int64]) -> None:
+        if len(games) > 0:
+            self.batch.reset(games, self.rng.integers(2**63, size=len(games), dtype=np.uint64))
+
+    def trials(self) -> NDArray[Any]:
+        """(N,) of TRIAL, from where the games stand now; those that end begin anew."""
+        self._drive(round(_PLAYED_S / self.config.execution.tick_s), make_policy("nearest"))
+        situation = self.batch.situation()
+        chosen = self._draw(situation)
+        found = np.zeros(self.games, TRIAL)
+        found["switched"] = situation.current >= 0
+        places = [self._expect(situation, i, int(chosen[i]), found[i : i + 1]) for i in range(self.games)]
+        self._watch(chosen, np.array(places), found)
+        self._reset(np.flatnonzero(self.batch.games["end"] != RUNNING))
+        return found
+
+    def _draw(self, situation: Situation) -> NDArray[np.int64]:
+        draws = self.rng.random(situation.mask.shape)
+        return np.where(situation.mask & (situation.goal >= 0), draws, -1.0).argmax(axis=1)
+
+    def _drive(self, ticks: int, policy: Any) -> None:
+        policy.reset(np.ones(self.games, np.bool_), self.config)
+        for _ in range(ticks):
+            self.batch.step(policy.select(self.batch.situation()))
+            self._reset(np.flatnonzero(self.batch.games["end"] != RUNNING))
+
+    def _expect(self, situation: Situation, i: int, candidate: int, trial: NDArray[Any]) -> list[float]:
+        """Fill in what the model expects of one game; returns where the robot and the nearest ghost are at the end."""
+        begin = start(situation, i, self.config, self.behaviours, Lags(death_margin_m=0.0))
+        draw_futures(begin.ghosts, int(situation.seed[i]), int(situation.tick[i]), 0)
+        steps = np.int64(round(self.seconds / float(begin.model.rules["step_s"][0])))
+        trial["expected_s"] = _play(begin.robot, begin.ghosts, begin.goals[candidate], steps, begin.model)
+        trial["expected_caught"] = begin.robot["dead"][0]
+        trial["expected_m"] = begin.robot["closest_m"][0]
+        return [begin.robot["x"][0], begin.robot["y"][0], begin.ghosts["x"][0], begin.ghosts["y"][0]]
+
+    def _watch(self, chosen: NDArray[np.int64], places: NDArray[np.float64], found: NDArray[Any]) -> None:
+        games = self.batch.games
+        found["reached_s"], found["closest_m"] = np.nan, np.inf
+        for tick in range(1, self.ticks + 1):
+            running = games["end"] == RUNNING
+            self.batch.step(chosen)
+            situation = self.batch.situation()
+            apart = np.hypot(*(situation.ghosts[:, :, :2] - situation.robot[:, None, :2]).transpose(2, 0, 1)).min(
+                axis=1
+            )
+            found["closest_m"] = np.where(running, np.minimum(found["closest_m"], apart), found["closest_m"])
+            arrived = running & (games["end"] != DEAD) & np.isnan(found["reached_s"]) & (games["pursued"] != chosen)
+            found["reached_s"][arrived] = tick * self.config.execution.tick_s
+        found["caught"] = games["end"] == DEAD
+        found["robot_off_m"] = np.hypot(*(situation.robot[:, :2] - places[:, :2]).T)
+        found["ghost_off_m"] = np.hypot(*(situation.ghosts[:, 0, :2] - places[:, 2:]).T)
+        over = (games["end"] != RUNNING) | found["expected_caught"]
+        found["robot_off_m"][over] = found["ghost_off_m"][over] = np.nan
+
+
+def run(arguments: argparse.Namespace) -> dict[str, Any]:
+    settings = {"clyde.ghosts": "chase", **dict(text.split("=", 1) for text in arguments.set)}
+    config = make_config("robot", **parse_settings(f"{name}={value}" for name, value in settings.items()))
+    games = Trials(arguments.map, config, arguments.games, arguments.seconds, arguments.seed)
+    found = np.concatenate([games.trials() for _ in range(arguments.rounds)])
+    print(f"{arguments.map}, ghosts {', '.join(config.clyde.ghosts)}: {len(found)} trials of {arguments.seconds} s")
+    figures: dict[str, Any] = {"trials": len(found)}
+    for name, which in (("at rest", ~found["switched"]), ("on the way", found["switched"])):
+        late = (found["expected_s"] - found["reached_s"])[which]
+        late = late[np.isfinite(late)]
+        if len(late) > 0:
+            low, middle, high = np.percentile(late, [5, 50, 95])
+            print(
+                f"  goals reached, chosen {name}: {len(late)}, expected minus true arrival: mean {late.mean():+.2f} s,",
+                end="",
+            )
+            print(f" median {middle:+.2f} s, 90 % within {low:+.2f} and {high:+.2f} s")
+            figures[f"arrival_s, {name}"] = {"mean": late.mean(), "p5": low, "p95": high}
+    for name in ("robot_off_m", "ghost_off_m"):
+        off = found[name][np.isfinite(found[name])]
+        print(
+            f"  {name.split('_')[0]} after {arguments.seconds} s: median {np.median(off):.2f} m off, 95 % within",
+            end="",
+        )
+        print(f" {np.percentile(off, 95):.2f} m")
+        figures[name] = {"p50": np.median(off), "p95": np.percentile(off, 95)}
+    caught, expected = found["caught"], found["expected_caught"]
+    print(f"  caught: {caught.sum()}, expected {expected.sum()}, the same answer {np.mean(caught == expected):.1%}")
+    feared = found["expected_m"] <= config.execution.death_radius_m + Lags().death_margin_m
+    print(f"  with the margin of {Lags().death_margin_m} m: expected {feared.sum()}, missed {np.sum(caught & ~feared)}")
+    figures |= {"caught": caught.sum(), "expected": expected.sum(), "agreement": np.mean(caught == expected)}
+    figures |= {"expected_with_margin": feared.sum(), "missed_with_margin": np.sum(caught & ~feared)}
+    return {name: value.item() if isinstance(value, np.generic) else value for name, value in figures.items()}
+
+
+SECONDS: Option = ("--seconds", {"type": float, "default": 12.0, "metavar": "S", "help": "(%(default)s)"})
+SET: Option = ("--set", {"action": "append", "default": [], "metavar": "NAME=VALUE", "help": "a configuration's field"})
+main = benchmark("coarse_model", __doc__, run, "--seed", "--rounds", count("--games", 50), SECONDS, SET)
+
+if __name__ == "__main__":
+    sys.exit(main())

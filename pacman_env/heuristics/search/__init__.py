@@ -1,0 +1,1 @@
+"""Search on the coarse model of the game, for ghosts whose behaviour is known."""

@@ -1,0 +1,244 @@
+"""A map as blocks of 0.2 m: the robot's ways to the map's goals, and the ghosts' ways from every block to every other.
+
+A block is the cells of a square that are connected inside it; its place is that of the cell nearest to their middle.
+"""
+
+import math
+import weakref
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...engine.arrays import Array
+from ...engine.bucket_queue import clear, new_queue, pop, push
+from ...engine.jit import kernel
+from ...world.navigation.paths import AT_GOAL, NO_STEP
+from ..maps.assets import MapAssets
+
+BLOCK_M = 0.2
+MOST_BLOCKS = 3000  # of the ghosts: the tables from each to each are 6 bytes a pair
+NO_BLOCK = -1  # in ``robot_next``: none before the goal
+_AHEAD_M = 0.35  # the stretch of a path that the robot turns to before it drives (world/navigation/controller.py)
+_BESIDE_M = 0.7  # a ghost so near, straight, may reach the robot wherever its path leads
+_PULL_CM = 5  # a next block is so much nearer to the goal at least
+_MM = 1000.0
+
+
+class CoarseArrays(NamedTuple):
+    """B blocks of the robot, A blocks of the ghosts, G goals; ``h`` and ``w`` as the drive grid's."""
+
+    affine: Any = Array(np.float64, "6")  # from m to the drive grid's cells
+    robot_block: Any = Array(np.int32, "h w")  # of the nearest drivable cell
+    robot_xy: Any = Array(np.float64, "B 2")  # m
+    robot_length: Any = Array(np.float32, "B G")  # m, path to each goal; inf: none
+    robot_next: Any = Array(np.int32, "B G")  # the block that follows on the path, NO_BLOCK: none before the goal
+    robot_heading: Any = Array(np.float32, "B G")  # rad, of the path's first stretch
+    goal_xy: Any = Array(np.float64, "G 2")  # m
+    ghost_block: Any = Array(np.int32, "h w")  # of the ghosts' nearest cell in the robot's area
+    ghost_xy: Any = Array(np.float64, "A 2")  # m
+    ghost_length: Any = Array(np.float32, "A A")  # m, path between blocks
+    ghost_next: Any = Array(np.int32, "A A")  # [target, block]: the block that follows on the way to the target
+    ghost_beside: Any = Array(np.int32, "B 2")  # blocks that are nearest to a robot's block, on both sides of a wall
+    ghost_corner: Any = Array(np.int32, "4")  # block of each ghost's corner
+
+
+_maps: "weakref.WeakKeyDictionary[MapAssets, CoarseArrays]" = weakref.WeakKeyDictionary()
+
+
+def coarse_map(assets: MapAssets) -> CoarseArrays:
+    """The blocks of a map, made at the first call and kept as long as the map itself."""
+    made = _maps.get(assets)
+    if made is None:
+        made = _maps[assets] = _build(assets)
+    return made
+
+
+def _build(assets: MapAssets) -> CoarseArrays:
+    grid, clyde = assets.grid, assets.clyde
+    edge = BLOCK_M / grid.resolution
+    block, place = _blocks(grid.cell, grid.neighbours[:, ::2], edge)
+    length, following, heading = _ways(
+        place, block, assets.length_cm, assets.next_step, assets.cell_xy, round(_AHEAD_M / grid.resolution)
+    )
+    cells = clyde.cells_in(assets.clyde_part)
+    number = np.full(len(clyde.position), -1, dtype=np.int32)
+    number[cells] = np.arange(len(cells))
+    near = np.where(clyde.neighbours[cells] >= 0, number[clyde.neighbours[cells]], -1).astype(np.int32)
+    pixel = np.ascontiguousarray(clyde.pixel[cells])
+    while True:
+        ghost_block, ghost_place = _blocks(pixel, near, edge)
+        if len(ghost_place) <= MOST_BLOCKS:
+            break
+        edge *= math.sqrt(1.05 * len(ghost_place) / MOST_BLOCKS)
+    start, ends = _edges(ghost_block, near, len(ghost_place))
+    ghost_length, ghost_next = _between_all(pixel[ghost_place], start, ends, clyde.resolution)
+    targets = assets.ghost_targets
+    return CoarseArrays(
+        affine=grid.affine,
+        robot_block=block[grid.snap],
+        robot_xy=assets.cell_xy[place].astype(np.float64),
+        robot_length=length,
+        robot_next=following,
+        robot_heading=heading,
+        goal_xy=assets.goal_xy,
+        ghost_block=ghost_block[number[targets.snap]],
+        ghost_xy=clyde.position[cells[ghost_place]],
+        ghost_length=ghost_length,
+        ghost_next=ghost_next,
+        ghost_beside=_beside(
+            assets.cell_xy[place].astype(np.float64), clyde.position[cells[ghost_place]], ghost_length
+        ),
+        ghost_corner=ghost_block[number[targets.corner]],
+    )
+
+
+def _blocks(
+    cell: NDArray[np.int32], neighbours: NDArray[np.int32], edge: float
+) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """(K,) the block of each cell, and (B,) the cell that is each block's place.
+
+    ``cell`` (K, 2) are column and row, ``neighbours`` (K, 8) numbers or -1, ``edge`` the side of a block in cells.
+    """
+    squares = np.floor(cell / edge).astype(np.int64)
+    square = squares[:, 1] * (squares[:, 0].max() + 1) + squares[:, 0]
+    block = _connected(square, neighbours)
+    count = int(block.max()) + 1
+    sizes = np.bincount(block, minlength=count)
+    middle = np.stack([np.bincount(block, weights=cell[:, k], minlength=count) / sizes for k in (0, 1)], axis=1)
+    # In the open the places are as far apart as the squares, which makes lengths there exact.
+    off = np.hypot(*(cell - middle[block]).T)
+    order = np.lexsort((off, block))
+    return block, order[np.searchsorted(block[order], np.arange(count))]
+
+
+@kernel
+def _connected(square, neighbours):  # type: ignore[no-untyped-def]
+    """(K,) a number for the cells of each square that are connected inside it."""
+    block = np.full(len(square), -1, np.int32)
+    stack = np.empty(len(square), np.int64)
+    count = 0
+    for k in range(len(square)):
+        if block[k] >= 0:
+            continue
+        block[k] = count
+        stack[0] = k
+        waiting = 1
+        while waiting > 0:
+            waiting -= 1
+            here = stack[waiting]
+            for d in range(8):
+                v = neighbours[here, d]
+                if v >= 0 and block[v] < 0 and square[v] == square[k]:
+                    block[v] = count
+                    stack[waiting] = v
+                    waiting += 1
+        count += 1
+    return block
+
+
+def _edges(
+    block: NDArray[np.int32], neighbours: NDArray[np.int32], count: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Blocks that a step of a cell joins: ``ends[start[a] : start[a + 1]]`` are those beside block a."""
+    here = np.broadcast_to(block[:, None], neighbours.shape)[neighbours >= 0].astype(np.int64)
+    there = block[neighbours[neighbours >= 0]]
+    pairs = np.unique((here * count + there)[here != there])
+    return np.searchsorted(pairs // count, np.arange(count + 1)), pairs % count
+
+
+def _between_all(
+    pixel: NDArray[np.int32], start: NDArray[np.int64], ends: NDArray[np.int64], resolution: float
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Lengths (A, A) in m and next blocks (A, A), by target, of ghosts; ``pixel`` (A, 2) are the blocks' places."""
+    count = len(pixel)
+    here = np.repeat(np.arange(count), np.diff(start))
+    apart = np.sort(np.abs(pixel[here] - pixel[ends]), axis=1)
+    # A ghost goes to 8 neighbours: straight and diagonal steps.
+    steps = (apart[:, 1] - apart[:, 0]) + math.sqrt(2.0) * apart[:, 0]
+    cost = np.ceil(steps * resolution * _MM).astype(np.int64)
+    queue = new_queue(int(cost.max(initial=1)) * count + 1, len(ends) + 1)
+    length, following = np.full((count, count), np.inf, np.float32), np.full((count, count), -1, np.int32)
+    _search_all(start, ends, cost, queue, length, following)
+    return length, following
+
+
+@kernel
+def _search_all(start, ends, cost, queue, length, following):  # type: ignore[no-untyped-def]
+    """Dijkstra's algorithm from every block; an edge costs the same both ways, so lengths are symmetric."""
+    count = len(start) - 1
+    least = np.empty(count, np.int64)
+    done = np.empty(count, np.bool_)
+    for target in range(count):
+        least[:] = 2**62
+        done[:] = False
+        clear(queue)
+        least[target] = 0
+        following[target, target] = target
+        push(queue, np.int64(0), np.int32(target))
+        while True:
+            u = pop(queue)
+            if u < 0:
+                break
+            if done[u]:
+                continue
+            done[u] = True
+            length[target, u] = least[u] / _MM
+            for e in range(start[u], start[u + 1]):
+                v, new = ends[e], least[u] + cost[e]
+                if new < least[v]:
+                    least[v] = new
+                    following[target, v] = u
+                    push(queue, new, np.int32(v))
+
+
+@kernel
+def _ways(place, block, length_cm, next_step, cell_xy, ahead):  # type: ignore[no-untyped-def]
+    """Length, next block and heading of the robot's path from each block's place to each goal, (B, G) each."""
+    blocks, goals = len(place), length_cm.shape[1]
+    length = np.full((blocks, goals), np.inf, np.float32)
+    following = np.full((blocks, goals), NO_BLOCK, np.int32)
+    heading = np.zeros((blocks, goals), np.float32)
+    for b in range(blocks):
+        for g in range(goals):
+            cell = place[b]
+            if next_step[g, cell] == NO_STEP:
+                continue
+            own = np.int64(length_cm[cell, g])
+            length[b, g] = 0.01 * own
+            x, y = cell_xy[cell, 0], cell_xy[cell, 1]
+            walked = 0
+            while next_step[g, cell] != AT_GOAL:
+                cell += next_step[g, cell]
+                walked += 1
+                other = block[cell]
+                nearer = np.int64(length_cm[place[other], g]) <= own - _PULL_CM
+                if following[b, g] == NO_BLOCK and other != b and nearer:
+                    following[b, g] = other
+                if walked <= ahead:
+                    heading[b, g] = math.atan2(cell_xy[cell, 1] - y, cell_xy[cell, 0] - x)
+                elif following[b, g] != NO_BLOCK:
+                    break
+    return length, following, heading
+
+
+@kernel
+def _beside(place, ghost_place, length):  # type: ignore[no-untyped-def]
+    """(B, 2) the ghosts' block nearest to each place, and of those beside the place the farthest from that by path.
+
+    A robot near a wall can be reached from both sides, and which one a ghost takes can change with a centimetre.
+    """
+    beside = np.zeros((len(place), 2), np.int32)
+    for b in range(len(place)):
+        nearest, least = 0, np.inf
+        for a in range(len(ghost_place)):
+            square = (ghost_place[a, 0] - place[b, 0]) ** 2 + (ghost_place[a, 1] - place[b, 1]) ** 2
+            if square < least:
+                nearest, least = a, square
+        other = nearest
+        for a in range(len(ghost_place)):
+            square = (ghost_place[a, 0] - place[b, 0]) ** 2 + (ghost_place[a, 1] - place[b, 1]) ** 2
+            if square <= _BESIDE_M * _BESIDE_M and length[nearest, a] > length[nearest, other]:
+                other = a
+        beside[b, 0], beside[b, 1] = nearest, other
+    return beside

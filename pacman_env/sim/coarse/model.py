@@ -1,0 +1,407 @@
+"""The game on a :mod:`coarse map <.coarse_map>`: a robot that drives to goals with lags, and ghosts that react to it.
+
+Ghosts decide at every step by their own functions of the ghosts' table (``game/ghosts.py``), several at once. One that
+wanders draws its targets from a stream of its own.
+"""
+
+import functools
+import math
+import types
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba.np.unsafe.ndarray import to_fixed_tuple
+from numpy.typing import NDArray
+
+from ...config import Config
+from ...engine.arrays import Array, Table, address, arrays_by_address, reals_at
+from ...engine.jit import kernel
+from ...engine.native import address_of_kernel, call_range
+from ...game.ghosts import BEHAVIOURS, WANDER, Behaviour, GhostView
+from ...rng import below
+from ...world.navigation.grid import cell_of
+from .coarse_map import NO_BLOCK, CoarseArrays
+
+_BESIDE_M = 0.6  # blocks farther apart are not joined by a step
+NOWHERE, UNCHANGED = -1, -2  # goals: none; no other than the one driven to
+MOST_PELLETS = 64  # bits of a state
+#: The numbers of a game, and of how the robot drives.
+RULES = np.dtype(
+    [
+        ("speed", np.float64),  # m/s along a path
+        ("free_turn", np.float64),  # rad off the path that are turned while driving
+        ("turn_rate", np.float64),  # rad/s beyond that, starting and stopping included
+        ("start_s", np.float64),  # from a choice to driving, at rest
+        ("switch_s", np.float64),  # from a choice to driving elsewhere, on the way
+        ("step_s", np.float64),  # ghosts decide, pick-up and death are tested
+        ("pickup_m", np.float64),
+        ("goal_m", np.float64),  # Nav2's tolerance
+        ("death_m", np.float64),  # with a margin for what the model leaves out
+        ("limit_s", np.float64),  # of a round
+    ]
+)
+#: One robot and what it has collected.
+ROBOT = [
+    ("block", np.int32),
+    ("goal", np.int32),  # driven to, NOWHERE: none
+    ("then", np.int32),  # the goal that takes its place in ``then_s``, UNCHANGED: none
+    ("reached", np.bool_),  # a goal in this step
+    ("then_s", np.float64),
+    ("wait_s", np.float64),  # turning
+    ("left_m", np.float64),  # of the path to the goal
+    ("heading", np.float64),  # rad
+    ("x", np.float64),  # m
+    ("y", np.float64),
+    ("time_s", np.float64),  # of the round
+    ("pellets", np.uint64),  # bits of those that are left
+    ("collected", np.int64),
+    ("collected_s", np.float64),  # sum of the times when, since the beginning
+    ("closest_m", np.float64),  # of any ghost, straight
+    ("dead", np.bool_),
+]
+GHOST = np.dtype(
+    [
+        ("block", np.int32),  # the last one passed
+        ("towards", np.int32),  # the next one
+        ("target", np.int32),
+        ("wanders", np.bool_),  # draws its targets itself
+        ("offset_m", np.float64),  # walked since the last one
+        ("speed", np.float64),  # m/s
+        ("x", np.float64),  # m
+        ("y", np.float64),
+        ("vx", np.float64),  # m/s
+        ("vy", np.float64),
+        ("stream", np.uint64),
+    ]
+)
+
+
+class Lags(NamedTuple):
+    """How the robot drives, and how finely the model is stepped; ``python -m benchmarks.coarse_model`` checks it."""
+
+    speed_share: float = 0.995  # of the commanded speed, along a path
+    free_turn_rad: float = 0.7  # as the controller's (world/navigation/controller.py)
+    turn_radps: float = 1.2  # as the prediction's (sim/observation/prediction.py)
+    start_s: float = 0.3
+    switch_s: float = 0.6  # in periods of Nav2's planner
+    step_s: float = 1.0  # a goal that is reached ends its step, which stands for the wait for the next choice
+    death_margin_m: float = 0.15
+
+
+def rules(config: Config, lags: Lags) -> NDArray[Any]:
+    """(1,) record of the numbers."""
+    record = np.zeros(1, dtype=RULES)
+    record["speed"] = lags.speed_share * config.robot.speed_mps
+    record["free_turn"], record["turn_rate"] = lags.free_turn_rad, lags.turn_radps
+    record["start_s"] = lags.start_s
+    record["switch_s"] = lags.switch_s * config.nav2.planner_period_s
+    record["step_s"] = lags.step_s
+    record["pickup_m"], record["goal_m"] = config.execution.pickup_radius_m, config.nav2.goal_tolerance_m
+    record["death_m"] = config.execution.death_radius_m + lags.death_margin_m
+    record["limit_s"] = config.time_limit_s
+    return record
+
+
+class BehaviourArrays(NamedTuple):
+    """What behaviours' kernels, called by their addresses, read and write."""
+
+    behaviours: Any = Array(np.int64, "G 2")  # addresses of the kernel and of its constants, 0: wanders
+    views: Any = Array(np.float64, f"G {len(GhostView._fields)}")
+    targets: Any = Array(np.float64, "G 2")  # m
+
+
+_behaviour_arrays = arrays_by_address(BehaviourArrays)
+
+
+def _target(view, constants):  # type: ignore[no-untyped-def]
+    """A behaviour's function is in its place in a copy of :func:`_decide_behaviour`."""
+
+
+_CONSTANTS = 0  # likewise the number of its constants
+
+
+def _decide_behaviour(table, k, unused):  # type: ignore[no-untyped-def]
+    """Write where ghost k goes, from its view."""
+    a = _behaviour_arrays(table)
+    v = a.views[k]
+    constants = reals_at(a.behaviours[k, 1], _CONSTANTS)
+    view = GhostView(int(v[0]), v[1], v[2], v[3], v[4], v[5], v[6], v[7], v[8], v[9])
+    a.targets[k, 0], a.targets[k, 1] = _target(view, to_fixed_tuple(constants, _CONSTANTS))
+    return 0
+
+
+@functools.cache
+def _behaviour_kernel(behaviour: Behaviour) -> Callable[[int, int, int], int]:
+    """:func:`_decide_behaviour` with the behaviour's function compiled into it."""
+    assert behaviour.target is not None
+    own = BEHAVIOURS.get(behaviour.name) == behaviour
+    known = {**globals(), "_target": kernel(behaviour.target, own), "_CONSTANTS": len(behaviour.parameters)}
+    code = types.FunctionType(_decide_behaviour.__code__, known, "_decide_behaviour")
+    code.__module__ = __name__
+    code.__qualname__ = f"_decide_{behaviour.name}" if own else "_decide_behaviour_from_outside"
+    return kernel(code, own)
+
+
+class Behaviours:
+    """The ghosts' behaviours, ready to be called from kernels; ``table`` is theirs."""
+
+    def __init__(self, behaviours: Sequence[Behaviour], config: Config) -> None:
+        """One that is sent from outside is modelled as one that wanders."""
+        count = len(behaviours)
+        self._constants = [np.array(one.constants(config), dtype=np.float64) for one in behaviours]
+        known = np.zeros((count, 2), dtype=np.int64)
+        for k, one in enumerate(behaviours):
+            if one.target is not None and one.name != WANDER:
+                known[k] = address_of_kernel(_behaviour_kernel(one)), address(self._constants[k])
+        views, targets = np.zeros((count, len(GhostView._fields))), np.zeros((count, 2))
+        self.table = Table(BehaviourArrays, behaviours=known, views=views, targets=targets)
+
+
+class Model(NamedTuple):
+    """What a game is stepped on."""
+
+    map: CoarseArrays
+    rules: Any  # of type RULES, (1,)
+    behaviours: int  # address of the table of BehaviourArrays
+    bit: Any  # (G,) int8, the bit of each goal that is a pellet, else -1
+
+
+@kernel
+def put_robot(robot, model, x, y, heading):  # type: ignore[no-untyped-def]
+    """Place a robot that stands and has no goal."""
+    m = model.map
+    column, row = cell_of(m.affine, m.robot_block.shape[0], m.robot_block.shape[1], x, y)
+    robot.block = m.robot_block[row, column]
+    robot.goal, robot.then, robot.reached = NOWHERE, UNCHANGED, False
+    robot.then_s, robot.wait_s, robot.left_m = 0.0, 0.0, 0.0
+    robot.heading, robot.x, robot.y = heading, x, y
+    robot.collected, robot.collected_s, robot.closest_m, robot.dead = 0, 0.0, np.inf, False
+
+
+@kernel
+def put_ghost(ghost, model, x, y, speed):  # type: ignore[no-untyped-def]
+    """Place a ghost, on the way between the two blocks that it is nearest to."""
+    m = model.map
+    column, row = cell_of(m.affine, m.ghost_block.shape[0], m.ghost_block.shape[1], x, y)
+    block = m.ghost_block[row, column]
+    ghost.block, ghost.towards, ghost.target = block, block, -1
+    ghost.offset_m, ghost.speed, ghost.x, ghost.y = 0.0, speed, x, y
+    ax, ay = m.ghost_xy[block, 0], m.ghost_xy[block, 1]
+    least = (x - ax) ** 2 + (y - ay) ** 2
+    for b in range(len(m.ghost_xy)):
+        length = m.ghost_length[block, b]
+        if b == block or length > _BESIDE_M or m.ghost_next[b, block] != b:
+            continue
+        dx, dy = m.ghost_xy[b, 0] - ax, m.ghost_xy[b, 1] - ay
+        share = min(max(((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy), 0.0), 1.0)
+        off = (x - ax - share * dx) ** 2 + (y - ay - share * dy) ** 2
+        if off < least:
+            least = off
+            ghost.towards, ghost.offset_m = b, share * length
+
+
+@kernel
+def _turn_s(robot, heading, p):  # type: ignore[no-untyped-def]
+    off = abs(heading - robot.heading) % (2.0 * math.pi)
+    return max(min(off, 2.0 * math.pi - off) - p.free_turn, 0.0) / p.turn_rate
+
+
+@kernel
+def begin(robot, goal, left_m, model):  # type: ignore[no-untyped-def]
+    """Drive to a goal from now on; ``left_m`` is the length of the path to it."""
+    m, p = model.map, model.rules[0]
+    robot.then = UNCHANGED
+    robot.goal = goal
+    if goal >= 0:
+        robot.left_m = left_m
+        robot.wait_s = _turn_s(robot, m.robot_heading[robot.block, goal], p)
+        if left_m == np.inf:
+            robot.goal = NOWHERE
+
+
+@kernel
+def choose(robot, goal, model):  # type: ignore[no-untyped-def]
+    """A choice of the planner's; NOWHERE is to stop. On the way, the robot follows the old path for a while."""
+    p = model.rules[0]
+    if goal == robot.goal and robot.then == UNCHANGED:
+        return
+    if goal == NOWHERE:
+        robot.goal, robot.then = NOWHERE, UNCHANGED
+        return
+    if robot.then != goal:
+        robot.then_s = p.switch_s if robot.goal >= 0 else p.start_s
+        robot.then = goal
+
+
+@kernel
+def _advance(robot, span, model):  # type: ignore[no-untyped-def]
+    """Drive for ``span`` s along the path to the goal."""
+    m, p = model.map, model.rules[0]
+    goal = robot.goal
+    turning = min(robot.wait_s, span)
+    robot.wait_s -= turning
+    robot.left_m -= (span - turning) * p.speed
+    if span <= turning:
+        return
+    following = m.robot_next[robot.block, goal]
+    while following != NO_BLOCK and robot.left_m <= m.robot_length[following, goal]:
+        robot.block = following
+        following = m.robot_next[following, goal]
+    b = robot.block
+    robot.heading = m.robot_heading[b, goal]
+    # Between the places of two blocks, in the proportion of what is left of the path.
+    own = m.robot_length[b, goal]
+    if following != NO_BLOCK:
+        x, y, other = m.robot_xy[following, 0], m.robot_xy[following, 1], m.robot_length[following, goal]
+    else:
+        x, y, other = m.goal_xy[goal, 0], m.goal_xy[goal, 1], 0.0
+    share = min(max((own - robot.left_m) / max(own - other, 1e-6), -1.0), 1.0)
+    robot.x = m.robot_xy[b, 0] + share * (x - m.robot_xy[b, 0])
+    robot.y = m.robot_xy[b, 1] + share * (y - m.robot_xy[b, 1])
+    dx, dy = m.goal_xy[goal, 0] - robot.x, m.goal_xy[goal, 1] - robot.y
+    if robot.left_m <= 0.0 or dx * dx + dy * dy <= p.goal_m * p.goal_m:
+        bit = model.bit[goal]
+        if bit >= 0:
+            _collect(robot, bit)
+        robot.goal, robot.reached = NOWHERE, True
+
+
+@kernel
+def _collect(robot, bit):  # type: ignore[no-untyped-def]
+    one = np.uint64(1) << np.uint64(bit)
+    if robot.pellets & one:
+        robot.pellets ^= one
+        robot.collected += 1
+        robot.collected_s += robot.time_s
+
+
+@kernel
+def _drive(robot, model):  # type: ignore[no-untyped-def]
+    m, p = model.map, model.rules[0]
+    spare = p.step_s
+    robot.reached = False
+    while spare > 0.0:
+        span = spare
+        if robot.then != UNCHANGED:
+            if robot.then_s <= 0.0:
+                goal = np.int64(robot.then)
+                begin(robot, goal, np.float64(m.robot_length[robot.block, goal]), model)
+                continue
+            span = min(spare, robot.then_s)
+            robot.then_s -= span
+        if robot.goal >= 0:
+            _advance(robot, span, model)
+        spare -= span
+
+
+@kernel
+def _decide(ghost, k, robot, model):  # type: ignore[no-untyped-def]
+    """Where ghost k goes now: its block, or -1 to wander on."""
+    m, a = model.map, _behaviour_arrays(model.behaviours)
+    if a.behaviours[k, 0] == 0:
+        return -1
+    v, corner = a.views[k], m.ghost_corner[k]
+    v[0], v[1], v[2], v[3], v[4] = k, ghost.x, ghost.y, ghost.vx, ghost.vy
+    v[5], v[6], v[7] = robot.x, robot.y, robot.heading
+    v[8], v[9] = m.ghost_xy[corner, 0], m.ghost_xy[corner, 1]
+    if call_range(a.behaviours[k, 0], model.behaviours, k, 0) < 0:
+        return -1
+    x, y = a.targets[k, 0], a.targets[k, 1]
+    if not (math.isfinite(x) and math.isfinite(y)):
+        return -1
+    column, row = cell_of(m.affine, m.ghost_block.shape[0], m.ghost_block.shape[1], x, y)
+    return np.int64(m.ghost_block[row, column])
+
+
+@kernel
+def _walk(ghost, m, seconds):  # type: ignore[no-untyped-def]
+    """Move a ghost along the shortest path to its target."""
+    x, y, target = ghost.x, ghost.y, ghost.target
+    if ghost.towards != ghost.block:
+        length = m.ghost_length[ghost.block, ghost.towards]
+        back, on = m.ghost_length[target, ghost.block], m.ghost_length[target, ghost.towards]
+        if back + ghost.offset_m < on + length - ghost.offset_m:  # it turns round
+            ghost.block, ghost.towards, ghost.offset_m = ghost.towards, ghost.block, length - ghost.offset_m
+    move = ghost.speed * seconds
+    share = 0.0
+    while True:
+        if ghost.towards == ghost.block:
+            if ghost.block == target:
+                if ghost.wanders:
+                    ghost.target = -1  # arrived: the next step draws another
+                break
+            ghost.towards = m.ghost_next[target, ghost.block]
+            ghost.offset_m = 0.0
+        length = m.ghost_length[ghost.block, ghost.towards]
+        if ghost.offset_m + move < length:
+            ghost.offset_m += move
+            share = ghost.offset_m / length
+            break
+        move -= length - ghost.offset_m
+        ghost.block, ghost.offset_m = ghost.towards, 0.0
+    a, b = m.ghost_xy[ghost.block], m.ghost_xy[ghost.towards]
+    ghost.x, ghost.y = a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])
+    ghost.vx, ghost.vy = (ghost.x - x) / seconds, (ghost.y - y) / seconds
+
+
+@kernel
+def _pick_up(robot, model):  # type: ignore[no-untyped-def]
+    """Pellets on the way."""
+    m, p = model.map, model.rules[0]
+    for goal in range(len(model.bit)):
+        bit = model.bit[goal]
+        if bit >= 0 and (robot.pellets >> np.uint64(bit)) & np.uint64(1):
+            dx, dy = m.goal_xy[goal, 0] - robot.x, m.goal_xy[goal, 1] - robot.y
+            if dx * dx + dy * dy <= p.pickup_m * p.pickup_m:
+                _collect(robot, bit)
+                if goal == robot.goal:
+                    robot.goal, robot.reached = NOWHERE, True
+
+
+@kernel
+def step(robot, ghosts, model):  # type: ignore[no-untyped-def]
+    """One step of a game: ghosts decide, everything moves, pick-up and death are tested."""
+    m, p = model.map, model.rules[0]
+    for k in range(len(ghosts)):
+        ghost = ghosts[k]
+        target = _decide(ghost, k, robot, model)
+        ghost.wanders = target < 0
+        if target >= 0:
+            ghost.target = target
+        elif ghost.target < 0:
+            ghost.stream, pick = below(ghost.stream, len(m.ghost_xy))
+            ghost.target = pick
+        _walk(ghost, m, p.step_s)
+    robot.time_s += p.step_s
+    _drive(robot, model)
+    _pick_up(robot, model)
+    for k in range(len(ghosts)):
+        dx, dy = ghosts[k].x - robot.x, ghosts[k].y - robot.y
+        robot.closest_m = min(robot.closest_m, math.sqrt(dx * dx + dy * dy))
+    robot.dead = robot.closest_m <= p.death_m and robot.pellets != 0
+
+
+@kernel
+def play(robot, ghosts, goal, until_s, model):  # type: ignore[no-untyped-def]
+    """Choose a goal and step until that time, or until it is reached, or the round ends."""
+    choose(robot, goal, model)
+    while robot.time_s < until_s:
+        step(robot, ghosts, model)
+        if robot.dead or robot.reached or robot.pellets == 0 or robot.time_s >= model.rules[0].limit_s:
+            break
+
+
+@kernel
+def lead_m(robot, ghosts, m):  # type: ignore[no-untyped-def]
+    """The shortest path of a ghost to the robot, on either side of a wall that it is at, m."""
+    least = np.inf
+    for j in range(2):
+        here = m.ghost_beside[robot.block, j]
+        rest = math.hypot(m.ghost_xy[here, 0] - robot.x, m.ghost_xy[here, 1] - robot.y)
+        for k in range(len(ghosts)):
+            ghost = ghosts[k]
+            on = m.ghost_length[ghost.block, ghost.towards] - ghost.offset_m
+            ahead = min(m.ghost_length[here, ghost.towards] + on, m.ghost_length[here, ghost.block] + ghost.offset_m)
+            least = min(least, ahead + rest)
+    return least

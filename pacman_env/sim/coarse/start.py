@@ -1,0 +1,78 @@
+"""From a situation, the same of the simulator and of a robot, to the coarse game that begins with it."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...config import Config
+from ...engine.jit import kernel
+from ...rng import POLICY, stream
+from ..observation.situation import PELLET, Situation
+from .coarse_map import coarse_map
+from .model import GHOST, MOST_PELLETS, NOWHERE, ROBOT, Behaviours, Lags, Model, begin, put_ghost, put_robot, rules
+
+_LEAVE_M = 0.05
+
+
+class Start(NamedTuple):
+    robot: NDArray[Any]  # (1,) of ROBOT, perhaps with more fields
+    ghosts: NDArray[Any]  # (G,) of GHOST
+    goals: NDArray[np.int64]  # (C,) the goal of each candidate, NOWHERE: hold, or none
+    model: Model
+    pellets: int  # goals before this number are pellets
+
+
+def start(
+    situation: Situation,
+    i: int,
+    config: Config,
+    behaviours: Behaviours,
+    lags: Lags,
+    robot: np.dtype[Any] | None = None,
+) -> Start:
+    """The coarse game of situation ``i``; ``robot``: the type of the robot's record. ValueError without maps."""
+    s = situation
+    if s.maps is None:
+        raise ValueError("the situation has no maps to plan on")
+    assets = s.maps.assets(int(s.level[i]))
+    bit = np.full(len(assets.goal_xy), -1, dtype=np.int8)
+    pellets = np.flatnonzero(s.mask[i] & (s.kind[i] == PELLET) & np.isfinite(s.path_robot[i]) & (s.goal[i] >= 0))
+    pellets = pellets[np.argsort(s.path_robot[i, pellets], kind="stable")][:MOST_PELLETS]
+    bit[s.goal[i, pellets]] = np.arange(len(pellets))
+    numbers = rules(config, lags)
+    # A ghost that is nearer than the margin has not caught the robot yet.
+    apart = float(np.hypot(*(s.ghosts[i, :, :2] - s.robot[i, :2]).T).min())
+    numbers["death_m"] = max(config.execution.death_radius_m, min(float(numbers["death_m"][0]), apart - _LEAVE_M))
+    model = Model(coarse_map(assets), numbers, behaviours.table.address, bit)
+    own, ghosts = np.zeros(1, dtype=ROBOT if robot is None else robot), np.zeros(s.ghosts.shape[1], dtype=GHOST)
+    own["time_s"] = s.time_s[i]
+    own["pellets"] = (1 << len(pellets)) - 1
+    goals = s.goal[i].astype(np.int64)  # a candidate that is no goal has -1, NOWHERE
+    goal, left_m = NOWHERE, 0.0
+    current = int(s.current[i])
+    if current >= 0 and s.mask[i, current] and np.isfinite(s.path_robot[i, current]):
+        goal, left_m = int(goals[current]), float(s.path_robot[i, current])
+    _put(own, ghosts, model, s.robot[i], s.ghosts[i], np.int64(goal), left_m)
+    return Start(own, ghosts, goals, model, assets.pellets)
+
+
+def draw_futures(ghosts: NDArray[Any], seed: int, tick: int, number: int) -> None:
+    """Give the ghosts that wander streams of their own: of the round's seed, the tick and the future's number."""
+    for k in range(len(ghosts)):
+        purpose = np.uint64((((tick + 1) << 12) + (number << 4) + k) * 16 + POLICY)
+        ghosts["stream"][k] = _stream(np.uint64(seed), purpose)
+    ghosts["target"] = -1
+
+
+@kernel
+def _put(robot, ghosts, model, pose, seen, goal, left_m):  # type: ignore[no-untyped-def]
+    put_robot(robot[0], model, pose[0], pose[1], pose[2])
+    for k in range(len(ghosts)):
+        put_ghost(ghosts[k], model, seen[k, 0], seen[k, 1], seen[k, 4])
+        ghosts[k].vx, ghosts[k].vy = seen[k, 2], seen[k, 3]
+    if goal >= 0:
+        begin(robot[0], goal, left_m, model)
+
+
+_stream = kernel(stream)

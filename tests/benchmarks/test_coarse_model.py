@@ -1,0 +1,31 @@
+"""The calibration of the coarse model, on a tiny run: it prints its figures, and they are those of a true model."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.coarse_model import Trials, main
+from tests.sim.coarse.games import config_of
+
+
+def test_the_command_prints_arrivals_places_and_catches(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--map", "loop", "--games", "6", "--rounds", "2"]) == 0
+    printed = capsys.readouterr().out
+    assert "12 trials" in printed
+    assert "caught" in printed
+
+
+def test_the_model_agrees_with_the_simulator() -> None:
+    config = config_of("chase", **{"execution.pickup_radius_m": 1e-4})
+    found = Trials("house", config, games=40, seconds=12.0, seed=0).trials()
+    assert np.mean(found["caught"] == found["expected_caught"]) > 0.75
+    for name in ("robot_off_m", "ghost_off_m"):
+        assert np.nanmedian(found[name]) < 0.4
+    late = (found["expected_s"] - found["reached_s"])[np.isfinite(found["expected_s"] - found["reached_s"])]
+    assert abs(np.median(late)) < 1.5
+
+
+def test_a_map_that_is_not_there_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--map", "nowhere.yaml"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1

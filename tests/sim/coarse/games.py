@@ -1,0 +1,37 @@
+"""Coarse games on the shipped maps."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pacman_env.config import Config, make_config
+from pacman_env.game.ghosts import Behaviour, find_behaviour
+from pacman_env.sim.coarse.model import Behaviours, Lags
+from pacman_env.sim.coarse.start import Start, draw_futures, start
+from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.observation.situation import Situation
+
+
+def config_of(*ghosts: str, **changes: Any) -> Config:
+    return make_config("robot", **{"clyde.ghosts": ghosts or ("chase",), **changes})
+
+
+def situation_of(config: Config, games: int = 1, source: str = "house", seed: int = 0) -> Situation:
+    """The situations at the beginning of rounds."""
+    batch = GameBatch(map_assets(source, config), config, games)
+    batch.reset(np.arange(games), np.arange(seed, seed + games, dtype=np.uint64))
+    return batch.situation()
+
+
+def started(
+    config: Config, situation: Situation, i: int = 0, behaviours: list[Behaviour] | None = None
+) -> tuple[Start, Behaviours]:
+    """A coarse game, and what must be kept as long as it is played."""
+    known = [find_behaviour(name) for name in config.clyde.ghosts] if behaviours is None else behaviours
+    kept = Behaviours(known, config)
+    found = start(situation, i, config, kept, Lags())
+    draw_futures(found.ghosts, int(situation.seed[i]), int(situation.tick[i]), 0)
+    return found, kept

@@ -1,0 +1,92 @@
+"""Lengths between blocks are those of ways on the map: symmetric, no shorter than the straight line, near the exact."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pacman_env.config import make_config
+from pacman_env.sim.coarse.coarse_map import NO_BLOCK, coarse_map
+from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.maps.ghost_cells import find_path, search_memory
+
+MAPS = ("house", "maze")
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_lengths_are_symmetric_and_no_shorter_than_the_straight_line(name: str) -> None:
+    found = coarse_map(map_assets(name, make_config()))
+    length, place = found.ghost_length, found.ghost_xy
+    assert np.isfinite(length).all()
+    np.testing.assert_array_equal(length, length.T)
+    assert (np.diag(length) == 0).all()
+    straight = np.hypot(*(place[:, None] - place[None]).transpose(2, 0, 1))
+    assert (length >= straight - 1e-5).all()
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_lengths_obey_the_triangle_inequality(name: str) -> None:
+    length = coarse_map(map_assets(name, make_config())).ghost_length
+    a, b, c = np.random.default_rng(0).integers(len(length), size=(3, 2000))
+    assert (length[a, c] <= length[a, b] + length[b, c] + 1e-4).all()
+
+
+def test_lengths_are_those_of_the_ghosts_own_paths() -> None:
+    assets = map_assets("house", make_config())
+    found, cells = coarse_map(assets), assets.clyde
+    node, queue = search_memory(len(cells.position), cells.longest)
+    path = np.zeros(cells.longest + 1, np.int32)
+    errors = []
+    for a, b in np.random.default_rng(1).integers(len(found.ghost_xy), size=(60, 2)):
+        ends = (np.int64(cells.nearest(*found.ghost_xy[k].tolist())[0]) for k in (a, b))
+        count = find_path(*ends, cells.graph, node, queue, path)
+        exact = np.hypot(*np.diff(cells.position[path[:count]], axis=0).T).sum()
+        errors.append(found.ghost_length[a, b] - exact)
+    assert np.abs(errors).max() < 0.5
+    assert abs(np.mean(errors)) < 0.15
+
+
+def test_a_ghosts_next_block_is_nearer_and_beside() -> None:
+    found = coarse_map(map_assets("house", make_config()))
+    count = len(found.ghost_xy)
+    target, block = np.random.default_rng(2).integers(count, size=(2, 3000))
+    following = found.ghost_next[target, block]
+    step = found.ghost_length[block, following]
+    np.testing.assert_allclose(
+        found.ghost_length[target, following] + step, found.ghost_length[target, block], atol=1e-3
+    )
+    assert (step < 0.6).all()
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_the_robots_next_blocks_lead_to_every_goal(name: str) -> None:
+    assets = map_assets(name, make_config())
+    found = coarse_map(assets)
+    blocks, goals = found.robot_next.shape
+    for goal in range(goals):
+        here = np.arange(blocks)
+        for _ in range(1000):
+            following = found.robot_next[here, goal]
+            moving = following != NO_BLOCK
+            if not moving.any():
+                break
+            assert (found.robot_length[following[moving], goal] < found.robot_length[here[moving], goal]).all()
+            here = np.where(moving, following, here)
+        assert not moving.any()
+        reachable = np.isfinite(found.robot_length[here, goal])
+        away = np.hypot(*(found.robot_xy[here] - assets.cell_xy[assets.goal_cell[goal]]).T)
+        assert (away[reachable] < 0.5).all()
+
+
+def test_a_robots_blocks_keep_the_lengths_of_the_planners_paths() -> None:
+    assets = map_assets("house", make_config())
+    found = coarse_map(assets)
+    column, row = assets.grid.cell.T
+    exact = 0.01 * assets.length_cm.astype(np.float64)
+    apart = np.abs(found.robot_length[found.robot_block[row, column]] - exact)
+    assert np.percentile(apart, 99) < 0.3
+
+
+def test_it_is_made_once_per_map() -> None:
+    assets = map_assets("house", make_config())
+    assert coarse_map(assets) is coarse_map(assets)
