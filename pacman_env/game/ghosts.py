@@ -15,6 +15,7 @@ from ..config import Config, ConfigError
 from ..plugins import PluginError, Registry
 from ..rng import CLYDE, below, stream
 from ..rng import GHOSTS as GHOST_STREAMS
+from .behaviour_belief import BELIEVED, forget
 
 
 class Ghost(NamedTuple):
@@ -47,6 +48,16 @@ GHOST_FIELDS = [
     ("stream", np.uint64),
     ("wanders", np.bool_),  # it draws its own targets at the end of its path
     ("place", np.int32),  # the candidate it was sent to, or -1
+    # What it is believed to do, and where it was when that was last updated (sim/core/beliefs.py).
+    ("belief", np.float64, (len(BELIEVED),)),  # probabilities
+    ("seen_x", np.float64),  # m
+    ("seen_y", np.float64),
+    ("seen_vx", np.float64),  # m/s
+    ("seen_vy", np.float64),
+    ("seen_m", np.float64),  # straight from the robot
+    ("seen_cell", np.int32),  # drivable cell, -1: not seen yet
+    ("robot_cell", np.int32),  # of the robot
+    ("seen_tick", np.int32),
 ]
 
 
@@ -142,6 +153,7 @@ def spawn(ghost, cell, path, position):  # type: ignore[no-untyped-def]
     ghost.x, ghost.y = position[cell, 0], position[cell, 1]
     ghost.vx, ghost.vy = 0.0, 0.0
     ghost.place = -1
+    forget(ghost)
 
 
 def choose_target(ghost, cell, part, part_start, part_cells):  # type: ignore[no-untyped-def]

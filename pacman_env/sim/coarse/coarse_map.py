@@ -89,7 +89,7 @@ def _build(assets: MapAssets) -> CoarseArrays:
         ghost_beside=_beside(
             assets.cell_xy[place].astype(np.float64), clyde.position[cells[ghost_place]], ghost_length
         ),
-        ghost_corner=ghost_block[number[targets.corner]],
+        ghost_corner=ghost_block[number[assets.ghost_corner]],
     )
 
 

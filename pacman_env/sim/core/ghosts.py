@@ -34,6 +34,8 @@ from ...world.navigation.localization import Pose
 from ..maps.assets import MapAssets
 from ..maps.ghost_cells import find_path, search_memory
 from ..maps.level_stack import LevelStack
+from .beliefs import WatchArrays
+from .beliefs import watch as watch_ghosts
 from .kernels import believed, see_ghosts
 from .parameters import GAME, GHOST, PARAMETERS, batch_parameters
 
@@ -66,6 +68,7 @@ class GhostArrays(NamedTuple):
     ghost_corner: Any = Array(np.int32, "M 4")  # cell of each corner
     ghost_xy: Any = Array(np.float64, "M k 2")  # m, of the cells
     cells: Any = CellArrays
+    watched: Any = WatchArrays
     search: Any = SearchArrays
 
 
@@ -167,6 +170,15 @@ def move(table, i):  # type: ignore[no-untyped-def]
     for k in range(count):
         if ghosts[i, k].wanders & at_target(ghosts[i, k]):
             wander_on(ghosts[i, k], paths[i, k], g.level, a.cells, a.search)
+
+
+@kernel
+def watch(table, i):  # type: ignore[no-untyped-def]
+    """What the ghosts of a game are believed to do, after a tick."""
+    a = _arrays(table)
+    g, p = a.games[i], a.parameters[0]
+    bx, by, _ = believed(g, p.use_tf)
+    watch_ghosts(a.ghosts[i], a.paths[i], (bx, by), g.tick, g.level, a.affine, a.watched, p.arcade_m, p.tick_s)
 
 
 def _target(view, constants):  # type: ignore[no-untyped-def]

@@ -89,6 +89,7 @@ def _values(config: Config, resolution: float, pellet_slots: int, refuge_slots: 
         "scan_steps": steps(loc.scan_period_s),
         "clyde_steps": steps(config.clyde.update_period_s),
         "clyde_period": config.clyde.update_period_s,
+        "arcade_m": config.clyde.arcade_distance_m,
         "plan_steps": steps(nav2.planner_period_s),
         "perfect": loc.perfect,
         "use_tf": execution.pose_source == "tf",

@@ -147,6 +147,7 @@ def play(table, first, last):  # type: ignore[no-untyped-def]
                     break
                 if g.end == RUNNING:
                     kernels.finish(rules, i)
+                    ghosts.watch(ghost_table, i)
                 g.stage = BEGIN
                 a.reward[i] += d.factor * kernels.reward(g, a.rewards[0])
                 d.factor *= a.rewards[0].discount

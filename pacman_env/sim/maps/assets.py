@@ -40,7 +40,6 @@ class GhostTargets(NamedTuple):
 
     snap: NDArray[np.int32]  # (H, W) of the drive grid: the nearest cell
     place: NDArray[np.int32]  # (G,) the cell nearest to each goal, -1: too far away
-    corner: NDArray[np.int32]  # (4,) the corner of each ghost
 
 
 def are_sent(config: ClydeConfig) -> bool:
@@ -83,10 +82,16 @@ class MapAssets:
         number[row[inside], column[inside]] = cells[inside]
         nearest, square = nearest_positions(position, self.goal_xy)
         place = np.where(square <= _NEAR_M**2, cells[nearest], -1)
+        return GhostTargets(nearest_numbers(number)[0], place.astype(np.int32))
+
+    @functools.cached_property
+    def ghost_corner(self) -> NDArray[np.int32]:
+        """(4,) cell of each ghost's corner in the robot's area."""
+        cells = self.clyde.cells_in(self.clyde_part)
+        position = self.clyde.position[cells]
         low, high = position.min(axis=0), position.max(axis=0)
         corners = (low + high) / 2 + np.array(_CORNERS) * (high - low) / 2
-        corner = cells[nearest_positions(position, corners)[0]].astype(np.int32)
-        return GhostTargets(nearest_numbers(number)[0], place.astype(np.int32), corner)
+        return cells[nearest_positions(position, corners)[0]].astype(np.int32)
 
 
 _assets: collections.OrderedDict[str, MapAssets] = collections.OrderedDict()

@@ -16,7 +16,7 @@ from .assets import MapAssets, are_sent
 _SPARE = 1.5  # room for larger maps; memory counts when it is written to
 _PADDED = ("snap", "clearance_cm", "clear", "ghost_snap")  # looked up by position
 _VARIES = {"neighbours": 1, "cell_xy": 1, "goal_xy": 1, "plan_end": 1, "ghost_graph": 1, "ghost_xy": 1}
-_FIXED = ("affine", "shape", "home", "goal_count", "spawn_count", "ghost_corner")
+_FIXED = ("affine", "shape", "home", "goal_count", "spawn_count", "ghost_corner", "corner_drive")
 
 
 def _kinds(assets: MapAssets, config: Config) -> dict[str, NDArray]:
@@ -51,11 +51,12 @@ def _kinds(assets: MapAssets, config: Config) -> dict[str, NDArray]:
         "ghost_drive": assets.clyde_drive,
         "ghost_place": np.zeros(1, dtype=np.int32),
         "ghost_snap": np.zeros((1, 1), dtype=np.int32),
-        "ghost_corner": np.zeros(4, dtype=np.int32),
+        "ghost_corner": assets.ghost_corner,
+        "corner_drive": assets.clyde_drive[assets.ghost_corner],
     }
     if are_sent(config.clyde):
         targets = assets.ghost_targets
-        kinds |= {"ghost_place": targets.place, "ghost_snap": targets.snap, "ghost_corner": targets.corner}
+        kinds |= {"ghost_place": targets.place, "ghost_snap": targets.snap}
     return kinds
 
 

@@ -12,10 +12,12 @@ from ...config import Config
 from ...engine.arrays import Table, zeros
 from ...game.execution import closing_speed
 from ...game.ghosts import GHOST_NAMES
+from ...game.behaviour_belief import forget
 from ...game.goals import Goals, Place
 from ...game.pellets import generate_pellets
 from ...world.navigation.grid import cell_of
 from ..core import kernels
+from ..core.beliefs import WatchArrays, watch
 from ..core.parameters import GHOST, batch_parameters
 from ..maps.assets import MapAssets
 from ..maps.level_stack import LevelStack
@@ -75,11 +77,13 @@ class RobotView:
         count = len(config.clyde.ghosts)
         self._ghosts = np.zeros((1, count), dtype=GHOST)
         self._ghosts["place"] = -1
+        self._forget()
         self._cells = np.zeros((1, count, 1), dtype=np.int32)  # the path of a ghost, whose last cell is known
         self._obstacles = np.zeros((1, count, 3))
         self._stamp_ns: list[int | None] = [None] * count
         self._seen_s: float | None = None
         self._request = np.zeros(1, dtype=REQUEST)
+        self._watched = WatchArrays(**self._levels.arrays_for(WatchArrays))
         self._view_table = Table(
             ViewArrays,
             rules=kernels.RuleArrays(
@@ -97,6 +101,11 @@ class RobotView:
         self._games["tick"] = 0
         self._games["closing"] = 0.0
         self._seen_s = None
+        self._forget()
+
+    def _forget(self) -> None:
+        for ghost in self._ghosts[0]:
+            forget(ghost)
 
     @property
     def unseen(self) -> list[str]:
@@ -121,6 +130,7 @@ class RobotView:
             ghost["vx"], ghost["vy"] = dx / period, dy / period
         else:  # seen for the first time, put elsewhere, or a clock was set back
             ghost["vx"] = ghost["vy"] = 0.0
+            forget(ghost)
         ghost["x"], ghost["y"] = x, y
         self._obstacles[0, number, :2] = x, y
         self._stamp_ns[number] = stamp_ns
@@ -205,4 +215,8 @@ class RobotView:
         _, distance = kernels.nearest(x, y, self._obstacles[0])
         g["closing"] = closing_speed(g["distance"], distance, passed_s) if 0 < passed_s < math.inf else 0.0
         g["distance"] = distance
+        if 0 < passed_s < math.inf:
+            p = self._parameters[0]
+            where = (x, y), int(g["tick"]), 0, self._levels.arrays["affine"]
+            watch(self._ghosts[0], self._cells[0], *where, self._watched, float(p["arcade_m"]), float(p["tick_s"]))
         self._seen_s = seen.time_s

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ...engine.arrays import Array, Layout
 from ...engine.jit import kernel
 from ...engine.threads import ALONE, Threads
+from ...game.behaviour_belief import BELIEVED
 
 if TYPE_CHECKING:
     from ..maps.level_stack import LevelStack
@@ -32,7 +33,8 @@ class Situation:
     """N situations with C candidates and G ghosts each; m, rad and s in the map frame.
 
     Arrays are (N,) per situation, (N, C) per candidate: ``kind``, ``mask``, ``path_robot``, ``path_clyde``, ``goal``;
-    ``position`` is (N, C, 2), ``robot`` (N, 3), velocities and ``clyde`` (N, 2), ``ghosts`` (N, G, 5).
+    ``position`` is (N, C, 2), ``robot`` (N, 3), velocities and ``clyde`` (N, 2), ``ghosts`` (N, G, 5), ``belief``
+    (N, G, 4): probabilities of wandering, ``arcade``, ``chase`` and anything else.
     """
 
     time_s: Annotated[NDArray[np.float64], "N"]  # since the round began
@@ -53,6 +55,7 @@ class Situation:
     tick: Annotated[NDArray[np.int64], "N"]  # ticks of this round before this one
     pellets_left: Annotated[NDArray[np.int64], "N"]  # still on the map, those that may not be chosen now included
     ghosts: Annotated[NDArray[np.float64], "N G 5"]  # x, y, vx, vy, speed of every ghost; Clyde is the nearest of them
+    belief: Annotated[NDArray[np.float64], f"N G {len(BELIEVED)}"]  # what each ghost does (game/behaviour_belief.py)
     goal: Annotated[NDArray[np.int32], "N C"]  # number of the candidate among the map's goals, -1: none
     level: Annotated[NDArray[np.int32], "N"]  # slot of the map in ``maps``
     maps: LevelStack | None = None  # the maps themselves, for policies that plan on them; None if unknown

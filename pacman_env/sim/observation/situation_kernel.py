@@ -93,6 +93,8 @@ def write_situations(table, first, last):  # type: ignore[no-untyped-def]
             s.ghosts[i, k, 0], s.ghosts[i, k, 1] = ghost.x, ghost.y
             s.ghosts[i, k, 2], s.ghosts[i, k, 3] = ghost.vx, ghost.vy
             s.ghosts[i, k, 4] = ghost.speed
+            for b in range(len(ghost.belief)):
+                s.belief[i, k, b] = ghost.belief[b]
         lead = player
         if player < 0:
             lead, _ = nearest(bx, by, rules.obstacles[i])

@@ -1,0 +1,67 @@
+"""What a ghost is believed to do, from its moves: probabilities of the table's behaviours, and of any other.
+
+A move is compared with the ways that each behaviour would have taken. ``wander`` moves anywhere, but does not turn round
+on its way; ``chase`` comes nearer to the robot by path; ``arcade`` does so from afar and goes to its corner when it is near.
+What is sent from outside is none of them: it may turn and stand. Evidence of one move is less than it seems, since a
+ghost that wanders keeps its direction for seconds, which is why ``_TOWARDS`` is not the frequency of such moves.
+"""
+
+BELIEVED = ("wander", "arcade", "chase", "other")
+WANDERS, ARCADE, CHASES, OTHER = range(len(BELIEVED))
+PRIOR = (0.55, 0.15, 0.2, 0.1)
+_FORGOTTEN = 0.005  # of the belief at each move: a ghost may change what it does
+#: How likely a move is, relative to others, by the share of it that went towards the target; measured on ``house``.
+_TOWARDS_FROM, _ACROSS_FROM = 0.5, 0.0
+_TOWARDS, _ACROSS, _AWAY = 1.0, 0.5, 0.05  # of a ghost that has the target
+_ANY_TOWARDS, _ANY = 0.55, 1.0  # of one that has not
+_TURN_WANDERING, _TURN_CHASING = 0.15, 0.7  # turning round, against a ghost that is sent from outside
+_ON_OTHER = 0.87  # a move that did not turn round, likewise
+_STANDS = (0.02, 0.5, 0.1, 0.5)  # standing, for each behaviour
+
+
+def likely(share):  # type: ignore[no-untyped-def]
+    """How likely a move is of a ghost whose target it approached by this share of the move's length."""
+    if share >= _TOWARDS_FROM:
+        return _TOWARDS
+    return _ACROSS if share >= _ACROSS_FROM else _AWAY
+
+
+def update_belief(belief, robot_share, corner_share, near, turned):  # type: ignore[no-untyped-def]
+    """Update ``belief``, probabilities in the order of ``BELIEVED``, after a move.
+
+    Args:
+        robot_share: length by which its path to the robot got shorter, of the length of the move.
+        corner_share: likewise of the path to its corner.
+        near: the robot was nearer than the distance at which ``arcade`` turns away.
+        turned: the move went against the one before.
+    """
+    anything = _ANY_TOWARDS if robot_share >= _TOWARDS_FROM else _ANY
+    arcade = likely(corner_share) if near else likely(robot_share)
+    chase = likely(robot_share)
+    wander, other = anything, anything
+    if turned:
+        wander, chase = wander * _TURN_WANDERING, chase * _TURN_CHASING  # arcade turns wherever it comes near
+    else:
+        other *= _ON_OTHER
+    weigh(belief, (wander, arcade, chase, other))
+
+
+def update_standing(belief):  # type: ignore[no-untyped-def]
+    """Update ``belief`` of a ghost that did not move."""
+    weigh(belief, _STANDS)
+
+
+def weigh(belief, likelihoods):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for k in range(len(belief)):
+        belief[k] *= likelihoods[k]
+        total += belief[k]
+    for k in range(len(belief)):
+        belief[k] = belief[k] / total * (1.0 - _FORGOTTEN) + PRIOR[k] * _FORGOTTEN
+
+
+def forget(ghost):  # type: ignore[no-untyped-def]
+    """A ghost is somewhere else now, or a round begins: nothing has been seen of it."""
+    for k in range(len(PRIOR)):
+        ghost.belief[k] = PRIOR[k]
+    ghost.seen_cell = -1

@@ -1,0 +1,66 @@
+"""What ghosts are believed to do (``game/behaviour_belief.py``), from where they and the robot are after each tick.
+
+Lengths of paths between two places are not known, only those to the map's goals. The greatest difference of these,
+|L(a, goal) - L(b, goal)|, is a length that no path is below (landmarks: Goldberg and Harrelson, 2005); where a goal lies
+beyond a or b it is exact.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...engine.arrays import Array
+from ...engine.jit import kernel
+from ...game.behaviour_belief import update_belief, update_standing
+from ...world.navigation.grid import cell_of
+
+_MOVED_M = 0.2  # a shorter move says little on a grid: it is added to the next one
+_STANDS_TICKS = 3
+_STANDS_SHARE = 0.2  # of what its speed allows
+
+
+class WatchArrays(NamedTuple):
+    snap: Any = Array(np.int32, "M h w")
+    length_cm: Any = Array(np.uint16, "M k g")
+    ghost_drive: Any = Array(np.int32, "M k")  # drivable cell under each of the ghosts'
+    corner_drive: Any = Array(np.int32, "M 4")  # drivable cell of each ghost's corner
+
+
+@kernel
+def _apart_cm(a, b):  # type: ignore[no-untyped-def]
+    """From the lengths of the paths of two places to all goals."""
+    most = 0
+    for g in range(len(a)):
+        most = max(most, abs(np.int32(a[g]) - np.int32(b[g])))
+    return most
+
+
+@kernel
+def watch(ghosts, paths, robot, tick, level, affine, maps, arcade_m, tick_s):  # type: ignore[no-untyped-def]
+    """Update what is believed of a game's ghosts (G,); ``robot`` is the place (x, y), m, that it believes to be at."""
+    snap, length_cm = maps.snap[level], maps.length_cm[level]
+    column, row = cell_of(affine[level], snap.shape[0], snap.shape[1], robot[0], robot[1])
+    here = snap[row, column]
+    for k in range(len(ghosts)):
+        ghost = ghosts[k]
+        cell = maps.ghost_drive[level, paths[k, ghost.path_index]]
+        corner = maps.corner_drive[level, k]
+        if ghost.seen_cell >= 0 and cell >= 0 and ghost.robot_cell >= 0 and corner >= 0:
+            dx, dy = ghost.x - ghost.seen_x, ghost.y - ghost.seen_y
+            moved = math.sqrt(dx * dx + dy * dy)
+            ticks = tick - ghost.seen_tick
+            if moved < _MOVED_M:
+                if ticks >= _STANDS_TICKS and moved < _STANDS_SHARE * ghost.speed * ticks * tick_s:
+                    update_standing(ghost.belief)
+                    ghost.seen_tick = tick
+                continue
+            before, now, target = length_cm[ghost.seen_cell], length_cm[cell], length_cm[ghost.robot_cell]
+            robot_share = 0.01 * (_apart_cm(before, target) - _apart_cm(now, target)) / moved
+            target = length_cm[corner]
+            corner_share = 0.01 * (_apart_cm(before, target) - _apart_cm(now, target)) / moved
+            turned = dx * ghost.seen_vx + dy * ghost.seen_vy < -0.5 * moved * ghost.speed
+            update_belief(ghost.belief, robot_share, corner_share, ghost.seen_m <= arcade_m, turned)
+        ghost.seen_x, ghost.seen_y, ghost.seen_vx, ghost.seen_vy = ghost.x, ghost.y, ghost.vx, ghost.vy
+        ghost.seen_m = math.sqrt((ghost.x - robot[0]) ** 2 + (ghost.y - robot[1]) ** 2)
+        ghost.seen_cell, ghost.robot_cell, ghost.seen_tick = cell, here, tick
