@@ -1,9 +1,9 @@
 """What a ghost is believed to do, from its moves: probabilities of the table's behaviours, and of any other.
 
-A move is compared with the ways that each behaviour would have taken. ``wander`` moves anywhere, but does not turn round
-on its way; ``chase`` comes nearer to the robot by path; ``arcade`` does so from afar and goes to its corner when it is near.
-What is sent from outside is none of them: it may turn and stand. Evidence of one move is less than it seems, since a
-ghost that wanders keeps its direction for seconds, which is why ``_TOWARDS`` is not the frequency of such moves.
+A move is compared with what each behaviour would have done. ``wander`` moves anywhere, but does not turn round on its
+way; ``chase`` comes nearer to the robot by path; ``arcade`` does so from afar and goes to its corner when it is near.
+A ghost that is sent from outside is none of them: it may turn and stand. One move is less evidence than its frequency
+says, since a ghost that wanders keeps its direction for seconds: ``_ANY_TOWARDS`` is greater than that frequency.
 """
 
 BELIEVED = ("wander", "arcade", "chase", "other")

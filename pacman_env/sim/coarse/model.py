@@ -73,6 +73,7 @@ GHOST = np.dtype(
         ("vx", np.float64),  # m/s
         ("vy", np.float64),
         ("stream", np.uint64),
+        ("number", np.int32),  # among the game's ghosts, whose behaviour and corner it has
     ]
 )
 
@@ -143,6 +144,11 @@ def _behaviour_kernel(behaviour: Behaviour) -> Callable[[int, int, int], int]:
     return kernel(code, own)
 
 
+def behaviour_addresses(behaviour: Behaviour, constants: NDArray[np.float64]) -> tuple[int, int]:
+    """Of the kernel and of the constants of a behaviour, for a row of ``BehaviourArrays.behaviours``."""
+    return address_of_kernel(_behaviour_kernel(behaviour)), address(constants)
+
+
 class Behaviours:
     """The ghosts' behaviours, ready to be called from kernels; ``table`` is theirs."""
 
@@ -153,7 +159,7 @@ class Behaviours:
         known = np.zeros((count, 2), dtype=np.int64)
         for k, one in enumerate(behaviours):
             if one.target is not None and one.name != WANDER:
-                known[k] = address_of_kernel(_behaviour_kernel(one)), address(self._constants[k])
+                known[k] = behaviour_addresses(one, self._constants[k])
         views, targets = np.zeros((count, len(GhostView._fields))), np.zeros((count, 2))
         self.table = Table(BehaviourArrays, behaviours=known, views=views, targets=targets)
 
@@ -180,12 +186,12 @@ def put_robot(robot, model, x, y, heading):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def put_ghost(ghost, model, x, y, speed):  # type: ignore[no-untyped-def]
-    """Place a ghost, on the way between the two blocks that it is nearest to."""
+def put_ghost(ghost, number, model, x, y, speed):  # type: ignore[no-untyped-def]
+    """Place ghost ``number``, on the way between the two blocks that it is nearest to."""
     m = model.map
     column, row = cell_of(m.affine, m.ghost_block.shape[0], m.ghost_block.shape[1], x, y)
     block = m.ghost_block[row, column]
-    ghost.block, ghost.towards, ghost.target = block, block, -1
+    ghost.block, ghost.towards, ghost.target, ghost.number = block, block, -1, number
     ghost.offset_m, ghost.speed, ghost.x, ghost.y = 0.0, speed, x, y
     ax, ay = m.ghost_xy[block, 0], m.ghost_xy[block, 1]
     least = (x - ax) ** 2 + (y - ay) ** 2
@@ -296,9 +302,9 @@ def _drive(robot, model):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _decide(ghost, k, robot, model):  # type: ignore[no-untyped-def]
-    """Where ghost k goes now: its block, or -1 to wander on."""
-    m, a = model.map, _behaviour_arrays(model.behaviours)
+def _decide(ghost, robot, model):  # type: ignore[no-untyped-def]
+    """Where a ghost goes now: its block, or -1 to wander on."""
+    m, a, k = model.map, _behaviour_arrays(model.behaviours), ghost.number
     if a.behaviours[k, 0] == 0:
         return -1
     v, corner = a.views[k], m.ghost_corner[k]
@@ -365,7 +371,7 @@ def step(robot, ghosts, model):  # type: ignore[no-untyped-def]
     m, p = model.map, model.rules[0]
     for k in range(len(ghosts)):
         ghost = ghosts[k]
-        target = _decide(ghost, k, robot, model)
+        target = _decide(ghost, robot, model)
         ghost.wanders = target < 0
         if target >= 0:
             ghost.target = target

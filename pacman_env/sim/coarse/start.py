@@ -69,7 +69,7 @@ def draw_futures(ghosts: NDArray[Any], seed: int, tick: int, number: int) -> Non
 def _put(robot, ghosts, model, pose, seen, goal, left_m):  # type: ignore[no-untyped-def]
     put_robot(robot[0], model, pose[0], pose[1], pose[2])
     for k in range(len(ghosts)):
-        put_ghost(ghosts[k], model, seen[k, 0], seen[k, 1], seen[k, 4])
+        put_ghost(ghosts[k], k, model, seen[k, 0], seen[k, 1], seen[k, 4])
         ghosts[k].vx, ghosts[k].vy = seen[k, 2], seen[k, 3]
     if goal >= 0:
         begin(robot[0], goal, left_m, model)

@@ -1,8 +1,8 @@
 """What ghosts are believed to do (``game/behaviour_belief.py``), from where they and the robot are after each tick.
 
 Lengths of paths between two places are not known, only those to the map's goals. The greatest difference of these,
-|L(a, goal) - L(b, goal)|, is a length that no path is below (landmarks: Goldberg and Harrelson, 2005); where a goal lies
-beyond a or b it is exact.
+|L(a, goal) - L(b, goal)|, is a length that no path is below (landmarks: Goldberg and Harrelson, 2005); where a goal
+lies beyond a or b it is exact.
 """
 
 import math
@@ -28,7 +28,7 @@ class WatchArrays(NamedTuple):
 
 
 @kernel
-def _apart_cm(a, b):  # type: ignore[no-untyped-def]
+def apart_cm(a, b):  # type: ignore[no-untyped-def]
     """From the lengths of the paths of two places to all goals."""
     most = 0
     for g in range(len(a)):
@@ -56,9 +56,9 @@ def watch(ghosts, paths, robot, tick, level, affine, maps, arcade_m, tick_s):  #
                     ghost.seen_tick = tick
                 continue
             before, now, target = length_cm[ghost.seen_cell], length_cm[cell], length_cm[ghost.robot_cell]
-            robot_share = 0.01 * (_apart_cm(before, target) - _apart_cm(now, target)) / moved
+            robot_share = 0.01 * (apart_cm(before, target) - apart_cm(now, target)) / moved
             target = length_cm[corner]
-            corner_share = 0.01 * (_apart_cm(before, target) - _apart_cm(now, target)) / moved
+            corner_share = 0.01 * (apart_cm(before, target) - apart_cm(now, target)) / moved
             turned = dx * ghost.seen_vx + dy * ghost.seen_vy < -0.5 * moved * ghost.speed
             update_belief(ghost.belief, robot_share, corner_share, ghost.seen_m <= arcade_m, turned)
         ghost.seen_x, ghost.seen_y, ghost.seen_vx, ghost.seen_vy = ghost.x, ghost.y, ghost.vx, ghost.vy

@@ -1,9 +1,13 @@
 """The features of a learned planner, of the order of one; what is unreachable is far, rows that are masked are 0.
 
+A candidate has what the robot's and the ghosts' paths say, what ghosts that wander may do on the way there
+(``prediction.py``), and what becomes of the robot if those come for it that are believed to (``coarse/outlook.py``).
+
 ``VERSION`` changes with the meaning of any column: a network trained on other columns must not be run on these.
 """
 
 import math
+import weakref
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,12 +15,17 @@ from numpy.typing import NDArray
 
 from ...engine.arrays import Array, Table, arrays_by_address
 from ...engine.jit import kernel
+from ...game.behaviour_belief import ARCADE, CHASES, OTHER
 from ...game.goal_cost import TOTAL, ScorerParameters, is_threatening, score_situation
+from ...world.navigation.grid import cell_of
 from ...world.navigation.paths import UNREACHABLE_CM
+from ..coarse import outlook
+from ..core.beliefs import apart_cm
+from ..maps.level_stack import LevelStack
 from . import prediction
 from .situation import HOLD, PELLET, REFUGE, Situation
 
-VERSION = 3
+VERSION = 4
 FAR_M = 20.0
 _AROUND_M = 2.5  # pellets within this path length are around a place
 _SCORER = ScorerParameters()  # the handcrafted one, as deployed
@@ -27,30 +36,89 @@ CANDIDATE_FEATURES = (
     *("caught_soon", "caught", "approached", "closest_mean", "closest_least"),  # prediction.py, and the next three
     *("turn_cosine", "towards_clyde", "standing_clearance"),
     *("nearest_pellet", "mean_pellet", "pellets_around", "clyde_apart", "handcrafted_cost", "beyond_nearest"),
+    *("hunted", "hunted_caught", "hunted_arrives", "hunted_closest", "hunted_lead"),  # by ghosts that come for it
+    *("hunted_collected", "hunted_ways_on", "hunted_lead_after"),
 )
+GHOST_TOKENS = 4  # the nearest ghosts, from the nearest on
+_TOKEN = ("there", "distance", "near", "path", "towards", "speed", "arcade", "chase", "other")
 GLOBAL_FEATURES = (
     *("clyde_distance", "clyde_near", "closing_speed", "clyde_speed", "v", "omega"),
     *("pellets_left", "last_pellet", "clyde_towards", "pose_age", "nearest_way"),
+    *("time_left", "time_short", "coming"),
+    *(f"ghost_{k}_{name}" for k in range(GHOST_TOKENS) for name in _TOKEN),
 )
+_FIRST_TOKEN, _COLUMNS = GLOBAL_FEATURES.index("ghost_0_there"), len(_TOKEN)
 
 
 class _FillArrays(NamedTuple):
     seen: Any = prediction.SeenArrays
     candidates: Any = Array(np.float32, f"N C {len(CANDIDATE_FEATURES)}")
     whole: Any = Array(np.float32, f"N {len(GLOBAL_FEATURES)}")
+    outlook: Any = outlook.OutlookArrays
+    limits: Any = Array(np.float64, "1")  # s, of a round
 
 
 _arrays = arrays_by_address(_FillArrays)
+_outlooks: "weakref.WeakKeyDictionary[LevelStack, outlook.Outlook]" = weakref.WeakKeyDictionary()
 
 
 def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Candidates (N, C, 24) and globals (N, 11), float32. Raises ValueError for a situation without maps."""
+    """Candidates (N, C, 32) and globals (N, 50), float32. Raises ValueError for a situation without maps."""
     seen = prediction.seen_arrays(situation, robot_speed_mps)
+    assert situation.maps is not None
+    memory = _memory(situation)
+    limits = np.array([situation.maps.config.time_limit_s])
     candidates = np.empty((*situation.mask.shape, len(CANDIDATE_FEATURES)), dtype=np.float32)
     whole = np.empty((len(candidates), len(GLOBAL_FEATURES)), dtype=np.float32)
-    table = Table(_FillArrays, seen=seen, candidates=candidates, whole=whole)
-    situation.threads.run(_fill, [table], len(candidates))
+    arrays = {"seen": seen, "candidates": candidates, "whole": whole, "limits": limits}
+    tables = [Table(_FillArrays, outlook=own, **arrays) for own in memory]
+    situation.threads.run(_fill, tables, len(candidates))
     return candidates, whole
+
+
+def _memory(situation: Situation) -> list[outlook.OutlookArrays]:
+    """For each thread; maps are made ready where a ghost comes for the robot."""
+    levels = situation.maps
+    assert levels is not None
+    own = _outlooks.get(levels)
+    if own is None:
+        own = _outlooks[levels] = outlook.Outlook(levels)
+    comes = (situation.belief[:, :, ARCADE] + situation.belief[:, :, CHASES] > outlook.COMES).any(axis=1)
+    return own.memory(levels, situation.level[comes], situation.belief.shape[1], situation.threads.number)
+
+
+@kernel
+def _describe_ghosts(s, i, maps, tokens):  # type: ignore[no-untyped-def]
+    """Fill in the tokens of the nearest ghosts, one behind the other."""
+    m = s.level[i]
+    snap, length_cm, affine = maps.snap[m], maps.length_cm[m], maps.affine[m]
+    x, y = s.robot[i, 0], s.robot[i, 1]
+    column, row = cell_of(affine, snap.shape[0], snap.shape[1], x, y)
+    here = snap[row, column]
+    used = 0
+    least, last = -1.0, -1
+    for k in range(min(GHOST_TOKENS, s.ghosts.shape[1])):
+        best, nearest = np.inf, -1  # the next one: farther than the last, or as far with a greater number
+        for j in range(s.ghosts.shape[1]):
+            d = math.sqrt((s.ghosts[i, j, 0] - x) ** 2 + (s.ghosts[i, j, 1] - y) ** 2)
+            if (d > least or (d == least and j > last)) and d < best:
+                best, nearest = d, j
+        if nearest < 0:
+            break
+        least, last = best, nearest
+        gx, gy, vx, vy, speed = s.ghosts[i, nearest]
+        column, row = cell_of(affine, snap.shape[0], snap.shape[1], gx, gy)
+        there = snap[row, column]
+        v = math.sqrt(vx * vx + vy * vy)
+        t = tokens[k * _COLUMNS : (k + 1) * _COLUMNS]
+        t[0], t[1], t[2] = 1.0, min(best, FAR_M) / 5.0, math.exp(-best)
+        path = max(0.01 * apart_cm(length_cm[here], length_cm[there]), best)
+        t[3] = min(path, FAR_M) / 5.0
+        t[4] = (vx * (x - gx) + vy * (y - gy)) / (v * best) if v * best > 1e-6 else 0.0
+        t[5] = min(speed / 0.5, 4.0)
+        t[6], t[7], t[8] = s.belief[i, nearest, ARCADE], s.belief[i, nearest, CHASES], s.belief[i, nearest, OTHER]
+        used += 1
+    return used
 
 
 @kernel
@@ -61,8 +129,16 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
     room = prediction.room_to_meet(maps.coarse_steps, s.mask.shape[1])
     meetings = np.empty((s.mask.shape[1], prediction.COLUMNS), np.float32)
     terms = np.empty((s.mask.shape[1], 6))
+    hunts = np.zeros((s.mask.shape[1], outlook.COLUMNS), np.float32)
+    whole[first:last] = 0.0
     for i in range(first, last):
-        prediction.meet(s, maps, i, request, room, meetings)
+        prediction.meet(s, maps, i, request, room, True, meetings)
+        coming = outlook.coming(s, i)
+        if coming > 0:
+            outlook.look_ahead(s, i, a.outlook, hunts)
+        left_s = max(a.limits[0] - s.time_s[i], 0.0)
+        whole[i, 11], whole[i, 12], whole[i, 13] = min(left_s / 200.0, 5.0), math.exp(-left_s / 30.0), coming
+        _describe_ghosts(s, i, maps, whole[i, _FIRST_TOKEN:])
         length_cm, goal_cell = maps.length_cm[s.level[i]], maps.goal_cell[s.level[i]]
         x, y = s.robot[i, 0], s.robot[i, 1]
         cx, cy = s.clyde[i, 0], s.clyde[i, 1]
@@ -110,6 +186,11 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
             f[13] = min(meetings[c, 3], 10.0) / 3.0
             f[14] = min(meetings[c, 4], 10.0) / 3.0
             f[15], f[16], f[17] = meetings[c, 5], meetings[c, 6], min(meetings[c, 7], 10.0) / 3.0
+            if coming > 0:
+                h = hunts[c]
+                f[24], f[25], f[26] = 1.0, h[outlook.CAUGHT], h[outlook.ARRIVES_S] / 15.0
+                f[27], f[28] = min(h[outlook.CLOSEST_M], 5.0) / 3.0, h[outlook.LEAD_M] / 5.0
+                f[29], f[30], f[31] = h[outlook.COLLECTED] / 3.0, h[outlook.WAYS_ON], h[outlook.LEAD_AFTER_M] / 5.0
             g = s.goal[i, c]
             if g < 0 or goal_cell[g] < 0:
                 continue

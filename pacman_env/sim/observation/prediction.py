@@ -1,4 +1,4 @@
-"""The next seconds: the paths that the nearest ghost may be on, and how near they come to the robot's.
+"""The next seconds: the paths that ghosts may be on, and how near they come to the robot's.
 
 The ghost's are the shortest from its place to the map's goals, each as likely as its last motion makes it; from a goal
 it goes on to another. The robot's leads to a candidate, the first turn included, and ends there.
@@ -313,19 +313,49 @@ def room_to_meet(steps, candidates):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def meet(s, maps, i, request, room, result):  # type: ignore[no-untyped-def]
-    """The encounters of situation i of ``s``: fill in its rows, (C, COLUMNS)."""
-    across, speed = request.across, request.robot_speed
+def _meet_ghost(s, maps, i, k, across, room, count, result):  # type: ignore[no-untyped-def]
+    """Compare the robot's ``count`` paths with those of ghost k, or (-1) of the nearest one; fill in rows of result."""
     paths, own, walkers, sums = room
     m = s.level[i]
     affine, steps = maps.affine[m], maps.coarse_steps[m]
     per_m = math.sqrt(affine[0] ** 2 + affine[3] ** 2)  # cells
-    ghost_x, ghost_y = s.clyde[i, 0], s.clyde[i, 1]
-    place = _in_cells(affine, ghost_x, ghost_y)
-    cell = _drivable_cell(affine, maps.snap[m], maps.cell_xy[m], ghost_x, ghost_y)
-    ghost = place, cell, _turned(affine, s.clyde_velocity[i, 0], s.clyde_velocity[i, 1])
-    stretch, first = s.clyde_speed[i] * STEP_S * per_m, _FIRST_M * per_m
+    x, y, vx, vy = s.clyde[i, 0], s.clyde[i, 1], s.clyde_velocity[i, 0], s.clyde_velocity[i, 1]
+    ghost_speed = s.clyde_speed[i]
+    if k >= 0:
+        x, y, vx, vy, ghost_speed = s.ghosts[i, k]
+    cell = _drivable_cell(affine, maps.snap[m], maps.cell_xy[m], x, y)
+    ghost = _in_cells(affine, x, y), cell, _turned(affine, vx, vy)
+    stretch, first = ghost_speed * STEP_S * per_m, _FIRST_M * per_m
     used = _ghost_paths(steps, across, ghost, stretch, first, maps.goal_count[m], walkers, paths)
+    for block in range(-(-count // WIDTH)):
+        _compare(own, block * _BLOCK, paths, used, per_m, sums)
+        for j in range(min(count - block * WIDTH, WIDTH)):
+            r = result[own.candidates[block * WIDTH + j]]
+            mean = sums[3 * WIDTH + j] / per_m if used > 0 else np.float32(_FAR_M)
+            closest, standing = math.sqrt(sums[4 * WIDTH + j]) / per_m, math.sqrt(sums[5 * WIDTH + j]) / per_m
+            if k <= 0:
+                r[CAUGHT_SOON], r[CAUGHT], r[APPROACHED] = sums[j], sums[WIDTH + j], sums[2 * WIDTH + j]
+                r[CLOSEST_MEAN], r[CLOSEST], r[STANDING] = mean, closest, standing
+            else:  # ghosts move independently of one another
+                for column, at in ((CAUGHT_SOON, 0), (CAUGHT, WIDTH), (APPROACHED, 2 * WIDTH)):
+                    r[column] = 1.0 - (1.0 - r[column]) * (1.0 - sums[at + j])
+                r[CLOSEST_MEAN] = min(r[CLOSEST_MEAN], mean)
+                r[CLOSEST] = min(r[CLOSEST], closest)
+                r[STANDING] = min(r[STANDING], standing)
+
+
+@kernel
+def meet(s, maps, i, request, room, every, result):  # type: ignore[no-untyped-def]
+    """The encounters of situation i of ``s``, with the nearest or with ``every`` ghost: fill in its rows, (C, COLUMNS).
+
+    Of several ghosts: probabilities that any of them does so, the mean of the one whose mean is least.
+    """
+    across, speed = request.across, request.robot_speed
+    _, own, walkers, _ = room
+    m = s.level[i]
+    affine, steps = maps.affine[m], maps.coarse_steps[m]
+    per_m = math.sqrt(affine[0] ** 2 + affine[3] ** 2)  # cells
+    place = _in_cells(affine, s.clyde[i, 0], s.clyde[i, 1])
     robot = _in_cells(affine, s.robot[i, 0], s.robot[i, 1])
     cell = _drivable_cell(affine, maps.snap[m], maps.cell_xy[m], s.robot[i, 0], s.robot[i, 1])
     x, y = _turned(affine, math.cos(s.robot[i, 2]), math.sin(s.robot[i, 2]))
@@ -345,14 +375,11 @@ def meet(s, maps, i, request, room, result):  # type: ignore[no-untyped-def]
         own.candidates[count] = c
         count += 1
     _walk(steps, across, np.int64(count), np.int64(0), speed * STEP_S * per_m, walkers, own.x, own.y)
-    for block in range(-(-count // WIDTH)):
-        _compare(own, block * _BLOCK, paths, used, per_m, sums)
-        for k in range(min(count - block * WIDTH, WIDTH)):
-            r = result[own.candidates[block * WIDTH + k]]
-            r[CAUGHT_SOON], r[CAUGHT], r[APPROACHED] = sums[k], sums[WIDTH + k], sums[2 * WIDTH + k]
-            r[CLOSEST_MEAN] = sums[3 * WIDTH + k] / per_m if used > 0 else _FAR_M
-            r[CLOSEST] = math.sqrt(sums[4 * WIDTH + k]) / per_m
-            r[STANDING] = math.sqrt(sums[5 * WIDTH + k]) / per_m
+    if every and s.ghosts.shape[1] > 1:
+        for k in range(s.ghosts.shape[1]):
+            _meet_ghost(s, maps, i, np.int64(k), across, room, np.int64(count), result)
+    else:
+        _meet_ghost(s, maps, i, np.int64(-1), across, room, np.int64(count), result)
 
 
 @kernel
@@ -361,5 +388,5 @@ def _encounters(table, first, last):  # type: ignore[no-untyped-def]
     s, maps = seen_by(a.seen)
     room = room_to_meet(maps.coarse_steps, a.result.shape[1])
     for i in range(first, last):
-        meet(s, maps, i, a.seen.request[0], room, a.result[i])
+        meet(s, maps, i, a.seen.request[0], room, False, a.result[i])
     return 0

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from ...config import Config
 from ...engine.arrays import Table, zeros
+from ...game.behaviour_belief import forget
 from ...game.execution import closing_speed
 from ...game.ghosts import GHOST_NAMES
-from ...game.behaviour_belief import forget
 from ...game.goals import Goals, Place
 from ...game.pellets import generate_pellets
 from ...world.navigation.grid import cell_of

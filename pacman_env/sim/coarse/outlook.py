@@ -1,0 +1,241 @@
+"""What becomes of the robot on its way to each candidate, if ghosts that react are the ones it is believed to meet.
+
+For each candidate the coarse model is played: the robot drives there while the ghosts that are believed to come for it
+react, then to the nearest other goals. Ghosts that wander are not in it; ``observation/prediction.py`` is about them.
+"""
+
+import math
+import weakref
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...engine.arrays import Array, Table, arrays_by_address
+from ...engine.jit import kernel
+from ...engine.native import address_of
+from ...game.behaviour_belief import ARCADE, BELIEVED, CHASES
+from ...game.ghosts import BEHAVIOURS
+from ..maps.level_stack import LevelStack
+from ..observation.situation import PELLET
+from .coarse_map import CoarseArrays, coarse_map
+from .model import (
+    GHOST,
+    MOST_PELLETS,
+    NOWHERE,
+    ROBOT,
+    RULES,
+    BehaviourArrays,
+    Lags,
+    Model,
+    begin,
+    behaviour_addresses,
+    lead_m,
+    play,
+    put_ghost,
+    put_robot,
+    rules,
+)
+
+COMES = 0.5  # probability above which a ghost is taken to come for the robot
+_FAR_S, _STAY_S, _AFTER_S = 30.0, 6.0, 8.0  # played at most on the way to a candidate, holding, after arriving
+_WAYS = 4  # goals tried after arriving
+_FAR_M = 10.0
+_APART_M = 0.05  # a ghost that is nearer than the model's margin has not caught the robot yet
+_ROBOT = np.dtype(ROBOT)
+#: Columns for each candidate: caught on the way; s until it arrives or is caught, at most 30; the nearest that a ghost
+#: comes, m; its lead on arriving, m by path; pellets collected; share of the ways on that are survived, and the lead,
+#: m, at the end of the best of them.
+CAUGHT, ARRIVES_S, CLOSEST_M, LEAD_M, COLLECTED, WAYS_ON, LEAD_AFTER_M = range(7)
+COLUMNS = 7
+
+
+class OutlookArrays(NamedTuple):
+    """Of one thread: scratch memory, and what does not change."""
+
+    coarse: Any = Array(np.int64, "S")  # addresses of the tables of the maps in the stack's slots
+    rules: Any = Array(RULES, "2")  # those that count, and with the bare radius of death
+    robots: Any = Array(_ROBOT, "3")  # at the beginning, on the way, after it
+    ghosts: Any = Array(GHOST, "3 g")
+    goals: Any = Array(np.int64, f"{_WAYS}")
+    bit: Any = Array(np.int8, "b")
+    classes: Any = Array(np.int64, f"{len(BELIEVED)} 2")  # addresses of each behaviour's kernel and constants
+    behaviours: Any = BehaviourArrays
+    behaviours_table: Any = Array(np.int64, "t")  # the same as a table
+
+
+_coarse_arrays = arrays_by_address(CoarseArrays)
+_tables: "weakref.WeakKeyDictionary[Any, Table]" = weakref.WeakKeyDictionary()  # by assets
+
+
+class Outlook:
+    """The outlook's memory for the maps of a stack."""
+
+    def __init__(self, levels: LevelStack) -> None:
+        config = levels.config
+        self._addresses = np.zeros(len(levels), dtype=np.int64)
+        self._known: list[Any] = [None] * len(levels)
+        self._rules = np.concatenate([rules(config, Lags()), rules(config, Lags(death_margin_m=0.0))])
+        self._classes = np.zeros((len(BELIEVED), 2), dtype=np.int64)
+        self._constants = {}
+        for number in (ARCADE, CHASES):
+            one = BEHAVIOURS[BELIEVED[number]]
+            constants = self._constants[number] = np.array(one.constants(config), dtype=np.float64)
+            self._classes[number] = behaviour_addresses(one, constants)
+        self._memory: list[OutlookArrays] = []
+        self._tables: list[Table] = []
+
+    def memory(self, levels: LevelStack, slots: NDArray[np.int32], ghosts: int, threads: int) -> list[OutlookArrays]:
+        """For so many threads; the maps in ``slots`` are made ready."""
+        for slot in np.unique(slots).tolist():
+            assets = levels.assets(slot)
+            if self._known[slot] is not assets:
+                table = _tables.get(assets)
+                if table is None:
+                    table = _tables[assets] = Table(CoarseArrays, **coarse_map(assets)._asdict())
+                self._known[slot], self._addresses[slot] = assets, table.address
+        goals = levels.arrays["goal_xy"].shape[1]
+        fits = self._memory and self._memory[0].ghosts.shape[1] == ghosts and len(self._memory[0].bit) == goals
+        if not fits:
+            self._memory, self._tables = [], []
+        while len(self._memory) < threads:
+            own = BehaviourArrays(np.zeros((ghosts, 2), np.int64), np.zeros((ghosts, 10)), np.zeros((ghosts, 2)))
+            table = Table(BehaviourArrays, **own._asdict())
+            self._tables.append(table)
+            self._memory.append(
+                OutlookArrays(
+                    coarse=self._addresses,
+                    rules=self._rules.copy(),
+                    robots=np.zeros(3, dtype=ROBOT),
+                    ghosts=np.zeros((3, ghosts), dtype=GHOST),
+                    goals=np.zeros(_WAYS, dtype=np.int64),
+                    bit=np.zeros(goals, dtype=np.int8),
+                    classes=self._classes,
+                    behaviours=own,
+                    behaviours_table=table.numbers,
+                )
+            )
+        return self._memory[:threads]
+
+
+@kernel
+def coming(s, i):  # type: ignore[no-untyped-def]
+    """How many ghosts are believed to come for the robot."""
+    count = 0
+    for k in range(s.belief.shape[1]):
+        count += s.belief[i, k, ARCADE] + s.belief[i, k, CHASES] > COMES
+    return count
+
+
+@kernel
+def _mark_pellets(s, i, bit):  # type: ignore[no-untyped-def]
+    """Give each pellet that may be chosen a bit, the nearest ones if there are too many; returns their number."""
+    bit[:] = -1
+    most = np.inf
+    count = 0
+    for c in range(s.mask.shape[1]):
+        count += s.mask[i, c] and s.kind[i, c] == PELLET
+    if count > MOST_PELLETS:
+        lengths = np.full(s.mask.shape[1], np.inf)
+        for c in range(s.mask.shape[1]):
+            if s.mask[i, c] and s.kind[i, c] == PELLET:
+                lengths[c] = s.path_robot[i, c]
+        most = np.sort(lengths)[MOST_PELLETS - 1]
+    used = 0
+    for c in range(s.mask.shape[1]):
+        near = s.path_robot[i, c] <= most and s.path_robot[i, c] < np.inf
+        if s.mask[i, c] and s.kind[i, c] == PELLET and near and s.goal[i, c] >= 0 and used < MOST_PELLETS:
+            bit[s.goal[i, c]] = used
+            used += 1
+    return used
+
+
+@kernel
+def _copy(ghosts, other):  # type: ignore[no-untyped-def]
+    for k in range(len(ghosts)):
+        other[k] = ghosts[k]
+
+
+@kernel
+def _list_ways(robot, model, goals):  # type: ignore[no-untyped-def]
+    """Fill in the nearest goals that lead on from where a robot is; returns their number."""
+    length = model.map.robot_length[robot.block]
+    count = 0
+    for goal in range(len(length)):
+        own = length[goal]
+        bit = model.bit[goal]
+        gone = bit >= 0 and not (robot.pellets >> np.uint64(bit)) & np.uint64(1)
+        if own == np.inf or own <= model.rules[0].goal_m or gone:
+            continue
+        place = min(count, len(goals) - 1)
+        if count == len(goals) and length[goals[place]] <= own:
+            continue
+        while place > 0 and length[goals[place - 1]] > own:
+            goals[place] = goals[place - 1]
+            place -= 1
+        goals[place] = goal
+        count = min(count + 1, len(goals))
+    return count
+
+
+@kernel
+def look_ahead(s, i, a, result):  # type: ignore[no-untyped-def]
+    """Fill in the rows of situation i of ``s``, (C, COLUMNS); those of masked candidates are 0."""
+    result[:] = 0.0
+    m = _coarse_arrays(a.coarse[s.level[i]])
+    bit = a.bit[: len(m.goal_xy)]
+    model = Model(m, a.rules, address_of(a.behaviours_table), bit)
+    robots, numbers = a.robots, a.rules[0]
+    first, way, after = robots[0], robots[1], robots[2]
+    used = _mark_pellets(s, i, bit)
+    put_robot(first, model, s.robot[i, 0], s.robot[i, 1], s.robot[i, 2])
+    first.time_s = s.time_s[i]
+    first.pellets = np.uint64(0xFFFFFFFFFFFFFFFF) if used == 64 else (np.uint64(1) << np.uint64(used)) - np.uint64(1)
+    count = 0
+    apart = np.inf
+    for k in range(s.belief.shape[1]):
+        arcade, chases = s.belief[i, k, ARCADE], s.belief[i, k, CHASES]
+        if arcade + chases <= COMES:
+            continue
+        which = CHASES if chases >= arcade else ARCADE
+        a.behaviours.behaviours[k, 0], a.behaviours.behaviours[k, 1] = a.classes[which, 0], a.classes[which, 1]
+        x, y = s.ghosts[i, k, 0], s.ghosts[i, k, 1]
+        put_ghost(a.ghosts[0, count], k, model, x, y, s.ghosts[i, k, 4])
+        a.ghosts[0, count].vx, a.ghosts[0, count].vy = s.ghosts[i, k, 2], s.ghosts[i, k, 3]
+        apart = min(apart, math.hypot(x - s.robot[i, 0], y - s.robot[i, 1]))
+        count += 1
+    margin = numbers.death_m
+    numbers.death_m = max(a.rules[1].death_m, min(margin, apart - _APART_M))
+    now = s.current[i]
+    if now >= 0 and s.mask[i, now] and s.goal[i, now] >= 0 and s.path_robot[i, now] < np.inf:
+        begin(first, np.int64(s.goal[i, now]), s.path_robot[i, now], model)
+    begins, on, last = a.ghosts[0, :count], a.ghosts[1, :count], a.ghosts[2, :count]
+    for c in range(s.mask.shape[1]):
+        goal = np.int64(s.goal[i, c])
+        if not s.mask[i, c] or (goal >= 0 and s.path_robot[i, c] == np.inf):
+            continue
+        r = result[c]
+        robots[1] = robots[0]
+        _copy(begins, on)
+        until = first.time_s + (_FAR_S if goal >= 0 else _STAY_S)
+        play(way, on, goal if goal >= 0 else np.int64(NOWHERE), until, model)
+        r[CAUGHT] = way.dead
+        r[ARRIVES_S] = way.time_s - first.time_s
+        r[CLOSEST_M] = min(way.closest_m, _FAR_M)
+        r[COLLECTED] = way.collected
+        if way.dead:
+            continue
+        r[LEAD_M] = min(lead_m(way, on, m), _FAR_M)
+        if way.pellets == 0:  # the round is complete
+            r[LEAD_M] = r[LEAD_AFTER_M] = _FAR_M
+            r[WAYS_ON] = 1.0
+            continue
+        ways = _list_ways(way, model, a.goals)
+        for k in range(ways + 1):  # the last is to stay
+            robots[2] = robots[1]
+            _copy(on, last)
+            play(after, last, a.goals[k] if k < ways else np.int64(NOWHERE), way.time_s + _AFTER_S, model)
+            if not after.dead:
+                r[WAYS_ON] += 1.0 / (ways + 1)
+                r[LEAD_AFTER_M] = max(r[LEAD_AFTER_M], min(lead_m(after, last, m), _FAR_M))
+    numbers.death_m = margin
