@@ -1,17 +1,18 @@
 """``search``: plans against ghosts that react, on a coarse model of the game; elsewhere the choice of a base policy."""
 
 import time
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import Config
-from pacman_env.game.ghosts import WANDER, Behaviour, find_behaviour
+from pacman_env.game.behaviour_belief import ARCADE, BELIEVED, CHASES
+from pacman_env.game.ghosts import POLICY, WANDER, Behaviour, find_behaviour
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.coarse.model import Behaviours, Lags
+from pacman_env.sim.coarse.outlook import COMES
 from pacman_env.sim.coarse.start import Start, draw_futures, start
 from pacman_env.sim.observation.situation import Nearest, Situation, nearest_candidates
 
@@ -19,6 +20,7 @@ from .beam import NODE, SETTINGS, Room, new_room, search
 
 _NARROWEST, _WIDEST = 4, 1024  # of a search that has a time
 _MOST_SAMPLES = 16
+_SOURCES = "belief", "configuration"
 
 
 class Parameters(NamedTuple):
@@ -73,14 +75,20 @@ def _check(p: Parameters) -> None:
 class Search(BasePolicy):
     """The rule; every parameter can be given by name.
 
-    ``base``: the policy that chooses where no ghost can be predicted, by its name or file.
+    ``base``: the policy that chooses where no ghost can be predicted, by its name or file. ``behaviours``: what each
+    ghost does is what the situation has as belief (``belief``), or what is configured (``configuration``), where those
+    that are sent from outside go by belief.
     """
 
     name = "search"
 
-    def __init__(self, base: str = "ppo", **parameters: Any) -> None:
+    def __init__(self, base: str = "ppo", behaviours: str = "belief", **parameters: Any) -> None:
         self.parameters = p = Parameters(**parameters)
         _check(p)
+        if behaviours not in _SOURCES:
+            raise ValueError(f"behaviours = {behaviours!r}: must be one of {', '.join(_SOURCES)}")
+        self._by_belief = behaviours == "belief"
+        self._prepared: dict[tuple[str, ...], Behaviours] = {}
         self.base: Policy = make_policy(base)
         self._settings = np.zeros(1, dtype=SETTINGS)
         for name in set(SETTINGS.names or ()) & set(Parameters._fields):
@@ -88,44 +96,52 @@ class Search(BasePolicy):
         self._settings["layers"] = p.layers
         self._room: Room | None = None
         self.played = 0  #: segments, for the last situation
-        self._take(self.config)
 
     def reset(self, games: NDArray[np.bool_], config: Config) -> None:
-        changed = config is not self.config
+        if config is not self.config:
+            self._prepared.clear()
         super().reset(games, config)
         self.base.reset(games, config)
-        if changed:
-            self._take(config)
 
-    def _take(self, config: Config) -> None:
-        self._known = self.known_behaviours(config)
-        self._predictable = any(map(is_predictable, self._known))
-        self._behaviours = Behaviours(self._known, config)
-
-    def known_behaviours(self, config: Config) -> Sequence[Behaviour]:
-        """What each ghost is taken to do, by number: what the configuration says."""
-        return [find_behaviour(name) for name in config.clyde.ghosts]
+    def behaviours(self, situation: Situation, i: int) -> tuple[str, ...]:
+        """What each ghost is taken to do in situation ``i``, by number."""
+        believed = situation.belief[i]
+        found = list(self.config.clyde.ghosts)
+        for k, (name, belief) in enumerate(zip(found, believed, strict=True)):
+            if self._by_belief or name == POLICY:
+                comes = belief[ARCADE] + belief[CHASES] > COMES
+                found[k] = BELIEVED[CHASES if belief[CHASES] >= belief[ARCADE] else ARCADE] if comes else WANDER
+        return tuple(found)
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
         """(N, C) value of the best line that begins with each candidate; the base's where nothing is predictable."""
-        if not self._predictable:
-            return self.base.scores(situation)
         p = self.parameters
+        known = [self.behaviours(situation, i) for i in range(len(situation))]
+        searched = np.array([any(is_predictable(find_behaviour(name)) for name in names) for names in known])
+        if not searched.any():
+            return self.base.scores(situation)
         order = nearest_candidates(situation, Nearest(p.pellets, p.refuges))
         scores = np.full(situation.mask.shape, -np.inf)
-        for i in range(len(situation)):
+        if not searched.all():
+            rest = np.flatnonzero(~searched)
+            scores[rest] = self.base.scores(situation.rows(rest))
+        for i in np.flatnonzero(searched).tolist():
             candidates = order[i][order[i] >= 0]
             candidates = candidates[situation.mask[i, candidates] & np.isfinite(situation.path_robot[i, candidates])]
             if len(candidates) > 0:
-                scores[i, candidates] = self._values(situation, i, candidates)
+                scores[i, candidates] = self._values(situation, i, candidates, known[i])
         return scores
 
-    def _values(self, situation: Situation, i: int, candidates: NDArray[np.int64]) -> NDArray[np.float64]:
-        """(R,) of the candidates of one situation."""
-        p = self.parameters
-        begin = start(situation, i, self.config, self._behaviours, Lags(), NODE)
+    def _values(
+        self, situation: Situation, i: int, candidates: NDArray[np.int64], names: tuple[str, ...]
+    ) -> NDArray[np.float64]:
+        """(R,) of the candidates of one situation, whose ghosts behave so."""
+        p, known = self.parameters, [find_behaviour(name) for name in names]
+        if names not in self._prepared:
+            self._prepared[names] = Behaviours(known, self.config)
+        begin = start(situation, i, self.config, self._prepared[names], Lags(), NODE)
         goals = begin.goals[candidates]
-        samples = 1 if all(map(is_predictable, self._known)) else p.samples
+        samples = 1 if all(map(is_predictable, known)) else p.samples
         values = np.zeros(len(goals))
         self.played = 0
         for number in range(samples):

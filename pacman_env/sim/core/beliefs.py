@@ -12,7 +12,7 @@ import numpy as np
 
 from ...engine.arrays import Array
 from ...engine.jit import kernel
-from ...game.behaviour_belief import update_belief, update_standing
+from ...game.behaviour_belief import forget, update_belief, update_standing
 from ...world.navigation.grid import cell_of
 
 _MOVED_M = 0.2  # a shorter move says little on a grid: it is added to the next one
@@ -25,6 +25,10 @@ class WatchArrays(NamedTuple):
     length_cm: Any = Array(np.uint16, "M k g")
     ghost_drive: Any = Array(np.int32, "M k")  # drivable cell under each of the ghosts'
     corner_drive: Any = Array(np.int32, "M 4")  # drivable cell of each ghost's corner
+
+
+#: For Python.
+forget_ghost = kernel(forget)
 
 
 @kernel

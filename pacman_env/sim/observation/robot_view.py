@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 
 from ...config import Config
 from ...engine.arrays import Table, zeros
-from ...game.behaviour_belief import forget
 from ...game.execution import closing_speed
 from ...game.ghosts import GHOST_NAMES
 from ...game.goals import Goals, Place
 from ...game.pellets import generate_pellets
 from ...world.navigation.grid import cell_of
 from ..core import kernels
-from ..core.beliefs import WatchArrays, watch
+from ..core.beliefs import WatchArrays, forget_ghost, watch
 from ..core.parameters import GHOST, batch_parameters
 from ..maps.assets import MapAssets
 from ..maps.level_stack import LevelStack
@@ -105,7 +104,7 @@ class RobotView:
 
     def _forget(self) -> None:
         for ghost in self._ghosts[0]:
-            forget(ghost)
+            forget_ghost(ghost)
 
     @property
     def unseen(self) -> list[str]:
@@ -130,7 +129,7 @@ class RobotView:
             ghost["vx"], ghost["vy"] = dx / period, dy / period
         else:  # seen for the first time, put elsewhere, or a clock was set back
             ghost["vx"] = ghost["vy"] = 0.0
-            forget(ghost)
+            forget_ghost(ghost)
         ghost["x"], ghost["y"] = x, y
         self._obstacles[0, number, :2] = x, y
         self._stamp_ns[number] = stamp_ns

@@ -170,7 +170,7 @@ def test_the_arcade_clyde_comes_from_afar_and_turns_to_his_corner_when_near() ->
     batch = games(6, "arcade", **{"clyde.arcade_distance_m": 2.5, "clyde.speed_mps": 0.5})
     robot = batch.situation().robot
     aims = cells_by_the_robots(batch)
-    corner = int(batch.assets.ghost_targets.corner[0])
+    corner = int(batch.assets.ghost_corner[0])
     rules: list[str] = []
     for _ in range(100):
         before = stands_at(batch)

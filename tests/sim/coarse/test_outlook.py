@@ -1,0 +1,96 @@
+"""What becomes of the robot on its way to each candidate, against the coarse model played by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pacman_env.config import Config
+from pacman_env.game.behaviour_belief import BELIEVED
+from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
+from pacman_env.sim.observation.situation import HOLD, Situation
+from tests.sim.coarse.games import config_of, situation_of
+
+SPEED = 0.3
+
+
+def sure(situation: Situation, *names: str) -> Situation:
+    """The situations with the belief that the ghosts do this."""
+    belief = np.zeros_like(situation.belief)
+    for k, name in enumerate(names):
+        belief[:, k, BELIEVED.index(name)] = 1.0
+    return replace(situation, belief=belief)
+
+
+def columns(situation: Situation) -> dict[str, np.ndarray]:
+    candidates, whole = planner_features(situation, SPEED)
+    found = {name: candidates[:, :, k] for k, name in enumerate(CANDIDATE_FEATURES)}
+    return found | {name: whole[:, k] for k, name in enumerate(GLOBAL_FEATURES)}
+
+
+def beside(situation: Situation, i: int, apart_m: float) -> Situation:
+    """The first ghost of situation ``i`` is so far to the right of the robot."""
+    ghosts = situation.ghosts.copy()
+    ghosts[i, 0, :2] = situation.robot[i, :2] + (apart_m, 0.0)
+    return replace(situation, ghosts=ghosts, clyde=ghosts[:, 0, :2])
+
+
+def of(config: Config, games: int = 6) -> Situation:
+    return situation_of(config, games)
+
+
+def test_where_no_ghost_comes_it_is_empty() -> None:
+    situation = of(config_of("wander"))
+    seen = columns(sure(situation, "wander"))
+    for name in CANDIDATE_FEATURES:
+        if name.startswith("hunted"):
+            assert (seen[name] == 0).all()
+    assert (seen["coming"] == 0).all()
+
+
+def test_the_nearer_a_chaser_is_the_more_ways_end_with_it() -> None:
+    situation = sure(of(config_of("chase")), "chase")
+    caught = [columns(beside(situation, 0, apart_m))["hunted_caught"][0].sum() for apart_m in (0.5, 6.0)]
+    assert caught[0] > caught[1]
+
+
+def test_a_chaser_that_is_caught_up_by_catches_and_leaves_no_lead() -> None:
+    seen = columns(sure(of(config_of("chase", **{"clyde.speed_mps": 0.8}), 12), "chase"))
+    caught = seen["hunted_caught"] > 0
+    assert caught.any()
+    assert (seen["hunted_lead"][caught] == 0).all()
+    assert (seen["hunted_ways_on"][caught] == 0).all()
+    assert (seen["hunted_lead"][(seen["hunted"] > 0) & ~caught] > 0).all()
+
+
+def test_a_ghost_that_stands_catches_nobody_far_away() -> None:
+    situation = sure(of(config_of("chase")), "chase")
+    ghosts = situation.ghosts.copy()
+    ghosts[:, 0, 4] = 0.0
+    far = np.hypot(*(situation.ghosts[:, 0, :2] - situation.robot[:, :2]).T) > 2.0
+    assert far.any()
+    seen = columns(replace(situation, ghosts=ghosts))
+    hold = (situation.kind == HOLD) & far[:, None]
+    assert (seen["hunted_caught"][hold] == 0).all()
+
+
+@pytest.mark.parametrize("ghosts", [("chase",), ("wander", "chase"), ("arcade", "chase", "wander", "chase")])
+def test_a_situation_has_the_same_outlook_alone_and_among_others(ghosts: tuple[str, ...]) -> None:
+    situation = sure(of(config_of(*ghosts)), *ghosts)
+    together = planner_features(situation, SPEED)
+    for i in range(len(situation)):
+        alone = planner_features(situation.rows(np.array([i])), SPEED)
+        for one, all_of_them in zip(alone, together, strict=True):
+            np.testing.assert_array_equal(one[0], all_of_them[i])
+
+
+def test_the_order_of_ghosts_does_not_matter_to_their_tokens() -> None:
+    ghosts = ("chase", "wander")
+    situation = sure(of(config_of(*ghosts)), *ghosts)
+    turned = replace(situation, ghosts=situation.ghosts[:, ::-1], belief=situation.belief[:, ::-1])
+    one, other = columns(situation), columns(turned)
+    for name in GLOBAL_FEATURES:
+        if name.startswith("ghost_"):
+            np.testing.assert_allclose(one[name], other[name], atol=1e-6)
