@@ -246,6 +246,7 @@ def _games(arguments: Arguments, side: int) -> GameArguments:
         learning_rate=rate,
         levels=arguments.levels,
         clyde_speed=arguments.clyde_speed or hyper.clyde_speed,
+        ghosts=("wander",),  # of the start: later ones come from the pool
     )
     return GameArguments(hyper=hyper, seed=arguments.seed, threads=arguments.threads)
 
@@ -264,7 +265,7 @@ def make_pool(learned: Sequence[Policy], wander: float) -> Opponents:
 def completed_against(policy: Policy, clyde: str | Policy, arguments: GameArguments, rounds: int) -> NDArray[np.bool_]:
     """Which of ``rounds`` on validation levels the robot's policy completes against a behaviour or Clyde's policy."""
     ghost, behaviour = (None, clyde) if isinstance(clyde, str) else (clyde, "policy")
-    return HeldOut(arguments, rounds, clyde=behaviour).completed(policy, ghost)
+    return HeldOut(arguments, rounds, ghosts=(behaviour,)).completed(policy, ghost)
 
 
 class Table:

@@ -40,7 +40,9 @@ TINY: dict[str, Any] = {
     "levels": 2,
     "clyde_speed": [0.2, 0.6],
     "robot_speed": [0.22, 0.306],
+    "ghosts": ["wander"],
     "imitation": 64,
+    "teacher_nodes": 3000,
     "decide": "tick",
 }
 
