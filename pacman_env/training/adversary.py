@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from pacman_env.cli.options import parse_options
 from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative, Share, require
 from pacman_env.episodes.statistics import wilson
 from pacman_env.files import write_json
+from pacman_env.game.ghosts import POLICY
 from pacman_env.policies.base import Policy
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import read_planner
@@ -193,6 +195,9 @@ class Alternation:
 
     def _export(self, side: int, name: str, metrics: dict[str, float] | None = None) -> None:
         facts = facts_of(_games(self.arguments, side), self._decisions[side], metrics or {})
+        if self._decisions[_CLYDE] > 0:  # after the first round's first half
+            ghosts = (*BUILT_IN, POLICY) if side == _PLANNER else (POLICY,)
+            facts = msgspec.structs.replace(facts, training=msgspec.structs.replace(facts.training, ghosts=ghosts))
         export_planner(self._models[side].network, self._path(name), facts)
         self.table.files[name] = self._path(name)
 

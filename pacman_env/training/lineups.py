@@ -17,7 +17,7 @@ RULE = "lookahead"  # teaches where all ghosts wander; the base of ``search`` el
 _FUTURES = 1  # of ghosts that wander beside others, in the search that teaches
 #: Segments that the search needs for a decision.
 LEAST_NODES = Parameters(samples=_FUTURES).least_nodes
-_SUB_BATCHES = 4  # of the games of a segment, at least: a quarter is played in wide houses
+SUB_BATCHES = 4  # of the games of a segment; with several line-ups at least, if games and levels can be divided so
 
 
 def behaviours(lineup: str) -> tuple[str, ...]:
@@ -64,7 +64,7 @@ def sub_batches(ghosts: Sequence[str], games: int, levels: int) -> list[str]:
     count = len(ghosts)
     require(games % count == 0, "games", games, f"must be a multiple of the {count} line-ups in ghosts")
     require(levels >= count, "levels", levels, f"must be at least the {count} line-ups in ghosts")
-    most = -(-_SUB_BATCHES // count)
+    most = -(-SUB_BATCHES // count)
     copies = next(k for k in range(most, 0, -1) if games % (k * count) == 0 and levels >= k * count)
     ordered = sorted([*ghosts] * copies, key=lambda one: (searches(one), len(behaviours(one)), one))
     halves: tuple[list[str], list[str]] = [], []
