@@ -69,7 +69,8 @@ def _kind(hint: Any) -> dict[str, Any]:
     first, second = typing.get_args(hint)
     if second is not Ellipsis:
         return {**_SCALARS[first], "nargs": 2}
-    return {"choices": typing.get_args(first), "nargs": "*"}
+    choices = typing.get_args(first)
+    return {**({"choices": choices} if choices else _SCALARS[first]), "nargs": "*"}
 
 
 def _help(kind: type) -> dict[str, str]:

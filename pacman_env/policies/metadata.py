@@ -29,6 +29,7 @@ class Training(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     execution: str
     decisions: int
     seed: int
+    ghosts: tuple[str, ...] = ("wander",)  # line-ups, each as often as its share; older files name none
 
 
 class PlannerMetadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

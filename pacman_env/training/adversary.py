@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from pacman_env.cli.options import parse_options
 from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative, Share, require
 from pacman_env.episodes.statistics import wilson
 from pacman_env.files import write_json
+from pacman_env.game.ghosts import POLICY
 from pacman_env.policies.base import Policy
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import read_planner
@@ -193,6 +195,9 @@ class Alternation:
 
     def _export(self, side: int, name: str, metrics: dict[str, float] | None = None) -> None:
         facts = facts_of(_games(self.arguments, side), self._decisions[side], metrics or {})
+        if self._decisions[_CLYDE] > 0:  # after the first round's first half
+            ghosts = (*BUILT_IN, POLICY) if side == _PLANNER else (POLICY,)
+            facts = msgspec.structs.replace(facts, training=msgspec.structs.replace(facts.training, ghosts=ghosts))
         export_planner(self._models[side].network, self._path(name), facts)
         self.table.files[name] = self._path(name)
 
@@ -246,6 +251,7 @@ def _games(arguments: Arguments, side: int) -> GameArguments:
         learning_rate=rate,
         levels=arguments.levels,
         clyde_speed=arguments.clyde_speed or hyper.clyde_speed,
+        ghosts=("wander",),  # of the start: later ones come from the pool
     )
     return GameArguments(hyper=hyper, seed=arguments.seed, threads=arguments.threads)
 
@@ -264,7 +270,7 @@ def make_pool(learned: Sequence[Policy], wander: float) -> Opponents:
 def completed_against(policy: Policy, clyde: str | Policy, arguments: GameArguments, rounds: int) -> NDArray[np.bool_]:
     """Which of ``rounds`` on validation levels the robot's policy completes against a behaviour or Clyde's policy."""
     ghost, behaviour = (None, clyde) if isinstance(clyde, str) else (clyde, "policy")
-    return HeldOut(arguments, rounds, clyde=behaviour).completed(policy, ghost)
+    return HeldOut(arguments, rounds, ghosts=(behaviour,)).completed(policy, ghost)
 
 
 class Table:

@@ -10,6 +10,7 @@ from msgspec import Meta
 
 from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative, Share, convert, kinds, require
 from pacman_env.files import shipped
+from pacman_env.training.lineups import LEAST_NODES, checked, searches, sub_batches
 
 Part = Literal["refuges", "hold", "paths", "prediction"]
 FOLDER = shipped("training/hyperparameters", "train/hyperparameters")
@@ -38,7 +39,9 @@ class Hyperparameters(Checked):
     levels: AtLeastOne  # generated houses per segment
     clyde_speed: tuple[NotNegative, NotNegative]  # m/s, drawn for each round
     robot_speed: tuple[NotNegative, NotNegative]  # m/s, drawn for each round
-    imitation: Count  # decisions of ``lookahead`` imitated before PPO; 0: PPO from random weights
+    ghosts: Annotated[tuple[str, ...], Meta(min_length=1)]  # line-ups that share the games, such as "arcade,chase"
+    imitation: Count  # decisions of a rule imitated before PPO; 0: PPO from random weights
+    teacher_nodes: AtLeastOne  # segments that ``search`` plays for a decision that is imitated
     decide: Literal["tick", "event"]  # in training; event: when there is something to decide
 
     def __post_init__(self) -> None:
@@ -47,6 +50,16 @@ class Hyperparameters(Checked):
         require(self.segment % self.rollout == 0, "segment", self.segment, f"must be a multiple of {rollout}")
         # advantages are divided by their deviation within a minibatch
         require(batch > 1 != self.rollout % batch, "batch_size", batch, f"leaves a minibatch of 1 of {rollout}")
+        object.__setattr__(self, "ghosts", tuple(checked(one, f"ghosts[{k}]") for k, one in enumerate(self.ghosts)))
+        if len(self.lineups) > 1:
+            sub_batches(self.ghosts, self.games, self.levels)  # raises where they cannot be divided
+        nodes, least = self.teacher_nodes, LEAST_NODES if any(map(searches, self.lineups)) else 0
+        require(nodes >= least, "teacher_nodes", nodes, f"must be at least {least}")
+
+    @property
+    def lineups(self) -> tuple[str, ...]:
+        """The line-ups of ``ghosts`` without repetition."""
+        return tuple(dict.fromkeys(self.ghosts))
 
     @property
     def rollout(self) -> int:
@@ -92,6 +105,12 @@ class Arguments(Checked):
     """Rounds on validation levels at the end of each segment, and on test levels at the end; 0: none."""
     progress: bool = True
     """Show a progress bar."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        rounds, lineups = self.evaluation, len(self.hyper.lineups)
+        rule = f"must be 0 or at least the {lineups} line-ups in ghosts"
+        require(rounds == 0 or rounds >= lineups, "evaluation", rounds, rule)
 
 
 def load_hyperparameters(path: Path, section: str) -> Hyperparameters:

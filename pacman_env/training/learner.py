@@ -231,7 +231,7 @@ class _Labels(NamedTuple):
 
 
 def imitate(model: Learner, games: TrainingGames, decisions: int, *, games_seed: int, seed: int) -> dict[str, float]:
-    """Fit the network to what the rule ``lookahead`` would choose in so many situations; ``seed`` orders minibatches.
+    """Fit the network to what the games' teachers would choose in so many situations; ``seed`` orders minibatches.
 
     In the first of four rounds the rule plays, in the others the network does and the rule labels the situations, so
     that the network also learns in situations that the rule does not get into (DAgger: Ross, Gordon, Bagnell, 2011).
@@ -270,7 +270,7 @@ def _play(
     rewards, dones = np.zeros((steps, n), dtype=np.float32), np.zeros((steps, n), dtype=np.bool_)
     agreed = 0.0
     for t in range(steps):
-        labels = games.choices("lookahead")
+        labels = games.choices()
         choices, own = model.choose(observation, deterministic=True)
         agreed += float((own == labels).mean()) / steps
         met.add(choices.situations)

@@ -40,11 +40,12 @@ from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameter
 from pacman_env.training.export import export_planner
 from pacman_env.training.games import VALIDATION_LEVEL, clyde_limit, dropped, game_config, make_games
 from pacman_env.training.learner import Learner, imitate, use_device
+from pacman_env.training.lineups import behaviours, teacher_name
 
 AfterSegment = Callable[[dict[str, Any]], None]
 _HELD_OUT = 128  # levels that rounds for validation, and for the report, are drawn from
 _BATCH = 128  # rounds at once
-_RULES = ("clyde_aware", "lookahead")
+_RULES = ("clyde_aware", "lookahead", "nearest")
 _PROG = "pacman-env train"
 
 
@@ -113,26 +114,33 @@ def _segment(folder: Run, segment: int, model: Learner, validation: HeldOut, bar
         imitation = {}
         if segment == 0 and hyper.imitation > 0:
             imitation = imitate(model, games, hyper.imitation, games_seed=seeds[1], seed=seeds[2])
-            imitation["imitated"] = validation.share(_planner(arguments, model))
-            bar.write(f"lookahead imitated: {imitation['imitated']:.1%} of validation rounds completed")
+            imitation["imitated"] = validation.shares(_planner(arguments, model))[0]
+            rules = " and ".join(dict.fromkeys(map(teacher_name, hyper.lineups)))
+            bar.write(f"{rules} imitated: {imitation['imitated']:.1%} of validation rounds completed")
         model.decisions = segment * hyper.segment
         learning = time.perf_counter()
         model.learn(games, hyper.segment, seeds[1], bar)
         ended = time.perf_counter()
-    share = validation.share(_planner(arguments, model))
+    share, each = validation.shares(_planner(arguments, model))
     speed = hyper.segment / (ended - learning)
     result = {
         "segment": segment,
         "decisions": model.decisions,
         "completed": share,
+        "completed_against": each,
         "clyde_limit_mps": clyde_limit(arguments, segment),
         "seconds": round(ended - began, 1),
         "decisions_per_s": round(speed),
     }
     folder.write(model, result | imitation)
     model.logger.record("validation/completed", share)
+    parts = ""
+    if len(each) > 1:
+        for lineup, part in each.items():
+            model.logger.record(f"validation/completed_{lineup.replace(',', '_')}", part)
+        parts = f" ({'; '.join(f'{lineup} {part:.1%}' for lineup, part in each.items())})"
     model.logger.dump(model.decisions)
-    bar.write(f"{model.decisions} decisions: {share:.1%} of validation rounds completed ({speed:.0f}/s)")
+    bar.write(f"{model.decisions} decisions: {share:.1%} of validation rounds completed{parts} ({speed:.0f}/s)")
 
 
 def _planner(arguments: Arguments, model: Learner) -> checkpoint.TorchPlanner:
@@ -149,37 +157,61 @@ def _report(arguments: Arguments, planner: checkpoint.TorchPlanner, seconds: flo
     played = {name: test.completed(policy) for name, policy in compared.items()}
     low, high = hyper.clyde_speed
     lines += [f"{len(test.seeds)} rounds on test levels, Clyde {low}-{high} m/s:", ""]
-    lines += ["| policy | completed | ppo minus it, paired |", "|---|---|---|"]
-    for name, ended in played.items():
-        first, last = wilson(int(ended.sum()), len(ended))
-        difference, (low, high) = paired_difference(played[planner.name], ended)
-        against = "" if name == planner.name else f"{difference:+.1%} [{low:+.1%}, {high:+.1%}]"
-        lines.append(f"| {name} | {ended.mean():.1%} [{first:.1%}, {last:.1%}] | {against} |")
+    several = len(test.rows) > 1
+    parts = {"all": slice(None), **test.rows} if several else test.rows
+    lines += [f"| {'ghosts | ' * several}policy | completed | ppo minus it, paired |", "|---" * (3 + several) + "|"]
+    for lineup, rows in parts.items():
+        ours = played[planner.name][rows]
+        for name, ended in ((name, ended[rows]) for name, ended in played.items()):
+            first, last = wilson(int(ended.sum()), len(ended))
+            difference, (low, high) = paired_difference(ours, ended)
+            against = "" if name == planner.name else f"{difference:+.1%} [{low:+.1%}, {high:+.1%}]"
+            place = f"{lineup} | " if several else ""
+            lines.append(f"| {place}{name} | {ended.mean():.1%} [{first:.1%}, {last:.1%}] | {against} |")
     return "\n".join(lines)
 
 
 class HeldOut:
-    """Validation or test rounds, as in training with a decision each tick; levels stay prepared between evaluations."""
+    """Validation or test rounds, as in training with a decision each tick; levels stay prepared between evaluations.
 
-    def __init__(self, arguments: Arguments, rounds: int, *, test: bool = False, clyde: str = "wander") -> None:
-        self._config = game_config(arguments).with_fields(**{"decisions.when": "tick", "clyde.ghosts": (clyde,)})
+    The rounds are shared evenly over ``ghosts``, different line-ups: by default those of the training.
+    """
+
+    def __init__(
+        self, arguments: Arguments, rounds: int, *, test: bool = False, ghosts: Sequence[str] | None = None
+    ) -> None:
+        lineups = arguments.hyper.lineups if ghosts is None else ghosts
+        self._config = game_config(arguments).with_fields(**{"decisions.when": "tick"})
         self._test, self._threads = test, arguments.threads
         self.seeds = episode_seeds(arguments.seed if test else VALIDATION_LEVEL, rounds)
+        ends = [rounds * k // len(lineups) for k in range(len(lineups) + 1)]
+        #: Which of the rounds are played against each line-up.
+        self.rows = {lineup: slice(*ends[k : k + 2]) for k, lineup in enumerate(lineups)}
 
     @functools.cached_property
-    def _games(self) -> GameBatch:
-        config = self._config
-        validation = GeneratedMaps(config, VALIDATION_LEVEL, _HELD_OUT)
-        source = GeneratedMaps.named("generated:test", config, None, _HELD_OUT) if self._test else validation
-        return GameBatch(source, config, min(_BATCH, len(self.seeds)), self._threads)
+    def _games(self) -> dict[str, GameBatch]:
+        made = {}
+        for lineup, rows in self.rows.items():
+            config = self._config.with_fields(**{"clyde.ghosts": behaviours(lineup)})
+            validation = GeneratedMaps(config, VALIDATION_LEVEL, _HELD_OUT)
+            source = GeneratedMaps.named("generated:test", config, None, _HELD_OUT) if self._test else validation
+            made[lineup] = GameBatch(source, config, min(_BATCH, rows.stop - rows.start), self._threads)
+        return made
 
     def completed(self, policy: str | Policy, ghost: Policy | None = None) -> NDArray[np.bool_]:
         """(E,) the rounds that were completed; ``ghost`` is Clyde if its behaviour is ``policy``."""
-        return np.asarray(play_in(self._games, policy, self.seeds, ghost=ghost, timed=False)[0]["end"] == COMPLETE)
+        found = np.zeros(len(self.seeds), dtype=np.bool_)
+        for lineup, rows in self.rows.items():
+            records, _ = play_in(self._games[lineup], policy, self.seeds[rows], ghost=ghost, timed=False)
+            found[rows] = records["end"] == COMPLETE
+        return found
 
-    def share(self, policy: str | Policy) -> float:
-        """Of the rounds that were completed; 0 without rounds."""
-        return float(self.completed(policy).mean()) if len(self.seeds) > 0 else 0.0
+    def shares(self, policy: str | Policy) -> tuple[float, dict[str, float]]:
+        """Of the rounds that were completed: of all, and of those against each line-up; 0 without rounds."""
+        if len(self.seeds) == 0:
+            return 0.0, dict.fromkeys(self.rows, 0.0)
+        found = self.completed(policy)
+        return float(found.mean()), {lineup: float(found[rows].mean()) for lineup, rows in self.rows.items()}
 
 
 class Run:
@@ -260,6 +292,7 @@ def facts_of(arguments: Arguments, decisions: int, metrics: dict[str, float]) ->
         execution=arguments.execution,
         decisions=decisions,
         seed=arguments.seed,
+        ghosts=arguments.hyper.ghosts,
     )
     return checkpoint.Facts(game_config(arguments).robot.speed_mps, training, metrics)
 

@@ -88,7 +88,17 @@ def test_any_metrics_are_read_as_they_were(metrics: dict[str, float]) -> None:
     assert parse(PlannerMetadata, dump(metadata, HERE), HERE) == metadata
 
 
-@pytest.mark.parametrize("field", FIELDS)
+def test_a_file_without_line_ups_is_of_a_planner_trained_against_one_wandering_ghost(tmp_path: Path) -> None:
+    metadata, _ = read_planner(written(tmp_path, lambda content: content["training"].pop("ghosts")))
+    assert metadata.training.ghosts == ("wander",)
+
+
+def test_line_ups_are_read_as_they_were_written() -> None:
+    metadata = structs.replace(METADATA, training=structs.replace(TRAINING, ghosts=("wander", "arcade,chase")))
+    assert parse(PlannerMetadata, dump(metadata, HERE), HERE) == metadata
+
+
+@pytest.mark.parametrize("field", sorted({*FIELDS} - {"training.ghosts"}))
 def test_a_missing_field_is_named(field: str, tmp_path: Path) -> None:
     def remove(content: dict[str, Any]) -> None:
         place, name = owner(content, field)

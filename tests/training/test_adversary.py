@@ -66,7 +66,10 @@ def test_a_run_writes_planners_clydes_and_who_completes_against_whom(run: Path) 
         assert set(row.values()) <= {0.0, 1.0}
     metadata = read_planner(run / "planner-1.onnx")[0]
     assert metadata.metrics == {f"completed_{k}": v for k, v in record["completed"]["planner-1"].items()}
-    assert read_planner(run / "clyde-1.onnx")[0].training.decisions == 128
+    assert metadata.training.ghosts == ("wander", "arcade", "chase", "policy")
+    assert read_planner(run / "planner-0.onnx")[0].training.ghosts == ("wander",)
+    clyde = read_planner(run / "clyde-1.onnx")[0].training
+    assert (clyde.decisions, clyde.ghosts) == (128, ("policy",))
 
 
 def test_both_sides_have_learned_something(run: Path) -> None:

@@ -40,7 +40,9 @@ TINY: dict[str, Any] = {
     "levels": 2,
     "clyde_speed": [0.2, 0.6],
     "robot_speed": [0.22, 0.306],
+    "ghosts": ["wander"],
     "imitation": 64,
+    "teacher_nodes": 3000,
     "decide": "tick",
 }
 
@@ -99,6 +101,13 @@ def test_a_number_that_yaml_takes_for_a_string_is_a_number(tmp_path: Path) -> No
         ({"ent_coef": [1, 2, 3]}, r"ent_coef = \[1, 2, 3\]: must be a list of 2"),
         ({"ent_coef": [float("nan"), 0]}, r"ent_coef\[0\] = nan: must be a finite number of at least 0"),
         ({"clyde_speed": [-0.2, 0.3]}, r"clyde_speed\[0\] = -0\.2: must be a finite number of at least 0"),
+        ({"ghosts": "wander"}, "ghosts = 'wander': must be a list"),
+        ({"ghosts": []}, r"ghosts = \[\]: must be a list of at least 1"),
+        ({"ghosts": ["wander", 1]}, r"ghosts\[1\] = 1: must be a string"),
+        ({"ghosts": ["wander", "arcade,hunt"]}, r"ghosts\[1\] = 'arcade,hunt': unknown ghost behaviour 'hunt'"),
+        ({"ghosts": ["wander", "arcade", "chase"]}, "games = 4: must be a multiple of the 3 line-ups in ghosts"),
+        ({"ghosts": ["wander", "arcade"], "levels": 1}, "levels = 1: must be at least the 2 line-ups in ghosts"),
+        ({"ghosts": ["arcade"], "teacher_nodes": 220}, "teacher_nodes = 220: must be at least 221"),
         ({"segment": 63}, r"segment = 63: must be a multiple of games \* n_steps = 32"),
         ({"batch_size": 1}, "batch_size = 1: leaves a minibatch of 1"),
         ({"batch_size": 31}, "batch_size = 31: leaves a minibatch of 1"),
@@ -143,6 +152,10 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         ({"threads": -1}, "threads = -1: must be a whole number of at least 0"),
         ({"evaluation": -1}, "evaluation = -1: must be a whole number of at least 0"),
         ({"seed": -1}, "seed = -1: must be a whole number of at least 0"),
+        (
+            {"ghosts": ["wander", "chase"], "evaluation": 1},
+            "evaluation = 1: must be 0 or at least the 2 line-ups in ghosts",
+        ),
         ({"seed": 2**32}, "seed = 4294967296: must be a whole number of at most 4294967295"),
     ],
 )
@@ -164,6 +177,14 @@ def test_the_command_line_replaces_single_values(tmp_path: Path) -> None:
     assert found == Arguments(hyper=hyper, out=out, seed=3, without=("refuges", "paths"), curriculum=True)
 
 
+def test_line_ups_are_words_of_the_command_line() -> None:
+    hyper = parse(["--ghosts", "wander", "arcade, chase", "wander", "wander,wander", "--teacher-nodes", "500"]).hyper
+    assert hyper.ghosts == ("wander", "arcade,chase", "wander", "wander,wander")
+    assert hyper.lineups == ("wander", "arcade,chase", "wander,wander")
+    assert hyper.teacher_nodes == 500
+    assert all(load_hyperparameters(SHIPPED, name).ghosts == ("wander",) for name in ("headline", "quick", "scratch"))
+
+
 def test_quick_is_another_section_and_another_folder() -> None:
     quick, full = parse(["--quick"]), parse([])
     assert quick.hyper == load_hyperparameters(SHIPPED, "quick") != full.hyper
@@ -177,6 +198,8 @@ def test_quick_is_another_section_and_another_folder() -> None:
         (["--gamma", "much"], "gamma"),
         (["--without", "nothing"], "nothing"),
         (["--width", "0"], "width = 0"),
+        (["--ghosts"], "ghosts = (): must be a list of at least 1"),
+        (["--ghosts", "wander", "hunt"], "ghosts[1] = 'hunt': unknown ghost behaviour"),
         (["--nonsense"], "nonsense"),
     ],
 )

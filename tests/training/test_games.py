@@ -148,6 +148,64 @@ def test_fewer_games_or_levels_than_parts_make_fewer_parts() -> None:
     assert [part.num_envs for part in parts_of(tiny(games=4, levels=1))] == [4]
 
 
+TWO = {"ghosts": ["chase", "wander,wander"], "games": 8, "levels": 8}
+
+
+def ghosts_of(part: PacManBotVecEnv) -> str:
+    return ",".join(part.env.config.clyde.ghosts)
+
+
+def test_every_line_up_has_its_share_of_games_and_houses_of_its_own_in_every_segment() -> None:
+    arguments = tiny(**TWO)
+    for segment in range(2):
+        parts = parts_of(arguments, segment)
+        assert [(ghosts_of(part), part.num_envs) for part in parts] == [("wander,wander", 2), ("chase", 2)] * 2
+        assert levels(arguments, segment) == range(8 * segment, 8 * segment + 8)
+    twice = parts_of(tiny(ghosts=["chase", "wander", "wander", "wander"], levels=4))
+    assert sorted(map(ghosts_of, twice)) == ["chase", "wander", "wander", "wander"]
+
+
+def test_wide_houses_go_round_the_sub_batches_where_there_are_several_line_ups() -> None:
+    wide = [
+        [part.env.config.pellets.spacing_m == 4.0 for part in parts_of(tiny(**TWO), segment)] for segment in range(4)
+    ]
+    assert [row.index(True) for row in wide] == [3, 2, 1, 0]
+    assert all(sum(row) == 1 for row in wide)
+    one = [[part.env.config.pellets.spacing_m for part in parts_of(tiny(levels=4), segment)] for segment in range(2)]
+    assert one == [[2.0, 2.0, 2.0, 4.0]] * 2
+
+
+@pytest.mark.parametrize("ghosts", [["wander"], ["wander", "wander", "wander"]])
+def test_one_line_up_has_the_games_of_an_environment_without_any(ghosts: list[str]) -> None:
+    """However often it is listed, and as when environments were made without naming their ghost."""
+    arguments = tiny(ghosts=ghosts, levels=4)
+    found, plain = make_games(arguments, 1), []
+    for part in found.batches:
+        config = part.env.config.with_fields(**{"clyde.ghosts": type(part.env.config)().clyde.ghosts})
+        assert config == part.env.config
+        name = "generated:wide" if config.pellets.spacing_m == 4.0 else "generated"
+        plain.append(PacManBotVecEnv(part.num_envs, map=name, settings=config))
+    expected = TrainingGames(plain, arguments.hyper.reward_scale)
+    seen, same = found.reset(5), expected.reset(5)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        assert all((seen[key] == same[key]).all() for key in seen)
+        actions = random_choices(seen["action_mask"], rng)
+        (seen, rewards, *_), (same, others, *_) = found.step(actions), expected.step(actions)
+        assert (rewards == others).all()
+
+
+def test_line_ups_are_played_at_the_speeds_of_the_range_under_a_curriculum() -> None:
+    arguments = tiny(**TWO, curriculum=True, randomize=True, decisions=640)
+    games = make_games(arguments, 0)
+    games.reset(0)
+    limit = clyde_limit(arguments, 0)
+    for part in games.batches:
+        assert part.env.config.randomize.clyde_speed_mps == (0.2, limit)
+        ghosts = part.env.batch.ghosts
+        assert (ghosts["speed"] == part.env.batch.games["clyde_speed"][:, None]).all()
+
+
 def sub_batched(threads: int = 1) -> TrainingGames:
     return TrainingGames([SOME(count, num_threads=threads) for count in (3, 1, 2)], background=threads > 1)
 

@@ -13,6 +13,8 @@ pytest.importorskip("sb3_contrib")
 
 import torch
 
+from pacman_env.policies.base import Policy
+from pacman_env.policies.registry import make_policy
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
 from pacman_env.training import learner
 from pacman_env.training.games import TrainingGames, dropped, make_games
@@ -48,6 +50,43 @@ def test_an_imitator_agrees_with_the_rule_more_often_than_an_untrained_network()
     before, after = agreement(pupil()), agreement(model)
     assert after > before + 0.25
     assert 0.0 < result["agreement"] <= 1.0
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_labels_are_those_of_each_line_ups_own_teacher(threads: int) -> None:
+    arguments = tiny(ghosts=["chase", "wander,wander"], teacher_nodes=221, threads=threads)
+    games = make_games(arguments, 0)
+    games.reset(0)
+    teachers: dict[tuple[str, ...], Policy] = {
+        ("chase",): make_policy("search", base="lookahead", nodes=221, samples=1),
+        ("wander", "wander"): make_policy("lookahead"),
+    }
+    differ = 0
+    for _ in range(8):
+        choices, expected = games.choices(), []
+        for part in games.batches:
+            teacher = teachers[part.env.config.clyde.ghosts]
+            teacher.reset(np.ones(part.num_envs, dtype=np.bool_), part.env.config)
+            expected.append(teacher.select(part.env.situation))
+        np.testing.assert_array_equal(choices, np.concatenate(expected))
+        differ += int((choices != games.choices("lookahead")).sum())
+        games.step(choices)
+    games.close()
+    assert differ > 0
+
+
+def test_imitation_fits_to_the_games_own_teachers(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str | None] = []
+    choices = TrainingGames.choices
+
+    def noted(games: TrainingGames, policy: str | None = None) -> Any:
+        asked.append(policy)
+        return choices(games, policy)
+
+    monkeypatch.setattr(TrainingGames, "choices", noted)
+    games = make_games(tiny(ghosts=["chase", "wander"], teacher_nodes=221), 0)
+    imitate(pupil(), games, 32, games_seed=0, seed=0)
+    assert asked == [None] * 8
 
 
 def test_the_same_seed_teaches_the_same_bits_and_another_others() -> None:

@@ -16,12 +16,14 @@ pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
 from pacman_env.episodes.rollout import episode_seeds, play
+from pacman_env.game.execution import COMPLETE
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.maps.level_source import GeneratedMaps
 from pacman_env.training.checkpoint import TorchPlanner, facts_path, read_facts
 from pacman_env.training.games import game_config
-from pacman_env.training.ppo import main, parse
+from pacman_env.training.ppo import HeldOut, main, parse
 from tests.policies.contract import random_situation
 from tests.training.test_arguments import section, tiny
 
@@ -90,9 +92,35 @@ def test_the_report_sets_the_planner_beside_the_rules(tmp_path: Path, capsys: py
     assert main([*tiny_options(tmp_path, "--evaluation", "2", "--out", str(tmp_path / "run"))]) == 0
     told = capsys.readouterr().out
     assert "2 rounds on test levels, Clyde 0.2-0.6 m/s" in told
-    for name in ("ppo", "clyde_aware", "lookahead"):
+    for name in ("ppo", "clyde_aware", "lookahead", "nearest"):
         assert f"\n| {name} | " in told
     assert f"written: {tmp_path / 'run' / 'planner.onnx'}" in told
+
+
+def test_rounds_are_shared_over_the_line_ups() -> None:
+    arguments = tiny(ghosts=["wander", "chase", "wander", "arcade,chase"], levels=4)
+    held_out = HeldOut(arguments, 5)
+    assert held_out.rows == {"wander": slice(0, 1), "chase": slice(1, 3), "arcade,chase": slice(3, 5)}
+    np.testing.assert_array_equal(held_out.seeds, HeldOut(tiny(), 5).seeds)
+    share, each = held_out.shares("nearest")
+    ended = held_out.completed("nearest")
+    assert share == ended.mean()
+    assert each == {lineup: ended[rows].mean() for lineup, rows in held_out.rows.items()}
+    for lineup, rows in held_out.rows.items():
+        source, config = GeneratedMaps(game_config(arguments), 900_000, 128), game_config(arguments)
+        config = config.with_fields(**{"clyde.ghosts": tuple(lineup.split(","))})
+        records, _ = play(source, config, "nearest", held_out.seeds[rows])
+        np.testing.assert_array_equal(ended[rows], records["end"] == COMPLETE)
+    assert HeldOut(arguments, 0).shares("nearest") == (0.0, {"wander": 0.0, "chase": 0.0, "arcade,chase": 0.0})
+
+
+def test_the_report_has_rows_for_each_line_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--ghosts", "wander", "chase", "--imitation", "0", "--evaluation", "4", "--out", str(tmp_path / "run")]
+    assert main(tiny_options(tmp_path, *options)) == 0
+    rows = [line.split(" | ")[:2] for line in capsys.readouterr().out.splitlines() if line.startswith("| ")]
+    policies = ["ppo", "clyde_aware", "lookahead", "nearest"]
+    expected = [[f"| {part}", policy] for part in ("all", "wander", "chase") for policy in policies]
+    assert rows == [["| ghosts", "policy"], *expected]
 
 
 def test_from_random_weights_a_quick_run_decides_by_events(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

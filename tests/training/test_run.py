@@ -103,6 +103,27 @@ def test_a_run_that_was_interrupted_goes_on_to_the_same_bits(whole: Arguments, b
         assert same(weights(broken.out / name), weights(whole.out / name)), name
 
 
+def test_a_run_with_two_line_ups_goes_on_to_the_same_bits(tmp_path: Path) -> None:
+    """In one thread and in two; its record and its curve have the share completed against each."""
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    ghosts = {"ghosts": ["wander", "arcade,chase"], "teacher_nodes": 221, "evaluation": 3}
+    finished = tiny(tmp_path / "finished", **ghosts)
+    train(finished)
+    stopped = tiny(tmp_path / "stopped", **ghosts, threads=2)
+    with pytest.raises(_Interrupted):
+        train(stopped, interrupt)
+    train(again(stopped))
+    assert curve(stopped.out) == curve(finished.out)
+    for name in ("last.zip", "best.zip"):
+        assert same(weights(stopped.out / name), weights(finished.out / name)), name
+    for record in curve(finished.out):
+        assert list(record["completed_against"]) == ["wander", "arcade,chase"]
+    assert read_facts(finished.out / "last.facts.json").training.ghosts == ("wander", "arcade,chase")
+    tags = set(EventAccumulator(str(finished.out)).Reload().Tags()["scalars"])
+    assert {"validation/completed", "validation/completed_wander", "validation/completed_arcade_chase"} <= tags
+
+
 def test_a_run_interrupted_while_it_was_writing_goes_on_to_the_same_bits(whole: Arguments, broken: Arguments) -> None:
     """Checkpoints of a segment that the record does not know yet, one of them torn."""
     shutil.copy(whole.out / "best.zip", broken.out / "best.zip")
@@ -159,6 +180,7 @@ def test_a_run_is_not_overwritten(whole: Arguments) -> None:
         ({"seed": 1}, "seed = 0, not 1"),
         ({"without": ("hold",)}, r"without = \[\], not \['hold'\]"),
         ({"preset": "ideal"}, "preset = robot, not ideal"),
+        ({"ghosts": ("wander", "chase")}, r"ghosts = \['wander'\], not \['wander', 'chase'\]"),
         ({"gamma": 0.5}, r"gamma = 0\.998, not 0\.5"),
         ({"clyde_speed": (0.2, 0.5)}, r"clyde_speed = \[0\.2, 0\.6\], not \[0\.2, 0\.5\]"),
     ],

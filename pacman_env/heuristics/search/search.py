@@ -55,6 +55,11 @@ class Parameters(NamedTuple):
         """Of a node, at most: those, to hold, and to go on."""
         return self.pellets + self.refuges + 2
 
+    @property
+    def least_nodes(self) -> int:
+        """One of each layer in each future."""
+        return self.samples * self.choices * (self.layers + 1)
+
 
 def _check(p: Parameters) -> None:
     above_0 = ("nodes", "samples", "horizon_s", "layer_s", "segment_s", "lead_m", "near_m")
@@ -67,9 +72,8 @@ def _check(p: Parameters) -> None:
         raise ValueError(f"segment_s = {p.segment_s}: must be layer_s = {p.layer_s} to horizon_s = {p.horizon_s}")
     if p.samples > _MOST_SAMPLES:
         raise ValueError(f"samples = {p.samples}: must be {_MOST_SAMPLES} at most")
-    least = p.samples * p.choices * (p.layers + 1)
-    if p.nodes < least:
-        raise ValueError(f"nodes = {p.nodes}: must be at least {least}, one of each layer in each future")
+    if p.nodes < p.least_nodes:
+        raise ValueError(f"nodes = {p.nodes}: must be at least {p.least_nodes}, one of each layer in each future")
 
 
 class Search(BasePolicy):

@@ -1,0 +1,85 @@
+"""Line-ups are read strictly, each has its share of the sub-batches, and its teacher is the rule for such ghosts."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("sb3_contrib")
+
+from pacman_env.heuristics.search.search import Search
+from pacman_env.training.lineups import (
+    LEAST_NODES,
+    behaviours,
+    checked,
+    make_teacher,
+    searches,
+    sub_batches,
+    teacher_name,
+)
+
+EIGHT = ["wander", "wander", "wander,wander", "arcade", "chase", "arcade,chase", "wander,arcade,chase,wander", "chase"]
+
+
+def test_spaces_are_no_part_of_a_line_up() -> None:
+    assert checked(" arcade, chase", "ghosts[0]") == "arcade,chase"
+    assert behaviours("wander,arcade") == ("wander", "arcade")
+
+
+@pytest.mark.parametrize(
+    ("lineup", "message"),
+    [
+        ("", r"ghosts\[2\] = '': must be behaviours"),
+        ("wander,", r"ghosts\[2\] = 'wander,': must be behaviours"),
+        ("wander,hunt", r"ghosts\[2\] = 'wander,hunt': unknown ghost behaviour 'hunt'"),
+        ("policy", r"ghosts\[2\] = 'policy': 'policy' is for a ghost that is sent from outside"),
+        ("chase,chase,chase,chase,chase", r"ghosts\[2\] = 'chase,.*': must be at most 4 behaviours"),
+    ],
+)
+def test_a_line_up_that_cannot_be_is_named(lineup: str, message: str) -> None:
+    with pytest.raises(ValueError, match=rf"^{message}[^\n]*$"):
+        checked(lineup, "ghosts[2]")
+
+
+@pytest.mark.parametrize(
+    ("ghosts", "games", "levels", "copies"),
+    [
+        (["wander", "chase"], 8, 8, 2),
+        (["wander", "chase"], 6, 8, 1),  # 6 games are not shared by 4
+        (["wander", "chase"], 8, 3, 1),  # 3 levels are not shared by 4
+        (["wander", "wander", "arcade"], 12, 12, 2),
+        (EIGHT, 16, 8, 1),
+    ],
+)
+def test_every_line_up_has_its_share(ghosts: list[str], games: int, levels: int, copies: int) -> None:
+    assert sorted(sub_batches(ghosts, games, levels)) == sorted(ghosts * copies)
+
+
+def test_both_halves_have_as_many_ghosts_and_searches() -> None:
+    found = sub_batches(EIGHT, 256, 128)
+    first, last = found[:4], found[4:]
+    assert sum(map(searches, first)) - sum(map(searches, last)) in (-1, 0, 1)
+    assert abs(sum(len(behaviours(one)) for one in first) - sum(len(behaviours(one)) for one in last)) <= 2
+    assert sub_batches(["chase", "wander", "arcade"], 3, 3) == ["wander", "arcade", "chase"]
+
+
+def test_games_and_levels_that_cannot_be_shared_are_refused() -> None:
+    with pytest.raises(ValueError, match="games = 256: must be a multiple of the 3 line-ups in ghosts"):
+        sub_batches(["wander", "arcade", "chase"], 256, 128)
+    with pytest.raises(ValueError, match="levels = 2: must be at least the 3 line-ups in ghosts"):
+        sub_batches(["wander", "arcade", "chase"], 6, 2)
+
+
+def test_the_teacher_searches_unless_every_ghost_wanders() -> None:
+    named = {"wander": "lookahead", "wander,wander": "lookahead", "arcade": "search", "wander,chase": "search"}
+    assert {lineup: teacher_name(lineup) for lineup in named} == named
+    assert all(make_teacher(lineup, 300).name == name for lineup, name in named.items())
+    teacher = make_teacher("wander,chase", 300)
+    assert isinstance(teacher, Search)
+    assert (teacher.parameters.nodes, teacher.parameters.samples, teacher.base.name) == (300, 1, "lookahead")
+
+
+def test_the_least_nodes_are_those_that_a_search_takes() -> None:
+    make_teacher("chase", LEAST_NODES)
+    with pytest.raises(ValueError, match=f"must be at least {LEAST_NODES}"):
+        make_teacher("chase", LEAST_NODES - 1)
