@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import yaml
 from msgspec import Meta
 
-from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative, Share, convert, kinds, require
+from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative, Number, Share, convert, kinds, require
 from pacman_env.files import shipped
 from pacman_env.training.lineups import LEAST_NODES, checked, searches, sub_batches
 
@@ -36,6 +36,7 @@ class Hyperparameters(Checked):
     max_grad_norm: NotNegative
     width: AtLeastOne  # of every hidden layer
     reward_scale: NotNegative  # rewards are multiplied by it
+    timeout: Number  # reward at the time limit, before it is scaled
     levels: AtLeastOne  # generated houses per segment
     clyde_speed: tuple[NotNegative, NotNegative]  # m/s, drawn for each round
     robot_speed: tuple[NotNegative, NotNegative]  # m/s, drawn for each round

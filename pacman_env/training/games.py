@@ -56,6 +56,7 @@ def game_settings(arguments: Arguments, fastest_mps: float | None = None) -> dic
         "randomize.speed_mps": hyper.robot_speed,
         "observation.kinds": ("planner",),
         "decisions.when": hyper.decide,
+        "reward.timeout": hyper.timeout,
         **(_DOMAIN if arguments.randomize else {}),
     }
 

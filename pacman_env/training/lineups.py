@@ -51,7 +51,9 @@ def teacher_name(lineup: str) -> str:
 
 def make_teacher(lineup: str, nodes: int) -> Policy:
     """That rule; ``nodes``: segments that a search plays for a decision."""
-    settings = {"base": RULE, "nodes": nodes, "samples": _FUTURES} if searches(lineup) else {}
+    # The teacher knows what the network has to infer from the ghosts' moves.
+    searching = {"base": RULE, "behaviours": "configuration", "nodes": nodes, "samples": _FUTURES}
+    settings = searching if searches(lineup) else {}
     return make_policy(teacher_name(lineup), **settings)
 
 
