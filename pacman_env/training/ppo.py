@@ -27,6 +27,7 @@ from tqdm import tqdm
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, guarded
 from pacman_env.cli.options import parse_options
+from pacman_env.config import Config
 from pacman_env.episodes.rollout import episode_seeds, play_in
 from pacman_env.episodes.statistics import paired_difference, wilson
 from pacman_env.files import write_json
@@ -34,7 +35,8 @@ from pacman_env.game.execution import COMPLETE
 from pacman_env.policies.base import Policy
 from pacman_env.policies.metadata import Training
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.level_source import GeneratedMaps
+from pacman_env.sim.maps.assets import MapAssets
+from pacman_env.sim.maps.level_source import TEST_LEVEL, GeneratedMaps
 from pacman_env.training import checkpoint
 from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
 from pacman_env.training.export import export_planner
@@ -171,6 +173,19 @@ def _report(arguments: Arguments, planner: checkpoint.TorchPlanner, seconds: flo
     return "\n".join(lines)
 
 
+class _KeptLevels(GeneratedMaps):
+    """Levels that stay prepared, for one batch after the other."""
+
+    def __init__(self, config: Config, start_level: int, num_levels: int) -> None:
+        super().__init__(config, start_level, num_levels)
+        self._kept: dict[int, MapAssets] = {}
+
+    def prepare(self, level: int) -> MapAssets:
+        if level not in self._kept:
+            self._kept[level] = super().prepare(level)
+        return self._kept[level]
+
+
 class HeldOut:
     """Validation or test rounds, as in training with a decision each tick; levels stay prepared between evaluations.
 
@@ -189,20 +204,17 @@ class HeldOut:
         self.rows = {lineup: slice(*ends[k : k + 2]) for k, lineup in enumerate(lineups)}
 
     @functools.cached_property
-    def _games(self) -> dict[str, GameBatch]:
-        made = {}
-        for lineup, rows in self.rows.items():
-            config = self._config.with_fields(**{"clyde.ghosts": behaviours(lineup)})
-            validation = GeneratedMaps(config, VALIDATION_LEVEL, _HELD_OUT)
-            source = GeneratedMaps.named("generated:test", config, None, _HELD_OUT) if self._test else validation
-            made[lineup] = GameBatch(source, config, min(_BATCH, rows.stop - rows.start), self._threads)
-        return made
+    def _levels(self) -> GeneratedMaps:
+        first = TEST_LEVEL if self._test else VALIDATION_LEVEL
+        return _KeptLevels(self._config, first, _HELD_OUT)
 
     def completed(self, policy: str | Policy, ghost: Policy | None = None) -> NDArray[np.bool_]:
         """(E,) the rounds that were completed; ``ghost`` is Clyde if its behaviour is ``policy``."""
         found = np.zeros(len(self.seeds), dtype=np.bool_)
         for lineup, rows in self.rows.items():
-            records, _ = play_in(self._games[lineup], policy, self.seeds[rows], ghost=ghost, timed=False)
+            config = self._config.with_fields(**{"clyde.ghosts": behaviours(lineup)})
+            games = GameBatch(self._levels, config, min(_BATCH, rows.stop - rows.start), self._threads)
+            records, _ = play_in(games, policy, self.seeds[rows], ghost=ghost, timed=False)
             found[rows] = records["end"] == COMPLETE
         return found
 

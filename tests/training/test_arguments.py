@@ -37,6 +37,7 @@ TINY: dict[str, Any] = {
     "max_grad_norm": 0.5,
     "width": 8,
     "reward_scale": 0.2,
+    "timeout": -5.0,
     "levels": 2,
     "clyde_speed": [0.2, 0.6],
     "robot_speed": [0.22, 0.306],

@@ -25,6 +25,7 @@ HYPER = dataclasses.replace(
     segment=GAMES * 64,
     levels=2 * GAMES,
     reward_scale=SCALE,
+    timeout=-5.0,
 )
 ARGUMENTS = Arguments(hyper=HYPER)
 ROBOT = partial(make_policy, "nearest")

@@ -17,12 +17,13 @@ from ...world.navigation.paths import AT_GOAL, NO_STEP
 from ..maps.assets import MapAssets
 
 BLOCK_M = 0.2
-MOST_BLOCKS = 3000  # of the ghosts: the tables from each to each are 6 bytes a pair
+MOST_BLOCKS = 3000  # of the ghosts: the tables from each to each are 4 bytes a pair
 NO_BLOCK = -1  # in ``robot_next``: none before the goal
 _AHEAD_M = 0.35  # the stretch of a path that the robot turns to before it drives (world/navigation/controller.py)
 _BESIDE_M = 0.7  # a ghost so near, straight, may reach the robot wherever its path leads
 _PULL_CM = 5  # a next block is so much nearer to the goal at least
 _MM = 1000.0
+_LONGEST = 65_535
 
 
 class CoarseArrays(NamedTuple):
@@ -37,8 +38,9 @@ class CoarseArrays(NamedTuple):
     goal_xy: Any = Array(np.float64, "G 2")  # m
     ghost_block: Any = Array(np.int32, "h w")  # of the ghosts' nearest cell in the robot's area
     ghost_xy: Any = Array(np.float64, "A 2")  # m
-    ghost_length: Any = Array(np.float32, "A A")  # m, path between blocks
-    ghost_next: Any = Array(np.int32, "A A")  # [target, block]: the block that follows on the way to the target
+    ghost_length: Any = Array(np.uint16, "A A")  # path between blocks, in units of ``unit_m``
+    unit_m: Any = Array(np.float64, "1")
+    ghost_next: Any = Array(np.int16, "A A")  # [target, block]: the block that follows on the way to the target
     ghost_beside: Any = Array(np.int32, "B 2")  # blocks that are nearest to a robot's block, on both sides of a wall
     ghost_corner: Any = Array(np.int32, "4")  # block of each ghost's corner
 
@@ -72,8 +74,9 @@ def _build(assets: MapAssets) -> CoarseArrays:
             break
         edge *= math.sqrt(1.05 * len(ghost_place) / MOST_BLOCKS)
     start, ends = _edges(ghost_block, near, len(ghost_place))
-    ghost_length, ghost_next = _between_all(pixel[ghost_place], start, ends, clyde.resolution)
+    lengths_m, ghost_next = _between_all(pixel[ghost_place], start, ends, clyde.resolution)
     targets = assets.ghost_targets
+    unit_m = max(float(lengths_m.max()), 1.0) / _LONGEST  # all blocks are connected
     return CoarseArrays(
         affine=grid.affine,
         robot_block=block[grid.snap],
@@ -84,11 +87,10 @@ def _build(assets: MapAssets) -> CoarseArrays:
         goal_xy=assets.goal_xy,
         ghost_block=ghost_block[number[targets.snap]],
         ghost_xy=clyde.position[cells[ghost_place]],
-        ghost_length=ghost_length,
-        ghost_next=ghost_next,
-        ghost_beside=_beside(
-            assets.cell_xy[place].astype(np.float64), clyde.position[cells[ghost_place]], ghost_length
-        ),
+        ghost_length=np.ceil(lengths_m / unit_m - 1e-6).astype(np.uint16),
+        unit_m=np.array([unit_m]),
+        ghost_next=ghost_next.astype(np.int16),
+        ghost_beside=_beside(assets.cell_xy[place].astype(np.float64), clyde.position[cells[ghost_place]], lengths_m),
         ghost_corner=ghost_block[number[assets.ghost_corner]],
     )
 

@@ -196,7 +196,7 @@ def put_ghost(ghost, number, model, x, y, speed):  # type: ignore[no-untyped-def
     ax, ay = m.ghost_xy[block, 0], m.ghost_xy[block, 1]
     least = (x - ax) ** 2 + (y - ay) ** 2
     for b in range(len(m.ghost_xy)):
-        length = m.ghost_length[block, b]
+        length = m.ghost_length[block, b] * m.unit_m[0]
         if b == block or length > _BESIDE_M or m.ghost_next[b, block] != b:
             continue
         dx, dy = m.ghost_xy[b, 0] - ax, m.ghost_xy[b, 1] - ay
@@ -323,10 +323,10 @@ def _decide(ghost, robot, model):  # type: ignore[no-untyped-def]
 @kernel
 def _walk(ghost, m, seconds):  # type: ignore[no-untyped-def]
     """Move a ghost along the shortest path to its target."""
-    x, y, target = ghost.x, ghost.y, ghost.target
+    x, y, target, unit = ghost.x, ghost.y, ghost.target, m.unit_m[0]
     if ghost.towards != ghost.block:
-        length = m.ghost_length[ghost.block, ghost.towards]
-        back, on = m.ghost_length[target, ghost.block], m.ghost_length[target, ghost.towards]
+        length = m.ghost_length[ghost.block, ghost.towards] * unit
+        back, on = m.ghost_length[target, ghost.block] * unit, m.ghost_length[target, ghost.towards] * unit
         if back + ghost.offset_m < on + length - ghost.offset_m:  # it turns round
             ghost.block, ghost.towards, ghost.offset_m = ghost.towards, ghost.block, length - ghost.offset_m
     move = ghost.speed * seconds
@@ -337,9 +337,9 @@ def _walk(ghost, m, seconds):  # type: ignore[no-untyped-def]
                 if ghost.wanders:
                     ghost.target = -1  # arrived: the next step draws another
                 break
-            ghost.towards = m.ghost_next[target, ghost.block]
+            ghost.towards = np.int32(m.ghost_next[target, ghost.block])
             ghost.offset_m = 0.0
-        length = m.ghost_length[ghost.block, ghost.towards]
+        length = m.ghost_length[ghost.block, ghost.towards] * unit
         if ghost.offset_m + move < length:
             ghost.offset_m += move
             share = ghost.offset_m / length
@@ -401,13 +401,14 @@ def play(robot, ghosts, goal, until_s, model):  # type: ignore[no-untyped-def]
 @kernel
 def lead_m(robot, ghosts, m):  # type: ignore[no-untyped-def]
     """The shortest path of a ghost to the robot, on either side of a wall that it is at, m."""
-    least = np.inf
+    least, unit = np.inf, m.unit_m[0]
     for j in range(2):
         here = m.ghost_beside[robot.block, j]
         rest = math.hypot(m.ghost_xy[here, 0] - robot.x, m.ghost_xy[here, 1] - robot.y)
         for k in range(len(ghosts)):
             ghost = ghosts[k]
-            on = m.ghost_length[ghost.block, ghost.towards] - ghost.offset_m
-            ahead = min(m.ghost_length[here, ghost.towards] + on, m.ghost_length[here, ghost.block] + ghost.offset_m)
+            on = m.ghost_length[ghost.block, ghost.towards] * unit - ghost.offset_m
+            there, back = m.ghost_length[here, ghost.towards] * unit, m.ghost_length[here, ghost.block] * unit
+            ahead = min(there + on, back + ghost.offset_m)
             least = min(least, ahead + rest)
     return least

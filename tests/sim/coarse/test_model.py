@@ -174,7 +174,7 @@ def test_a_ghost_behind_a_wall_beside_the_robot_is_near() -> None:
     config = config_of("chase")
     game, _kept = started(config, situation_of(config))
     m = game.model.map
-    both = np.flatnonzero(m.ghost_length[m.ghost_beside[:, 0], m.ghost_beside[:, 1]] > 2.0)
+    both = np.flatnonzero(m.ghost_length[m.ghost_beside[:, 0], m.ghost_beside[:, 1]] * m.unit_m > 2.0)
     assert len(both) > 0
     for block in both[:20]:
         game.robot["block"] = block
