@@ -26,6 +26,7 @@ HYPER = dataclasses.replace(
     levels=2 * GAMES,
     reward_scale=SCALE,
     timeout=-5.0,
+    ghosts=("wander",),
 )
 ARGUMENTS = Arguments(hyper=HYPER)
 ROBOT = partial(make_policy, "nearest")
