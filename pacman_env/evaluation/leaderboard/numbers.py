@@ -42,6 +42,7 @@ class PolicyInCell(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     death_rate: Share
     timeout_rate: Share
     cleared_rate: Share  # no pellet left, some lost
+    pellets_share: Share  # collected of a round's pellets, mean
     worst_tenth: WorstTenth | None  # None: no place has enough rounds
     win_time_mean_s: NotNegative | None  # of completed rounds; None: there is none
 
@@ -147,6 +148,9 @@ def policy_in_cell(policy: str, parts: Sequence[Rounds]) -> PolicyInCell:
         death_rate=float((end == DEAD).mean()),
         timeout_rate=float((end == TIMEOUT).mean()),
         cleared_rate=float((end == CLEARED).mean()),
+        pellets_share=float(
+            np.mean([k / n for part in parts for k, n in zip(part.collected, part.spawned, strict=True)])
+        ),
         worst_tenth=worst_tenth(complete, np.concatenate(places)),
         win_time_mean_s=float(time_s[complete].mean()) if complete.any() else None,
     )

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from pacman_env import __version__
 from pacman_env.config import Config
-from pacman_env.config.validation import Count, NotNegative
+from pacman_env.config.validation import AtLeastOne, Count, NotNegative
 from pacman_env.evaluation.compare.rows import ENDS
 from pacman_env.evaluation.compare.scenarios import Scenario, describe_scenario
 from pacman_env.files import replaced
@@ -38,6 +38,8 @@ class Rounds(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What came of (n,) rounds, in the order of their seeds."""
 
     end: Annotated[str, Meta(pattern="^[CLDT]*$")]  # a letter each: ENDS of compare.rows
+    collected: tuple[Count, ...]
+    spawned: tuple[AtLeastOne, ...]  # pellets at the start
     time_s: tuple[NotNegative, ...]
     level: tuple[Count, ...]  # which was played on, 0 on a map
 
@@ -116,7 +118,7 @@ class PartFolder:
             return None
         found = parse(PartFile, text, path)
         rounds = found.rounds
-        if {len(rounds.end), len(rounds.time_s), len(rounds.level)} != {part.rounds}:
+        if {len(getattr(rounds, field)) for field in rounds.__struct_fields__} != {part.rounds}:
             raise ValueError(f"{path}: rounds: must be {part.rounds}")
         if found.decides != part.decides:
             raise ValueError(f"{path}: decides: of another part")
@@ -128,6 +130,8 @@ class PartFolder:
         """Keep (n,) records of type ``EPISODE``."""
         rounds = Rounds(
             end="".join(ENDS[end] for end in records["end"].tolist()),
+            collected=tuple(records["collected"].tolist()),
+            spawned=tuple(records["spawned"].tolist()),
             time_s=tuple(round(t, 3) for t in records["time_s"].tolist()),
             level=tuple(records["level"].tolist()),
         )

@@ -10,7 +10,8 @@ from pacman_env.evaluation.leaderboard.parts import Rounds
 
 
 def rounds(end: str, time_s: float = 10.0, level: int = 0) -> Rounds:
-    return Rounds(end, (time_s,) * len(end), (level,) * len(end))
+    collected = tuple(8 if letter == "C" else 2 for letter in end)
+    return Rounds(end, collected, (8,) * len(end), (time_s,) * len(end), (level,) * len(end))
 
 
 def test_a_policys_numbers_are_those_of_its_rounds() -> None:
@@ -23,6 +24,7 @@ def test_a_policys_numbers_are_those_of_its_rounds() -> None:
         1 / 8,
     )
     assert found.completion_ci == wilson(3, 8)
+    assert found.pellets_share == pytest.approx((3 * 1.0 + 5 * 0.25) / 8)
     assert found.win_time_mean_s == pytest.approx((30 + 30 + 50) / 3)
     worst = found.worst_tenth
     assert worst is not None

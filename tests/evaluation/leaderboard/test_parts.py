@@ -35,6 +35,7 @@ def test_a_part_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert read is not None
     assert read.commit == "abc"
     np.testing.assert_array_equal(read.rounds.ends(), FIVE["end"])
+    assert read.rounds.collected == tuple(FIVE["collected"].tolist())
     assert read.rounds.time_s == (10.0, 20.0, 30.0, 40.0, 50.0)
     assert [path.name for path in tmp_path.iterdir()] == [f"{PART.key}.json"]
 
