@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 from pathlib import Path
 from typing import Any
@@ -13,9 +14,12 @@ from pacman_env import __version__
 from pacman_env.evaluation.compare.__main__ import main as compare
 from pacman_env.evaluation.leaderboard import __main__ as command
 from pacman_env.evaluation.leaderboard.__main__ import main
+from pacman_env.evaluation.leaderboard.suites import SUITES, read_suites
 from pacman_env.policies.learned import PRETRAINED
 from tests.evaluation.helpers import refused_in_one_line
 
+ROOT = Path(__file__).resolve().parents[3]
+PAGE = ROOT / "docs" / "leaderboard.md"
 SUITE = """\
 tiny:
   test_levels: {levels: 2, rounds: 12}
@@ -217,3 +221,20 @@ def test_errors_are_one_line_and_nothing_is_written(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     refused_in_one_line(main, arguments, message, tmp_path, monkeypatch, capsys)
+
+
+def test_the_page_of_the_documentation_says_how_it_was_made() -> None:
+    page = PAGE.read_text()
+    made = re.search(
+        r"Suite `(\w+)`, \d+ cells?, seed \d+, preset robot, execution robust, version [\d.]+, commits? `[0-9a-f]{12}",
+        page,
+    )
+    assert made is not None
+    first, *others = re.findall(r"^pacman-env leaderboard .*", page, re.MULTILINE)
+    assert f"--suite {made[1]} " in first
+    assert made[1] in read_suites(SUITES)
+    policies = re.search(r"--policies (.*) --planner", first)
+    assert policies is not None
+    assert [re.search(r"--policies (\S+)", one)[1] for one in others] == policies[1].split()  # type: ignore[index]
+    for section in ("## Summary", "## What the numbers are", "## Test levels", "## How it was made"):
+        assert f"\n{section}\n" in page
