@@ -12,7 +12,11 @@ from setuptools import find_packages, setup
 
 NAME = "pacman_env"
 #: Folders of the checkout, by the name that they have in the installed package (``pacman_env.files.shipped``).
-DATA = {f"{NAME}.maps": "maps", f"{NAME}.training.hyperparameters": "train/hyperparameters"}
+DATA = {
+    f"{NAME}.maps": "maps",
+    f"{NAME}.evaluation.suites": "eval/suites",
+    f"{NAME}.training.hyperparameters": "train/hyperparameters",
+}
 SHARED = ("launch/*.py", "config/*", "maps/*.yaml", "maps/*.pgm")
 
 

@@ -1,8 +1,9 @@
-"""Folders of data that are shipped, and result files that are whole or absent."""
+"""Folders of data that are shipped, the commit of the sources, and result files that are whole or absent."""
 
 import contextlib
 import json
 import os
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,16 @@ def shipped(in_package: str, in_checkout: str) -> Path:
     package = Path(__file__).parent
     installed = package / in_package
     return installed if installed.is_dir() else package.parent / in_checkout
+
+
+def commit() -> str:
+    """The commit of these sources, with "+" after it where files have changed since; "unknown" outside a repository."""
+    command = ["git", "describe", "--always", "--exclude=*", "--abbrev=40", "--dirty=+"]
+    try:
+        done = subprocess.run(command, cwd=Path(__file__).parents[1], capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+    return done.stdout.strip()
 
 
 def prepare(path: Path) -> Path:

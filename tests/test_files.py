@@ -4,7 +4,16 @@ from pathlib import Path
 
 import pytest
 
-from pacman_env.files import prepare, replaced
+from pacman_env.files import commit, prepare, replaced
+
+
+def test_the_commit_is_that_of_the_sources_wherever_it_is_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = commit()
+    monkeypatch.chdir(tmp_path)
+    assert commit() == here
+    assert here == "unknown" or len(here.rstrip("+")) == 40
 
 
 def test_folders_are_created(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ import pacman_env
 from pacman_env.world.maps.occupancy import shipped_maps
 
 ROOT = Path(__file__).resolve().parents[1]
-SOURCES = ("pacman_env", "train", "maps", "pyproject.toml", "setup.py", "setup.cfg", "README.md", "LICENSE")
+SOURCES = ("pacman_env", "eval", "train", "maps", "pyproject.toml", "setup.py", "setup.cfg", "README.md", "LICENSE")
 
 #: Run with the installed wheel first on the path: where things come from, a game on each map, and what was compiled.
 PLAY = """
@@ -101,6 +101,7 @@ def test_the_wheel_holds_the_package_evaluation_training_maps_planner_page_and_n
     packed = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
     package = {path.relative_to(ROOT).as_posix() for path in (ROOT / "pacman_env").rglob("*.py")}
     package |= {f"pacman_env/evaluation/templates/{page}.j2" for page in ("report.html", "replay.html", "chart.svg")}
+    package |= {"pacman_env/evaluation/suites/leaderboard.yaml"}
     package |= {"pacman_env/training/hyperparameters/PacManBot-v0.yaml"}
     maps = {f"pacman_env/maps/{path.name}" for path in (ROOT / "maps").iterdir() if path.suffix in (".yaml", ".pgm")}
     planner = {f"pacman_env/policies/pretrained/ppo.{kind}" for kind in ("onnx", "json")}

@@ -8,7 +8,6 @@ import argparse
 import copy
 import hashlib
 import os
-import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,7 @@ from torch import nn
 
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, run_command
-from pacman_env.files import prepare, replaced
+from pacman_env.files import commit, prepare, replaced
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import FORMAT, NORMALISATION, PlannerMetadata, dump, metadata_path, read_planner
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
@@ -128,7 +127,7 @@ def export_planner(network: EntityNetwork, path: Path, facts: Facts) -> None:
         robot_speed_mps=facts.robot_speed_mps,
         training=facts.training,
         package_version=__version__,
-        commit=_commit(),
+        commit=commit(),
         metrics=facts.metrics,
         sha256=hashlib.sha256(content).hexdigest(),
     )
@@ -184,16 +183,6 @@ def _compare(network: EntityNetwork, planner: LearnedPlanner) -> None:
             if not np.allclose(one, _array(other), rtol=TOLERANCE, atol=TOLERANCE):
                 worst = np.abs(one - _array(other)).max()
                 raise ValueError(f"{planner.path}: {name} differ from torch's by {worst}, more than {TOLERANCE}")
-
-
-def _commit() -> str:
-    """The commit of these sources, with "+" after it where files have changed since."""
-    command = ["git", "describe", "--always", "--exclude=*", "--abbrev=40", "--dirty=+"]
-    try:
-        done = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=True)
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown"
-    return done.stdout.strip()
 
 
 def main(argv: Sequence[str] | None = None) -> int:

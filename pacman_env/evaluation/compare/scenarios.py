@@ -22,7 +22,7 @@ from pacman_env.config import EXECUTIONS, Config, ConfigError, make_config, pars
 from pacman_env.game.ghosts import find_behaviour
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy, policy_names
-from pacman_env.sim.maps.assets import MapAssets, map_assets
+from pacman_env.sim.maps.assets import MapAssets, are_sent, map_assets
 from pacman_env.sim.maps.level_source import TEST_LEVEL, FixedMap, GeneratedMaps, LevelSource, prepare_level
 
 LEVELS_PLAYED = 200  # of a split by default
@@ -53,8 +53,11 @@ class _KeptMaps(GeneratedMaps):
         return self.prepare(self.start_level)
 
     def prepare(self, level: int) -> MapAssets:
-        # In these the configurations of a comparison differ, and they do not matter to a map.
-        return _prepared(level, self._config.with_fields(**{"clyde.speed_mps": 0.0, "endless": False}))
+        # In these the configurations of a comparison differ, and they do not matter to a map; of ghosts that do not
+        # only wander, not how many they are or what they do.
+        ghosts = ("chase",) if are_sent(self._config.clyde) else ("wander",)
+        changes = {"clyde.speed_mps": 0.0, "clyde.ghosts": ghosts, "endless": False}
+        return _prepared(level, self._config.with_fields(**changes))
 
 
 _prepared = functools.lru_cache(maxsize=_KEPT_LEVELS)(prepare_level)

@@ -1,9 +1,10 @@
 """Blocks of rounds on one or more processes; the records are the same for any number of them."""
 
+import contextlib
 import itertools
 import math
 import multiprocessing
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 
@@ -41,25 +42,41 @@ def play_block(block: Block, on_end: Callable[[int], object] | None = None) -> P
     return play(source, block.config, policy, block.seeds, on_end=on_end, num_threads=block.threads)
 
 
+@contextlib.contextmanager
+def processes(workers: int) -> Iterator[ProcessPoolExecutor | None]:
+    """A pool for :func:`play_all`, which keeps maps and kernels from call to call; None for one worker."""
+    if workers == 1:
+        yield None
+        return
+    # spawn: a forked child would share the locks of threads that it does not have
+    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+        yield pool
+
+
 def play_all(
-    blocks: Sequence[Block], workers: int = 1, on_end: Callable[[int], object] = lambda ended: None
+    blocks: Sequence[Block],
+    workers: int = 1,
+    on_end: Callable[[int], object] = lambda ended: None,
+    pool: ProcessPoolExecutor | None = None,
 ) -> list[Played]:
-    """The results of every block, in their order; ``on_end`` is called with the number of rounds that have ended."""
+    """The results of every block, in their order; ``on_end`` is called with the number of rounds that have ended.
+
+    ``pool``: of :func:`processes` with so many workers; None: one is opened for this call.
+    """
     pieces = _pieces(blocks, workers)
     tasks = [replace(blocks[number], seeds=blocks[number].seeds[rounds]) for number, rounds in pieces]
-    if workers == 1:
-        played = [play_block(task, on_end) for task in tasks]
-    else:  # spawn: a forked child would share the locks of threads that it does not have
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(min(workers, len(tasks)), mp_context=context) as pool:
-            futures = [pool.submit(play_block, task) for task in tasks]
+    with contextlib.nullcontext(pool) if pool else processes(min(workers, len(tasks))) as running:
+        if running is None:
+            played = [play_block(task, on_end) for task in tasks]
+        else:
+            futures = [running.submit(play_block, task) for task in tasks]
             try:
                 for future in as_completed(futures):
                     on_end(len(future.result()[0]))
             except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
+                running.shutdown(wait=False, cancel_futures=True)
                 raise
-        played = [future.result() for future in futures]
+            played = [future.result() for future in futures]
     records = [np.empty(len(block.seeds), dtype=EPISODE) for block in blocks]
     times: list[list[NDArray[np.float64]]] = [[] for _ in blocks]
     for (number, rounds), (some_records, some_times) in zip(pieces, played, strict=True):

@@ -86,6 +86,19 @@ def test_a_level_is_prepared_once_for_all_of_clydes_speeds_but_not_for_other_pel
     assert denser.pellets > open_scenario(LEVELS, LEVELS_CONFIG).prepare(TEST_LEVEL).pellets
 
 
+def test_a_level_is_prepared_once_for_all_ghosts_that_do_not_only_wander_and_is_that_of_an_environment() -> None:
+    sources._prepared.cache_clear()
+    for ghosts in (("chase",), ("arcade", "chase"), ("wander", "arcade", "chase", "wander")):
+        config = LEVELS_CONFIG.with_fields(**{"clyde.ghosts": ghosts})
+        ours = open_scenario(LEVELS, config).prepare(TEST_LEVEL)
+        assert "ghost_targets" in vars(ours)  # computed beforehand, not while games are played
+    assert sources._prepared.cache_info().misses == 1
+    theirs = GeneratedMaps.named("generated:test", config, None, LEVELS.count).prepare(TEST_LEVEL)
+    assert ours.occupancy.hash == theirs.occupancy.hash
+    for name, array in ours.ghost_targets._asdict().items():
+        np.testing.assert_array_equal(array, getattr(theirs.ghost_targets, name))
+
+
 def test_names_are_the_maps_own_and_that_of_the_split(tmp_path: Path) -> None:
     file = str(load_map("maze").save(tmp_path / "maze.yaml"))
     assert named_scenarios(["house", file, LEVELS], [LEVELS_CONFIG]) == {

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pacman_env.episodes.rollout import episode_seeds
-from pacman_env.evaluation.compare.workers import Block, play_all
+from pacman_env.evaluation.compare.workers import Block, play_all, processes
 from tests.evaluation.helpers import CONFIG, LEVELS, LEVELS_CONFIG, played, played_on_levels
 
 
@@ -23,6 +23,16 @@ def test_progress_counts_every_round() -> None:
     ended: list[int] = []
     play_all([Block("house", CONFIG, "nearest", episode_seeds(5, 12))], on_end=ended.append)
     assert sum(ended) == 12
+
+
+def test_a_pool_is_used_by_several_calls() -> None:
+    blocks = [Block("house", CONFIG, "clyde_aware", episode_seeds(5, 12))]
+    with processes(2) as pool:
+        for _ in range(2):
+            ((records, _),) = play_all(blocks, 2, pool=pool)
+            np.testing.assert_array_equal(records, played("clyde_aware")[0])
+    with processes(1) as none:
+        assert none is None
 
 
 def test_an_error_in_another_process_arrives() -> None:

@@ -1,0 +1,1 @@
+"""The league table of policies: ``pacman-env leaderboard``."""

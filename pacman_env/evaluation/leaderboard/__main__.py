@@ -1,0 +1,284 @@
+"""The league table of policies: ``pacman-env leaderboard``.
+
+Cells are chosen in ``suites``, played by ``compare.workers``, kept by ``parts``, counted in ``numbers`` and shown by
+``page``.
+"""
+
+import argparse
+import functools
+import itertools
+import shlex
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+
+from pacman_env import __version__
+from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.config import Config
+from pacman_env.episodes.rollout import episode_seeds
+from pacman_env.evaluation.compare import scenarios
+from pacman_env.evaluation.compare.scenarios import Scenario
+from pacman_env.evaluation.compare.workers import Block, play_all, processes
+from pacman_env.evaluation.leaderboard import numbers
+from pacman_env.evaluation.leaderboard.numbers import CellResult, LeagueTable, PolicyEntry
+from pacman_env.evaluation.leaderboard.page import render
+from pacman_env.evaluation.leaderboard.parts import Part, PartFile, PartFolder, describe_map, describe_policy
+from pacman_env.evaluation.leaderboard.suites import (
+    EXECUTION,
+    PRESET,
+    SUITES,
+    Cell,
+    Suite,
+    cells,
+    choose_suite,
+    configs,
+)
+from pacman_env.files import commit, prepare, replaced
+from pacman_env.policies.metadata import dump, parse
+from pacman_env.policies.registry import make_policy, policy_names
+
+POLICIES = ("ppo", "lookahead", "clyde_aware", "nearest")
+_PLANNER, _APART, _SUITE = "ppo", ("search",), "full"
+_FOLDER = Path("results/leaderboard")
+
+
+class Place(NamedTuple):
+    """Of a part in the table."""
+
+    cell: int  # its number
+    scenario: str  # its name
+    policy: str  # what it is made from
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is asked for."""
+
+    suite: Suite
+    maps: dict[str, Scenario]  # the real maps by name
+    policies: dict[str, str]  # names in results, by what each is made from
+    described: dict[str, dict[str, Any]]  # by the same: what decides a policy's choices
+    planner: str  # its name
+    apart: frozenset[str]  # names
+    seed: int
+
+    @functools.cached_property
+    def cells(self) -> list[Cell]:
+        return cells(self.suite, self.maps)
+
+    @functools.cached_property
+    def places(self) -> dict[str, tuple[Scenario, Config]]:
+        """Every scenario by name, with a configuration to open it."""
+        found: dict[str, tuple[Scenario, Config]] = {}
+        for cell in self.cells:
+            for name, one in cell.scenarios.items():
+                found.setdefault(name, (one, cell.config))
+        return found
+
+    @functools.cached_property
+    def parts(self) -> dict[Place, Part]:
+        """All of them, in the order in which they are played."""
+        maps = {name: describe_map(*place) for name, place in self.places.items()}
+        return {
+            Place(number, name, spec): Part(self.described[spec], maps[name], cell.config, self.seed, cell.rounds)
+            for number, cell in enumerate(self.cells)
+            for name in cell.scenarios
+            for spec in self.policies
+        }
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = Parser(
+        prog="pacman-env leaderboard",
+        description="Let policies play the same rounds in the cells of a suite (ghosts, their speed, maps) and write"
+        " the league table as a page and as JSON. What has been played is kept, so that --resume goes on where a run"
+        " was interrupted and plays only what is new. The results are the same for any number of workers.",
+    )
+    add = parser.add_argument
+    files = f"names ({', '.join(policy_names())}) or .onnx files; without: {' '.join(POLICIES)}"
+    add("--policies", nargs="+", default=list(POLICIES), metavar="POLICY", help=f"as they stand in the table; {files}")
+    add("--planner", default=_PLANNER, metavar="POLICY", help="is compared with the best other (%(default)s)")
+    apart = f"policies that do not count among the best others ({' '.join(_APART)})"
+    add("--apart", nargs="*", default=list(_APART), metavar="POLICY", help=apart)
+    add("--maps", nargs="+", default=[], metavar="FILE_OR_NAME", help="the real maps: folders or YAML files (none)")
+    add("--suite", default=_SUITE, metavar="NAME", help="full, or quick for a minute (%(default)s)")
+    add("--suites", type=Path, metavar="FILE", help="YAML with suites (eval/suites/leaderboard.yaml)")
+    add("--seed", type=whole_number(0), default=0, metavar="S", help="the rounds' seeds are drawn from it (0)")
+    add("--workers", type=whole_number(1), default=1, metavar="N", help="processes (1)")
+    add("--resume", action="store_true", help="use the parts that are kept, play the others")
+    add("--parts", type=Path, default=_FOLDER, metavar="FOLDER", help="where parts are kept (%(default)s)")
+    add("--json", type=Path, default=Path(f"{_FOLDER}.json"), metavar="OUT", help="the numbers (%(default)s)")
+    add("--out", type=Path, default=Path(f"{_FOLDER}.md"), metavar="OUT", help="the page (%(default)s)")
+    add("--from", type=Path, dest="source", metavar="JSON", help="only write the page, from these numbers")
+    return run_command(parser, argv, _leaderboard)
+
+
+def _leaderboard(arguments: argparse.Namespace) -> None:
+    page = arguments.out
+    if page.suffix != ".md":
+        raise ValueError(f"--out {page}: must end in .md")
+    if arguments.source is not None:
+        table = read_table(arguments.source)
+    else:
+        if arguments.json.suffix != ".json":
+            raise ValueError(f"--json {arguments.json}: must end in .json")
+        plan = _plan(arguments)
+        prepare(arguments.json)
+        prepare(page)
+        prepare(arguments.parts / "part.json")
+        folder = PartFolder(arguments.parts, commit())
+        table = _table(plan, _played(plan, folder, arguments.resume, arguments.workers), arguments)
+        text = dump(table, arguments.json)
+        with replaced(arguments.json) as temporary:
+            temporary.write_text(text)
+    with replaced(prepare(page)) as temporary:
+        temporary.write_text(render(table))
+    counts = ", ".join(f"{verdict} in {number}" for verdict, number in table.verdicts.items())
+    print(f"{table.planner} against the best other policy, {len(table.cells)} cells: {counts}")
+    print(f"written: {', '.join(map(str, [page] if arguments.source else [page, arguments.json]))}")
+
+
+def read_table(path: Path) -> LeagueTable:
+    """The numbers of a table; a ValueError names the file and the field that is wrong."""
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
+    table = parse(LeagueTable, text, path)
+    names = [entry.name for entry in table.policies]
+    if table.planner not in names:
+        raise ValueError(f"{path}: planner = {table.planner!r}: must be one of policies")
+    for number, cell in enumerate(table.cells):
+        if [row.policy for row in cell.policies] != names:
+            raise ValueError(f"{path}: cells[{number}].policies: must be {', '.join(names)}")
+    for number, row in enumerate(table.means):
+        if row.least_cell >= len(table.cells):
+            raise ValueError(f"{path}: means[{number}].least_cell = {row.least_cell}: there is no such cell")
+    return table
+
+
+def _plan(arguments: argparse.Namespace) -> Plan:
+    suite = choose_suite(arguments.suites or SUITES, arguments.suite)
+    described = {}
+    for spec in arguments.policies:
+        if scenarios.is_checkpoint(spec):
+            raise ValueError(f"{spec}: must be a name or an .onnx file; pacman-env export makes one of a checkpoint")
+        described[spec] = describe_policy(make_policy(spec), spec)
+    names = scenarios.result_names(list(described))
+    if arguments.planner not in names:
+        raise ValueError(f"--planner {arguments.planner}: is none of --policies {' '.join(names)}")
+    for source in arguments.maps:
+        if source.partition(":")[0] == "generated":
+            raise ValueError(f"--maps {source}: test levels are in the suite")
+    return Plan(
+        suite=suite,
+        maps=scenarios.named_scenarios(list(dict.fromkeys(arguments.maps)), configs(suite)),
+        policies=names,
+        described=described,
+        planner=names[arguments.planner],
+        apart=frozenset(names[spec] for spec in arguments.apart if spec in names),
+        seed=arguments.seed,
+    )
+
+
+def _played(plan: Plan, folder: PartFolder, resume: bool, workers: int) -> dict[Place, PartFile]:
+    """All parts, each read or played; what has been played is kept at once."""
+    from tqdm import tqdm
+
+    done = _kept(plan, folder) if resume else {}
+    there = 0 if resume else sum(folder.path(part).exists() for part in plan.parts.values())
+    if there:
+        print(f"{there} of {len(plan.parts)} parts are kept and played again: without --resume", file=sys.stderr)
+    total = sum(part.rounds for place, part in plan.parts.items() if place not in done)
+    with processes(workers) as pool, tqdm(total=total, unit="round", mininterval=1.0, file=sys.stderr) as bar:
+        for (number, scenario), group in itertools.groupby(plan.parts.items(), lambda one: one[0][:2]):
+            new = {place: part for place, part in group if place not in done}
+            cell = plan.cells[number]
+            bar.set_description(
+                f"{scenario}, {' '.join(cell.config.clyde.ghosts)}, {cell.config.clyde.speed_mps:g} m/s"
+            )
+            seeds = episode_seeds(plan.seed, cell.rounds)
+            blocks = [Block(cell.scenarios[scenario], cell.config, place.policy, seeds) for place in new]
+            played = play_all(blocks, workers, bar.update, pool) if blocks else []
+            for (place, part), (records, _) in zip(new.items(), played, strict=True):
+                done[place] = folder.write(part, records)
+    return done
+
+
+def _kept(plan: Plan, folder: PartFolder) -> dict[Place, PartFile]:
+    """The parts that can be read."""
+    found = {}
+    for place, part in plan.parts.items():
+        try:
+            kept = folder.read(part)
+        except ValueError as error:
+            print(f"damaged, is played again: {error}", file=sys.stderr)
+            continue
+        if kept is not None:
+            found[place] = kept
+    return found
+
+
+def _table(plan: Plan, played: dict[Place, PartFile], arguments: argparse.Namespace) -> LeagueTable:
+    results = []
+    for number, cell in enumerate(plan.cells):
+        rounds = {
+            name: [played[Place(number, scenario, spec)].rounds for scenario in cell.scenarios]
+            for spec, name in plan.policies.items()
+        }
+        others = {name: some for name, some in rounds.items() if name != plan.planner and name not in plan.apart}
+        result = CellResult(
+            group=cell.group,
+            ghosts=cell.config.clyde.ghosts,
+            speed_mps=cell.config.clyde.speed_mps,
+            rounds=cell.rounds * len(cell.scenarios),
+            policies=tuple(numbers.policy_in_cell(name, some) for name, some in rounds.items()),
+            against=numbers.against(rounds[plan.planner], others),
+        )
+        results.append(result)
+    entries = []
+    for spec, name in plan.policies.items():
+        commits = {part.commit for place, part in played.items() if place.policy == spec}
+        entry = PolicyEntry(
+            name=name,
+            spec=spec,
+            sha256=plan.described[spec].get("sha256"),
+            apart=name in plan.apart and name != plan.planner,
+            commits=tuple(sorted(commits)),
+            command=_command(arguments, [spec], spec),
+        )
+        entries.append(entry)
+    return LeagueTable(
+        schema=numbers.SCHEMA,
+        version=__version__,
+        command=_command(arguments, list(plan.policies), arguments.planner),
+        suite=arguments.suite,
+        suite_content=msgspec.to_builtins(plan.suite),
+        preset=PRESET,
+        execution=EXECUTION,
+        seed=plan.seed,
+        maps=tuple(scenarios.describe_scenario(name, *place) for name, place in plan.places.items()),
+        planner=plan.planner,
+        policies=tuple(entries),
+        means=numbers.means(results),
+        verdicts=numbers.verdicts(results),
+        cells=tuple(results),
+    )
+
+
+def _command(arguments: argparse.Namespace, specs: list[str], planner: str) -> str:
+    """The command that repeats the rounds of these policies, without what does not change them."""
+    words = ["pacman-env", "leaderboard", "--suite", arguments.suite]
+    words += [] if arguments.suites is None else ["--suites", str(arguments.suites)]
+    words += ["--seed", str(arguments.seed), "--policies", *specs, "--planner", planner]
+    words += [] if len(specs) == 1 or arguments.apart == list(_APART) else ["--apart", *arguments.apart]
+    words += ["--maps", *arguments.maps] if arguments.maps else []
+    return shlex.join(words)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

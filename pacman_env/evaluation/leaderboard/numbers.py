@@ -1,0 +1,189 @@
+"""The numbers of a league table, from the rounds of its parts: what its JSON holds and its page shows.
+
+Rates are 0..1. A share of rounds has Wilson's interval, a difference of two shares in the same rounds Newcombe's for
+pairs; both are 95 %.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from pacman_env.config.validation import AtLeastOne, Count, NotNegative, Share
+from pacman_env.episodes.statistics import Interval, paired_difference, wilson
+from pacman_env.evaluation.leaderboard.parts import Rounds
+from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, TIMEOUT
+
+SCHEMA: Literal[1] = 1
+LEAST_ROUNDS = 4  # of a place that counts for the worst tenth
+Verdict = Literal["better", "not different", "WORSE"]
+Difference = Annotated[float, Meta(ge=-1, le=1)]
+
+
+class WorstTenth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Mean completion over the worst tenth of places; its expectation is between those of ``low`` and ``high``."""
+
+    places: AtLeastOne  # levels or maps with at least LEAST_ROUNDS rounds
+    worst: AtLeastOne  # how many of them are the worst tenth
+    low: Share  # chosen and measured by the same rounds
+    high: Share  # chosen by one half of the rounds, measured by the other
+
+
+class PolicyInCell(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One policy in one cell."""
+
+    policy: str
+    completion_rate: Share
+    completion_ci: Interval
+    death_rate: Share
+    timeout_rate: Share
+    cleared_rate: Share  # no pellet left, some lost
+    pellets_share: Share  # collected of a round's pellets, mean
+    worst_tenth: WorstTenth | None  # None: no place has enough rounds
+    win_time_mean_s: NotNegative | None  # of completed rounds; None: there is none
+
+
+class Against(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The planner's completion minus that of the best other policy, in the same rounds."""
+
+    other: str
+    difference: Difference
+    ci: tuple[Difference, Difference]
+    verdict: Verdict
+
+
+class CellResult(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One cell with all policies."""
+
+    group: str
+    ghosts: tuple[str, ...]
+    speed_mps: NotNegative
+    rounds: AtLeastOne  # of each policy, on all maps of the group together
+    policies: tuple[PolicyInCell, ...]
+    against: Against | None  # None: there is no other policy
+
+
+class PolicyEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A policy of the table, and how it was made."""
+
+    name: str
+    spec: str  # as was asked for
+    sha256: str | None  # of a planner's file
+    apart: bool  # not counted among the best others
+    commits: tuple[str, ...]  # of the sources that played its rounds
+    command: str  # that repeats it
+
+
+class PolicyMean(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A policy over all cells of a group, each counting the same."""
+
+    group: str
+    policy: str
+    mean: Share
+    least: Share
+    least_cell: Count  # its number in ``cells``
+
+
+class LeagueTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The JSON of ``pacman-env leaderboard``."""
+
+    schema: Literal[1]  # first: another schema has other fields
+    version: str
+    command: str
+    suite: str
+    suite_content: dict[str, Any]
+    preset: str
+    execution: str
+    seed: Count
+    maps: tuple[dict[str, Any], ...]  # as describe_scenario gives them
+    planner: str
+    policies: tuple[PolicyEntry, ...]
+    means: tuple[PolicyMean, ...]
+    verdicts: dict[str, Count]  # cells by verdict
+    cells: Annotated[tuple[CellResult, ...], Meta(min_length=1)]
+
+
+def worst_tenth(complete: NDArray[np.bool_], place: NDArray[np.int64]) -> WorstTenth | None:
+    """Conditional value at risk over places, of (n,) rounds with the level or map of each.
+
+    The worst tenth are the ceil(m / 10) of the m places with at least ``LEAST_ROUNDS`` rounds that have the lowest
+    completion; each counts the same. Places that are chosen by the rounds that also measure them look worse than they
+    are: few rounds a place make ``low`` too low. ``high`` is free of that: every second round of a place chooses, the
+    others measure, then the other way round, and the mean is taken; it is too high, as half of the rounds seldom finds
+    the worst places. None where no place has enough rounds.
+    """
+    rounds = [complete[place == one] for one in np.unique(place)]
+    rounds = [one for one in rounds if len(one) >= LEAST_ROUNDS]
+    if not rounds:
+        return None
+    worst = math.ceil(len(rounds) / 10)
+    whole, first, second = (
+        np.array([one[part].mean() for one in rounds]) for part in (slice(None), slice(0, None, 2), slice(1, None, 2))
+    )
+
+    def measured(by: NDArray[np.float64], chosen_by: NDArray[np.float64]) -> float:
+        limit = np.sort(chosen_by)[worst - 1]
+        below, equal = chosen_by < limit, chosen_by == limit
+        weight = below + equal * (worst - below.sum()) / equal.sum()  # equal places share what is left
+        return float(np.sum(by * weight) / worst)
+
+    high = (measured(first, second) + measured(second, first)) / 2
+    return WorstTenth(len(rounds), worst, measured(whole, whole), high)
+
+
+def policy_in_cell(policy: str, parts: Sequence[Rounds]) -> PolicyInCell:
+    """A policy's numbers; ``parts`` are its rounds on each map of the cell."""
+    end, time_s = _ends(parts), np.concatenate([np.array(part.time_s) for part in parts])
+    complete = end == COMPLETE
+    # A map is a place, and on levels a level is.
+    places = [np.array(part.level) if len(parts) == 1 else np.full(len(part.level), k) for k, part in enumerate(parts)]
+    return PolicyInCell(
+        policy=policy,
+        completion_rate=float(complete.mean()),
+        completion_ci=wilson(int(complete.sum()), len(complete)),
+        death_rate=float((end == DEAD).mean()),
+        timeout_rate=float((end == TIMEOUT).mean()),
+        cleared_rate=float((end == CLEARED).mean()),
+        pellets_share=float(
+            np.mean([k / n for part in parts for k, n in zip(part.collected, part.spawned, strict=True)])
+        ),
+        worst_tenth=worst_tenth(complete, np.concatenate(places)),
+        win_time_mean_s=float(time_s[complete].mean()) if complete.any() else None,
+    )
+
+
+def against(planner: Sequence[Rounds], others: Mapping[str, Sequence[Rounds]]) -> Against | None:
+    """The planner's rounds against those of the other policy that completed most, the first of equals."""
+    complete = {name: _ends(parts) == COMPLETE for name, parts in others.items()}
+    if not complete:
+        return None
+    best = max(complete, key=lambda name: int(complete[name].sum()))
+    difference, (low, high) = paired_difference(_ends(planner) == COMPLETE, complete[best])
+    verdict: Verdict = "better" if low > 0 else "WORSE" if high < 0 else "not different"
+    return Against(best, difference, (low, high), verdict)
+
+
+def means(results: Sequence[CellResult]) -> tuple[PolicyMean, ...]:
+    """By group and policy, over the cells of the group."""
+    rows = []
+    for group in dict.fromkeys(cell.group for cell in results):
+        numbers = [number for number, cell in enumerate(results) if cell.group == group]
+        for k, row in enumerate(results[numbers[0]].policies):
+            rates = [results[number].policies[k].completion_rate for number in numbers]
+            least = int(np.argmin(rates))
+            rows.append(PolicyMean(group, row.policy, float(np.mean(rates)), rates[least], numbers[least]))
+    return tuple(rows)
+
+
+def verdicts(results: Sequence[CellResult]) -> dict[str, int]:
+    """The number of cells of each verdict."""
+    found = [cell.against.verdict for cell in results if cell.against is not None]
+    return {verdict: found.count(verdict) for verdict in ("better", "not different", "WORSE")}
+
+
+def _ends(parts: Sequence[Rounds]) -> NDArray[np.int64]:
+    return np.concatenate([part.ends() for part in parts])

@@ -1,0 +1,180 @@
+"""The page of a league table: Markdown from its JSON alone, the same text for the same numbers."""
+
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
+
+from pacman_env.evaluation.compare.table import percent, with_interval
+from pacman_env.evaluation.leaderboard.numbers import LEAST_ROUNDS, CellResult, LeagueTable, PolicyInCell
+from pacman_env.evaluation.leaderboard.suites import TEST_LEVELS
+
+_MEANING = f"""\
+All policies meet the same rounds of a cell: the same maps, seeds and ghosts. Rates are in %, brackets are 95 %
+intervals.
+
+- **complete**: rounds in which every pellet was collected, with Wilson's interval; **death**, **time-out**: how others
+  ended. Where the three do not add up to 100, pellets were lost to aborted goals.
+- **pellets**: mean share of the pellets that was collected in a round.
+- **worst tenth** of the levels (of real maps: of the maps, at least one): mean completion there, of levels with at
+  least {LEAST_ROUNDS} rounds. Two numbers: the first chooses the levels by the rounds that measure them and is too low
+  on average, the more so the fewer rounds a level has; the second chooses them by every second round, measures by the
+  others, and is too high on average. The true value lies between the averages of the two.
+- **s**: mean length of the completed rounds.
+- **difference**: completion of the planner minus that of the best other policy, in the same rounds, with Newcombe's
+  interval for pairs; *better* or *WORSE* where the interval excludes 0. The best other is chosen in each cell by these
+  rounds, which favours it. Beside one policy that is equal, one cell in 40 would be called WORSE by chance alone, and
+  more beside several."""
+
+
+def render(table: LeagueTable) -> str:
+    """The page; the last character is a line break."""
+    blocks = [
+        *_head(table),
+        "## Summary",
+        *_summary(table),
+        "## What the numbers are",
+        _MEANING,
+        *itertools.chain.from_iterable(_group(table, group) for group in _groups(table)),
+        "## How it was made",
+        *_how(table),
+    ]
+    return "\n\n".join(blocks) + "\n"
+
+
+def _groups(table: LeagueTable) -> list[str]:
+    return list(dict.fromkeys(cell.group for cell in table.cells))
+
+
+def _head(table: LeagueTable) -> list[str]:
+    commits = sorted({_short(commit) for entry in table.policies for commit in entry.commits})
+    made = (
+        f"Suite `{table.suite}`, {_count(len(table.cells), 'cell')}, seed {table.seed}, preset {table.preset},"
+        f" execution {table.execution}, version {table.version}, {'commit' if len(commits) == 1 else 'commits'}"
+        f" {', '.join(commits)}. Do not edit this page: it was written by"
+    )
+    return ["# League table", made, f"```bash\n{table.command}\n```"]
+
+
+def _short(commit: str) -> str:
+    return f"`{commit.rstrip('+')[:12]}{'+' if commit.endswith('+') else ''}`"
+
+
+def _summary(table: LeagueTable) -> Iterator[str]:
+    if table.cells[0].against is not None:
+        apart = [f"`{entry.name}`" for entry in table.policies if entry.apart]
+        beside = f" ({', '.join(apart)} {'is' if len(apart) == 1 else 'are'} reported apart)" if apart else ""
+        counts = ", ".join(f"{verdict} in {number}" for verdict, number in table.verdicts.items())
+        cells = _count(len(table.cells), "cell")
+        yield f"`{table.planner}` against the best other policy{beside} in {cells}: {counts}."
+    yield "Completion over all cells of a group, each cell counting the same, and the cell in which it is least:"
+    rows = [
+        (row.group, f"`{row.policy}`", percent(row.mean), percent(row.least), _place(table.cells[row.least_cell]))
+        for row in table.means
+    ]
+    yield _markdown(("maps", "policy", "mean", "least", "in"), "llrrl", rows)
+
+
+def _place(cell: CellResult) -> str:
+    return f"{_ghosts(cell)}, {cell.speed_mps:g} m/s"
+
+
+def _ghosts(cell: CellResult) -> str:
+    """``2 chase``, ``arcade, chase, wander``."""
+    kinds = set(cell.ghosts)
+    return f"{len(cell.ghosts)} {cell.ghosts[0]}" if len(kinds) == 1 else ", ".join(cell.ghosts)
+
+
+def _group(table: LeagueTable, group: str) -> Iterator[str]:
+    cells = [cell for cell in table.cells if cell.group == group]
+    yield f"## {group[0].upper()}{group[1:]}"
+    yield _about_group(table, cells)
+    if cells[0].against is not None:
+        yield _verdicts(table, cells)
+    for number in sorted({len(cell.ghosts) for cell in cells}):
+        yield f"### {group[0].upper()}{group[1:]}: {_count(number, 'ghost')}"
+        some = [cell for cell in cells if len(cell.ghosts) == number]
+        for ghosts in dict.fromkeys(cell.ghosts for cell in some):
+            same = [cell for cell in some if cell.ghosts == ghosts]
+            yield f"**{_ghosts(same[0])}**"
+            yield _policies(same)
+
+
+def _about_group(table: LeagueTable, cells: Sequence[CellResult]) -> str:
+    levels = [place for place in table.maps if "num_levels" in place]
+    names = [f"`{place['name']}`" for place in table.maps if "num_levels" not in place]
+    rounds = f"{_count(cells[0].rounds, 'round')} a cell and policy"
+    if cells[0].group == TEST_LEVELS:
+        first, number = levels[0]["start_level"], levels[0]["num_levels"]
+        return f"Generated houses of the test split, {_count(number, 'level')} from {first} on; {rounds}."
+    return f"{', '.join(names)}; {rounds}, as many on each map."
+
+
+def _verdicts(table: LeagueTable, cells: Iterable[CellResult]) -> str:
+    rows = []
+    for cell in cells:
+        assert cell.against is not None
+        rate = next(row.completion_rate for row in cell.policies if row.policy == table.planner)
+        verdict = cell.against.verdict
+        difference = with_interval(cell.against.difference, cell.against.ci, "+")
+        shown = f"**{verdict}**" if verdict == "WORSE" else verdict
+        rows.append((_ghosts(cell), f"{cell.speed_mps:g}", percent(rate), f"`{cell.against.other}`", difference, shown))
+    head = ("ghosts", "m/s", f"`{table.planner}`", "best other", "difference", "verdict")
+    return _markdown(head, "lrrlrl", rows)
+
+
+def _policies(cells: Iterable[CellResult]) -> str:
+    rows = [
+        (
+            f"{cell.speed_mps:g}",
+            f"`{row.policy}`",
+            with_interval(row.completion_rate, row.completion_ci),
+            percent(row.death_rate),
+            percent(row.timeout_rate),
+            percent(row.pellets_share),
+            _worst(row),
+            "-" if row.win_time_mean_s is None else f"{row.win_time_mean_s:.1f}",
+        )
+        for cell in cells
+        for row in cell.policies
+    ]
+    head = ("m/s", "policy", "complete", "death", "time-out", "pellets", "worst tenth", "s")
+    return _markdown(head, "rlrrrrrr", rows)
+
+
+def _worst(row: PolicyInCell) -> str:
+    worst = row.worst_tenth
+    return "-" if worst is None else f"{percent(worst.low)} to {percent(worst.high)}"
+
+
+def _how(table: LeagueTable) -> Iterator[str]:
+    yield "Each policy alone, with the same rounds as above:"
+    yield "```bash\n" + "\n".join(entry.command for entry in table.policies) + "\n```"
+    rows = [
+        (f"`{entry.name}`", "-" if entry.sha256 is None else f"`{entry.sha256}`", ", ".join(entry.commits))
+        for entry in table.policies
+    ]
+    yield _markdown(("policy", "file's SHA-256", "commit"), "lll", rows)
+    if any(commit.endswith("+") for entry in table.policies for commit in entry.commits):
+        yield "A commit with + had changes beside it that were not committed."
+    places = [(f"`{place['name']}`", f"`{place['hash']}`") for place in table.maps]
+    yield "Maps and their hashes; of generated levels that of the first:"
+    yield _markdown(("map", "hash"), "ll", places)
+    settings = table.suite_content.get("settings") or {}
+    if settings:
+        yield "Settings of the suite: " + ", ".join(f"`{name}={value}`" for name, value in settings.items()) + "."
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"
+
+
+def _markdown(head: Sequence[str], align: str, rows: Sequence[Sequence[str]]) -> str:
+    """A table whose source is aligned too; ``align`` has l or r for each column."""
+    clean = [[cell.replace("|", "\\|") for cell in row] for row in rows]
+    widths = [max(3, *map(len, column)) for column in zip(head, *clean, strict=True)]
+
+    def line(cells: Sequence[str]) -> str:
+        parts = (c.ljust(w) if a == "l" else c.rjust(w) for c, w, a in zip(cells, widths, align, strict=True))
+        return f"| {' | '.join(parts)} |"
+
+    rule = ("-" * w if a == "l" else "-" * (w - 1) + ":" for w, a in zip(widths, align, strict=True))
+    return "\n".join([line(head), f"| {' | '.join(rule)} |", *map(line, clean)])

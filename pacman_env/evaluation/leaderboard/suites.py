@@ -1,0 +1,137 @@
+"""Suites of cells, read strictly from a YAML file that people edit: ``eval/suites/leaderboard.yaml``.
+
+A cell is one list of ghosts at one speed in one group of maps: generated test levels, or the real maps that are named.
+"""
+
+import itertools
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+import yaml
+from msgspec import Meta
+
+from pacman_env.config import Config, ConfigError, make_config
+from pacman_env.config.validation import AtLeastOne, NotNegative, convert
+from pacman_env.evaluation.compare.scenarios import Levels, Scenario, check_goals
+from pacman_env.files import shipped
+
+SUITES = shipped("evaluation/suites", "eval/suites") / "leaderboard.yaml"
+PRESET, EXECUTION = "robot", "robust"
+TEST_LEVELS, REAL_MAPS = "test levels", "real maps"  # the groups of maps
+_GHOSTS, _SPEED = "clyde.ghosts", "clyde.speed_mps"
+_OWN = (_GHOSTS, _SPEED, "endless")  # fields that a suite has by other names, or not at all
+
+
+class LevelRounds(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How many test levels, and how many rounds on all of them together."""
+
+    levels: AtLeastOne
+    rounds: AtLeastOne
+
+
+class MapRounds(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How many rounds on each real map."""
+
+    rounds: AtLeastOne
+
+
+Ghosts = Annotated[tuple[str, ...], Meta(min_length=1, max_length=4)]
+
+
+class Suite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Every list of ghosts at every speed (m/s), on test levels and on real maps."""
+
+    test_levels: LevelRounds
+    real_maps: MapRounds
+    ghosts: Annotated[tuple[Ghosts, ...], Meta(min_length=1)]
+    speeds_mps: Annotated[tuple[NotNegative, ...], Meta(min_length=1)]
+    settings: dict[str, Any] = {}
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What all policies play under one configuration: ``rounds`` on each of the scenarios."""
+
+    group: str  # TEST_LEVELS or REAL_MAPS
+    config: Config
+    scenarios: dict[str, Scenario]  # by name
+    rounds: int
+
+
+def read_suites(path: Path) -> dict[str, Suite]:
+    """The suites of a file by name; a ValueError names the file and the field that is wrong."""
+    try:
+        content = yaml.load(path.read_text(), _Loader)
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
+        raise ValueError(f"{path}: cannot be read: {error}") from None
+    if not isinstance(content, dict) or not content:
+        raise ValueError(f"{path}: must have suites by name")
+    return {str(name): _checked(str(name), values, path) for name, values in content.items()}
+
+
+def choose_suite(path: Path, name: str) -> Suite:
+    """One suite of a file; raises ValueError."""
+    suites = read_suites(path)
+    if name not in suites:
+        raise ValueError(f"{path}: no suite {name!r}: choose one of {', '.join(suites)}")
+    return suites[name]
+
+
+def configs(suite: Suite) -> list[Config]:
+    """A configuration for every list of ghosts and, in it, every speed."""
+    return [
+        make_config(PRESET, EXECUTION, **{**suite.settings, _GHOSTS: ghosts, _SPEED: speed})
+        for ghosts, speed in itertools.product(suite.ghosts, suite.speeds_mps)
+    ]
+
+
+def cells(suite: Suite, maps: dict[str, Scenario]) -> list[Cell]:
+    """The cells of a suite; ``maps`` are the real maps by name, none: there is no such group."""
+    levels = Levels("test", count=suite.test_levels.levels)
+    groups: list[tuple[str, dict[str, Scenario], int]] = [
+        (TEST_LEVELS, {"generated:test": levels}, suite.test_levels.rounds)
+    ]
+    if maps:
+        groups.append((REAL_MAPS, maps, suite.real_maps.rounds))
+    return [Cell(group, config, places, rounds) for group, places, rounds in groups for config in configs(suite)]
+
+
+def _checked(name: str, values: Any, path: Path) -> Suite:
+    try:
+        suite: Suite = convert(values, Suite, name)
+        for field in ("ghosts", "speeds_mps"):
+            entries = getattr(suite, field)
+            for number, entry in enumerate(entries):
+                if entry in entries[:number]:
+                    raise ConfigError(f"{name}.{field}[{number}] = {entry!r}: is there twice")
+        for field in _OWN:
+            if field in suite.settings:
+                raise ConfigError(f"{name}.settings.{field}: must not be set here")
+        _try(f"{name}.settings", suite.settings)
+        for number, ghosts in enumerate(suite.ghosts):
+            _try(f"{name}.ghosts[{number}]", suite.settings | {_GHOSTS: ghosts})
+        for number, speed in enumerate(suite.speeds_mps):
+            _try(f"{name}.speeds_mps[{number}]", suite.settings | {_SPEED: speed})
+    except ConfigError as error:
+        raise ValueError(f"{path}: {error}") from None
+    return suite
+
+
+def _try(field: str, changes: dict[str, Any]) -> None:
+    try:
+        check_goals(make_config(PRESET, EXECUTION, **changes))
+    except ConfigError as error:
+        raise ConfigError(f"{field}: {error}") from None
+
+
+class _Loader(yaml.SafeLoader):
+    """Of a key that is there twice YAML would keep the last."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        keys = [key.value for key, _ in node.value]
+        for number, key in enumerate(keys):
+            if key in keys[:number]:
+                raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is there twice", node.start_mark)
+        return super().construct_mapping(node, deep)

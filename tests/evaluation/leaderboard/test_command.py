@@ -1,0 +1,240 @@
+"""A tiny suite end to end: real rounds of two policies, on two houses and on a map."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pacman_env import __version__
+from pacman_env.evaluation.compare.__main__ import main as compare
+from pacman_env.evaluation.leaderboard import __main__ as command
+from pacman_env.evaluation.leaderboard.__main__ import main
+from pacman_env.evaluation.leaderboard.suites import SUITES, read_suites
+from pacman_env.policies.learned import PRETRAINED
+from tests.evaluation.helpers import refused_in_one_line
+
+ROOT = Path(__file__).resolve().parents[3]
+PAGE = ROOT / "docs" / "leaderboard.md"
+SUITE = """\
+tiny:
+  test_levels: {levels: 2, rounds: 12}
+  real_maps: {rounds: 6}
+  ghosts: [[wander], [arcade, chase]]
+  speeds_mps: [0.2]
+  settings: {time_limit_s: 60.0, pellets.spacing_m: 3.0}
+"""
+
+
+def run(folder: Path, *more: str, policies: str = "nearest clyde_aware") -> Path:
+    """Run the command in ``folder`` as a user would, and return the folder of its results."""
+    (folder / "own.yaml").write_text(SUITE)
+    arguments = ["--suites", "own.yaml", "--suite", "tiny", "--planner", "nearest", "--maps", "house"]
+    assert main([*arguments, "--policies", *policies.split(), *more]) == 0
+    return folder / "results"
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("tiny")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        return run(folder)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def contents(results: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(results)): path.read_bytes() for path in results.rglob("*") if path.is_file()}
+
+
+def table(results: Path) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((results / "leaderboard.json").read_text())
+    return content
+
+
+def test_the_table_holds_every_policy_in_every_cell(tiny: Path) -> None:
+    found = table(tiny)
+    assert [(cell["group"], cell["ghosts"], cell["rounds"]) for cell in found["cells"]] == [
+        ("test levels", ["wander"], 12),
+        ("test levels", ["arcade", "chase"], 12),
+        ("real maps", ["wander"], 6),
+        ("real maps", ["arcade", "chase"], 6),
+    ]
+    for cell in found["cells"]:
+        assert [row["policy"] for row in cell["policies"]] == ["nearest", "clyde_aware"]
+        for row in cell["policies"]:
+            ends = ("completion_rate", "death_rate", "timeout_rate", "cleared_rate")
+            assert sum(row[end] for end in ends) == pytest.approx(1)
+            low, high = row["completion_ci"]
+            assert low <= row["completion_rate"] <= high
+        ours, theirs = (row["completion_rate"] for row in cell["policies"])
+        assert cell["against"]["other"] == "clyde_aware"
+        assert cell["against"]["difference"] == pytest.approx(ours - theirs)
+    assert found["version"] == __version__
+    assert (found["suite"], found["seed"], found["preset"], found["execution"]) == ("tiny", 0, "robot", "robust")
+    assert len(list((tiny / "leaderboard").iterdir())) == 8
+
+
+def test_a_cell_has_the_rounds_of_the_comparison(tiny: Path, folder: Path) -> None:
+    arguments = ["--levels", "test", "--num-levels", "2", "--episodes", "12", "--clyde-speed", "0.2"]
+    arguments += ["--time-limit", "60", "--spacing", "3", "--set", "clyde.ghosts=arcade,chase"]
+    assert compare([*arguments, "--policies", "clyde_aware", "nearest", "--json", "out.json"]) == 0
+    _, row = json.loads((folder / "out.json").read_text())["rows"]
+    cell = table(tiny)["cells"][1]
+    ours = cell["policies"][0]
+    assert ours["pellets_share"] > 0
+    for name in ("completion_rate", "completion_ci", "death_rate", "timeout_rate", "win_time_mean_s"):
+        assert ours[name] == row[name]
+    assert (cell["against"]["difference"], cell["against"]["ci"]) == (row["paired_difference"], row["paired_ci"])
+
+
+def test_an_interrupted_run_goes_on_and_ends_with_the_same_bytes(
+    tiny: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    calls = 0
+    play_all = command.play_all
+
+    def interrupted(*arguments: Any) -> Any:
+        nonlocal calls
+        calls += 1
+        if calls == 3:
+            raise KeyboardInterrupt
+        return play_all(*arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(command, "play_all", interrupted)
+        with pytest.raises(AssertionError, match="130"):
+            run(folder)
+    kept = contents(folder / "results")
+    assert len(kept) == 4  # two cells of two policies; neither page nor JSON
+    assert kept.items() < contents(tiny).items()
+    capsys.readouterr()
+    assert contents(run(folder, "--resume", "--workers", "2")) == contents(tiny)
+    assert "24/24" in capsys.readouterr().err  # rounds that are played, not all 72
+
+
+def test_another_policy_is_added_without_playing_what_is_kept(
+    tiny: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    parts = folder / "results" / "leaderboard"
+    parts.mkdir(parents=True)
+    for path in (tiny / "leaderboard").iterdir():
+        (parts / path.name).write_bytes(path.read_bytes())
+    played = []
+    play_all = command.play_all
+    monkeypatch.setattr(command, "play_all", lambda blocks, *more: played.extend(blocks) or play_all(blocks, *more))
+    found = table(run(folder, "--resume", "--apart", "random", policies="nearest random clyde_aware"))
+    assert [block.policy for block in played] == ["random"] * 4
+    for ours, cell in zip(found["cells"], table(tiny)["cells"], strict=True):
+        assert [row["policy"] for row in ours["policies"]] == ["nearest", "random", "clyde_aware"]
+        assert [ours["policies"][0], ours["policies"][2]] == cell["policies"]
+        assert ours["against"] == cell["against"]  # random is reported apart
+    assert [entry["apart"] for entry in found["policies"]] == [False, True, False]
+    assert "(`random` is reported apart)" in (folder / "results" / "leaderboard.md").read_text()
+
+
+def test_a_damaged_part_is_played_again(tiny: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    parts = folder / "results" / "leaderboard"
+    parts.mkdir(parents=True)
+    for name, content in contents(tiny / "leaderboard").items():
+        (parts / name).write_bytes(content)
+    broken = min(parts.iterdir())
+    broken.write_bytes(broken.read_bytes()[:-100])
+    assert contents(run(folder, "--resume")) == contents(tiny)
+    assert f"damaged, is played again: results/leaderboard/{broken.name}: " in capsys.readouterr().err
+
+
+def test_a_file_is_an_entry_with_its_hash_and_the_page_has_the_commands(folder: Path) -> None:
+    (folder / "mine.onnx").write_bytes(PRETRAINED.read_bytes())
+    (folder / "mine.json").write_bytes(PRETRAINED.with_suffix(".json").read_bytes())
+    text = SUITE.replace("[wander], ", "").replace("rounds: 12", "rounds: 4").replace("60.0", "20.0")
+    (folder / "own.yaml").write_text(text)
+    arguments = ["--suites", "own.yaml", "--suite", "tiny", "--policies", "mine.onnx", "--planner", "mine.onnx"]
+    assert main(arguments) == 0
+    (entry,) = table(folder / "results")["policies"]
+    assert (entry["name"], entry["spec"]) == ("mine", "mine.onnx")
+    page = (folder / "results" / "leaderboard.md").read_text()
+    assert entry["sha256"] in page
+    assert entry["command"] in page
+    before = contents(folder / "results")
+    assert main([*shlex.split(entry["command"])[2:], "--resume"]) == 0
+    assert contents(folder / "results") == before
+
+
+def test_the_page_is_written_from_the_numbers_alone(tiny: Path, folder: Path) -> None:
+    numbers = folder / "numbers.json"
+    numbers.write_bytes((tiny / "leaderboard.json").read_bytes())
+    assert main(["--from", "numbers.json", "--out", "page.md"]) == 0
+    assert (folder / "page.md").read_bytes() == (tiny / "leaderboard.md").read_bytes()
+    assert sorted(path.name for path in folder.iterdir()) == ["numbers.json", "page.md"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"schema": 2}, "schema = 2"),
+        ({"cells": []}, "cells = []"),
+        ({"planner": "nobody"}, "planner = 'nobody': must be one of policies"),
+        ({"extra": 1}, "extra = 1: no such field"),
+    ],
+)
+def test_numbers_that_do_not_fit_are_named(
+    change: dict[str, Any], message: str, tiny: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "numbers.json").write_text(json.dumps(table(tiny) | change))
+    assert main(["--from", "numbers.json", "--out", "page.md"]) == 2
+    assert f"numbers.json: {message}" in capsys.readouterr().err
+    assert not (folder / "page.md").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--suite", "slow"], "no suite 'slow': choose one of full, quick"),
+        (["--suites", "absent.yaml"], "absent.yaml: cannot be read"),
+        (["--policies", "nearst"], "unknown policy 'nearst'"),
+        (["--policies", "absent.onnx"], "absent.onnx: cannot be read"),
+        (["--policies", "run.zip"], "run.zip: must be a name or an .onnx file"),
+        (["--policies", "nearest"], "--planner ppo: is none of --policies nearest"),
+        (["--maps", "nowhere"], "nowhere"),
+        (["--maps", "generated:test"], "--maps generated:test: test levels are in the suite"),
+        (["--workers", "0"], "must be at least 1"),
+        (["--out", "page.html"], "--out page.html: must end in .md"),
+        (["--json", "numbers.md"], "--json numbers.md: must end in .json"),
+        (["--from", "absent.json"], "absent.json: cannot be read"),
+    ],
+)
+def test_errors_are_one_line_and_nothing_is_written(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    refused_in_one_line(main, arguments, message, tmp_path, monkeypatch, capsys)
+
+
+def test_the_page_of_the_documentation_says_how_it_was_made() -> None:
+    page = PAGE.read_text()
+    made = re.search(
+        r"Suite `(\w+)`, \d+ cells?, seed \d+, preset robot, execution robust, version [\d.]+, commits? `[0-9a-f]{12}",
+        page,
+    )
+    assert made is not None
+    first, *others = re.findall(r"^pacman-env leaderboard .*", page, re.MULTILINE)
+    assert f"--suite {made[1]} " in first
+    assert made[1] in read_suites(SUITES)
+    policies = re.search(r"--policies (.*) --planner", first)
+    assert policies is not None
+    assert [re.search(r"--policies (\S+)", one)[1] for one in others] == policies[1].split()  # type: ignore[index]
+    for section in ("## Summary", "## What the numbers are", "## Test levels", "## How it was made"):
+        assert f"\n{section}\n" in page

@@ -1,0 +1,103 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pacman_env.evaluation.compare.scenarios import Levels
+from pacman_env.evaluation.leaderboard.suites import REAL_MAPS, SUITES, TEST_LEVELS, cells, choose_suite, read_suites
+from pacman_env.game.ghosts import Behaviour, wander
+
+SHY = Behaviour("shy", wander)
+GOOD = """\
+tiny:
+  test_levels: {levels: 2, rounds: 8}
+  real_maps: {rounds: 4}
+  ghosts: [[wander], [arcade, chase]]
+  speeds_mps: [0, 0.25]
+"""
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "own.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_the_full_suite_has_the_cells_that_it_promises() -> None:
+    suite = choose_suite(SUITES, "full")
+    expected = {(name,) * number for name in ("wander", "arcade", "chase") for number in (1, 2, 4)}
+    assert set(suite.ghosts) == expected | {("arcade", "chase"), ("wander", "arcade", "chase", "wander")}
+    assert suite.speeds_mps == (0.15, 0.25, 0.35, 0.45)
+    assert (suite.test_levels.rounds, suite.real_maps.rounds) == (1000, 200)
+    found = cells(suite, {"one": "house", "two": "maze"})
+    assert [cell.group for cell in found] == [TEST_LEVELS] * 44 + [REAL_MAPS] * 44
+    assert found[0].scenarios == {"generated:test": Levels("test", None, 100)}
+    assert found[-1].scenarios == {"one": "house", "two": "maze"}
+    assert {(cell.config.clyde.ghosts, cell.config.clyde.speed_mps) for cell in found[:44]} == {
+        (ghosts, speed) for ghosts in suite.ghosts for speed in suite.speeds_mps
+    }
+
+
+def test_the_quick_suite_is_a_small_part_of_the_full_one() -> None:
+    full, quick = (choose_suite(SUITES, name) for name in ("full", "quick"))
+    assert set(quick.ghosts) < set(full.ghosts)
+    assert set(quick.speeds_mps) < set(full.speeds_mps)
+    rounds = sum(cell.rounds for cell in cells(quick, {}))
+    assert rounds <= 400
+
+
+def test_settings_reach_every_cell(tmp_path: Path) -> None:
+    suite = choose_suite(written(tmp_path, GOOD + "  settings: {time_limit_s: 40, refuges.spread: 0}\n"), "tiny")
+    found = cells(suite, {})
+    assert len(found) == 4
+    assert {(cell.config.time_limit_s, cell.config.refuges.spread) for cell in found} == {(40.0, 0)}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("tiny:", "- tiny:", "must have suites by name"),
+        (GOOD, "", "must have suites by name"),
+        ("{levels: 2, ", "{levels: 2; ", "cannot be read"),
+        ("  real_maps: {rounds: 4}\n", "", "tiny.real_maps is missing"),
+        ("rounds: 8", "rounds: 0", "tiny.test_levels.rounds = 0: must be a whole number of at least 1"),
+        ("rounds: 8", "rounds: many", "tiny.test_levels.rounds = 'many': must be a whole number"),
+        ("rounds: 8", "rounds: 8, split: train", "tiny.test_levels.split = 'train': no such field"),
+        ("speeds_mps:", "speed:", "no such field"),
+        ("[0, 0.25]", "[]", "tiny.speeds_mps = []: must be a list of at least 1"),
+        ("[0, 0.25]", "[0.25, 0.25]", "tiny.speeds_mps[1] = 0.25: is there twice"),
+        ("[0, 0.25]", "[0.25, -1]", "tiny.speeds_mps[1] = -1"),
+        ("[0, 0.25]", "[0.25, 9]", "tiny.speeds_mps[1]: clyde.speed_mps = 9.0"),
+        ("[wander]", "[]", "tiny.ghosts[0] = []: must be a list of at least 1"),
+        ("[wander]", "[arcade, chase]", "tiny.ghosts[1] = ('arcade', 'chase'): is there twice"),
+        ("[wander]", "['clyde:learned']", "tiny.ghosts[0]: unknown ghost behaviour 'clyde:learned'"),
+        ("[wander]", "[policy]", "tiny.ghosts[0]: clyde.ghosts = ('policy',)"),
+        (
+            "  ghosts:",
+            "  settings: {nav2.haste: 1}\n  ghosts:",
+            "tiny.settings: unknown configuration field 'nav2.haste'",
+        ),
+        ("  ghosts:", "  settings: {clyde.speed_mps: 1}\n  ghosts:", "settings.clyde.speed_mps: must not be set here"),
+        ("  ghosts:", "  ghosts: [[chase]]\n  ghosts:", "key 'ghosts' is there twice"),
+    ],
+)
+def test_what_is_wrong_is_named_with_file_and_field(old: str, new: str, message: str, tmp_path: Path) -> None:
+    assert old in GOOD
+    path = written(tmp_path, GOOD.replace(old, new))
+    with pytest.raises(ValueError) as caught:  # noqa: PT011 (the message is compared below)
+        read_suites(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert message in str(caught.value)
+
+
+def test_a_suite_or_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"leaderboard\.yaml: no suite 'slow': choose one of full, quick"):
+        choose_suite(SUITES, "slow")
+    with pytest.raises(ValueError, match=r"absent\.yaml: cannot be read"):
+        read_suites(tmp_path / "absent.yaml")
+
+
+def test_a_behaviour_of_another_package_is_one(tmp_path: Path) -> None:
+    suite = choose_suite(written(tmp_path, GOOD.replace("[wander]", f"['{__name__}:SHY']")), "tiny")
+    assert cells(suite, {})[0].config.clyde.ghosts == (f"{__name__}:SHY",)
