@@ -6,7 +6,7 @@ react, then to the nearest other goals. Ghosts that wander are not in it; ``obse
 
 import math
 import weakref
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,6 @@ from ...engine.jit import kernel
 from ...engine.native import address_of
 from ...game.behaviour_belief import ARCADE, BELIEVED, CHASES
 from ...game.ghosts import BEHAVIOURS
-from ..maps.level_stack import LevelStack
 from ..observation.situation import PELLET
 from .coarse_map import CoarseArrays, coarse_map
 from .model import (
@@ -36,6 +35,9 @@ from .model import (
     put_robot,
     rules,
 )
+
+if TYPE_CHECKING:
+    from ..maps.level_stack import LevelStack
 
 COMES = 0.5  # probability above which a ghost is taken to come for the robot
 _FAR_S, _STAY_S, _AFTER_S = 30.0, 6.0, 8.0  # played at most on the way to a candidate, holding, after arriving
@@ -71,7 +73,7 @@ _tables: "weakref.WeakKeyDictionary[Any, Table]" = weakref.WeakKeyDictionary()  
 class Outlook:
     """The outlook's memory for the maps of a stack."""
 
-    def __init__(self, levels: LevelStack) -> None:
+    def __init__(self, levels: "LevelStack") -> None:
         config = levels.config
         self._addresses = np.zeros(len(levels), dtype=np.int64)
         self._known: list[Any] = [None] * len(levels)
@@ -85,7 +87,7 @@ class Outlook:
         self._memory: list[OutlookArrays] = []
         self._tables: list[Table] = []
 
-    def memory(self, levels: LevelStack, slots: NDArray[np.int32], ghosts: int, threads: int) -> list[OutlookArrays]:
+    def memory(self, levels: "LevelStack", slots: NDArray[np.int32], ghosts: int, threads: int) -> list[OutlookArrays]:
         """For so many threads; the maps in ``slots`` are made ready."""
         for slot in np.unique(slots).tolist():
             assets = levels.assets(slot)

@@ -8,7 +8,7 @@ A candidate has what the robot's and the ghosts' paths say, what ghosts that wan
 
 import math
 import weakref
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +21,11 @@ from ...world.navigation.grid import cell_of
 from ...world.navigation.paths import UNREACHABLE_CM
 from ..coarse import outlook
 from ..core.beliefs import apart_cm
-from ..maps.level_stack import LevelStack
 from . import prediction
 from .situation import HOLD, PELLET, REFUGE, Situation
+
+if TYPE_CHECKING:
+    from ..maps.level_stack import LevelStack
 
 VERSION = 4
 FAR_M = 20.0
