@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from pacman_env.episodes.rollout import episode_seeds, play
+from pacman_env.game.behaviour_belief import BELIEVED
 from pacman_env.game.execution import COMPLETE
 from pacman_env.game.ghosts import BEHAVIOURS
 from pacman_env.heuristics.search import search as module
@@ -37,7 +38,7 @@ class TestSearchAgainstAChaser(PolicyContract):
 
 
 def policy_for(*ghosts: str, **parameters: Any) -> Search:
-    policy = Search(**{"nodes": 2000, **parameters})
+    policy = Search(**{"nodes": 2000, "behaviours": "configuration", **parameters})
     policy.reset(np.ones(1, np.bool_), config_of(*ghosts))
     return policy
 
@@ -59,6 +60,34 @@ def test_it_searches_where_one_ghost_is_predictable() -> None:
     situation = situation_of(config_of("wander", "chase"))
     scores = policy_for("wander", "chase").scores(situation)
     assert not np.array_equal(scores, make_policy("ppo").scores(situation))
+
+
+@pytest.mark.parametrize(
+    ("believed", "searched"), [("chase", True), ("arcade", True), ("wander", False), ("other", False)]
+)
+def test_what_a_ghost_is_believed_to_do_decides_whether_it_searches(believed: str, searched: bool) -> None:
+    situation = situation_of(config_of("policy"))
+    belief = np.zeros_like(situation.belief)
+    belief[0, 0, BELIEVED.index(believed)] = 1.0
+    situation = replace(situation, belief=belief)
+    scores = policy_for("policy", behaviours="belief").scores(situation)
+    assert np.array_equal(scores, make_policy("ppo").scores(situation)) != searched
+
+
+def test_of_several_situations_each_is_searched_or_not() -> None:
+    situation = situation_of(config_of("chase"), 2)
+    belief = np.zeros_like(situation.belief)
+    belief[0, 0, BELIEVED.index("chase")] = belief[1, 0, BELIEVED.index("wander")] = 1.0
+    situation = replace(situation, belief=belief)
+    policy = policy_for("chase", behaviours="belief")
+    together = policy.scores(situation)
+    for i in range(2):
+        np.testing.assert_array_equal(together[i], policy.scores(situation.rows(np.array([i])))[0])
+
+
+def test_a_source_of_behaviours_that_there_is_not_is_refused() -> None:
+    with pytest.raises(ValueError, match="behaviours = 'guess': must be one of belief, configuration"):
+        Search(behaviours="guess")
 
 
 def test_the_same_seed_gives_the_same_scores_and_another_seed_other_futures() -> None:
