@@ -118,10 +118,11 @@ def test_more_time_is_a_wider_search(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_it_flees_from_a_chaser_in_time() -> None:
-    config = config_of("chase")
-    seeds = episode_seeds(0, 4)
-    record, _ = play(map_assets("house", config), config, Search(nodes=6000), seeds, batch_size=4)
-    assert (record["end"] == COMPLETE).sum() >= 3
+    for behaviours, speed in (("configuration", 0.25), ("belief", 0.15)):
+        config = config_of("chase", **{"clyde.speed_mps": speed})
+        policy = Search(nodes=6000, behaviours=behaviours)
+        record, _ = play(map_assets("house", config), config, policy, episode_seeds(0, 4), batch_size=4)
+        assert (record["end"] == COMPLETE).sum() >= 3
 
 
 def test_a_round_is_the_same_again_and_in_any_batch() -> None:
