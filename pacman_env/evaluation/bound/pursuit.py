@@ -79,8 +79,9 @@ def _turn(g, credit, before, target, graph, p):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _after(r, g, credit, to, kind, j, targets, graph, p):  # type: ignore[no-untyped-def]
-    """The ghost's block and credit after a move of the robot's from r, if it goes to its ``j``-th target; else -1."""
+def _after(state, to, kind, j, targets, graph, p):  # type: ignore[no-untyped-def]
+    """The ghost's block and credit after the robot's move to a block, if it goes to its ``j``-th target; else -1."""
+    r, g, credit = state
     target = np.int64(targets[to, g, j])
     if target < 0:
         return np.int64(-1), np.int64(0)
@@ -111,10 +112,10 @@ def _longest(r, g, credit, held, targets, graph, p, left):  # type: ignore[no-un
     for k in range(-1, many * targets.shape[2]):
         number = held if k < 0 else k
         e, j = number % many, number // many
-        to, kind = np.int64(r), 0
+        to, kind = np.int64(r), np.int64(0)
         if e > 0:
             to, kind = np.int64(graph.move_to[begin + e - 1]), np.int64(graph.move_kind[begin + e - 1])
-        at, rest = _after(r, g, credit, to, kind, j, targets, graph, p)
+        at, rest = _after((r, g, credit), to, kind, j, targets, graph, p)
         if at < 0:
             continue
         then = np.int64(left[to, at, rest])
