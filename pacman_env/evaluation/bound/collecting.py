@@ -37,7 +37,10 @@ def least_collection_s(graph: Graph, home: int, pellets: NDArray[np.int32], conf
     """
     places = np.array([home, *pellets.tolist()])
     apart = np.stack([ways_from(graph, int(k))[places] for k in places])
-    radius = max(config.execution.pickup_radius_m, config.nav2.goal_tolerance_m + config.execution.success_margin_m)
+    execution, nav2 = config.execution, config.nav2
+    # As built, a success collects a pellet wherever Nav2 has moved the goal to.
+    moved = nav2.unreachable_tolerance_m * SQUARES[1] if execution.on_abort == "lose_pellet" else 0.0
+    radius = max(execution.pickup_radius_m, nav2.goal_tolerance_m + execution.success_margin_m + float(moved))
     off = 2.0 * radius + float(SQUARES[1]) * graph.edge_m
     least = np.maximum(apart / LATTICE - off, 0.0)
     joined = np.zeros(len(places), dtype=np.bool_)
