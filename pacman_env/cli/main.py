@@ -20,6 +20,7 @@ MODULES = {
     "compare": ("evaluation.compare.__main__", "policies on the same rounds: a table, a plot, a film"),
     "report": ("evaluation.report.__main__", "policies on the same rounds: a page that explains itself"),
     "leaderboard": ("evaluation.leaderboard.__main__", "the league table: policies against many ghosts, as a page"),
+    "bound": ("evaluation.bound.__main__", "what is possible on a map: an upper bound, and an estimate"),
     "replay": ("evaluation.replay", "one round again, filmed, with the policies' reasons"),
     "benchmark": ("evaluation.benchmark", "how fast the environments are"),
     "validation": ("evaluation.checks.validation", "the simulator beside the ten real trials"),

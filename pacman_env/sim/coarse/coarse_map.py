@@ -59,7 +59,7 @@ def coarse_map(assets: MapAssets) -> CoarseArrays:
 def _build(assets: MapAssets) -> CoarseArrays:
     grid, clyde = assets.grid, assets.clyde
     edge = BLOCK_M / grid.resolution
-    block, place = _blocks(grid.cell, grid.neighbours[:, ::2], edge)
+    block, place = blocks_of(grid.cell, grid.neighbours[:, ::2], edge)
     length, following, heading = _ways(
         place, block, assets.length_cm, assets.next_step, assets.cell_xy, round(_AHEAD_M / grid.resolution)
     )
@@ -69,12 +69,12 @@ def _build(assets: MapAssets) -> CoarseArrays:
     near = np.where(clyde.neighbours[cells] >= 0, number[clyde.neighbours[cells]], -1).astype(np.int32)
     pixel = np.ascontiguousarray(clyde.pixel[cells])
     while True:
-        ghost_block, ghost_place = _blocks(pixel, near, edge)
+        ghost_block, ghost_place = blocks_of(pixel, near, edge)
         if len(ghost_place) <= MOST_BLOCKS:
             break
         edge *= math.sqrt(1.05 * len(ghost_place) / MOST_BLOCKS)
-    start, ends = _edges(ghost_block, near, len(ghost_place))
-    lengths_m, ghost_next = _between_all(pixel[ghost_place], start, ends, clyde.resolution)
+    start, ends = joined_blocks(ghost_block, near, len(ghost_place))
+    lengths_m, ghost_next = between_all(pixel[ghost_place], start, ends, clyde.resolution)
     targets = assets.ghost_targets
     unit_m = max(float(lengths_m.max()), 1.0) / _LONGEST  # all blocks are connected
     return CoarseArrays(
@@ -95,7 +95,7 @@ def _build(assets: MapAssets) -> CoarseArrays:
     )
 
 
-def _blocks(
+def blocks_of(
     cell: NDArray[np.int32], neighbours: NDArray[np.int32], edge: float
 ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
     """(K,) the block of each cell, and (B,) the cell that is each block's place.
@@ -139,7 +139,7 @@ def _connected(square, neighbours):  # type: ignore[no-untyped-def]
     return block
 
 
-def _edges(
+def joined_blocks(
     block: NDArray[np.int32], neighbours: NDArray[np.int32], count: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Blocks that a step of a cell joins: ``ends[start[a] : start[a + 1]]`` are those beside block a."""
@@ -149,7 +149,7 @@ def _edges(
     return np.searchsorted(pairs // count, np.arange(count + 1)), pairs % count
 
 
-def _between_all(
+def between_all(
     pixel: NDArray[np.int32], start: NDArray[np.int64], ends: NDArray[np.int64], resolution: float
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
     """Lengths (A, A) in m and next blocks (A, A), by target, of ghosts; ``pixel`` (A, 2) are the blocks' places."""

@@ -112,7 +112,7 @@ class BehaviourArrays(NamedTuple):
     targets: Any = Array(np.float64, "G 2")  # m
 
 
-_behaviour_arrays = arrays_by_address(BehaviourArrays)
+behaviour_arrays = arrays_by_address(BehaviourArrays)
 
 
 def _target(view, constants):  # type: ignore[no-untyped-def]
@@ -124,7 +124,7 @@ _CONSTANTS = 0  # likewise the number of its constants
 
 def _decide_behaviour(table, k, unused):  # type: ignore[no-untyped-def]
     """Write where ghost k goes, from its view."""
-    a = _behaviour_arrays(table)
+    a = behaviour_arrays(table)
     v = a.views[k]
     constants = reals_at(a.behaviours[k, 1], _CONSTANTS)
     view = GhostView(int(v[0]), v[1], v[2], v[3], v[4], v[5], v[6], v[7], v[8], v[9])
@@ -304,7 +304,7 @@ def _drive(robot, model):  # type: ignore[no-untyped-def]
 @kernel
 def _decide(ghost, robot, model):  # type: ignore[no-untyped-def]
     """Where a ghost goes now: its block, or -1 to wander on."""
-    m, a, k = model.map, _behaviour_arrays(model.behaviours), ghost.number
+    m, a, k = model.map, behaviour_arrays(model.behaviours), ghost.number
     if a.behaviours[k, 0] == 0:
         return -1
     v, corner = a.views[k], m.ghost_corner[k]

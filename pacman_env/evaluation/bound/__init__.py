@@ -1,0 +1,1 @@
+"""What is possible on a map against ghosts whose reaction is known: ``pacman-env bound``."""

@@ -1,0 +1,116 @@
+"""What is possible on a map: ``pacman-env bound``.
+
+A start is a beginning of a round. ``rows`` counts those that a pursuit (``graph``, ``pursuit``) and the least time
+to collect all pellets (``collecting``) leave open, and those that a search wins (``estimate``).
+"""
+
+import argparse
+import itertools
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from pacman_env import __version__
+from pacman_env.cli.command import Parser, finite_number, run_command, whole_number
+from pacman_env.config import Config, ConfigError, make_config, parse_settings, preset_names
+from pacman_env.episodes.rollout import episode_seeds
+from pacman_env.evaluation.bound.rows import MapBounds, Row
+from pacman_env.evaluation.bound.table import render
+from pacman_env.evaluation.compare import scenarios
+from pacman_env.files import prepare, replaced
+from pacman_env.game.ghosts import POLICY, find_behaviour
+from pacman_env.sim.maps.assets import map_assets
+
+SCHEMA = 1
+_OWN = {"clyde.ghosts": "--ghosts", "clyde.speed_mps": "--speeds"}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = Parser(
+        prog="pacman-env bound",
+        description="What is possible on a map against ghosts whose reaction is known: an upper bound of the share of"
+        " rounds that any policy completes, by a relaxed pursuit with perfect information, and an estimate of that"
+        " share, by a search that knows everything.",
+    )
+    add = parser.add_argument
+    add("--map", nargs="+", default=["house"], metavar="FILE_OR_NAME", help="maps (house)")
+    ghosts = "behaviours, each a row; with commas several ghosts at once, such as arcade,chase (chase)"
+    add("--ghosts", nargs="+", default=["chase"], metavar="BEHAVIOUR", help=ghosts)
+    speeds = (0.15, 0.25, 0.35, 0.45)
+    add(
+        "--speeds",
+        nargs="+",
+        type=finite_number(0),
+        default=speeds,
+        metavar="V",
+        help="of the ghosts, m/s (0.15 to 0.45)",
+    )
+    add("--starts", type=whole_number(1), default=50, metavar="N", help="rounds' beginnings (%(default)s)")
+    add("--seed", type=whole_number(0), default=0, metavar="S", help="the rounds' seeds are drawn from it (0)")
+    width = "of the search that estimates, 0: none (%(default)s)"
+    add("--width", type=whole_number(0, 1000), default=64, metavar="N", help=width)
+    add("--preset", default="robot", metavar="NAME", help=f"one of {', '.join(preset_names())} (%(default)s)")
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable")
+    add("--json", type=Path, metavar="OUT", help="write the numbers")
+    return run_command(parser, argv, _bound)
+
+
+def configs_of(arguments: argparse.Namespace) -> list[Config]:
+    """One for each kind of ghosts and each speed; ConfigError names what is wrong."""
+    changes = parse_settings(arguments.set)
+    for name, option in _OWN.items():
+        if name in changes:
+            raise ConfigError(f"{name}: give it as {option}")
+    changes = {"localization.perfect": True, **changes}
+    configs = []
+    for ghosts, speed in itertools.product(dict.fromkeys(arguments.ghosts), dict.fromkeys(arguments.speeds)):
+        names = tuple(ghosts.split(","))
+        for name in names:
+            find_behaviour(name)
+        if POLICY in names:
+            raise ConfigError(f"--ghosts {ghosts}: what a policy does is not known")
+        own = {"clyde.ghosts": names, "clyde.speed_mps": speed}
+        configs.append(make_config(arguments.preset, **changes, **own))
+    return configs
+
+
+def _bound(arguments: argparse.Namespace) -> None:
+    from tqdm import tqdm
+
+    configs = configs_of(arguments)
+    for source in arguments.map:
+        if source.partition(":")[0] == "generated":
+            raise ValueError(
+                f"--map {source}: write generated houses with 'pacman-env map generate' and name their files"
+            )
+    maps = scenarios.named_scenarios(list(dict.fromkeys(arguments.map)), configs[:1])
+    path = arguments.json and prepare(arguments.json)
+    seeds = episode_seeds(arguments.seed, arguments.starts)
+    rows: list[Row] = []
+    with tqdm(total=len(maps) * len(configs) * len(seeds), unit="start", mininterval=1.0, file=sys.stderr) as bar:
+        for name, source in maps.items():
+            assert isinstance(source, str)
+            bounds = MapBounds(map_assets(source, configs[0]), seeds)
+            rows += [{"map": name} | bounds.row(config, arguments.width, bar.update) for config in configs]
+    settings = ", ".join([f"preset {arguments.preset}, perfect localization, seed {arguments.seed}", *arguments.set])
+    print(f"{settings}\n\n{render(rows)}")
+    if path is not None:
+        content = {  # all that is needed to get the rows again
+            "schema": SCHEMA,
+            "version": __version__,
+            "seed": arguments.seed,
+            "seeds": [str(seed) for seed in seeds.tolist()],
+            "preset": arguments.preset,
+            "maps": [scenarios.describe_scenario(name, source, configs[0]) for name, source in maps.items()],
+            "arguments": vars(arguments),
+            "config": configs[0].as_dict(),
+            "rows": rows,
+        }
+        with replaced(path) as temporary:
+            temporary.write_text(json.dumps(content, indent=2, default=str, allow_nan=False) + "\n")
+        print(f"\nwritten: {path}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,71 @@
+"""Rounds of the coarse model played by a wide beam search that knows everything: what is possible, about."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pacman_env.config import Config
+from pacman_env.engine.jit import kernel
+from pacman_env.game.ghosts import Behaviour
+from pacman_env.heuristics.search.beam import NODE, SETTINGS, Room, new_room, search
+from pacman_env.heuristics.search.search import Parameters
+from pacman_env.sim.coarse.model import NOWHERE, Behaviours, Lags, play
+from pacman_env.sim.coarse.start import Start, start
+from pacman_env.sim.observation.situation import Situation
+
+_STARTED_AGAIN = ("collected", "collected_s")  # what a search counts from its own beginning
+
+
+@kernel
+def _play(begin, goal, until_s):  # type: ignore[no-untyped-def]
+    play(begin.robot[0], begin.ghosts, goal, until_s, begin.model)
+
+
+class Estimate:
+    """Plays starts of one configuration; the ghosts' next steps are known, the robot's lags are the model's."""
+
+    def __init__(self, behaviours: list[Behaviour], config: Config, width: int) -> None:
+        self.config = config
+        self._behaviours = Behaviours(behaviours, config)
+        self._lags = Lags(step_s=config.execution.check_period_s, death_margin_m=0.0)
+        p = Parameters()
+        self._segment_s = p.segment_s
+        self._settings = np.zeros(1, dtype=SETTINGS)
+        for name in set(SETTINGS.names or ()) & set(Parameters._fields):
+            self._settings[name] = getattr(p, name)
+        self._settings["layers"], self._settings["width"] = p.layers, width
+        self._room: Room = new_room(width, len(behaviours), self._settings)
+
+    def play(self, situation: Situation, i: int) -> tuple[bool, float]:
+        """Whether the round of situation ``i`` is completed, and when it ends, s."""
+        begin = start(situation, i, self.config, self._behaviours, self._lags, NODE)
+        robot = begin.robot[0]
+        while robot["pellets"] and not robot["dead"] and robot["time_s"] < self.config.time_limit_s:
+            goal = self._choose(begin, situation.mask.shape[1])
+            _play(begin, np.int64(goal), float(robot["time_s"]) + self._segment_s)
+        return not robot["pellets"], float(robot["time_s"])
+
+    def _choose(self, begin: Start, most: int) -> int:
+        goals = self._goals(begin, begin.robot[0])
+        best = np.empty(len(goals))
+        again = begin._replace(robot=begin.robot.copy(), ghosts=begin.ghosts.copy())
+        for name in _STARTED_AGAIN:
+            again.robot[name] = 0
+        again.robot["closest_m"] = np.inf
+        search(again, goals, self._settings, self._room, best)
+        # As the policy: the goal pursued is worth more.
+        best += Parameters().keep_worth * ((goals == begin.robot["goal"][0]) & (goals != NOWHERE))
+        return int(goals[best.argmax()])
+
+    def _goals(self, begin: Start, robot: Any) -> NDArray[np.int64]:
+        """(R,) the nearest pellets that are left, the nearest refuges, and to stay."""
+        length = begin.model.map.robot_length[robot["block"]]
+        bit = begin.model.bit.astype(np.int64)
+        left = (np.uint64(robot["pellets"]) >> np.maximum(bit, 0).astype(np.uint64)) & np.uint64(1)
+        there = (bit >= 0) & (left == 1) & np.isfinite(length)
+        refuge = (np.arange(len(length)) >= begin.pellets) & np.isfinite(length)
+        order = np.argsort(length, kind="stable")
+        found = [order[there[order]][: int(self._settings["pellets"][0])]]
+        found += [order[refuge[order]][: int(self._settings["refuges"][0])], np.array([NOWHERE])]
+        return np.concatenate(found).astype(np.int64)

@@ -1,0 +1,212 @@
+"""The pursuit of one robot by one ghost as a game on blocks: moves of the robot, ways of the ghost, its targets.
+
+Robot and ghost share one lattice of squares; the cells of each that are connected inside a square are a block. Times
+follow from whole squares, so that the rounding inside blocks does not add up from move to move.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pacman_env.config import Config
+from pacman_env.engine.jit import kernel
+from pacman_env.engine.native import call_range
+from pacman_env.game.ghosts import Behaviour
+from pacman_env.sim.coarse.coarse_map import between_all, blocks_of, joined_blocks
+from pacman_env.sim.coarse.model import Behaviours, behaviour_arrays
+from pacman_env.sim.maps.assets import MapAssets
+from pacman_env.world.navigation.grid import cell_of
+
+MOST_PAIRS = 5_000_000  # of a robot's and a ghost's block: memory and time grow with them
+LEAST_EDGE_M = 0.2
+STRAIGHT, DIAGONAL = range(2)  # moves by their offset in squares: (1, 0), (1, 1)
+SQUARES = np.array([1.0, np.sqrt(2.0)])  # length of each
+TARGETS = 5  # of a ghost while it and the robot are in one block each
+MOST_APART = 5.0  # squares: targets that are nearer to each other are one
+
+
+class Graph(NamedTuple):
+    """B blocks of the robot, A of the ghost."""
+
+    edge_m: Any  # side of a square
+    robot_xy: Any  # (B, 2) float64, m
+    ghost_xy: Any  # (A, 2) float64, m
+    robot_block: Any  # (K,) int32, block of each drivable cell
+    ghost_block: Any  # (k,) int32, block of each of the ghosts' cells, -1: not in the robot's area
+    first_move: Any  # (B + 1,) int64: the moves from block r are first_move[r] to first_move[r + 1]
+    move_to: Any  # (M,) int32, block
+    move_kind: Any  # (M,) int8; a block's moves are sorted by it
+    ghost_length: Any  # (A, A) float32, m, over whole squares
+    ghost_next: Any  # (A, A) int32, [target, block]
+    reach_m: Any  # (B,) float64: from the place in the block farthest from ghosts, to their nearest cell
+    snap: Any  # (B,) int32: the ghosts' block nearest to a block's place
+    sides: Any  # (B, 5, 2) float64, m: a block's place and its cells farthest left, right, down and up
+
+
+def build_graph(assets: MapAssets, most_pairs: int = MOST_PAIRS) -> Graph:
+    """The blocks of a map; squares have 0.2 m, or more where there would be more than ``most_pairs`` pairs."""
+    grid, clyde = assets.grid, assets.clyde
+    cells = clyde.cells_in(assets.clyde_part)
+    number = np.full(len(clyde.position), -1, dtype=np.int32)
+    number[cells] = np.arange(len(cells))
+    near = np.where(clyde.neighbours[cells] >= 0, number[clyde.neighbours[cells]], -1).astype(np.int32)
+    # Columns and rows as the robot's, from the bottom.
+    pixel = clyde.pixel[cells]
+    rows = assets.occupancy.height - 1 - pixel[:, 1] - grid.offset[1]
+    place = np.stack([pixel[:, 0] - grid.offset[0], rows], axis=1).astype(np.int32)
+    low = np.minimum(grid.cell.min(axis=0), place.min(axis=0))
+    robot_cell, ghost_cell = (np.ascontiguousarray(one - low).astype(np.int32) for one in (grid.cell, place))
+    edge = LEAST_EDGE_M / grid.resolution
+    ways = grid.neighbours[:, ::2]
+    while True:
+        robot_block, robot_place = blocks_of(robot_cell, ways, edge)
+        ghost_block, ghost_place = blocks_of(ghost_cell, near, edge)
+        pairs = len(robot_place) * len(ghost_place)
+        if pairs <= most_pairs:
+            break
+        edge *= max((pairs / most_pairs) ** 0.25, 1.02)
+    robot_square, ghost_square = (
+        np.floor(c[p] / edge).astype(np.int64) for c, p in ((robot_cell, robot_place), (ghost_cell, ghost_place))
+    )
+    first, move_to, kind = _moves(*joined_blocks(robot_block, ways, len(robot_place)), robot_square)
+    start, ends = joined_blocks(ghost_block, near, len(ghost_place))
+    length, following = between_all(ghost_square.astype(np.int32), start, ends, edge * clyde.resolution)
+    xy = assets.cell_xy.astype(np.float64)
+    ghost_xy = clyde.position[cells]
+    corners = _ends(robot_cell, robot_block, robot_place)
+    snapped = number[assets.ghost_targets.snap[grid.cell[:, 1], grid.cell[:, 0]]]  # of each of the robot's cells
+    blocks = np.full(len(clyde.position), -1, dtype=np.int32)
+    blocks[cells] = ghost_block
+    away = np.hypot(*(xy - ghost_xy[snapped]).T)
+    reach = np.zeros(len(robot_place))
+    np.maximum.at(reach, robot_block, away)
+    snap_block = ghost_block[snapped]
+    return Graph(
+        edge_m=edge * grid.resolution,
+        robot_xy=xy[robot_place],
+        ghost_xy=ghost_xy[ghost_place],
+        robot_block=robot_block,
+        ghost_block=blocks,
+        first_move=first,
+        move_to=move_to,
+        move_kind=kind,
+        ghost_length=length,
+        ghost_next=following,
+        reach_m=reach,
+        snap=snap_block[robot_place],
+        sides=xy[corners],
+    )
+
+
+def _moves(
+    start: NDArray[np.int64], ends: NDArray[np.int64], square: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int8]]:
+    """First move of each block, and by move the block that it leads to and its kind.
+
+    A way that touches a block between two others is as long as the direct one, so two steps count as one move where
+    their squares touch.
+    """
+    count = len(square)
+    here = np.repeat(np.arange(count), np.diff(start))
+    codes = np.unique(here * count + ends)
+    here, there = codes // count, codes % count
+    begins = np.searchsorted(here, np.arange(count + 1))
+    more = np.diff(begins)[there]
+    source = np.repeat(here, more)
+    offset = np.arange(len(source)) - np.repeat(np.cumsum(more) - more, more)
+    codes = np.unique(np.concatenate([codes, source * count + there[np.repeat(begins[there], more) + offset]]))
+    codes = codes[np.abs(square[codes // count] - square[codes % count]).max(axis=1) == 1]
+    here, there = codes // count, codes % count
+    apart = np.sort(np.abs(square[here] - square[there]), axis=1)
+    kind = np.where(apart[:, 0] == 1, DIAGONAL, STRAIGHT)
+    order = np.lexsort((kind, here))
+    here, there, kind = here[order], there[order], kind[order]
+    return np.searchsorted(here, np.arange(count + 1)), there.astype(np.int32), kind.astype(np.int8)
+
+
+def _ends(cell: NDArray[np.int32], block: NDArray[np.int32], place: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(B, 5) cells of each block: its place, and those farthest left, right, down and up."""
+    found = [place]
+    for axis, sign in ((0, 1), (0, -1), (1, 1), (1, -1)):
+        order = np.lexsort((sign * cell[:, axis], block))
+        found.append(order[np.searchsorted(block[order], np.arange(len(place)))])
+    return np.stack(found, axis=1)
+
+
+def targets_of(
+    graph: Graph, assets: MapAssets, behaviour: Behaviour, config: Config, number: int = 0
+) -> NDArray[np.int16]:
+    """(B, A, 5) blocks that ghost ``number`` may go to, -1: no other; the first one by the places of both blocks.
+
+    The others are those by other places in the two blocks that are farther from the first one than a block and a half.
+    ValueError if the behaviour wanders or looks at more than positions.
+    """
+    known = Behaviours([behaviour] * (number + 1), config)
+    grid = assets.grid
+    seen = assets.ghost_targets
+    corner = assets.clyde.position[seen.corner[number]]
+    blocks = graph.ghost_block[seen.snap]
+    map_ = Map(grid.affine, blocks, graph.ghost_length, MOST_APART * graph.edge_m)
+    reach = 0.5 * graph.edge_m
+    places = graph.sides, graph.ghost_xy
+    found = np.full((len(graph.robot_xy), len(graph.ghost_xy), TARGETS), -1, dtype=np.int16)
+    if _choose(known.table.address, number, map_, places, corner, reach, found) < 0:
+        raise ValueError(
+            f"ghosts {behaviour.name}: where such a ghost goes must follow from where it and the robot are"
+        )
+    return found
+
+
+class Map(NamedTuple):
+    affine: Any  # from m to the drive grid's cells
+    block: Any  # (H, W) of the ghosts' nearest cell
+    length: Any  # (A, A) m
+    apart_m: Any  # targets nearer than this to each other are one
+
+
+@kernel
+def _ask(table, k, robot, ghost, corner, other):  # type: ignore[no-untyped-def]
+    """Where ghost k goes, m; ``other`` are its velocity and the robot's heading. NaN if it wanders, or fails."""
+    a = behaviour_arrays(table)
+    v = a.views[k]
+    v[0], v[1], v[2], v[3], v[4] = k, ghost[0], ghost[1], other[0], other[1]
+    v[5], v[6], v[7], v[8], v[9] = robot[0], robot[1], other[2], corner[0], corner[1]
+    if a.behaviours[k, 0] == 0 or call_range(a.behaviours[k, 0], table, k, 0) < 0:
+        return np.nan, np.nan
+    return a.targets[k, 0], a.targets[k, 1]
+
+
+@kernel
+def _choose(table, k, m, places, corner, reach, found):  # type: ignore[no-untyped-def]
+    """Fill in the targets of :func:`targets_of`; -1 if the behaviour is not one of positions."""
+    sides, ghost_xy = places
+    rows, columns = m.block.shape
+    ghost = np.empty(2)
+    at_rest, moving = (0.0, 0.0, 0.0), (0.2, -0.1, 0.7)
+    for r in range(len(sides)):
+        for g in range(len(ghost_xy)):
+            count = 0
+            for j in range(9):
+                # The place of each block, then the robot at its block's ends, then the ghost at those of its own.
+                ghost[0], ghost[1] = ghost_xy[g, 0], ghost_xy[g, 1]
+                if j > 4:
+                    ghost[(j - 5) // 2] += reach if j % 2 else -reach
+                robot = sides[r, j if j < 5 else 0]
+                x, y = _ask(table, k, robot, ghost, corner, at_rest)
+                if not (math.isfinite(x) and math.isfinite(y)):
+                    return -1
+                if j == 0:
+                    other_x, other_y = _ask(table, k, robot, ghost, corner, moving)
+                    if other_x != x or other_y != y:
+                        return -1
+                column, row = cell_of(m.affine, rows, columns, x, y)
+                target = m.block[row, column]
+                new = count < TARGETS
+                for i in range(count):
+                    new &= m.length[target, found[r, g, i]] > m.apart_m
+                if new:
+                    found[r, g, count] = target
+                    count += 1
+    return 0

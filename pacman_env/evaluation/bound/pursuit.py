@@ -1,0 +1,193 @@
+"""From which pairs of blocks can a robot with perfect information avoid a ghost for ever, and else for how long?
+
+States are (robot's block, ghost's block, credit): credit is how far the ghost has walked from its block to the next, in
+units that are a whole number to the square. A state is lost when all moves of the robot lead to lost states. The other
+states are the safe set, the greatest in which the robot can stay.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pacman_env.engine.jit import kernel
+
+from .graph import SQUARES, Graph
+
+#: A lattice way of straight and diagonal moves is so much longer than the straight line, at most.
+LATTICE = 1.0824
+UNIT_S = 0.05  # of times in tables
+FOR_EVER = 65_535  # units
+_UNITS = 4  # of credit to a square
+
+
+class Pace(NamedTuple):
+    """How far the ghost comes, in units of credit, and how long it takes the robot."""
+
+    walked: Any  # (2,) int64: by the ghost during each kind of move, rounded down
+    lasts: Any  # (2,) int64: each kind of move, in UNIT_S, rounded up
+    levels: Any  # credits: 0 to levels - 1
+    cost: Any  # (A, A) int16: of the ghost's step between blocks that are joined, by [block, next], else 0
+
+
+def pace(graph: Graph, robot_mps: float, ghost_mps: float) -> Pace:
+    """Rounded in the robot's favour; the lattice makes no way of the robot's longer than it is."""
+    speed = LATTICE * robot_mps
+    walked = np.floor(_UNITS * SQUARES * ghost_mps / speed + 1e-9).astype(np.int64)
+    lasts = np.ceil(SQUARES * graph.edge_m / speed / UNIT_S - 1e-9).astype(np.int64)
+    cost = np.ceil(_UNITS * graph.ghost_length / graph.edge_m - 1e-3)
+    cost = np.where(graph.ghost_length < 1.5 * graph.edge_m, cost, 0).astype(np.int16)
+    return Pace(walked, lasts, int(cost.max(initial=1)) + 1, cost)
+
+
+@kernel
+def _caught(r, g, credit, targets, graph, p, radius):  # type: ignore[no-untyped-def]
+    """Whether the ghost, at its place between blocks, has caught the robot, at that of its block.
+
+    Beside a wall, where a ghost comes no nearer than its nearest cell, it has when it is there and that is enough.
+    """
+    x, y = graph.ghost_xy[g, 0], graph.ghost_xy[g, 1]
+    target = np.int64(targets[r, g, 0])
+    if g == target:
+        if g == graph.snap[r] and targets[r, g, 1] < 0 and graph.reach_m[r] <= radius:
+            return True
+    elif credit > 0:
+        following = graph.ghost_next[target, g]
+        share = min(credit / p.cost[g, following], 1.0)
+        x += share * (graph.ghost_xy[following, 0] - x)
+        y += share * (graph.ghost_xy[following, 1] - y)
+    dx, dy = x - graph.robot_xy[r, 0], y - graph.robot_xy[r, 1]
+    return dx * dx + dy * dy <= radius * radius
+
+
+@kernel
+def _turn(g, credit, before, target, graph, p):  # type: ignore[no-untyped-def]
+    """A ghost on its way from g to ``before``, as it is reckoned on its way to ``target``: no nearer than it is."""
+    if credit == 0 or g == before or before == target:
+        return g, credit
+    ahead = graph.ghost_next[before, g]
+    if g != target and graph.ghost_next[target, g] == ahead:
+        return g, credit
+    per_m = _UNITS / graph.edge_m
+    back, on = graph.ghost_length[target, g] * per_m, graph.ghost_length[target, ahead] * per_m
+    left = min(back + credit, on + p.cost[g, ahead] - credit)
+    if back >= left:
+        return g, min(np.int64(back - left + 0.05), p.levels - 1)
+    if on >= left:
+        return np.int64(ahead), min(np.int64(on - left + 0.05), p.levels - 1)
+    return g, np.int64(0)
+
+
+@kernel
+def _after(state, to, kind, j, targets, graph, p):  # type: ignore[no-untyped-def]
+    """The ghost's block and credit after the robot's move to a block, if it goes to its ``j``-th target; else -1."""
+    r, g, credit = state
+    target = np.int64(targets[to, g, j])
+    if target < 0:
+        return np.int64(-1), np.int64(0)
+    g, credit = _turn(g, credit, np.int64(targets[r, g, 0]), target, graph, p)
+    credit += p.walked[kind]
+    while g != target:
+        following = np.int64(graph.ghost_next[target, g])
+        if credit < p.cost[g, following]:
+            break
+        credit -= p.cost[g, following]
+        g = following
+    if g == target:
+        credit = np.int64(0)
+    elif j > 0:  # from here on it is reckoned on its way to the first target
+        g, credit = _turn(g, credit, target, np.int64(targets[to, g, 0]), graph, p)
+    return g, credit
+
+
+@kernel
+def _longest(r, g, credit, held, targets, graph, p, left):  # type: ignore[no-untyped-def]
+    """The most time that a move leaves, FOR_EVER at the first that has it, and the number of that move.
+
+    ``held`` is the number of the move that is tried first.
+    """
+    begin = graph.first_move[r]
+    many = graph.first_move[r + 1] - begin + 1  # with waiting, which is the first
+    most = 0
+    for k in range(-1, many * targets.shape[2]):
+        number = held if k < 0 else k
+        e, j = number % many, number // many
+        to, kind = np.int64(r), np.int64(0)
+        if e > 0:
+            to, kind = np.int64(graph.move_to[begin + e - 1]), np.int64(graph.move_kind[begin + e - 1])
+        at, rest = _after((r, g, credit), to, kind, j, targets, graph, p)
+        if at < 0:
+            continue
+        then = np.int64(left[to, at, rest])
+        if then == FOR_EVER:
+            return FOR_EVER, number
+        most = max(most, min(then + p.lasts[kind], FOR_EVER - 1))
+    return most, held
+
+
+@kernel
+def _solve(graph, targets, p, radius, left):  # type: ignore[no-untyped-def]
+    """Fill in ``left`` as :func:`survival`; returns how often the blocks were gone through.
+
+    A row of a robot's block is looked at again when one that its moves lead to has changed.
+    """
+    blocks, ghosts, levels = left.shape
+    left[:] = FOR_EVER
+    held = np.zeros(left.shape, np.uint8)
+    stale = np.ones(blocks, np.bool_)
+    for r in range(blocks):
+        for g in range(ghosts):
+            for c in range(levels):
+                if _caught(r, g, c, targets, graph, p, radius):
+                    left[r, g, c] = 0
+    sweeps = 0
+    again = True
+    while again:
+        again = False
+        for k in range(blocks):
+            r = k if sweeps % 2 == 0 else blocks - 1 - k
+            if not stale[r]:
+                continue
+            stale[r] = False
+            changed = False
+            for g in range(ghosts):
+                for c in range(levels):
+                    if left[r, g, c] == FOR_EVER:
+                        most, number = _longest(r, g, c, np.int64(held[r, g, c]), targets, graph, p, left)
+                        held[r, g, c] = number
+                        if most != FOR_EVER:
+                            left[r, g, c] = most
+                            changed = True
+            if changed:
+                again = True
+                stale[r] = True
+                for e in range(graph.first_move[r], graph.first_move[r + 1]):
+                    stale[graph.move_to[e]] = True
+        sweeps += 1
+    return sweeps
+
+
+def survival(graph: Graph, targets: NDArray[np.int16], p: Pace, radius_m: float) -> NDArray[np.uint16]:
+    """(B, A, levels) the longest time until the ghost catches the robot, in UNIT_S; FOR_EVER: it never does."""
+    left = np.empty((len(graph.robot_xy), len(graph.ghost_xy), p.levels), dtype=np.uint16)
+    _solve(graph, targets, p, radius_m, left)
+    return left
+
+
+def from_start(graph: Graph, left: NDArray[np.uint16], p: Pace, robot: int, ghosts: NDArray[np.int32]) -> NDArray:
+    """(N,) the time in s, inf: for ever, of a robot in block ``robot`` that makes two moves before each ghost's first.
+
+    ``ghosts`` (N,) are their blocks.
+    """
+    reached, spent = {robot: 0}, {robot: 0}
+    for _ in range(2):
+        for block in list(reached):
+            for e in range(graph.first_move[block], graph.first_move[block + 1]):
+                to, at = int(graph.move_to[e]), spent[block] + int(p.lasts[graph.move_kind[e]])
+                spent[to] = max(spent.get(to, 0), at)
+                reached[to] = 0
+    longest = np.zeros(len(ghosts), dtype=np.int64)
+    for block, so_far in spent.items():
+        then = left[block, ghosts, 0].astype(np.int64)
+        longest = np.maximum(longest, np.where(then == FOR_EVER, FOR_EVER, then + so_far))
+    return np.where(longest >= FOR_EVER, np.inf, UNIT_S * longest)
