@@ -21,6 +21,7 @@ _STANDS_SHARE = 0.2  # of what its speed allows
 
 
 class WatchArrays(NamedTuple):
+    affine: Any = Array(np.float64, "M 6")
     snap: Any = Array(np.int32, "M h w")
     length_cm: Any = Array(np.uint16, "M k g")
     ghost_drive: Any = Array(np.int32, "M k")  # drivable cell under each of the ghosts'
@@ -36,15 +37,17 @@ def apart_cm(a, b):  # type: ignore[no-untyped-def]
     """From the lengths of the paths of two places to all goals."""
     most = 0
     for g in range(len(a)):
-        most = max(most, abs(np.int32(a[g]) - np.int32(b[g])))
+        apart = abs(np.int32(a[g]) - np.int32(b[g]))
+        if apart > most:
+            most = apart
     return most
 
 
 @kernel
-def watch(ghosts, paths, robot, tick, level, affine, maps, arcade_m, tick_s):  # type: ignore[no-untyped-def]
+def watch(ghosts, paths, robot, tick, level, maps, arcade_m, tick_s):  # type: ignore[no-untyped-def]
     """Update what is believed of a game's ghosts (G,); ``robot`` is the place (x, y), m, that it believes to be at."""
     snap, length_cm = maps.snap[level], maps.length_cm[level]
-    column, row = cell_of(affine[level], snap.shape[0], snap.shape[1], robot[0], robot[1])
+    column, row = cell_of(maps.affine[level], snap.shape[0], snap.shape[1], robot[0], robot[1])
     here = snap[row, column]
     for k in range(len(ghosts)):
         ghost = ghosts[k]

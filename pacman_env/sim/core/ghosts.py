@@ -178,7 +178,7 @@ def watch(table, i):  # type: ignore[no-untyped-def]
     a = _arrays(table)
     g, p = a.games[i], a.parameters[0]
     bx, by, _ = believed(g, p.use_tf)
-    watch_ghosts(a.ghosts[i], a.paths[i], (bx, by), g.tick, g.level, a.affine, a.watched, p.arcade_m, p.tick_s)
+    watch_ghosts(a.ghosts[i], a.paths[i], (bx, by), g.tick, g.level, a.watched, p.arcade_m, p.tick_s)
 
 
 def _target(view, constants):  # type: ignore[no-untyped-def]

@@ -216,6 +216,6 @@ class RobotView:
         g["distance"] = distance
         if 0 < passed_s < math.inf:
             p = self._parameters[0]
-            where = (x, y), int(g["tick"]), 0, self._levels.arrays["affine"]
+            where = (x, y), int(g["tick"]), 0
             watch(self._ghosts[0], self._cells[0], *where, self._watched, float(p["arcade_m"]), float(p["tick_s"]))
         self._seen_s = seen.time_s
