@@ -146,7 +146,7 @@ def targets_of(
     known = Behaviours([behaviour] * (number + 1), config)
     grid = assets.grid
     seen = assets.ghost_targets
-    corner = assets.clyde.position[seen.corner[number]]
+    corner = assets.clyde.position[assets.ghost_corner[number]]
     blocks = graph.ghost_block[seen.snap]
     map_ = Map(grid.affine, blocks, graph.ghost_length, MOST_APART * graph.edge_m)
     reach = 0.5 * graph.edge_m

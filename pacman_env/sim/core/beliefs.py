@@ -35,11 +35,9 @@ forget_ghost = kernel(forget)
 @kernel
 def apart_cm(a, b):  # type: ignore[no-untyped-def]
     """From the lengths of the paths of two places to all goals."""
-    most = 0
+    most = np.int32(0)
     for g in range(len(a)):
-        apart = abs(np.int32(a[g]) - np.int32(b[g]))
-        if apart > most:
-            most = apart
+        most = max(most, np.int32(abs(np.int32(a[g]) - np.int32(b[g]))))
     return most
 
 

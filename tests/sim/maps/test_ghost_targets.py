@@ -85,8 +85,8 @@ def test_their_corners_are_the_arcades(name: str) -> None:
     lower_left, upper_right = low, high
     upper_left, lower_right = np.array([low[0], high[1]]), np.array([high[0], low[1]])
     corners = (lower_left, upper_right, upper_left, lower_right)  # Clyde, Blinky, Pinky, Inky
-    for cell, corner in zip(assets.ghost_targets.corner.tolist(), corners, strict=True):
+    for cell, corner in zip(assets.ghost_corner.tolist(), corners, strict=True):
         found = np.hypot(*(assets.clyde.position[cell] - corner))
         assert found == pytest.approx(np.hypot(*(position - corner).T).min(), abs=1e-9)
     if name != "turned":
-        assert len(set(assets.ghost_targets.corner.tolist())) == 4
+        assert len(set(assets.ghost_corner.tolist())) == 4
