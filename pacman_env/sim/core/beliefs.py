@@ -62,10 +62,12 @@ def watch(ghosts, paths, robot, tick, level, maps, arcade_m, tick_s):  # type: i
                 continue
             before, now, target = length_cm[ghost.seen_cell], length_cm[cell], length_cm[ghost.robot_cell]
             robot_share = 0.01 * (apart_cm(before, target) - apart_cm(now, target)) / moved
-            target = length_cm[corner]
-            corner_share = 0.01 * (apart_cm(before, target) - apart_cm(now, target)) / moved
+            near, corner_share = ghost.seen_m <= arcade_m, 0.0
+            if near:
+                target = length_cm[corner]
+                corner_share = 0.01 * (apart_cm(before, target) - apart_cm(now, target)) / moved
             turned = dx * ghost.seen_vx + dy * ghost.seen_vy < -0.5 * moved * ghost.speed
-            update_belief(ghost.belief, robot_share, corner_share, ghost.seen_m <= arcade_m, turned)
+            update_belief(ghost.belief, robot_share, corner_share, near, turned)
         ghost.seen_x, ghost.seen_y, ghost.seen_vx, ghost.seen_vy = ghost.x, ghost.y, ghost.vx, ghost.vy
         ghost.seen_m = math.sqrt((ghost.x - robot[0]) ** 2 + (ghost.y - robot[1]) ** 2)
         ghost.seen_cell, ghost.robot_cell, ghost.seen_tick = cell, here, tick
