@@ -183,7 +183,13 @@ def test_line_ups_are_words_of_the_command_line() -> None:
     assert hyper.ghosts == ("wander", "arcade,chase", "wander", "wander,wander")
     assert hyper.lineups == ("wander", "arcade,chase", "wander,wander")
     assert hyper.teacher_nodes == 500
-    assert all(load_hyperparameters(SHIPPED, name).ghosts == ("wander",) for name in ("headline", "quick", "scratch"))
+    assert all(load_hyperparameters(SHIPPED, name).ghosts == ("wander",) for name in ("quick", "scratch"))
+
+
+def test_the_full_training_meets_one_to_four_ghosts_of_every_behaviour() -> None:
+    lineups = [lineup.split(",") for lineup in load_hyperparameters(SHIPPED, "headline").lineups]
+    assert {name for lineup in lineups for name in lineup} == {"wander", "arcade", "chase"}
+    assert {len(lineup) for lineup in lineups} == {1, 2, 4}
 
 
 def test_quick_is_another_section_and_another_folder() -> None:

@@ -29,7 +29,20 @@ from tests.training.test_arguments import section, tiny
 
 ROOT = Path(__file__).resolve().parents[2]
 #: The headline section, made short.
-SHORT = ["--decisions", "2048", "--segment", "1024", "--games", "16", "--n-steps", "32", "--levels", "4"]
+SHORT = [
+    "--decisions",
+    "2048",
+    "--segment",
+    "1024",
+    "--games",
+    "16",
+    "--n-steps",
+    "32",
+    "--levels",
+    "4",
+    "--ghosts",
+    "wander",
+]
 SHORT += ["--imitation", "512", "--evaluation", "4", "--threads", "1", "--no-progress"]
 
 

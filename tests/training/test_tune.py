@@ -29,7 +29,6 @@ PARAMS: dict[str, Any] = {
     "clip_range": 0.15,
     "batch_size": 1024,
     "reward_scale": 0.5,
-    "timeout": -5.0,
     "imitation": 2.0,
 }
 

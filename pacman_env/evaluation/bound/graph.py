@@ -39,7 +39,7 @@ class Graph(NamedTuple):
     move_to: Any  # (M,) int32, block
     move_kind: Any  # (M,) int8; a block's moves are sorted by it
     ghost_length: Any  # (A, A) float32, m, over whole squares
-    ghost_next: Any  # (A, A) int32, [target, block]
+    ghost_next: Any  # (A, A) int16, [target, block]
     reach_m: Any  # (B,) float64: from the place in the block farthest from ghosts, to their nearest cell
     snap: Any  # (B,) int32: the ghosts' block nearest to a block's place
     sides: Any  # (B, 5, 2) float64, m: a block's place and its cells farthest left, right, down and up

@@ -75,6 +75,7 @@ def _build(assets: MapAssets) -> CoarseArrays:
         edge *= math.sqrt(1.05 * len(ghost_place) / MOST_BLOCKS)
     start, ends = joined_blocks(ghost_block, near, len(ghost_place))
     lengths_m, ghost_next = between_all(pixel[ghost_place], start, ends, clyde.resolution)
+    beside = _beside(assets.cell_xy[place].astype(np.float64), clyde.position[cells[ghost_place]], lengths_m)
     targets = assets.ghost_targets
     unit_m = max(float(lengths_m.max()), 1.0) / _LONGEST  # all blocks are connected
     return CoarseArrays(
@@ -87,12 +88,19 @@ def _build(assets: MapAssets) -> CoarseArrays:
         goal_xy=assets.goal_xy,
         ghost_block=ghost_block[number[targets.snap]],
         ghost_xy=clyde.position[cells[ghost_place]],
-        ghost_length=np.ceil(lengths_m / unit_m - 1e-6).astype(np.uint16),
+        ghost_length=_in_units(lengths_m, unit_m),
         unit_m=np.array([unit_m]),
-        ghost_next=ghost_next.astype(np.int16),
-        ghost_beside=_beside(assets.cell_xy[place].astype(np.float64), clyde.position[cells[ghost_place]], lengths_m),
+        ghost_next=ghost_next,
+        ghost_beside=beside,
         ghost_corner=ghost_block[number[assets.ghost_corner]],
     )
+
+
+def _in_units(lengths_m: NDArray[np.float32], unit_m: float) -> NDArray[np.uint16]:
+    """Rounded up; changes the lengths, so that there is no second array of their size."""
+    lengths_m /= np.float32(unit_m)
+    lengths_m -= np.float32(1e-3)
+    return np.minimum(np.ceil(lengths_m, out=lengths_m), _LONGEST, out=lengths_m).astype(np.uint16)
 
 
 def blocks_of(
@@ -151,7 +159,7 @@ def joined_blocks(
 
 def between_all(
     pixel: NDArray[np.int32], start: NDArray[np.int64], ends: NDArray[np.int64], resolution: float
-) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+) -> tuple[NDArray[np.float32], NDArray[np.int16]]:
     """Lengths (A, A) in m and next blocks (A, A), by target, of ghosts; ``pixel`` (A, 2) are the blocks' places."""
     count = len(pixel)
     here = np.repeat(np.arange(count), np.diff(start))
@@ -160,7 +168,7 @@ def between_all(
     steps = (apart[:, 1] - apart[:, 0]) + math.sqrt(2.0) * apart[:, 0]
     cost = np.ceil(steps * resolution * _MM).astype(np.int64)
     queue = new_queue(int(cost.max(initial=1)) * count + 1, len(ends) + 1)
-    length, following = np.full((count, count), np.inf, np.float32), np.full((count, count), -1, np.int32)
+    length, following = np.full((count, count), np.inf, np.float32), np.full((count, count), -1, np.int16)
     _search_all(start, ends, cost, queue, length, following)
     return length, following
 

@@ -85,11 +85,14 @@ class Outlook:
             constants = self._constants[number] = np.array(one.constants(config), dtype=np.float64)
             self._classes[number] = behaviour_addresses(one, constants)
         self._memory: list[OutlookArrays] = []
-        self._tables: list[Table] = []
+        self._tables: list[Table] = []  # of each thread: what behaviours and the outlook work on
+        self._places: list[NDArray[np.int64]] = []
 
-    def memory(self, levels: "LevelStack", slots: NDArray[np.int32], ghosts: int, threads: int) -> list[OutlookArrays]:
-        """For so many threads; the maps in ``slots`` are made ready."""
-        for slot in np.unique(slots).tolist():
+    def memory(
+        self, levels: "LevelStack", slots: NDArray[np.int32], ghosts: int, threads: int
+    ) -> list[NDArray[np.int64]]:
+        """Of so many threads the address (1,) of the table of OutlookArrays; the maps in ``slots`` are made ready."""
+        for slot in set(slots.tolist()):
             assets = levels.assets(slot)
             if self._known[slot] is not assets:
                 table = _tables.get(assets)
@@ -99,11 +102,10 @@ class Outlook:
         goals = levels.arrays["goal_xy"].shape[1]
         fits = self._memory and self._memory[0].ghosts.shape[1] == ghosts and len(self._memory[0].bit) == goals
         if not fits:
-            self._memory, self._tables = [], []
+            self._memory, self._tables, self._places = [], [], []
         while len(self._memory) < threads:
             own = BehaviourArrays(np.zeros((ghosts, 2), np.int64), np.zeros((ghosts, 10)), np.zeros((ghosts, 2)))
             table = Table(BehaviourArrays, **own._asdict())
-            self._tables.append(table)
             self._memory.append(
                 OutlookArrays(
                     coarse=self._addresses,
@@ -117,7 +119,13 @@ class Outlook:
                     behaviours_table=table.numbers,
                 )
             )
-        return self._memory[:threads]
+            whole = Table(OutlookArrays, **self._memory[-1]._asdict())
+            self._tables += [table, whole]
+            self._places.append(np.array([whole.address]))
+        return self._places[:threads]
+
+
+outlook_arrays = arrays_by_address(OutlookArrays)
 
 
 @kernel

@@ -56,8 +56,7 @@ class _FillArrays(NamedTuple):
     seen: Any = prediction.SeenArrays
     candidates: Any = Array(np.float32, f"N C {len(CANDIDATE_FEATURES)}")
     whole: Any = Array(np.float32, f"N {len(GLOBAL_FEATURES)}")
-    outlook: Any = outlook.OutlookArrays
-    limits: Any = Array(np.float64, "1")  # s, of a round
+    outlook: Any = Array(np.int64, "1")  # address of the table of OutlookArrays
 
 
 _arrays = arrays_by_address(_FillArrays)
@@ -69,23 +68,23 @@ def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDAr
     seen = prediction.seen_arrays(situation, robot_speed_mps)
     assert situation.maps is not None
     memory = _memory(situation)
-    limits = np.array([situation.maps.config.time_limit_s])
     candidates = np.empty((*situation.mask.shape, len(CANDIDATE_FEATURES)), dtype=np.float32)
     whole = np.empty((len(candidates), len(GLOBAL_FEATURES)), dtype=np.float32)
-    arrays = {"seen": seen, "candidates": candidates, "whole": whole, "limits": limits}
+    arrays = {"seen": seen, "candidates": candidates, "whole": whole}
     tables = [Table(_FillArrays, outlook=own, **arrays) for own in memory]
     situation.threads.run(_fill, tables, len(candidates))
     return candidates, whole
 
 
-def _memory(situation: Situation) -> list[outlook.OutlookArrays]:
-    """For each thread; maps are made ready where a ghost comes for the robot."""
+def _memory(situation: Situation) -> list[NDArray[np.int64]]:
+    """Of each thread, its address; maps are made ready where a ghost comes for the robot."""
     levels = situation.maps
     assert levels is not None
     own = _outlooks.get(levels)
     if own is None:
         own = _outlooks[levels] = outlook.Outlook(levels)
-    comes = (situation.belief[:, :, ARCADE] + situation.belief[:, :, CHASES] > outlook.COMES).any(axis=1)
+    belief = situation.belief
+    comes = (belief[:, :, ARCADE] + belief[:, :, CHASES] > outlook.COMES).any(axis=1)
     return own.memory(levels, situation.level[comes], situation.belief.shape[1], situation.threads.number)
 
 
@@ -127,6 +126,7 @@ def _describe_ghosts(s, i, maps, tokens):  # type: ignore[no-untyped-def]
 def _fill(table, first, last):  # type: ignore[no-untyped-def]
     a = _arrays(table)
     candidates, whole, request = a.candidates, a.whole, a.seen.request[0]
+    memory = outlook.outlook_arrays(a.outlook[0])
     s, maps = prediction.seen_by(a.seen)
     room = prediction.room_to_meet(maps.coarse_steps, s.mask.shape[1])
     meetings = np.empty((s.mask.shape[1], prediction.COLUMNS), np.float32)
@@ -137,8 +137,8 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
         prediction.meet(s, maps, i, request, room, True, meetings)
         coming = outlook.coming(s, i)
         if coming > 0:
-            outlook.look_ahead(s, i, a.outlook, hunts)
-        left_s = max(a.limits[0] - s.time_s[i], 0.0)
+            outlook.look_ahead(s, i, memory, hunts)
+        left_s = max(memory.rules[0].limit_s - s.time_s[i], 0.0)
         whole[i, 11], whole[i, 12], whole[i, 13] = min(left_s / 200.0, 5.0), math.exp(-left_s / 30.0), coming
         _describe_ghosts(s, i, maps, whole[i, _FIRST_TOKEN:])
         length_cm, goal_cell = maps.length_cm[s.level[i]], maps.goal_cell[s.level[i]]

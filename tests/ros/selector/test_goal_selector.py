@@ -189,6 +189,6 @@ def test_a_decision_is_a_few_hundred_calls(policy: str) -> None:
         for action in sent[-3:]:
             if action.kind == "send":
                 executor.sent.accepted(int(action.value), now)
-    assert sum(action.kind == "send" for action in sent) > 10
+    assert sum(action.kind == "send" for action in sent) > 2
     assert sorted(calls)[989] < 400, "99 of 100 decisions; the first imports and compiles"
     assert not once.counts

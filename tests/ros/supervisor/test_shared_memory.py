@@ -98,8 +98,7 @@ def test_what_killed_processes_leave_is_removed_and_what_the_living_use_stays(ta
         process.wait()
     left = {name for name in of_one | of_other | of_third if (FOLDER / name).exists()}
     assert left, "nothing was left"
-    removed = remove_unused()
-    assert removed
+    remove_unused()  # or another program does, which has just begun
     assert families(name for name in left if (FOLDER / name).exists()) <= families(of_all())
 
 
