@@ -156,20 +156,8 @@ def test_the_installed_command_trains(site: Path, tmp_path: Path, command: list[
 def test_a_checkpoint_of_the_checkout_is_compared_by_the_installed_command(site: Path, tmp_path: Path) -> None:
     pytest.importorskip("torch")
     pytest.importorskip("optuna")
-    tiny = [
-        "--decisions",
-        "64",
-        "--segment",
-        "64",
-        "--games",
-        "2",
-        "--n-steps",
-        "32",
-        "--batch-size",
-        "32",
-        "--ghosts",
-        "wander",
-    ]
+    tiny = ["--decisions", "64", "--segment", "64", "--games", "2", "--n-steps", "32", "--batch-size", "32"]
+    tiny += ["--ghosts", "wander"]
     tiny += ["--imitation", "0", "--levels", "2", "--evaluation", "0", "--threads", "1", "--no-progress"]
     run(sys.executable, "train/ppo.py", *tiny, "--out", str(tmp_path / "run"), cwd=ROOT, PYTHONPATH=str(ROOT))
     command = ["compare", "--episodes", "2", "--time-limit", "5", "--policies", "run/last.zip"]
