@@ -44,12 +44,19 @@ class Visitor:
     foreign: list[str] = field(default_factory=list)
 
     def watch(self) -> Visitor:
-        host = self.url.split("/")[2]
         self.page.on("console", lambda message: message.type == "error" and self._wrong(message.text))
         self.page.on("pageerror", lambda error: self._wrong(str(error)))
         for kind in ("request", "websocket"):
-            self.page.on(kind, lambda asked: asked.url.split("/")[2] != host and self.foreign.append(asked.url))
+            self.page.on(kind, lambda asked: self._asked(asked.url))
         return self
+
+    def _asked(self, url: str) -> None:
+        if not url.startswith("about:") and url.split("/")[2] != self.url.split("/")[2]:
+            self.foreign.append(url)
+
+    def leave(self) -> None:
+        """Before the server ends, which the page would ask for again and again."""
+        self.page.goto("about:blank")
 
     def _wrong(self, words: str) -> None:
         if not words.startswith(self.allowed or ("\0",)):

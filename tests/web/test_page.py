@@ -295,11 +295,9 @@ def test_viewer_sees_and_stops(simulated: SimulatedGame, visit: Visit) -> None:
     with WebServer(simulated, tokens=tokens, write=lambda _: None) as server:
         page = visit(ready=False)
         page.url = f"http://127.0.0.1:{server.port}/"
-        page.watch()
-        page.foreign.clear()
         page.page.goto(f"{page.url}?token={'v' * 32}")
         page.wait("state.frame")
-        page.foreign.clear()
+        page.foreign.clear()  # the page that was left
         for name in ("start", "reset", "setup-start", "clyde-speed", "place"):
             assert page.page.is_disabled(f"#{name}"), name
         assert "viewer" in page.text("reason")
@@ -307,6 +305,7 @@ def test_viewer_sees_and_stops(simulated: SimulatedGame, visit: Visit) -> None:
         page.wait("state.frame.stopped")
         assert page.page.is_disabled("#release")
         assert page.value("state.scene.map.url").startswith("/map/")
+        page.leave()
 
 
 @pytest.mark.parametrize("width", [390, 1440])
