@@ -15,7 +15,7 @@ def test_the_page_is_measured_beside_the_game(tmp_path: Path, capsys: pytest.Cap
     assert main(["--quick", "--json", str(out)]) == 0
     figures = json.loads(out.read_text())
     assert (figures["viewers"], figures["map"]) == (4, "house")
-    assert 0.0 < figures["frames_per_s"] < 21.0
+    assert figures["frames_per_s"] > 0.0  # those that were late come together: no bound from above in a short time
     assert figures["server_percent"] > 0.0
     assert 0.0 < figures["latency_ms"]["p50"] <= figures["latency_ms"]["p99"] <= figures["latency_ms"]["longest"]
     assert {*figures["tick_ms"], *figures["memory_mb"], *figures["game_percent"]} == {"with", "without"}
