@@ -12,10 +12,9 @@ import numpy as np
 
 from benchmarks.harness import Option, benchmark, count
 from pacman_env.config import make_config
-from pacman_env.game.behaviour_belief import ARCADE, BELIEVED, CHASES
+from pacman_env.game.behaviour_belief import BELIEVED, comes
 from pacman_env.game.execution import RUNNING
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.coarse.outlook import COMES
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 
@@ -44,11 +43,11 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
             going = apart & (batch.games["end"] == RUNNING)
             if tick * tick_s in _TIMES_S and going.any():
                 belief = situation.belief[going, 0]
-                comes = float((belief[:, ARCADE] + belief[:, CHASES] > COMES).mean())
+                coming = float(comes(belief.T).mean())
                 mean = belief.mean(axis=0).tolist()
                 print(f"{name:<8}{tick * tick_s:8.0f}{going.sum():7d}", end="")
-                print("".join(f"{share:9.2f}" for share in mean) + f"{comes:9.0%}")
-                figures[f"{name}, {tick * tick_s:.0f} s"] = {"games": int(going.sum()), "mean": mean, "comes": comes}
+                print("".join(f"{share:9.2f}" for share in mean) + f"{coming:9.0%}")
+                figures[f"{name}, {tick * tick_s:.0f} s"] = {"games": int(going.sum()), "mean": mean, "comes": coming}
             batch.step(policy.select(situation))
     return figures
 

@@ -8,6 +8,7 @@ says, since a ghost that wanders keeps its direction for seconds.
 
 BELIEVED = ("wander", "arcade", "chase", "other")
 WANDERS, ARCADE, CHASES, OTHER = range(len(BELIEVED))
+COMES = 0.5  # probability above which a ghost is taken to come for the robot
 PRIOR = (0.55, 0.15, 0.2, 0.1)
 _FORGOTTEN = 0.005  # of the belief at each move: a ghost may change what it does
 #: How much likelier a move is of a ghost that has a target, by the share of the move that went towards the target.
@@ -56,6 +57,18 @@ def weigh(belief, likelihoods):  # type: ignore[no-untyped-def]
         total += belief[k]
     for k in range(len(belief)):
         belief[k] = belief[k] / total * (1.0 - _FORGOTTEN) + PRIOR[k] * _FORGOTTEN
+
+
+def comes(belief):  # type: ignore[no-untyped-def]
+    """Whether a ghost is taken to come for the robot; ``belief`` (4, ...) may be of many ghosts."""
+    return belief[ARCADE] + belief[CHASES] > COMES
+
+
+def taken_for(belief):  # type: ignore[no-untyped-def]
+    """What a ghost is taken to do, as a number in ``BELIEVED``; one that does not come is taken to wander."""
+    if not comes(belief):
+        return WANDERS
+    return CHASES if belief[CHASES] >= belief[ARCADE] else ARCADE
 
 
 def forget(ghost):  # type: ignore[no-untyped-def]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pacman_env.config import Config
 from pacman_env.engine.jit import kernel
 from pacman_env.game.ghosts import Behaviour
-from pacman_env.heuristics.search.beam import NODE, SETTINGS, Room, new_room, search
+from pacman_env.heuristics.search.beam import NODE, Room, new_room, search
 from pacman_env.heuristics.search.search import Parameters
 from pacman_env.sim.coarse.model import NOWHERE, Behaviours, Lags, play
 from pacman_env.sim.coarse.start import Start, start
@@ -31,10 +31,8 @@ class Estimate:
         self._lags = Lags(step_s=config.execution.check_period_s, death_margin_m=0.0)
         p = Parameters()
         self._segment_s = p.segment_s
-        self._settings = np.zeros(1, dtype=SETTINGS)
-        for name in set(SETTINGS.names or ()) & set(Parameters._fields):
-            self._settings[name] = getattr(p, name)
-        self._settings["layers"], self._settings["width"] = p.layers, width
+        self._settings = p.settings()
+        self._settings["width"] = width
         self._room: Room = new_room(width, len(behaviours), self._settings)
 
     def play(self, situation: Situation, i: int) -> tuple[bool, float]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...engine.jit import kernel
-from ...sim.coarse.model import GHOST, NOWHERE, ROBOT, lead_m, play
+from ...sim.coarse.model import GHOST, NOWHERE, ROBOT, copy_ghosts, lead_m, play
 
 NODE = np.dtype(
     [
@@ -166,12 +166,6 @@ def _keep(nodes, width, kept):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _copy(ghosts, other):  # type: ignore[no-untyped-def]
-    for k in range(len(ghosts)):
-        other[k] = ghosts[k]
-
-
-@kernel
 def search(begin, choices, settings, room, best):  # type: ignore[no-untyped-def]
     """Fill in the value of the best line that begins with each of the goals ``choices`` (R,).
 
@@ -188,7 +182,7 @@ def search(begin, choices, settings, room, best):  # type: ignore[no-untyped-def
         kept = 1
         if layer < 0:
             nodes[0] = begin.robot[0]
-            _copy(begin.ghosts, ghosts[0])
+            copy_ghosts(begin.ghosts, ghosts[0])
             room.kept[0] = 0
         else:
             kept = _keep(nodes[: room.counts[here]], s.width, room.kept)
@@ -205,7 +199,7 @@ def search(begin, choices, settings, room, best):  # type: ignore[no-untyped-def
                 at = room.counts[following]
                 room.nodes[following, at] = nodes[node]
                 child, its = room.nodes[following, at], room.ghosts[following, at]
-                _copy(ghosts[node], its)
+                copy_ghosts(ghosts[node], its)
                 if layer < 0:
                     child.first = j
                 play(child, its, goal, child.time_s + s.segment_s, model)
@@ -223,7 +217,7 @@ def search(begin, choices, settings, room, best):  # type: ignore[no-untyped-def
                 else:
                     there = after % layers
                     room.nodes[there, room.counts[there]] = child
-                    _copy(its, room.ghosts[there, room.counts[there]])
+                    copy_ghosts(its, room.ghosts[there, room.counts[there]])
                     room.counts[there] += 1
         if layer >= 0:
             room.counts[here] = 0

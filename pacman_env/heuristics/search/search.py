@@ -7,12 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import Config
-from pacman_env.game.behaviour_belief import ARCADE, BELIEVED, CHASES
+from pacman_env.game.behaviour_belief import BELIEVED, taken_for
 from pacman_env.game.ghosts import POLICY, WANDER, Behaviour, find_behaviour
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.coarse.model import Behaviours, Lags
-from pacman_env.sim.coarse.outlook import COMES
 from pacman_env.sim.coarse.start import Start, draw_futures, start
 from pacman_env.sim.observation.situation import Nearest, Situation, nearest_candidates
 
@@ -60,6 +59,14 @@ class Parameters(NamedTuple):
         """One of each layer in each future."""
         return self.samples * self.choices * (self.layers + 1)
 
+    def settings(self) -> NDArray[Any]:
+        """(1,) of SETTINGS, for beams; the width is to be set."""
+        record = np.zeros(1, dtype=SETTINGS)
+        for name in set(SETTINGS.names or ()) & set(self._fields):
+            record[name] = getattr(self, name)
+        record["layers"] = self.layers
+        return record
+
 
 def _check(p: Parameters) -> None:
     above_0 = ("nodes", "samples", "horizon_s", "layer_s", "segment_s", "lead_m", "near_m")
@@ -94,10 +101,7 @@ class Search(BasePolicy):
         self._by_belief = behaviours == "belief"
         self._prepared: dict[tuple[str, ...], Behaviours] = {}
         self.base: Policy = make_policy(base)
-        self._settings = np.zeros(1, dtype=SETTINGS)
-        for name in set(SETTINGS.names or ()) & set(Parameters._fields):
-            self._settings[name] = getattr(p, name)
-        self._settings["layers"] = p.layers
+        self._settings = p.settings()
         self._room: Room | None = None
         self.played = 0  #: segments, for the last situation
 
@@ -113,8 +117,7 @@ class Search(BasePolicy):
         found = list(self.config.clyde.ghosts)
         for k, (name, belief) in enumerate(zip(found, believed, strict=True)):
             if self._by_belief or name == POLICY:
-                comes = belief[ARCADE] + belief[CHASES] > COMES
-                found[k] = BELIEVED[CHASES if belief[CHASES] >= belief[ARCADE] else ARCADE] if comes else WANDER
+                found[k] = BELIEVED[taken_for(belief)]
         return tuple(found)
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:

@@ -399,6 +399,12 @@ def play(robot, ghosts, goal, until_s, model):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def copy_ghosts(ghosts, other):  # type: ignore[no-untyped-def]
+    for k in range(len(ghosts)):
+        other[k] = ghosts[k]
+
+
+@kernel
 def lead_m(robot, ghosts, m):  # type: ignore[no-untyped-def]
     """The shortest path of a ghost to the robot, on either side of a wall that it is at, m."""
     least, unit = np.inf, m.unit_m[0]

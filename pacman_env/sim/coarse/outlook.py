@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...engine.arrays import Array, Table, arrays_by_address
 from ...engine.jit import kernel
 from ...engine.native import address_of
-from ...game.behaviour_belief import ARCADE, BELIEVED, CHASES
+from ...game.behaviour_belief import ARCADE, BELIEVED, CHASES, WANDERS, comes, taken_for
 from ...game.ghosts import BEHAVIOURS
 from ..observation.situation import PELLET
 from .coarse_map import CoarseArrays, coarse_map
@@ -29,6 +29,7 @@ from .model import (
     Model,
     begin,
     behaviour_addresses,
+    copy_ghosts,
     lead_m,
     play,
     put_ghost,
@@ -39,7 +40,6 @@ from .model import (
 if TYPE_CHECKING:
     from ..maps.level_stack import LevelStack
 
-COMES = 0.5  # probability above which a ghost is taken to come for the robot
 _FAR_S, _STAY_S, _AFTER_S = 30.0, 6.0, 8.0  # played at most on the way to a candidate, holding, after arriving
 _WAYS = 4  # goals tried after arriving
 _FAR_M = 10.0
@@ -133,7 +133,7 @@ def coming(s, i):  # type: ignore[no-untyped-def]
     """How many ghosts are believed to come for the robot."""
     count = 0
     for k in range(s.belief.shape[1]):
-        count += s.belief[i, k, ARCADE] + s.belief[i, k, CHASES] > COMES
+        count += comes(s.belief[i, k])
     return count
 
 
@@ -158,12 +158,6 @@ def _mark_pellets(s, i, bit):  # type: ignore[no-untyped-def]
             bit[s.goal[i, c]] = used
             used += 1
     return used
-
-
-@kernel
-def _copy(ghosts, other):  # type: ignore[no-untyped-def]
-    for k in range(len(ghosts)):
-        other[k] = ghosts[k]
 
 
 @kernel
@@ -204,10 +198,9 @@ def look_ahead(s, i, a, result):  # type: ignore[no-untyped-def]
     count = 0
     apart = np.inf
     for k in range(s.belief.shape[1]):
-        arcade, chases = s.belief[i, k, ARCADE], s.belief[i, k, CHASES]
-        if arcade + chases <= COMES:
+        which = taken_for(s.belief[i, k])
+        if which == WANDERS:
             continue
-        which = CHASES if chases >= arcade else ARCADE
         a.behaviours.behaviours[k, 0], a.behaviours.behaviours[k, 1] = a.classes[which, 0], a.classes[which, 1]
         x, y = s.ghosts[i, k, 0], s.ghosts[i, k, 1]
         put_ghost(a.ghosts[0, count], k, model, x, y, s.ghosts[i, k, 4])
@@ -226,7 +219,7 @@ def look_ahead(s, i, a, result):  # type: ignore[no-untyped-def]
             continue
         r = result[c]
         robots[1] = robots[0]
-        _copy(begins, on)
+        copy_ghosts(begins, on)
         until = first.time_s + (_FAR_S if goal >= 0 else _STAY_S)
         play(way, on, goal if goal >= 0 else np.int64(NOWHERE), until, model)
         r[CAUGHT] = way.dead
@@ -243,7 +236,7 @@ def look_ahead(s, i, a, result):  # type: ignore[no-untyped-def]
         ways = _list_ways(way, model, a.goals)
         for k in range(ways + 1):  # the last is to stay
             robots[2] = robots[1]
-            _copy(on, last)
+            copy_ghosts(on, last)
             play(after, last, a.goals[k] if k < ways else np.int64(NOWHERE), way.time_s + _AFTER_S, model)
             if not after.dead:
                 r[WAYS_ON] += 1.0 / (ways + 1)

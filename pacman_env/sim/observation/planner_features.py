@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ...engine.arrays import Array, Table, arrays_by_address
 from ...engine.jit import kernel
-from ...game.behaviour_belief import ARCADE, CHASES, OTHER
+from ...game.behaviour_belief import ARCADE, CHASES, OTHER, comes
 from ...game.goal_cost import TOTAL, ScorerParameters, is_threatening, score_situation
 from ...world.navigation.grid import cell_of
 from ...world.navigation.paths import UNREACHABLE_CM
@@ -83,9 +83,8 @@ def _memory(situation: Situation) -> list[NDArray[np.int64]]:
     own = _outlooks.get(levels)
     if own is None:
         own = _outlooks[levels] = outlook.Outlook(levels)
-    belief = situation.belief
-    comes = (belief[:, :, ARCADE] + belief[:, :, CHASES] > outlook.COMES).any(axis=1)
-    return own.memory(levels, situation.level[comes], situation.belief.shape[1], situation.threads.number)
+    hunted = comes(situation.belief.T).any(axis=0)
+    return own.memory(levels, situation.level[hunted], situation.belief.shape[1], situation.threads.number)
 
 
 @kernel
@@ -96,7 +95,6 @@ def _describe_ghosts(s, i, maps, tokens):  # type: ignore[no-untyped-def]
     x, y = s.robot[i, 0], s.robot[i, 1]
     column, row = cell_of(affine, snap.shape[0], snap.shape[1], x, y)
     here = snap[row, column]
-    used = 0
     least, last = -1.0, -1
     for k in range(min(GHOST_TOKENS, s.ghosts.shape[1])):
         best, nearest = np.inf, -1  # the next one: farther than the last, or as far with a greater number
@@ -118,8 +116,6 @@ def _describe_ghosts(s, i, maps, tokens):  # type: ignore[no-untyped-def]
         t[4] = (vx * (x - gx) + vy * (y - gy)) / (v * best) if v * best > 1e-6 else 0.0
         t[5] = min(speed / 0.5, 4.0)
         t[6], t[7], t[8] = s.belief[i, nearest, ARCADE], s.belief[i, nearest, CHASES], s.belief[i, nearest, OTHER]
-        used += 1
-    return used
 
 
 @kernel
