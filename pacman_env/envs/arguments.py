@@ -13,7 +13,7 @@ from ..config import Config, ConfigError, make_config
 from ..game.ghosts import GHOST_NAMES, POLICY, behaviour_names
 from ..plugins import PluginError
 from ..policies.base import Policy, check_reset
-from ..policies.registry import make_policy, policy_names
+from ..policies.registry import make_policy, moved_by_policy
 from ..sim.maps.assets import MapSource, map_assets
 from ..sim.maps.level_source import FixedMap, GeneratedMaps, LevelSource
 from ..sim.observation.kinds import FLAT, KINDS
@@ -135,7 +135,7 @@ def _behaviours(ghosts: Ghosts | None) -> tuple[tuple[str, ...] | None, dict[int
         raise ConfigError(f"ghosts = {ghosts!r}: must be a number, a behaviour, a policy, or a sequence of these")
     names, policies = [], {}
     for number, one in enumerate(each):
-        if isinstance(one, str) and (one.endswith(".onnx") or (one in policy_names() and one not in behaviour_names())):
+        if isinstance(one, str) and moved_by_policy(one):
             one = make_policy(one)  # by name, so that Gymnasium's spec of the environment can be written to a file
         if isinstance(one, str):
             names.append(one)

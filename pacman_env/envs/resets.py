@@ -60,10 +60,11 @@ class ResetOptions:
             return None
         if not isinstance(source, GeneratedMaps):
             raise ConfigError("options['level']: levels are for map='generated'")
-        levels, first, last = self.level[index], source.start_level, source.start_level + source.num_levels - 1
-        bad = levels[(levels < first) | (levels > last)]
+        levels = self.level[index]
+        bad = levels[~source.has(levels)]
         if len(bad):
-            raise ConfigError(f"options['level'] = {bad[0]}: the environment has the levels {first} to {last}")
+            there = source.describe_levels()
+            raise ConfigError(f"options['level'] = {bad[0]}: the environment has the levels {there}")
         return levels
 
 

@@ -6,7 +6,8 @@ The records depend on map, configuration, policy and seeds alone, not on the bat
 import copy
 import itertools
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from pacman_env.config import Config
 from pacman_env.game.execution import COMPLETE, RUNNING
 from pacman_env.policies.base import BasePolicy, Policy
-from pacman_env.policies.registry import make_policy
+from pacman_env.policies.registry import make_policy, split_ghosts
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.sim.maps.level_source import LevelSource
@@ -73,8 +74,10 @@ def play(
     Returns (E,) records of type ``EPISODE`` in the order of the seeds, and (T,) times in ms of single decisions of the
     policy alone, in a sample of the situations. An endless game that has all its rounds behind it ends as COMPLETE.
     """
+    behaviours, ghosts = split_ghosts(config.clyde.ghosts)
+    config = config.with_fields(**{"clyde.ghosts": behaviours})
     batch = GameBatch(source, config, min(batch_size, len(seeds)), num_threads)
-    return play_in(batch, robot, seeds, on_end=on_end)
+    return play_in(batch, robot, seeds, ghosts=ghosts, on_end=on_end)
 
 
 def play_in(
@@ -82,11 +85,11 @@ def play_in(
     robot: str | Policy,
     seeds: NDArray[np.uint64],
     *,
-    ghost: Policy | None = None,
+    ghosts: Mapping[int, Policy] = MappingProxyType({}),
     on_end: Callable[[int], object] | None = None,
     timed: bool = True,
 ) -> tuple[NDArray, NDArray[np.float64]]:
-    """:func:`play` in existing games, whose levels are kept; ``ghost`` is the ghost if its behaviour is ``policy``."""
+    """:func:`play` in existing games, whose levels are kept; ``ghosts`` move those whose behaviour is ``policy``."""
     n = batch.n
     if n > len(seeds):
         raise ValueError(f"{n} games for {len(seeds)} seeds")
@@ -95,7 +98,7 @@ def play_in(
     records = np.zeros(len(seeds), dtype=EPISODE)
     episode = np.arange(n)  # which one each slot plays, -1: none is left
     before_s = np.zeros(n)  # the rounds before the one that a slot plays
-    players = [policy] if ghost is None else [policy, ghost]
+    players = [policy, *ghosts.values()]
     batch.reset(np.arange(n), seeds[:n])
     for player in players:
         player.reset(np.ones(n, dtype=np.bool_), batch.config)
@@ -111,7 +114,7 @@ def play_in(
             for _ in range(_WARM_UP if step == 0 else 0):
                 _decision_ms(other, row, batch.config)
             times_ms.append(_decision_ms(other, row, batch.config))
-        round_s = _step(batch, situation, _choices(policy, situation, playing, batch.hold), playing, ghost)
+        round_s = _step(batch, situation, _choices(policy, situation, playing, batch.hold), playing, ghosts)
         follows = round_s > 0
         if follows.any():
             before_s += round_s
@@ -147,15 +150,28 @@ def _choices(policy: Policy, situation: Situation, playing: NDArray[np.int64], h
 
 
 def _step(
-    batch: GameBatch, situation: Situation, chosen: NDArray[np.int64], playing: NDArray[np.int64], ghost: Policy | None
+    batch: GameBatch,
+    situation: Situation,
+    chosen: NDArray[np.int64],
+    playing: NDArray[np.int64],
+    ghosts: Mapping[int, Policy],
 ) -> NDArray[np.float64]:
     """A decision, and the ticks until the next; (N,) how long the round was that was completed in them, s, else 0."""
     choices = allowed(situation, chosen, batch.hold)
-    send_ghosts = None if ghost is None else lambda: ghost.select(batch.situation(0))[:, None]
+
+    def send_ghosts() -> NDArray[np.int64] | None:
+        if not ghosts:
+            return None
+        sent = np.full(batch.ghosts.shape, batch.hold, dtype=np.int64)
+        for number, ghost in ghosts.items():
+            sent[:, number] = ghost.select(batch.situation(number))
+        return sent
+
     if batch.config.decisions.when == "event":
-        batch.step_until_due(choices, choices != chosen, send_ghosts, np.isin(np.arange(batch.n), playing))
+        send = send_ghosts if ghosts else None
+        batch.step_until_due(choices, choices != chosen, send, np.isin(np.arange(batch.n), playing))
     else:
-        batch.step(choices, None if send_ghosts is None else send_ghosts())
+        batch.step(choices, send_ghosts())
     return batch.completed_s.copy()
 
 

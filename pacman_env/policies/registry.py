@@ -4,12 +4,14 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from pacman_env.config import ConfigError
-from pacman_env.game.ghosts import POLICY, find_behaviour
+from pacman_env.game.ghosts import POLICY, behaviour_names, find_behaviour
 from pacman_env.plugins import Registry
 from pacman_env.policies.base import Policy, check_reset
-from pacman_env.policies.learned import LearnedPlanner
+from pacman_env.policies.learned import PRETRAINED, LearnedPlanner
 
 _FILE = ".onnx"
+#: Not listed among the policies, as it moves a ghost: trained against the planner in the package (docs/adversary.md).
+LEARNED_CLYDE = "clyde:learned"
 #: What makes each policy, called with its parameters; other packages add theirs as entry points.
 POLICIES: Registry[Callable[..., Policy]] = Registry(
     "policy",
@@ -36,6 +38,8 @@ def make_policy(spec: str, **parameters: Any) -> Policy:
     name, a parameter out of range, or what is not of this version; TypeError for a parameter that the policy does not
     have; ModuleNotFoundError for a learned planner without onnxruntime.
     """
+    if spec == LEARNED_CLYDE:
+        return LearnedPlanner(PRETRAINED.with_name("clyde.onnx"), **parameters)
     if spec.endswith(_FILE):
         return LearnedPlanner(spec, **parameters)
     factory = POLICIES.find(spec)
@@ -49,15 +53,22 @@ def make_policy(spec: str, **parameters: Any) -> Policy:
     return policy
 
 
+def moved_by_policy(ghost: str) -> bool:
+    """Whether a name in ``clyde.ghosts`` is ``clyde:learned``, an .onnx file or a policy's, and no behaviour's."""
+    return (
+        ghost == LEARNED_CLYDE or ghost.endswith(_FILE) or (ghost in policy_names() and ghost not in behaviour_names())
+    )
+
+
 def split_ghosts(ghosts: Sequence[str]) -> tuple[tuple[str, ...], dict[int, Policy]]:
-    """Behaviours by ghost, ``policy`` where an .onnx file moves it, and those policies by the ghost's number.
+    """Behaviours by ghost, ``policy`` where a policy moves it, and those policies by the ghost's number.
 
     Raises ConfigError for an unknown behaviour, and for ``policy`` itself, and what ``make_policy`` raises.
     """
     for number, name in enumerate(ghosts):
         if name == POLICY:
-            raise ConfigError(f"clyde.ghosts[{number}] = 'policy': name the .onnx file that moves it instead")
-        if not name.endswith(_FILE):
+            raise ConfigError(f"clyde.ghosts[{number}] = 'policy': name the policy or the .onnx file that moves it")
+        if not moved_by_policy(name):
             find_behaviour(name)
-    policies = {number: make_policy(name) for number, name in enumerate(ghosts) if name.endswith(_FILE)}
+    policies = {number: make_policy(name) for number, name in enumerate(ghosts) if moved_by_policy(name)}
     return tuple(POLICY if number in policies else name for number, name in enumerate(ghosts)), policies

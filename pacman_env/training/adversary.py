@@ -24,7 +24,7 @@ from pacman_env.cli.options import parse_options
 from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative, Share, require
 from pacman_env.episodes.statistics import wilson
 from pacman_env.files import write_json
-from pacman_env.game.ghosts import POLICY
+from pacman_env.game.ghosts import POLICY, WANDER
 from pacman_env.policies.base import Policy
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import read_planner
@@ -34,9 +34,11 @@ from pacman_env.training.arguments import FOLDER, load_hyperparameters
 from pacman_env.training.arguments import Arguments as GameArguments
 from pacman_env.training.checkpoint import facts_path, load_network, read_facts, restore
 from pacman_env.training.export import export_planner, network_of
+from pacman_env.training.facts import facts_of
 from pacman_env.training.games import GhostGames, TrainingGames, make_games, make_ghost_games
 from pacman_env.training.learner import Learner, imitate, use_device
-from pacman_env.training.ppo import HeldOut, facts_of, progress_bar
+from pacman_env.training.lineups import LEARNED
+from pacman_env.training.ppo import HeldOut, progress_bar
 
 _PROG = "pacman-env adversary"
 BUILT_IN = ("wander", "arcade", "chase")  # behaviours of the environment
@@ -153,13 +155,14 @@ class Alternation:
 
     def _round(self, number: int, bar: Any) -> None:
         before, clyde, after = f"planner-{number - 1}", f"clyde-{number}", f"planner-{number}"
-        robot = partial(LearnedPlanner, self._path(before))
+        robot = LearnedPlanner(self._path(before))
         games = make_ghost_games(_games(self.arguments, _CLYDE), number - 1, robot)
         clyde_seconds = self._learn(_CLYDE, number, games, bar)
         self._export(_CLYDE, clyde)
         clydes = [LearnedPlanner(self._path(f"clyde-{k}")) for k in range(1, number + 1)]
-        pool = make_pool(clydes, self.arguments.wander)
-        planner_seconds = self._learn(_PLANNER, number, make_games(_games(self.arguments, _PLANNER), number, pool), bar)
+        pool = partial(make_pool, clydes, self.arguments.wander)
+        rounds = make_games(_games(self.arguments, _PLANNER, LEARNED), number, pool)
+        planner_seconds = self._learn(_PLANNER, number, rounds, bar)
         self._export(_PLANNER, after)
         self.table.play(before, [clyde])
         for policy in (after, *RULES):
@@ -234,8 +237,8 @@ def starting_model(arguments: Arguments) -> tuple[Learner, int]:
     return model, read_facts(facts).training.decisions if facts.exists() else 0
 
 
-def _games(arguments: Arguments, side: int) -> GameArguments:
-    """The arguments of the games and the learning of a side."""
+def _games(arguments: Arguments, side: int, ghost: str = WANDER) -> GameArguments:
+    """The arguments of the games and the learning of a side; ``ghost``: the behaviour of the planner's opponent."""
     hyper = load_hyperparameters(FOLDER / "PacManBot-v0.yaml", "headline")
     if side == _CLYDE:
         games, decisions, rate = arguments.clyde_games, arguments.clyde_decisions, arguments.clyde_learning_rate
@@ -251,7 +254,7 @@ def _games(arguments: Arguments, side: int) -> GameArguments:
         learning_rate=rate,
         levels=arguments.levels,
         clyde_speed=arguments.clyde_speed or hyper.clyde_speed,
-        ghosts=("wander",),  # of the start: later ones come from the pool
+        ghosts=(ghost,),
     )
     return GameArguments(hyper=hyper, seed=arguments.seed, threads=arguments.threads)
 
@@ -269,8 +272,9 @@ def make_pool(learned: Sequence[Policy], wander: float) -> Opponents:
 
 def completed_against(policy: Policy, clyde: str | Policy, arguments: GameArguments, rounds: int) -> NDArray[np.bool_]:
     """Which of ``rounds`` on validation levels the robot's policy completes against a behaviour or Clyde's policy."""
-    ghost, behaviour = (None, clyde) if isinstance(clyde, str) else (clyde, "policy")
-    return HeldOut(arguments, rounds, ghosts=(behaviour,)).completed(policy, ghost)
+    if isinstance(clyde, str):
+        return HeldOut(arguments, rounds, ghosts=(clyde,)).completed(policy)
+    return HeldOut(arguments, rounds, ghosts=(LEARNED,)).completed(policy, clyde)
 
 
 class Table:

@@ -10,7 +10,7 @@ from msgspec import Meta
 
 from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative, Number, Share, convert, kinds, require
 from pacman_env.files import shipped
-from pacman_env.training.lineups import LEAST_NODES, checked, searches, sub_batches
+from pacman_env.training.lineups import LEARNED, LEAST_NODES, behaviours, checked, searches, sub_batches
 
 Part = Literal["refuges", "hold", "paths", "prediction"]
 FOLDER = shipped("training/hyperparameters", "train/hyperparameters")
@@ -41,6 +41,9 @@ class Hyperparameters(Checked):
     clyde_speed: tuple[NotNegative, NotNegative]  # m/s, drawn for each round
     robot_speed: tuple[NotNegative, NotNegative]  # m/s, drawn for each round
     ghosts: Annotated[tuple[str, ...], Meta(min_length=1)]  # line-ups that share the games, such as "arcade,chase"
+    league_every: Count  # segments after which a Clyde is trained against the planner and joins the league; 0: none
+    league_decisions: AtLeastOne  # of each of these Clydes
+    league_speed: tuple[NotNegative, NotNegative]  # m/s, drawn for each round in which one learns
     imitation: Count  # decisions of a rule imitated before PPO; 0: PPO from random weights
     teacher_nodes: AtLeastOne  # segments that ``search`` plays for a decision that is imitated
     decide: Literal["tick", "event"]  # in training; event: when there is something to decide
@@ -54,6 +57,8 @@ class Hyperparameters(Checked):
         object.__setattr__(self, "ghosts", tuple(checked(one, f"ghosts[{k}]") for k, one in enumerate(self.ghosts)))
         if len(self.lineups) > 1:
             sub_batches(self.ghosts, self.games, self.levels)  # raises where they cannot be divided
+        learned = any(LEARNED in behaviours(one) for one in self.lineups)
+        require(self.league_every > 0 or not learned, "league_every", 0, f"must be at least 1 with a ghost {LEARNED!r}")
         nodes, least = self.teacher_nodes, LEAST_NODES if any(map(searches, self.lineups)) else 0
         require(nodes >= least, "teacher_nodes", nodes, f"must be at least {least}")
 

@@ -1,9 +1,10 @@
 """The games that a planner, or a Clyde against it, is trained on: generated houses, many games at once."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import chain
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -11,21 +12,23 @@ from numpy.typing import NDArray
 
 from pacman_env.config import Config, PelletConfig, make_config
 from pacman_env.engine.threads import cores
-from pacman_env.envs.arguments import Ghosts
-from pacman_env.envs.pettingzoo_env import PACMAN, PacManBotParallelEnv
+from pacman_env.envs.parallel_vec_env import PACMAN, PacManBotParallelVecEnv
 from pacman_env.episodes.rollout import allowed
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.policies.base import Policy
+from pacman_env.policies.opponents import BehaviourOpponent
 from pacman_env.policies.registry import make_policy
 from pacman_env.sb3 import Observation, PacManBotVecEnv
 from pacman_env.sim.maps.level_source import WIDE
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, planner_features
 from pacman_env.training.arguments import Arguments
-from pacman_env.training.lineups import RULE, SUB_BATCHES, behaviours, make_teacher, sub_batches
+from pacman_env.training.learnability import LevelCounts
+from pacman_env.training.lineups import LEARNED, RULE, SUB_BATCHES, behaviours, make_teacher, speeds, sub_batches
 
 #: Observations, rewards, dones and infos; infos may be empty but where a round ended.
 Step = tuple[Observation, NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]
 CLYDE = GHOST_NAMES[0]
+_CHASE = partial(BehaviourOpponent, "chase")
 _WIDE_EVERY = 4  # sub-batches
 VALIDATION_LEVEL = 900_000  # training levels from here on are never trained on: runs are chosen on them
 #: Ranges of --randomize, around what the real trials had.
@@ -42,23 +45,27 @@ _PATHS = (
 _PREDICTION = ("caught_soon", "caught", "approached", "closest_mean", "closest_least", "standing_clearance")
 
 
-def game_config(arguments: Arguments, fastest_mps: float | None = None) -> Config:
-    """The game that is trained on; ``fastest_mps`` caps Clyde's speed."""
-    return make_config(arguments.preset, arguments.execution, **game_settings(arguments, fastest_mps))
+def game_config(arguments: Arguments) -> Config:
+    """The game that is trained on."""
+    return make_config(arguments.preset, arguments.execution, **game_settings(arguments))
 
 
-def game_settings(arguments: Arguments, fastest_mps: float | None = None) -> dict[str, Any]:
+def game_settings(arguments: Arguments) -> dict[str, Any]:
     hyper = arguments.hyper
-    low, high = hyper.clyde_speed
-    high = high if fastest_mps is None else max(low, min(high, fastest_mps))
     return {
-        "randomize.clyde_speed_mps": (low, high),
+        "randomize.clyde_speed_mps": hyper.clyde_speed,
         "randomize.speed_mps": hyper.robot_speed,
         "observation.kinds": ("planner",),
         "decisions.when": hyper.decide,
         "reward.timeout": hyper.timeout,
         **(_DOMAIN if arguments.randomize else {}),
     }
+
+
+def lineup_speeds(arguments: Arguments, lineup: str, fastest_mps: float | None = None) -> tuple[float, float]:
+    """The range of the speeds of a line-up's ghosts, m/s, which ``fastest_mps`` caps."""
+    low, high = speeds(lineup) or arguments.hyper.clyde_speed
+    return low, high if fastest_mps is None else max(low, min(high, fastest_mps))
 
 
 def clyde_limit(arguments: Arguments, segment: int) -> float | None:
@@ -95,8 +102,12 @@ class TrainingGames:
         scale: float = 1.0,
         background: bool = False,
         teachers: Sequence[Callable[[], Policy]] = (),
+        lineups: Sequence[str | None] = (),
     ) -> None:
-        """``teachers``: what makes each sub-batch's own, for :meth:`choices`; without them it is ``lookahead``."""
+        """``teachers``: what makes each sub-batch's own, for :meth:`choices`; without them it is ``lookahead``.
+
+        ``lineups``: of each sub-batch, whose levels may be played again.
+        """
         if not batches:
             raise ValueError("no games to play")
         candidates = {games.env.batch.candidates for games in batches}
@@ -110,11 +121,13 @@ class TrainingGames:
         self.groups = [slice(self._starts[half[0]], self._starts[half[-1] + 1]) for half in self._halves]
         self._sent: list[Callable[[], Step] | None] = [None for _ in self.groups]
         self._pool = ThreadPoolExecutor(len(self.groups), "games") if background else None
+        self.counts = LevelCounts(lineups or [None] * len(batches))
         self._makers = list(teachers) or [partial(make_policy, RULE) for _ in batches]
         self._teachers: dict[str | None, list[Policy]] = {}
 
     def reset(self, seed: int) -> Observation:
         self._teachers = {}
+        self.counts.clear()
         for games, start in zip(self.batches, self._starts, strict=False):
             games.seed(seed + start)
         return _joined([games.reset() for games in self.batches])
@@ -143,6 +156,10 @@ class TrainingGames:
             results.append(self.batches[k].step_wait())
             for teachers in self._teachers.values():
                 teachers[k].reset(results[-1][2], self.batches[k].env.config)
+            for i in np.flatnonzero(results[-1][2]).tolist():
+                info = results[-1][3][i]
+                if "level" in info:
+                    self.counts.add(k, info["level"], info["outcome"] == "complete")
         observations, rewards, dones, infos = _in_a_row(results)
         return observations, rewards * self._scale, dones, infos
 
@@ -181,104 +198,110 @@ def _joined(observations: Sequence[Any]) -> Observation:
     return {key: np.concatenate([observation[key] for observation in observations]) for key in observations[0]}
 
 
-def make_games(arguments: Arguments, segment: int, ghosts: Ghosts | None = None) -> TrainingGames:
+def make_games(
+    arguments: Arguments,
+    segment: int,
+    learned: Callable[[], Policy] = _CHASE,
+    again: Mapping[str, Sequence[int]] = MappingProxyType({}),
+) -> TrainingGames:
     """The games of a segment, in houses of its own; a quarter of the sub-batches is in houses twice as wide and sparse.
 
-    Each sub-batch has one of the hyperparameters' line-ups, or ``ghosts`` if they are given.
+    Each sub-batch has one of the hyperparameters' line-ups; ``learned`` makes what moves a ghost of that name in them.
+    ``again``: by line-up, earlier levels that take the places of half of the segment's own in houses of usual size.
     """
     hyper = arguments.hyper
     if hyper.levels > VALIDATION_LEVEL:
         raise ValueError(f"levels = {hyper.levels}: there are {VALIDATION_LEVEL} to train on")
     first = segment % (VALIDATION_LEVEL // hyper.levels) * hyper.levels
     threads = arguments.threads or cores()  # of which each of two groups has half: more would wait for one another
-    if ghosts is None and len(hyper.lineups) > 1:
+    if len(hyper.lineups) > 1:
         lineups = sub_batches(hyper.ghosts, hyper.games, hyper.levels)
         turn = segment  # the wide houses go round, so that every line-up meets them
     else:
         lineups, turn = [hyper.ghosts[0]] * min(SUB_BATCHES, hyper.games, hyper.levels), 0
     count = len(lineups)
     levels, games = (np.linspace(0, total, count + 1).astype(int).tolist() for total in (hyper.levels, hyper.games))
-    settings = game_settings(arguments, clyde_limit(arguments, segment))
-    settings |= {"execution.rules": arguments.execution, "observation.infos": "ends"}
-    made = []
+    fastest_mps = clyde_limit(arguments, segment)
+    settings = game_settings(arguments) | {"execution.rules": arguments.execution, "observation.infos": "ends"}
+    made: list[PacManBotVecEnv] = []
+    may_again: list[str | None] = []
+    left = {lineup: list(chosen) for lineup, chosen in again.items()}
     for k, lineup in enumerate(lineups):
         wide = (k + turn) % _WIDE_EVERY == _WIDE_EVERY - 1
-        own = {"start_level": first + levels[k], "num_levels": levels[k + 1] - levels[k]}
-        own |= {"pellets.spacing_m": WIDE * PelletConfig().spacing_m} if wide else {}
+        played = list(range(first + levels[k], first + levels[k + 1]))
+        may_again.append(None if wide else lineup)
+        if not wide:
+            own_again = left.get(lineup, [])
+            old, left[lineup] = own_again[: len(played) // 2], own_again[len(played) // 2 :]
+            played[: len(old)] = old
+        own: dict[str, Any] = {"pellets.spacing_m": WIDE * PelletConfig().spacing_m} if wide else {}
+        own |= {"randomize.clyde_speed_mps": lineup_speeds(arguments, lineup, fastest_mps)}
         made.append(
             PacManBotVecEnv(
                 games[k + 1] - games[k],
-                map="generated:wide" if wide else "generated",
+                map=f"generated:{'wide:' * wide}{','.join(map(str, played))}",
                 preset=arguments.preset,
                 settings=settings | own,
-                ghosts=behaviours(lineup) if ghosts is None else ghosts,
+                ghosts=[learned() if name == LEARNED else name for name in behaviours(lineup)],
                 num_threads=max(threads // 2, 1),
             )
         )
     teachers = [partial(make_teacher, lineup, hyper.teacher_nodes) for lineup in lineups]
-    return TrainingGames(made, hyper.reward_scale, background=threads != 1, teachers=teachers)
+    return TrainingGames(made, hyper.reward_scale, background=threads != 1, teachers=teachers, lineups=may_again)
 
 
 class GhostGames:
-    """Games in which the agent is Clyde and sees planner features from its side; ``robot`` makes robots' policies."""
+    """Games in which the agent is Clyde and sees planner features from its side; ``robot`` chooses for the robots."""
 
-    def __init__(self, games: Sequence[PacManBotParallelEnv], robot: Callable[[], Policy], scale: float = 1.0) -> None:
-        shapes = sorted({(tuple(game.possible_agents), game.batch.candidates) for game in games})
-        if len(shapes) != 1 or shapes[0][0] != (PACMAN, CLYDE):
-            raise ValueError(f"agents and candidates of the games: {shapes}, must be alike and {PACMAN}, {CLYDE}")
-        self.games, self._robots, self._scale = list(games), [robot() for _ in games], np.float32(scale)
-        self.num_envs, self.groups = len(games), [slice(0, len(games))]
+    def __init__(self, env: PacManBotParallelVecEnv, robot: Policy, scale: float = 1.0) -> None:
+        if tuple(env.possible_agents) != (PACMAN, CLYDE):
+            raise ValueError(f"agents of the games: {env.possible_agents}, must be {PACMAN} and {CLYDE}")
+        self.env, self._robot, self._scale = env, robot, np.float32(scale)
+        self.num_envs, self.groups = env.num_envs, [slice(0, env.num_envs)]
         self._actions: NDArray[Any] = np.zeros(0, dtype=np.int64)
 
     def reset(self, seed: int) -> Observation:
-        return _joined([self._begin(k, seed + k) for k in range(self.num_envs)])
+        self.env.reset(seed)
+        self._robot.reset(np.ones(self.num_envs, dtype=np.bool_), self.env.config)
+        return self._observation()
 
     def send(self, group: int, actions: NDArray[Any]) -> None:
         self._actions = actions
 
     def receive(self, group: int) -> Step:
-        observations, infos = [], []
-        rewards, dones = np.zeros(self.num_envs, dtype=np.float32), np.zeros(self.num_envs, dtype=np.bool_)
-        for k, (game, robot) in enumerate(zip(self.games, self._robots, strict=True)):
-            situation = game.batch.situation()
-            goal = allowed(situation, robot.select(situation), game.batch.hold)[0]
-            _, reward, terminated, truncated, info = game.step({PACMAN: goal, CLYDE: self._actions[k]})
-            rewards[k], dones[k] = reward[CLYDE], terminated[CLYDE] or truncated[CLYDE]
-            observations.append(self._begin(k) if dones[k] else self._observation(game))
-            infos.append(info[CLYDE])
-        return _joined(observations), rewards * self._scale, dones, infos
+        situation = self.env.situation
+        goals = allowed(situation, self._robot.select(situation), self.env.batch.hold)
+        _, rewards, terminated, truncated, infos = self.env.step({PACMAN: goals, CLYDE: self._actions})
+        ended: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        dones = terminated | truncated
+        if dones.any():
+            self._robot.reset(dones, self.env.config)
+            for i in np.flatnonzero(dones).tolist():
+                ended[i] = {"outcome": infos["final_info"]["outcome"][i]}
+        return self._observation(), rewards[:, 1].astype(np.float32) * self._scale, dones, ended
 
-    def _begin(self, k: int, seed: int | None = None) -> Observation:
-        self.games[k].reset(seed)
-        self._robots[k].reset(np.ones(1, dtype=np.bool_), self.games[k].config)
-        return self._observation(self.games[k])
-
-    @staticmethod
-    def _observation(game: PacManBotParallelEnv) -> Observation:
-        situation = game.batch.situation(0)
-        candidates, whole = planner_features(situation, game.config.robot.speed_mps)
+    def _observation(self) -> Observation:
+        situation = self.env.batch.situation(0)
+        candidates, whole = planner_features(situation, self.env.config.robot.speed_mps)
         return {"planner_candidates": candidates, "planner_globals": whole, "action_mask": situation.mask}
 
     def close(self) -> None:
-        for game in self.games:
-            game.close()
+        self.env.close()
 
 
-def make_ghost_games(arguments: Arguments, segment: int, robot: Callable[[], Policy]) -> GhostGames:
-    """Clyde's games of a segment, zero-sum, each with its share of the segment's houses."""
+def make_ghost_games(arguments: Arguments, segment: int, robot: Policy) -> GhostGames:
+    """Clyde's games of a segment, zero-sum, in houses of the segment."""
     hyper = arguments.hyper
-    each = max(hyper.levels // hyper.games, 1)
-    first = segment % (VALIDATION_LEVEL // (each * hyper.games)) * each * hyper.games
     # The robot's policy reads the situation: its agent's observation is not needed.
     settings = game_settings(arguments) | {"observation.kinds": ("features",), "zero_sum": True}
-    settings |= {"execution.rules": arguments.execution}
-    games = [
-        PacManBotParallelEnv(
-            "generated",
-            preset=arguments.preset,
-            ghosts=("policy",),
-            settings={**settings, "start_level": first + i * each, "num_levels": each},
-        )
-        for i in range(hyper.games)
-    ]
-    return GhostGames(games, robot, hyper.reward_scale)
+    settings |= {"execution.rules": arguments.execution, "num_levels": hyper.levels}
+    settings["start_level"] = segment % (VALIDATION_LEVEL // hyper.levels) * hyper.levels
+    env = PacManBotParallelVecEnv(
+        hyper.games,
+        map="generated",
+        preset=arguments.preset,
+        ghosts=("policy",),
+        settings=settings,
+        num_threads=arguments.threads or cores(),
+    )
+    return GhostGames(env, robot, hyper.reward_scale)

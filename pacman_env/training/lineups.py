@@ -1,9 +1,11 @@
-"""Line-ups of ghosts, such as ``"arcade,chase"``: what is allowed, who teaches against them, and in what order.
+"""Line-ups of ghosts, such as ``"arcade,chase@0.1-0.3"``: what is allowed, who teaches against them, in what order.
 
-The first behaviour of a line-up is Clyde's, the second Blinky's, and so on. A line-up that is listed twice has twice
-the share of the training games.
+The first behaviour of a line-up is Clyde's, the second Blinky's, and so on; ``learned`` is moved by a member of the
+league (``league.py``); after ``@`` come their lowest and highest
+speed, m/s, if they differ from the training's. A line-up that is listed twice has twice the share of the games.
 """
 
+import math
 from collections.abc import Sequence
 
 from pacman_env.config import ConfigError
@@ -13,7 +15,9 @@ from pacman_env.heuristics.search.search import Parameters
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
 
+LEARNED = "learned"  # a ghost that a member of the training's league moves
 RULE = "lookahead"  # teaches where all ghosts wander; the base of ``search`` elsewhere
+_SPEEDS = "@"
 _FUTURES = 1  # of ghosts that wander beside others, in the search that teaches
 #: Segments that the search needs for a decision.
 LEAST_NODES = Parameters(samples=_FUTURES).least_nodes
@@ -22,21 +26,39 @@ SUB_BATCHES = 4  # of the games of a segment; with several line-ups at least, if
 
 def behaviours(lineup: str) -> tuple[str, ...]:
     """The behaviour of each ghost, Clyde first."""
-    return tuple(lineup.split(","))
+    return tuple(lineup.partition(_SPEEDS)[0].split(","))
+
+
+def speeds(lineup: str) -> tuple[float, float] | None:
+    """The lowest and the highest speed of its ghosts, m/s; None: those of the training."""
+    _, given, text = lineup.partition(_SPEEDS)
+    if not given:
+        return None
+    low, _, high = text.partition("-")
+    return float(low), float(high)
 
 
 def checked(lineup: str, name: str) -> str:
     """The line-up without spaces; ConfigError, which names the field ``name`` and the value, for one that cannot be."""
-    each = [one.strip() for one in lineup.split(",")]
+    ghosts, given, text = lineup.partition(_SPEEDS)
+    try:
+        low, high = speeds(lineup) or (0.0, 1.0)
+        fits = math.isfinite(high) and 0 <= low < high
+    except ValueError:
+        fits = False
+    require(fits, name, lineup, f"after {_SPEEDS} must be a lowest and a highest speed, m/s, such as 0.1-0.3")
+    each = [one.strip() for one in ghosts.split(",")]
     require(all(each), name, lineup, "must be behaviours separated by commas")
     require(len(each) <= len(GHOST_NAMES), name, lineup, f"must be at most {len(GHOST_NAMES)} behaviours")
     for one in each:
+        if one == LEARNED:
+            continue
         try:
             found = find_behaviour(one)
         except ConfigError as error:
             raise ConfigError(f"{name} = {lineup!r}: {error}") from None
         require(found.target is not None, name, lineup, f"{one!r} is for a ghost that is sent from outside")
-    return ",".join(each)
+    return ",".join(each) + given + text.replace(" ", "")
 
 
 def searches(lineup: str) -> bool:

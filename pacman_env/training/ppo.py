@@ -32,17 +32,19 @@ from pacman_env.episodes.rollout import episode_seeds, play_in
 from pacman_env.episodes.statistics import paired_difference, wilson
 from pacman_env.files import write_json
 from pacman_env.game.execution import COMPLETE
+from pacman_env.game.ghosts import POLICY
 from pacman_env.policies.base import Policy
-from pacman_env.policies.metadata import Training
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.sim.maps.level_source import TEST_LEVEL, GeneratedMaps
 from pacman_env.training import checkpoint
 from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
 from pacman_env.training.export import export_planner
-from pacman_env.training.games import VALIDATION_LEVEL, clyde_limit, dropped, game_config, make_games
+from pacman_env.training.facts import facts_of
+from pacman_env.training.games import VALIDATION_LEVEL, clyde_limit, dropped, game_config, lineup_speeds, make_games
+from pacman_env.training.league import League, Record
 from pacman_env.training.learner import Learner, imitate, use_device
-from pacman_env.training.lineups import behaviours, teacher_name
+from pacman_env.training.lineups import LEARNED, behaviours, teacher_name
 
 AfterSegment = Callable[[dict[str, Any]], None]
 _HELD_OUT = 128  # levels that rounds for validation, and for the report, are drawn from
@@ -77,7 +79,8 @@ def run(arguments: Arguments) -> None:
     started = time.perf_counter()
     folder, model = train(arguments)
     planner = _planner(arguments, model)
-    print(_report(arguments, planner, time.perf_counter() - started))
+    pool = folder.league.pool(arguments.hyper.segments - 1, folder.against_league())
+    print(_report(arguments, planner, pool, time.perf_counter() - started))
     out = arguments.out / "planner.onnx"
     export_planner(planner.network, out, checkpoint.read_facts(checkpoint.facts_path(folder.last)))
     print(f"written: {out} (as a policy: pacman-env compare --policies {out})")
@@ -111,25 +114,34 @@ def _segment(folder: Run, segment: int, model: Learner, validation: HeldOut, bar
     arguments, hyper = folder.arguments, model.hyper
     seeds = np.random.SeedSequence(arguments.seed, spawn_key=(segment,)).generate_state(3).tolist()
     began = time.perf_counter()
-    with contextlib.closing(make_games(arguments, segment)) as games:
+    if folder.league.is_due(segment):
+        folder.league.train(segment, _planner(arguments, model))
+    pool = functools.partial(folder.league.pool, segment, folder.against_league())
+    again = folder.segments[-1]["again"] if folder.segments else {}
+    with contextlib.closing(make_games(arguments, segment, pool, again)) as games:
         torch.manual_seed(seeds[0])
         imitation = {}
         if segment == 0 and hyper.imitation > 0:
             imitation = imitate(model, games, hyper.imitation, games_seed=seeds[1], seed=seeds[2])
-            imitation["imitated"] = validation.shares(_planner(arguments, model))[0]
+            imitation["imitated"] = validation.shares(validation.completed(_planner(arguments, model), pool()))[0]
             rules = " and ".join(dict.fromkeys(map(teacher_name, hyper.lineups)))
             bar.write(f"{rules} imitated: {imitation['imitated']:.1%} of validation rounds completed")
         model.decisions = segment * hyper.segment
         learning = time.perf_counter()
         model.learn(games, hyper.segment, seeds[1], bar)
         ended = time.perf_counter()
-    share, each = validation.shares(_planner(arguments, model))
+        again = games.counts.best()
+    completed = validation.completed(_planner(arguments, model), pool())
+    share, each = validation.shares(completed)
+    met = validation.learned()
     speed = hyper.segment / (ended - learning)
     result = {
         "segment": segment,
         "decisions": model.decisions,
         "completed": share,
         "completed_against": each,
+        "against_league": folder.league.record(segment, validation.seeds[met], completed[met], pool()),
+        "again": again,
         "clyde_limit_mps": clyde_limit(arguments, segment),
         "seconds": round(ended - began, 1),
         "decisions_per_s": round(speed),
@@ -149,14 +161,14 @@ def _planner(arguments: Arguments, model: Learner) -> checkpoint.TorchPlanner:
     return checkpoint.TorchPlanner("ppo", copy.deepcopy(model.network).cpu(), game_config(arguments).robot.speed_mps)
 
 
-def _report(arguments: Arguments, planner: checkpoint.TorchPlanner, seconds: float) -> str:
+def _report(arguments: Arguments, planner: checkpoint.TorchPlanner, learned: Policy, seconds: float) -> str:
     hyper = arguments.hyper
     lines = [f"{hyper.segments * hyper.segment} decisions, seed {arguments.seed}, {seconds:.0f} s"]
     if arguments.evaluation == 0:
         return lines[0]
     test = HeldOut(arguments, arguments.evaluation, test=True)
     compared: dict[str, str | Policy] = {planner.name: planner, **{rule: rule for rule in _RULES}}
-    played = {name: test.completed(policy) for name, policy in compared.items()}
+    played = {name: test.completed(policy, learned) for name, policy in compared.items()}
     low, high = hyper.clyde_speed
     lines += [f"{len(test.seeds)} rounds on test levels, Clyde {low}-{high} m/s:", ""]
     several = len(test.rows) > 1
@@ -197,7 +209,7 @@ class HeldOut:
     ) -> None:
         lineups = arguments.hyper.lineups if ghosts is None else ghosts
         self._config = game_config(arguments).with_fields(**{"decisions.when": "tick"})
-        self._test, self._threads = test, arguments.threads
+        self._arguments, self._test, self._threads = arguments, test, arguments.threads
         self.seeds = episode_seeds(arguments.seed if test else VALIDATION_LEVEL, rounds)
         ends = [rounds * k // len(lineups) for k in range(len(lineups) + 1)]
         #: Which of the rounds are played against each line-up.
@@ -208,22 +220,33 @@ class HeldOut:
         first = TEST_LEVEL if self._test else VALIDATION_LEVEL
         return _KeptLevels(self._config, first, _HELD_OUT)
 
-    def completed(self, policy: str | Policy, ghost: Policy | None = None) -> NDArray[np.bool_]:
-        """(E,) the rounds that were completed; ``ghost`` is Clyde if its behaviour is ``policy``."""
+    def completed(self, policy: str | Policy, learned: Policy | None = None) -> NDArray[np.bool_]:
+        """(E,) the rounds that were completed; ``learned`` moves the ghosts of that name."""
         found = np.zeros(len(self.seeds), dtype=np.bool_)
-        for lineup, rows in self.rows.items():
-            config = self._config.with_fields(**{"clyde.ghosts": behaviours(lineup)})
+        for lineup, rows in self.rows.items() if len(found) else ():
+            names = behaviours(lineup)
+            ghosts = {} if learned is None else {k: learned for k, name in enumerate(names) if name == LEARNED}
+            changes: dict[str, Any] = {
+                "clyde.ghosts": tuple(POLICY if k in ghosts else name for k, name in enumerate(names))
+            }
+            changes |= {"randomize.clyde_speed_mps": lineup_speeds(self._arguments, lineup)}
+            config = self._config.with_fields(**changes)
             games = GameBatch(self._levels, config, min(_BATCH, rows.stop - rows.start), self._threads)
-            records, _ = play_in(games, policy, self.seeds[rows], ghost=ghost, timed=False)
+            records, _ = play_in(games, policy, self.seeds[rows], ghosts=ghosts, timed=False)
             found[rows] = records["end"] == COMPLETE
         return found
 
-    def shares(self, policy: str | Policy) -> tuple[float, dict[str, float]]:
-        """Of the rounds that were completed: of all, and of those against each line-up; 0 without rounds."""
+    def shares(self, completed: NDArray[np.bool_]) -> tuple[float, dict[str, float]]:
+        """Of the rounds (E,) that were completed: of all, and of those against each line-up; 0 without rounds."""
         if len(self.seeds) == 0:
             return 0.0, dict.fromkeys(self.rows, 0.0)
-        found = self.completed(policy)
-        return float(found.mean()), {lineup: float(found[rows].mean()) for lineup, rows in self.rows.items()}
+        return float(completed.mean()), {lineup: float(completed[rows].mean()) for lineup, rows in self.rows.items()}
+
+    def learned(self) -> NDArray[np.int64]:
+        """Numbers of the rounds in which a ghost is moved by a member of the league."""
+        numbers = np.arange(len(self.seeds))
+        parts = [numbers[rows] for lineup, rows in self.rows.items() if LEARNED in behaviours(lineup)]
+        return np.concatenate([*parts, numbers[:0]])
 
 
 class Run:
@@ -234,6 +257,7 @@ class Run:
         self.folder = arguments.out
         self.segments: list[dict[str, Any]] = []
         self.record = self.folder / "run.json"
+        self.league = League(arguments, self.folder)
         self.best, self.last = self.folder / "best.zip", self.folder / "last.zip"
         if arguments.resume:
             self._read()
@@ -252,6 +276,10 @@ class Run:
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise ValueError(f"{self.record}: no run to resume: {error}") from None
         check_same(self.record, before, _plain(self.arguments))
+
+    def against_league(self) -> Record:
+        """Of the last segment."""
+        return self.segments[-1]["against_league"] if self.segments else {}
 
     def checkpoint(self, segment: int) -> Path:
         """The file of the state after a segment, until the next one is written."""
@@ -293,20 +321,6 @@ def check_same(record: Path, before: Any, ours: dict[str, Any]) -> None:
             check_same(record, known, value)
         elif known != value:
             raise ValueError(f"{record}: was started with {name} = {known}, not {value}")
-
-
-def facts_of(arguments: Arguments, decisions: int, metrics: dict[str, float]) -> checkpoint.Facts:
-    training = Training(
-        clyde_speeds_mps=arguments.hyper.clyde_speed,
-        robot_speeds_mps=arguments.hyper.robot_speed,
-        levels=f"generated:train below {VALIDATION_LEVEL}",
-        preset=arguments.preset,
-        execution=arguments.execution,
-        decisions=decisions,
-        seed=arguments.seed,
-        ghosts=arguments.hyper.ghosts,
-    )
-    return checkpoint.Facts(game_config(arguments).robot.speed_mps, training, metrics)
 
 
 def progress_bar(decisions: int, shown: bool, done: int = 0) -> tqdm[Any]:

@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Iterator
 from contextlib import closing
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,11 +14,20 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
+from pacman_env.heuristics.simple import Nearest
 from pacman_env.sb3 import PacManBotVecEnv
-from pacman_env.sim.maps.level_source import TEST_LEVEL
+from pacman_env.sim.maps.level_source import TEST_LEVEL, ListedMaps
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
 from pacman_env.training.arguments import Arguments
-from pacman_env.training.games import VALIDATION_LEVEL, TrainingGames, clyde_limit, dropped, game_config, make_games
+from pacman_env.training.games import (
+    VALIDATION_LEVEL,
+    TrainingGames,
+    clyde_limit,
+    dropped,
+    game_config,
+    lineup_speeds,
+    make_games,
+)
 from pacman_env.training.ppo import parse
 from tests.envs.helpers import QUICK
 from tests.training.stock import random_choices
@@ -106,8 +116,50 @@ def test_the_curriculum_begins_slow_and_ends_at_the_highest_speed() -> None:
     assert low < limits[0] < limits[1] < limits[2] < limits[3] < limits[4]
     assert limits[4:] == [pytest.approx(high)] * 6
     assert clyde_limit(tiny(), 0) is None
-    caught_at = [game_config(arguments, limit).randomize.clyde_speed_mps for limit in (limits[0], None, 9.0, 0.01)]
-    assert caught_at == [(low, limits[0]), (low, high), (low, high), (low, low)]
+    found = [lineup_speeds(arguments, "wander", limit) for limit in (limits[0], None, 9.0, 0.01)]
+    assert found == [(low, limits[0]), (low, high), (low, high), (low, low)]
+    assert lineup_speeds(arguments, "chase@0.1-0.3", 0.2) == (0.1, 0.2)
+
+
+def test_a_line_up_may_have_speeds_of_its_own() -> None:
+    parts = parts_of(tiny(ghosts=["wander", "chase@0.1-0.15"], games=4, levels=4))
+    assert {(ghosts_of(part), part.env.config.randomize.clyde_speed_mps) for part in parts} == {
+        ("wander", (0.2, 0.6)),
+        ("chase", (0.1, 0.15)),
+    }
+
+
+def test_a_learned_ghost_is_moved_by_a_policy_of_each_sub_batch() -> None:
+    made: list[Nearest] = []
+
+    def learned() -> Nearest:
+        made.append(Nearest())
+        return made[-1]
+
+    arguments = tiny(ghosts=["wander", "wander,learned"], games=4, levels=4, league_every=1)
+    games = make_games(arguments, 0, learned)
+    assert sorted(map(ghosts_of, games.batches)) == ["wander", "wander", "wander,policy", "wander,policy"]
+    assert len(made) == 2
+    observation = games.reset(0)
+    for _ in range(5):
+        observation, *_ = games.step(random_choices(observation["action_mask"], np.random.default_rng(0)))
+    places = [part.env.batch.ghosts["place"][:, 1] for part in games.batches if "policy" in ghosts_of(part)]
+    assert (np.concatenate(places) >= 0).any()
+
+
+def test_half_of_the_levels_are_played_again_where_there_are_some() -> None:
+    arguments = tiny(ghosts=["wander", "chase"], games=8, levels=16)  # four sub-batches of four levels
+    parts = make_games(arguments, 3, again={"chase": [7, 5, 3], "wander": [1]}).batches
+    found: dict[str, list[list[int]]] = {}
+    for part in parts:
+        source = part.env.batch.source
+        assert isinstance(source, ListedMaps)
+        found.setdefault(ghosts_of(part) + " wide" * (source.scale > 1), []).append(source.levels.tolist())
+    own = list(range(48, 64))
+    played = [level for lists in found.values() for one in lists for level in one]
+    assert set(played) - set(own) in ({1, 3, 5, 7}, {1, 5, 7})  # one of chase's two sub-batches may be in wide houses
+    assert all(set(level) <= set(own) for name, lists in found.items() if "wide" in name for level in lists)
+    assert len(played) == 16
 
 
 def test_a_curriculum_of_one_segment_is_none() -> None:
@@ -183,6 +235,8 @@ def test_one_line_up_has_the_games_of_an_environment_without_any(ghosts: list[st
     for part in found.batches:
         config = part.env.config.with_fields(**{"clyde.ghosts": type(part.env.config)().clyde.ghosts})
         assert config == part.env.config
+        source: Any = part.env.batch.source
+        config = config.with_fields(start_level=source.start_level, num_levels=source.num_levels)
         name = "generated:wide" if config.pellets.spacing_m == 4.0 else "generated"
         plain.append(PacManBotVecEnv(part.num_envs, map=name, settings=config))
     expected = TrainingGames(plain, arguments.hyper.reward_scale)

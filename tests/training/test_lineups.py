@@ -14,6 +14,7 @@ from pacman_env.training.lineups import (
     checked,
     make_teacher,
     searches,
+    speeds,
     sub_batches,
     teacher_name,
 )
@@ -26,12 +27,24 @@ def test_spaces_are_no_part_of_a_line_up() -> None:
     assert behaviours("wander,arcade") == ("wander", "arcade")
 
 
+def test_a_line_up_may_have_speeds() -> None:
+    assert checked("arcade, learned@ 0.1 - 0.3", "ghosts[0]") == "arcade,learned@0.1-0.3"
+    assert behaviours("arcade,learned@0.1-0.3") == ("arcade", "learned")
+    assert speeds("arcade,learned@0.1-0.3") == (0.1, 0.3)
+    assert speeds("arcade") is None
+
+
 @pytest.mark.parametrize(
     ("lineup", "message"),
     [
         ("", r"ghosts\[2\] = '': must be behaviours"),
         ("wander,", r"ghosts\[2\] = 'wander,': must be behaviours"),
         ("wander,hunt", r"ghosts\[2\] = 'wander,hunt': unknown ghost behaviour 'hunt'"),
+        ("chase@", r"ghosts\[2\] = 'chase@': after @ must be a lowest and a highest speed"),
+        ("chase@0.3-0.1", r"ghosts\[2\] = 'chase@0.3-0.1': after @ must be a lowest"),
+        ("chase@0.1", r"ghosts\[2\] = 'chase@0.1': after @ must be"),
+        ("chase@0.1-x", r"ghosts\[2\] = 'chase@0.1-x': after @ must be"),
+        ("chase@0.1-inf", r"ghosts\[2\] = 'chase@0.1-inf': after @ must be"),
         ("policy", r"ghosts\[2\] = 'policy': 'policy' is for a ghost that is sent from outside"),
         ("chase,chase,chase,chase,chase", r"ghosts\[2\] = 'chase,.*': must be at most 4 behaviours"),
     ],

@@ -115,8 +115,8 @@ def test_rounds_are_shared_over_the_line_ups() -> None:
     held_out = HeldOut(arguments, 5)
     assert held_out.rows == {"wander": slice(0, 1), "chase": slice(1, 3), "arcade,chase": slice(3, 5)}
     np.testing.assert_array_equal(held_out.seeds, HeldOut(tiny(), 5).seeds)
-    share, each = held_out.shares("nearest")
     ended = held_out.completed("nearest")
+    share, each = held_out.shares(ended)
     assert share == ended.mean()
     assert each == {lineup: ended[rows].mean() for lineup, rows in held_out.rows.items()}
     for lineup, rows in held_out.rows.items():
@@ -124,7 +124,8 @@ def test_rounds_are_shared_over_the_line_ups() -> None:
         config = config.with_fields(**{"clyde.ghosts": tuple(lineup.split(","))})
         records, _ = play(source, config, "nearest", held_out.seeds[rows])
         np.testing.assert_array_equal(ended[rows], records["end"] == COMPLETE)
-    assert HeldOut(arguments, 0).shares("nearest") == (0.0, {"wander": 0.0, "chase": 0.0, "arcade,chase": 0.0})
+    nothing = HeldOut(arguments, 0)
+    assert nothing.shares(nothing.completed("nearest")) == (0.0, {"wander": 0.0, "chase": 0.0, "arcade,chase": 0.0})
 
 
 def test_the_report_has_rows_for_each_line_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

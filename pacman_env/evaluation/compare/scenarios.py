@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 
 from pacman_env.cli.command import finite_number, whole_number
 from pacman_env.config import EXECUTIONS, Config, ConfigError, make_config, parse_settings, preset_names
-from pacman_env.game.ghosts import find_behaviour
 from pacman_env.policies.base import Policy
-from pacman_env.policies.registry import make_policy, policy_names
+from pacman_env.policies.registry import make_policy, policy_names, split_ghosts
 from pacman_env.sim.maps.assets import MapAssets, are_sent, map_assets
 from pacman_env.sim.maps.level_source import TEST_LEVEL, FixedMap, GeneratedMaps, LevelSource, prepare_level
 
@@ -162,15 +161,10 @@ def rule_changes(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def check_goals(config: Config) -> None:
-    """Raise ConfigError if a game takes velocities instead of goals, or has ghosts that need a policy object."""
-    for name, value, wrong in (
-        ("action", config.action, config.action != "goal"),
-        ("clyde.ghosts", config.clyde.ghosts, "policy" in config.clyde.ghosts),
-    ):
-        if wrong:
-            raise ConfigError(f"{name} = {value!r}: played by policies that name goals, against ghosts that need none")
-    for ghost in config.clyde.ghosts:
-        find_behaviour(ghost)
+    """Raise ConfigError if a game takes velocities instead of goals, or has a ghost that nothing moves."""
+    if config.action != "goal":
+        raise ConfigError(f"action = {config.action!r}: played by policies that name goals")
+    split_ghosts(config.clyde.ghosts)
 
 
 def game_configs(arguments: argparse.Namespace) -> list[Config]:

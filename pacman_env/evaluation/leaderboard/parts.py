@@ -29,6 +29,7 @@ from pacman_env.game.ghosts import find_behaviour
 from pacman_env.policies.base import Policy
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import parse
+from pacman_env.policies.registry import make_policy, moved_by_policy
 
 SCHEMA: Literal[1] = 1
 _ENDS = {letter: end for end, letter in ENDS.items()}
@@ -75,7 +76,7 @@ class Part:
             "version": __version__,
             "policy": self.policy,
             "map": self.map,
-            "ghosts": [_code_of(find_behaviour(ghost).target) for ghost in self.config.clyde.ghosts],
+            "ghosts": [_describe_ghost(ghost) for ghost in self.config.clyde.ghosts],
             "seed": self.seed,
             "rounds": self.rounds,
             "config": self.config.as_dict(),
@@ -92,6 +93,13 @@ def describe_policy(policy: Policy, spec: str) -> dict[str, Any]:
     if isinstance(policy, LearnedPlanner):
         return {"sha256": policy.metadata.sha256, "robot_speed_mps": policy.metadata.robot_speed_mps}
     return {"name": spec, "code": _code_of(type(policy))}
+
+
+def _describe_ghost(name: str) -> dict[str, Any] | str | None:
+    """What decides the moves of a ghost beside its name: the policy that moves it, or its behaviour's code."""
+    if moved_by_policy(name):
+        return describe_policy(make_policy(name), name)
+    return _code_of(find_behaviour(name).target)
 
 
 def describe_map(scenario: Scenario, config: Config) -> dict[str, Any]:

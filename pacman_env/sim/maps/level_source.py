@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import numbers
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -97,9 +98,17 @@ class GeneratedMaps:
     def named(
         cls, name: str, config: Config, start_level: int | None = None, num_levels: int | None = None
     ) -> GeneratedMaps:
-        """By the name of a split; levels None: the configuration's; ``num_levels`` 0: all. Raises ConfigError."""
+        """By the name of a split; levels None: the configuration's; ``num_levels`` 0: all. Raises ConfigError.
+
+        ``generated:3,17,90`` and ``generated:wide:3,17,90`` are these levels.
+        """
         if config.home is not None:
             raise ConfigError("home: generated houses have home poses of their own")
+        split, _, listed = name.rpartition(":")
+        if split in ("generated", "generated:wide") and listed[:1].isdigit():
+            if config.start_level is not None or config.num_levels is not None:
+                raise ConfigError(f"start_level and num_levels: map = {name!r} names its levels")
+            return ListedMaps(config, _numbers(listed, name), WIDE if split == "generated:wide" else 1)
         start_level = config.start_level if start_level is None else start_level
         num_levels = config.num_levels if num_levels is None else num_levels
         for field_name, number in (("start_level", start_level), ("num_levels", num_levels)):
@@ -143,12 +152,49 @@ class GeneratedMaps:
     def levels_of(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]:
         return self.start_level + draw_below(seeds, LEVEL, self.num_levels)
 
+    def has(self, levels: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """(M,) which of these levels (M,) are played."""
+        return (levels >= self.start_level) & (levels < self.start_level + self.num_levels)
+
+    def describe_levels(self) -> str:
+        return f"{self.start_level} to {self.start_level + self.num_levels - 1}"
+
     def prepare(self, level: int) -> MapAssets:
         return self.first if level == self.start_level else prepare_level(level, self._config, self.scale)
 
     def extent(self) -> tuple[tuple[float, float], tuple[float, float]]:
         most = self.scale * MAX_EXTENT_M  # of the largest house there can be
         return (-most, most), (-most, most)
+
+
+class ListedMaps(GeneratedMaps):
+    """These levels, each equally often; one that is listed twice twice as often."""
+
+    def __init__(self, config: Config, levels: Sequence[int], scale: int = 1) -> None:
+        super().__init__(config, levels[0], len(levels), scale)
+        self.levels = np.array(levels, dtype=np.int64)
+
+    def levels_of(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]:
+        found: NDArray[np.int64] = self.levels[draw_below(seeds, LEVEL, self.num_levels)]
+        return found
+
+    def has(self, levels: NDArray[np.int64]) -> NDArray[np.bool_]:
+        return np.isin(levels, self.levels)
+
+    def describe_levels(self) -> str:
+        return ", ".join(map(str, self.levels.tolist()))
+
+
+def _numbers(listed: str, name: str) -> list[int]:
+    last = TEST_LEVEL + TEST_LEVELS - 1
+    try:
+        levels = [int(one) for one in listed.split(",")]
+    except ValueError:
+        raise ConfigError(f"map = {name!r}: {listed!r} must be numbers of levels, separated by commas") from None
+    for level in levels:
+        if not 0 <= level <= last:
+            raise ConfigError(f"map = {name!r}: level {level}: there are the levels 0 to {last}")
+    return levels
 
 
 def most_pellets(config: Config, scale: int = 1) -> int:
