@@ -67,7 +67,7 @@ def split_ghosts(ghosts: Sequence[str]) -> tuple[tuple[str, ...], dict[int, Poli
     """
     for number, name in enumerate(ghosts):
         if name == POLICY:
-            raise ConfigError(f"clyde.ghosts[{number}] = 'policy': name the policy or the .onnx file that moves it")
+            raise ConfigError(f"clyde.ghosts[{number}] = 'policy': name the .onnx file that moves it instead")
         if not moved_by_policy(name):
             find_behaviour(name)
     policies = {number: make_policy(name) for number, name in enumerate(ghosts) if moved_by_policy(name)}

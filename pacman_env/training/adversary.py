@@ -60,8 +60,8 @@ class Arguments(Checked):
     """In each a Clyde learns against the planner, then the planner against all Clydes."""
     clyde_decisions: AtLeastOne = 196608
     """Of Clyde, per round."""
-    planner_decisions: AtLeastOne = 524288
-    """Of the planner, per round."""
+    planner_decisions: Count = 524288
+    """Of the planner, per round; 0: it stays as it is, and only Clydes learn."""
     imitation: Count = 131072
     """Decisions of lookahead that are imitated where there is no planner to begin with."""
     wander: Share = 0.4
@@ -160,9 +160,11 @@ class Alternation:
         clyde_seconds = self._learn(_CLYDE, number, games, bar)
         self._export(_CLYDE, clyde)
         clydes = [LearnedPlanner(self._path(f"clyde-{k}")) for k in range(1, number + 1)]
-        pool = partial(make_pool, clydes, self.arguments.wander)
-        rounds = make_games(_games(self.arguments, _PLANNER, LEARNED), number, pool)
-        planner_seconds = self._learn(_PLANNER, number, rounds, bar)
+        planner_seconds = 0.0
+        if self.arguments.planner_decisions > 0:
+            pool = partial(make_pool, clydes, self.arguments.wander)
+            rounds = make_games(_games(self.arguments, _PLANNER, LEARNED), number, pool)
+            planner_seconds = self._learn(_PLANNER, number, rounds, bar)
         self._export(_PLANNER, after)
         self.table.play(before, [clyde])
         for policy in (after, *RULES):
@@ -248,7 +250,7 @@ def _games(arguments: Arguments, side: int, ghost: str = WANDER) -> GameArgument
     hyper = dataclasses.replace(
         hyper,
         games=games,
-        decisions=decisions,
+        decisions=max(decisions, 1),
         segment=rollout,
         batch_size=rollout // 2,
         learning_rate=rate,

@@ -17,7 +17,7 @@ from pacman_env.envs.arguments import EnvArguments
 from pacman_env.game.ghosts import POLICY, behaviour_names
 from pacman_env.game.pellets import generate_pellets
 from pacman_env.policies.base import Policy
-from pacman_env.policies.registry import make_policy, policy_names
+from pacman_env.policies.registry import LEARNED_CLYDE, make_policy, policy_names
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.maps.level_source import TEST_LEVEL, TEST_LEVELS, LevelSource
 from pacman_env.web.game import Refused
@@ -81,7 +81,7 @@ class Choices:
             "maps": [*self._maps, GENERATED],
             "presets": list(preset_names()),
             "policies": self._policies,
-            "behaviours": [name for name in behaviour_names() if name != POLICY],
+            "behaviours": [*(name for name in behaviour_names() if name != POLICY), LEARNED_CLYDE],
             "settings": [setting._asdict() for setting in self._settings],
         }
 

@@ -91,6 +91,18 @@ def test_games_that_are_there_already_play_the_same_rounds_again(threads: int) -
         play_in(batch, "nearest", seeds[:3])
 
 
+def test_ghosts_that_policies_move_play_as_in_existing_games() -> None:
+    seeds = episode_seeds(5, 6)
+    config = CONFIG.with_fields(**{"clyde.ghosts": ("wander", "nearest"), "clyde.speed_mps": 0.4})
+    source = map_assets("house", CONFIG.with_fields(**{"clyde.ghosts": ("policy",)}))
+    expected = play(source, config, "clyde_aware", seeds)[0]
+    batch = GameBatch(source, config.with_fields(**{"clyde.ghosts": ("wander", "policy")}), 3)
+    found = play_in(batch, "clyde_aware", seeds, ghosts={1: Nearest()})[0]
+    np.testing.assert_array_equal(found, expected)
+    alone = play(source, config.with_fields(**{"clyde.ghosts": ("wander", "wander")}), "clyde_aware", seeds)[0]
+    assert (alone["time_s"] != found["time_s"]).any()
+
+
 def test_a_choice_that_is_forbidden_becomes_hold() -> None:
     batch = GameBatch(map_assets("house", CONFIG), CONFIG, 5)
     batch.reset(np.arange(5), np.arange(5, dtype=np.uint64))
