@@ -18,6 +18,7 @@ from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.registration import FLAT_ID
 from pacman_env.policies.registry import make_policy
 from pacman_env.sb3 import PacManBotVecEnv
+from pacman_env.sim.observation.planner_features import GLOBAL_FEATURES
 from pacman_env.sim.observation.situation import PELLET
 
 MAPS = ("house", "maze", "loop", "open_plan", "generated", "generated:test", "generated:wide")
@@ -53,6 +54,18 @@ def test_spaces_are_the_same_on_every_map_and_for_every_time_limit(normalize: bo
         env = make(map=name, observation=kinds, settings={"time_limit_s": 300.0, "observation.normalize": normalize})
         assert env.observation_space == known.observation_space
         assert env.action_space == known.action_space
+
+
+def test_the_row_has_the_time_left_and_a_token_for_each_ghost() -> None:
+    env = make(map="house", ghosts=("wander", "chase"), settings={"observation.normalize": False})
+    first = env.reset(seed=0)[0][-len(GLOBAL_FEATURES) :]
+    env.step(0)
+    seen = env.step(0)[0][-len(GLOBAL_FEATURES) :]
+    assert seen[GLOBAL_FEATURES.index("time_left")] < first[GLOBAL_FEATURES.index("time_left")]
+    assert [seen[GLOBAL_FEATURES.index(f"ghost_{k}_there")] for k in range(4)] == [1, 1, 0, 0]
+    away = [np.hypot(*(ghost[:2] - env.situation.robot[0, :2])) for ghost in env.situation.ghosts[0]]
+    found = [5.0 * seen[GLOBAL_FEATURES.index(f"ghost_{k}_distance")] for k in range(2)]
+    assert found == pytest.approx(sorted(away), rel=1e-5)
 
 
 def test_all_numbers_are_within_1() -> None:
