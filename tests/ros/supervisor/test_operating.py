@@ -359,8 +359,7 @@ def rounds_of(lines: list[str]) -> int:
 def test_a_simulated_game_plays_round_after_round_where_it_is_asked_to(domain: int, tmp_path: Path) -> None:
     ground = str(part_of_map("loop", 3.0).save(tmp_path / "ground.yaml"))
     words = ["--map", ground, "--policy", "nearest", "--sim", "--lock-step", "--play-on", *SHOWS]
-    words += ["--set", "clyde.speed_mps=0.01", "--set", "execution.pickup_radius_m=1"]  # rounds are soon complete
-    terminal = Terminal([*COMMAND, "up", *words, "--logs", str(tmp_path / "logs")])
+    terminal = Terminal([*COMMAND, "up", *words, "--set", "clyde.speed_mps=0.01", "--logs", str(tmp_path / "logs")])
     try:
         terminal.wait_for(lambda: rounds_of(terminal.lines) >= 3, "three rounds")
         assert terminal.shows(r"(Complete|Death) - Score: \d+")
