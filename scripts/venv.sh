@@ -1,5 +1,5 @@
 # Sourced by the commands beside it: makes .venv with what they need, once, and activates it.
-# usage: . scripts/venv.sh EXTRA    (base: the package without extras)
+# usage: . scripts/venv.sh EXTRA ...    (base: the package without extras)
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 venv=$root/.venv
 if ! "$venv/bin/python" -m pip --version >/dev/null 2>&1; then
@@ -14,11 +14,19 @@ if ! "$venv/bin/python" -m pip --version >/dev/null 2>&1; then
   "$python" -m venv --clear "$venv"
 fi
 . "$venv/bin/activate"
-stamp=$venv/.installed-$1
-if [ ! -f "$stamp" ] || [ "$root/pyproject.toml" -nt "$stamp" ] || [ "$root/constraints.txt" -nt "$stamp" ]; then
-  what=.[$1]
-  [ "$1" != base ] || what=.
+absent='' stamps=()
+for extra in "$@"; do
+  stamp=$venv/.installed-$extra
+  if [ ! -f "$stamp" ] || [ "$root/pyproject.toml" -nt "$stamp" ] || [ "$root/constraints.txt" -nt "$stamp" ]; then
+    stamps+=("$stamp")
+    [ "$extra" = base ] || absent+=${absent:+,}$extra
+  fi
+done
+if [ "${#stamps[@]}" != 0 ]; then
+  what=.${absent:+[$absent]}
   echo "installing pacman_env${what#.} into .venv ..." >&2
-  (cd "$root" && python -m pip install --quiet --disable-pip-version-check --editable "$what" --constraint constraints.txt)
-  touch "$stamp"
+  # What is imported is compiled by then, which is a third of what is installed.
+  (cd "$root" && python -m pip install --quiet --disable-pip-version-check --no-compile --editable "$what" \
+    --constraint constraints.txt)
+  touch "${stamps[@]}"
 fi

@@ -22,6 +22,7 @@ LONGEST = (
     *("clients/test_scripts.py", "envs/test_promises.py", "system/test_memory.py", "web/test_page_accessible.py"),
     *("envs/test_judges.py", "engine/test_threads.py", "training/test_adversary.py", "web/test_simulated.py"),
     *("evaluation/test_benchmark.py", "training/test_ppo.py", "evaluation/report/test_report.py"),
+    *("ros/supervisor/test_operating.py", "system/test_kills.py"),
 )
 
 

@@ -82,6 +82,17 @@ def test_everything_is_checked_and_the_last_line_is_that_of_the_tests(
     assert "--ignore" not in tests
 
 
+def test_extras_that_are_absent_are_installed_together_and_once(
+    checkout: Path, run: Callable[..., subprocess.CompletedProcess[str]]
+) -> None:
+    for name in ("dev", "ros"):
+        (checkout / ".venv" / f".installed-{name}").unlink()
+    for _ in range(2):
+        assert run().returncode == 0
+    (installed,) = called(checkout, "python -m pip install")
+    assert ".[dev,ros]" in installed.split()
+
+
 @pytest.mark.parametrize("status", [1, 2, 5])
 def test_the_status_is_that_of_the_tests_which_run_once(
     status: int, checkout: Path, run: Callable[..., subprocess.CompletedProcess[str]]

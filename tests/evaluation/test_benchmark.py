@@ -17,7 +17,7 @@ from pacman_env.evaluation import benchmark as throughput
 from pacman_env.evaluation.benchmark import main
 from tests.evaluation.helpers import refused_in_one_line
 
-SHORT = ["--map", "loop", "--rounds", "2", "--seconds", "0.2"]
+SHORT = ["--map", "loop", "--rounds", "2", "--seconds", "0.05"]
 
 
 @pytest.fixture(scope="module")

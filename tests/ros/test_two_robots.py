@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import signal
-import sys
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -36,10 +35,7 @@ class Robot:
         base = [module_of(SIMULATOR), "--ros-args", "-r", f"__ns:=/{namespace}", "-p", "map_yaml:=house"]
         commands = {SIMULATOR: [*base, "-p", f"settings:={json.dumps(SETTINGS)}"]}
         commands |= {name: setup.command(name) for name in (COMPOSED, SELECTOR)}
-        self.processes = {
-            name: system.run(f"{namespace}-{name}", [sys.executable, "-m", *command])
-            for name, command in commands.items()
-        }
+        self.processes = {name: system.fork(f"{namespace}-{name}", *command) for name, command in commands.items()}
         self.line = StatusLine(namespace, sim=False)
         self.collected: set[str] = set()
         self.removed: set[int] = set()

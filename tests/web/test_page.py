@@ -6,13 +6,15 @@ import json
 import math
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
 
-from pacman_env.web import messages
+from pacman_env.game.events import SOUNDS
+from pacman_env.web import messages, simulated_view, vocabulary
 from pacman_env.web.access import Tokens
 from pacman_env.web.game import Scene
 from pacman_env.web.routes import STATIC
@@ -132,6 +134,18 @@ def test_place_clyde(visit: Visit) -> None:
     page.wait(f"Math.hypot(state.frame.ghosts[0][0] - {x}, state.frame.ghosts[0][1] - {y}) > 0.5")
 
 
+@pytest.fixture
+def brief_melodies(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every melody lasts a fifth of its time, on the page and in the game: they are heard one after another."""
+    brief = {
+        word: replace(sound, melody=tuple((note, seconds / 5) for note, seconds in sound.melody))
+        for word, sound in SOUNDS.items()
+    }
+    for module in (simulated_view, vocabulary):
+        monkeypatch.setattr(module, "SOUNDS", brief)
+
+
+@pytest.mark.usefixtures("brief_melodies")
 def test_every_event_has_its_light_and_sound(visit: Visit) -> None:
     page = visit()
     page.press("tab-show", "sound")

@@ -19,9 +19,14 @@ RUN = """async () => {
 }"""
 
 
-@pytest.mark.parametrize("scheme", ["dark", "light"])
-@pytest.mark.parametrize("width", [390, 1280])
-def test_axe_finds_nothing_serious(visit: Visit, axe: str, scheme: str, width: int) -> None:
+@pytest.mark.parametrize(
+    ("width", "scheme"),
+    [  # each width and each theme is always judged
+        *((390, "dark"), (1280, "light")),
+        *(pytest.param(*one, marks=pytest.mark.daily) for one in ((390, "light"), (1280, "dark"))),
+    ],
+)
+def test_axe_finds_nothing_serious(visit: Visit, axe: str, width: int, scheme: str) -> None:
     page = visit(color_scheme=scheme, viewport={"width": width, "height": 844})
     page.page.evaluate(axe)
     page.slide("speed", 10)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -35,11 +36,10 @@ def played(folder: Path, seed: int) -> tuple[int, str, list[str]]:
 def test_the_same_seed_is_the_same_game_message_for_message_on_a_busy_machine_and_another_seed_is_not(
     domain: int, tmp_path: Path
 ) -> None:
-    first = played(tmp_path / "idle", 3)
-    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(4)]
+    first, other = played(tmp_path / "idle", 3), played(tmp_path / "other", 4)
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(os.cpu_count() or 1)]
     try:
         again = played(tmp_path / "busy", 3)
-        other = played(tmp_path / "other", 4)
     finally:
         for process in busy:
             process.kill()
