@@ -7,9 +7,10 @@ from typing import Any
 
 import pytest
 
+from pacman_env.config import ConfigError
 from pacman_env.heuristics.simple import Nearest
 from pacman_env.policies.base import Policy, check_reset
-from pacman_env.policies.registry import make_policy, policy_names, register_policy
+from pacman_env.policies.registry import LEARNED_CLYDE, make_policy, policy_names, register_policy, split_ghosts
 from tests.policies.contract import PolicyContract
 
 
@@ -44,6 +45,19 @@ def test_a_file_is_a_policy(planner: Path) -> None:
     assert make_policy(str(planner), threads=1).name == "ppo"
     with pytest.raises(ValueError, match=r"other\.onnx: cannot be read"):
         make_policy(str(planner.with_name("other.onnx")))
+
+
+def test_ghosts_are_split_into_behaviours_and_policies(planner: Path) -> None:
+    behaviours, policies = split_ghosts(("wander", str(planner), "nearest", "clyde:learned"))
+    assert behaviours == ("wander", "policy", "policy", "policy")
+    assert {number: policy.name for number, policy in policies.items()} == {1: "ppo", 2: "nearest", 3: "clyde"}
+    with pytest.raises(ConfigError, match=r"clyde\.ghosts\[1\] = 'policy': name the \.onnx file that moves it"):
+        split_ghosts(("wander", "policy"))
+
+
+def test_the_learned_clyde_is_no_choice_for_the_robot() -> None:
+    assert LEARNED_CLYDE not in policy_names()
+    assert make_policy(LEARNED_CLYDE).name == "clyde"
 
 
 def test_parameters_reach_the_policy() -> None:

@@ -131,7 +131,7 @@ def test_the_plot_lies_beside_the_json_unless_named(tmp_path: Path) -> None:
         (["--policies", "nearest", "run.zip"], "run.zip: "),
         (["--endless", "--set", "endless=true"], "endless: given twice"),
         (["--set", "action=velocity"], "action = 'velocity': played by policies that name goals"),
-        (["--set", "clyde.ghosts=policy"], "clyde.ghosts = ('policy',): played by policies that name goals"),
+        (["--set", "clyde.ghosts=policy"], "clyde.ghosts[0] = 'policy': name the .onnx file that moves it"),
         (["--map", "generated:test"], "--map generated:test: generated houses are given as --levels test"),
         (["--levels", "validation"], "invalid choice: 'validation'"),
         (["--levels", "test", "--num-levels", "1001"], "num_levels = 1001"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import pickle
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -76,6 +77,37 @@ def test_training_and_testing_have_no_level_in_common() -> None:
 def test_levels_outside_the_split_are_refused(name: str, start: int | None, count: int | None, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         GeneratedMaps.named(name, CONFIG, start, count)
+
+
+@pytest.mark.parametrize(("split", "scale"), [("generated", 1), ("generated:wide", WIDE)])
+def test_levels_that_are_named_are_played_and_no_others(split: str, scale: int) -> None:
+    maps = GeneratedMaps.named(f"{split}:90,3,17", CONFIG)
+    assert maps.scale == scale
+    drawn = maps.levels_of(np.arange(300, dtype=np.uint64))
+    assert dict(zip(*np.unique(drawn, return_counts=True), strict=True)).keys() == {3, 17, 90}
+    assert np.bincount(drawn).max() < 150
+    assert maps.has(np.array([3, 4, 17, 90, 91])).tolist() == [True, False, True, True, False]
+    assert pickle.loads(pickle.dumps(maps)).levels.tolist() == [90, 3, 17]
+
+
+def test_levels_in_a_row_that_are_named_are_the_levels_of_the_settings() -> None:
+    seeds = np.arange(100, dtype=np.uint64)
+    named, set_up = GeneratedMaps.named("generated:7,8,9", CONFIG), GeneratedMaps(CONFIG, 7, 3)
+    np.testing.assert_array_equal(named.levels_of(seeds), set_up.levels_of(seeds))
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "message"),
+    [
+        ("generated:3,x", {}, "map = 'generated:3,x': '3,x' must be numbers of levels, separated by commas"),
+        ("generated:3,1001000", {}, "level 1001000: there are the levels 0 to 1000999"),
+        ("generated:test:3", {}, "map = 'generated:test:3': choose one of generated"),
+        ("generated:3", {"num_levels": 2}, "start_level and num_levels: map = 'generated:3' names its levels"),
+    ],
+)
+def test_levels_that_are_named_wrongly_are_refused(name: str, settings: dict[str, int], message: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        GeneratedMaps.named(name, make_config(**settings))
 
 
 def test_levels_are_drawn_uniformly_from_the_seeds() -> None:
