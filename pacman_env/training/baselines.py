@@ -4,9 +4,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
+import numpy as np
 import sb3_contrib
 import stable_baselines3
+import torch
 import yaml
+from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.preprocessing import is_image_space
 from stable_baselines3.common.utils import LinearSchedule
@@ -15,6 +18,8 @@ from stable_baselines3.common.vec_env import VecEnv, VecFrameStack, VecNormalize
 from pacman_env.config import ConfigError
 from pacman_env.config.validation import AtLeastOne, Count, NotNegative, Number, Positive, Share, convert, require
 from pacman_env.envs.arguments import EnvArguments
+from pacman_env.episodes.statistics import wilson
+from pacman_env.game.execution import COMPLETE, DEAD
 from pacman_env.sb3 import PacManBotVecEnv
 from pacman_env.training.arguments import FOLDER
 
@@ -64,8 +69,9 @@ class Baseline(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     hyperparameters: Hyperparameters = Hyperparameters()
 
     def arguments(self, map_name: str) -> dict[str, Any]:
-        """Of the environment on a map."""
-        return {**msgspec.structs.asdict(self.environment), "map": map_name}
+        """Of the environment on a map; outcomes are numbers."""
+        settings = {"observation.numeric_info": True, **self.environment.settings}
+        return {**msgspec.structs.asdict(self.environment), "map": map_name, "settings": settings}
 
     def make_games(self, map_name: str, games: int) -> PacManBotVecEnv:
         return PacManBotVecEnv(games, **self.arguments(map_name))
@@ -82,12 +88,30 @@ class Baseline(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         return games
 
     def make_model(self, games: VecEnv, seed: int) -> BaseAlgorithm:
+        torch.set_num_threads(1)  # networks this small are fastest on one core
         values = msgspec.structs.asdict(self.hyperparameters)
         values["learning_rate"] = LinearSchedule(*values["learning_rate"], 1.0)
         network = {name: values.pop(name) for name in ("net_arch", "log_std_init")}
         values["policy_kwargs"] = {name: value for name, value in network.items() if value is not None}
         values |= {"seed": seed, "device": "cpu"}
         return LEARNERS[self.learner](self.policy, self.wrapped(games), **values)
+
+
+def shares(ends: NDArray[np.integer[Any]], pellets: NDArray[np.float64]) -> dict[str, Any]:
+    """What became of rounds, from how each ended and its share of pellets collected."""
+    rounds = len(ends)
+    result: dict[str, Any] = {"pellets": float(pellets.mean())}
+    for name, end in (("completed", COMPLETE), ("caught", DEAD)):
+        count = int((ends == end).sum())
+        result |= {name: count / rounds, f"{name}_interval": wilson(count, rounds)}
+    return result
+
+
+def point(model: BaseAlgorithm, decisions: int, learning_s: float, reached: dict[str, Any]) -> dict[str, Any]:
+    """Of a curve: what was reached after so many decisions, and the mean return of the last rounds of training."""
+    returns = [episode["r"] for episode in model.ep_info_buffer or ()]
+    mean = float(np.mean(returns)) if returns else None
+    return {"decisions": decisions, "return": mean, "learning_s": learning_s, **reached}
 
 
 def load_baselines(path: Path) -> dict[str, Baseline]:

@@ -30,10 +30,8 @@ from pacman_env import __version__
 from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.envs.arguments import EnvArguments
 from pacman_env.episodes.rollout import play
-from pacman_env.episodes.statistics import wilson
 from pacman_env.files import prepare, replaced, write_json
-from pacman_env.game.execution import COMPLETE
-from pacman_env.training.baselines import FILE, LEARNERS, Baseline, Environment, load_baselines
+from pacman_env.training.baselines import FILE, LEARNERS, Baseline, Environment, load_baselines, point, shares
 from pacman_env.training.two_players import alternate
 
 _KINDS: dict[str, dict[str, Any]] = {
@@ -53,6 +51,7 @@ COMBINATIONS = {
     for kind, given in _KINDS.items()
     for decide in ("event", "tick")
 }
+_RULES = ("nearest", "random")
 _TEST_GAMES = 8  # at once
 _TEST_SEED = 1_000_000  # of the games that are played to see how good a model is
 Point = dict[str, Any]  # of a curve: figures after some decisions
@@ -66,7 +65,7 @@ class _Tests(BaseCallback):
         self._baseline, self._rounds, self._note = baseline, rounds, note
         self._test = baseline.wrapped(baseline.make_games(baseline.test, _TEST_GAMES), training=False)
         self._began, self._tested = time.perf_counter(), 0
-        self.played: dict[int, bool] = {}  # of the last test, by the seed of a round: whether it was completed
+        self.played: dict[int, tuple[int, float]] = {}  # by the seed of a round: its end, the share of pellets
 
     def _on_step(self) -> bool:
         return True
@@ -89,21 +88,14 @@ class _Tests(BaseCallback):
         self._test.seed(_TEST_SEED)
         evaluate = evaluate_masked if self._baseline.learner == "maskable_ppo" else evaluate_policy
         evaluate(self.model, self._test, n_eval_episodes=self._rounds, callback=self._end_of_a_round)
-        won, returns = sum(self.played.values()), [episode["r"] for episode in self.model.ep_info_buffer or ()]
-        self._note(
-            {
-                "decisions": self.num_timesteps,
-                "return": float(np.mean(returns)) if returns else float("nan"),
-                "completed": won / len(self.played),
-                "interval": wilson(won, len(self.played)),
-                "learning_s": learning_s,
-            }
-        )
+        ends, pellets = np.array([*self.played.values()]).T
+        self._note(point(self.model, self.num_timesteps, learning_s, shares(ends, pellets)))
         self._began = time.perf_counter() - learning_s
 
     def _end_of_a_round(self, now: dict[str, Any], _: dict[str, Any]) -> None:
         if now["done"]:
-            self.played[now["info"]["round_seed"]] = now["info"]["outcome"] in (COMPLETE, "complete")
+            info = now["info"]
+            self.played[info["round_seed"]] = info["outcome"], info["collected"] / info["spawned"]
 
 
 def references(map_name: str, seeds: NDArray[np.uint64]) -> dict[str, Point]:
@@ -112,28 +104,27 @@ def references(map_name: str, seeds: NDArray[np.uint64]) -> dict[str, Point]:
     config, _ = arguments.make_config()
     source = arguments.make_source(config)
     result = {}
-    for name in ("nearest", "random"):
-        won = int((play(source, config, name, seeds)[0]["end"] == COMPLETE).sum())
-        result[name] = {"completed": won / len(seeds), "interval": wilson(won, len(seeds))}
+    for name in _RULES:
+        records, _ = play(source, config, name, seeds)
+        result[name] = shares(records["end"], records["collected"] / records["spawned"])
     return result
 
 
 def curve(name: str, baseline: Baseline, seed: int, rounds: int) -> dict[str, Any]:
     """The points of one learner, and what rules reach in the same rounds."""
-    torch.set_num_threads(1)  # networks this small are fastest on one core
     points: list[Point] = []
 
-    def note(point: Point) -> None:
-        points.append(point)
-        print(f"{name} seed {seed}: {point['decisions']} decisions, {100 * point['completed']:.1f} %", flush=True)
+    def note(new: Point) -> None:
+        points.append(new)
+        done = f"{100 * new['completed']:.1f} % of the rounds, {100 * new['pellets']:.1f} % of the pellets"
+        print(f"{name} seed {seed}: {new['decisions']} decisions, {done}", flush=True)
 
     entry: dict[str, Any] = {"name": name, "seed": seed, "points": points}
     if baseline.turns:
-        for point in alternate(baseline, seed, rounds, _TEST_SEED):
-            note(point)
-        rows = [row for row in points[-1]["pairs"] if row["ghost"] == "wander"]
-        rules = {row["robot"]: {"completed": row["completed"], "interval": row["completed_interval"]} for row in rows}
-        return entry | {"references": {rule: rules[rule] for rule in ("nearest", "random")}}
+        for after_a_turn in alternate(baseline, seed, rounds, _TEST_SEED):
+            note(after_a_turn)
+        rows = {row["robot"]: row for row in points[-1]["pairs"] if row["ghost"] == "wander"}
+        return entry | {"references": {rule: rows[rule] for rule in _RULES}}
     model = baseline.make_model(baseline.make_games(baseline.environment.map, baseline.games), seed)
     tests = _Tests(baseline, rounds, note)
     model.learn(baseline.decisions, callback=tests)
@@ -209,7 +200,7 @@ def draw(figures: dict[str, Any], path: Path) -> None:
             x = [point["decisions"] for point in entry["points"]]
             y = [100 * point["completed"] for point in entry["points"]]
             (line,) = axes.plot(x, y, marker=".", label=f"seed {entry['seed']}")
-            low, high = (100 * np.array([point["interval"] for point in entry["points"]])).T
+            low, high = (100 * np.array([point["completed_interval"] for point in entry["points"]])).T
             axes.fill_between(x, low, high, color=line.get_color(), alpha=0.15)
         for rule, reached in entry["references"].items():
             axes.axhline(

@@ -13,11 +13,9 @@ from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
 from pacman_env.envs.parallel_vec_env import PACMAN, Observations, PacManBotParallelVecEnv
-from pacman_env.episodes.statistics import wilson
-from pacman_env.game.execution import COMPLETE, DEAD
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.policies.registry import make_policy
-from pacman_env.training.baselines import Baseline
+from pacman_env.training.baselines import Baseline, point, shares
 
 SIDES = (PACMAN, GHOST_NAMES[0])
 #: The actions (N,) of one side, from the observations of both and its masks (N, C).
@@ -106,8 +104,8 @@ class OneSide(VecEnv):
         return [False] * self.num_envs
 
 
-def ends(games: PacManBotParallelVecEnv, players: tuple[Player, Player], seed: int) -> NDArray[np.int64]:
-    """(N,) how a round of each game ends, all played from the seed on; the games do not begin anew by themselves."""
+def rounds(games: PacManBotParallelVecEnv, players: tuple[Player, Player], seed: int) -> dict[str, Any]:
+    """The last infos (N,) of a round of each game, from the seed on; the games do not begin anew by themselves."""
     seen, infos = games.reset(seed)
     over = np.zeros(games.num_envs, dtype=np.bool_)
     while not over.all():
@@ -115,28 +113,24 @@ def ends(games: PacManBotParallelVecEnv, players: tuple[Player, Player], seed: i
         actions = [player(games, seen, masks[:, k]) for k, player in enumerate(players)]
         seen, _, terminated, truncated, infos = games.step(np.stack(actions, axis=1))
         over = terminated | truncated
-    return infos["outcome"].astype(np.int64)
+    return infos
 
 
-def measured(baseline: Baseline, models: list[BaseAlgorithm], rounds: int, seed: int) -> list[dict[str, Any]]:
-    """How many rounds end how for every pair of a robot and a ghost, in the same rounds."""
-    games = PacManBotParallelVecEnv(rounds, autoreset_mode="Disabled", **baseline.arguments(baseline.test))
+def measured(baseline: Baseline, models: list[BaseAlgorithm], number: int, seed: int) -> list[dict[str, Any]]:
+    """What becomes of the same rounds, so many, for every pair of a robot and a ghost."""
+    games = PacManBotParallelVecEnv(number, autoreset_mode="Disabled", **baseline.arguments(baseline.test))
     robots = {"learned": learned(models[0], 0, likeliest=True), "nearest": rule("nearest"), "random": rule("random")}
     ghosts = {"wander": wander, "learned": learned(models[1], 1, likeliest=True)}
     rows = []
     for (robot, player), (ghost, rival) in ((one, other) for one in robots.items() for other in ghosts.items()):
-        ended = ends(games, (player, rival), seed)
-        row: dict[str, Any] = {"robot": robot, "ghost": ghost}
-        for name, end in (("completed", COMPLETE), ("caught", DEAD)):
-            count = int((ended == end).sum())
-            row |= {name: count / rounds, f"{name}_interval": wilson(count, rounds)}
-        rows.append(row)
+        last = rounds(games, (player, rival), seed)
+        rows.append({"robot": robot, "ghost": ghost, **shares(last["outcome"], last["collected"] / last["spawned"])})
     games.close()
     return rows
 
 
-def alternate(baseline: Baseline, seed: int, rounds: int, test_seed: int) -> Iterator[dict[str, Any]]:
-    """After each turn, in which first the robot and then the ghost learns: figures of the robot and of all pairs."""
+def alternate(baseline: Baseline, seed: int, number: int, test_seed: int) -> Iterator[dict[str, Any]]:
+    """After each turn, in which first the robot and then the ghost learns: a point of the robot, and all pairs."""
     make = partial(PacManBotParallelVecEnv, baseline.games, **baseline.arguments(baseline.environment.map))
     games = [OneSide(make(), side, wander) for side in (0, 1)]
     models = [baseline.make_model(VecMonitor(one), 2 * seed + side) for side, one in enumerate(games)]
@@ -150,13 +144,6 @@ def alternate(baseline: Baseline, seed: int, rounds: int, test_seed: int) -> Ite
             model.learn(max(baseline.decisions // baseline.turns, 1))  # its rates begin anew
         spent += time.perf_counter() - began
         decisions += models[0].num_timesteps
-        pairs = measured(baseline, models, rounds, test_seed)
-        returns = [episode["r"] for episode in models[0].ep_info_buffer or ()]
-        yield {
-            "decisions": decisions,
-            "return": float(np.mean(returns)) if returns else float("nan"),
-            "completed": pairs[0]["completed"],
-            "interval": pairs[0]["completed_interval"],
-            "learning_s": spent,
-            "pairs": pairs,
-        }
+        pairs = measured(baseline, models, number, test_seed)
+        robot = {key: value for key, value in pairs[0].items() if key not in ("robot", "ghost")}
+        yield point(models[0], decisions, spent, robot | {"pairs": pairs})

@@ -81,7 +81,7 @@ def test_pictures_are_not_normalized() -> None:
         ({"environment": {"settings": {"clyde.colour": 1}}}, "environment: .*clyde.colour"),
         ({"environment": DRIVING}, "learner = 'maskable_ppo': must be ppo where actions are velocities"),
         ({"learner": "ppo", "turns": 2}, "learner = 'ppo': must be .* maskable_ppo where there are two players"),
-        (None, "mine = None: must be an object"),
+        (None, " = None: must be an object"),
     ],
 )
 def test_a_field_that_does_not_fit_is_named_with_file_and_section(values: Any, message: str, tmp_path: Path) -> None:

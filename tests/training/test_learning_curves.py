@@ -37,7 +37,9 @@ def test_a_quick_look_writes_figures_and_a_picture(tmp_path: Path) -> None:
     (curve,) = found["curves"]
     assert (curve["name"], curve["seed"]) == ("planner/event", 3)
     assert [point["decisions"] for point in curve["points"]] == [128, 256]
-    assert all(low <= point["completed"] <= high for point in curve["points"] for low, high in [point["interval"]])
+    assert all(
+        low <= point["completed"] <= high for point in curve["points"] for low, high in [point["completed_interval"]]
+    )
     assert set(curve["references"]) == {"nearest", "random"}
     again = learn(tmp_path, "--seeds", "3", "4", "--learner", "ppo", "--workers", "2")
     assert without_times(again["curves"])[0] == without_times(found["curves"])[0]

@@ -10,13 +10,13 @@ from pacman_env import parallel_vec_env
 from pacman_env.envs.arguments import EnvArguments
 from pacman_env.episodes.rollout import play
 from pacman_env.training.baselines import Baseline, Environment, Hyperparameters
-from pacman_env.training.two_players import OneSide, alternate, ends, half_wandering, rule, wander
+from pacman_env.training.two_players import OneSide, alternate, half_wandering, rounds, rule, wander
 
 SETTINGS: dict[str, Any] = {"observation.mask": "method", "time_limit_s": 40.0}
 TINY = Baseline(
-    environment=Environment(map="loop", flat=True, settings=SETTINGS),
+    environment=Environment(map="loop", flat=True, settings={**SETTINGS, "time_limit_s": 15.0}),
     games=2,
-    decisions=64,
+    decisions=128,
     turns=2,
     normalize=True,
     test="loop",
@@ -31,11 +31,12 @@ def games(number: int, **more: Any) -> Any:
 def test_rules_play_the_rounds_that_they_play_against_a_ghost_that_wanders() -> None:
     env = games(6, autoreset_mode="Disabled")
     _, infos = env.reset(seed=5)
-    ended = ends(env, (rule("nearest"), wander), 5)
+    last = rounds(env, (rule("nearest"), wander), 5)
     arguments = EnvArguments(map="loop", settings={"time_limit_s": 40.0})
     config, _ = arguments.make_config()
     records, _ = play(arguments.make_source(config), config, "nearest", infos["round_seed"])
-    assert ended.tolist() == records["end"].tolist()
+    assert last["outcome"].tolist() == records["end"].tolist()
+    assert last["collected"].tolist() == records["collected"].tolist()
 
 
 @pytest.mark.parametrize("side", [0, 1])
@@ -70,12 +71,12 @@ def test_in_half_of_the_games_the_ghost_wanders() -> None:
 
 
 def test_both_learn_and_the_same_seed_learns_the_same() -> None:
-    first, again, other = ([*alternate(TINY, seed, 4, 100)] for seed in (1, 1, 2))
+    first, again, other = ([*alternate(TINY, seed, 2, 100)] for seed in (1, 1, 2))
     for points in (first, again, other):
         for point in points:
             assert point.pop("learning_s") > 0
     assert first == again
-    assert [point["decisions"] for point in first] == [32, 64]
+    assert [point["decisions"] for point in first] == [64, 128]
     assert first != other
     pairs = [(row["robot"], row["ghost"]) for row in first[-1]["pairs"]]
     assert pairs == [(robot, ghost) for robot in ("learned", "nearest", "random") for ghost in ("wander", "learned")]
