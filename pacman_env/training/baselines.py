@@ -90,7 +90,8 @@ class Baseline(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     def make_model(self, games: VecEnv, seed: int) -> BaseAlgorithm:
         torch.set_num_threads(1)  # networks this small are fastest on one core
         values = msgspec.structs.asdict(self.hyperparameters)
-        values["learning_rate"] = LinearSchedule(*values["learning_rate"], 1.0)
+        first, last = self.hyperparameters.learning_rate
+        values["learning_rate"] = LinearSchedule(first, last, 1.0)
         network = {name: values.pop(name) for name in ("net_arch", "log_std_init")}
         values["policy_kwargs"] = {name: value for name, value in network.items() if value is not None}
         values |= {"seed": seed, "device": "cpu"}
@@ -123,13 +124,16 @@ def load_baselines(path: Path) -> dict[str, Baseline]:
     if not isinstance(content, dict) or not content:
         raise ValueError(f"{path}: must have baselines by name")
     try:
-        return {str(name): _checked(str(name), values) for name, values in content.items()}
+        found = {str(name): convert(values, Baseline, str(name)) for name, values in content.items()}
+        for name, baseline in found.items():
+            check(name, baseline)
+        return found
     except ConfigError as error:
         raise ValueError(f"{path}: {error}") from None
 
 
-def _checked(name: str, values: Any) -> Baseline:
-    baseline: Baseline = convert(values, Baseline, name)
+def check(name: str, baseline: Baseline) -> None:
+    """Raise a ConfigError where fields do not go together."""
     hyper, several = baseline.hyperparameters, baseline.turns > 0
     rollout, batch = baseline.games * hyper.n_steps, hyper.batch_size
     # advantages are divided by their deviation within a minibatch
@@ -143,4 +147,3 @@ def _checked(name: str, values: Any) -> Baseline:
     rule = "must be ppo where actions are velocities, and maskable_ppo where there are two players"
     require(baseline.learner == "ppo" or masks, f"{name}.learner", baseline.learner, rule)
     require(not several or (masks and baseline.learner == "maskable_ppo"), f"{name}.learner", baseline.learner, rule)
-    return baseline

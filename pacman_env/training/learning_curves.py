@@ -31,7 +31,7 @@ from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.envs.arguments import EnvArguments
 from pacman_env.episodes.rollout import play
 from pacman_env.files import prepare, replaced, write_json
-from pacman_env.training.baselines import FILE, LEARNERS, Baseline, Environment, load_baselines, point, shares
+from pacman_env.training.baselines import FILE, LEARNERS, Baseline, Environment, check, load_baselines, point, shares
 from pacman_env.training.two_players import alternate
 
 _KINDS: dict[str, dict[str, Any]] = {
@@ -141,7 +141,10 @@ def chosen(options: argparse.Namespace) -> dict[str, Baseline]:
             raise ValueError(f"{kind} {name!r}: choose among {' '.join(known)}")
     fields = {name: getattr(options, name) for name in ("learner", "decisions", "test")}
     changes = {name: value for name, value in fields.items() if value is not None}
-    return {name: _changed(known[name], changes, options) for name in names}
+    found = {name: _changed(known[name], changes, options) for name in names}
+    for name, baseline in found.items():
+        check(name, baseline)
+    return found
 
 
 def _changed(baseline: Baseline, changes: dict[str, Any], options: argparse.Namespace) -> Baseline:
