@@ -143,6 +143,7 @@ def check(name: str, baseline: Baseline) -> None:
         config, _ = EnvArguments(**baseline.arguments(baseline.environment.map)).make_config(several=several)
     except ConfigError as error:
         raise ConfigError(f"{name}.environment: {error}") from None
+    require(not several or baseline.frames == 1, f"{name}.frames", baseline.frames, "must be 1 of two players")
     masks = config.action == "goal"
     rule = "must be ppo where actions are velocities, and maskable_ppo where there are two players"
     require(baseline.learner == "ppo" or masks, f"{name}.learner", baseline.learner, rule)

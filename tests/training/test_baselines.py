@@ -81,6 +81,7 @@ def test_pictures_are_not_normalized() -> None:
         ({"environment": {"settings": {"clyde.colour": 1}}}, "environment: .*clyde.colour"),
         ({"environment": DRIVING}, "learner = 'maskable_ppo': must be ppo where actions are velocities"),
         ({"learner": "ppo", "turns": 2}, "learner = 'ppo': must be .* maskable_ppo where there are two players"),
+        ({"turns": 2, "frames": 2}, r"frames = 2: must be 1 of two players"),
         (None, " = None: must be an object"),
     ],
 )
