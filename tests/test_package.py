@@ -102,7 +102,7 @@ def test_the_wheel_holds_the_package_evaluation_training_maps_planner_page_and_n
     package = {path.relative_to(ROOT).as_posix() for path in (ROOT / "pacman_env").rglob("*.py")}
     package |= {f"pacman_env/evaluation/templates/{page}.j2" for page in ("report.html", "replay.html", "chart.svg")}
     package |= {"pacman_env/evaluation/suites/leaderboard.yaml"}
-    package |= {"pacman_env/training/hyperparameters/PacManBot-v0.yaml"}
+    package |= {f"pacman_env/training/hyperparameters/{name}.yaml" for name in ("PacManBot-v0", "baselines")}
     maps = {f"pacman_env/maps/{path.name}" for path in (ROOT / "maps").iterdir() if path.suffix in (".yaml", ".pgm")}
     planner = {f"pacman_env/policies/pretrained/ppo.{kind}" for kind in ("onnx", "json")}
     page = {path.relative_to(ROOT).as_posix() for path in (ROOT / "pacman_env/web/static").iterdir()}

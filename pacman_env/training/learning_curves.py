@@ -1,16 +1,20 @@
-"""How fast stock learners learn PacManBotFlat-v0, one curve per combination: ``pacman-env learning-curves``.
+"""How fast stock learners learn, one curve per configuration and seed: ``pacman-env learning-curves``.
 
-Stable-Baselines3's PPO or sb3-contrib's MaskablePPO with their own defaults, eight games at once. After every update
-the model plays the same rounds, which the policies ``nearest`` and ``random`` have played too.
+Stable-Baselines3's PPO or sb3-contrib's MaskablePPO: with their own defaults on combinations of observation and
+decisions, or with the tuned values of ``baselines.yaml``. From time to time the model plays the same rounds, which the
+policies ``nearest`` and ``random`` have played too.
 """
 
 import argparse
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import gymnasium
+import msgspec
 import numpy as np
 import sb3_contrib
 import stable_baselines3
@@ -18,127 +22,197 @@ import torch
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from sb3_contrib.common.maskable.evaluation import evaluate_policy as evaluate_masked
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.vec_env import VecNormalize
 
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.envs.arguments import EnvArguments
-from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.episodes.rollout import play
-from pacman_env.episodes.statistics import wilson
 from pacman_env.files import prepare, replaced, write_json
-from pacman_env.game.execution import COMPLETE
-from pacman_env.sb3 import PacManBotVecEnv
+from pacman_env.training.baselines import FILE, LEARNERS, Baseline, Environment, check, load_baselines, point, shares
+from pacman_env.training.two_players import alternate
 
-_KINDS: dict[str, tuple[dict[str, Any], str]] = {
-    "planner": ({}, "MlpPolicy"),
-    "features": ({"observation": ("features", "flat")}, "MlpPolicy"),
+_KINDS: dict[str, dict[str, Any]] = {
+    "planner": {},
+    "features": {"observation": ("features", "flat")},
     # Stable-Baselines3 scales pictures itself.
-    "grid": ({"observation": ("features", "grid"), "settings": {"observation.normalize": False}}, "MultiInputPolicy"),
+    "grid": {"observation": ("features", "grid"), "settings": {"observation.normalize": False}},
 }
-#: By name: the arguments of the environment, and the policy of the learner.
+#: The learners' own defaults, by what is seen and when is decided.
 COMBINATIONS = {
-    f"{kind}/{decide}": ({**given, "settings": {**given.get("settings", {}), "decisions.when": decide}}, policy)
-    for kind, (given, policy) in _KINDS.items()
+    f"{kind}/{decide}": Baseline(
+        environment=Environment(
+            flat=True, **{**given, "settings": {**given.get("settings", {}), "decisions.when": decide}}
+        ),
+        policy="MultiInputPolicy" if kind == "grid" else "MlpPolicy",
+    )
+    for kind, given in _KINDS.items()
     for decide in ("event", "tick")
 }
-LEARNERS = {"maskable_ppo": (sb3_contrib.MaskablePPO, evaluate_masked), "ppo": (stable_baselines3.PPO, evaluate_policy)}
-GAMES = 8  # at once
+_RULES = ("nearest", "random")
+_TEST_GAMES = 8  # at once
 _TEST_SEED = 1_000_000  # of the games that are played to see how good a model is
+Point = dict[str, Any]  # of a curve: figures after some decisions
 
 
-def environment(combination: str, map_name: str) -> PacManBotVecEnv:
-    if combination not in COMBINATIONS:
-        raise ValueError(f"combination {combination!r}: choose among {' '.join(COMBINATIONS)}")
-    return PacManBotVecEnv(GAMES, flat=True, map=map_name, **COMBINATIONS[combination][0])
+class _Tests(BaseCallback):
+    """Play the test's rounds now and then between two updates, and after the last one."""
 
+    def __init__(self, baseline: Baseline, rounds: int, note: Callable[[Point], None]) -> None:
+        super().__init__()
+        self._baseline, self._rounds, self._note = baseline, rounds, note
+        self._test = baseline.wrapped(baseline.make_games(baseline.test, _TEST_GAMES), training=False)
+        self._began, self._tested = time.perf_counter(), 0
+        self.played: dict[int, tuple[int, float]] = {}  # by the seed of a round: its end, the share of pellets
 
-def rounds_played(model: Any, learner: str, test: PacManBotVecEnv, rounds: int) -> dict[int, bool]:
-    """By the seed of a round, whether the model completed it with its likeliest actions; the same rounds always."""
-    played: dict[int, bool] = {}
+    def _on_step(self) -> bool:
+        return True
 
-    def note(now: dict[str, Any], _: dict[str, Any]) -> None:
+    def _on_rollout_start(self) -> None:
+        if self.num_timesteps - self._tested >= max(self._baseline.every, 1):
+            self._play()
+
+    def _on_training_end(self) -> None:
+        if self.num_timesteps > self._tested:
+            self._play()
+
+    def _play(self) -> None:
+        """The same rounds always, with the likeliest actions."""
+        learning_s = time.perf_counter() - self._began
+        self._tested, self.played = self.num_timesteps, {}
+        normalizer = self.model.get_vec_normalize_env()
+        if normalizer is not None and isinstance(self._test, VecNormalize):
+            self._test.obs_rms = normalizer.obs_rms
+        self._test.seed(_TEST_SEED)
+        evaluate = evaluate_masked if self._baseline.learner == "maskable_ppo" else evaluate_policy
+        evaluate(self.model, self._test, n_eval_episodes=self._rounds, callback=self._end_of_a_round)
+        ends, pellets = np.array([*self.played.values()]).T
+        self._note(point(self.model, self.num_timesteps, learning_s, shares(ends, pellets)))
+        self._began = time.perf_counter() - learning_s
+
+    def _end_of_a_round(self, now: dict[str, Any], _: dict[str, Any]) -> None:
         if now["done"]:
-            played[now["info"]["round_seed"]] = OUTCOMES[now["info"]["outcome"]] == "complete"
-
-    test.seed(_TEST_SEED)
-    LEARNERS[learner][1](model, test, n_eval_episodes=rounds, callback=note)
-    return played
+            info = now["info"]
+            self.played[info["round_seed"]] = info["outcome"], info["collected"] / info["spawned"]
 
 
-def curve(combination: str, options: argparse.Namespace, seed: int) -> Iterator[tuple[dict[str, Any], dict[int, bool]]]:
-    """After every update: figures for the file, and rounds of the test."""
-    env, test = environment(combination, options.map), environment(combination, options.test)
-    steps = {"n_steps": options.n_steps} if options.n_steps else {}
-    make = LEARNERS[options.learner][0]
-    model = make(COMBINATIONS[combination][1], env, seed=seed, device="cpu", **steps)
-    spent = 0.0
-    while model.num_timesteps < options.decisions:
-        began = time.perf_counter()
-        model.learn(1, reset_num_timesteps=False)  # up to the next update
-        spent += time.perf_counter() - began
-        returns = [episode["r"] for episode in model.ep_info_buffer or ()]
-        played = rounds_played(model, options.learner, test, options.rounds)
-        won = sum(played.values())
-        point = {
-            "decisions": model.num_timesteps,
-            "return": float(np.mean(returns)) if returns else float("nan"),
-            "completed": won / len(played),
-            "interval": wilson(won, len(played)),
-            "learning_s": spent,
-        }
-        yield point, played
-
-
-def baselines(map_name: str, seeds: NDArray[np.uint64]) -> dict[str, float]:
+def references(map_name: str, seeds: NDArray[np.uint64]) -> dict[str, Point]:
+    """What rules that do not learn complete of the rounds, with goals and the defaults of the game."""
     arguments = EnvArguments(map=map_name)
     config, _ = arguments.make_config()
     source = arguments.make_source(config)
-    played = {name: play(source, config, name, seeds)[0] for name in ("nearest", "random")}
-    return {name: float((records["end"] == COMPLETE).mean()) for name, records in played.items()}
+    result = {}
+    for name in _RULES:
+        records, _ = play(source, config, name, seeds)
+        result[name] = shares(records["end"], records["collected"] / records["spawned"])
+    return result
+
+
+def curve(name: str, baseline: Baseline, seed: int, rounds: int) -> dict[str, Any]:
+    """The points of one learner, and what rules reach in the same rounds."""
+    points: list[Point] = []
+
+    def note(new: Point) -> None:
+        points.append(new)
+        done = f"{100 * new['completed']:.1f} % of the rounds, {100 * new['pellets']:.1f} % of the pellets"
+        print(f"{name} seed {seed}: {new['decisions']} decisions, {done}", flush=True)
+
+    entry: dict[str, Any] = {"name": name, "seed": seed, "points": points}
+    if baseline.turns:
+        for after_a_turn in alternate(baseline, seed, rounds, _TEST_SEED):
+            note(after_a_turn)
+        rows = {row["robot"]: row for row in points[-1]["pairs"] if row["ghost"] == "wander"}
+        return entry | {"references": {rule: rows[rule] for rule in _RULES}}
+    model = baseline.make_model(baseline.make_games(baseline.environment.map, baseline.games), seed)
+    tests = _Tests(baseline, rounds, note)
+    model.learn(baseline.decisions, callback=tests)
+    return entry | {"references": references(baseline.test, np.array([*tests.played], dtype=np.uint64))}
+
+
+def chosen(options: argparse.Namespace) -> dict[str, Baseline]:
+    """What is to be learned, by name; the options that are given replace its fields."""
+    known = COMBINATIONS if options.baselines is None else load_baselines(options.config)
+    names = options.combinations if options.baselines is None else options.baselines or [*known]
+    kind = "combination" if options.baselines is None else "baseline"
+    for name in names:
+        if name not in known:
+            raise ValueError(f"{kind} {name!r}: choose among {' '.join(known)}")
+    fields = {name: getattr(options, name) for name in ("learner", "decisions", "test")}
+    changes = {name: value for name, value in fields.items() if value is not None}
+    found = {name: _changed(known[name], changes, options) for name in names}
+    for name, baseline in found.items():
+        check(name, baseline)
+    return found
+
+
+def _changed(baseline: Baseline, changes: dict[str, Any], options: argparse.Namespace) -> Baseline:
+    replace = msgspec.structs.replace
+    environment, hyper, turns = baseline.environment, baseline.hyperparameters, baseline.turns
+    if options.map is not None:
+        environment = replace(environment, map=options.map)
+    if options.quick:
+        environment = replace(environment, settings={**environment.settings, "time_limit_s": 60.0})
+        turns = min(turns, 2)
+    if options.n_steps is not None:
+        batch = min(hyper.batch_size, options.n_steps * baseline.games)
+        hyper = replace(hyper, n_steps=options.n_steps, batch_size=batch)
+    return replace(baseline, environment=environment, hyperparameters=hyper, turns=turns, **changes)
+
+
+def entries(chosen: dict[str, Baseline], options: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    """One for each configuration and seed, in this order, from as many processes as there are workers."""
+    tasks = [(name, one, seed, options.rounds) for name, one in chosen.items() for seed in options.seeds]
+    if options.workers == 1:
+        yield from (curve(*task) for task in tasks)
+        return
+    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
+        yield from pool.map(curve, *zip(*tasks, strict=True))
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
-    torch.set_num_threads(1)  # networks this small are fastest on one core
-    for combination in options.combinations:
-        environment(combination, options.map).close()  # an error before the first has learned
+    baselines = chosen(options)
+    for baseline in baselines.values():
+        if not baseline.turns:  # an error before the first has learned
+            baseline.make_games(baseline.environment.map, 1).close()
     libraries = (gymnasium, stable_baselines3, sb3_contrib, torch)
     figures: dict[str, Any] = {
         "version": __version__,
         "libraries": {library.__name__: library.__version__ for library in libraries},
         "settings": {key: value for key, value in vars(options).items() if key not in ("json", "plot", "quick")},
+        "configurations": {name: msgspec.to_builtins(baseline) for name, baseline in baselines.items()},
         "curves": [],
     }
-    for combination in options.combinations:
-        for seed in options.seeds:
-            entry: dict[str, Any] = {"combination": combination, "seed": seed, "points": []}
-            figures["curves"].append(entry)
-            for point, played in curve(combination, options, seed):
-                if "baselines" not in figures:
-                    figures["baselines"] = baselines(options.test, np.array([*played], dtype=np.uint64))
-                entry["points"].append(point)
-                done = f"{point['decisions']} decisions, {100 * point['completed']:.1f} %"
-                print(f"{combination} seed {seed}: {done}", flush=True)
-                write_json(options.json, figures)
+    for entry in entries(baselines, options):
+        figures["curves"].append(entry)
+        write_json(options.json, figures)
     return figures
 
 
 def draw(figures: dict[str, Any], path: Path) -> None:
-    figure = Figure(figsize=(7, 4.5), layout="constrained")
-    axes = figure.add_subplot()
-    names = dict.fromkeys(entry["combination"] for entry in figures["curves"])
-    colours = {name: f"C{k}" for k, name in enumerate(names)}
-    for entry in figures["curves"]:
-        name, points = entry["combination"], entry["points"]
-        label = name if entry["seed"] == figures["settings"]["seeds"][0] else None
-        x, y = [point["decisions"] for point in points], [100 * point["completed"] for point in points]
-        axes.plot(x, y, color=colours[name], marker=".", label=label)
-    for name, share in figures["baselines"].items():
-        axes.axhline(100 * share, color="grey", linestyle="--" if name == "nearest" else ":", label=name)
-    settings = figures["settings"]
-    axes.set(xlabel="decisions", ylabel="rounds completed, %", ylim=(0, 100), xlim=(0, None))
-    axes.set_title(f"{settings['learner']}, {settings['map']}, tested on {settings['test']}; {figures['version']}")
-    axes.legend(fontsize="small")
+    """One diagram for each configuration: a line for each seed, and what rules reach."""
+    curves = figures["curves"]
+    names = list(dict.fromkeys(entry["name"] for entry in curves))
+    columns = min(len(names), 3)
+    rows = -(-len(names) // columns)
+    figure = Figure(figsize=(max(4.0 * columns, 7), 0.5 + 3.5 * rows), layout="constrained")
+    for number, name in enumerate(names, 1):
+        axes, baseline = figure.add_subplot(rows, columns, number), figures["configurations"][name]
+        for entry in (entry for entry in curves if entry["name"] == name):
+            x = [point["decisions"] for point in entry["points"]]
+            y = [100 * point["completed"] for point in entry["points"]]
+            (line,) = axes.plot(x, y, marker=".", label=f"seed {entry['seed']}")
+            low, high = (100 * np.array([point["completed_interval"] for point in entry["points"]])).T
+            axes.fill_between(x, low, high, color=line.get_color(), alpha=0.15)
+        for rule, reached in entry["references"].items():
+            axes.axhline(
+                100 * reached["completed"], color="grey", linestyle="--" if rule == "nearest" else ":", label=rule
+            )
+        axes.set(xlabel="decisions", ylabel="rounds completed, %", ylim=(0, 100), xlim=(0, None))
+        axes.set_title(f"{name}: {baseline['learner']}, tested on {baseline['test']}", fontsize="medium")
+        axes.legend(fontsize="small")
+    figure.suptitle(f"pacman_env {figures['version']}")
     with replaced(path) as temporary:
         figure.savefig(temporary, format="png", dpi=120)
 
@@ -146,17 +220,25 @@ def draw(figures: dict[str, Any], path: Path) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="pacman-env learning-curves", description=__doc__)
     add = parser.add_argument
-    add("--combinations", nargs="+", default=["planner/event"], metavar="NAME", help=" ".join(COMBINATIONS))
-    add("--learner", choices=[*LEARNERS], default="maskable_ppo")
-    add("--map", default="generated", metavar="FILE_OR_NAME", help="to learn on (%(default)s)")
-    add("--test", default="generated:test", metavar="FILE_OR_NAME", help="to play on (%(default)s)")
-    add("--decisions", type=whole_number(1), default=200_000, metavar="N", help="(%(default)s)")
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument(
+        "--combinations", nargs="+", default=["planner/event"], metavar="NAME", help=" ".join(COMBINATIONS)
+    )
+    group.add_argument(
+        "--baselines", nargs="*", metavar="NAME", help="of the file --config; without a name all of them"
+    )
+    add("--config", type=Path, default=FILE, metavar="YAML", help="%(default)s")
+    add("--learner", choices=[*LEARNERS], help="in place of maskable_ppo, or the baseline's")
+    add("--map", metavar="FILE_OR_NAME", help="to learn on, in place of generated, or the baseline's")
+    add("--test", metavar="FILE_OR_NAME", help="to play on, in place of generated:test, or the baseline's")
+    add("--decisions", type=whole_number(1), metavar="N", help="in place of 200000, or the baseline's")
     add("--seeds", type=whole_number(0), nargs="+", default=[0], metavar="S", help="of learners (0)")
-    add("--rounds", type=whole_number(1), default=100, metavar="N", help="after each update (100)")
+    add("--rounds", type=whole_number(1), default=100, metavar="N", help="for each point of a curve (100)")
     add("--n-steps", type=whole_number(2), metavar="N", help="decisions per game and update (SB3's own)")
+    add("--workers", type=whole_number(1), default=1, metavar="N", help="processes, each with a learner (1)")
     add("--json", type=Path, default=Path("results/learning_curves.json"), metavar="OUT")
     add("--plot", type=Path, default=Path("results/learning_curves.png"), metavar="OUT")
-    add("--quick", action="store_true", help="everything in short: 256 decisions, 8 rounds")
+    add("--quick", action="store_true", help="everything in short: 256 decisions, 8 rounds of a minute")
     return run_command(parser, argv, _report, "train")
 
 
@@ -167,5 +249,10 @@ def _report(options: argparse.Namespace) -> None:
         prepare(path)
     figures = run(options)
     draw(figures, options.plot)
-    print(*(f"{name}: {100 * share:.1f} %" for name, share in figures["baselines"].items()), sep="\n")
+    for entry in figures["curves"]:
+        reached = {f"seed {entry['seed']}": entry["points"][-1], **entry["references"]}
+        print(f"{entry['name']}:", *(f"{who} {100 * one['completed']:.1f} %" for who, one in reached.items()))
+        for row in entry["points"][-1].get("pairs", ()):
+            shares = f"completed {100 * row['completed']:.1f} %, caught {100 * row['caught']:.1f} %"
+            print(f"  robot {row['robot']}, ghost {row['ghost']}: {shares}")
     print(f"written: {options.json} and {options.plot}")

@@ -2,34 +2,69 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from pacman_env import __version__
+from pacman_env.training.baselines import FILE, load_baselines
 from pacman_env.training.learning_curves import main
 
 
-def test_a_quick_look_writes_figures_and_a_picture(tmp_path: Path) -> None:
-    figures, picture = tmp_path / "curves" / "figures.json", tmp_path / "curves" / "picture.png"
-    arguments = ["--quick", "--map", "loop", "--test", "loop", "--seeds", "3", "--learner", "ppo"]
-    assert main([*arguments, "--json", str(figures), "--plot", str(picture)]) == 0
-    found = json.loads(figures.read_text())
-    assert found["version"] == __version__
-    assert found["settings"]["map"] == "loop"
-    (curve,) = found["curves"]
-    assert (curve["combination"], curve["seed"]) == ("planner/event", 3)
-    assert [point["decisions"] for point in curve["points"]] == [128, 256]
-    assert all(low <= point["completed"] <= high for point in curve["points"] for low, high in [point["interval"]])
-    assert set(found["baselines"]) == {"nearest", "random"}
+def learn(folder: Path, *arguments: str) -> dict[str, Any]:
+    """What the command writes for short learning on a small map."""
+    figures, picture = folder / "curves" / "figures.json", folder / "curves" / "picture.png"
+    assert main(["--quick", "--map", "loop", "--test", "loop", *arguments, *files(folder)]) == 0
     assert picture.read_bytes().startswith(b"\x89PNG")
+    return json.loads(figures.read_text())
+
+
+def files(folder: Path) -> list[str]:
+    return ["--json", str(folder / "curves" / "figures.json"), "--plot", str(folder / "curves" / "picture.png")]
+
+
+def without_times(curves: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    for curve in curves:
+        for point in curve["points"]:
+            assert point.pop("learning_s") > 0
+    return curves
+
+
+def test_a_quick_look_writes_figures_and_a_picture(tmp_path: Path) -> None:
+    found = learn(tmp_path, "--seeds", "3", "--learner", "ppo")
+    assert found["version"] == __version__
+    assert found["configurations"]["planner/event"]["environment"]["map"] == "loop"
+    (curve,) = found["curves"]
+    assert (curve["name"], curve["seed"]) == ("planner/event", 3)
+    assert [point["decisions"] for point in curve["points"]] == [128, 256]
+    assert all(
+        low <= point["completed"] <= high for point in curve["points"] for low, high in [point["completed_interval"]]
+    )
+    assert set(curve["references"]) == {"nearest", "random"}
+    again = learn(tmp_path, "--seeds", "3", "4", "--learner", "ppo", "--workers", "2")
+    assert without_times(again["curves"])[0] == without_times(found["curves"])[0]
+
+
+def test_every_baseline_learns_in_short(tmp_path: Path) -> None:
+    found = learn(tmp_path, "--baselines")
+    assert [curve["name"] for curve in found["curves"]] == [*load_baselines(FILE)]
+    for curve in found["curves"]:
+        assert curve["points"][-1]["decisions"] >= 256
+        assert 0 <= curve["points"][-1]["completed"] <= 1
+        assert set(curve["references"]) == {"nearest", "random"}
+    assert len(found["curves"][-1]["points"][-1]["pairs"]) == 6
 
 
 @pytest.mark.parametrize("name", ["planner", "planner/never", "pictures/event"])
 def test_a_combination_that_is_not_there_is_refused_by_name(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    files = ["--json", str(tmp_path / "figures.json"), "--plot", str(tmp_path / "picture.png")]
-    assert main(["--combinations", name, *files]) == 2
+    assert main(["--combinations", name, *files(tmp_path)]) == 2
     error = capsys.readouterr().err
     assert f"combination '{name}': choose among planner/event" in error
     assert error.count("\n") == 1
+
+
+def test_a_baseline_that_is_not_there_is_refused_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--baselines", "flat", "round", *files(tmp_path)]) == 2
+    assert "baseline 'round': choose among flat velocity_scan" in capsys.readouterr().err

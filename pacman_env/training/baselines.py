@@ -1,0 +1,150 @@
+"""Stock learners' configurations, read strictly from ``train/hyperparameters/baselines.yaml``."""
+
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+import sb3_contrib
+import stable_baselines3
+import torch
+import yaml
+from numpy.typing import NDArray
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.preprocessing import is_image_space
+from stable_baselines3.common.utils import LinearSchedule
+from stable_baselines3.common.vec_env import VecEnv, VecFrameStack, VecNormalize
+
+from pacman_env.config import ConfigError
+from pacman_env.config.validation import AtLeastOne, Count, NotNegative, Number, Positive, Share, convert, require
+from pacman_env.envs.arguments import EnvArguments
+from pacman_env.episodes.statistics import wilson
+from pacman_env.game.execution import COMPLETE, DEAD
+from pacman_env.sb3 import PacManBotVecEnv
+from pacman_env.training.arguments import FOLDER
+
+FILE = FOLDER / "baselines.yaml"
+LEARNERS = {"maskable_ppo": sb3_contrib.MaskablePPO, "ppo": stable_baselines3.PPO}
+
+
+class Environment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Arguments of ``PacManBotVecEnv``, or of ``parallel_vec_env`` where there are two players."""
+
+    map: str = "generated"
+    preset: str = "robot"
+    flat: bool = False
+    action: Literal["goal", "velocity"] | None = None
+    observation: tuple[str, ...] | None = None
+    settings: dict[str, Any] = {}
+
+
+class Hyperparameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Of PPO; the defaults are the libraries' own."""
+
+    n_steps: AtLeastOne = 2048  # decisions per game between two updates
+    batch_size: AtLeastOne = 64
+    n_epochs: AtLeastOne = 10
+    learning_rate: tuple[Positive, Positive] = (3e-4, 3e-4)  # at the beginning and at the end, linear in between
+    gamma: Share = 0.99
+    gae_lambda: Share = 0.95
+    clip_range: Positive = 0.2
+    ent_coef: NotNegative = 0.0
+    log_std_init: Number | None = None  # of velocities: logarithm of their first standard deviation
+    net_arch: tuple[AtLeastOne, ...] | None = None  # widths of the hidden layers of actor and critic
+
+
+class Baseline(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What is learned, and how."""
+
+    environment: Environment = Environment()
+    learner: Literal["maskable_ppo", "ppo"] = "maskable_ppo"
+    policy: Literal["MlpPolicy", "MultiInputPolicy"] = "MlpPolicy"
+    games: AtLeastOne = 8  # at once
+    decisions: AtLeastOne = 200_000  # of two players: of each
+    every: Count = 0  # decisions between two points of the curve; 0: those of an update
+    turns: Count = 0  # of two players: how often each learns while the other stays as it is; 0: one player
+    frames: AtLeastOne = 1  # observations that the learner sees at once
+    normalize: bool = False  # observations and rewards by their running mean and deviation
+    test: str = "generated:test"  # the map that is played to see how good it is
+    hyperparameters: Hyperparameters = Hyperparameters()
+
+    def arguments(self, map_name: str) -> dict[str, Any]:
+        """Of the environment on a map; outcomes are numbers."""
+        settings = {"observation.numeric_info": True, **self.environment.settings}
+        return {**msgspec.structs.asdict(self.environment), "map": map_name, "settings": settings}
+
+    def make_games(self, map_name: str, games: int) -> PacManBotVecEnv:
+        return PacManBotVecEnv(games, **self.arguments(map_name))
+
+    def wrapped(self, games: VecEnv, training: bool = True) -> VecEnv:
+        """As the learner sees the games."""
+        if self.frames > 1:
+            games = VecFrameStack(games, self.frames)
+        if self.normalize:
+            spaces = getattr(games.observation_space, "spaces", None)
+            keys = spaces and [key for key, space in spaces.items() if not is_image_space(space)]
+            gamma = self.hyperparameters.gamma
+            games = VecNormalize(games, training, norm_reward=training, gamma=gamma, norm_obs_keys=keys)
+        return games
+
+    def make_model(self, games: VecEnv, seed: int) -> BaseAlgorithm:
+        torch.set_num_threads(1)  # networks this small are fastest on one core
+        values = msgspec.structs.asdict(self.hyperparameters)
+        first, last = self.hyperparameters.learning_rate
+        values["learning_rate"] = LinearSchedule(first, last, 1.0)
+        network = {name: values.pop(name) for name in ("net_arch", "log_std_init")}
+        values["policy_kwargs"] = {name: value for name, value in network.items() if value is not None}
+        values |= {"seed": seed, "device": "cpu"}
+        return LEARNERS[self.learner](self.policy, self.wrapped(games), **values)
+
+
+def shares(ends: NDArray[np.integer[Any]], pellets: NDArray[np.float64]) -> dict[str, Any]:
+    """What became of rounds, from how each ended and its share of pellets collected."""
+    rounds = len(ends)
+    result: dict[str, Any] = {"pellets": float(pellets.mean())}
+    for name, end in (("completed", COMPLETE), ("caught", DEAD)):
+        count = int((ends == end).sum())
+        result |= {name: count / rounds, f"{name}_interval": wilson(count, rounds)}
+    return result
+
+
+def point(model: BaseAlgorithm, decisions: int, learning_s: float, reached: dict[str, Any]) -> dict[str, Any]:
+    """Of a curve: what was reached after so many decisions, and the mean return of the last rounds of training."""
+    returns = [episode["r"] for episode in model.ep_info_buffer or ()]
+    mean = float(np.mean(returns)) if returns else None
+    return {"decisions": decisions, "return": mean, "learning_s": learning_s, **reached}
+
+
+def load_baselines(path: Path) -> dict[str, Baseline]:
+    """The baselines of a file by name; a ValueError names file, section and field that are wrong."""
+    try:
+        content = yaml.safe_load(path.read_text())
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
+        raise ValueError(f"{path}: cannot be read: {error}") from None
+    if not isinstance(content, dict) or not content:
+        raise ValueError(f"{path}: must have baselines by name")
+    try:
+        found = {str(name): convert(values, Baseline, str(name)) for name, values in content.items()}
+        for name, baseline in found.items():
+            check(name, baseline)
+        return found
+    except ConfigError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def check(name: str, baseline: Baseline) -> None:
+    """Raise a ConfigError where fields do not go together."""
+    hyper, several = baseline.hyperparameters, baseline.turns > 0
+    rollout, batch = baseline.games * hyper.n_steps, hyper.batch_size
+    # advantages are divided by their deviation within a minibatch
+    rule = f"leaves a minibatch of 1 of games * n_steps = {rollout}"
+    require(batch > 1 != rollout % batch, f"{name}.hyperparameters.batch_size", batch, rule)
+    try:
+        config, _ = EnvArguments(**baseline.arguments(baseline.environment.map)).make_config(several=several)
+    except ConfigError as error:
+        raise ConfigError(f"{name}.environment: {error}") from None
+    require(not several or baseline.frames == 1, f"{name}.frames", baseline.frames, "must be 1 of two players")
+    masks = config.action == "goal"
+    rule = "must be ppo where actions are velocities, and maskable_ppo where there are two players"
+    require(baseline.learner == "ppo" or masks, f"{name}.learner", baseline.learner, rule)
+    require(not several or (masks and baseline.learner == "maskable_ppo"), f"{name}.learner", baseline.learner, rule)

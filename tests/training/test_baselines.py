@@ -1,0 +1,103 @@
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from gymnasium import spaces
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
+
+from pacman_env.training.baselines import FILE, Baseline, Environment, Hyperparameters, load_baselines
+
+DRIVING = {"flat": True, "action": "velocity", "settings": {"decisions.when": "tick", "observation.candidates": "all"}}
+
+
+def test_there_is_a_baseline_for_each_kind_of_action_and_observation() -> None:
+    found = load_baselines(FILE)
+    assert list(found) == ["flat", "velocity_scan", "velocity_features", "grid", "two_players"]
+    kinds = {name: (baseline.environment.action, baseline.environment.observation) for name, baseline in found.items()}
+    assert kinds["flat"] == (None, None)
+    assert kinds["velocity_scan"] == ("velocity", ("scan", "flat"))
+    assert kinds["velocity_features"] == ("velocity", ("features", "bearings", "flat"))
+    assert kinds["grid"] == (None, ("features", "grid"))
+    assert [name for name, baseline in found.items() if baseline.turns] == ["two_players"]
+
+
+def test_what_is_not_given_is_the_libraries_own() -> None:
+    games = Baseline(environment=Environment(map="loop", flat=True)).make_games("loop", 2)
+    ours = Baseline(learner="ppo").make_model(games, seed=0)
+    stock = PPO("MlpPolicy", games, seed=0, device="cpu")
+    names = ("n_steps", "batch_size", "n_epochs", "gamma", "gae_lambda", "ent_coef", "vf_coef", "max_grad_norm")
+    assert [getattr(ours, name) for name in names] == [getattr(stock, name) for name in names]
+    for name in ("lr_schedule", "clip_range"):
+        assert getattr(ours, name)(0.3) == getattr(stock, name)(0.3)
+    assert str(ours.policy) == str(stock.policy)
+
+
+def test_velocities_in_frames_normalized_from_a_narrow_beginning() -> None:
+    baseline = Baseline(
+        environment=Environment(map="loop", observation=("features", "flat"), **DRIVING),  # type: ignore[arg-type]
+        learner="ppo",
+        frames=3,
+        normalize=True,
+        hyperparameters=Hyperparameters(learning_rate=(0.002, 0.001), log_std_init=-0.5, net_arch=(32, 16)),
+    )
+    games = baseline.make_games("loop", 2)
+    model = baseline.make_model(games, seed=0)
+    wrapped = model.get_env()
+    assert isinstance(wrapped, VecNormalize)
+    assert isinstance(wrapped.venv, VecFrameStack)
+    assert wrapped.observation_space.shape == (3 * games.observation_space.shape[0],)
+    assert model.lr_schedule(0.5) == pytest.approx(0.0015)
+    assert model.policy.log_std.tolist() == [-0.5, -0.5]
+    assert [layer.out_features for layer in model.policy.mlp_extractor.policy_net[::2]] == [32, 16]
+
+
+def test_pictures_are_not_normalized() -> None:
+    given: dict[str, Any] = {"observation": ("features", "grid"), "settings": {"observation.normalize": False}}
+    baseline = Baseline(environment=Environment(map="loop", flat=True, **given), normalize=True)
+    wrapped = baseline.wrapped(baseline.make_games("loop", 1))
+    assert isinstance(wrapped, VecNormalize)
+    assert isinstance(wrapped.observation_space, spaces.Dict)
+    assert set(wrapped.observation_space.spaces) - set(wrapped.norm_obs_keys or ()) == {"grid"}
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"learner": "dqn"}, r"learner = 'dqn': must be one of \('maskable_ppo', 'ppo'\)"),
+        ({"steps": 3}, "steps = 3: no such field"),
+        ({"decisions": 0}, "decisions = 0: must be a whole number of at least 1"),
+        ({"games": "8"}, "games = '8': must be a whole number"),
+        ({"normalize": 1}, "normalize = 1: must be True or False"),
+        ({"hyperparameters": {"gama": 0.9}}, r"hyperparameters\.gama = 0\.9: no such field"),
+        ({"hyperparameters": {"gamma": 1.5}}, r"hyperparameters\.gamma = 1\.5: must be a finite number of at most 1"),
+        ({"hyperparameters": {"learning_rate": 1e-3}}, r"hyperparameters\.learning_rate = 0\.001: must be a list"),
+        ({"hyperparameters": {"batch_size": 1}}, r"hyperparameters\.batch_size = 1: leaves a minibatch of 1"),
+        ({"environment": {"mapp": "loop"}}, r"environment\.mapp = 'loop': no such field"),
+        ({"environment": {"observation": ["smell"]}}, "environment: observation = .*smell"),
+        ({"environment": {"settings": {"clyde.colour": 1}}}, "environment: .*clyde.colour"),
+        ({"environment": DRIVING}, "learner = 'maskable_ppo': must be ppo where actions are velocities"),
+        ({"learner": "ppo", "turns": 2}, "learner = 'ppo': must be .* maskable_ppo where there are two players"),
+        ({"turns": 2, "frames": 2}, r"frames = 2: must be 1 of two players"),
+        (None, " = None: must be an object"),
+    ],
+)
+def test_a_field_that_does_not_fit_is_named_with_file_and_section(values: Any, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "some.yaml"
+    path.write_text(yaml.safe_dump({"mine": values}))
+    with pytest.raises(ValueError, match=rf"some\.yaml: mine.*{message}"):
+        load_baselines(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(b"mine: [", "cannot be read"), (b"\xff", "cannot be read"), (b"", "must have"), (b"[1]", "must have")],
+)
+def test_a_file_that_is_none_is_refused(content: bytes, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "bad.yaml"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=rf"bad\.yaml: {message}"):
+        load_baselines(path)
