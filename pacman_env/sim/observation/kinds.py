@@ -14,7 +14,7 @@ from ...config import ConfigError, ObservationConfig
 from ...plugins import PluginError, Registry
 from ...world.navigation import lidar
 from ..core.batch import GameBatch
-from .planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
+from .planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, MOST, planner_features
 from .raster import CHANNELS, raster_all
 from .robot_features import (
     COLUMNS,
@@ -116,8 +116,8 @@ def _features(batch: GameBatch, situation: Situation) -> Observation:
 def _planner_parts(batch: GameBatch) -> dict[str, ObservationPart]:
     shape = batch.candidates, len(CANDIDATE_FEATURES)
     return {
-        "planner_candidates": ObservationPart(-10.0, 10.0, shape, np.float32, by_candidate=True),
-        "planner_globals": ObservationPart(-50.0, 50.0, (len(GLOBAL_FEATURES),), np.float32),
+        "planner_candidates": ObservationPart(-MOST, MOST, shape, np.float32, by_candidate=True),
+        "planner_globals": ObservationPart(-MOST, MOST, (len(GLOBAL_FEATURES),), np.float32),
     }
 
 

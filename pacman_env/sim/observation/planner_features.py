@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 VERSION = 4
 FAR_M = 20.0
+MOST = 5.0  # of any feature, up or down
 _AROUND_M = 2.5  # pellets within this path length are around a place
 _SCORER = ScorerParameters()  # the handcrafted one, as deployed
 
@@ -145,8 +146,8 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
         whole[i, 1] = math.exp(-d)
         whole[i, 2] = min(max(s.closing_speed[i] / 0.5, -2.0), 2.0)
         whole[i, 3] = min(s.clyde_speed[i] / 0.5, 4.0)
-        whole[i, 4] = s.robot_velocity[i, 0] / 0.3
-        whole[i, 5] = s.robot_velocity[i, 1] / 2.0
+        whole[i, 4] = min(max(s.robot_velocity[i, 0] / 0.3, -MOST), MOST)
+        whole[i, 5] = min(max(s.robot_velocity[i, 1] / 2.0, -MOST), MOST)
         whole[i, 6] = min(s.pellets_left[i], 32) / 8.0
         whole[i, 7] = s.pellets_left[i] == 1
         vx, vy = s.clyde_velocity[i, 0], s.clyde_velocity[i, 1]
@@ -188,7 +189,8 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
                 h = hunts[c]
                 f[24], f[25], f[26] = 1.0, h[outlook.CAUGHT], h[outlook.ARRIVES_S] / 15.0
                 f[27], f[28] = min(h[outlook.CLOSEST_M], 5.0) / 3.0, h[outlook.LEAD_M] / 5.0
-                f[29], f[30], f[31] = h[outlook.COLLECTED] / 3.0, h[outlook.WAYS_ON], h[outlook.LEAD_AFTER_M] / 5.0
+                f[29], f[30] = min(h[outlook.COLLECTED] / 3.0, MOST), h[outlook.WAYS_ON]
+                f[31] = h[outlook.LEAD_AFTER_M] / 5.0
             g = s.goal[i, c]
             if g < 0 or goal_cell[g] < 0:
                 continue
@@ -205,7 +207,7 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
                 around += metres <= _AROUND_M
             f[18] = nearest / 5.0 if others > 0 else 0.0
             f[19] = total / others / 5.0 if others > 0 else 0.0
-            f[20] = around / 4.0
+            f[20] = min(around / 4.0, MOST)
             f[21] = min(maps.goal_apart_m[s.level[i], g], 1.0)
             f[22] = min(terms[c, TOTAL], FAR_M) / 5.0 if is_pellet else 0.0
     return 0
