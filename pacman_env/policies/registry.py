@@ -10,7 +10,7 @@ from pacman_env.policies.base import Policy, check_reset
 from pacman_env.policies.learned import PRETRAINED, LearnedPlanner
 
 _FILE = ".onnx"
-#: Not listed among the policies, as it moves a ghost: trained against the planner in the package (docs/adversary.md).
+#: Not listed among the policies, as it moves a ghost: trained against a planner (docs/adversary.md).
 LEARNED_CLYDE = "clyde:learned"
 #: What makes each policy, called with its parameters; other packages add theirs as entry points.
 POLICIES: Registry[Callable[..., Policy]] = Registry(
