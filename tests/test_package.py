@@ -104,7 +104,9 @@ def test_the_wheel_holds_the_package_evaluation_training_maps_planner_page_and_n
     package |= {"pacman_env/evaluation/suites/leaderboard.yaml"}
     package |= {f"pacman_env/training/hyperparameters/{name}.yaml" for name in ("PacManBot-v0", "baselines")}
     maps = {f"pacman_env/maps/{path.name}" for path in (ROOT / "maps").iterdir() if path.suffix in (".yaml", ".pgm")}
-    planner = {f"pacman_env/policies/pretrained/ppo.{kind}" for kind in ("onnx", "json")}
+    planner = {
+        f"pacman_env/policies/pretrained/{name}.{kind}" for name in ("ppo", "clyde") for kind in ("onnx", "json")
+    }
     page = {path.relative_to(ROOT).as_posix() for path in (ROOT / "pacman_env/web/static").iterdir()}
     assert packed == package | maps | planner | page | {"pacman_env/py.typed", "pacman_env/ros/udp_alone.xml"}
     assert wheel.name == f"pacman_env-{pacman_env.__version__}-py3-none-any.whl"

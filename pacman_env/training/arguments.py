@@ -42,8 +42,6 @@ class Hyperparameters(Checked):
     robot_speed: tuple[NotNegative, NotNegative]  # m/s, drawn for each round
     ghosts: Annotated[tuple[str, ...], Meta(min_length=1)]  # line-ups that share the games, such as "arcade,chase"
     league_every: Count  # segments after which a Clyde is trained against the planner and joins the league; 0: none
-    league_decisions: AtLeastOne  # of each of these Clydes
-    league_speed: tuple[NotNegative, NotNegative]  # m/s, drawn for each round in which one learns
     imitation: Count  # decisions of a rule imitated before PPO; 0: PPO from random weights
     teacher_nodes: AtLeastOne  # segments that ``search`` plays for a decision that is imitated
     decide: Literal["tick", "event"]  # in training; event: when there is something to decide

@@ -29,6 +29,7 @@ from pacman_env.training.lineups import LEARNED
 _GAMES, _STEPS = 128, 64  # of Clyde at once, and between two updates
 _RATE = 1e-3, 1e-4  # its learning rate, first and last
 _GAMMA = 0.99
+_DECISIONS, _SPEED_MPS = 131_072, (0.1, 0.35)
 _STREAM = 1  # of its random numbers, beside the planner's
 
 #: Of each member, by name: rounds that the planner completed against it, and rounds.
@@ -96,6 +97,6 @@ def clyde_arguments(arguments: Arguments) -> Arguments:
     hyper = arguments.hyper
     rollout = _GAMES * _STEPS
     changes: dict[str, Any] = {"games": _GAMES, "n_steps": _STEPS, "segment": rollout, "batch_size": rollout // 4}
-    changes |= {"decisions": hyper.league_decisions, "learning_rate": _RATE, "cycles": 1, "gamma": _GAMMA}
-    changes |= {"ghosts": (LEARNED,), "clyde_speed": hyper.league_speed, "decide": "tick", "imitation": 0}
+    changes |= {"decisions": _DECISIONS, "learning_rate": _RATE, "cycles": 1, "gamma": _GAMMA}
+    changes |= {"ghosts": (LEARNED,), "clyde_speed": _SPEED_MPS, "decide": "tick", "imitation": 0}
     return dataclasses.replace(arguments, hyper=dataclasses.replace(hyper, **changes))

@@ -43,8 +43,6 @@ TINY: dict[str, Any] = {
     "robot_speed": [0.22, 0.306],
     "ghosts": ["wander"],
     "league_every": 0,
-    "league_decisions": 128,
-    "league_speed": [0.1, 0.35],
     "imitation": 64,
     "teacher_nodes": 3000,
     "decide": "tick",

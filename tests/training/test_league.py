@@ -25,7 +25,7 @@ SEEDS = episode_seeds(0, 4000)
 
 
 def arguments(**changes: Any) -> Arguments:
-    return tiny(**{"ghosts": ["learned"], "league_every": 2, "league_decisions": 16, "levels": 2} | changes)
+    return tiny(**{"ghosts": ["learned"], "league_every": 2, "levels": 2} | changes)
 
 
 def test_a_member_joins_after_every_so_many_segments(tmp_path: Path) -> None:
@@ -66,6 +66,7 @@ def test_a_member_is_trained_against_the_planner_and_repeats_by_its_seed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "_GAMES", 4)
+    monkeypatch.setattr(module, "_DECISIONS", 16)
     monkeypatch.setattr(module, "_STEPS", 8)
     contents = []
     for number in range(2):
@@ -84,5 +85,5 @@ def test_a_member_is_trained_against_the_planner_and_repeats_by_its_seed(
 
 
 def test_clyde_learns_in_games_of_its_own_speeds() -> None:
-    hyper = clyde_arguments(arguments(league_speed=[0.05, 0.2])).hyper
-    assert (hyper.clyde_speed, hyper.ghosts, hyper.imitation) == ((0.05, 0.2), ("learned",), 0)
+    hyper = clyde_arguments(arguments()).hyper
+    assert (hyper.clyde_speed, hyper.ghosts, hyper.imitation) == ((0.1, 0.35), ("learned",), 0)
