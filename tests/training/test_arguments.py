@@ -15,6 +15,7 @@ import torch
 import yaml
 
 from pacman_env.training.arguments import FOLDER, Arguments, Hyperparameters, from_values, load_hyperparameters
+from pacman_env.training.lineups import behaviours
 from pacman_env.training.ppo import parse
 
 torch.set_num_threads(1)  # products as small as these wait for threads longer than they compute
@@ -188,8 +189,8 @@ def test_line_ups_are_words_of_the_command_line() -> None:
 
 
 def test_the_full_training_meets_one_to_four_ghosts_of_every_behaviour() -> None:
-    lineups = [lineup.split(",") for lineup in load_hyperparameters(SHIPPED, "headline").lineups]
-    assert {name for lineup in lineups for name in lineup} == {"wander", "arcade", "chase"}
+    lineups = [behaviours(lineup) for lineup in load_hyperparameters(SHIPPED, "headline").lineups]
+    assert {name for lineup in lineups for name in lineup} == {"wander", "arcade", "chase", "learned"}
     assert {len(lineup) for lineup in lineups} == {1, 2, 4}
 
 
