@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from benchmarks.harness import Option, benchmark, count
 from pacman_env.config import Config, make_config, parse_settings
@@ -54,14 +55,26 @@ def decision_times_ms(policy: Policy, assets: MapAssets, config: Config, decisio
     return times[WARM_UP:]
 
 
+def parameters(texts: list[str]) -> dict[str, Any]:
+    """Of a policy, by name, of texts like ``nodes=4000``."""
+    for text in texts:
+        if "=" not in text:
+            raise ValueError(f"--parameter {text}: must be NAME=VALUE")
+    return {name: yaml.safe_load(value) for name, _, value in (text.partition("=") for text in texts)}
+
+
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
     config = make_config("robot", **parse_settings(arguments.set))
-    policy = make_policy(arguments.policy)
+    try:
+        policy = make_policy(arguments.policy, **parameters(arguments.parameter))
+    except TypeError as error:  # a name that the policy does not have
+        raise ValueError(f"--parameter: {error}") from None
     assets = map_assets(arguments.map, config)
     times = decision_times_ms(policy, assets, config, arguments.decisions, arguments.seed)
     p50, p99 = np.percentile(times, [50, 99]).tolist()
     figures = {
         "policy": policy.name,
+        "parameters": arguments.parameter,
         "map": assets.occupancy.name,
         "map_hash": assets.occupancy.hash,
         "pellets": assets.pellets,
@@ -82,7 +95,11 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 SET: Option = ("--set", {"action": "append", "default": [], "metavar": "NAME=VALUE", "help": "a configuration's field"})
-main = benchmark("decision", __doc__, run, "--policy", "--seed", SET, count("--decisions", 2000))
+PARAMETER: Option = (
+    "--parameter",
+    {"action": "append", "default": [], "metavar": "NAME=VALUE", "help": "of the policy, such as nodes=4000"},
+)
+main = benchmark("decision", __doc__, run, "--policy", "--seed", SET, PARAMETER, count("--decisions", 2000))
 
 if __name__ == "__main__":
     sys.exit(main())

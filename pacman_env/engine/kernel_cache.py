@@ -11,6 +11,7 @@ import os
 import shutil
 import sys
 import time
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from typing import Any
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
+from numba.core.errors import NumbaExperimentalFeatureWarning
 from numba.core.sigutils import normalize_signature
 
 from . import kernel_key
@@ -162,6 +164,9 @@ def take_turns(kernel: Any) -> None:
     def compile_in_turn(signature: Any) -> Any:
         with uninterrupted(), global_compiler_lock, contextlib.ExitStack() as turn:
             turns.append(turn)
+            turn.enter_context(warnings.catch_warnings())
+            # A record that begins with another's fields is passed in its place.
+            warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
             collects = gc.isenabled()
             gc.disable()  # it would examine the compiler's many objects again and again: 5 to 7 % of the time
             try:

@@ -24,6 +24,7 @@ POLICIES: Registry[Callable[..., Policy]] = Registry(
         "ppo": LearnedPlanner,
         "random": "pacman_env.heuristics.simple:Random",
         "search": "pacman_env.heuristics.search.search:Search",
+        "search:alone": "pacman_env.heuristics.search.search:alone",
     },
     "module:Class, or an .onnx file",
 )

@@ -28,6 +28,7 @@ from pacman_env.world.maps.occupancy import MapError, OccupancyMap, load_map, sh
 GENERATED = "generated"
 #: Groups of the configuration that a form shows: others are chosen elsewhere on the page, or only learners need them.
 _GROUPS = ("robot", "localization", "nav2", "pellets", "clyde", "execution", "refuges")
+_VARIANTS = ("clyde_aware:documented", "search:alone")  # policies for measurements, not listed
 _CHOSEN_ELSEWHERE = ("clyde.speed_mps", "execution.tick_s")
 _IMAGES = ((b"\x89PNG\r\n\x1a\n", ".png"), (b"P5", ".pgm"), (b"P2", ".pgm"))
 _MOST_MAPS = 20  # uploaded
@@ -68,7 +69,7 @@ class Choices:
             if one not in self._maps:
                 loaded = load_map(one) if isinstance(one, str) else one
                 self._maps[loaded.name] = loaded
-        self._policies = [name for name in policy_names() if name != "clyde_aware:documented"]
+        self._policies = [name for name in policy_names() if name not in _VARIANTS]
         for spec in policies:
             make_policy(spec)
             if spec not in self._policies:

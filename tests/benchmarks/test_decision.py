@@ -44,6 +44,14 @@ def test_figures_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert "99 % within" in out
 
 
+def test_parameters_of_the_policy_are_given_by_name(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    path = tmp_path / "figures.json"
+    search = ["--policy", "search", "--set", "clyde.ghosts=chase", "--parameter", "nodes=500", "--decisions", "20"]
+    assert main([*search, "--json", str(path)]) == 0
+    assert json.loads(path.read_text())["parameters"] == ["nodes=500"]
+    assert "search on house" in capsys.readouterr().out
+
+
 def test_memory_is_the_most_there_ever_was() -> None:
     before = peak_memory_mb()
     used = np.ones(50_000_000, np.uint8)
@@ -63,6 +71,9 @@ def test_memory_is_the_most_there_ever_was() -> None:
         (["--policy", "nearest", "--map", "nowhere"], "nowhere"),
         (["--policy", "nearest", "--set", "colour=red"], "unknown configuration field 'colour'"),
         (["--policy", "nearest", "--json", "."], "is a folder"),
+        (["--policy", "search", "--parameter", "nodes"], "--parameter nodes: must be NAME=VALUE"),
+        (["--policy", "search", "--parameter", "colour=3"], "colour"),
+        (["--policy", "search", "--parameter", "nodes=3"], "nodes = 3: must be at least"),
     ],
 )
 def test_bad_arguments_are_one_line_and_status_2(

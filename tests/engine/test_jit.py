@@ -28,6 +28,22 @@ def test_asking_for_memory_changes_nothing_and_never_fails(beyond: int) -> None:
     np.testing.assert_array_equal(array.ravel(), np.arange(12))
 
 
+@kernel
+def _a_of(records):  # type: ignore[no-untyped-def]
+    return _field_a(records[0])
+
+
+@kernel
+def _field_a(record):  # type: ignore[no-untyped-def]
+    return record.a
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_record_in_place_of_one_that_it_extends_is_compiled_without_a_warning() -> None:
+    for fields in ([("a", "f8")], [("a", "f8"), ("b", "i4")]):
+        assert _a_of(np.ones(1, dtype=fields)) == 1.0
+
+
 @pytest.mark.parametrize("file", ["rng.py", "config/sections.py", "game/execution.py", "sim/core/kernels.py"])
 def test_what_other_sources_have_prepared_is_kept_apart(
     file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -38,7 +38,8 @@ class TestEveryPolicyByName(PolicyContract):
 
 
 def test_the_handcrafted_policies_are_there() -> None:
-    assert {"clyde_aware", "clyde_aware:documented", "nearest", "random"} <= set(policy_names())
+    assert {"clyde_aware", "clyde_aware:documented", "nearest", "random", "search:alone"} <= set(policy_names())
+    assert make_policy("search:alone", nodes=4000).base.name == "lookahead"  # type: ignore[attr-defined]
 
 
 def test_a_file_is_a_policy(planner: Path) -> None:

@@ -89,10 +89,12 @@ class Part:
 
 
 def describe_policy(policy: Policy, spec: str) -> dict[str, Any]:
-    """What decides the choices of a policy made from ``spec``: a planner's file, else its name and its code."""
+    """What decides the choices of a policy made from ``spec``: a planner's file, else its name, its code and its base."""
     if isinstance(policy, LearnedPlanner):
         return {"sha256": policy.metadata.sha256, "robot_speed_mps": policy.metadata.robot_speed_mps}
-    return {"name": spec, "code": _code_of(type(policy))}
+    base = getattr(policy, "base", None)
+    about = {"name": spec, "code": _code_of(type(policy))}
+    return about if base is None else about | {"base": describe_policy(base, base.name)}
 
 
 def _describe_ghost(name: str) -> dict[str, Any] | str | None:

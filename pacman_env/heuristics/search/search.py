@@ -26,7 +26,7 @@ class Parameters(NamedTuple):
     """Numbers of the search, by hand."""
 
     nodes: int = 12_500  # segments played for a decision, at most
-    milliseconds: float = 0.0  # above 0, in place of that: wider and wider searches in that time
+    milliseconds: float = 0.0  # above 0, in place of that: wider and wider searches, until so long after the start
     samples: int = 2  # futures of the ghosts that wander beside others
     horizon_s: float = 48.0
     layer_s: float = 3.0
@@ -143,6 +143,7 @@ class Search(BasePolicy):
         self, situation: Situation, i: int, candidates: NDArray[np.int64], names: tuple[str, ...]
     ) -> NDArray[np.float64]:
         """(R,) of the candidates of one situation, whose ghosts behave so."""
+        began = time.perf_counter()
         p, known = self.parameters, [find_behaviour(name) for name in names]
         if names not in self._prepared:
             self._prepared[names] = Behaviours(known, self.config)
@@ -153,17 +154,17 @@ class Search(BasePolicy):
         self.played = 0
         for number in range(samples):
             draw_futures(begin.ghosts, int(situation.seed[i]), int(situation.tick[i]), number + _MOST_SAMPLES * p.seed)
-            values += self._search(begin, goals, samples) / samples
+            until = began + p.milliseconds / 1e3 * (number + 1) / samples
+            values += self._search(begin, goals, samples, until) / samples
         return values + p.keep_worth * (candidates == situation.current[i])
 
-    def _search(self, begin: Start, goals: NDArray[np.int64], samples: int) -> NDArray[np.float64]:
-        """(R,) with this share of the budget."""
+    def _search(self, begin: Start, goals: NDArray[np.int64], samples: int, until: float) -> NDArray[np.float64]:
+        """(R,) with this share of the budget: of the nodes, or until a time of ``time.perf_counter()``."""
         p, settings = self.parameters, self._settings
         best = np.empty(len(goals))
         width = _NARROWEST
         if p.milliseconds == 0:
             width = (p.nodes // samples - len(goals)) // (p.layers * p.choices)
-        began = time.perf_counter()
         while True:
             before = time.perf_counter()
             if self._room is None or len(self._room.kept) < width or self._room.ghosts.shape[2] != len(begin.ghosts):
@@ -172,9 +173,16 @@ class Search(BasePolicy):
             self.played += search(begin, goals, settings, self._room, best)
             now = time.perf_counter()
             # The next search is twice as wide.
-            if now - began + 2.0 * (now - before) > p.milliseconds / 1e3 / samples or width >= _WIDEST:
+            if now + 2.0 * (now - before) > until or width >= _WIDEST:
                 return best
             width *= 2
+
+
+def alone(**parameters: Any) -> Search:
+    """``search:alone``: over ``lookahead``, so that nothing learned is in it."""
+    policy = Search(base="lookahead", **parameters)
+    policy.name = "search:alone"
+    return policy
 
 
 def is_predictable(behaviour: Behaviour) -> bool:

@@ -97,10 +97,21 @@ def _build(assets: MapAssets) -> CoarseArrays:
 
 
 def _in_units(lengths_m: NDArray[np.float32], unit_m: float) -> NDArray[np.uint16]:
-    """Rounded up; changes the lengths, so that there is no second array of their size."""
+    """Rounded up, in the memory of the lengths, of which there is no second array: a robot's computer has little."""
     lengths_m /= np.float32(unit_m)
     lengths_m -= np.float32(1e-3)
-    return np.minimum(np.ceil(lengths_m, out=lengths_m), _LONGEST, out=lengths_m).astype(np.uint16)
+    np.minimum(np.ceil(lengths_m, out=lengths_m), _LONGEST, out=lengths_m)
+    count = len(lengths_m)
+    _narrow(lengths_m.reshape(-1), lengths_m.reshape(-1).view(np.uint16))
+    lengths_m.resize((count * count + 1) // 2, refcheck=False)
+    return lengths_m.view(np.uint16)[: count * count].reshape(count, count)
+
+
+@kernel
+def _narrow(wide, narrow):  # type: ignore[no-untyped-def]
+    """Of the same memory: an element is written where those before it were read."""
+    for k in range(len(wide)):
+        narrow[k] = np.uint16(wide[k])
 
 
 def blocks_of(

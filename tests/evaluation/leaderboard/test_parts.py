@@ -70,6 +70,14 @@ def test_a_planner_is_its_file_by_whatever_name() -> None:
     assert len(named["sha256"]) == 64
 
 
+def test_a_search_is_its_base_too(tmp_path: Path) -> None:
+    by_name, by_path, nearest = (
+        describe_policy(make_policy("search", base=base), "search") for base in ("ppo", str(PRETRAINED), "nearest")
+    )
+    assert by_name == by_path != nearest
+    assert by_name["base"] == describe_policy(make_policy("ppo"), "ppo")
+
+
 def test_a_policy_of_another_package_is_its_source_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(tmp_path)
     for name, text in (("one_policy", POLICY), ("same_policy", POLICY), ("other_policy", POLICY + "\n")):
