@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parents[1]
 NO_PYTHON = 3  # the script's exit status
 
 
+@pytest.mark.daily
 @pytest.mark.timeout(900)  # an installation, and kernels from scratch
 def test_policies_decide_alike_under_python_3_12_with_numpy_1_26() -> None:
     command = [ROOT / "scripts" / "other_python", "-W", "error", ROOT / "tests" / "decisions.py"]

@@ -155,6 +155,7 @@ def test_the_installed_command_trains(site: Path, tmp_path: Path, command: list[
     assert out.startswith(f"usage: pacman-env {command[0]} ")
 
 
+@pytest.mark.daily
 def test_a_checkpoint_of_the_checkout_is_compared_by_the_installed_command(site: Path, tmp_path: Path) -> None:
     pytest.importorskip("torch")
     pytest.importorskip("optuna")

@@ -57,7 +57,11 @@ def evaluate() -> Any:
 
 
 @pytest.mark.parametrize(
-    ("script", "algorithm"), [("sb3_ppo.py", stable_baselines3.PPO), ("sb3_maskable_ppo.py", sb3_contrib.MaskablePPO)]
+    ("script", "algorithm"),
+    [
+        pytest.param("sb3_ppo.py", stable_baselines3.PPO, marks=pytest.mark.daily),
+        ("sb3_maskable_ppo.py", sb3_contrib.MaskablePPO),
+    ],
 )
 def test_stable_baselines3_learns_and_its_model_is_for_every_map(script: str, algorithm: Any, tmp_path: Path) -> None:
     model = algorithm.load(run(script, 300, tmp_path), device="cpu")

@@ -29,6 +29,7 @@ def domain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
         yield number
 
 
+@pytest.mark.daily
 def test_the_game_goes_on_after_kills_of_real_processes(domain: int, tmp_path: Path) -> None:
     out = tmp_path / "kills.json"
     words = ["--kills", "2", "--speed", "4", "--domain-id", str(domain), "--logs", str(tmp_path), "--json", str(out)]

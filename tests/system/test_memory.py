@@ -13,6 +13,7 @@ from tests.evaluation.helpers import refused_in_one_line
 from tests.system.memory import PARTS, Watch, digest, main, make_and_close, spaces_alive
 
 
+@pytest.mark.daily
 def test_a_short_run_of_all_parts(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--short"]) == 0
     lines = capsys.readouterr().out.splitlines()

@@ -41,8 +41,14 @@ def test_a_quick_look_writes_figures_and_a_picture(tmp_path: Path) -> None:
         low <= point["completed"] <= high for point in curve["points"] for low, high in [point["completed_interval"]]
     )
     assert set(curve["references"]) == {"nearest", "random"}
-    again = learn(tmp_path, "--seeds", "3", "4", "--learner", "ppo", "--workers", "2")
-    assert without_times(again["curves"])[0] == without_times(found["curves"])[0]
+
+
+@pytest.mark.daily
+def test_workers_change_nothing_but_times(tmp_path: Path) -> None:
+    one, two = (
+        learn(tmp_path, "--seeds", "3", "4", "--learner", "ppo", "--workers", workers) for workers in ("1", "2")
+    )
+    assert without_times(one["curves"]) == without_times(two["curves"])
 
 
 def test_every_baseline_learns_in_short(tmp_path: Path) -> None:

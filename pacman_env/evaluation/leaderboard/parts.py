@@ -89,7 +89,7 @@ class Part:
 
 
 def describe_policy(policy: Policy, spec: str) -> dict[str, Any]:
-    """What decides the choices of a policy made from ``spec``: a planner's file, else its name, its code and its base."""
+    """What decides the choices of a policy made from ``spec``: a planner's file, else name, code and base."""
     if isinstance(policy, LearnedPlanner):
         return {"sha256": policy.metadata.sha256, "robot_speed_mps": policy.metadata.robot_speed_mps}
     base = getattr(policy, "base", None)

@@ -26,15 +26,15 @@ def written(folder: Path, text: str) -> Path:
 
 def test_the_full_suite_has_the_cells_that_it_promises() -> None:
     suite = choose_suite(SUITES, "full")
-    expected = {(name,) * number for name in ("wander", "arcade", "chase") for number in (1, 2, 4)}
+    expected = {(name,) * number for name in ("wander", "arcade", "chase", "clyde:learned") for number in (1, 2, 4)}
     assert set(suite.ghosts) == expected | {("arcade", "chase"), ("wander", "arcade", "chase", "wander")}
     assert suite.speeds_mps == (0.15, 0.25, 0.35, 0.45)
     assert (suite.test_levels.rounds, suite.real_maps.rounds) == (1000, 200)
     found = cells(suite, {"one": "house", "two": "maze"})
-    assert [cell.group for cell in found] == [TEST_LEVELS] * 44 + [REAL_MAPS] * 44
+    assert [cell.group for cell in found] == [TEST_LEVELS] * 56 + [REAL_MAPS] * 56
     assert found[0].scenarios == {"generated:test": Levels("test", None, 100)}
     assert found[-1].scenarios == {"one": "house", "two": "maze"}
-    assert {(cell.config.clyde.ghosts, cell.config.clyde.speed_mps) for cell in found[:44]} == {
+    assert {(cell.config.clyde.ghosts, cell.config.clyde.speed_mps) for cell in found[:56]} == {
         (ghosts, speed) for ghosts in suite.ghosts for speed in suite.speeds_mps
     }
 
@@ -45,6 +45,14 @@ def test_the_quick_suite_is_a_small_part_of_the_full_one() -> None:
     assert set(quick.speeds_mps) < set(full.speeds_mps)
     rounds = sum(cell.rounds for cell in cells(quick, {}))
     assert rounds <= 400
+
+
+def test_the_suite_of_the_search_has_every_behaviour_and_mixture_in_16_cells() -> None:
+    full, search = (choose_suite(SUITES, name) for name in ("full", "search"))
+    assert {name for ghosts in search.ghosts for name in ghosts} == {name for ghosts in full.ghosts for name in ghosts}
+    assert {ghosts for ghosts in full.ghosts if len(set(ghosts)) > 1} < set(search.ghosts) < set(full.ghosts)
+    assert len(cells(search, {})) == 16
+    assert search.test_levels.rounds == 50
 
 
 def test_settings_reach_every_cell(tmp_path: Path) -> None:
@@ -92,7 +100,9 @@ def test_what_is_wrong_is_named_with_file_and_field(old: str, new: str, message:
 
 
 def test_a_suite_or_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"leaderboard\.yaml: no suite 'slow': choose one of full, brief, quick"):
+    with pytest.raises(
+        ValueError, match=r"leaderboard\.yaml: no suite 'slow': choose one of full, brief, search, quick"
+    ):
         choose_suite(SUITES, "slow")
     with pytest.raises(ValueError, match=r"absent\.yaml: cannot be read"):
         read_suites(tmp_path / "absent.yaml")

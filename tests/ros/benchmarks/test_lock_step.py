@@ -14,6 +14,7 @@ from benchmarks import lock_step
 from tests.system.campaign.schedule import part_of_map
 
 
+@pytest.mark.daily
 def test_the_command_plays_a_seed_twice_and_finds_both_equal(
     domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -14,6 +14,7 @@ from benchmarks import start_stop
 from pacman_env.engine.cache_folder import cache_dir
 
 
+@pytest.mark.daily
 def test_the_moments_of_a_start_follow_one_another(domain: int) -> None:
     moments = start_stop.measure(start_stop.ROOT, cache_dir(), "house", "nearest", int(os.environ["ROS_DOMAIN_ID"]))
     assert sorted(moments) == sorted(start_stop.COLUMNS)

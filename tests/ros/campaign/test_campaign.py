@@ -28,6 +28,7 @@ def play(seeds: list[int], folder: Path) -> list[dict[str, Any]]:
     return games
 
 
+@pytest.mark.daily
 def test_games_with_all_kinds_of_outages_end_without_a_violation_and_are_the_same_when_one_is_repeated(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

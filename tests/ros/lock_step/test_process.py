@@ -88,6 +88,7 @@ def test_lock_step_is_for_simulated_robots_and_has_no_speed() -> None:
         GameSetup("house", sim=True, lock_step=True, speed=4.0)
 
 
+@pytest.mark.daily
 def test_ros_up_plays_in_lock_step_until_it_is_stopped(domain: int, tmp_path: Path) -> None:
     words = ["--map", "house", "--sim", "--lock-step", "--start", "--policy", "clyde_aware", "--logs", str(tmp_path)]
     log = tmp_path / "up.txt"
