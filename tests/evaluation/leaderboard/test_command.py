@@ -199,7 +199,7 @@ def test_numbers_that_do_not_fit_are_named(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--suite", "slow"], "no suite 'slow': choose one of full, brief, search, quick"),
+        (["--suite", "slow"], "no suite 'slow': choose one of full, brief, learned, search, quick"),
         (["--suites", "absent.yaml"], "absent.yaml: cannot be read"),
         (["--policies", "nearst"], "unknown policy 'nearst'"),
         (["--policies", "absent.onnx"], "absent.onnx: cannot be read"),

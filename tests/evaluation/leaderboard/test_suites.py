@@ -101,7 +101,7 @@ def test_what_is_wrong_is_named_with_file_and_field(old: str, new: str, message:
 
 def test_a_suite_or_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(
-        ValueError, match=r"leaderboard\.yaml: no suite 'slow': choose one of full, brief, search, quick"
+        ValueError, match=r"leaderboard\.yaml: no suite 'slow': choose one of full, brief, learned, search, quick"
     ):
         choose_suite(SUITES, "slow")
     with pytest.raises(ValueError, match=r"absent\.yaml: cannot be read"):
