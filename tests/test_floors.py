@@ -22,6 +22,7 @@ FLOORS = (
     ("heuristics",),
     ("envs", "render", "episodes", "sb3"),
     ("cli", "web", "ros"),
+    ("executors",),
     ("training", "evaluation"),
 )
 #: Folders beside the package; nothing in it imports them.
@@ -45,7 +46,8 @@ ONLY_IN = {
     "torch": {"training", "evaluation.compare.scenarios"},
     "stable_baselines3": {"sb3", "training"},
     "sb3_contrib": {"training"},
-    "ray": set(),
+    "ray": {"executors.ray_cluster"},
+    "pebble": {"executors.processes"},
     "onnxruntime": {"policies.learned"},
     "onnx": {"training"},
 }
@@ -148,6 +150,7 @@ def test_a_module_is_loaded_by_name_in_known_places_alone() -> None:
         "ros.node",  # the nodes of the table of processes
         "ros.topics",  # message types
         "sim.maps.levels_ahead",  # filelock
+        "executors.ray_cluster",  # functions of tasks
     }
 
 

@@ -19,6 +19,8 @@ from pacman_env.evaluation.checks import planner_answers
 from pacman_env.evaluation.compare.rows import Row, make_row
 from pacman_env.evaluation.compare.table import with_interval
 from pacman_env.evaluation.compare.workers import Block, play_all
+from pacman_env.executors.base import Executor
+from pacman_env.executors.choice import add_executor_arguments, executor_of
 from pacman_env.files import prepare, replaced
 from pacman_env.sim.maps.assets import map_assets
 
@@ -61,14 +63,14 @@ VARIANTS = (
 )  # fmt: skip
 
 
-def run(source: str, episodes: int, seed: int, workers: int) -> list[tuple[Variant, Row]]:
+def run(source: str, episodes: int, seed: int, executor: Executor) -> list[tuple[Variant, Row]]:
     seeds = episode_seeds(seed, episodes)
     blocks = [
         Block(source, make_config("robot", "as_built", **{**_ORIGINAL_SPAWN, **(v.changes or {})}), v.policy, seeds)
         for v in VARIANTS
     ]
     name = map_assets(source, blocks[0].config).occupancy.name
-    played = play_all(blocks, workers)
+    played = play_all(blocks, executor)
     return [
         (variant, make_row(name, block.policy, block.config, result, None if result is played[0] else played[0][0]))
         for variant, block, result in zip(VARIANTS, blocks, played, strict=True)
@@ -97,7 +99,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--map", default="house", help="name or YAML file; the experiment's is pacmanbot_house")
     parser.add_argument("--episodes", type=whole_number(1), default=1000)
     parser.add_argument("--seed", type=whole_number(0), default=0)
-    parser.add_argument("--workers", type=whole_number(1), default=1)
+    add_executor_arguments(parser)
     parser.add_argument("--planner-answers", type=Path, help="compare paths with those of this file, and nothing else")
     parser.add_argument("--markdown", type=Path, help="write the table here too")
     return run_command(parser, argv, _report)
@@ -108,7 +110,8 @@ def _report(arguments: argparse.Namespace) -> None:
     if arguments.planner_answers:
         text = planner_answers.table(arguments.planner_answers)
     else:
-        text = table(run(arguments.map, arguments.episodes, arguments.seed, arguments.workers))
+        with executor_of(arguments) as executor:
+            text = table(run(arguments.map, arguments.episodes, arguments.seed, executor))
     print(text)
     if target is not None:
         with replaced(target) as temporary:

@@ -18,6 +18,7 @@ from pacman_env.evaluation.compare import scenarios
 from pacman_env.evaluation.compare.rows import make_row
 from pacman_env.evaluation.compare.table import render
 from pacman_env.evaluation.compare.workers import Block, play_all
+from pacman_env.executors.choice import EXECUTOR_ARGUMENTS, add_executor_arguments, executor_of
 from pacman_env.files import prepare, replaced
 
 SCHEMA = 2
@@ -40,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     rounds = whole_number(1)
     add("--episodes", type=rounds, default=200, metavar="N", help="rounds or games per map, speed and policy (200)")
     add("--seed", type=whole_number(0), default=0, metavar="S", help="the rounds' seeds are drawn from it (0)")
-    add("--workers", type=whole_number(1), default=1, metavar="N", help="processes (1)")
+    add_executor_arguments(parser)
     add("--threads", type=whole_number(0), default=1, metavar="N", help="of each process; 0: one for each core (1)")
     add("--json", type=Path, metavar="OUT", help="write the numbers")
     add("--plot", type=Path, metavar="OUT", help="PNG; else beside the JSON, else results/compare.png")
@@ -62,8 +63,9 @@ def _compare(arguments: argparse.Namespace) -> None:
     work = list(itertools.product(maps.items(), configs, policies.items()))
     blocks = [Block(scenario, one, spec, seeds, arguments.threads) for (_, scenario), one, (spec, _) in work]
     unit = "game" if config.endless else "episode"
-    with tqdm(total=len(blocks) * len(seeds), unit=unit, mininterval=1.0, file=sys.stderr) as bar:
-        played = play_all(blocks, arguments.workers, bar.update)
+    total = len(blocks) * len(seeds)
+    with executor_of(arguments) as executor, tqdm(total=total, unit=unit, mininterval=1.0, file=sys.stderr) as bar:
+        played = play_all(blocks, executor, bar.update)
     rows = []
     for k, (((place, _), one, (_, policy)), result) in enumerate(zip(work, played, strict=True)):
         first = k - k % len(policies)  # the first policy in the same rounds
@@ -82,7 +84,7 @@ def _compare(arguments: argparse.Namespace) -> None:
             "execution": arguments.execution,
             "maps": [scenarios.describe_scenario(name, scenario, config) for name, scenario in maps.items()],
             "policies": [{"name": name, "spec": spec} for spec, name in policies.items()],
-            "arguments": vars(arguments),
+            "arguments": {name: value for name, value in vars(arguments).items() if name not in EXECUTOR_ARGUMENTS},
             "config": config.as_dict(),
             "rows": rows,
         }

@@ -23,6 +23,7 @@ from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy, policy_names, split_ghosts
 from pacman_env.sim.maps.assets import MapAssets, are_sent, map_assets
 from pacman_env.sim.maps.level_source import TEST_LEVEL, FixedMap, GeneratedMaps, LevelSource, prepare_level
+from pacman_env.world.maps.occupancy import OccupancyMap
 
 LEVELS_PLAYED = 200  # of a split by default
 _POLICY_FILES = (".onnx", ".zip")
@@ -62,12 +63,14 @@ class _KeptMaps(GeneratedMaps):
 _prepared = functools.lru_cache(maxsize=_KEPT_LEVELS)(prepare_level)
 
 
-def open_scenario(scenario: Scenario, config: Config) -> LevelSource:
+def open_scenario(scenario: Scenario | OccupancyMap, config: Config) -> LevelSource:
     """The maps of a scenario; raises MapError or ConfigError if it cannot be played on under the configuration."""
     return scenario.open(config) if isinstance(scenario, Levels) else FixedMap(map_assets(scenario, config), config)
 
 
-def parts_of_play(scenario: Scenario, config: Config, seeds: NDArray[np.uint64], parts: int) -> list[NDArray[np.int64]]:
+def parts_of_play(
+    scenario: Scenario | OccupancyMap, config: Config, seeds: NDArray[np.uint64], parts: int
+) -> list[NDArray[np.int64]]:
     """The rounds' numbers in parts to be played one after the other, ``parts`` of them or more.
 
     On levels, rounds of one level are neighbours, and a part has no more levels than are kept; results do not change.

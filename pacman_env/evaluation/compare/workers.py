@@ -1,11 +1,9 @@
-"""Blocks of rounds on one or more processes; the records are the same for any number of them."""
+"""Blocks of rounds on any executor; the records are the same on all of them."""
 
-import contextlib
+import functools
 import itertools
 import math
-import multiprocessing
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +13,9 @@ from pacman_env.config import Config
 from pacman_env.episodes.rollout import EPISODE, play
 from pacman_env.evaluation.compare import scenarios
 from pacman_env.evaluation.compare.scenarios import Levels, Scenario
+from pacman_env.executors.base import Executor, InProcess
 from pacman_env.sim.core import compile_ahead
+from pacman_env.world.maps.occupancy import OccupancyMap
 
 _LARGEST_PIECE = 500  # rounds; keeps the processes evenly busy
 
@@ -24,7 +24,7 @@ _LARGEST_PIECE = 500  # rounds; keeps the processes evenly busy
 class Block:
     """Rounds of one policy on one map under one configuration. Plain data: it goes to other processes."""
 
-    scenario: Scenario
+    scenario: Scenario | OccupancyMap
     config: Config
     policy: str
     seeds: NDArray[np.uint64]
@@ -42,41 +42,22 @@ def play_block(block: Block, on_end: Callable[[int], object] | None = None) -> P
     return play(source, block.config, policy, block.seeds, on_end=on_end, num_threads=block.threads)
 
 
-@contextlib.contextmanager
-def processes(workers: int) -> Iterator[ProcessPoolExecutor | None]:
-    """A pool for :func:`play_all`, which keeps maps and kernels from call to call; None for one worker."""
-    if workers == 1:
-        yield None
-        return
-    # spawn: a forked child would share the locks of threads that it does not have
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-        yield pool
-
-
 def play_all(
     blocks: Sequence[Block],
-    workers: int = 1,
+    executor: Executor,
     on_end: Callable[[int], object] = lambda ended: None,
-    pool: ProcessPoolExecutor | None = None,
 ) -> list[Played]:
-    """The results of every block, in their order; ``on_end`` is called with the number of rounds that have ended.
-
-    ``pool``: of :func:`processes` with so many workers; None: one is opened for this call.
-    """
-    pieces = _pieces(blocks, workers)
+    """The results of every block, in their order; ``on_end`` is called with the number of rounds that have ended."""
+    pieces = _pieces(blocks, executor.workers)
     tasks = [replace(blocks[number], seeds=blocks[number].seeds[rounds]) for number, rounds in pieces]
-    with contextlib.nullcontext(pool) if pool else processes(min(workers, len(tasks))) as running:
-        if running is None:
-            played = [play_block(task, on_end) for task in tasks]
-        else:
-            futures = [running.submit(play_block, task) for task in tasks]
-            try:
-                for future in as_completed(futures):
-                    on_end(len(future.result()[0]))
-            except BaseException:
-                running.shutdown(wait=False, cancel_futures=True)
-                raise
-            played = [future.result() for future in futures]
+    if isinstance(executor, InProcess):  # reports every round
+        played = executor.map(functools.partial(play_block, on_end=on_end), tasks)
+    elif executor.remote:
+        from pacman_env.evaluation.compare.shipping import play_sent, sent
+
+        played = executor.map(play_sent, list(map(sent, tasks)), lambda one: on_end(len(one[0])))
+    else:
+        played = executor.map(play_block, tasks, lambda one: on_end(len(one[0])))
     records = [np.empty(len(block.seeds), dtype=EPISODE) for block in blocks]
     times: list[list[NDArray[np.float64]]] = [[] for _ in blocks]
     for (number, rounds), (some_records, some_times) in zip(pieces, played, strict=True):

@@ -22,7 +22,7 @@ from pacman_env.config import Config
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.compare import scenarios
 from pacman_env.evaluation.compare.scenarios import Scenario
-from pacman_env.evaluation.compare.workers import Block, play_all, processes
+from pacman_env.evaluation.compare.workers import Block, play_all
 from pacman_env.evaluation.leaderboard import numbers
 from pacman_env.evaluation.leaderboard.numbers import CellResult, LeagueTable, PolicyEntry
 from pacman_env.evaluation.leaderboard.page import render
@@ -37,6 +37,8 @@ from pacman_env.evaluation.leaderboard.suites import (
     choose_suite,
     configs,
 )
+from pacman_env.executors.base import Executor
+from pacman_env.executors.choice import add_executor_arguments, executor_of
 from pacman_env.files import commit, prepare, replaced
 from pacman_env.policies.metadata import dump, parse
 from pacman_env.policies.registry import make_policy, policy_names
@@ -108,7 +110,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--suite", default=_SUITE, metavar="NAME", help="full, or quick for a minute (%(default)s)")
     add("--suites", type=Path, metavar="FILE", help="YAML with suites (eval/suites/leaderboard.yaml)")
     add("--seed", type=whole_number(0), default=0, metavar="S", help="the rounds' seeds are drawn from it (0)")
-    add("--workers", type=whole_number(1), default=1, metavar="N", help="processes (1)")
+    add_executor_arguments(parser)
     add("--resume", action="store_true", help="use the parts that are kept, play the others")
     add("--parts", type=Path, default=_FOLDER, metavar="FOLDER", help="where parts are kept (%(default)s)")
     add("--json", type=Path, default=Path(f"{_FOLDER}.json"), metavar="OUT", help="the numbers (%(default)s)")
@@ -131,7 +133,9 @@ def _leaderboard(arguments: argparse.Namespace) -> None:
         prepare(page)
         prepare(arguments.parts / "part.json")
         folder = PartFolder(arguments.parts, commit())
-        table = _table(plan, _played(plan, folder, arguments.resume, arguments.workers), arguments)
+        with executor_of(arguments) as executor:
+            played = _played(plan, folder, arguments.resume, executor)
+        table = _table(plan, played, arguments)
         text = dump(table, arguments.json)
         with replaced(arguments.json) as temporary:
             temporary.write_text(text)
@@ -185,7 +189,7 @@ def _plan(arguments: argparse.Namespace) -> Plan:
     )
 
 
-def _played(plan: Plan, folder: PartFolder, resume: bool, workers: int) -> dict[Place, PartFile]:
+def _played(plan: Plan, folder: PartFolder, resume: bool, executor: Executor) -> dict[Place, PartFile]:
     """All parts, each read or played; what has been played is kept at once."""
     from tqdm import tqdm
 
@@ -194,7 +198,7 @@ def _played(plan: Plan, folder: PartFolder, resume: bool, workers: int) -> dict[
     if there:
         print(f"{there} of {len(plan.parts)} parts are kept and played again: without --resume", file=sys.stderr)
     total = sum(part.rounds for place, part in plan.parts.items() if place not in done)
-    with processes(workers) as pool, tqdm(total=total, unit="round", mininterval=1.0, file=sys.stderr) as bar:
+    with tqdm(total=total, unit="round", mininterval=1.0, file=sys.stderr) as bar:
         for (number, scenario), group in itertools.groupby(plan.parts.items(), lambda one: one[0][:2]):
             new = {place: part for place, part in group if place not in done}
             cell = plan.cells[number]
@@ -203,7 +207,7 @@ def _played(plan: Plan, folder: PartFolder, resume: bool, workers: int) -> dict[
             )
             seeds = episode_seeds(plan.seed, cell.rounds)
             blocks = [Block(cell.scenarios[scenario], cell.config, place.policy, seeds) for place in new]
-            played = play_all(blocks, workers, bar.update, pool) if blocks else []
+            played = play_all(blocks, executor, bar.update) if blocks else []
             for (place, part), (records, _) in zip(new.items(), played, strict=True):
                 done[place] = folder.write(part, records)
     return done

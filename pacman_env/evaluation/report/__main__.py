@@ -25,6 +25,7 @@ from pacman_env.evaluation.compare.scenarios import Levels
 from pacman_env.evaluation.compare.workers import play_all
 from pacman_env.evaluation.report.numbers import Numbers, Results
 from pacman_env.evaluation.report.plan import Plan, blocks, check_single_rounds, parse_variant
+from pacman_env.executors.choice import add_executor_arguments, executor_of
 from pacman_env.files import prepare, replaced
 from pacman_env.policies.learned import PRETRAINED
 from pacman_env.policies.metadata import read_planner
@@ -67,7 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--episodes", type=whole_number(2), metavar="N", help="rounds per map, speed, variant and policy (200)")
     add("--endless", type=whole_number(0), metavar="N", help="endless games per map and policy (100)")
     add("--seed", type=whole_number(0), default=0, metavar="S", help="the rounds' seeds are drawn from it (0)")
-    add("--workers", type=whole_number(1), default=1, metavar="N", help="processes (%(default)s)")
+    add_executor_arguments(parser)
     add("--replays", type=whole_number(0), default=0, metavar="K", help="films of rounds that one of two lost (0)")
     add("--quick", action="store_true", help="few rounds: 24, 12 endless games, three speeds, unless given")
     add("--out", type=Path, default=Path("results/report.html"), metavar="OUT", help="the page (%(default)s)")
@@ -93,8 +94,8 @@ def _report(arguments: argparse.Namespace, command: str) -> None:
         prepare(path)
     work = blocks(plan)
     total = sum(len(block.seeds) for block in work.values())
-    with tqdm(total=total, unit="round", mininterval=1.0, file=sys.stderr) as bar:
-        played = play_all(list(work.values()), arguments.workers, bar.update)
+    with executor_of(arguments) as executor, tqdm(total=total, unit="round", mininterval=1.0, file=sys.stderr) as bar:
+        played = play_all(list(work.values()), executor, bar.update)
     report |= Results(plan, dict(zip(work, played, strict=True))).numbers()
     films = _films(plan, report["pair"], arguments.replays, page)
     html = render_page(report)

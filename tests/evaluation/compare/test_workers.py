@@ -1,48 +1,46 @@
+"""The rounds of blocks on any executor."""
+
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
 from pacman_env.episodes.rollout import episode_seeds
-from pacman_env.evaluation.compare.workers import Block, play_all, processes
+from pacman_env.evaluation.compare.workers import Block, play_all
+from pacman_env.executors.base import InProcess
+from pacman_env.executors.choice import local
 from tests.evaluation.helpers import CONFIG, LEVELS, LEVELS_CONFIG, played, played_on_levels
 
 
-def test_two_processes_give_the_records_of_one() -> None:
+def test_two_processes_give_the_records_of_one_in_several_calls() -> None:
     seeds = episode_seeds(5, 12)
-    ended: list[int] = []
     blocks = [Block("house", CONFIG, policy, seeds) for policy in ("clyde_aware", "random")]
-    first, second = play_all(blocks, workers=2, on_end=ended.append)
-    np.testing.assert_array_equal(first[0], played("clyde_aware")[0])
-    np.testing.assert_array_equal(second[0], played("random")[0])
-    assert sum(ended) == 24
-    assert len(ended) == 4  # two pieces of each block, or nothing was shared out
+    with local(2) as executor:
+        for _ in range(2):
+            ended: list[int] = []
+            first, second = play_all(blocks, executor, on_end=ended.append)
+            np.testing.assert_array_equal(first[0], played("clyde_aware")[0])
+            np.testing.assert_array_equal(second[0], played("random")[0])
+            assert sum(ended) == 24
+            assert len(ended) == 4  # two pieces of each block, or nothing was shared out
 
 
 def test_progress_counts_every_round() -> None:
     ended: list[int] = []
-    play_all([Block("house", CONFIG, "nearest", episode_seeds(5, 12))], on_end=ended.append)
+    play_all([Block("house", CONFIG, "nearest", episode_seeds(5, 12))], InProcess(), on_end=ended.append)
     assert sum(ended) == 12
-
-
-def test_a_pool_is_used_by_several_calls() -> None:
-    blocks = [Block("house", CONFIG, "clyde_aware", episode_seeds(5, 12))]
-    with processes(2) as pool:
-        for _ in range(2):
-            ((records, _),) = play_all(blocks, 2, pool=pool)
-            np.testing.assert_array_equal(records, played("clyde_aware")[0])
-    with processes(1) as none:
-        assert none is None
+    assert len(ended) > 1
 
 
 def test_an_error_in_another_process_arrives() -> None:
-    with pytest.raises(ValueError, match="unknown policy 'nobody'"):
-        play_all([Block("house", CONFIG, "nobody", episode_seeds(5, 2))], workers=2)
+    with local(2) as executor, pytest.raises(ValueError, match="unknown policy 'nobody'"):
+        play_all([Block("house", CONFIG, "nobody", episode_seeds(5, 2))], executor)
 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_rounds_on_levels_come_back_in_the_order_of_their_seeds(workers: int) -> None:
     blocks = [Block(LEVELS, LEVELS_CONFIG, policy, episode_seeds(5, 8)) for policy in ("lookahead", "nearest")]
-    (first, _), (second, _) = play_all(blocks, workers)
+    with local(workers) as executor:
+        (first, _), (second, _) = play_all(blocks, executor)
     np.testing.assert_array_equal(first, played_on_levels("lookahead"))
     np.testing.assert_array_equal(second, played_on_levels("nearest"))

@@ -1,0 +1,96 @@
+"""What every executor promises: the same results as a loop over the tasks, whatever happens to its workers."""
+
+import contextlib
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Generator, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+#: How often a task is begun again after its worker was lost.
+MOST_LOSSES = 3
+
+
+class TaskFailed(RuntimeError):
+    """A task could not be done, for a reason outside it: too slow, or its worker was lost again and again."""
+
+
+@dataclass(frozen=True)
+class Done(Generic[Result]):
+    """The end of one task."""
+
+    number: int  # of the task, in the order in which they were given
+    value: Result | None = None
+    error: Exception | None = None  # what it raised, or TaskFailed
+
+    def result(self) -> Result:
+        """Its value; raises what it raised."""
+        if self.error is not None:
+            raise self.error
+        return self.value  # type: ignore[return-value]
+
+
+class Executor(ABC):
+    """Runs calls of one function, each with one task.
+
+    A task is plain data and has no effect but its result, which depends on the task alone: it may be done twice.
+    ``workers`` tasks are done at once, and no more are handed out than that. An executor is a context manager, which
+    leaves no process of its own behind.
+    """
+
+    #: Whether workers may be on other machines, which have none of this one's files.
+    remote = False
+
+    def __init__(self, workers: int, limit_s: float | None = None) -> None:
+        """``limit_s``: a task that takes longer has failed; None: no limit."""
+        self.workers, self.limit_s = workers, limit_s
+
+    @abstractmethod
+    def run(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Generator[Done[Result], None, None]:
+        """The ends of all tasks, as they come; closing the generator cancels what is not done.
+
+        ``function`` is a function of a module, which workers import.
+        """
+
+    def map(
+        self,
+        function: Callable[[Task], Result],
+        tasks: Sequence[Task],
+        on_result: Callable[[Result], object] = lambda result: None,
+    ) -> list[Result]:
+        """The results in the order of the tasks; ``on_result`` is called with each as it comes.
+
+        The first error is raised at once, and the other tasks are cancelled.
+        """
+        results: dict[int, Result] = {}
+        with contextlib.closing(self.run(function, tasks)) as ends:
+            for done in ends:
+                results[done.number] = done.result()
+                on_result(results[done.number])
+        return [results[number] for number in range(len(tasks))]
+
+    def close(self) -> None:
+        """Leave no process behind."""
+        return
+
+    def __enter__(self) -> "Executor":
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self.close()
+
+
+class InProcess(Executor):
+    """One task after the other, in the caller's thread; without a time limit, as nothing could end a task."""
+
+    def __init__(self) -> None:
+        super().__init__(1)
+
+    def run(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Done[Result]]:  # type: ignore[override]
+        for number, task in enumerate(tasks):
+            try:
+                yield Done(number, function(task))
+            except Exception as error:
+                yield Done(number, error=error)

@@ -1,0 +1,42 @@
+"""Which executor a command uses: its options ``--workers`` and ``--ray``."""
+
+import argparse
+
+from pacman_env.cli.command import whole_number
+
+from .base import Executor, InProcess
+
+#: What does not change results.
+EXECUTOR_ARGUMENTS = ("workers", "ray")
+_LOCAL = "local"
+
+
+def add_executor_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options that :func:`executor_of` reads."""
+    parser.add_argument("--workers", type=whole_number(1), default=1, metavar="N", help="processes (1)")
+    parser.add_argument(
+        "--ray",
+        nargs="?",
+        const=_LOCAL,
+        metavar="ADDRESS",
+        help="play on the Ray cluster of this address; without one, on a cluster of this machine with N workers",
+    )
+
+
+def executor_of(arguments: argparse.Namespace) -> Executor:
+    """To be closed. ModuleNotFoundError names Ray where it is not installed; ConnectionError an address without one."""
+    if arguments.ray is not None:
+        from .ray_cluster import RayCluster
+
+        address = None if arguments.ray == _LOCAL else arguments.ray
+        return RayCluster(address, arguments.workers)
+    return local(arguments.workers)
+
+
+def local(workers: int) -> Executor:
+    """In this process where one worker is enough."""
+    if workers == 1:
+        return InProcess()
+    from .processes import LocalProcesses
+
+    return LocalProcesses(workers)

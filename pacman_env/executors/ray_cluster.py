@@ -1,0 +1,120 @@
+"""Tasks on a Ray cluster, whose workers are processes of this machine or of others. Nothing else imports Ray."""
+
+import importlib
+import logging
+import socket
+from collections.abc import Callable, Generator, Sequence
+from time import monotonic
+from typing import Any, NamedTuple
+
+from pacman_env import __version__
+from pacman_env.engine.cache_folder import source_hash
+
+from .base import MOST_LOSSES, Done, Executor, Result, Task, TaskFailed
+
+_LOOPBACK = "127.0.0.1"
+_POLL_S = 1.0  # between two looks at the tasks' times, and at the cluster's size
+
+
+class RayCluster(Executor):
+    """``address`` of a cluster, as ``ray start`` prints it; None: one of this machine, on the loopback alone.
+
+    On a cluster as many tasks are done at once as it has CPUs, also those that join later. Every worker must have this
+    package in the same version with the same sources; the first that has not ends the run, and is named.
+    """
+
+    remote = True
+
+    def __init__(self, address: str | None = None, workers: int | None = None, limit_s: float | None = None) -> None:
+        import ray
+
+        if ray.is_initialized():
+            raise ValueError("--ray: this process is connected to a cluster already")
+        quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
+        try:
+            if address is None:
+                ray.init(num_cpus=workers, include_dashboard=False, _node_ip_address=_LOOPBACK, **quiet)
+            else:
+                ray.init(address=address, **quiet)
+        except (ConnectionError, RuntimeError, ValueError) as error:
+            raise ConnectionError(f"--ray {address or ''}: {error}") from None
+        self._ray = ray
+        super().__init__(self._cpus(), limit_s)
+        # Lost workers are counted here; an exception of a task is its result.
+        self._run = ray.remote(num_cpus=1, max_retries=0, max_calls=0)(_run)
+
+    def _cpus(self) -> int:
+        return max(1, int(self._ray.cluster_resources().get("CPU", 0)))
+
+    def run(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Generator[Done[Result], None, None]:
+        ray, name = self._ray, f"{function.__module__}:{function.__qualname__}"
+        waiting = list(range(len(tasks)))[::-1]
+        losses = [0] * len(tasks)
+        running: dict[Any, tuple[int, float]] = {}
+        counted = monotonic()
+        try:
+            while waiting or running:
+                if monotonic() - counted > _POLL_S:
+                    self.workers, counted = self._cpus(), monotonic()
+                while waiting and len(running) < self.workers:
+                    number = waiting.pop()
+                    running[self._run.remote(name, tasks[number], __version__, source_hash())] = number, monotonic()
+                for reference in ray.wait(list(running), timeout=_POLL_S)[0]:
+                    number, _ = running.pop(reference)
+                    try:
+                        outcome = ray.get(reference)
+                    except ray.exceptions.RayError as error:
+                        losses[number] += 1
+                        if losses[number] <= MOST_LOSSES:
+                            waiting.append(number)
+                        else:
+                            lost = f"task {number}: lost {losses[number]} times: {_line(error)}"
+                            yield Done(number, error=TaskFailed(lost))
+                        continue
+                    if outcome.unfit:
+                        raise TaskFailed(outcome.unfit)
+                    yield Done(number, outcome.value, outcome.error)
+                for reference, (number, began) in list(running.items()):
+                    if self.limit_s is not None and monotonic() - began > self.limit_s:
+                        del running[reference]
+                        ray.cancel(reference, force=True)
+                        yield Done(number, error=TaskFailed(f"task {number}: more than {self.limit_s} s"))
+        finally:
+            for reference in running:
+                ray.cancel(reference, force=True)
+
+    def close(self) -> None:
+        self._ray.shutdown()
+
+
+class _Outcome(NamedTuple):
+    value: Any = None
+    error: Exception | None = None
+    unfit: str = ""  # why this worker can do no task
+
+
+def _run(name: str, task: Any, version: str, sources: str) -> _Outcome:
+    """On a worker: the call of the function ``module:name``; an exception of it is plain data."""
+    node = socket.gethostname()
+    if (__version__, source_hash()) != (version, sources):
+        found = f"pacman_env {__version__}, sources {source_hash()}"
+        return _Outcome(unfit=f"worker on {node}: {found}; here it is {version}, sources {sources}: install the same")
+    module, _, function = name.partition(":")
+    try:
+        return _Outcome(value=getattr(importlib.import_module(module), function)(task))
+    except OSError as error:
+        return _Outcome(error=OSError(f"worker on {node}: {error}"))
+    except Exception as error:
+        return _Outcome(error=_plain(error))
+
+
+def _plain(error: Exception) -> Exception:
+    """One that can be sent and raised elsewhere: of the same built-in class with the same text."""
+    if type(error).__module__ == "builtins" and len(error.args) == 1:
+        return error.with_traceback(None)
+    kind = next(k for k in (ValueError, TaskFailed) if k is TaskFailed or isinstance(error, k))
+    return kind(str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}")
+
+
+def _line(error: BaseException) -> str:
+    return " ".join(str(error).split())[:300]

@@ -1,0 +1,68 @@
+"""What every executor promises."""
+
+from __future__ import annotations
+
+import contextlib
+import resource
+from pathlib import Path
+
+import pytest
+
+from pacman_env.executors.base import Executor, TaskFailed
+from tests.executors import functions
+
+
+class ExecutorContract:
+    """``executor``: a fixture, of two workers where there are several."""
+
+    tiny = 10_000  # tasks
+
+    def test_results_are_in_the_order_of_the_tasks_and_come_one_by_one(self, executor: Executor) -> None:
+        came: list[int] = []
+        assert executor.map(functions.double, range(20), came.append) == [2 * k for k in range(20)]
+        assert sorted(came) == [2 * k for k in range(20)]
+        assert executor.map(functions.double, []) == []
+
+    def test_a_hundred_tasks_that_fail_are_reported_one_by_one(self, executor: Executor) -> None:
+        ends = sorted(executor.run(functions.fail, range(100)), key=lambda done: done.number)
+        assert [str(done.error) for done in ends] == [f"number {k} is not wanted" for k in range(100)]
+        assert {type(done.error) for done in ends} == {ValueError}
+
+    def test_the_first_error_ends_a_map_and_the_executor_goes_on(self, executor: Executor) -> None:
+        with pytest.raises(ValueError, match="is not wanted"):
+            executor.map(functions.fail, range(100))
+        assert executor.map(functions.double, [4]) == [8]
+
+    def test_many_tiny_tasks_need_no_more_memory_than_few(self, executor: Executor) -> None:
+        executor.map(functions.double, range(self.tiny // 10))
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        assert sum(executor.map(functions.double, range(self.tiny))) == self.tiny * (self.tiny - 1)
+        assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 32_000  # kB
+
+
+class ProcessesContract(ExecutorContract):
+    """``limited``: a fixture, of two workers and a limit of 2 s."""
+
+    def test_a_task_whose_worker_is_killed_is_done_by_another(self, executor: Executor, tmp_path: Path) -> None:
+        tasks = [(str(tmp_path), number) for number in range(6)]
+        assert executor.map(functions.die_once, tasks) == list(range(6))
+        assert [path.name for path in tmp_path.iterdir()] == ["2"]
+
+    def test_a_task_that_kills_every_worker_is_reported_and_the_others_are_done(self, executor: Executor) -> None:
+        (done,) = executor.run(functions.die_always, [0])
+        assert isinstance(done.error, TaskFailed)
+        assert "task 0" in str(done.error)
+        assert executor.map(functions.double, [4]) == [8]
+
+    def test_a_task_that_hangs_is_ended_and_the_others_are_done(self, limited: Executor) -> None:
+        ends = {done.number: done for done in limited.run(functions.hang_at_3, range(8))}
+        assert [ends[k].value for k in range(8)] == [0, 1, 2, None, 4, 5, 6, 7]
+        assert str(ends[3].error) == "task 3: more than 2.0 s"
+
+    def test_what_is_not_done_is_cancelled_when_nobody_wants_it(self, executor: Executor, tmp_path: Path) -> None:
+        with contextlib.closing(executor.run(functions.note_and_wait, [(str(tmp_path), k) for k in range(50)])) as ends:
+            next(ends)
+        begun = len(list(tmp_path.iterdir()))
+        assert begun <= 6
+        assert executor.map(functions.double, [1, 2, 3]) == [2, 4, 6]
+        assert len(list(tmp_path.iterdir())) <= 6

@@ -1,0 +1,42 @@
+"""Functions of tasks, which other processes import."""
+
+import os
+import signal
+import time
+from pathlib import Path
+
+
+def double(number: int) -> int:
+    return 2 * number
+
+
+def fail(number: int) -> int:
+    raise ValueError(f"number {number} is not wanted")
+
+
+def hang_at_3(number: int) -> int:
+    if number == 3:
+        time.sleep(600.0)
+    return number
+
+
+def die_once(task: tuple[str, int]) -> int:
+    """Its worker is killed at the first call of the number 2; ``folder`` remembers it."""
+    folder, number = task
+    mark = Path(folder) / str(number)
+    if number == 2 and not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def die_always(number: int) -> int:
+    os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def note_and_wait(task: tuple[str, int]) -> int:
+    folder, number = task
+    (Path(folder) / str(number)).touch()
+    time.sleep(0.2)
+    return os.getpid()

@@ -1,0 +1,12 @@
+"""One task after the other."""
+
+import pytest
+
+from pacman_env.executors.base import Executor, InProcess
+from tests.executors.contract import ExecutorContract
+
+
+class TestInProcess(ExecutorContract):
+    @pytest.fixture
+    def executor(self) -> Executor:
+        return InProcess()

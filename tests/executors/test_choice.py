@@ -1,0 +1,28 @@
+"""Which executor a command uses."""
+
+import argparse
+
+import pytest
+
+from pacman_env.executors.base import InProcess
+from pacman_env.executors.choice import add_executor_arguments, executor_of
+from pacman_env.executors.processes import LocalProcesses
+
+
+def parsed(*words: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    add_executor_arguments(parser)
+    return parser.parse_args(words)
+
+
+def test_one_worker_is_this_process_and_more_are_processes() -> None:
+    assert isinstance(executor_of(parsed()), InProcess)
+    with executor_of(parsed("--workers", "2")) as executor:
+        assert isinstance(executor, LocalProcesses)
+        assert executor.workers == 2
+
+
+def test_an_address_without_a_cluster_is_named() -> None:
+    pytest.importorskip("ray")
+    with pytest.raises(ConnectionError, match=r"^--ray 127\.0\.0\.1:1: "):
+        executor_of(parsed("--ray", "127.0.0.1:1"))

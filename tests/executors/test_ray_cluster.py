@@ -1,0 +1,51 @@
+"""Tasks on Ray: a cluster of this machine, and one that was started before."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+pytest.importorskip("ray")
+
+from pacman_env.executors import ray_cluster
+from pacman_env.executors.base import Executor, TaskFailed
+from pacman_env.executors.ray_cluster import RayCluster
+from tests.executors import functions
+from tests.executors.contract import ProcessesContract
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[RayCluster]:
+    with RayCluster(workers=2) as made:
+        yield made
+
+
+class TestRayCluster(ProcessesContract):
+    tiny = 1000  # scripts/test --daily has 10,000
+
+    @pytest.fixture
+    def executor(self, cluster: RayCluster) -> Executor:
+        return cluster
+
+    @pytest.fixture
+    def limited(self, cluster: RayCluster, monkeypatch: pytest.MonkeyPatch) -> Executor:
+        monkeypatch.setattr(cluster, "limit_s", 2.0)
+        return cluster
+
+    @pytest.mark.daily
+    def test_ten_thousand_tiny_tasks(self, executor: Executor) -> None:
+        assert sum(executor.map(functions.double, range(10_000))) == 10_000 * 9_999
+
+
+def test_a_worker_with_other_sources_ends_the_run_and_is_named(
+    cluster: RayCluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ray_cluster, "__version__", "0.0.1")
+    with pytest.raises(TaskFailed, match=r"^worker on \S+: pacman_env [\d.]+, sources \w+; here it is 0\.0\.1"):
+        cluster.map(functions.double, [1])
+
+
+def test_a_second_cluster_is_refused(cluster: RayCluster) -> None:
+    with pytest.raises(ValueError, match="is connected to a cluster already"):
+        RayCluster()
