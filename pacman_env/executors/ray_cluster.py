@@ -13,6 +13,7 @@ from pacman_env.engine.cache_folder import source_hash
 from .base import MOST_LOSSES, Done, Executor, Result, Task, TaskFailed
 
 _LOOPBACK = "127.0.0.1"
+_ANSWER_S = 5.0  # within which a cluster answers
 _POLL_S = 1.0  # between two looks at the tasks' times, and at the cluster's size
 
 
@@ -30,6 +31,8 @@ class RayCluster(Executor):
 
         if ray.is_initialized():
             raise ValueError("--ray: this process is connected to a cluster already")
+        if address is not None:
+            _check_that_it_answers(address)
         quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
         try:
             if address is None:
@@ -85,6 +88,17 @@ class RayCluster(Executor):
 
     def close(self) -> None:
         self._ray.shutdown()
+
+
+def _check_that_it_answers(address: str) -> None:
+    """Ray itself tries for minutes."""
+    host, colon, port = address.rpartition(":")
+    if not colon or not port.isdigit():
+        raise ValueError(f"--ray {address}: must be HOST:PORT, as `ray start --head` prints it")
+    try:
+        socket.create_connection((host, int(port)), _ANSWER_S).close()
+    except (OSError, OverflowError) as error:
+        raise ConnectionError(f"--ray {address}: no cluster answers there: {error}") from None
 
 
 class _Outcome(NamedTuple):

@@ -24,5 +24,7 @@ def test_one_worker_is_this_process_and_more_are_processes() -> None:
 
 def test_an_address_without_a_cluster_is_named() -> None:
     pytest.importorskip("ray")
-    with pytest.raises(ConnectionError, match=r"^--ray 127\.0\.0\.1:1: "):
+    with pytest.raises(ConnectionError, match=r"^--ray 127\.0\.0\.1:1: no cluster answers there: "):
         executor_of(parsed("--ray", "127.0.0.1:1"))
+    with pytest.raises(ValueError, match=r"^--ray here: must be HOST:PORT"):
+        executor_of(parsed("--ray", "here"))

@@ -27,7 +27,7 @@ class TestLocalProcesses(ProcessesContract):
 
     @pytest.fixture
     def limited(self) -> Iterator[Executor]:
-        with LocalProcesses(2, limit_s=2.0) as made:
+        with LocalProcesses(2, limit_s=10.0) as made:
             yield made
 
 

@@ -30,7 +30,7 @@ class TestRayCluster(ProcessesContract):
 
     @pytest.fixture
     def limited(self, cluster: RayCluster, monkeypatch: pytest.MonkeyPatch) -> Executor:
-        monkeypatch.setattr(cluster, "limit_s", 2.0)
+        monkeypatch.setattr(cluster, "limit_s", 10.0)
         return cluster
 
     @pytest.mark.daily
