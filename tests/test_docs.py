@@ -23,7 +23,7 @@ EXAMPLES = [
     pytest.param(example, id=f"{page.stem}-{number}") for page in PAGES for number, example in enumerate(examples(page))
 ]
 #: Libraries of docs/use_with that are in no extra of this project: `scripts/clients` has environments with them.
-CLIENTS = ("minari", "ray.rllib", "supersuit", "tianshou", "torchrl")
+CLIENTS = ("minari", "ray", "supersuit", "tianshou", "torchrl")
 TODAYS_PAGES = [page for page in PAGES if page.name != "CHANGELOG.md"]  # which names former commands too
 #: Commands of the package, in blocks and in lines.
 COMMANDS = sorted(
@@ -46,7 +46,7 @@ def test_examples_run(example: str, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.chdir(tmp_path)
     for client in CLIENTS:
         if f"import {client}" in example or f"from {client}" in example:
-            pytest.importorskip(client, exc_type=ImportError)
+            pytest.importorskip({"ray": "ray.rllib"}.get(client, client), exc_type=ImportError)
     exec(compile(example, "example", "exec"), {})
 
 
