@@ -13,7 +13,7 @@ Result = TypeVar("Result")
 MOST_LOSSES = 3
 
 
-class TaskFailed(RuntimeError):
+class TaskFailed(ChildProcessError):
     """A task could not be done, for a reason outside it: too slow, or its worker was lost again and again."""
 
 

@@ -5,6 +5,7 @@ to collect all pellets (``collecting``) leave open, and those that a search wins
 """
 
 import argparse
+import functools
 import itertools
 import json
 import sys
@@ -15,12 +16,14 @@ from pacman_env import __version__
 from pacman_env.cli.command import Parser, finite_number, run_command, whole_number
 from pacman_env.config import Config, ConfigError, make_config, parse_settings, preset_names
 from pacman_env.episodes.rollout import episode_seeds
-from pacman_env.evaluation.bound.rows import MapBounds, Row
+from pacman_env.evaluation.bound.rows import Row, RowTask, make_row
 from pacman_env.evaluation.bound.table import render
 from pacman_env.evaluation.compare import scenarios
+from pacman_env.executors.base import InProcess
+from pacman_env.executors.choice import EXECUTOR_ARGUMENTS, add_executor_arguments, executor_of
 from pacman_env.files import prepare, replaced
 from pacman_env.game.ghosts import POLICY, find_behaviour
-from pacman_env.sim.maps.assets import map_assets
+from pacman_env.world.maps.occupancy import load_map
 
 SCHEMA = 1
 _OWN = {"clyde.ghosts": "--ghosts", "clyde.speed_mps": "--speeds"}
@@ -52,6 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--width", type=whole_number(0, 1000), default=64, metavar="N", help=width)
     add("--preset", default="robot", metavar="NAME", help=f"one of {', '.join(preset_names())} (%(default)s)")
     add("--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable")
+    add_executor_arguments(parser)
     add("--json", type=Path, metavar="OUT", help="write the numbers")
     return run_command(parser, argv, _bound)
 
@@ -87,12 +91,16 @@ def _bound(arguments: argparse.Namespace) -> None:
     maps = scenarios.named_scenarios(list(dict.fromkeys(arguments.map)), configs[:1])
     path = arguments.json and prepare(arguments.json)
     seeds = episode_seeds(arguments.seed, arguments.starts)
-    rows: list[Row] = []
-    with tqdm(total=len(maps) * len(configs) * len(seeds), unit="start", mininterval=1.0, file=sys.stderr) as bar:
-        for name, source in maps.items():
-            assert isinstance(source, str)
-            bounds = MapBounds(map_assets(source, configs[0]), seeds)
-            rows += [{"map": name} | bounds.row(config, arguments.width, bar.update) for config in configs]
+    work = [(name, config) for name in maps for config in configs]
+    pixels = {name: load_map(str(source)) for name, source in maps.items()}
+    tasks = [RowTask(pixels[name], configs[0], config, seeds, arguments.width) for name, config in work]
+    total = len(tasks) * len(seeds)
+    with executor_of(arguments) as executor, tqdm(total=total, unit="start", mininterval=1.0, file=sys.stderr) as bar:
+        if isinstance(executor, InProcess):  # shows every start
+            found = executor.map(functools.partial(make_row, played=bar.update), tasks)
+        else:
+            found = executor.map(make_row, tasks, lambda row: bar.update(row["starts"]))
+    rows: list[Row] = [{"map": name} | row for (name, _), row in zip(work, found, strict=True)]
     settings = ", ".join([f"preset {arguments.preset}, perfect localization, seed {arguments.seed}", *arguments.set])
     print(f"{settings}\n\n{render(rows)}")
     if path is not None:
@@ -103,7 +111,7 @@ def _bound(arguments: argparse.Namespace) -> None:
             "seeds": [str(seed) for seed in seeds.tolist()],
             "preset": arguments.preset,
             "maps": [scenarios.describe_scenario(name, source, configs[0]) for name, source in maps.items()],
-            "arguments": vars(arguments),
+            "arguments": {name: value for name, value in vars(arguments).items() if name not in EXECUTOR_ARGUMENTS},
             "config": configs[0].as_dict(),
             "rows": rows,
         }

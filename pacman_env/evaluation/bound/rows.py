@@ -16,6 +16,7 @@ The JSON of ``pacman-env bound`` is ``{"schema": 1, "version", "seed", "seeds", 
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,8 +28,9 @@ from pacman_env.game.ghosts import Behaviour, find_behaviour
 from pacman_env.heuristics.search.search import is_predictable
 from pacman_env.sim.coarse.model import MOST_PELLETS
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.assets import MapAssets
+from pacman_env.sim.maps.assets import MapAssets, map_assets
 from pacman_env.sim.observation.situation import Situation
+from pacman_env.world.maps.occupancy import OccupancyMap
 
 from .collecting import least_collection_s
 from .estimate import Estimate
@@ -36,6 +38,26 @@ from .graph import Graph, build_graph, targets_of
 from .pursuit import FOR_EVER, from_start, pace, survival
 
 Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class RowTask:
+    """One row. Plain data: it goes to other processes, and other machines."""
+
+    occupancy: OccupancyMap
+    prepared: Config  # that of the first row, under which the map is prepared for all of them
+    config: Config
+    seeds: NDArray[np.uint64]
+    width: int
+
+
+def make_row(task: RowTask, played: Callable[[], Any] = lambda: None) -> Row:
+    """``played`` is called at the end of each start."""
+    key = task.occupancy.hash, task.prepared, task.seeds.tolist()
+    if _kept.key != key:
+        _kept.key, _kept.bounds = key, MapBounds(map_assets(task.occupancy, task.prepared), task.seeds)
+    assert _kept.bounds is not None
+    return _kept.bounds.row(task.config, task.width, played)
 
 
 class MapBounds:
@@ -133,3 +155,13 @@ class MapBounds:
             "won": np.flatnonzero(won).tolist(),
             "contradictions": int(np.count_nonzero(won & lost)),
         }
+
+
+class _Kept:
+    """The last map of this process, with what was solved on it."""
+
+    key: Any = None
+    bounds: MapBounds | None = None
+
+
+_kept = _Kept()

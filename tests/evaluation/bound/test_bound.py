@@ -37,6 +37,7 @@ def test_a_table_and_the_same_file_each_time(corridor: str, tmp_path: Path, caps
     assert max(map(len, shown.splitlines()[1:-1])) <= 80
     assert "win <=" in shown
     assert run(corridor, tmp_path) == found
+    assert run(corridor, tmp_path, "--workers", "2") == found
     assert {"schema", "version", "seed", "seeds", "preset", "maps", "config", "rows"} <= set(found)
     assert found["maps"][0]["hash"]
     slow, fast = found["rows"]
