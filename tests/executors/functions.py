@@ -40,3 +40,8 @@ def note_and_wait(task: tuple[str, int]) -> int:
     (Path(folder) / str(number)).touch()
     time.sleep(0.2)
     return os.getpid()
+
+
+def slow_double(number: int) -> int:
+    time.sleep(0.5)
+    return 2 * number
