@@ -8,8 +8,6 @@ policies ``nearest`` and ``random`` have played too.
 import argparse
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +28,7 @@ from pacman_env import __version__
 from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.envs.arguments import EnvArguments
 from pacman_env.episodes.rollout import play
+from pacman_env.executors.choice import local
 from pacman_env.files import prepare, replaced, write_json
 from pacman_env.training.baselines import FILE, LEARNERS, Baseline, Environment, check, load_baselines, point, shares
 from pacman_env.training.two_players import alternate
@@ -161,14 +160,18 @@ def _changed(baseline: Baseline, changes: dict[str, Any], options: argparse.Name
     return replace(baseline, environment=environment, hyperparameters=hyper, turns=turns, **changes)
 
 
-def entries(chosen: dict[str, Baseline], options: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    """One for each configuration and seed, in this order, from as many processes as there are workers."""
+def entries(chosen: dict[str, Baseline], options: argparse.Namespace) -> Iterator[list[dict[str, Any]]]:
+    """Those that are there, in the order of configurations and seeds, each time that there is one more."""
     tasks = [(name, one, seed, options.rounds) for name, one in chosen.items() for seed in options.seeds]
-    if options.workers == 1:
-        yield from (curve(*task) for task in tasks)
-        return
-    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
-        yield from pool.map(curve, *zip(*tasks, strict=True))
+    found: dict[int, dict[str, Any]] = {}
+    with local(options.workers) as executor:
+        for done in executor.run(_curve, tasks):
+            found[done.number] = done.result()
+            yield [found[number] for number in sorted(found)]
+
+
+def _curve(task: tuple[str, Baseline, int, int]) -> dict[str, Any]:
+    return curve(*task)
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
@@ -184,8 +187,8 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         "configurations": {name: msgspec.to_builtins(baseline) for name, baseline in baselines.items()},
         "curves": [],
     }
-    for entry in entries(baselines, options):
-        figures["curves"].append(entry)
+    for curves in entries(baselines, options):
+        figures["curves"] = curves
         write_json(options.json, figures)
     return figures
 
