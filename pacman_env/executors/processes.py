@@ -1,6 +1,9 @@
 """Tasks in processes of this machine, by pebble, which ends one that is too slow and notices a process that died."""
 
 import multiprocessing
+import os
+import threading
+import time
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from typing import Any
@@ -16,7 +19,9 @@ class LocalProcesses(Executor):
     def __init__(self, workers: int, limit_s: float | None = None) -> None:
         super().__init__(workers, limit_s)
         # spawn: a forked child would share the locks of threads that it does not have
-        self._pool = ProcessPool(workers, context=multiprocessing.get_context("spawn"))
+        self._pool = ProcessPool(
+            workers, context=multiprocessing.get_context("spawn"), initializer=_end_with, initargs=(os.getpid(),)
+        )
 
     def run(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Generator[Done[Result], None, None]:
         waiting = list(range(len(tasks)))[::-1]
@@ -50,3 +55,14 @@ class LocalProcesses(Executor):
     def close(self) -> None:
         self._pool.stop()
         self._pool.join()
+
+
+def _end_with(parent: int) -> None:
+    """Have this process end soon after the one that started it, however that ended."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -27,7 +30,7 @@ class TestLocalProcesses(ProcessesContract):
 
     @pytest.fixture
     def limited(self) -> Iterator[Executor]:
-        with LocalProcesses(2, limit_s=10.0) as made:
+        with LocalProcesses(2, limit_s=3.0) as made:
             yield made
 
 
@@ -35,6 +38,34 @@ def test_no_process_is_left(tmp_path: Path) -> None:
     with LocalProcesses(2) as executor:
         numbers = set(executor.map(functions.note_and_wait, [(str(tmp_path), k) for k in range(4)]))
     assert os.getpid() not in numbers
-    for number in numbers:
-        with pytest.raises(ProcessLookupError):
-            os.kill(number, 0)
+    assert not any(map(is_there, numbers))
+
+
+def test_no_process_is_left_by_a_parent_that_is_killed(tmp_path: Path) -> None:
+    program = (
+        "from pacman_env.executors.processes import LocalProcesses\n"
+        "from tests.executors import functions\n"
+        "if __name__ == '__main__':\n"
+        "    with LocalProcesses(2) as executor:\n"
+        "        for done in executor.run(functions.note_and_wait, [({!r}, k) for k in range(10**6)]):\n"
+        "            print(done.value, flush=True)\n"
+    ).format(str(tmp_path))
+    file = tmp_path / "program.py"
+    file.write_text(program)
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])}
+    with subprocess.Popen([sys.executable, file], stdout=subprocess.PIPE, text=True, env=environment) as parent:
+        assert parent.stdout is not None
+        numbers = {int(parent.stdout.readline()) for _ in range(8)}
+        parent.kill()
+    deadline = time.monotonic() + 60.0
+    while any(map(is_there, numbers)):
+        assert time.monotonic() < deadline, numbers
+        time.sleep(0.1)
+
+
+def is_there(number: int) -> bool:
+    try:
+        os.kill(number, 0)
+    except ProcessLookupError:
+        return False
+    return True
