@@ -47,9 +47,9 @@ def test_no_process_is_left_by_a_parent_that_is_killed(tmp_path: Path) -> None:
         "from tests.executors import functions\n"
         "if __name__ == '__main__':\n"
         "    with LocalProcesses(2) as executor:\n"
-        "        for done in executor.run(functions.note_and_wait, [({!r}, k) for k in range(10**6)]):\n"
+        f"        for done in executor.run(functions.note_and_wait, [({str(tmp_path)!r}, k) for k in range(10**6)]):\n"
         "            print(done.value, flush=True)\n"
-    ).format(str(tmp_path))
+    )
     file = tmp_path / "program.py"
     file.write_text(program)
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])}
