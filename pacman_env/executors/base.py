@@ -2,6 +2,7 @@
 
 import contextlib
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
@@ -30,6 +31,21 @@ class Done(Generic[Result]):
         if self.error is not None:
             raise self.error
         return self.value  # type: ignore[return-value]
+
+
+class Losses:
+    """The workers that tasks have lost."""
+
+    def __init__(self) -> None:
+        self._count: Counter[int] = Counter()
+
+    def note(self, number: int, waiting: list[int], how: str, why: str = "") -> Iterator[Done[Any]]:
+        """Have the task wait again, or yield its end: it has lost too many."""
+        self._count[number] += 1
+        if self._count[number] <= MOST_LOSSES:
+            waiting.append(number)
+        else:
+            yield Done(number, error=TaskFailed(f"task {number}: {how} {self._count[number]} times{why}"))
 
 
 class Executor(ABC):

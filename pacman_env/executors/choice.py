@@ -1,13 +1,13 @@
 """Which executor a command uses: its options ``--workers`` and ``--ray``."""
 
 import argparse
+from typing import Any
 
 from pacman_env.cli.command import whole_number
 
 from .base import Executor, InProcess
 
-#: What does not change results.
-EXECUTOR_ARGUMENTS = ("workers", "ray")
+_OPTIONS = ("workers", "ray")
 _LOCAL = "local"
 
 
@@ -21,6 +21,11 @@ def add_executor_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="ADDRESS",
         help="play on the Ray cluster of this address; without one, on a cluster of this machine with N workers",
     )
+
+
+def without_executor(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The arguments that change results, by name."""
+    return {name: value for name, value in vars(arguments).items() if name not in _OPTIONS}
 
 
 def executor_of(arguments: argparse.Namespace) -> Executor:

@@ -10,7 +10,7 @@ from typing import Any
 
 from pebble import ProcessExpired, ProcessPool
 
-from .base import MOST_LOSSES, Done, Executor, Result, Task, TaskFailed
+from .base import Done, Executor, Losses, Result, Task, TaskFailed
 
 
 class LocalProcesses(Executor):
@@ -25,7 +25,7 @@ class LocalProcesses(Executor):
 
     def run(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Generator[Done[Result], None, None]:
         waiting = list(range(len(tasks)))[::-1]
-        losses = [0] * len(tasks)
+        losses = Losses()
         running: dict[Future[Any], int] = {}
         try:
             while waiting or running:
@@ -37,12 +37,7 @@ class LocalProcesses(Executor):
                     try:
                         yield Done(number, future.result())
                     except ProcessExpired:
-                        losses[number] += 1
-                        if losses[number] <= MOST_LOSSES:
-                            waiting.append(number)
-                        else:
-                            lost = f"task {number}: its process died {losses[number]} times"
-                            yield Done(number, error=TaskFailed(lost))
+                        yield from losses.note(number, waiting, "its process died")
                     except TimeoutError as error:
                         late = f"task {number}: more than {self.limit_s} s"
                         yield Done(number, error=error if self.limit_s is None else TaskFailed(late))

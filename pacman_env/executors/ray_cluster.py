@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from pacman_env import __version__
 from pacman_env.engine.cache_folder import source_hash
 
-from .base import MOST_LOSSES, Done, Executor, Result, Task, TaskFailed
+from .base import Done, Executor, Losses, Result, Task, TaskFailed
 
 _LOOPBACK = "127.0.0.1"
 _ANSWER_S = 5.0  # within which a cluster answers
@@ -52,7 +52,7 @@ class RayCluster(Executor):
     def run(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Generator[Done[Result], None, None]:
         ray, name = self._ray, f"{function.__module__}:{function.__qualname__}"
         waiting = list(range(len(tasks)))[::-1]
-        losses = [0] * len(tasks)
+        losses = Losses()
         running: dict[Any, tuple[int, float]] = {}
         counted = monotonic()
         try:
@@ -67,12 +67,7 @@ class RayCluster(Executor):
                     try:
                         outcome = ray.get(reference)
                     except ray.exceptions.RayError as error:
-                        losses[number] += 1
-                        if losses[number] <= MOST_LOSSES:
-                            waiting.append(number)
-                        else:
-                            lost = f"task {number}: lost {losses[number]} times: {_line(error)}"
-                            yield Done(number, error=TaskFailed(lost))
+                        yield from losses.note(number, waiting, "lost", f": {_line(error)}")
                         continue
                     if outcome.unfit:
                         raise TaskFailed(outcome.unfit)
@@ -126,8 +121,9 @@ def _plain(error: Exception) -> Exception:
     """One that can be sent and raised elsewhere: of the same built-in class with the same text."""
     if type(error).__module__ == "builtins" and len(error.args) == 1:
         return error.with_traceback(None)
-    kind = next(k for k in (ValueError, TaskFailed) if k is TaskFailed or isinstance(error, k))
-    return kind(str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}")
+    if isinstance(error, ValueError):
+        return ValueError(str(error))
+    return TaskFailed(f"{type(error).__name__}: {error}")
 
 
 def _line(error: BaseException) -> str:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import psutil
 import pytest
 
 from pacman_env.executors.base import Executor
@@ -38,7 +38,7 @@ def test_no_process_is_left(tmp_path: Path) -> None:
     with LocalProcesses(2) as executor:
         numbers = set(executor.map(functions.note_and_wait, [(str(tmp_path), k) for k in range(4)]))
     assert os.getpid() not in numbers
-    assert not any(map(is_there, numbers))
+    assert not any(map(psutil.pid_exists, numbers))
 
 
 def test_no_process_is_left_by_a_parent_that_is_killed(tmp_path: Path) -> None:
@@ -56,16 +56,6 @@ def test_no_process_is_left_by_a_parent_that_is_killed(tmp_path: Path) -> None:
     with subprocess.Popen([sys.executable, file], stdout=subprocess.PIPE, text=True, env=environment) as parent:
         assert parent.stdout is not None
         numbers = {int(parent.stdout.readline()) for _ in range(8)}
+        workers = [psutil.Process(number) for number in numbers]
         parent.kill()
-    deadline = time.monotonic() + 60.0
-    while any(map(is_there, numbers)):
-        assert time.monotonic() < deadline, numbers
-        time.sleep(0.1)
-
-
-def is_there(number: int) -> bool:
-    try:
-        os.kill(number, 0)
-    except ProcessLookupError:
-        return False
-    return True
+    assert psutil.wait_procs(workers, timeout=60)[1] == []

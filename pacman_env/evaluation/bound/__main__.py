@@ -20,7 +20,7 @@ from pacman_env.evaluation.bound.rows import Row, RowTask, make_row
 from pacman_env.evaluation.bound.table import render
 from pacman_env.evaluation.compare import scenarios
 from pacman_env.executors.base import InProcess
-from pacman_env.executors.choice import EXECUTOR_ARGUMENTS, add_executor_arguments, executor_of
+from pacman_env.executors.choice import add_executor_arguments, executor_of, without_executor
 from pacman_env.files import prepare, replaced
 from pacman_env.game.ghosts import POLICY, find_behaviour
 from pacman_env.world.maps.occupancy import load_map
@@ -111,7 +111,7 @@ def _bound(arguments: argparse.Namespace) -> None:
             "seeds": [str(seed) for seed in seeds.tolist()],
             "preset": arguments.preset,
             "maps": [scenarios.describe_scenario(name, source, configs[0]) for name, source in maps.items()],
-            "arguments": {name: value for name, value in vars(arguments).items() if name not in EXECUTOR_ARGUMENTS},
+            "arguments": without_executor(arguments),
             "config": configs[0].as_dict(),
             "rows": rows,
         }

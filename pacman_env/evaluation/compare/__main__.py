@@ -18,7 +18,7 @@ from pacman_env.evaluation.compare import scenarios
 from pacman_env.evaluation.compare.rows import make_row
 from pacman_env.evaluation.compare.table import render
 from pacman_env.evaluation.compare.workers import Block, play_all
-from pacman_env.executors.choice import EXECUTOR_ARGUMENTS, add_executor_arguments, executor_of
+from pacman_env.executors.choice import add_executor_arguments, executor_of, without_executor
 from pacman_env.files import prepare, replaced
 
 SCHEMA = 2
@@ -84,7 +84,7 @@ def _compare(arguments: argparse.Namespace) -> None:
             "execution": arguments.execution,
             "maps": [scenarios.describe_scenario(name, scenario, config) for name, scenario in maps.items()],
             "policies": [{"name": name, "spec": spec} for spec, name in policies.items()],
-            "arguments": {name: value for name, value in vars(arguments).items() if name not in EXECUTOR_ARGUMENTS},
+            "arguments": without_executor(arguments),
             "config": config.as_dict(),
             "rows": rows,
         }

@@ -55,7 +55,12 @@ def play_all(
     elif executor.remote:
         from pacman_env.evaluation.compare.shipping import play_sent, sent
 
-        played = executor.map(play_sent, list(map(sent, tasks)), lambda one: on_end(len(one[0])))
+        whole = list(map(sent, blocks))  # files are read once for all pieces of a block
+        parts = [
+            replace(whole[number], block=replace(whole[number].block, seeds=task.seeds))
+            for (number, _), task in zip(pieces, tasks, strict=True)
+        ]
+        played = executor.map(play_sent, parts, lambda one: on_end(len(one[0])))
     else:
         played = executor.map(play_block, tasks, lambda one: on_end(len(one[0])))
     records = [np.empty(len(block.seeds), dtype=EPISODE) for block in blocks]
