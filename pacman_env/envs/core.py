@@ -77,6 +77,15 @@ class EnvCore:
         self._draws = bool(self.config.randomize.ranges())
         self._by_event = self.config.decisions.when == "event"
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without situations, which are made anew: the maps in them take a thousand times the room of the games."""
+        return {**self.__dict__, "latest": self.latest is not None, "_reused": [None, None], "listed": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, latest=None)
+        if state["latest"]:
+            self._update_situation()
+
     def require_reset(self, running: bool = False) -> None:
         """Raise ResetNeeded before the first reset, or with ``running`` where every episode is over."""
         if self.latest is None:

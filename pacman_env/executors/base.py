@@ -4,6 +4,7 @@ import contextlib
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed, wait
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
@@ -106,7 +107,36 @@ class InProcess(Executor):
 
     def run(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Done[Result]]:  # type: ignore[override]
         for number, task in enumerate(tasks):
-            try:
-                yield Done(number, function(task))
-            except Exception as error:
-                yield Done(number, error=error)
+            yield _done(function, number, task)
+
+
+class InThreads(InProcess):
+    """Threads of this process, for functions that spend their time in compiled code; without a time limit either."""
+
+    def __init__(self, workers: int) -> None:
+        super().__init__()
+        self.workers = workers
+        self._pool = ThreadPoolExecutor(workers, "tasks")
+
+    def run(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Done[Result]]:  # type: ignore[override]
+        if self.workers == 1:
+            yield from super().run(function, tasks)
+            return
+        running = [self._pool.submit(_done, function, number, task) for number, task in enumerate(tasks)]
+        try:
+            for future in as_completed(running):
+                yield future.result()
+        finally:
+            for future in running:
+                future.cancel()
+            wait(running)
+
+    def close(self) -> None:
+        self._pool.shutdown()
+
+
+def _done(function: Callable[[Task], Result], number: int, task: Task) -> Done[Result]:
+    try:
+        return Done(number, function(task))
+    except Exception as error:
+        return Done(number, error=error)

@@ -1,11 +1,12 @@
 """Which executor a command uses: its options ``--workers`` and ``--ray``."""
 
 import argparse
+from collections.abc import Sequence
 from typing import Any
 
 from pacman_env.cli.command import whole_number
 
-from .base import Executor, InProcess
+from .base import Executor, InProcess, InThreads
 
 _OPTIONS = ("workers", "ray")
 _LOCAL = "local"
@@ -28,14 +29,24 @@ def without_executor(arguments: argparse.Namespace) -> dict[str, Any]:
     return {name: value for name, value in vars(arguments).items() if name not in _OPTIONS}
 
 
-def executor_of(arguments: argparse.Namespace) -> Executor:
-    """To be closed. ModuleNotFoundError names Ray where it is not installed; ConnectionError an address without one."""
+def executor_arguments(argv: Sequence[str]) -> argparse.Namespace:
+    """Those of :func:`add_executor_arguments` among others of a command."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    add_executor_arguments(parser)
+    return parser.parse_known_args(argv)[0]
+
+
+def executor_of(arguments: argparse.Namespace, threads: int = 1) -> Executor:
+    """To be closed; ``threads`` of this process where it works alone.
+
+    ModuleNotFoundError names Ray where it is not installed; ConnectionError an address without one.
+    """
     if arguments.ray is not None:
         from .ray_cluster import RayCluster
 
         address = None if arguments.ray == _LOCAL else arguments.ray
         return RayCluster(address, arguments.workers)
-    return local(arguments.workers)
+    return InThreads(threads) if arguments.workers == 1 and threads > 1 else local(arguments.workers)
 
 
 def local(workers: int) -> Executor:

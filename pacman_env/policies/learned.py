@@ -32,7 +32,7 @@ _NODES: dict[str, _Nodes] = {
 
 
 class LearnedPlanner(BasePolicy):
-    """The candidate with the highest logit of a trained network; a copy reads the file again.
+    """The candidate with the highest logit of a trained network; a copy, also on another machine, has the same model.
 
     ``path``: an ONNX file with its metadata beside it (None: the package's own); ``threads``: of onnxruntime.
     """
@@ -44,12 +44,15 @@ class LearnedPlanner(BasePolicy):
             raise ValueError(f"policy 'ppo': {PRETRAINED} is missing, name an ONNX file of your own instead")
         self.path = PRETRAINED if path is None else Path(path).absolute()
         self.name = self.path.stem
-        self._arguments = (None if path is None else self.path, threads)
-        self.metadata, model = read_planner(self.path)
-        self._session = _session(model, self.path, threads)
+        self.metadata, self._model = read_planner(self.path)
+        self._threads = threads
+        self._session = _session(self._model, self.path, threads)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), self._arguments
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_session": None}  # a copy in another process has a session of its own
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, _session=_session(state["_model"], state["path"], state["_threads"]))
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
         """(N, C) logits, -inf for what may not be chosen; raises ValueError where the situation has no maps."""

@@ -22,7 +22,10 @@ from pacman_env import __version__
 from pacman_env.cli.command import Parser, guarded
 from pacman_env.cli.options import parse_options
 from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative, Share, require
+from pacman_env.engine.threads import cores
 from pacman_env.episodes.statistics import wilson
+from pacman_env.executors.base import Executor
+from pacman_env.executors.choice import add_executor_arguments, executor_arguments, executor_of
 from pacman_env.files import write_json
 from pacman_env.game.ghosts import POLICY, WANDER
 from pacman_env.policies.base import Policy
@@ -33,12 +36,15 @@ from pacman_env.policies.registry import make_policy
 from pacman_env.training.arguments import FOLDER, load_hyperparameters
 from pacman_env.training.arguments import Arguments as GameArguments
 from pacman_env.training.checkpoint import facts_path, load_network, read_facts, restore
+from pacman_env.training.collector import Collector
 from pacman_env.training.export import export_planner, network_of
 from pacman_env.training.facts import facts_of
-from pacman_env.training.games import GhostGames, TrainingGames, make_games, make_ghost_games
-from pacman_env.training.learner import Learner, imitate, use_device
+from pacman_env.training.fragments import use_device
+from pacman_env.training.games import Part, make_ghost_parts, make_parts
+from pacman_env.training.held_out import HeldOut
+from pacman_env.training.learner import Learner, imitate
 from pacman_env.training.lineups import LEARNED
-from pacman_env.training.ppo import HeldOut, progress_bar
+from pacman_env.training.ppo import progress_bar
 
 _PROG = "pacman-env adversary"
 BUILT_IN = ("wander", "arcade", "chase")  # behaviours of the environment
@@ -107,35 +113,44 @@ QUICK = Arguments(
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    return guarded(_PROG, lambda: _run(parse(sys.argv[1:] if argv is None else argv)), "train")
+    given = sys.argv[1:] if argv is None else argv
+
+    def begin() -> None:
+        arguments = parse(given)
+        with executor_of(executor_arguments(given), arguments.threads or cores()) as executor:
+            _run(arguments, executor)
+
+    return guarded(_PROG, begin, "train")
 
 
-def _run(arguments: Arguments) -> None:
+def _run(arguments: Arguments, executor: Executor) -> None:
     use_device("cpu")
     if arguments.measure is None:
-        Alternation(arguments).run()
+        Alternation(arguments, executor).run()
     else:
-        played = robustness(arguments.measure, arguments.clyde, _games(arguments, _PLANNER), arguments.evaluation)
-        print(played.render())
+        table = Table(_games(arguments, _PLANNER), arguments.evaluation, executor)
+        print(robustness(arguments.measure, arguments.clyde, table).render())
 
 
 def parse(argv: Sequence[str]) -> Arguments:
     parser = Parser(prog=_PROG, description=Arguments.__doc__, allow_abbrev=False)
     parser.add_argument("--quick", action="store_true", help="two minutes on two cores")
+    add_executor_arguments(parser)
     return parse_options(parser, argv, QUICK if "--quick" in argv else Arguments())
 
 
 class Alternation:
-    def __init__(self, arguments: Arguments) -> None:
+    def __init__(self, arguments: Arguments, executor: Executor) -> None:
         self.arguments, self.folder, self._began = arguments, arguments.out, time.perf_counter()
+        self._executor = executor
         self.record = self.folder / "record.json"
         if self.record.exists():
             raise ValueError(f"{self.folder}: there is a run already; give another --out")
         self.folder.mkdir(parents=True, exist_ok=True)
-        self.table = Table(_games(arguments, _PLANNER), arguments.evaluation)
+        self.table = Table(_games(arguments, _PLANNER), arguments.evaluation, executor)
         self.rounds: list[dict[str, Any]] = []
         clyde = Learner(_games(arguments, _CLYDE).hyper, _seeds(arguments, _CLYDE, 1)[0], threads=arguments.threads)
-        planner, trained_before = starting_model(arguments)
+        planner, trained_before = starting_model(arguments, executor)
         self._models, self._decisions = [planner, clyde], [trained_before, 0]
 
     def run(self) -> None:
@@ -156,15 +171,15 @@ class Alternation:
     def _round(self, number: int, bar: Any) -> None:
         before, clyde, after = f"planner-{number - 1}", f"clyde-{number}", f"planner-{number}"
         robot = LearnedPlanner(self._path(before))
-        games = make_ghost_games(_games(self.arguments, _CLYDE), number - 1, robot)
-        clyde_seconds = self._learn(_CLYDE, number, games, bar)
+        clyde_parts = make_ghost_parts(_games(self.arguments, _CLYDE), number - 1, robot)
+        clyde_seconds = self._learn(_CLYDE, number, clyde_parts, bar)
         self._export(_CLYDE, clyde)
         clydes = [LearnedPlanner(self._path(f"clyde-{k}")) for k in range(1, number + 1)]
         planner_seconds = 0.0
         if self.arguments.planner_decisions > 0:
-            pool = partial(make_pool, clydes, self.arguments.wander)
-            rounds = make_games(_games(self.arguments, _PLANNER, LEARNED), number, pool)
-            planner_seconds = self._learn(_PLANNER, number, rounds, bar)
+            pool = make_pool(clydes, self.arguments.wander)
+            parts = make_parts(_games(self.arguments, _PLANNER, LEARNED), number, pool)
+            planner_seconds = self._learn(_PLANNER, number, parts, bar)
         self._export(_PLANNER, after)
         self.table.play(before, [clyde])
         for policy in (after, *RULES):
@@ -184,13 +199,13 @@ class Alternation:
         self._export(_CLYDE, clyde, {f"completed_{name}": shares[name][clyde] for name in (before, after, *RULES)})
         self._write()
 
-    def _learn(self, side: int, number: int, games: TrainingGames | GhostGames, bar: Any) -> float:
+    def _learn(self, side: int, number: int, parts: list[Part], bar: Any) -> float:
         """PPO of one side in its games; returns how long it took, s."""
         model, (torch_seed, games_seed) = self._models[side], _seeds(self.arguments, side, number)
         torch.manual_seed(torch_seed)
         model.decisions = 0  # of this round: its rates begin anew
         began = time.perf_counter()
-        with contextlib.closing(games):
+        with contextlib.closing(Collector(parts, self._executor)) as games:
             model.learn(games, model.hyper.decisions, games_seed, bar)
         self._decisions[side] += model.decisions
         return time.perf_counter() - began
@@ -216,7 +231,7 @@ class Alternation:
         write_json(self.record, content)
 
 
-def starting_model(arguments: Arguments) -> tuple[Learner, int]:
+def starting_model(arguments: Arguments, executor: Executor) -> tuple[Learner, int]:
     """The planner to begin with, and how many decisions it has been trained for."""
     game, path = _games(arguments, _PLANNER), arguments.start
     torch_seed, games_seed = _seeds(arguments, _PLANNER, 0)
@@ -224,7 +239,7 @@ def starting_model(arguments: Arguments) -> tuple[Learner, int]:
     if path is None:
         model = make()
         if arguments.imitation > 0:
-            with contextlib.closing(make_games(game, 0)) as games:
+            with contextlib.closing(Collector(make_parts(game, 0), executor)) as games:
                 imitate(model, games, arguments.imitation, games_seed=games_seed, seed=torch_seed)
         return model, 0
     if path.suffix == ".onnx":
@@ -272,18 +287,11 @@ def make_pool(learned: Sequence[Policy], wander: float) -> Opponents:
     return Opponents([BehaviourOpponent("wander"), *others], [wander, *[(1.0 - wander) / len(others)] * len(others)])
 
 
-def completed_against(policy: Policy, clyde: str | Policy, arguments: GameArguments, rounds: int) -> NDArray[np.bool_]:
-    """Which of ``rounds`` on validation levels the robot's policy completes against a behaviour or Clyde's policy."""
-    if isinstance(clyde, str):
-        return HeldOut(arguments, rounds, ghosts=(clyde,)).completed(policy)
-    return HeldOut(arguments, rounds, ghosts=(LEARNED,)).completed(policy, clyde)
-
-
 class Table:
     """Share of validation rounds that a policy completes against a Clyde; every pair is played once."""
 
-    def __init__(self, arguments: GameArguments, rounds: int) -> None:
-        self._arguments, self._rounds = arguments, rounds
+    def __init__(self, arguments: GameArguments, rounds: int, executor: Executor) -> None:
+        self._arguments, self._rounds, self._executor = arguments, rounds, executor
         self.files: dict[str, Path] = {}  # of planners and learned Clydes, by name
         self.completed: dict[str, dict[str, NDArray[np.bool_]]] = {}  # by policy, by Clyde
 
@@ -292,8 +300,10 @@ class Table:
         for clyde in clydes:
             if clyde not in row:
                 robot = make_policy(str(self.files.get(policy, policy)))
-                rival = make_policy(str(self.files[clyde])) if clyde in self.files else clyde
-                row[clyde] = completed_against(robot, rival, self._arguments, self._rounds)
+                learned = make_policy(str(self.files[clyde])) if clyde in self.files else None
+                ghosts = (clyde,) if learned is None else (LEARNED,)
+                held_out = HeldOut(self._arguments, self._rounds, self._executor, ghosts=ghosts)
+                row[clyde] = held_out.completed(robot, learned)
 
     def shares(self) -> dict[str, dict[str, float]]:
         completed = self.completed.items()
@@ -312,9 +322,8 @@ class Table:
         return "\n".join(lines)
 
 
-def robustness(planner: Path, clyde: Path | None, arguments: GameArguments, rounds: int) -> Table:
-    """The table of one planner and the rules, for a model card; ``clyde`` is a learned one to be in it too."""
-    table = Table(arguments, rounds)
+def robustness(planner: Path, clyde: Path | None, table: Table) -> Table:
+    """One planner and the rules in an empty table, for a model card; ``clyde`` is a learned one to be in it too."""
     table.files |= {"planner": planner} | ({} if clyde is None else {"clyde": clyde})
     for policy in ("planner", *RULES):
         table.play(policy, BUILT_IN if clyde is None else (*BUILT_IN, "clyde"))

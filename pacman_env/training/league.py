@@ -16,13 +16,15 @@ import torch
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from pacman_env.executors.base import Executor
 from pacman_env.policies.base import Policy
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.opponents import BehaviourOpponent, Opponents
 from pacman_env.training.arguments import Arguments
+from pacman_env.training.collector import Collector
 from pacman_env.training.export import export_planner, network_of
 from pacman_env.training.facts import facts_of
-from pacman_env.training.games import make_ghost_games
+from pacman_env.training.games import make_ghost_parts
 from pacman_env.training.learner import Learner
 from pacman_env.training.lineups import LEARNED
 
@@ -39,8 +41,8 @@ Record = Mapping[str, tuple[int, int]]
 class League:
     """The members that a run has so far, as ONNX files in a folder."""
 
-    def __init__(self, arguments: Arguments, folder: Path) -> None:
-        self._arguments, self._folder = arguments, folder
+    def __init__(self, arguments: Arguments, folder: Path, executor: Executor) -> None:
+        self._arguments, self._folder, self._executor = arguments, folder, executor
 
     def names(self, segment: int) -> list[str]:
         """The members there are in a segment: one more after every ``league_every`` segments."""
@@ -68,7 +70,8 @@ class League:
             learner.network.load_state_dict(network_of(self.path(names[-2])).state_dict())
         torch.manual_seed(seeds[0])
         bar = tqdm(disable=True)
-        with contextlib.closing(make_ghost_games(arguments, segment, planner)) as games:
+        parts = make_ghost_parts(arguments, segment, planner)
+        with contextlib.closing(Collector(parts, self._executor)) as games:
             learner.learn(games, arguments.hyper.decisions, seeds[1], bar)
         export_planner(learner.network, self.path(names[-1]), facts_of(arguments, learner.decisions, {}))
 

@@ -3,12 +3,11 @@
 PPO from random weights hides from Clyde for its first half million decisions; from imitation it begins where the rule
 ends.
 
-Games come in groups: while one is stepped, the network chooses for the other. Situations are packed once, when they
-are met (``network.Packed``). A minibatch goes through the network in pieces that stay in the processor's cache, divided
-among threads; gradients are added in the pieces' order, so the number of threads changes nothing.
+Situations are packed once, when they are met (``network.Packed``). A minibatch goes through the network in pieces that
+stay in the processor's cache, divided among threads; gradients are added in the pieces' order, so the number of threads
+changes nothing.
 """
 
-import os
 import time
 from collections import deque
 from collections.abc import Callable
@@ -23,10 +22,11 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.utils import explained_variance
 
 from pacman_env.engine.threads import cores
-from pacman_env.sb3 import Observation
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
 from pacman_env.training.arguments import Hyperparameters
-from pacman_env.training.games import GhostGames, TrainingGames
+from pacman_env.training.collector import Collector
+from pacman_env.training.fragments import Fragment, check
+from pacman_env.training.games import Ending
 from pacman_env.training.network import EntityNetwork, Packed, Row
 
 #: From the rows of a piece of a minibatch to its part of the minibatch's loss, and of measures of it.
@@ -39,16 +39,11 @@ _ENTROPY = 0.1  # of imitation: keeps the choices from becoming certain, so that
 _ENDINGS = 1000  # endings of earlier rollouts in the logged shares
 
 
-class Choices(NamedTuple):
+class Rollout(NamedTuple):
     situations: Packed
-    order: torch.Tensor  # (B, C) of candidates in them
-    slots: torch.Tensor  # (B,) the candidates chosen, as ``situations`` has them
+    slots: torch.Tensor  # (B,) the candidates chosen, as the situations have them
     log_probs: torch.Tensor  # (B,)
     values: torch.Tensor  # (B,)
-
-
-class Rollout(NamedTuple):
-    choices: Choices
     advantages: torch.Tensor  # (B,)
     returns: torch.Tensor  # (B,)
 
@@ -64,35 +59,19 @@ class Learner:
         self.hyper, self.device, self.threads = hyper, device, threads  # 0 threads: one for each core
         self.decisions = 0  # of PPO so far
         self.logger = Logger(None, [])
-        self._last_rounds: deque[dict[str, Any]] = deque(maxlen=100)
+        self._last_rounds: deque[Ending] = deque(maxlen=100)
 
-    @torch.inference_mode()
-    def choose(self, observation: Observation, deterministic: bool = False) -> tuple[Choices, NDArray[np.int64]]:
-        """A choice for each situation, drawn or (``deterministic``) the likeliest, and the candidates' numbers."""
-        seen = {key: torch.as_tensor(array, device=self.device) for key, array in observation.items()}
-        situations, order = self.network.pack(
-            seen["planner_candidates"], seen["planner_globals"], seen["action_mask"] > 0.5
-        )
-        logits, values = self.network.judge_packed(situations.of(slice(None)))
-        log_probs = logits.log_softmax(dim=1)
-        _check(values + log_probs.sum(dim=1))
-        drawn = log_probs if deterministic else log_probs - torch.empty_like(log_probs).exponential_().log()
-        slots = drawn.argmax(dim=1, keepdim=True)
-        chosen = order.gather(1, slots)[:, 0].cpu().numpy()
-        return Choices(situations, order, slots[:, 0], log_probs.gather(1, slots)[:, 0], values), chosen
-
-    def learn(self, games: TrainingGames | GhostGames, decisions: int, seed: int, bar: Any) -> None:
+    def learn(self, games: Collector, decisions: int, seed: int, bar: Any) -> None:
         """PPO for at least so many more decisions, in new rounds of the games, whose seed is given."""
         first, began = self.decisions, time.perf_counter()
-        observation = games.reset(seed)
-        seen = [{key: array[rows] for key, array in observation.items()} for rows in games.groups]
+        games.reset(seed)
         met = Row(self.hyper.n_steps * games.num_envs)
         endings: list[str] = []
         while self.decisions < first + decisions:
-            rollout, ended = self.collect(games, seen, met, bar)
+            rollout, ended = self.collect(games, met, bar)
             self.decisions += len(rollout.returns)
-            self._last_rounds.extend(info["episode"] for info in ended if "episode" in info)
-            endings += [info["outcome"] for info in ended]
+            self._last_rounds.extend(ended)
+            endings += [ending.outcome for ending in ended]
             if endings:
                 complete, timeout = (endings.count(outcome) / len(endings) for outcome in ("complete", "timeout"))
                 self.logger.record("rollout/completed", complete)
@@ -100,43 +79,26 @@ class Learner:
                 bar.set_postfix(completed=f"{complete:.1%}", timeout=f"{timeout:.1%}", refresh=False)
                 del endings[:-_ENDINGS]
             if self._last_rounds:
-                for name, key in (("ep_rew_mean", "r"), ("ep_len_mean", "l")):
-                    self.logger.record(f"rollout/{name}", np.mean([one[key] for one in self._last_rounds]))
+                self.logger.record("rollout/ep_rew_mean", np.mean([ending.reward for ending in self._last_rounds]))
+                self.logger.record("rollout/ep_len_mean", np.mean([ending.length for ending in self._last_rounds]))
             self.logger.record("time/fps", int((self.decisions - first) / (time.perf_counter() - began)))
             self.logger.dump(self.decisions)
             self.update(rollout)
 
-    def collect(
-        self, games: TrainingGames | GhostGames, seen: list[Observation], met: Row, bar: Any
-    ) -> tuple[Rollout, list[dict[str, Any]]]:
-        """``n_steps`` decisions in each game, and infos of the rounds that ended.
-
-        ``seen`` has each group's observation, first and then last; ``met`` is the memory of the situations.
-        """
-        steps = self.hyper.n_steps
-        outputs: list[tuple[torch.Tensor, ...]] = []
-        endings: list[dict[str, Any]] = []
+    def collect(self, games: Collector, met: Row, bar: Any) -> tuple[Rollout, list[Ending]]:
+        """``n_steps`` decisions in each game, and the rounds that ended; ``met`` is the memory of the situations."""
+        hyper = self.hyper
+        played = games.play(self.network, hyper.n_steps, on_fragment=lambda one: bar.update(len(one.slots)))
         met.clear()
-        values = torch.zeros(steps + 1, games.num_envs)
-        rewards, dones = np.zeros((2, steps, games.num_envs), dtype=np.float32)
-        for t in range(steps + 1):
-            for k, rows in enumerate(games.groups):
-                if t > 0:
-                    seen[k], rewards[t - 1, rows], ended, infos = games.receive(k)
-                    dones[t - 1, rows] = ended
-                    endings += [infos[i] for i in np.flatnonzero(ended)]
-                    bar.update(len(ended))
-                choices, actions = self.choose(seen[k])
-                values[t, rows] = choices.values.cpu()
-                if t < steps:
-                    games.send(k, actions)
-                    met.add(choices.situations)
-                    outputs.append(choices[1:])
-        found = advantages(
-            torch.from_numpy(rewards), values, torch.from_numpy(dones), self.hyper.gamma, self.hyper.gae_lambda
-        )
-        both = (array.flatten().to(self.device) for array in (found, found + values[:-1]))
-        return Rollout(Choices(met.situations(), *map(torch.cat, zip(*outputs, strict=True))), *both), endings
+        rows: list[tuple[torch.Tensor, ...]] = []
+        for one in played:
+            met.add(Packed(*(tensor(array).to(self.device) for array in one.situations)))
+            values = tensor(one.values)
+            found = advantages(tensor(one.rewards), values, tensor(one.dones).float(), hyper.gamma, hyper.gae_lambda)
+            flat = (values[:-1], found, found + values[:-1])
+            rows.append((tensor(one.slots), tensor(one.log_probs), *(array.flatten() for array in flat)))
+        joined = (torch.cat(parts).to(self.device) for parts in zip(*rows, strict=True))
+        return Rollout(met.situations(), *joined), [ending for one in played for ending in one.endings]
 
     def update(self, rollout: Rollout) -> None:
         """Some epochs over the rollout; raises FloatingPointError if the losses are not finite."""
@@ -144,18 +106,18 @@ class Learner:
         pairs = hyper.learning_rate, hyper.ent_coef
         rate, entropy_weight = (first + (last - first) * progress for first, last in pairs)
         self.optimizer.param_groups[0]["lr"] = rate
-        choices, gains, returns = rollout
+        gains = rollout.advantages
 
         def loss_of(rows: torch.Tensor) -> PieceLoss:
             scaled = (gains - gains[rows].mean()) / (gains[rows].std() + 1e-8)
             return partial(self._loss, rollout, scaled, entropy_weight, len(rows))
 
-        counts = choices.situations.counts
+        counts = rollout.situations.counts
         means = self.descend(self.optimizer, loss_of, counts, epochs=hyper.n_epochs, size=hyper.batch_size)
-        _check(means)
+        check(means)
         for name, value in zip(_MEASURES, means.tolist(), strict=True):
             self.logger.record(f"train/{name}", value)
-        explained = explained_variance(choices.values.cpu().numpy(), returns.cpu().numpy())
+        explained = explained_variance(rollout.values.cpu().numpy(), rollout.returns.cpu().numpy())
         self.logger.record("train/explained_variance", explained)
         self.logger.record("train/learning_rate", rate)
         self.logger.record("train/clip_range", hyper.clip_range)
@@ -164,15 +126,14 @@ class Learner:
         self, rollout: Rollout, gains: torch.Tensor, entropy_weight: float, count: int, rows: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """PPO's loss of some rows of a minibatch of ``count``, and their part in ``_MEASURES``."""
-        choices, _, returns = rollout
         clip = self.hyper.clip_range
-        logits, values = self.network.judge_packed(choices.situations.of(rows))
+        logits, values = self.network.judge_packed(rollout.situations.of(rows))
         log_probs = logits.log_softmax(dim=1)
         entropy = -(log_probs.exp() * log_probs).sum()
-        log_ratio = log_probs.gather(1, choices.slots[rows, None])[:, 0] - choices.log_probs[rows]
+        log_ratio = log_probs.gather(1, rollout.slots[rows, None])[:, 0] - rollout.log_probs[rows]
         ratio, gain = log_ratio.exp(), gains[rows]
         objective = torch.min(gain * ratio, gain * ratio.clamp(1 - clip, 1 + clip)).sum()
-        error = (values - returns[rows]).square().sum()
+        error = (values - rollout.returns[rows]).square().sum()
         with torch.no_grad():
             clipped, divergence = ((ratio - 1).abs() > clip).sum(), (ratio - 1 - log_ratio).sum()
             measures = torch.stack([-objective, error, -entropy, divergence, clipped]) / count
@@ -230,7 +191,7 @@ class _Labels(NamedTuple):
         return (0.5 * error - (labelled * taught).sum() - _ENTROPY * entropy) / count, torch.zeros(0)
 
 
-def imitate(model: Learner, games: TrainingGames, decisions: int, *, games_seed: int, seed: int) -> dict[str, float]:
+def imitate(model: Learner, games: Collector, decisions: int, *, games_seed: int, seed: int) -> dict[str, float]:
     """Fit the network to what the games' teachers would choose in so many situations; ``seed`` orders minibatches.
 
     In the first of four rounds the rule plays, in the others the network does and the rule labels the situations, so
@@ -241,12 +202,24 @@ def imitate(model: Learner, games: TrainingGames, decisions: int, *, games_seed:
     optimizer = torch.optim.Adam(model.network.parameters(), lr=_RATE)
     generator = torch.Generator().manual_seed(seed)
     met, labelled = Row(_ROUNDS * steps * games.num_envs), list[_Labels]()
-    observation = games.reset(games_seed)
+    games.reset(games_seed)
     for number in range(_ROUNDS):
-        observation, labels, agreement = _play(model, games, steps, observation, number > 0, met)
-        labelled.append(labels)
+        played = games.play(model.network, steps, "labelled" if number > 0 else "taught")
+        for one in played:
+            met.add(Packed(*(tensor(array).to(model.device) for array in one.situations)))
+            labelled.append(_labels(model, one))
         _fit(model, optimizer, met.situations(), _Labels(*map(torch.cat, zip(*labelled, strict=True))), generator)
-    return {"agreement": agreement}
+    return {"agreement": float(np.average([one.agreed for one in played], weights=[len(one.slots) for one in played]))}
+
+
+def _labels(model: Learner, played: Fragment) -> _Labels:
+    returns, known = discounted(played.rewards, played.dones, model.hyper.gamma)
+    return _Labels(*(tensor(array.ravel()).to(model.device) for array in (played.slots.copy(), returns, known)))
+
+
+def tensor(array: NDArray[Any]) -> torch.Tensor:
+    """The same memory where it may be written to, as torch wants it: what comes from another process may not be."""
+    return torch.from_numpy(np.require(array, requirements="W"))
 
 
 def _fit(
@@ -256,28 +229,6 @@ def _fit(
         return partial(labels.loss, model, met, len(rows))
 
     model.descend(optimizer, loss_of, met.counts, epochs=_EPOCHS, size=_BATCH, generator=generator)
-
-
-def _play(
-    model: Learner, games: TrainingGames, steps: int, observation: Observation, alone: bool, met: Row
-) -> tuple[Observation, _Labels, float]:
-    """Play on, the rule or (``alone``) the model, and add the situations to those ``met``.
-
-    Returns the last observation, the labels, and how often they agreed.
-    """
-    n = games.num_envs
-    slots: list[torch.Tensor] = []
-    rewards, dones = np.zeros((steps, n), dtype=np.float32), np.zeros((steps, n), dtype=np.bool_)
-    agreed = 0.0
-    for t in range(steps):
-        labels = games.choices()
-        choices, own = model.choose(observation, deterministic=True)
-        agreed += float((own == labels).mean()) / steps
-        met.add(choices.situations)
-        slots.append((choices.order == torch.as_tensor(labels, device=model.device)[:, None]).byte().argmax(dim=1))
-        observation, rewards[t], dones[t], _ = games.step(own if alone else labels)
-    flat = (torch.from_numpy(array.ravel()).to(model.device) for array in discounted(rewards, dones, model.hyper.gamma))
-    return observation, _Labels(torch.cat(slots), *flat), agreed
 
 
 def discounted(
@@ -303,24 +254,3 @@ def advantages(
         running = rewards[t] + going * values[t + 1] - values[t] + going * gae_lambda * running
         found[t] = running
     return found
-
-
-def use_device(name: str) -> str:
-    """Set torch up so that the same training gives the same bits; raises ValueError if the device cannot be used."""
-    os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # else its sums come in any order
-    torch.set_deterministic_debug_mode("error")  # its other name takes two seconds to import a compiler
-    torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]  # none is read
-    torch.set_num_threads(1)  # threads are the learner's
-    torch.empty(31 << 20, dtype=torch.uint8)  # freed: glibc then reuses blocks so large (a fifth of the time)
-    if name.partition(":")[0] not in ("cpu", "cuda"):
-        raise ValueError(f"device = {name!r}: must be cpu or cuda, or cuda:N of several")
-    try:
-        torch.zeros(1, device=name)
-    except (RuntimeError, AssertionError) as error:
-        raise ValueError(f"device = {name!r}: cannot be used: {str(error).splitlines()[0]}") from None
-    return name
-
-
-def _check(numbers: torch.Tensor) -> None:
-    if not torch.isfinite(numbers).all():
-        raise FloatingPointError("the training has diverged: logits are no numbers any more")

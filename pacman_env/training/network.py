@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import torch
+from numpy.typing import NDArray
 from torch import nn
 from torch.nn import functional
 
@@ -47,7 +48,7 @@ class Row:
     """Situations one behind the other, in memory that is allocated once: large blocks that come and go cost time."""
 
     def __init__(self, room: int) -> None:
-        self._room, self._count = room, 0
+        self.room, self._count = room, 0
         self._all: Packed | None = None
 
     def clear(self) -> None:
@@ -55,7 +56,7 @@ class Row:
 
     def add(self, part: Packed) -> None:
         if self._all is None:
-            self._all = Packed(*(torch.empty(self._room, *a.shape[1:], dtype=a.dtype, device=a.device) for a in part))
+            self._all = Packed(*(torch.empty(self.room, *a.shape[1:], dtype=a.dtype, device=a.device) for a in part))
         last = self._count + len(part.counts)
         for array, new in zip(self._all, part, strict=True):
             array[self._count : last] = new
@@ -111,6 +112,12 @@ class EntityNetwork(nn.Module):
         self.register_buffer("shown", shown)
         self.dropped_kinds = tuple(dropped_kinds)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy is on the CPU. Pickled tensors would lie in memory that only processes of one machine share."""
+        weights = {name: tensor.cpu().numpy() for name, tensor in self.state_dict().items()}
+        sizes = self.candidate_features, self.encode_candidate.in_features - self.candidate_features, self.width
+        return _with_weights, (sizes, self.dropped_kinds, weights)
+
     def forward(
         self, candidates: torch.Tensor, whole: torch.Tensor, mask: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
@@ -149,3 +156,12 @@ class EntityNetwork(nn.Module):
         """A layer over [own numbers, context] as two: the context's part is computed once per situation."""
         own, context = layer.weight[:, :inputs] * shown, layer.weight[:, inputs:]
         return partial(functional.linear, weight=own), partial(functional.linear, weight=context, bias=layer.bias)
+
+
+def _with_weights(
+    sizes: tuple[int, int, int], dropped_kinds: tuple[int, ...], weights: dict[str, NDArray[Any]]
+) -> EntityNetwork:
+    with torch.random.fork_rng(devices=[]):  # a network draws its first weights, which are not kept
+        network = EntityNetwork(*sizes, dropped_kinds=dropped_kinds)
+    network.load_state_dict({name: torch.tensor(array) for name, array in weights.items()})
+    return network

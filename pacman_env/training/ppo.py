@@ -10,7 +10,6 @@ import argparse
 import contextlib
 import copy
 import dataclasses
-import functools
 import json
 import sys
 import time
@@ -20,41 +19,44 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from stable_baselines3.common.logger import configure
 from tqdm import tqdm
 
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, guarded
 from pacman_env.cli.options import parse_options
-from pacman_env.config import Config
-from pacman_env.episodes.rollout import episode_seeds, play_in
+from pacman_env.engine.threads import cores
 from pacman_env.episodes.statistics import paired_difference, wilson
+from pacman_env.executors.base import Executor, InThreads
+from pacman_env.executors.choice import add_executor_arguments, executor_arguments, executor_of
 from pacman_env.files import write_json
-from pacman_env.game.execution import COMPLETE
-from pacman_env.game.ghosts import POLICY
 from pacman_env.policies.base import Policy
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.assets import MapAssets
-from pacman_env.sim.maps.level_source import TEST_LEVEL, GeneratedMaps
 from pacman_env.training import checkpoint
 from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
+from pacman_env.training.collector import Collector
 from pacman_env.training.export import export_planner
 from pacman_env.training.facts import facts_of
-from pacman_env.training.games import VALIDATION_LEVEL, clyde_limit, dropped, game_config, lineup_speeds, make_games
+from pacman_env.training.fragments import use_device
+from pacman_env.training.games import clyde_limit, dropped, game_config, make_parts
+from pacman_env.training.held_out import HeldOut
 from pacman_env.training.league import League, Record
-from pacman_env.training.learner import Learner, imitate, use_device
-from pacman_env.training.lineups import LEARNED, behaviours, teacher_name
+from pacman_env.training.learner import Learner, imitate
+from pacman_env.training.lineups import teacher_name
 
 AfterSegment = Callable[[dict[str, Any]], None]
-_HELD_OUT = 128  # levels that rounds for validation, and for the report, are drawn from
-_BATCH = 128  # rounds at once
 _RULES = ("clyde_aware", "lookahead", "nearest")
 _PROG = "pacman-env train"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    return guarded(_PROG, lambda: run(parse(sys.argv[1:] if argv is None else argv)), "train")
+    given = sys.argv[1:] if argv is None else argv
+
+    def begin() -> None:
+        arguments = parse(given)
+        with executor_of(executor_arguments(given), arguments.threads or cores()) as executor:
+            run(arguments, executor)
+
+    return guarded(_PROG, begin, "train")
 
 
 def parse(argv: Sequence[str]) -> Arguments:
@@ -63,6 +65,7 @@ def parse(argv: Sequence[str]) -> Arguments:
     first.add_argument("--quick", action="store_true", help="about a minute on two cores")
     file = FOLDER / "PacManBot-v0.yaml"
     first.add_argument("--config", type=Path, default=file, help="hyperparameters (%(default)s)")
+    add_executor_arguments(first)
     chosen, rest = first.parse_known_args(argv)
     scratch = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     scratch.add_argument("--imitation")
@@ -75,24 +78,30 @@ def parse(argv: Sequence[str]) -> Arguments:
     return parse_options(parser, argv, default)
 
 
-def run(arguments: Arguments) -> None:
+def run(arguments: Arguments, executor: Executor) -> None:
     started = time.perf_counter()
-    folder, model = train(arguments)
+    folder, model = train(arguments, executor=executor)
     planner = _planner(arguments, model)
     pool = folder.league.pool(arguments.hyper.segments - 1, folder.against_league())
-    print(_report(arguments, planner, pool, time.perf_counter() - started))
+    print(_report(arguments, executor, planner, pool, time.perf_counter() - started))
     out = arguments.out / "planner.onnx"
     export_planner(planner.network, out, checkpoint.read_facts(checkpoint.facts_path(folder.last)))
     print(f"written: {out} (as a policy: pacman-env compare --policies {out})")
 
 
-def train(arguments: Arguments, after_segment: AfterSegment = lambda record: None) -> tuple[Run, Learner]:
+def train(
+    arguments: Arguments, after_segment: AfterSegment = lambda record: None, executor: Executor | None = None
+) -> tuple[Run, Learner]:
     """All segments that are left; the run's folder and the model as the last one left it.
 
     ``after_segment`` is called with the record of each segment, also of those before; what it raises ends the training.
+    ``executor`` plays the games; None: threads of this process.
     """
+    if executor is None:
+        with InThreads(arguments.threads or cores()) as threads:
+            return train(arguments, after_segment, threads)
     device = use_device(arguments.device)
-    folder = Run(arguments)
+    folder = Run(arguments, executor)
     hyper, begun = arguments.hyper, len(folder.segments)
     bar = progress_bar(hyper.segments * hyper.segment, arguments.progress, begun * hyper.segment)
     for record in folder.segments:
@@ -103,7 +112,7 @@ def train(arguments: Arguments, after_segment: AfterSegment = lambda record: Non
             checkpoint.restore(folder.checkpoint(begun - 1), model.network, model.optimizer)
         model.logger = configure(str(arguments.out), ["tensorboard"])
         with contextlib.closing(model.logger):
-            validation = HeldOut(arguments, arguments.evaluation)
+            validation = HeldOut(arguments, arguments.evaluation, executor)
             for segment in range(begun, hyper.segments):
                 _segment(folder, segment, model, validation, bar)
                 after_segment(folder.segments[-1])
@@ -116,14 +125,15 @@ def _segment(folder: Run, segment: int, model: Learner, validation: HeldOut, bar
     began = time.perf_counter()
     if folder.league.is_due(segment):
         folder.league.train(segment, _planner(arguments, model))
-    pool = functools.partial(folder.league.pool, segment, folder.against_league())
+    pool = folder.league.pool(segment, folder.against_league())
     again = folder.segments[-1]["again"] if folder.segments else {}
-    with contextlib.closing(make_games(arguments, segment, pool, again)) as games:
+    parts = make_parts(arguments, segment, pool, again)
+    with contextlib.closing(Collector(parts, folder.executor)) as games:
         torch.manual_seed(seeds[0])
         imitation = {}
         if segment == 0 and hyper.imitation > 0:
             imitation = imitate(model, games, hyper.imitation, games_seed=seeds[1], seed=seeds[2])
-            imitation["imitated"] = validation.shares(validation.completed(_planner(arguments, model), pool()))[0]
+            imitation["imitated"] = validation.shares(validation.completed(_planner(arguments, model), pool))[0]
             rules = " and ".join(dict.fromkeys(map(teacher_name, hyper.lineups)))
             bar.write(f"{rules} imitated: {imitation['imitated']:.1%} of validation rounds completed")
         model.decisions = segment * hyper.segment
@@ -131,7 +141,7 @@ def _segment(folder: Run, segment: int, model: Learner, validation: HeldOut, bar
         model.learn(games, hyper.segment, seeds[1], bar)
         ended = time.perf_counter()
         again = games.counts.best()
-    completed = validation.completed(_planner(arguments, model), pool())
+    completed = validation.completed(_planner(arguments, model), pool)
     share, each = validation.shares(completed)
     met = validation.learned()
     speed = hyper.segment / (ended - learning)
@@ -140,7 +150,7 @@ def _segment(folder: Run, segment: int, model: Learner, validation: HeldOut, bar
         "decisions": model.decisions,
         "completed": share,
         "completed_against": each,
-        "against_league": folder.league.record(segment, validation.seeds[met], completed[met], pool()),
+        "against_league": folder.league.record(segment, validation.seeds[met], completed[met], pool),
         "again": again,
         "clyde_limit_mps": clyde_limit(arguments, segment),
         "seconds": round(ended - began, 1),
@@ -148,25 +158,27 @@ def _segment(folder: Run, segment: int, model: Learner, validation: HeldOut, bar
     }
     folder.write(model, result | imitation)
     model.logger.record("validation/completed", share)
-    parts = ""
+    shown = ""
     if len(each) > 1:
         for lineup, part in each.items():
             model.logger.record(f"validation/completed_{lineup.replace(',', '_')}", part)
-        parts = f" ({'; '.join(f'{lineup} {part:.1%}' for lineup, part in each.items())})"
+        shown = f" ({'; '.join(f'{lineup} {part:.1%}' for lineup, part in each.items())})"
     model.logger.dump(model.decisions)
-    bar.write(f"{model.decisions} decisions: {share:.1%} of validation rounds completed{parts} ({speed:.0f}/s)")
+    bar.write(f"{model.decisions} decisions: {share:.1%} of validation rounds completed{shown} ({speed:.0f}/s)")
 
 
 def _planner(arguments: Arguments, model: Learner) -> checkpoint.TorchPlanner:
     return checkpoint.TorchPlanner("ppo", copy.deepcopy(model.network).cpu(), game_config(arguments).robot.speed_mps)
 
 
-def _report(arguments: Arguments, planner: checkpoint.TorchPlanner, learned: Policy, seconds: float) -> str:
+def _report(
+    arguments: Arguments, executor: Executor, planner: checkpoint.TorchPlanner, learned: Policy, seconds: float
+) -> str:
     hyper = arguments.hyper
     lines = [f"{hyper.segments * hyper.segment} decisions, seed {arguments.seed}, {seconds:.0f} s"]
     if arguments.evaluation == 0:
         return lines[0]
-    test = HeldOut(arguments, arguments.evaluation, test=True)
+    test = HeldOut(arguments, arguments.evaluation, executor, test=True)
     compared: dict[str, str | Policy] = {planner.name: planner, **{rule: rule for rule in _RULES}}
     played = {name: test.completed(policy, learned) for name, policy in compared.items()}
     low, high = hyper.clyde_speed
@@ -185,79 +197,15 @@ def _report(arguments: Arguments, planner: checkpoint.TorchPlanner, learned: Pol
     return "\n".join(lines)
 
 
-class _KeptLevels(GeneratedMaps):
-    """Levels that stay prepared, for one batch after the other."""
-
-    def __init__(self, config: Config, start_level: int, num_levels: int) -> None:
-        super().__init__(config, start_level, num_levels)
-        self._kept: dict[int, MapAssets] = {}
-
-    def prepare(self, level: int) -> MapAssets:
-        if level not in self._kept:
-            self._kept[level] = super().prepare(level)
-        return self._kept[level]
-
-
-class HeldOut:
-    """Validation or test rounds, as in training with a decision each tick; levels stay prepared between evaluations.
-
-    The rounds are shared evenly over ``ghosts``, different line-ups: by default those of the training.
-    """
-
-    def __init__(
-        self, arguments: Arguments, rounds: int, *, test: bool = False, ghosts: Sequence[str] | None = None
-    ) -> None:
-        lineups = arguments.hyper.lineups if ghosts is None else ghosts
-        self._config = game_config(arguments).with_fields(**{"decisions.when": "tick"})
-        self._arguments, self._test, self._threads = arguments, test, arguments.threads
-        self.seeds = episode_seeds(arguments.seed if test else VALIDATION_LEVEL, rounds)
-        ends = [rounds * k // len(lineups) for k in range(len(lineups) + 1)]
-        #: Which of the rounds are played against each line-up.
-        self.rows = {lineup: slice(*ends[k : k + 2]) for k, lineup in enumerate(lineups)}
-
-    @functools.cached_property
-    def _levels(self) -> GeneratedMaps:
-        first = TEST_LEVEL if self._test else VALIDATION_LEVEL
-        return _KeptLevels(self._config, first, _HELD_OUT)
-
-    def completed(self, policy: str | Policy, learned: Policy | None = None) -> NDArray[np.bool_]:
-        """(E,) the rounds that were completed; ``learned`` moves the ghosts of that name."""
-        found = np.zeros(len(self.seeds), dtype=np.bool_)
-        for lineup, rows in self.rows.items() if len(found) else ():
-            names = behaviours(lineup)
-            ghosts = {} if learned is None else {k: learned for k, name in enumerate(names) if name == LEARNED}
-            changes: dict[str, Any] = {
-                "clyde.ghosts": tuple(POLICY if k in ghosts else name for k, name in enumerate(names))
-            }
-            changes |= {"randomize.clyde_speed_mps": lineup_speeds(self._arguments, lineup)}
-            config = self._config.with_fields(**changes)
-            games = GameBatch(self._levels, config, min(_BATCH, rows.stop - rows.start), self._threads)
-            records, _ = play_in(games, policy, self.seeds[rows], ghosts=ghosts, timed=False)
-            found[rows] = records["end"] == COMPLETE
-        return found
-
-    def shares(self, completed: NDArray[np.bool_]) -> tuple[float, dict[str, float]]:
-        """Of the rounds (E,) that were completed: of all, and of those against each line-up; 0 without rounds."""
-        if len(self.seeds) == 0:
-            return 0.0, dict.fromkeys(self.rows, 0.0)
-        return float(completed.mean()), {lineup: float(completed[rows].mean()) for lineup, rows in self.rows.items()}
-
-    def learned(self) -> NDArray[np.int64]:
-        """Numbers of the rounds in which a ghost is moved by a member of the league."""
-        numbers = np.arange(len(self.seeds))
-        parts = [numbers[rows] for lineup, rows in self.rows.items() if LEARNED in behaviours(lineup)]
-        return np.concatenate([*parts, numbers[:0]])
-
-
 class Run:
     """A run in a folder: ``run.json``, ``last.zip``, ``best.zip`` and TensorBoard's files."""
 
-    def __init__(self, arguments: Arguments) -> None:
-        self.arguments = arguments
+    def __init__(self, arguments: Arguments, executor: Executor) -> None:
+        self.arguments, self.executor = arguments, executor
         self.folder = arguments.out
         self.segments: list[dict[str, Any]] = []
         self.record = self.folder / "run.json"
-        self.league = League(arguments, self.folder)
+        self.league = League(arguments, self.folder, executor)
         self.best, self.last = self.folder / "best.zip", self.folder / "last.zip"
         if arguments.resume:
             self._read()

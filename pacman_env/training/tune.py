@@ -6,6 +6,7 @@ interrupted goes on to the same trials.
 
 import dataclasses
 import json
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,9 @@ from optuna.trial import FrozenTrial, TrialState, create_trial
 from pacman_env.cli.command import Parser, guarded
 from pacman_env.cli.options import parse_options
 from pacman_env.config.validation import AtLeastOne, Checked, Count
+from pacman_env.engine.threads import cores
+from pacman_env.executors.base import Executor
+from pacman_env.executors.choice import add_executor_arguments, executor_arguments, executor_of
 from pacman_env.files import prepare, replaced
 from pacman_env.training.arguments import FOLDER, Arguments, Hyperparameters, load_hyperparameters
 from pacman_env.training.ppo import check_same, train
@@ -69,16 +73,23 @@ class Study(Checked):
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="pacman-env tune", description=Study.__doc__)
+    add_executor_arguments(parser)
+    given = sys.argv[1:] if argv is None else argv
 
     def run() -> None:
-        best = search(parse_options(parser, argv, Study()))
+        study = parse_options(parser, given, Study())
+        with executor_of(executor_arguments(given), study.threads or cores()) as executor:
+            best = search(study, executor)
         print(f"written: {best} (to train with it: pacman-env train --config {best})")
 
     return guarded(parser.prog, run, "train")
 
 
-def search(settings: Study) -> Path:
-    """Run the trials that are left; the file of the best one's hyperparameters, written after each trial."""
+def search(settings: Study, executor: Executor | None = None) -> Path:
+    """Run the trials that are left; the file of the best one's hyperparameters, written after each trial.
+
+    ``executor`` plays the games; None: threads of this process.
+    """
     section = load_hyperparameters(settings.config, settings.section)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     pruner = optuna.pruners.MedianPruner(n_startup_trials=_STARTUP, n_warmup_steps=1)
@@ -91,7 +102,7 @@ def search(settings: Study) -> Path:
         raise ValueError(f"{settings.out}: there is a study already; give --resume or another --out")
     best = settings.out / "best.yaml"
     for number in range(len(study.trials), settings.trials):
-        _play(settings, section, study, number)
+        _play(settings, section, study, number, executor)
         _write(record, head, study.trials)
         _write_best(best, settings, section, study)
     if not _write_best(best, settings, section, study):
@@ -109,7 +120,9 @@ def hyperparameters(section: Hyperparameters, params: dict[str, Any]) -> Hyperpa
     return dataclasses.replace(section, **values, gamma=gamma, imitation=imitation)
 
 
-def _play(settings: Study, section: Hyperparameters, study: optuna.Study, number: int) -> None:
+def _play(
+    settings: Study, section: Hyperparameters, study: optuna.Study, number: int, executor: Executor | None
+) -> None:
     seed = np.random.SeedSequence(settings.seed, spawn_key=(number,)).generate_state(1)[0]
     study.sampler = optuna.samplers.TPESampler(n_startup_trials=_STARTUP, seed=int(seed))
     trial = study.ask(SPACE)
@@ -122,7 +135,7 @@ def _play(settings: Study, section: Hyperparameters, study: optuna.Study, number
             raise optuna.TrialPruned(f"{share:.1%} of validation rounds after {decisions} decisions")
 
     try:
-        folder, _ = train(chosen, judge)
+        folder, _ = train(chosen, judge, executor)
     except optuna.TrialPruned as pruned:
         study.tell(trial, state=TrialState.PRUNED)
         result = f"given up: {pruned}"

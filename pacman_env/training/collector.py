@@ -1,0 +1,77 @@
+"""The games that a network learns in, as parts that the workers of an executor play, fragment by fragment."""
+
+from __future__ import annotations
+
+import copy
+import itertools
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from pacman_env.executors.base import Executor
+from pacman_env.training import fragments
+from pacman_env.training.fragments import Fragment, How, Task
+from pacman_env.training.games import Part, PlannerPart
+from pacman_env.training.learnability import LevelCounts
+from pacman_env.training.network import EntityNetwork
+
+_NUMBERS = itertools.count()
+
+
+class Collector:
+    """Fragments depend on seed and network alone, not on the executor: how many workers it has, and which are lost."""
+
+    def __init__(self, parts: Sequence[Part], executor: Executor) -> None:
+        if not parts:
+            raise ValueError("no games to play")
+        self.parts, self._executor, self._number = list(parts), executor, next(_NUMBERS)
+        self.num_envs = sum(part.games for part in parts)
+        planners = [part if isinstance(part, PlannerPart) else None for part in parts]
+        #: Of the rounds that have ended since :meth:`reset`.
+        self.counts = LevelCounts([part.lineup if part and part.may_repeat else None for part in planners])
+        self._played = 0  # fragments of each part
+        self.reset(0)
+
+    def reset(self, seed: int) -> None:
+        """New rounds in all games; all that is drawn in them, and by the network, comes from ``seed``."""
+        self._played += 1  # so that no games that run are taken for those that begin
+        self._seed, self._first = seed, self._played
+        self._states: list[bytes | None] = [None] * len(self.parts)
+        self.counts.clear()
+
+    def play(
+        self,
+        network: EntityNetwork,
+        steps: int,
+        how: How = "drawn",
+        on_fragment: Callable[[Fragment], object] = lambda fragment: None,
+    ) -> list[Fragment]:
+        """The next ``steps`` decisions in each game, by part; their arrays are written anew by the next call."""
+        network = network if next(network.parameters()).device.type == "cpu" else copy.deepcopy(network)
+        first = np.cumsum([0, *(part.games for part in self.parts)]).tolist()
+        since_reset = self._played - self._first
+        tasks = [
+            Task(
+                key=(self._number, k),
+                number=self._played,
+                part=part,
+                games_seed=self._seed + first[k],
+                state=self._states[k],
+                network=network,
+                seed=int(np.random.SeedSequence(self._seed, spawn_key=(since_reset, k)).generate_state(1)[0]),
+                steps=steps,
+                how=how,
+            )
+            for k, part in enumerate(self.parts)
+        ]
+        found = self._executor.map(fragments.play, tasks, on_fragment)
+        self._played += 1
+        for k, fragment in enumerate(found):
+            self._states[k] = fragment.state
+            for ending in fragment.endings:
+                if ending.level is not None:
+                    self.counts.add(k, ending.level, ending.outcome == "complete")
+        return found
+
+    def close(self) -> None:
+        fragments.forget()

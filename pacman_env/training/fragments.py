@@ -1,0 +1,228 @@
+"""What a part of the games plays between two updates of the network: a task that any process can do.
+
+A fragment depends on its task alone: the games as they were before it, the network, a seed. The process that has played
+a part's fragment before keeps the part's games; another one restores them, to the same bits.
+"""
+
+from __future__ import annotations
+
+import functools
+import io
+import os
+import pickle
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from pacman_env.policies.base import Policy
+from pacman_env.sb3 import Observation
+from pacman_env.training.games import Ending, Games, Part, PlannerGames
+from pacman_env.training.network import EntityNetwork, Packed, Row
+
+#: Who plays: the network, drawing its choices; a rule that teaches; the network's likeliest choice, labelled by a rule.
+How = Literal["drawn", "taught", "labelled"]
+
+
+class Choices(NamedTuple):
+    situations: Packed
+    order: torch.Tensor  # (B, C) of candidates in them
+    slots: torch.Tensor  # (B,) the candidates chosen, as ``situations`` has them
+    log_probs: torch.Tensor  # (B,)
+    values: torch.Tensor  # (B,)
+
+
+@dataclass(frozen=True)
+class Task:
+    key: tuple[int, int]  # of the part, among all that the learner's process has
+    number: int  # of the fragment
+    part: Part
+    games_seed: int  # of the part's first rounds
+    state: bytes | None  # of the games before the fragment; None: their rounds begin
+    network: EntityNetwork
+    seed: int  # of what is drawn in the fragment
+    steps: int
+    how: How
+
+
+class Fragment(NamedTuple):
+    """T steps in each of N games; the B = T N situations are in the order of the steps, then of the games."""
+
+    situations: tuple[NDArray[Any], ...]  # the fields of ``Packed``
+    slots: NDArray[np.int64]  # (B,) choices, the rule's where there is one, as the situations have them
+    log_probs: NDArray[np.float32]  # (B,)
+    values: NDArray[np.float32]  # (T + 1, N)
+    rewards: NDArray[np.float32]  # (T, N)
+    dones: NDArray[np.bool_]  # (T, N)
+    endings: list[Ending]
+    agreed: float  # share of the network's choices that are the rule's
+    state: bytes  # of the games after it
+
+
+@torch.inference_mode()
+def choose(
+    network: EntityNetwork, observation: Observation, generator: torch.Generator | None = None
+) -> tuple[Choices, NDArray[np.int64]]:
+    """A choice for each situation and the candidates' numbers; without a generator to draw by, the likeliest."""
+    seen = {key: torch.from_numpy(array) for key, array in observation.items()}
+    situations, order = network.pack(seen["planner_candidates"], seen["planner_globals"], seen["action_mask"] > 0.5)
+    logits, values = network.judge_packed(situations.of(slice(None)))
+    log_probs = logits.log_softmax(dim=1)
+    check(values + log_probs.sum(dim=1))
+    drawn = log_probs
+    if generator is not None:
+        drawn = log_probs - torch.empty_like(log_probs).exponential_(generator=generator).log()
+    slots = drawn.argmax(dim=1, keepdim=True)
+    chosen = order.gather(1, slots)[:, 0].numpy()
+    return Choices(situations, order, slots[:, 0], log_probs.gather(1, slots)[:, 0], values), chosen
+
+
+def check(numbers: torch.Tensor) -> None:
+    if not torch.isfinite(numbers).all():
+        raise FloatingPointError("the training has diverged: logits are no numbers any more")
+
+
+def play(task: Task) -> Fragment:
+    """Its arrays are written anew by the next fragment of the part in this process."""
+    use_device("cpu")
+    running = _RUNNING.begin(task)
+    games, observation = running.games, running.observation
+    generator = torch.Generator().manual_seed(task.seed) if task.how == "drawn" else None
+    if task.how != "drawn":
+        assert isinstance(games, PlannerGames), "only planners are taught"
+        games.begin_teaching()
+    size = task.steps, games.num_envs
+    rewards, dones = np.zeros(size, dtype=np.float32), np.zeros(size, dtype=np.bool_)
+    values = np.zeros((task.steps + 1, games.num_envs), dtype=np.float32)
+    slots, log_probs = [], []
+    endings: list[Ending] = []
+    agreed = 0.0
+    met = running.memory(task.steps)
+    for t in range(task.steps):
+        labels = games.choices() if isinstance(games, PlannerGames) and task.how != "drawn" else None
+        choices, actions = choose(task.network, observation, generator)
+        met.add(choices.situations)
+        if labels is None:
+            slots.append(choices.slots)
+        else:
+            agreed += float((actions == labels).mean()) / task.steps
+            slots.append((choices.order == torch.from_numpy(labels)[:, None]).byte().argmax(dim=1))
+        log_probs.append(choices.log_probs)
+        values[t] = choices.values.numpy()
+        step = games.step(labels if task.how == "taught" and labels is not None else actions)
+        observation, rewards[t], dones[t] = step[:3]
+        endings += step.endings
+    values[-1] = choose(task.network, observation)[0].values.numpy()
+    running.observation = observation
+    return Fragment(
+        tuple(array.numpy() for array in met.situations()),
+        torch.cat(slots).numpy(),
+        torch.cat(log_probs).numpy(),
+        values,
+        rewards,
+        dones,
+        endings,
+        agreed,
+        _RUNNING.end(task, running),
+    )
+
+
+class _RunningPart:
+    """The games of a part after some fragments."""
+
+    def __init__(self, task: Task) -> None:
+        self._policies = task.part.policies()
+        env = None
+        if task.state is not None:
+            env, self.observation = _Unpickler(task.state, self._policies).load()
+        self.games: Games = task.part.make(self._policies, env)
+        if task.state is None:
+            self.observation = self.games.reset(task.games_seed)
+        self.number = task.number
+        self._met: Row | None = None
+
+    def memory(self, steps: int) -> Row:
+        """Room for the situations of a fragment, allocated once."""
+        room = steps * self.games.num_envs
+        if self._met is None or self._met.room != room:
+            self._met = Row(room)
+        self._met.clear()
+        return self._met
+
+    def state(self) -> bytes:
+        file = io.BytesIO()
+        _Pickler(file, self._policies).dump((self.games.env, self.observation))
+        return file.getvalue()
+
+
+class _Pickler(pickle.Pickler):
+    """Policies stay where they are: each process makes its own."""
+
+    def __init__(self, file: io.BytesIO, policies: Sequence[Policy]) -> None:
+        super().__init__(file)
+        self._numbers = {id(policy): number for number, policy in enumerate(policies)}
+
+    def persistent_id(self, obj: Any) -> int | None:
+        return self._numbers.get(id(obj))
+
+
+class _Unpickler(pickle.Unpickler):
+    def __init__(self, state: bytes, policies: Sequence[Policy]) -> None:
+        super().__init__(io.BytesIO(state))
+        self._policies = policies
+
+    def persistent_load(self, pid: int) -> Policy:
+        return self._policies[pid]
+
+
+class _Running:
+    """The parts whose games this process keeps, those of one learner at a time."""
+
+    def __init__(self) -> None:
+        self._parts: dict[tuple[int, int], _RunningPart] = {}
+        self._lock = threading.Lock()
+
+    def begin(self, task: Task) -> _RunningPart:
+        with self._lock:
+            self._parts = {key: part for key, part in self._parts.items() if key[0] == task.key[0]}
+            kept = self._parts.pop(task.key, None)
+        return kept if kept is not None and kept.number == task.number else _RunningPart(task)
+
+    def end(self, task: Task, part: _RunningPart) -> bytes:
+        part.number = task.number + 1
+        with self._lock:
+            self._parts[task.key] = part
+        return part.state()
+
+    def forget(self) -> None:
+        with self._lock:
+            self._parts.clear()
+
+
+_RUNNING = _Running()
+
+
+def forget() -> None:
+    """Close the games that this process keeps."""
+    _RUNNING.forget()
+
+
+@functools.cache
+def use_device(name: str) -> str:
+    """Set torch up so that the same training gives the same bits; raises ValueError if the device cannot be used."""
+    os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # else its sums come in any order
+    torch.set_deterministic_debug_mode("error")  # its other name takes two seconds to import a compiler
+    torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]  # none is read
+    torch.set_num_threads(1)  # threads are the learner's
+    torch.empty(31 << 20, dtype=torch.uint8)  # freed: glibc then reuses blocks so large (a fifth of the time)
+    if name.partition(":")[0] not in ("cpu", "cuda"):
+        raise ValueError(f"device = {name!r}: must be cpu or cuda, or cuda:N of several")
+    try:
+        torch.zeros(1, device=name)
+    except (RuntimeError, AssertionError) as error:
+        raise ValueError(f"device = {name!r}: cannot be used: {str(error).splitlines()[0]}") from None
+    return name

@@ -1,0 +1,119 @@
+"""Rounds on levels that nobody trains on: those by which a training is judged, and those of its report."""
+
+import copy
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pacman_env.config import Config
+from pacman_env.episodes.rollout import episode_seeds, play_in
+from pacman_env.executors.base import Executor
+from pacman_env.game.execution import COMPLETE
+from pacman_env.game.ghosts import POLICY
+from pacman_env.policies.base import Policy
+from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.maps.assets import MapAssets
+from pacman_env.sim.maps.level_source import TEST_LEVEL, GeneratedMaps
+from pacman_env.training.arguments import Arguments
+from pacman_env.training.fragments import use_device
+from pacman_env.training.games import VALIDATION_LEVEL, game_config, lineup_speeds
+from pacman_env.training.lineups import LEARNED, behaviours
+
+_HELD_OUT = 128  # levels that rounds for validation, and for the report, are drawn from
+_ROUNDS = 64  # of a task; another number would round a network's sums otherwise
+
+
+class _KeptLevels(GeneratedMaps):
+    """Levels that stay prepared, for one batch after the other."""
+
+    def __init__(self, config: Config, start_level: int, num_levels: int) -> None:
+        super().__init__(config, start_level, num_levels)
+        self._kept: dict[int, MapAssets] = {}
+
+    def prepare(self, level: int) -> MapAssets:
+        if level not in self._kept:
+            self._kept[level] = super().prepare(level)
+        return self._kept[level]
+
+
+@functools.cache
+def _levels(config: Config, first: int) -> _KeptLevels:
+    return _KeptLevels(config, first, _HELD_OUT)
+
+
+@dataclass(frozen=True)
+class _Rounds:
+    """Some rounds of one policy against one line-up: a task."""
+
+    level_config: Config
+    first_level: int
+    config: Config
+    policy: str | Policy
+    ghosts: dict[int, Policy]
+    seeds: NDArray[np.uint64]  # (E,)
+
+
+def _completed(rounds: _Rounds) -> NDArray[np.bool_]:
+    """(E,) the rounds that were completed."""
+    use_device("cpu")
+    levels = _levels(rounds.level_config, rounds.first_level)
+    games = GameBatch(levels, rounds.config, len(rounds.seeds))
+    policy, ghosts = copy.deepcopy((rounds.policy, rounds.ghosts))  # other rounds may be played by other threads
+    records, _ = play_in(games, policy, rounds.seeds, ghosts=ghosts, timed=False)
+    return np.asarray(records["end"] == COMPLETE)
+
+
+class HeldOut:
+    """Validation or test rounds, as in training with a decision each tick; levels stay prepared between evaluations.
+
+    The rounds are shared evenly over ``ghosts``, different line-ups: by default those of the training.
+    """
+
+    def __init__(
+        self,
+        arguments: Arguments,
+        rounds: int,
+        executor: Executor,
+        *,
+        test: bool = False,
+        ghosts: Sequence[str] | None = None,
+    ) -> None:
+        lineups = arguments.hyper.lineups if ghosts is None else ghosts
+        self._config = game_config(arguments).with_fields(**{"decisions.when": "tick"})
+        self._arguments, self._executor, self._first = arguments, executor, TEST_LEVEL if test else VALIDATION_LEVEL
+        self.seeds = episode_seeds(arguments.seed if test else VALIDATION_LEVEL, rounds)
+        ends = [rounds * k // len(lineups) for k in range(len(lineups) + 1)]
+        #: Which of the rounds are played against each line-up.
+        self.rows = {lineup: slice(*ends[k : k + 2]) for k, lineup in enumerate(lineups)}
+
+    def completed(self, policy: str | Policy, learned: Policy | None = None) -> NDArray[np.bool_]:
+        """(E,) the rounds that were completed; ``learned`` moves the ghosts of that name."""
+        tasks = []
+        for lineup, rows in self.rows.items() if len(self.seeds) else ():
+            names = behaviours(lineup)
+            ghosts = {} if learned is None else {k: learned for k, name in enumerate(names) if name == LEARNED}
+            changes: dict[str, Any] = {
+                "clyde.ghosts": tuple(POLICY if k in ghosts else name for k, name in enumerate(names))
+            }
+            changes |= {"randomize.clyde_speed_mps": lineup_speeds(self._arguments, lineup)}
+            config = self._config.with_fields(**changes)
+            seeds = self.seeds[rows]
+            for k in range(0, len(seeds), _ROUNDS):
+                tasks.append(_Rounds(self._config, self._first, config, policy, ghosts, seeds[k : k + _ROUNDS]))
+        return np.concatenate([*self._executor.map(_completed, tasks), np.zeros(0, dtype=np.bool_)])
+
+    def shares(self, completed: NDArray[np.bool_]) -> tuple[float, dict[str, float]]:
+        """Of the rounds (E,) that were completed: of all, and of those against each line-up; 0 without rounds."""
+        if len(self.seeds) == 0:
+            return 0.0, dict.fromkeys(self.rows, 0.0)
+        return float(completed.mean()), {lineup: float(completed[rows].mean()) for lineup, rows in self.rows.items()}
+
+    def learned(self) -> NDArray[np.int64]:
+        """Numbers of the rounds in which a ghost is moved by a member of the league."""
+        numbers = np.arange(len(self.seeds))
+        parts = [numbers[rows] for lineup, rows in self.rows.items() if LEARNED in behaviours(lineup)]
+        return np.concatenate([*parts, numbers[:0]])
