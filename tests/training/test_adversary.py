@@ -17,6 +17,7 @@ import torch
 
 import pacman_env
 from pacman_env.envs.pacmanbot import PacManBotEnv
+from pacman_env.executors.base import InProcess
 from pacman_env.policies.metadata import metadata_path, read_planner
 from pacman_env.policies.registry import make_policy
 from pacman_env.training.adversary import Arguments, main, parse, starting_model
@@ -134,7 +135,7 @@ def test_a_graph_of_other_make_is_refused(tmp_path: Path) -> None:
 
 def test_a_planner_file_is_begun_with(tmp_path: Path) -> None:
     path = random_planner(tmp_path, seed=5, width=24)
-    model, decisions = starting_model(tiny(tmp_path, "--start", str(path)))
+    model, decisions = starting_model(tiny(tmp_path, "--start", str(path)), InProcess())
     assert decisions == FACTS.training.decisions
     assert model_bytes(model.network) == path.read_bytes()
 
@@ -145,7 +146,7 @@ def test_a_checkpoint_is_begun_with(tmp_path: Path) -> None:
     saved = Learner(hyper, 7, width=24)
     save_checkpoint(path, saved.network, saved.optimizer)
     write_facts(facts_path(path), FACTS)
-    model, decisions = starting_model(tiny(tmp_path, "--start", str(path)))
+    model, decisions = starting_model(tiny(tmp_path, "--start", str(path)), InProcess())
     assert decisions == FACTS.training.decisions
     for name, tensor in saved.network.state_dict().items():
         assert torch.equal(model.network.state_dict()[name], tensor)

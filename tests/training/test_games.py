@@ -1,11 +1,8 @@
-"""The games that a planner is trained on, the same however they are divided and stepped, in houses of their own."""
+"""The games that a planner is trained on, in parts with line-ups and houses of their own."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
-from contextlib import closing
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,29 +12,30 @@ pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
 from pacman_env.heuristics.simple import Nearest
+from pacman_env.policies.registry import make_policy
 from pacman_env.sb3 import PacManBotVecEnv
 from pacman_env.sim.maps.level_source import TEST_LEVEL, ListedMaps
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
 from pacman_env.training.arguments import Arguments
 from pacman_env.training.games import (
     VALIDATION_LEVEL,
-    TrainingGames,
+    Ending,
+    PlannerGames,
+    PlannerPart,
     clyde_limit,
     dropped,
     game_config,
     lineup_speeds,
-    make_games,
+    make_parts,
 )
 from pacman_env.training.ppo import parse
 from tests.envs.helpers import QUICK
 from tests.training.stock import random_choices
 from tests.training.test_arguments import tiny
 
-SOME = partial(PacManBotVecEnv, map="house", settings=QUICK, observation=("features", "planner"))
 
-
-def parts_of(arguments: Arguments, segment: int = 0) -> list[PacManBotVecEnv]:
-    return make_games(arguments, segment).batches
+def parts_of(arguments: Arguments, segment: int = 0, **changes: Any) -> list[PacManBotVecEnv]:
+    return [part.make(part.policies()).env for part in make_parts(arguments, segment, **changes)]
 
 
 def levels(arguments: Arguments, segment: int) -> range:
@@ -51,7 +49,7 @@ def levels(arguments: Arguments, segment: int) -> range:
 
 def test_rewards_are_scaled_and_all_else_is_left() -> None:
     plain, scaled = (PacManBotVecEnv(4, map="house", settings=QUICK) for _ in range(2))
-    games = TrainingGames([scaled], 0.2)
+    games = PlannerGames(scaled, 0.2)
     rng = np.random.default_rng(0)
     plain.seed(5)
     plain.reset()
@@ -64,18 +62,22 @@ def test_rewards_are_scaled_and_all_else_is_left() -> None:
         assert found[1].dtype == np.float32
         assert (found[2] == expected[2]).all()
         assert all((found[0][key] == expected[0][key]).all() for key in expected[0])
+        infos = [info for info, done in zip(expected[3], expected[2], strict=True) if done]
+        assert found.endings == [
+            Ending(info["outcome"], None, info["episode"]["r"], info["episode"]["l"]) for info in infos
+        ]
         ended += int(expected[2].sum())
     assert ended > 0
 
 
 def test_a_time_out_is_an_ending() -> None:
-    games = TrainingGames([PacManBotVecEnv(3, map="house", settings={"time_limit_s": 1.0})])
+    games = PlannerGames(PacManBotVecEnv(3, map="house", settings={"time_limit_s": 1.0}))
     games.reset(1)
-    hold = np.full(3, games.batches[0].env.batch.hold)
+    hold = np.full(3, games.env.env.batch.hold)
     for _ in range(2):
-        _, _, dones, infos = games.step(hold)
-    assert dones.all()
-    assert [info["outcome"] for info in infos] == ["timeout"] * 3
+        step = games.step(hold)
+    assert step.dones.all()
+    assert [ending.outcome for ending in step.endings] == ["timeout"] * 3
 
 
 def test_segments_are_played_on_levels_of_their_own() -> None:
@@ -97,13 +99,14 @@ def test_training_levels_are_neither_validated_on_nor_tested_on() -> None:
 
 def test_more_levels_than_there_are_to_train_on_are_refused() -> None:
     with pytest.raises(ValueError, match="levels = 900001: there are 900000 to train on"):
-        make_games(tiny(levels=VALIDATION_LEVEL + 1), 0)
+        make_parts(tiny(levels=VALIDATION_LEVEL + 1), 0)
 
 
 def test_games_are_met_with_the_speeds_asked_for() -> None:
-    games = make_games(tiny(games=64, n_steps=1, levels=1, clyde_speed=[0.3, 0.4], robot_speed=[0.25, 0.28]), 0)
-    games.reset(0)
-    env = games.batches[0].env
+    speeds = {"clyde_speed": [0.3, 0.4], "robot_speed": [0.25, 0.28]}
+    (part,) = parts_of(tiny(games=64, n_steps=1, levels=1, **speeds))
+    part.reset()
+    env = part.env
     speeds = env.batch.games["clyde_speed"]
     assert 0.3 <= speeds.min() < speeds.max() <= 0.4
     assert env.config.randomize.speed_mps == (0.25, 0.28)
@@ -129,27 +132,26 @@ def test_a_line_up_may_have_speeds_of_its_own() -> None:
     }
 
 
-def test_a_learned_ghost_is_moved_by_a_policy_of_each_sub_batch() -> None:
-    made: list[Nearest] = []
-
-    def learned() -> Nearest:
-        made.append(Nearest())
-        return made[-1]
-
+def test_a_learned_ghost_is_moved_by_a_policy_of_each_part() -> None:
     arguments = tiny(ghosts=["wander", "wander,learned"], games=4, levels=4, league_every=1)
-    games = make_games(arguments, 0, learned)
-    assert sorted(map(ghosts_of, games.batches)) == ["wander", "wander", "wander,policy", "wander,policy"]
-    assert len(made) == 2
-    observation = games.reset(0)
-    for _ in range(5):
-        observation, *_ = games.step(random_choices(observation["action_mask"], np.random.default_rng(0)))
-    places = [part.env.batch.ghosts["place"][:, 1] for part in games.batches if "policy" in ghosts_of(part)]
-    assert (np.concatenate(places) >= 0).any()
+    parts = make_parts(arguments, 0, Nearest())
+    policies = [part.policies() for part in parts]
+    assert sorted(map(len, policies)) == [0, 0, 1, 1]
+    assert len({id(one) for own in policies for one in own}) == 2
+    places = []
+    for part, own in zip(parts, policies, strict=True):
+        games, rng = part.make(own), np.random.default_rng(0)
+        observation = games.reset(0)
+        for _ in range(5):
+            observation = games.step(random_choices(observation["action_mask"], rng)).observation
+        assert ghosts_of(games.env) == ("wander,policy" if own else "wander")
+        places += games.env.env.batch.ghosts["place"][:, 1].tolist() if own else []
+    assert max(places) >= 0
 
 
 def test_half_of_the_levels_are_played_again_where_there_are_some() -> None:
-    arguments = tiny(ghosts=["wander", "chase"], games=8, levels=16)  # four sub-batches of four levels
-    parts = make_games(arguments, 3, again={"chase": [7, 5, 3], "wander": [1]}).batches
+    arguments = tiny(ghosts=["wander", "chase"], games=8, levels=16)  # four parts of four levels
+    parts = parts_of(arguments, 3, again={"chase": [7, 5, 3], "wander": [1]})
     found: dict[str, list[list[int]]] = {}
     for part in parts:
         source = part.env.batch.source
@@ -157,7 +159,7 @@ def test_half_of_the_levels_are_played_again_where_there_are_some() -> None:
         found.setdefault(ghosts_of(part) + " wide" * (source.scale > 1), []).append(source.levels.tolist())
     own = list(range(48, 64))
     played = [level for lists in found.values() for one in lists for level in one]
-    assert set(played) - set(own) in ({1, 3, 5, 7}, {1, 5, 7})  # one of chase's two sub-batches may be in wide houses
+    assert set(played) - set(own) in ({1, 3, 5, 7}, {1, 5, 7})  # one of chase's two parts may be in wide houses
     assert all(set(level) <= set(own) for name, lists in found.items() if "wide" in name for level in lists)
     assert len(played) == 16
 
@@ -217,7 +219,7 @@ def test_every_line_up_has_its_share_of_games_and_houses_of_its_own_in_every_seg
     assert sorted(map(ghosts_of, twice)) == ["chase", "wander", "wander", "wander"]
 
 
-def test_wide_houses_go_round_the_sub_batches_where_there_are_several_line_ups() -> None:
+def test_wide_houses_go_round_the_parts_where_there_are_several_line_ups() -> None:
     wide = [
         [part.env.config.pellets.spacing_m == 4.0 for part in parts_of(tiny(**TWO), segment)] for segment in range(4)
     ]
@@ -231,120 +233,42 @@ def test_wide_houses_go_round_the_sub_batches_where_there_are_several_line_ups()
 def test_one_line_up_has_the_games_of_an_environment_without_any(ghosts: list[str]) -> None:
     """However often it is listed, and as when environments were made without naming their ghost."""
     arguments = tiny(ghosts=ghosts, levels=4)
-    found, plain = make_games(arguments, 1), []
-    for part in found.batches:
-        config = part.env.config.with_fields(**{"clyde.ghosts": type(part.env.config)().clyde.ghosts})
-        assert config == part.env.config
-        source: Any = part.env.batch.source
+    for part, env in zip(make_parts(arguments, 1), parts_of(arguments, 1), strict=True):
+        config = env.env.config.with_fields(**{"clyde.ghosts": type(env.env.config)().clyde.ghosts})
+        assert config == env.env.config
+        source: Any = env.env.batch.source
         config = config.with_fields(start_level=source.start_level, num_levels=source.num_levels)
         name = "generated:wide" if config.pellets.spacing_m == 4.0 else "generated"
-        plain.append(PacManBotVecEnv(part.num_envs, map=name, settings=config))
-    expected = TrainingGames(plain, arguments.hyper.reward_scale)
-    seen, same = found.reset(5), expected.reset(5)
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        assert all((seen[key] == same[key]).all() for key in seen)
-        actions = random_choices(seen["action_mask"], rng)
-        (seen, rewards, *_), (same, others, *_) = found.step(actions), expected.step(actions)
-        assert (rewards == others).all()
+        plain = PlannerGames(PacManBotVecEnv(env.num_envs, map=name, settings=config), part.scale)
+        found = part.make([])
+        seen, same = found.reset(5), plain.reset(5)
+        rng = np.random.default_rng(0)
+        for _ in range(20):
+            assert all((seen[key] == same[key]).all() for key in seen)
+            actions = random_choices(seen["action_mask"], rng)
+            (seen, rewards, *_), (same, others, *_) = found.step(actions), plain.step(actions)
+            assert (rewards == others).all()
 
 
 def test_line_ups_are_played_at_the_speeds_of_the_range_under_a_curriculum() -> None:
     arguments = tiny(**TWO, curriculum=True, randomize=True, decisions=640)
-    games = make_games(arguments, 0)
-    games.reset(0)
     limit = clyde_limit(arguments, 0)
-    for part in games.batches:
+    for part in parts_of(arguments):
+        part.reset()
         assert part.env.config.randomize.clyde_speed_mps == (0.2, limit)
         ghosts = part.env.batch.ghosts
         assert (ghosts["speed"] == part.env.batch.games["clyde_speed"][:, None]).all()
 
 
-def sub_batched(threads: int = 1) -> TrainingGames:
-    return TrainingGames([SOME(count, num_threads=threads) for count in (3, 1, 2)], background=threads > 1)
-
-
-@pytest.fixture
-def games() -> Iterator[TrainingGames]:
-    with closing(sub_batched(2)) as made:
-        yield made
-
-
-def test_games_in_sub_batches_are_the_same_games(games: TrainingGames) -> None:
-    """As many in one environment, in sub-batches, and in sub-batches that several threads step."""
-    every = [TrainingGames([SOME(6)]), sub_batched(), games]
-    rng = np.random.default_rng(0)
-    ended = 0
-    seen = [env.reset(7) for env in every]
-    for _ in range(60):
-        for other in seen[1:]:
-            assert set(other) == set(seen[0])
-            assert all((other[key] == seen[0][key]).all() for key in other)
-        actions = random_choices(seen[0]["action_mask"], rng)
-        results = [env.step(actions) for env in every]
-        seen = [result[0] for result in results]
-        for _, rewards, dones, infos in results[1:]:
-            assert (rewards == results[0][1]).all()
-            assert (dones == results[0][2]).all()
-            for info, same in zip(infos, results[0][3], strict=True):
-                assert {k: v for k, v in info.items() if k not in ("episode", "terminal_observation")} == {
-                    k: v for k, v in same.items() if k not in ("episode", "terminal_observation")
-                }
-                assert info.get("episode", {}).get("r") == same.get("episode", {}).get("r")
-        ended += int(results[0][2].sum())
-    assert ended > 0
-    for env in every:
-        env.close()
-
-
-def test_groups_are_stepped_one_while_another_is_chosen_for(games: TrainingGames) -> None:
-    """The same games as when all are stepped at once; what is sent first need not be received first."""
-    together = sub_batched()
-    assert games.groups == [slice(0, 3), slice(3, 6)]
-    rng = np.random.default_rng(0)
-    for env in (together, games):
-        env.reset(7)
-    for step in range(40):
-        actions = rng.integers(together.batches[0].env.batch.candidates, size=6)
-        expected = together.step(actions)
-        for k, rows in enumerate(games.groups):
-            games.send(k, actions[rows])
-        for k in rng.permutation(2):
-            rows = games.groups[k]
-            observations, rewards, dones, infos = games.receive(k)
-            assert all((observations[key] == expected[0][key][rows]).all() for key in expected[0])
-            assert (rewards == expected[1][rows]).all()
-            assert (dones == expected[2][rows]).all()
-            assert [info["outcome"] for info in infos] == [info["outcome"] for info in expected[3][rows]], step
-
-
-def test_a_rule_chooses_in_every_game_as_in_one_environment(games: TrainingGames) -> None:
-    whole = TrainingGames([SOME(6)])
-    for env in (games, whole):
-        env.reset(3)
+def test_a_teacher_chooses_as_in_an_environment_alone() -> None:
+    (part,) = make_parts(tiny(games=8, n_steps=8, levels=1), 0)
+    assert isinstance(part, PlannerPart)
+    games, rule = part.make([]), make_policy("lookahead")
+    games.reset(3)
+    games.begin_teaching()
+    rule.reset(np.ones(8, dtype=np.bool_), games.env.env.config)
     for _ in range(10):
-        choices = games.choices("lookahead")
-        assert (choices == whole.choices("lookahead")).all()
-        games.step(choices)
-        whole.step(choices)
-    assert choices.shape == (6,)
-
-
-def test_sub_batches_that_do_not_fit_are_refused() -> None:
-    with pytest.raises(ValueError, match="no games"):
-        TrainingGames([])
-    with pytest.raises(ValueError, match="must be as many in each"):
-        TrainingGames([SOME(1), PacManBotVecEnv(1, map="maze")])
-
-
-@pytest.mark.parametrize("threads", [1, 2])
-def test_a_failure_in_a_step_is_raised_and_the_games_go_on(threads: int) -> None:
-    games = sub_batched(threads)
-    games.reset(0)
-    games.send(0, np.full(3, 99))
-    with pytest.raises(ValueError, match="choice 99 of game 0"):
-        games.receive(0)
-    with pytest.raises(RuntimeError, match="no actions were sent"):
-        games.receive(0)
-    assert games.step(np.zeros(6, dtype=np.int64))[1].shape == (6,)
-    games.close()
+        choices = games.choices()
+        assert choices.tolist() == rule.select(games.env.env.situation).tolist()
+        dones = games.step(choices).dones
+        rule.reset(dones, games.env.env.config)

@@ -16,7 +16,7 @@ from pacman_env.envs.parallel_vec_env import PACMAN, PacManBotParallelVecEnv
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.observation.planner_features import planner_features
 from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
-from pacman_env.training.games import CLYDE, GhostGames, Step, game_settings, make_ghost_games
+from pacman_env.training.games import CLYDE, GhostGames, game_settings, make_ghost_parts
 
 GAMES, SCALE = 3, 0.5
 HYPER = dataclasses.replace(
@@ -41,9 +41,8 @@ def begun(count: int, seed: int = 5) -> GhostGames:
     return games
 
 
-def step(games: GhostGames, choices: np.ndarray) -> Step:
-    games.send(0, choices)
-    return games.receive(0)
+def made(segment: int = 0) -> list[GhostGames]:
+    return [part.make([]) for part in make_ghost_parts(ARGUMENTS, segment, ROBOT())]  # type: ignore[misc]
 
 
 def count(games: GhostGames) -> int:
@@ -59,14 +58,16 @@ def test_every_game_is_the_environment_in_which_the_policy_drives_the_robot() ->
     ends = 0
     for _ in range(30):
         choices = rng.integers(count(games), size=GAMES)
-        observations, rewards, dones, infos = step(games, choices)
+        observations, rewards, dones, endings = games.step(choices)
+        assert len(endings) == dones.sum()
+        left = iter(endings)
         for i, (twin, robot) in enumerate(zip(twins, robots, strict=True)):
             goal = robot.select(twin.batch.situation())[0]
             _, reward, _, _, info = twin.step({PACMAN: goal, CLYDE: choices[i]})
             assert rewards[i] == np.float32(-reward[PACMAN])
             assert dones[i] == (not twin.agents)
-            assert infos[i] == ({"outcome": info[CLYDE]["outcome"]} if dones[i] else {})
             if dones[i]:
+                assert next(left).outcome == info[CLYDE]["outcome"]
                 ends += 1
                 twin.reset()
             seen = planner_features(twin.batch.situation(0), twin.config.robot.speed_mps)
@@ -78,9 +79,9 @@ def test_every_game_is_the_environment_in_which_the_policy_drives_the_robot() ->
 
 def test_observations_are_not_reused() -> None:
     games = begun(2)
-    first = step(games, np.zeros(2, dtype=np.int64))[0]
+    first = games.step(np.zeros(2, dtype=np.int64))[0]
     copy = {key: array.copy() for key, array in first.items()}
-    step(games, np.ones(2, dtype=np.int64))
+    games.step(np.ones(2, dtype=np.int64))
     for key, array in copy.items():
         np.testing.assert_array_equal(first[key], array)
 
@@ -95,21 +96,24 @@ def test_training_games_are_zero_sum_and_scaled(monkeypatch: pytest.MonkeyPatch)
         return result
 
     monkeypatch.setattr(PacManBotParallelVecEnv, "step", step_and_note)
-    games = make_ghost_games(ARGUMENTS, 0, ROBOT())
+    games = made()[0]
     games.reset(0)
     for _ in range(26):
-        _, rewards, _, _ = step(games, np.full(GAMES, count(games) - 1))
+        _, rewards, _, _ = games.step(np.full(games.num_envs, count(games) - 1))
         np.testing.assert_allclose(rewards, -SCALE * paid[-1][:, 0], rtol=1e-6)
     assert np.any(paid)
 
 
 def test_each_segment_has_houses_of_its_own() -> None:
-    sources: list[Any] = [make_ghost_games(ARGUMENTS, segment, ROBOT()).env.batch.source for segment in (0, 1)]
-    assert [(source.start_level, source.num_levels) for source in sources] == [(0, 6), (6, 6)]
+    for segment, first in ((0, 0), (1, 6)):
+        parts = made(segment)
+        assert sum(part.num_envs for part in parts) == GAMES
+        sources: list[Any] = [part.env.batch.source for part in parts]
+        assert {(source.start_level, source.num_levels) for source in sources} == {(first, 6)}
 
 
 def test_the_game_is_the_one_the_planner_is_trained_on() -> None:
-    config = make_ghost_games(ARGUMENTS, 0, ROBOT()).env.config
+    config = made()[0].env.config
     for name in ("clyde_speed_mps", "speed_mps"):
         assert getattr(config.randomize, name) == game_settings(ARGUMENTS)[f"randomize.{name}"]
 
@@ -120,7 +124,7 @@ def test_the_same_seed_gives_the_same_bits() -> None:
         rng = np.random.default_rng(1)
         seen = b""
         for _ in range(20):
-            observations, rewards, _, _ = step(games, rng.integers(count(games), size=2))
+            observations, rewards, _, _ = games.step(rng.integers(count(games), size=2))
             seen += rewards.tobytes() + observations["planner_candidates"].tobytes()
         return seen
 

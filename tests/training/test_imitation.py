@@ -13,11 +13,14 @@ pytest.importorskip("sb3_contrib")
 
 import torch
 
+from pacman_env.executors.base import InProcess
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
 from pacman_env.training import learner
-from pacman_env.training.games import TrainingGames, dropped, make_games
+from pacman_env.training.collector import Collector
+from pacman_env.training.fragments import choose
+from pacman_env.training.games import Games, PlannerGames, PlannerPart, dropped, make_parts
 from pacman_env.training.learner import Learner, discounted, imitate
 from pacman_env.training.network import Packed
 from tests.training.test_arguments import tiny
@@ -28,20 +31,23 @@ def pupil(**changes: Any) -> Learner:
 
 
 def taught(decisions: int, seed: int = 1) -> tuple[Learner, dict[str, float]]:
-    games = make_games(tiny(games=8, n_steps=8, levels=4), 0)
+    games = Collector(make_parts(tiny(games=8, n_steps=8, levels=4), 0), InProcess())
     model = pupil()
     return model, imitate(model, games, decisions, games_seed=3, seed=seed)
 
 
 def agreement(model: Learner) -> float:
     """With the rule, in situations that the rule meets in other houses."""
-    games, found = make_games(tiny(games=8, n_steps=8, levels=4), 1), []
-    observation = games.reset(4)
-    for _ in range(60):
-        choices = games.choices("lookahead")
-        _, own = model.choose(observation, deterministic=True)
-        found.append((own == choices).mean())
-        observation, *_ = games.step(choices)
+    found = []
+    for part in make_parts(tiny(games=8, n_steps=8, levels=4), 1):
+        assert isinstance(part, PlannerPart)
+        games = part.make([])
+        observation = games.reset(4)
+        games.begin_teaching()
+        for _ in range(60):
+            choices = games.choices()
+            found.append((choose(model.network, observation)[1] == choices).mean())
+            observation = games.step(choices).observation
     return float(np.mean(found))
 
 
@@ -52,41 +58,45 @@ def test_an_imitator_agrees_with_the_rule_more_often_than_an_untrained_network()
     assert 0.0 < result["agreement"] <= 1.0
 
 
-@pytest.mark.parametrize("threads", [1, 2])
-def test_labels_are_those_of_each_line_ups_own_teacher(threads: int) -> None:
-    arguments = tiny(ghosts=["chase", "wander,wander"], teacher_nodes=221, threads=threads)
-    games = make_games(arguments, 0)
-    games.reset(0)
-    teachers: dict[tuple[str, ...], Policy] = {
-        ("chase",): make_policy("search", base="lookahead", nodes=221, samples=1),
-        ("wander", "wander"): make_policy("lookahead"),
+def test_labels_are_those_of_each_line_ups_own_teacher() -> None:
+    arguments = tiny(ghosts=["chase", "wander,wander"], teacher_nodes=221)
+    teachers: dict[str, Policy] = {
+        "chase": make_policy("search", base="lookahead", nodes=221, samples=1, behaviours="configuration"),
+        "wander,wander": make_policy("lookahead"),
     }
     differ = 0
-    for _ in range(8):
-        choices, expected = games.choices(), []
-        for part in games.batches:
-            teacher = teachers[part.env.config.clyde.ghosts]
-            teacher.reset(np.ones(part.num_envs, dtype=np.bool_), part.env.config)
-            expected.append(teacher.select(part.env.situation))
-        np.testing.assert_array_equal(choices, np.concatenate(expected))
-        differ += int((choices != games.choices("lookahead")).sum())
-        games.step(choices)
-    games.close()
+    for part in make_parts(arguments, 0):
+        assert isinstance(part, PlannerPart)
+        games, teacher, rule = part.make([]), teachers[part.lineup], make_policy("lookahead")
+        games.reset(0)
+        games.begin_teaching()
+        for one in (teacher, rule):
+            one.reset(np.ones(games.num_envs, dtype=np.bool_), games.env.env.config)
+        for _ in range(8):
+            choices, situation = games.choices(), games.env.env.situation
+            np.testing.assert_array_equal(choices, teacher.select(situation))
+            differ += int((choices != rule.select(situation)).sum())
+            dones = games.step(choices).dones
+            for one in (teacher, rule):
+                one.reset(dones, games.env.env.config)
     assert differ > 0
 
 
-def test_imitation_fits_to_the_games_own_teachers(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[str | None] = []
-    choices = TrainingGames.choices
-
-    def noted(games: TrainingGames, policy: str | None = None) -> Any:
-        asked.append(policy)
-        return choices(games, policy)
-
-    monkeypatch.setattr(TrainingGames, "choices", noted)
-    games = make_games(tiny(ghosts=["chase", "wander"], teacher_nodes=221), 0)
-    imitate(pupil(), games, 32, games_seed=0, seed=0)
-    assert asked == [None] * 8
+def test_what_a_rule_labels_are_its_choices_in_the_situations_met(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the first round it plays itself, in the following three the network does."""
+    chosen: list[np.ndarray] = []
+    played: list[np.ndarray] = []
+    choices, step = PlannerGames.choices, PlannerGames.step
+    monkeypatch.setattr(PlannerGames, "choices", lambda games: chosen.append(choices(games)) or chosen[-1])
+    monkeypatch.setattr(PlannerGames, "step", lambda games, actions: played.append(actions) or step(games, actions))
+    games = Collector(make_parts(tiny(ghosts=["chase", "wander"], teacher_nodes=221), 0), InProcess())
+    result = imitate(pupil(), games, 64, games_seed=0, seed=0)
+    count = len(chosen) // 4
+    assert len(chosen) == len(played) == 4 * count > 0
+    agreed = [float((a == b).mean()) for a, b in zip(chosen, played, strict=True)]
+    assert agreed[:count] == [1.0] * count
+    assert np.mean(agreed[-count:]) == pytest.approx(result["agreement"])
+    assert result["agreement"] < 1.0
 
 
 def test_the_same_seed_teaches_the_same_bits_and_another_others() -> None:
@@ -105,13 +115,13 @@ def test_returns_of_a_hand_made_sequence() -> None:
     assert returns.dtype == known.dtype == np.float32
 
 
-def labels(model: Learner, games: TrainingGames, kind: str) -> tuple[Packed, learner._Labels]:
+def labels(model: Learner, games: Games, kind: str) -> tuple[Packed, learner._Labels]:
     """Where the teacher always chooses a candidate of a kind, and no return is known."""
     observation = games.reset(0)
     column = CANDIDATE_FEATURES.index(kind)
     choices = (observation["planner_candidates"][:, :, column] * observation["action_mask"]).argmax(axis=1)
     assert (observation["planner_candidates"][np.arange(len(choices)), choices, column] == 1).all()
-    met, _ = model.choose(observation)
+    met, _ = choose(model.network, observation)
     slots = (met.order == torch.from_numpy(choices)[:, None]).byte().argmax(dim=1)
     nothing = torch.zeros(len(choices))
     return met.situations, learner._Labels(slots, nothing, nothing)
@@ -122,7 +132,7 @@ def test_choices_that_an_ablation_may_not_make_teach_it_nothing(
     kind: str, learns: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(learner, "_ENTROPY", 0.0)
-    games = make_games(tiny(), 0)
+    games = make_parts(tiny(), 0)[0].make([])
     model = pupil(**dropped(tiny(without=("refuges",))))
     before = {name: value.clone() for name, value in model.network.state_dict().items()}
     optimizer = torch.optim.Adam(model.network.parameters(), lr=1e-3)

@@ -19,12 +19,14 @@ from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.logger import Logger
 from tqdm import tqdm
 
+from pacman_env.executors.base import InThreads
 from pacman_env.sb3 import Observation, PacManBotVecEnv
 from pacman_env.training import learner
 from pacman_env.training.checkpoint import load_network, restore, save_checkpoint
-from pacman_env.training.games import TrainingGames, make_games
-from pacman_env.training.learner import Choices, Learner, Rollout, advantages
-from pacman_env.training.network import Row
+from pacman_env.training.collector import Collector
+from pacman_env.training.fragments import choose
+from pacman_env.training.games import make_parts
+from pacman_env.training.learner import Learner, Rollout, advantages
 from tests.training.stock import random_choices, stock_model
 from tests.training.test_arguments import tiny
 
@@ -33,8 +35,8 @@ HYPER = tiny(width=16, **SMALL).hyper
 NO_BAR = tqdm(disable=True)
 
 
-def games(threads: int = 1) -> TrainingGames:
-    return make_games(dataclasses.replace(tiny(**SMALL), threads=threads), 0)
+def games(threads: int = 1) -> Collector:
+    return Collector(make_parts(tiny(**SMALL), 0), InThreads(threads))
 
 
 def rollout_of(other: MaskablePPO, network: Any) -> Rollout:
@@ -47,8 +49,7 @@ def rollout_of(other: MaskablePPO, network: Any) -> Rollout:
     }
     packed, order = network.pack(rows["planner_candidates"], rows["planner_globals"], rows["action_mask"] > 0.5)
     slots = (order == flat["actions"][:, None]).byte().argmax(dim=1)
-    choices = Choices(packed, order, slots, flat["log_probs"], flat["values"])
-    return Rollout(choices, flat["advantages"], flat["returns"])
+    return Rollout(packed, slots, *(flat[name] for name in ("log_probs", "values", "advantages", "returns")))
 
 
 @pytest.mark.parametrize("sizes", [{}, {"dropped_kinds": (1,), "dropped_features": (4,)}])
@@ -98,10 +99,10 @@ def learned(threads: int, monkeypatch: pytest.MonkeyPatch, **sizes: Any) -> tupl
     return model, kept[0]
 
 
-@pytest.mark.parametrize("threads", [0, 2, 3])
+@pytest.mark.parametrize("threads", [2, 3])
 def test_threads_do_not_change_a_bit(threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
     (one, kept), (other, same) = learned(1, monkeypatch), learned(threads, monkeypatch)
-    for a, b in zip(kept.choices.situations, same.choices.situations, strict=True):
+    for a, b in zip(kept.situations, same.situations, strict=True):
         assert torch.equal(a, b)
     assert torch.equal(kept.returns, same.returns)
     for name, value in one.network.state_dict().items():
@@ -110,16 +111,16 @@ def test_threads_do_not_change_a_bit(threads: int, monkeypatch: pytest.MonkeyPat
 
 def test_what_is_kept_of_a_rollout_is_what_was_met(monkeypatch: pytest.MonkeyPatch) -> None:
     """Situations as the games had them, choices that may be made, their log-probabilities and the values."""
-    model, (choices, gains, returns) = learned(1, monkeypatch)
-    situations = choices.situations
+    model, rollout = learned(1, monkeypatch)
+    situations = rollout.situations
     fresh = Learner(HYPER, 5)  # before the update
     logits, values = fresh.network.judge_packed(situations.of(slice(None)))
-    assert (choices.slots < situations.counts).all()
-    assert len(choices.slots) == HYPER.rollout == model.decisions
-    expected = logits.log_softmax(dim=1).gather(1, choices.slots[:, None])[:, 0]
-    torch.testing.assert_close(choices.log_probs, expected, atol=1e-5, rtol=1e-5)
-    torch.testing.assert_close(choices.values, values, atol=1e-5, rtol=1e-5)
-    torch.testing.assert_close(returns, gains + values, atol=1e-5, rtol=1e-5)
+    assert (rollout.slots < situations.counts).all()
+    assert len(rollout.slots) == HYPER.rollout == model.decisions
+    expected = logits.log_softmax(dim=1).gather(1, rollout.slots[:, None])[:, 0]
+    torch.testing.assert_close(rollout.log_probs, expected, atol=1e-5, rtol=1e-5)
+    torch.testing.assert_close(rollout.values, values, atol=1e-5, rtol=1e-5)
+    torch.testing.assert_close(rollout.returns, rollout.advantages + values, atol=1e-5, rtol=1e-5)
 
 
 def test_one_update_changes_all_weights_and_nothing_that_is_no_weight(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -133,10 +134,10 @@ def test_one_update_changes_all_weights_and_nothing_that_is_no_weight(monkeypatc
 @pytest.fixture(scope="module")
 def met() -> Observation:
     """Observations of many games on their way."""
-    rng, env = np.random.default_rng(0), games()
+    rng, env = np.random.default_rng(0), make_parts(tiny(**SMALL), 0)[0].make([])
     seen = [env.reset(0)]
-    for _ in range(30):
-        seen.append(env.step(random_choices(seen[-1]["action_mask"], rng))[0])
+    for _ in range(90):
+        seen.append(env.step(random_choices(seen[-1]["action_mask"], rng)).observation)
     return {key: np.concatenate([one[key] for one in seen]) for key in seen[0]}
 
 
@@ -146,11 +147,12 @@ def test_masked_choices_are_never_taken(met: Observation) -> None:
     allowed = met["action_mask"] > 0.5
     narrow = allowed & (np.cumsum(allowed, axis=1) == 2)  # the second of each
     assert not allowed.all()
+    generator = torch.Generator().manual_seed(0)
     for _ in range(20):
-        for deterministic in (False, True):
-            _, chosen = model.choose(met, deterministic)
+        for drawn_by in (generator, None):
+            _, chosen = choose(model.network, met, drawn_by)
             assert allowed[np.arange(len(allowed)), chosen].all()
-    _, chosen = model.choose({**met, "action_mask": narrow})
+    _, chosen = choose(model.network, {**met, "action_mask": narrow}, generator)
     assert (chosen == narrow.argmax(axis=1)).all()
 
 
@@ -159,16 +161,17 @@ def test_the_likeliest_choice_has_the_highest_logit(met: Observation) -> None:
     seen = {key: torch.tensor(array) for key, array in met.items()}
     with torch.no_grad():
         logits, values = model.network(seen["planner_candidates"], seen["planner_globals"], seen["action_mask"] > 0.5)
-    choices, chosen = model.choose(met, deterministic=True)
+    choices, chosen = choose(model.network, met)
     assert (chosen == logits.argmax(dim=1).numpy()).all()
     torch.testing.assert_close(choices.values, values)
 
 
 def test_choices_are_drawn_as_often_as_the_network_says() -> None:
     model = Learner(HYPER, 0)
-    observation = {key: np.repeat(array[:1], 20000, axis=0) for key, array in games().reset(3).items()}
+    first = make_parts(tiny(**SMALL), 0)[0].make([]).reset(3)
+    observation = {key: np.repeat(array[:1], 20000, axis=0) for key, array in first.items()}
     model.network.judge.weight.data.mul_(100.0)
-    choices, actions = model.choose(observation)
+    choices, actions = choose(model.network, observation, torch.Generator().manual_seed(0))
     with torch.no_grad():
         logits, _ = model.network.judge_packed(choices.situations.of(slice(0, 1)))
     odds = np.zeros(observation["action_mask"].shape[1])
@@ -183,7 +186,7 @@ def test_a_network_that_has_diverged_is_an_error(met: Observation) -> None:
     with torch.no_grad():
         model.network.judge.weight.fill_(torch.nan)
     with pytest.raises(FloatingPointError, match="the training has diverged"):
-        model.choose(met)
+        choose(model.network, met)
 
 
 def test_it_saves_and_loads_and_learns_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -210,19 +213,6 @@ def test_a_rollout_is_logged(monkeypatch: pytest.MonkeyPatch) -> None:
     names = {"rollout/completed", "rollout/timed_out", "rollout/ep_rew_mean", "rollout/ep_len_mean", "time/fps"}
     assert names <= set(model.logger.name_to_value)
     assert 1 <= model.logger.name_to_value["rollout/ep_len_mean"] <= 20 * HYPER.n_steps
-
-
-def test_a_rollout_goes_on_from_the_observations_of_the_last() -> None:
-    model, env = Learner(HYPER, 0), games()
-    first = env.reset(0)
-    seen = [{key: array[rows] for key, array in first.items()} for rows in env.groups]
-    met = Row(HYPER.rollout)
-    model.collect(env, seen, met, NO_BAR)
-    after = {key: np.concatenate([part[key] for part in seen]) for key in first}
-    assert any((after[key] != first[key]).any() for key in first)
-    rollout, _ = model.collect(env, seen, met, NO_BAR)
-    counts = (after["action_mask"] > 0.5).sum(axis=1)
-    assert (rollout.choices.situations.counts[: len(counts)].numpy() == counts).all()
 
 
 def test_advantages_are_those_of_stable_baselines() -> None:

@@ -16,13 +16,16 @@ from hypothesis import strategies as st
 from pacman_env.config import ConfigError
 from pacman_env.envs.arguments import EnvArguments, Ghosts
 from pacman_env.envs.core import EnvCore
+from pacman_env.executors.base import InProcess
 from pacman_env.game.execution import RUNNING
-from pacman_env.policies.base import BasePolicy, Policy
+from pacman_env.policies.base import BasePolicy, Flags, Policy
 from pacman_env.policies.opponents import BehaviourOpponent, Opponents
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.observation.situation import Situation
-from pacman_env.training.adversary import Table, completed_against, make_pool, robustness
+from pacman_env.training.adversary import Table, make_pool, robustness
 from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
+from pacman_env.training.held_out import HeldOut
+from pacman_env.training.lineups import LEARNED
 from tests.training.planners import random_planner
 
 GAMES = 16
@@ -133,28 +136,33 @@ def test_a_pool_that_cannot_be_drawn_from_is_refused(members: list[Policy], shar
         Opponents(members, shares)
 
 
+def completed_against(robot: Policy, clyde: str | Policy, rounds: int) -> Flags:
+    if isinstance(clyde, str):
+        return HeldOut(ARGUMENTS, rounds, InProcess(), ghosts=(clyde,)).completed(robot)
+    return HeldOut(ARGUMENTS, rounds, InProcess(), ghosts=(LEARNED,)).completed(robot, clyde)
+
+
 def test_the_same_rounds_whoever_plays_and_however_many() -> None:
-    many = completed_against(make_policy("nearest"), "wander", ARGUMENTS, 12)
-    few = completed_against(make_policy("nearest"), BehaviourOpponent("wander"), ARGUMENTS, 6)
+    many = completed_against(make_policy("nearest"), "wander", 12)
+    few = completed_against(make_policy("nearest"), BehaviourOpponent("wander"), 6)
     np.testing.assert_array_equal(many[:6], few)
     assert 0 < many.sum() < 12
 
 
 def test_a_chaser_is_harder_than_a_wanderer() -> None:
     chased, wandered = (
-        completed_against(make_policy("nearest"), c, ARGUMENTS, 12).sum()
-        for c in (BehaviourOpponent("chase"), "wander")
+        completed_against(make_policy("nearest"), c, 12).sum() for c in (BehaviourOpponent("chase"), "wander")
     )
     assert chased < wandered
 
 
 def test_an_unknown_behaviour_is_refused() -> None:
     with pytest.raises(ConfigError, match="inky"):
-        completed_against(make_policy("nearest"), "inky", ARGUMENTS, 2)
+        completed_against(make_policy("nearest"), "inky", 2)
 
 
 def test_the_table_plays_each_pair_once_and_leaves_the_others_empty() -> None:
-    table = Table(ARGUMENTS, 4)
+    table = Table(ARGUMENTS, 4, InProcess())
     table.play("nearest", ["wander"])
     first = table.completed["nearest"]["wander"]
     table.play("nearest", ["wander"])
@@ -170,6 +178,6 @@ def test_the_table_plays_each_pair_once_and_leaves_the_others_empty() -> None:
 
 def test_robustness_has_the_planner_the_rules_and_the_learned_clyde(tmp_path: Path) -> None:
     planner, clyde = random_planner(tmp_path, "planner", 1), random_planner(tmp_path, "clyde", 2)
-    shares = robustness(planner, clyde, ARGUMENTS, 1).shares()
+    shares = robustness(planner, clyde, Table(ARGUMENTS, 1, InProcess())).shares()
     assert list(shares) == ["planner", "lookahead", "clyde_aware"]
     assert all(list(row) == ["wander", "arcade", "chase", "clyde"] for row in shares.values())
