@@ -104,7 +104,7 @@ class InProcess(Executor):
     def __init__(self) -> None:
         super().__init__(1)
 
-    def run(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Done[Result]]:  # type: ignore[override]
+    def run(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Generator[Done[Result], None, None]:
         for number, task in enumerate(tasks):
             try:
                 yield Done(number, function(task))

@@ -38,6 +38,11 @@ def play_sent(task: Sent) -> Played:
     return play_block(replace(block, config=config, policy=places.get(block.policy, block.policy)))
 
 
+def hash_of_files(path: Path) -> str:
+    """Of the content of a policy's file and of what lies beside it."""
+    return _hash((Path(name).suffix, data) for name, data in _content(path).items())
+
+
 def _is_file(spec: str) -> bool:
     return Path(spec).suffix in _BESIDE
 

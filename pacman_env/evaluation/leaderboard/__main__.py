@@ -21,12 +21,13 @@ from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.config import Config
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.compare import scenarios
+from pacman_env.evaluation.compare.parts import describe_map, describe_policy
 from pacman_env.evaluation.compare.scenarios import Scenario
 from pacman_env.evaluation.compare.workers import Block, play_all
 from pacman_env.evaluation.leaderboard import numbers
 from pacman_env.evaluation.leaderboard.numbers import CellResult, LeagueTable, PolicyEntry
 from pacman_env.evaluation.leaderboard.page import render
-from pacman_env.evaluation.leaderboard.parts import Part, PartFile, PartFolder, describe_map, describe_policy
+from pacman_env.evaluation.leaderboard.parts import KeptPart, Part, PartFolder
 from pacman_env.evaluation.leaderboard.suites import (
     EXECUTION,
     PRESET,
@@ -189,7 +190,7 @@ def _plan(arguments: argparse.Namespace) -> Plan:
     )
 
 
-def _played(plan: Plan, folder: PartFolder, resume: bool, executor: Executor) -> dict[Place, PartFile]:
+def _played(plan: Plan, folder: PartFolder, resume: bool, executor: Executor) -> dict[Place, KeptPart]:
     """All parts, each read or played; what has been played is kept at once."""
     from tqdm import tqdm
 
@@ -213,7 +214,7 @@ def _played(plan: Plan, folder: PartFolder, resume: bool, executor: Executor) ->
     return done
 
 
-def _kept(plan: Plan, folder: PartFolder) -> dict[Place, PartFile]:
+def _kept(plan: Plan, folder: PartFolder) -> dict[Place, KeptPart]:
     """The parts that can be read."""
     found = {}
     for place, part in plan.parts.items():
@@ -227,7 +228,7 @@ def _kept(plan: Plan, folder: PartFolder) -> dict[Place, PartFile]:
     return found
 
 
-def _table(plan: Plan, played: dict[Place, PartFile], arguments: argparse.Namespace) -> LeagueTable:
+def _table(plan: Plan, played: dict[Place, KeptPart], arguments: argparse.Namespace) -> LeagueTable:
     results = []
     for number, cell in enumerate(plan.cells):
         rounds = {
