@@ -7,6 +7,8 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
+from .progress import LOG, Progress
+
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
@@ -36,13 +38,16 @@ class Done(Generic[Result]):
 class Losses:
     """The workers that tasks have lost."""
 
-    def __init__(self) -> None:
+    def __init__(self, progress: Progress) -> None:
         self._count: Counter[int] = Counter()
+        self._progress = progress
 
     def note(self, number: int, waiting: list[int], how: str, why: str = "") -> Iterator[Done[Any]]:
         """Have the task wait again, or yield its end: it has lost too many."""
         self._count[number] += 1
+        self._progress.lost += 1
         if self._count[number] <= MOST_LOSSES:
+            LOG.warning("task %d: %s, it is done again%s", number, how, why)
             waiting.append(number)
         else:
             yield Done(number, error=TaskFailed(f"task {number}: {how} {self._count[number]} times{why}"))
@@ -62,13 +67,24 @@ class Executor(ABC):
     def __init__(self, workers: int, limit_s: float | None = None) -> None:
         """``limit_s``: a task that takes longer has failed; None: no limit."""
         self.workers, self.limit_s = workers, limit_s
+        self.progress = Progress()
 
-    @abstractmethod
     def run(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Generator[Done[Result], None, None]:
         """The ends of all tasks, as they come; closing the generator cancels what is not done.
 
         ``function`` is a function of a module, which workers import.
         """
+        try:
+            with contextlib.closing(self._ends(function, tasks)) as ends:
+                for done in ends:
+                    self.progress.done += 1
+                    yield done
+        finally:
+            self.progress.waiting = 0
+
+    @abstractmethod
+    def _ends(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Generator[Done[Result], None, None]:
+        """:meth:`run`; sets ``progress.waiting``, and ``Losses`` counts what was lost."""
 
     def map(
         self,
@@ -104,8 +120,9 @@ class InProcess(Executor):
     def __init__(self) -> None:
         super().__init__(1)
 
-    def run(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Generator[Done[Result], None, None]:
+    def _ends(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Generator[Done[Result], None, None]:
         for number, task in enumerate(tasks):
+            self.progress.waiting = len(tasks) - number - 1
             try:
                 yield Done(number, function(task))
             except Exception as error:

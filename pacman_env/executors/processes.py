@@ -23,15 +23,16 @@ class LocalProcesses(Executor):
             workers, context=multiprocessing.get_context("spawn"), initializer=_end_with, initargs=(os.getpid(),)
         )
 
-    def run(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Generator[Done[Result], None, None]:
+    def _ends(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Generator[Done[Result], None, None]:
         waiting = list(range(len(tasks)))[::-1]
-        losses = Losses()
+        losses = Losses(self.progress)
         running: dict[Future[Any], int] = {}
         try:
             while waiting or running:
                 while waiting and len(running) < self.workers:
                     number = waiting.pop()
                     running[self._pool.schedule(function, args=(tasks[number],), timeout=self.limit_s)] = number
+                self.progress.waiting = len(waiting)
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     number = running.pop(future)
                     try:

@@ -4,13 +4,16 @@ import importlib
 import logging
 import socket
 from collections.abc import Callable, Generator, Sequence
+from dataclasses import replace
 from time import monotonic
 from typing import Any, NamedTuple
 
 from pacman_env import __version__
-from pacman_env.engine.cache_folder import source_hash
+from pacman_env.engine.cache_folder import package_hash
+from pacman_env.plugins import PluginError
 
 from .base import Done, Executor, Losses, Result, Task, TaskFailed
+from .progress import LOG, Progress
 
 _LOOPBACK = "127.0.0.1"
 _ANSWER_S = 5.0  # within which a cluster answers
@@ -42,32 +45,36 @@ class RayCluster(Executor):
         except (ConnectionError, RuntimeError, ValueError) as error:
             raise ConnectionError(f"--ray {address or ''}: {error}") from None
         self._ray = ray
-        super().__init__(self._cpus(), limit_s)
+        self._known, self._metrics = self._machines(), _Metrics()
+        super().__init__(max(1, sum(self._known.values())), limit_s)
         # Lost workers are counted here; an exception of a task is its result.
         self._run = ray.remote(num_cpus=1, max_retries=0, max_calls=0)(_run)
 
-    def _cpus(self) -> int:
-        return max(1, int(self._ray.cluster_resources().get("CPU", 0)))
-
-    def run(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Generator[Done[Result], None, None]:
+    def _ends(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Generator[Done[Result], None, None]:
         ray, name = self._ray, f"{function.__module__}:{function.__qualname__}"
         waiting = list(range(len(tasks)))[::-1]
-        losses = Losses()
+        losses = Losses(self.progress)
         running: dict[Any, tuple[int, float]] = {}
-        counted = monotonic()
+        looked = monotonic()
         try:
             while waiting or running:
-                if monotonic() - counted > _POLL_S:
-                    self.workers, counted = self._cpus(), monotonic()
+                if monotonic() - looked > _POLL_S:
+                    self._look()
+                    looked = monotonic()
                 while waiting and len(running) < self.workers:
                     number = waiting.pop()
-                    running[self._run.remote(name, tasks[number], __version__, source_hash())] = number, monotonic()
+                    running[self._run.remote(name, tasks[number], __version__, package_hash())] = number, monotonic()
+                self.progress.waiting = len(waiting)
                 for reference in ray.wait(list(running), timeout=_POLL_S)[0]:
                     number, _ = running.pop(reference)
                     try:
                         outcome = ray.get(reference)
+                    except ray.exceptions.RayTaskError as error:  # all that the task raises is an outcome
+                        raise TaskFailed(
+                            f"worker on {error.ip}: cannot run this package: {_last_line(error)}"
+                        ) from None
                     except ray.exceptions.RayError as error:
-                        yield from losses.note(number, waiting, "lost", f": {_line(error)}")
+                        yield from losses.note(number, waiting, "its worker was lost", f": {_line(error)}")
                         continue
                     if outcome.unfit:
                         raise TaskFailed(outcome.unfit)
@@ -78,8 +85,27 @@ class RayCluster(Executor):
                         ray.cancel(reference, force=True)
                         yield Done(number, error=TaskFailed(f"task {number}: more than {self.limit_s} s"))
         finally:
+            self._look()
             for reference in running:
                 ray.cancel(reference, force=True)
+
+    def _look(self) -> None:
+        """Notice machines that come and go, and publish the counts."""
+        machines = self._machines()
+        workers = max(1, sum(machines.values()))
+        for name in machines.keys() - self._known.keys():
+            LOG.info("machine %s joined: %d workers", name, workers)
+        for name in self._known.keys() - machines.keys():
+            LOG.warning("machine %s was lost: %d workers", name, workers)
+        self._known, self.workers = machines, workers
+        self._metrics.publish(self.progress, workers)
+
+    def _machines(self) -> dict[str, int]:
+        """The CPUs of each, by name."""
+        alive = (node for node in self._ray.nodes() if node["Alive"])
+        return {
+            _name(node["NodeManagerHostname"], node["NodeID"]): int(node["Resources"].get("CPU", 0)) for node in alive
+        }
 
     def close(self) -> None:
         self._ray.shutdown()
@@ -96,6 +122,27 @@ def _check_that_it_answers(address: str) -> None:
         raise ConnectionError(f"--ray {address}: no cluster answers there: {error}") from None
 
 
+class _Metrics:
+    """The counts, for the cluster's dashboard and Prometheus: ``ray_pacman_env_tasks_done`` and others."""
+
+    def __init__(self) -> None:
+        from ray.util.metrics import Counter, Gauge
+
+        self._done = Counter("pacman_env_tasks_done", "Tasks done.")
+        self._lost = Counter("pacman_env_tasks_lost", "Tasks whose worker was lost.")
+        self._waiting = Gauge("pacman_env_tasks_waiting", "Tasks that wait for a worker.")
+        self._workers = Gauge("pacman_env_workers", "Workers.")
+        self._before = Progress()
+
+    def publish(self, now: Progress, workers: int) -> None:
+        for counter, more in ((self._done, now.done - self._before.done), (self._lost, now.lost - self._before.lost)):
+            if more:
+                counter.inc(more)
+        self._waiting.set(now.waiting)
+        self._workers.set(workers)
+        self._before = replace(now)
+
+
 class _Outcome(NamedTuple):
     value: Any = None
     error: Exception | None = None
@@ -104,17 +151,29 @@ class _Outcome(NamedTuple):
 
 def _run(name: str, task: Any, version: str, sources: str) -> _Outcome:
     """On a worker: the call of the function ``module:name``; an exception of it is plain data."""
-    node = socket.gethostname()
-    if (__version__, source_hash()) != (version, sources):
-        found = f"pacman_env {__version__}, sources {source_hash()}"
-        return _Outcome(unfit=f"worker on {node}: {found}; here it is {version}, sources {sources}: install the same")
+    if (__version__, package_hash()) != (version, sources):
+        found = f"pacman_env {__version__}, sources {package_hash()}"
+        return _Outcome(unfit=f"{_here()}: {found}; the command has {version}, sources {sources}: install the same")
     module, _, function = name.partition(":")
     try:
         return _Outcome(value=getattr(importlib.import_module(module), function)(task))
     except OSError as error:
-        return _Outcome(error=OSError(f"worker on {node}: {error}"))
+        return _Outcome(error=OSError(f"{_here()}: {error}"))
+    except (PluginError, ImportError) as error:
+        return _Outcome(error=TaskFailed(f"{_here()}: {error}"))
     except Exception as error:
         return _Outcome(error=_plain(error))
+
+
+def _here() -> str:
+    import ray
+
+    return f"worker on {_name(socket.gethostname(), ray.get_runtime_context().get_node_id())}"
+
+
+def _name(host: str, node: str) -> str:
+    """Of a machine; the node's number begins as in ``ray list nodes``, and tells two on one host apart."""
+    return f"{host} (node {node[:12]})"
 
 
 def _plain(error: Exception) -> Exception:
@@ -128,3 +187,8 @@ def _plain(error: Exception) -> Exception:
 
 def _line(error: BaseException) -> str:
     return " ".join(str(error).split())[:300]
+
+
+def _last_line(error: BaseException) -> str:
+    """What a traceback ends with."""
+    return next((line.strip() for line in reversed(str(error).splitlines()) if line.strip()), "")[:300]

@@ -21,6 +21,7 @@ from pacman_env.evaluation.compare.rows import make_row
 from pacman_env.evaluation.compare.table import render
 from pacman_env.evaluation.compare.workers import Block
 from pacman_env.executors.choice import add_executor_arguments, executor_of, without_executor
+from pacman_env.executors.progress import bar_of
 from pacman_env.files import prepare, replaced
 
 SCHEMA = 2
@@ -55,8 +56,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _compare(arguments: argparse.Namespace) -> None:
-    from tqdm import tqdm
-
     from pacman_env.evaluation.compare.plot import save_plot
 
     configs = scenarios.game_configs(arguments)
@@ -69,7 +68,7 @@ def _compare(arguments: argparse.Namespace) -> None:
     blocks = [Block(scenario, one, spec, seeds, arguments.threads) for (_, scenario), one, (spec, _) in work]
     unit = "game" if config.endless else "episode"
     kept = KeptRounds(_parts(arguments), blocks, arguments.resume)
-    with executor_of(arguments) as executor, tqdm(total=kept.left, unit=unit, mininterval=1.0, file=sys.stderr) as bar:
+    with executor_of(arguments) as executor, bar_of(executor, kept.left, unit) as bar:
         played = kept.play(executor, bar.update)
     rows = []
     for k, (((place, _), one, (_, policy)), result) in enumerate(zip(work, played, strict=True)):

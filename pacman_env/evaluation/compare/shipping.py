@@ -54,13 +54,20 @@ def _content(path: Path) -> dict[str, bytes]:
 
 def _kept(content: dict[str, bytes], name: str) -> str:
     folder = cache_dir() / "sent" / _hash(content.items())
+    try:
+        _write(content, folder)
+    except OSError as error:
+        raise OSError(f"{folder}: cannot be written: {error.strerror}") from None
+    return str(folder / name)
+
+
+def _write(content: dict[str, bytes], folder: Path) -> None:
     for own, data in content.items():
         path = folder / own
         if not path.is_file() or path.read_bytes() != data:
             path.parent.mkdir(parents=True, exist_ok=True)
             with replaced(path) as temporary:
                 temporary.write_bytes(data)
-    return str(folder / name)
 
 
 def _hash(content: Iterable[tuple[str, bytes]]) -> str:

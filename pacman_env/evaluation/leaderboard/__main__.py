@@ -40,6 +40,7 @@ from pacman_env.evaluation.leaderboard.suites import (
 )
 from pacman_env.executors.base import Executor
 from pacman_env.executors.choice import add_executor_arguments, executor_of
+from pacman_env.executors.progress import bar_of
 from pacman_env.files import commit, prepare, replaced
 from pacman_env.policies.metadata import dump, parse
 from pacman_env.policies.registry import make_policy, policy_names
@@ -192,14 +193,12 @@ def _plan(arguments: argparse.Namespace) -> Plan:
 
 def _played(plan: Plan, folder: PartFolder, resume: bool, executor: Executor) -> dict[Place, KeptPart]:
     """All parts, each read or played; what has been played is kept at once."""
-    from tqdm import tqdm
-
     done = _kept(plan, folder) if resume else {}
     there = 0 if resume else sum(folder.path(part).exists() for part in plan.parts.values())
     if there:
         print(f"{there} of {len(plan.parts)} parts are kept and played again: without --resume", file=sys.stderr)
     total = sum(part.rounds for place, part in plan.parts.items() if place not in done)
-    with tqdm(total=total, unit="round", mininterval=1.0, file=sys.stderr) as bar:
+    with bar_of(executor, total, "round") as bar:
         for (number, scenario), group in itertools.groupby(plan.parts.items(), lambda one: one[0][:2]):
             new = {place: part for place, part in group if place not in done}
             cell = plan.cells[number]
