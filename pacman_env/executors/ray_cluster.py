@@ -39,7 +39,9 @@ class RayCluster(Executor):
         quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
         try:
             if address is None:
-                ray.init(num_cpus=workers, include_dashboard=False, _node_ip_address=_LOOPBACK, **quiet)
+                # without "local" it would connect to a cluster that someone has started on this machine
+                own: dict[str, Any] = {"include_dashboard": False, "_node_ip_address": _LOOPBACK}
+                ray.init("local", num_cpus=workers, **own, **quiet)
             else:
                 ray.init(address=address, **quiet)
         except (ConnectionError, RuntimeError, ValueError) as error:
@@ -123,7 +125,7 @@ def _check_that_it_answers(address: str) -> None:
 
 
 class _Metrics:
-    """The counts, for the cluster's dashboard and Prometheus: ``ray_pacman_env_tasks_done`` and others."""
+    """The counts, for the cluster's dashboard and Prometheus: ``ray_pacman_env_tasks_done_total`` and others."""
 
     def __init__(self) -> None:
         from ray.util.metrics import Counter, Gauge
