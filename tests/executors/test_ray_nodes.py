@@ -65,7 +65,6 @@ def test_a_machine_that_is_lost_and_one_that_joins_change_no_result(
         assert (executor.progress.done, executor.progress.waiting) == (40, 0)
         while executor.workers != 3:  # Ray notices the loss after some seconds
             executor.map(functions.slow_double, range(4))
-        assert executor.progress.lost >= 1
     told = [record.getMessage() for record in caplog.records]
     assert sum(f"(node {joined.node_id[:12]}) joined: " in line for line in told) == 1
     assert sum(f"(node {lost.node_id[:12]}) was lost: " in line for line in told) == 1
