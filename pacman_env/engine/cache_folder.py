@@ -3,6 +3,7 @@
 import functools
 import hashlib
 import os
+from collections.abc import Iterable
 from pathlib import Path
 
 import platformdirs
@@ -19,8 +20,18 @@ def cache_dir() -> Path:
 @functools.cache
 def source_hash() -> str:
     """Hash of the sources that prepare maps, 12 hexadecimal digits; compiled code has keys of its own."""
+    rooms = (path for room in _KERNEL_ROOMS for path in (_PACKAGE / room).rglob("*.py"))
+    return _hash_of([*_PACKAGE.glob("*.py"), *rooms])
+
+
+@functools.cache
+def package_hash() -> str:
+    """Hash of all sources of the package, 12 hexadecimal digits."""
+    return _hash_of(_PACKAGE.rglob("*.py"))
+
+
+def _hash_of(paths: Iterable[Path]) -> str:
     digest = hashlib.sha256()
-    paths = [*_PACKAGE.glob("*.py"), *(path for room in _KERNEL_ROOMS for path in (_PACKAGE / room).rglob("*.py"))]
     for path in sorted(paths):
         digest.update(path.relative_to(_PACKAGE).as_posix().encode())
         digest.update(path.read_bytes())

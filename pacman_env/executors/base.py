@@ -3,13 +3,17 @@
 import contextlib
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Hashable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed, wait
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
+from .progress import LOG, Progress
+from .queue import Queue, Worker
+
 Task = TypeVar("Task")
 Result = TypeVar("Result")
+Homes = Sequence[Hashable] | None
 
 #: How often a task is begun again after its worker was lost.
 MOST_LOSSES = 3
@@ -37,14 +41,17 @@ class Done(Generic[Result]):
 class Losses:
     """The workers that tasks have lost."""
 
-    def __init__(self) -> None:
+    def __init__(self, progress: Progress) -> None:
         self._count: Counter[int] = Counter()
+        self._progress = progress
 
-    def note(self, number: int, waiting: list[int], how: str, why: str = "") -> Iterator[Done[Any]]:
+    def note(self, number: int, waiting: Queue, how: str, why: str = "") -> Iterator[Done[Any]]:
         """Have the task wait again, or yield its end: it has lost too many."""
         self._count[number] += 1
+        self._progress.lost += 1
         if self._count[number] <= MOST_LOSSES:
-            waiting.append(number)
+            LOG.warning("task %d: %s, it is done again%s", number, how, why)
+            waiting.put_back(number)
         else:
             yield Done(number, error=TaskFailed(f"task {number}: {how} {self._count[number]} times{why}"))
 
@@ -63,26 +70,44 @@ class Executor(ABC):
     def __init__(self, workers: int, limit_s: float | None = None) -> None:
         """``limit_s``: a task that takes longer has failed; None: no limit."""
         self.workers, self.limit_s = workers, limit_s
+        self.progress = Progress()
+        self._owners: dict[Hashable, Worker] = {}  # of homes
 
-    @abstractmethod
-    def run(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Generator[Done[Result], None, None]:
+    def run(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], homes: Homes = None
+    ) -> Generator[Done[Result], None, None]:
         """The ends of all tasks, as they come; closing the generator cancels what is not done.
 
-        ``function`` is a function of a module, which workers import.
+        ``function`` is a function of a module, which workers import. ``homes``: of each task, what its worker may have
+        kept from an earlier task of the same home.
         """
+        try:
+            with contextlib.closing(self._ends(function, tasks, homes)) as ends:
+                for done in ends:
+                    self.progress.done += 1
+                    yield done
+        finally:
+            self.progress.waiting = 0
+
+    @abstractmethod
+    def _ends(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], homes: Homes
+    ) -> Generator[Done[Result], None, None]:
+        """:meth:`run`; sets ``progress.waiting``, and ``Losses`` counts what was lost."""
 
     def map(
         self,
         function: Callable[[Task], Result],
         tasks: Sequence[Task],
         on_result: Callable[[Result], object] = lambda result: None,
+        homes: Homes = None,
     ) -> list[Result]:
         """The results in the order of the tasks; ``on_result`` is called with each as it comes.
 
         The first error is raised at once, and the other tasks are cancelled.
         """
         results: dict[int, Result] = {}
-        with contextlib.closing(self.run(function, tasks)) as ends:
+        with contextlib.closing(self.run(function, tasks, homes)) as ends:
             for done in ends:
                 results[done.number] = done.result()
                 on_result(results[done.number])
@@ -105,8 +130,11 @@ class InProcess(Executor):
     def __init__(self) -> None:
         super().__init__(1)
 
-    def run(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Done[Result]]:  # type: ignore[override]
+    def _ends(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], homes: Homes
+    ) -> Generator[Done[Result], None, None]:
         for number, task in enumerate(tasks):
+            self.progress.waiting = len(tasks) - number - 1
             yield _done(function, number, task)
 
 
@@ -118,13 +146,16 @@ class InThreads(InProcess):
         self.workers = workers
         self._pool = ThreadPoolExecutor(workers, "tasks")
 
-    def run(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Done[Result]]:  # type: ignore[override]
+    def _ends(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], homes: Homes
+    ) -> Generator[Done[Result], None, None]:
         if self.workers == 1:
-            yield from super().run(function, tasks)
+            yield from super()._ends(function, tasks, homes)
             return
         running = [self._pool.submit(_done, function, number, task) for number, task in enumerate(tasks)]
         try:
-            for future in as_completed(running):
+            for k, future in enumerate(as_completed(running)):
+                self.progress.waiting = max(len(tasks) - self.workers - k - 1, 0)
                 yield future.result()
         finally:
             for future in running:

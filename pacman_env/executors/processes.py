@@ -10,35 +10,44 @@ from typing import Any
 
 from pebble import ProcessExpired, ProcessPool
 
-from .base import Done, Executor, Losses, Result, Task, TaskFailed
+from .base import Done, Executor, Homes, Losses, Result, Task, TaskFailed
+from .queue import Queue
 
 
 class LocalProcesses(Executor):
-    """A pool that keeps its processes, with what they have prepared, from call to call."""
+    """Each process is a pool of its own, which keeps it, with what it has prepared, from call to call."""
 
     def __init__(self, workers: int, limit_s: float | None = None) -> None:
         super().__init__(workers, limit_s)
         # spawn: a forked child would share the locks of threads that it does not have
-        self._pool = ProcessPool(
-            workers, context=multiprocessing.get_context("spawn"), initializer=_end_with, initargs=(os.getpid(),)
-        )
+        how: dict[str, Any] = {"context": multiprocessing.get_context("spawn")}
+        how |= {"initializer": _end_with, "initargs": (os.getpid(),)}
+        self._pools = [ProcessPool(1, **how) for _ in range(workers)]
 
-    def run(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Generator[Done[Result], None, None]:
-        waiting = list(range(len(tasks)))[::-1]
-        losses = Losses()
-        running: dict[Future[Any], int] = {}
+    def _ends(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], homes: Homes
+    ) -> Generator[Done[Result], None, None]:
+        waiting, losses = Queue(len(tasks), homes, self._owners), Losses(self.progress)
+        running: dict[Future[Any], tuple[int, int]] = {}  # the worker and the task
         try:
             while waiting or running:
-                while waiting and len(running) < self.workers:
-                    number = waiting.pop()
-                    running[self._pool.schedule(function, args=(tasks[number],), timeout=self.limit_s)] = number
+                for worker in set(range(self.workers)) - {worker for worker, _ in running.values()}:
+                    number = waiting.take(worker, self.workers)
+                    if number is not None:
+                        scheduled: Future[Any] = self._pools[worker].schedule(
+                            function, args=(tasks[number],), timeout=self.limit_s
+                        )
+                        running[scheduled] = worker, number
+                self.progress.waiting = len(waiting)
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    number = running.pop(future)
+                    worker, number = running.pop(future)
                     try:
                         yield Done(number, future.result())
                     except ProcessExpired:
+                        waiting.lose(worker)
                         yield from losses.note(number, waiting, "its process died")
                     except TimeoutError as error:
+                        waiting.lose(worker)
                         late = f"task {number}: more than {self.limit_s} s"
                         yield Done(number, error=error if self.limit_s is None else TaskFailed(late))
                     except Exception as error:
@@ -48,8 +57,10 @@ class LocalProcesses(Executor):
                 future.cancel()
 
     def close(self) -> None:
-        self._pool.stop()
-        self._pool.join()
+        for pool in self._pools:
+            pool.stop()
+        for pool in self._pools:
+            pool.join()
 
 
 def _end_with(parent: int) -> None:

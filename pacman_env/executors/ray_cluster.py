@@ -1,16 +1,21 @@
 """Tasks on a Ray cluster, whose workers are processes of this machine or of others. Nothing else imports Ray."""
 
 import importlib
+import itertools
 import logging
 import socket
 from collections.abc import Callable, Generator, Sequence
+from dataclasses import replace
 from time import monotonic
 from typing import Any, NamedTuple
 
 from pacman_env import __version__
-from pacman_env.engine.cache_folder import source_hash
+from pacman_env.engine.cache_folder import package_hash
+from pacman_env.plugins import PluginError
 
-from .base import Done, Executor, Losses, Result, Task, TaskFailed
+from .base import Done, Executor, Homes, Losses, Result, Task, TaskFailed
+from .progress import LOG, Progress
+from .queue import Queue
 
 _LOOPBACK = "127.0.0.1"
 _ANSWER_S = 5.0  # within which a cluster answers
@@ -36,50 +41,95 @@ class RayCluster(Executor):
         quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
         try:
             if address is None:
-                ray.init(num_cpus=workers, include_dashboard=False, _node_ip_address=_LOOPBACK, **quiet)
+                # without "local" it would connect to a cluster that someone has started on this machine
+                own: dict[str, Any] = {"include_dashboard": False, "_node_ip_address": _LOOPBACK}
+                ray.init("local", num_cpus=workers, **own, **quiet)
             else:
                 ray.init(address=address, **quiet)
         except (ConnectionError, RuntimeError, ValueError) as error:
             raise ConnectionError(f"--ray {address or ''}: {error}") from None
-        self._ray = ray
-        super().__init__(self._cpus(), limit_s)
+        self._ray, self._actors = ray, dict[int, Any]()
+        self._known, self._metrics = self._machines(), _Metrics()
+        super().__init__(max(1, sum(self._known.values())), limit_s)
         # Lost workers are counted here; an exception of a task is its result.
-        self._run = ray.remote(num_cpus=1, max_retries=0, max_calls=0)(_run)
+        self._kind = ray.remote(num_cpus=1, max_restarts=0, max_task_retries=0)(_Worker)
+        self._numbers = itertools.count()
+        self._fit: set[int] = set()  # workers that have answered
 
-    def _cpus(self) -> int:
-        return max(1, int(self._ray.cluster_resources().get("CPU", 0)))
-
-    def run(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Generator[Done[Result], None, None]:
+    def _ends(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], homes: Homes
+    ) -> Generator[Done[Result], None, None]:
         ray, name = self._ray, f"{function.__module__}:{function.__qualname__}"
-        waiting = list(range(len(tasks)))[::-1]
-        losses = Losses()
-        running: dict[Any, tuple[int, float]] = {}
-        counted = monotonic()
+        waiting, losses = Queue(len(tasks), homes, self._owners), Losses(self.progress)
+        running: dict[Any, _Running] = {}
+        looked = monotonic()
         try:
             while waiting or running:
-                if monotonic() - counted > _POLL_S:
-                    self.workers, counted = self._cpus(), monotonic()
-                while waiting and len(running) < self.workers:
-                    number = waiting.pop()
-                    running[self._run.remote(name, tasks[number], __version__, source_hash())] = number, monotonic()
+                if monotonic() - looked > _POLL_S:
+                    self._look()
+                    looked = monotonic()
+                self._hire(waiting, running)
+                for worker in self._actors.keys() - {one.worker for one in running.values()}:
+                    number = waiting.take(worker, self.workers)
+                    if number is not None:
+                        reference = self._actors[worker].run.remote(name, tasks[number], __version__, package_hash())
+                        running[reference] = _Running(worker, number, monotonic())
+                self.progress.waiting = len(waiting)
                 for reference in ray.wait(list(running), timeout=_POLL_S)[0]:
-                    number, _ = running.pop(reference)
+                    worker, number, _ = running.pop(reference)
                     try:
                         outcome = ray.get(reference)
                     except ray.exceptions.RayError as error:
-                        yield from losses.note(number, waiting, "lost", f": {_line(error)}")
+                        self._dismiss(worker, waiting)
+                        yield from losses.note(number, waiting, "its worker was lost", f": {_line(error)}")
                         continue
+                    self._fit.add(worker)
                     if outcome.unfit:
                         raise TaskFailed(outcome.unfit)
                     yield Done(number, outcome.value, outcome.error)
-                for reference, (number, began) in list(running.items()):
+                for reference, (worker, number, began) in list(running.items()):
                     if self.limit_s is not None and monotonic() - began > self.limit_s:
                         del running[reference]
-                        ray.cancel(reference, force=True)
+                        self._dismiss(worker, waiting)
                         yield Done(number, error=TaskFailed(f"task {number}: more than {self.limit_s} s"))
         finally:
-            for reference in running:
-                ray.cancel(reference, force=True)
+            self._look()
+            for one in running.values():
+                self._dismiss(one.worker, waiting)
+
+    def _hire(self, waiting: Queue, running: dict[Any, "_Running"]) -> None:
+        """As many workers as there are CPUs, if there is work for them."""
+        while len(self._actors) < min(self.workers, len(waiting) + len(running)):
+            self._actors[next(self._numbers)] = self._kind.remote()
+        if len(self._actors) > self.workers:  # one that has not answered yet may wait for a machine that was lost
+            for reference, (worker, number, _) in list(running.items())[::-1]:
+                if worker not in self._fit and len(self._actors) > self.workers:
+                    del running[reference]
+                    self._dismiss(worker, waiting)
+                    waiting.put_back(number)
+
+    def _dismiss(self, worker: int, waiting: Queue) -> None:
+        self._ray.kill(self._actors.pop(worker))
+        self._fit.discard(worker)
+        waiting.lose(worker)
+
+    def _look(self) -> None:
+        """Notice machines that come and go, and publish the counts."""
+        machines = self._machines()
+        workers = max(1, sum(machines.values()))
+        for name in machines.keys() - self._known.keys():
+            LOG.info("machine %s joined: %d workers", name, workers)
+        for name in self._known.keys() - machines.keys():
+            LOG.warning("machine %s was lost: %d workers", name, workers)
+        self._known, self.workers = machines, workers
+        self._metrics.publish(self.progress, workers)
+
+    def _machines(self) -> dict[str, int]:
+        """The CPUs of each, by name."""
+        alive = (node for node in self._ray.nodes() if node["Alive"])
+        return {
+            _name(node["NodeManagerHostname"], node["NodeID"]): int(node["Resources"].get("CPU", 0)) for node in alive
+        }
 
     def close(self) -> None:
         self._ray.shutdown()
@@ -96,25 +146,67 @@ def _check_that_it_answers(address: str) -> None:
         raise ConnectionError(f"--ray {address}: no cluster answers there: {error}") from None
 
 
+class _Metrics:
+    """The counts, for the cluster's dashboard and Prometheus: ``ray_pacman_env_tasks_done_total`` and others."""
+
+    def __init__(self) -> None:
+        from ray.util.metrics import Counter, Gauge
+
+        self._done = Counter("pacman_env_tasks_done", "Tasks done.")
+        self._lost = Counter("pacman_env_tasks_lost", "Tasks whose worker was lost.")
+        self._waiting = Gauge("pacman_env_tasks_waiting", "Tasks that wait for a worker.")
+        self._workers = Gauge("pacman_env_workers", "Workers.")
+        self._before = Progress()
+
+    def publish(self, now: Progress, workers: int) -> None:
+        for counter, more in ((self._done, now.done - self._before.done), (self._lost, now.lost - self._before.lost)):
+            if more:
+                counter.inc(more)
+        self._waiting.set(now.waiting)
+        self._workers.set(workers)
+        self._before = replace(now)
+
+
 class _Outcome(NamedTuple):
     value: Any = None
     error: Exception | None = None
     unfit: str = ""  # why this worker can do no task
 
 
-def _run(name: str, task: Any, version: str, sources: str) -> _Outcome:
-    """On a worker: the call of the function ``module:name``; an exception of it is plain data."""
-    node = socket.gethostname()
-    if (__version__, source_hash()) != (version, sources):
-        found = f"pacman_env {__version__}, sources {source_hash()}"
-        return _Outcome(unfit=f"worker on {node}: {found}; here it is {version}, sources {sources}: install the same")
-    module, _, function = name.partition(":")
-    try:
-        return _Outcome(value=getattr(importlib.import_module(module), function)(task))
-    except OSError as error:
-        return _Outcome(error=OSError(f"worker on {node}: {error}"))
-    except Exception as error:
-        return _Outcome(error=_plain(error))
+class _Worker:
+    """One process, on any of the machines."""
+
+    def run(self, name: str, task: Any, version: str, sources: str) -> _Outcome:
+        """The call of the function ``module:name``, if it is the command's; an exception of it is plain data."""
+        if (__version__, package_hash()) != (version, sources):
+            found = f"pacman_env {__version__}, sources {package_hash()}"
+            return _Outcome(unfit=f"{_here()}: {found}; the command has {version}, sources {sources}: install the same")
+        module, _, function = name.partition(":")
+        try:
+            return _Outcome(value=getattr(importlib.import_module(module), function)(task))
+        except OSError as error:
+            return _Outcome(error=OSError(f"{_here()}: {error}"))
+        except (PluginError, ImportError) as error:
+            return _Outcome(error=TaskFailed(f"{_here()}: {error}"))
+        except Exception as error:
+            return _Outcome(error=_plain(error))
+
+
+class _Running(NamedTuple):
+    worker: int
+    number: int  # of the task
+    began_s: float
+
+
+def _here() -> str:
+    import ray
+
+    return f"worker on {_name(socket.gethostname(), ray.get_runtime_context().get_node_id())}"
+
+
+def _name(host: str, node: str) -> str:
+    """Of a machine; the node's number begins as in ``ray list nodes``, and tells two on one host apart."""
+    return f"{host} (node {node[:12]})"
 
 
 def _plain(error: Exception) -> Exception:
@@ -128,3 +220,8 @@ def _plain(error: Exception) -> Exception:
 
 def _line(error: BaseException) -> str:
     return " ".join(str(error).split())[:300]
+
+
+def _last_line(error: BaseException) -> str:
+    """What a traceback ends with."""
+    return next((line.strip() for line in reversed(str(error).splitlines()) if line.strip()), "")[:300]

@@ -41,8 +41,8 @@ Record = Mapping[str, tuple[int, int]]
 class League:
     """The members that a run has so far, as ONNX files in a folder."""
 
-    def __init__(self, arguments: Arguments, folder: Path, executor: Executor) -> None:
-        self._arguments, self._folder, self._executor = arguments, folder, executor
+    def __init__(self, arguments: Arguments, folder: Path) -> None:
+        self._arguments, self._folder = arguments, folder
 
     def names(self, segment: int) -> list[str]:
         """The members there are in a segment: one more after every ``league_every`` segments."""
@@ -57,7 +57,7 @@ class League:
         every = self._arguments.hyper.league_every
         return every > 0 and segment > 0 and segment % every == 0
 
-    def train(self, segment: int, planner: Policy) -> None:
+    def train(self, segment: int, planner: Policy, executor: Executor) -> None:
         """Train the member that is due against the planner as it is.
 
         Every other one begins anew and so finds weaknesses of its own; the others begin as the member before them.
@@ -71,7 +71,7 @@ class League:
         torch.manual_seed(seeds[0])
         bar = tqdm(disable=True)
         parts = make_ghost_parts(arguments, segment, planner)
-        with contextlib.closing(Collector(parts, self._executor)) as games:
+        with contextlib.closing(Collector(parts, executor)) as games:
             learner.learn(games, arguments.hyper.decisions, seeds[1], bar)
         export_planner(learner.network, self.path(names[-1]), facts_of(arguments, learner.decisions, {}))
 

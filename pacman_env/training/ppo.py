@@ -101,7 +101,7 @@ def train(
         with InThreads(arguments.threads or cores()) as threads:
             return train(arguments, after_segment, threads)
     device = use_device(arguments.device)
-    folder = Run(arguments, executor)
+    folder = Run(arguments)
     hyper, begun = arguments.hyper, len(folder.segments)
     bar = progress_bar(hyper.segments * hyper.segment, arguments.progress, begun * hyper.segment)
     for record in folder.segments:
@@ -114,21 +114,21 @@ def train(
         with contextlib.closing(model.logger):
             validation = HeldOut(arguments, arguments.evaluation, executor)
             for segment in range(begun, hyper.segments):
-                _segment(folder, segment, model, validation, bar)
+                _segment(folder, segment, model, validation, executor, bar)
                 after_segment(folder.segments[-1])
     return folder, model
 
 
-def _segment(folder: Run, segment: int, model: Learner, validation: HeldOut, bar: Any) -> None:
+def _segment(folder: Run, segment: int, model: Learner, validation: HeldOut, executor: Executor, bar: Any) -> None:
     arguments, hyper = folder.arguments, model.hyper
     seeds = np.random.SeedSequence(arguments.seed, spawn_key=(segment,)).generate_state(3).tolist()
     began = time.perf_counter()
     if folder.league.is_due(segment):
-        folder.league.train(segment, _planner(arguments, model))
+        folder.league.train(segment, _planner(arguments, model), executor)
     pool = folder.league.pool(segment, folder.against_league())
     again = folder.segments[-1]["again"] if folder.segments else {}
     parts = make_parts(arguments, segment, pool, again)
-    with contextlib.closing(Collector(parts, folder.executor)) as games:
+    with contextlib.closing(Collector(parts, executor)) as games:
         torch.manual_seed(seeds[0])
         imitation = {}
         if segment == 0 and hyper.imitation > 0:
@@ -200,12 +200,12 @@ def _report(
 class Run:
     """A run in a folder: ``run.json``, ``last.zip``, ``best.zip`` and TensorBoard's files."""
 
-    def __init__(self, arguments: Arguments, executor: Executor) -> None:
-        self.arguments, self.executor = arguments, executor
+    def __init__(self, arguments: Arguments) -> None:
+        self.arguments = arguments
         self.folder = arguments.out
         self.segments: list[dict[str, Any]] = []
         self.record = self.folder / "run.json"
-        self.league = League(arguments, self.folder, executor)
+        self.league = League(arguments, self.folder)
         self.best, self.last = self.folder / "best.zip", self.folder / "last.zip"
         if arguments.resume:
             self._read()

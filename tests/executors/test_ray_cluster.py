@@ -42,7 +42,9 @@ def test_a_worker_with_other_sources_ends_the_run_and_is_named(
     cluster: RayCluster, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ray_cluster, "__version__", "0.0.1")
-    with pytest.raises(TaskFailed, match=r"^worker on \S+: pacman_env [\d.]+, sources \w+; here it is 0\.0\.1"):
+    with pytest.raises(
+        TaskFailed, match=r"^worker on \S+ \(node \w+\): pacman_env [\d.]+, sources \w+; the command has 0\.0\.1"
+    ):
         cluster.map(functions.double, [1])
 
 

@@ -1,36 +1,184 @@
-"""A cluster of two machines, which are two nodes of Ray on this one."""
+"""A cluster of two machines, which are two nodes of Ray on this one, each with an environment of its own."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import logging
+import os
+import shutil
+import subprocess
+import time
+import urllib.request
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip("ray")
 
 from ray.cluster_utils import Cluster
 
+from pacman_env.episodes.rollout import episode_seeds
+from pacman_env.evaluation.compare import workers
+from pacman_env.evaluation.compare.kept import KeptRounds
+from pacman_env.evaluation.compare.workers import Block, play_all
+from pacman_env.executors.base import InProcess, TaskFailed
 from pacman_env.executors.ray_cluster import RayCluster
+from pacman_env.policies.learned import PRETRAINED
+from tests.evaluation.helpers import CONFIG
 from tests.executors import functions
 
 pytestmark = pytest.mark.daily
 
+ROOT = Path(__file__).resolve().parents[2]
+PLUGIN = "from pacman_env.heuristics.simple import Nearest\n\n\nclass Mine(Nearest):\n    pass\n"
+
 
 @pytest.fixture
-def cluster() -> Iterator[Cluster]:
+def cluster(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Cluster]:
+    """One node with what the command has, a package of plug-ins among it."""
+    plugins = tmp_path / "plugins"
+    plugins.mkdir()
+    (plugins / "other_package.py").write_text(PLUGIN)
+    monkeypatch.chdir(tmp_path)  # Ray's workers import from the command's folder, too
+    monkeypatch.syspath_prepend(plugins)
+    monkeypatch.setenv("PYTHONPATH", f"{plugins}:{ROOT}")
     made = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
     yield made
     made.shutdown()
 
 
-def test_a_machine_that_is_lost_and_one_that_joins_change_no_result(cluster: Cluster) -> None:
+def test_a_machine_that_is_lost_and_one_that_joins_change_no_result(
+    cluster: Cluster, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO, "pacman_env.executors")
     lost = cluster.add_node(num_cpus=1)
     with RayCluster(cluster.address) as executor:
         assert executor.workers == 2
         ends = executor.run(functions.slow_double, range(40))
         found = {done.number: done.result() for done in (next(ends), next(ends))}
         cluster.remove_node(lost, allow_graceful=False)
-        cluster.add_node(num_cpus=2)
+        joined = cluster.add_node(num_cpus=2)
         found |= {done.number: done.result() for done in ends}
         assert found == {number: 2 * number for number in range(40)}
-        assert executor.workers >= 3  # 4 until the loss is noticed
+        assert (executor.progress.done, executor.progress.waiting) == (40, 0)
+        while executor.workers != 3:  # Ray notices the loss after some seconds
+            executor.map(functions.slow_double, range(4))
+    told = [record.getMessage() for record in caplog.records]
+    assert sum(f"(node {joined.node_id[:12]}) joined: " in line for line in told) == 1
+    assert sum(f"(node {lost.node_id[:12]}) was lost: " in line for line in told) == 1
+    assert sum("its worker was lost, it is done again: " in line for line in told) == executor.progress.lost
+
+
+def other_version(folder: Path) -> dict[str, str]:
+    shutil.copytree(ROOT / "pacman_env", folder / "other" / "pacman_env")
+    (folder / "other" / "pacman_env" / "_version.py").write_text('__version__ = "0.0.1"\n')
+    return {"PYTHONPATH": str(folder / "other")}
+
+
+def other_sources(folder: Path) -> dict[str, str]:
+    shutil.copytree(ROOT / "pacman_env", folder / "changed" / "pacman_env")
+    with (folder / "changed" / "pacman_env" / "episodes" / "rollout.py").open("a") as file:
+        file.write("# changed\n")
+    return {"PYTHONPATH": str(folder / "changed")}
+
+
+def no_executors(folder: Path) -> dict[str, str]:
+    """As in a version that had none."""
+    shutil.copytree(ROOT / "pacman_env", folder / "old" / "pacman_env", ignore=shutil.ignore_patterns("executors"))
+    return {"PYTHONPATH": str(folder / "old")}
+
+
+def no_plugin(folder: Path) -> dict[str, str]:
+    return {"PYTHONPATH": str(ROOT)}
+
+
+def full_disk(folder: Path) -> dict[str, str]:
+    """A disk of 64 kB, mounted until the test ends."""
+    (folder / "disk").mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", folder / "disk"], check=False).returncode:
+        pytest.skip("only root may mount a disk")
+    return {"PACMAN_ENV_CACHE": str(folder / "disk")}
+
+
+@pytest.fixture
+def unmounted(tmp_path: Path) -> Iterator[None]:
+    yield
+    if os.path.ismount(tmp_path / "disk"):
+        subprocess.run(["umount", "--lazy", tmp_path / "disk"], check=True)
+
+
+@pytest.mark.parametrize(
+    ("environment", "reason"),
+    [
+        (other_version, r": pacman_env 0\.0\.1, sources \w+; the command has [\d.]+, sources \w+: install the same"),
+        (other_sources, r": pacman_env [\d.]+, sources \w+; the command has [\d.]+, sources \w+: install the same"),
+        (no_executors, r": cannot run this package: ModuleNotFoundError: No module named 'pacman_env\.executors'"),
+        (no_plugin, r": unknown policy 'other_package:Mine'"),
+        (full_disk, r": .*/disk/sent/\w+: cannot be written: No space left on device"),
+    ],
+)
+@pytest.mark.usefixtures("unmounted")
+def test_a_machine_that_cannot_play_is_named_and_what_was_played_is_kept(
+    environment: Callable[[Path], dict[str, str]],
+    reason: str,
+    cluster: Cluster,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(workers, "_LARGEST_PIECE", 4)
+    seeds = episode_seeds(5, 24)
+    blocks = [Block("house", CONFIG, policy, seeds) for policy in (str(PRETRAINED), "other_package:Mine")]
+    expected = play_all(blocks, InProcess())
+    bad: list[Any] = []
+    folder = tmp_path / "parts"
+    folder.mkdir()
+
+    def join(ended: int) -> None:
+        """With the first rounds that have ended."""
+        if not bad:
+            bad.append(cluster.add_node(num_cpus=1, env_vars=environment(tmp_path)))
+
+    with RayCluster(cluster.address) as executor, pytest.raises((TaskFailed, OSError), match=reason) as failed:
+        KeptRounds(folder, blocks, resume=True).play(executor, join)
+    line = str(failed.value)
+    assert line.startswith("worker on ")
+    assert "\n" not in line
+    if environment is not no_executors:
+        assert f"(node {bad[0].node_id[:12]})" in line
+    kept = {path: path.stat().st_mtime_ns for path in folder.iterdir()}
+    assert kept
+    cluster.remove_node(bad[0])
+    cluster.add_node(num_cpus=1)  # as the command has it
+    rounds, ended = KeptRounds(folder, blocks, resume=True), []
+    assert 0 < rounds.left < 2 * len(seeds)
+    with RayCluster(cluster.address) as executor:
+        found = rounds.play(executor, ended.append)
+    assert sum(ended) == rounds.left
+    for (records, _), (whole, _) in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(records, whole)
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+
+
+def test_the_counts_are_among_the_metrics_of_the_cluster(cluster: Cluster) -> None:
+    pytest.importorskip("opentelemetry.exporter.prometheus", reason="needs ray[default]")
+    head = cluster.head_node
+    with RayCluster(cluster.address) as executor:
+        executor.map(functions.double, range(20))
+        for _ in range(60):  # they are sent every 10 s
+            with urllib.request.urlopen(f"http://{head.node_ip_address}:{head.metrics_export_port}/metrics") as answer:
+                lines = answer.read().decode().splitlines()
+            found = {line.partition("{")[0]: line.rpartition(" ")[2] for line in lines if "pacman_env" in line}
+            if found.get("ray_pacman_env_tasks_done_total") == "20.0":
+                break
+            time.sleep(1.0)
+    assert found["ray_pacman_env_tasks_done_total"] == "20.0"
+    assert found["ray_pacman_env_tasks_waiting"] == "0.0"
+    assert found["ray_pacman_env_workers"] == "1.0"
+
+
+def test_without_an_address_the_cluster_is_a_new_one(cluster: Cluster) -> None:
+    with RayCluster(workers=2) as executor:
+        assert executor.workers == 2
+        assert executor.map(functions.double, [4]) == [8]

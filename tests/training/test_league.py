@@ -30,20 +30,20 @@ def arguments(**changes: Any) -> Arguments:
 
 
 def test_a_member_joins_after_every_so_many_segments(tmp_path: Path) -> None:
-    league = League(arguments(), tmp_path, InProcess())
+    league = League(arguments(), tmp_path)
     assert [segment for segment in range(7) if league.is_due(segment)] == [2, 4, 6]
     assert [len(league.names(segment)) for segment in range(7)] == [0, 0, 1, 1, 2, 2, 3]
-    assert League(tiny(), tmp_path, InProcess()).names(9) == []
-    assert not League(tiny(), tmp_path, InProcess()).is_due(2)
+    assert League(tiny(), tmp_path).names(9) == []
+    assert not League(tiny(), tmp_path).is_due(2)
 
 
 def test_before_there_is_a_member_rules_play_in_its_place(tmp_path: Path) -> None:
-    pool = League(arguments(), tmp_path, InProcess()).pool(1, {})
+    pool = League(arguments(), tmp_path).pool(1, {})
     assert [member.name for member in pool.members] == ["arcade", "chase"]
 
 
 def test_members_are_drawn_by_how_often_the_planner_loses_to_them(tmp_path: Path) -> None:
-    league = League(arguments(), tmp_path, InProcess())
+    league = League(arguments(), tmp_path)
     for name in ("clyde-1", "clyde-2"):
         random_planner(tmp_path, name)
     pool = league.pool(4, {"clyde-1": (8, 8), "clyde-2": (0, 8)})  # weights 1/10 and 9/10
@@ -53,7 +53,7 @@ def test_members_are_drawn_by_how_often_the_planner_loses_to_them(tmp_path: Path
 
 
 def test_rounds_are_counted_for_the_member_that_played_them(tmp_path: Path) -> None:
-    league = League(arguments(), tmp_path, InProcess())
+    league = League(arguments(), tmp_path)
     for name in ("clyde-1", "clyde-2"):
         random_planner(tmp_path, name)
     pool = league.pool(4, {})
@@ -72,9 +72,9 @@ def test_a_member_is_trained_against_the_planner_and_repeats_by_its_seed(
     contents = []
     for number in range(2):
         folder = tmp_path / str(number)
-        league = League(arguments(), folder, InProcess())
+        league = League(arguments(), folder)
         for segment in (2, 4):
-            league.train(segment, Nearest())
+            league.train(segment, Nearest(), InProcess())
         contents.append([league.path(name).read_bytes() for name in league.names(4)])
     assert contents[0] == contents[1]
     assert contents[0][0] != contents[0][1]

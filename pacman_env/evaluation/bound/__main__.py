@@ -21,6 +21,7 @@ from pacman_env.evaluation.bound.table import render
 from pacman_env.evaluation.compare import scenarios
 from pacman_env.executors.base import InProcess
 from pacman_env.executors.choice import add_executor_arguments, executor_of, without_executor
+from pacman_env.executors.progress import bar_of
 from pacman_env.files import prepare, replaced
 from pacman_env.game.ghosts import POLICY, find_behaviour
 from pacman_env.world.maps.occupancy import load_map
@@ -80,8 +81,6 @@ def configs_of(arguments: argparse.Namespace) -> list[Config]:
 
 
 def _bound(arguments: argparse.Namespace) -> None:
-    from tqdm import tqdm
-
     configs = configs_of(arguments)
     for source in arguments.map:
         if source.partition(":")[0] == "generated":
@@ -95,7 +94,7 @@ def _bound(arguments: argparse.Namespace) -> None:
     pixels = {name: load_map(str(source)) for name, source in maps.items()}
     tasks = [RowTask(pixels[name], configs[0], config, seeds, arguments.width) for name, config in work]
     total = len(tasks) * len(seeds)
-    with executor_of(arguments) as executor, tqdm(total=total, unit="start", mininterval=1.0, file=sys.stderr) as bar:
+    with executor_of(arguments) as executor, bar_of(executor, total, "start") as bar:
         if isinstance(executor, InProcess):  # shows every start
             found = executor.map(functools.partial(make_row, played=bar.update), tasks)
         else:

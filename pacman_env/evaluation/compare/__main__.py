@@ -1,6 +1,7 @@
 """Policies compared on the same rounds: ``pacman-env compare``.
 
-Rounds are played by ``workers``, counted in ``rows``, shown by ``table``, ``plot`` and ``evaluation.replay``.
+Rounds are played by ``workers``, kept by ``kept``, counted in ``rows``, shown by ``table``, ``plot`` and
+``evaluation.replay``.
 """
 
 import argparse
@@ -15,10 +16,12 @@ from pacman_env import __version__
 from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.compare import scenarios
+from pacman_env.evaluation.compare.kept import KeptRounds
 from pacman_env.evaluation.compare.rows import make_row
 from pacman_env.evaluation.compare.table import render
-from pacman_env.evaluation.compare.workers import Block, play_all
+from pacman_env.evaluation.compare.workers import Block
 from pacman_env.executors.choice import add_executor_arguments, executor_of, without_executor
+from pacman_env.executors.progress import bar_of
 from pacman_env.files import prepare, replaced
 
 SCHEMA = 2
@@ -43,6 +46,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--seed", type=whole_number(0), default=0, metavar="S", help="the rounds' seeds are drawn from it (0)")
     add_executor_arguments(parser)
     add("--threads", type=whole_number(0), default=1, metavar="N", help="of each process; 0: one for each core (1)")
+    add("--resume", action="store_true", help="use the rounds that are kept, play the others")
+    parts = "where rounds are kept: else OUT.parts beside the JSON, else results/compare.parts"
+    add("--parts", type=Path, metavar="FOLDER", help=parts)
     add("--json", type=Path, metavar="OUT", help="write the numbers")
     add("--plot", type=Path, metavar="OUT", help="PNG; else beside the JSON, else results/compare.png")
     add("--video", type=Path, metavar="OUT", help="film (.mp4, .gif) of the first map's first round")
@@ -50,8 +56,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _compare(arguments: argparse.Namespace) -> None:
-    from tqdm import tqdm
-
     from pacman_env.evaluation.compare.plot import save_plot
 
     configs = scenarios.game_configs(arguments)
@@ -63,9 +67,9 @@ def _compare(arguments: argparse.Namespace) -> None:
     work = list(itertools.product(maps.items(), configs, policies.items()))
     blocks = [Block(scenario, one, spec, seeds, arguments.threads) for (_, scenario), one, (spec, _) in work]
     unit = "game" if config.endless else "episode"
-    total = len(blocks) * len(seeds)
-    with executor_of(arguments) as executor, tqdm(total=total, unit=unit, mininterval=1.0, file=sys.stderr) as bar:
-        played = play_all(blocks, executor, bar.update)
+    kept = KeptRounds(_parts(arguments), blocks, arguments.resume)
+    with executor_of(arguments) as executor, bar_of(executor, kept.left, unit) as bar:
+        played = kept.play(executor, bar.update)
     rows = []
     for k, (((place, _), one, (_, policy)), result) in enumerate(zip(work, played, strict=True)):
         first = k - k % len(policies)  # the first policy in the same rounds
@@ -84,7 +88,7 @@ def _compare(arguments: argparse.Namespace) -> None:
             "execution": arguments.execution,
             "maps": [scenarios.describe_scenario(name, scenario, config) for name, scenario in maps.items()],
             "policies": [{"name": name, "spec": spec} for spec, name in policies.items()],
-            "arguments": without_executor(arguments),
+            "arguments": {k: v for k, v in without_executor(arguments).items() if k not in ("parts", "resume")},
             "config": config.as_dict(),
             "rows": rows,
         }
@@ -114,6 +118,12 @@ def _outputs(arguments: argparse.Namespace) -> tuple[Path | None, Path, Path | N
     if arguments.json == plot:
         raise ValueError(f"--json {plot}: is the plot's file too")
     return arguments.json and prepare(arguments.json), prepare(plot), video and prepare(video)
+
+
+def _parts(arguments: argparse.Namespace) -> Path:
+    folder: Path = arguments.parts or (arguments.json or Path("results/compare")).with_suffix(".parts")
+    prepare(folder / "part.json")
+    return folder
 
 
 if __name__ == "__main__":

@@ -98,7 +98,7 @@ def scenario_name(scenario: Scenario, config: Config) -> str:
     return f"generated:{scenario.split}" if isinstance(scenario, Levels) else first.occupancy.name
 
 
-def describe_scenario(name: str, scenario: Scenario, config: Config) -> dict[str, Any]:
+def describe_scenario(name: str, scenario: Scenario | OccupancyMap, config: Config) -> dict[str, Any]:
     """Plain data for a result file, enough to find the scenario again; of levels the hash is that of the first."""
     about: dict[str, Any] = {"name": name, "hash": open_scenario(scenario, config).first.occupancy.hash}
     if not isinstance(scenario, Levels):

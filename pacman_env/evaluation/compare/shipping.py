@@ -38,6 +38,11 @@ def play_sent(task: Sent) -> Played:
     return play_block(replace(block, config=config, policy=places.get(block.policy, block.policy)))
 
 
+def hash_of_files(path: Path) -> str:
+    """Of the content of a policy's file and of what lies beside it."""
+    return _hash((Path(name).suffix, data) for name, data in _content(path).items())
+
+
 def _is_file(spec: str) -> bool:
     return Path(spec).suffix in _BESIDE
 
@@ -49,13 +54,20 @@ def _content(path: Path) -> dict[str, bytes]:
 
 def _kept(content: dict[str, bytes], name: str) -> str:
     folder = cache_dir() / "sent" / _hash(content.items())
+    try:
+        _write(content, folder)
+    except OSError as error:
+        raise OSError(f"{folder}: cannot be written: {error.strerror}") from None
+    return str(folder / name)
+
+
+def _write(content: dict[str, bytes], folder: Path) -> None:
     for own, data in content.items():
         path = folder / own
         if not path.is_file() or path.read_bytes() != data:
             path.parent.mkdir(parents=True, exist_ok=True)
             with replaced(path) as temporary:
                 temporary.write_bytes(data)
-    return str(folder / name)
 
 
 def _hash(content: Iterable[tuple[str, bytes]]) -> str:

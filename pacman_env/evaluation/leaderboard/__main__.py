@@ -21,12 +21,13 @@ from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.config import Config
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.compare import scenarios
+from pacman_env.evaluation.compare.parts import describe_map, describe_policy
 from pacman_env.evaluation.compare.scenarios import Scenario
 from pacman_env.evaluation.compare.workers import Block, play_all
 from pacman_env.evaluation.leaderboard import numbers
 from pacman_env.evaluation.leaderboard.numbers import CellResult, LeagueTable, PolicyEntry
 from pacman_env.evaluation.leaderboard.page import render
-from pacman_env.evaluation.leaderboard.parts import Part, PartFile, PartFolder, describe_map, describe_policy
+from pacman_env.evaluation.leaderboard.parts import KeptPart, Part, PartFolder
 from pacman_env.evaluation.leaderboard.suites import (
     EXECUTION,
     PRESET,
@@ -39,6 +40,7 @@ from pacman_env.evaluation.leaderboard.suites import (
 )
 from pacman_env.executors.base import Executor
 from pacman_env.executors.choice import add_executor_arguments, executor_of
+from pacman_env.executors.progress import bar_of
 from pacman_env.files import commit, prepare, replaced
 from pacman_env.policies.metadata import dump, parse
 from pacman_env.policies.registry import make_policy, policy_names
@@ -189,16 +191,14 @@ def _plan(arguments: argparse.Namespace) -> Plan:
     )
 
 
-def _played(plan: Plan, folder: PartFolder, resume: bool, executor: Executor) -> dict[Place, PartFile]:
+def _played(plan: Plan, folder: PartFolder, resume: bool, executor: Executor) -> dict[Place, KeptPart]:
     """All parts, each read or played; what has been played is kept at once."""
-    from tqdm import tqdm
-
     done = _kept(plan, folder) if resume else {}
     there = 0 if resume else sum(folder.path(part).exists() for part in plan.parts.values())
     if there:
         print(f"{there} of {len(plan.parts)} parts are kept and played again: without --resume", file=sys.stderr)
     total = sum(part.rounds for place, part in plan.parts.items() if place not in done)
-    with tqdm(total=total, unit="round", mininterval=1.0, file=sys.stderr) as bar:
+    with bar_of(executor, total, "round") as bar:
         for (number, scenario), group in itertools.groupby(plan.parts.items(), lambda one: one[0][:2]):
             new = {place: part for place, part in group if place not in done}
             cell = plan.cells[number]
@@ -213,7 +213,7 @@ def _played(plan: Plan, folder: PartFolder, resume: bool, executor: Executor) ->
     return done
 
 
-def _kept(plan: Plan, folder: PartFolder) -> dict[Place, PartFile]:
+def _kept(plan: Plan, folder: PartFolder) -> dict[Place, KeptPart]:
     """The parts that can be read."""
     found = {}
     for place, part in plan.parts.items():
@@ -227,7 +227,7 @@ def _kept(plan: Plan, folder: PartFolder) -> dict[Place, PartFile]:
     return found
 
 
-def _table(plan: Plan, played: dict[Place, PartFile], arguments: argparse.Namespace) -> LeagueTable:
+def _table(plan: Plan, played: dict[Place, KeptPart], arguments: argparse.Namespace) -> LeagueTable:
     results = []
     for number, cell in enumerate(plan.cells):
         rounds = {

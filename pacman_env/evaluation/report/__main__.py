@@ -26,6 +26,7 @@ from pacman_env.evaluation.compare.workers import play_all
 from pacman_env.evaluation.report.numbers import Numbers, Results
 from pacman_env.evaluation.report.plan import Plan, blocks, check_single_rounds, parse_variant
 from pacman_env.executors.choice import add_executor_arguments, executor_of
+from pacman_env.executors.progress import bar_of
 from pacman_env.files import prepare, replaced
 from pacman_env.policies.learned import PRETRAINED
 from pacman_env.policies.metadata import read_planner
@@ -79,8 +80,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _report(arguments: argparse.Namespace, command: str) -> None:
-    from tqdm import tqdm
-
     from pacman_env.evaluation.report.page import render_page
 
     plan = _plan(arguments)
@@ -94,7 +93,7 @@ def _report(arguments: argparse.Namespace, command: str) -> None:
         prepare(path)
     work = blocks(plan)
     total = sum(len(block.seeds) for block in work.values())
-    with executor_of(arguments) as executor, tqdm(total=total, unit="round", mininterval=1.0, file=sys.stderr) as bar:
+    with executor_of(arguments) as executor, bar_of(executor, total, "round") as bar:
         played = play_all(list(work.values()), executor, bar.update)
     report |= Results(plan, dict(zip(work, played, strict=True))).numbers()
     films = _films(plan, report["pair"], arguments.replays, page)

@@ -228,4 +228,4 @@ def test_the_command_runs_as_in_the_readme(tmp_path: Path) -> None:
     for policy in ("clyde_aware", "nearest", "random"):
         assert f"\n{policy} " in done.stdout
     assert "24/24" in done.stderr  # the progress bar
-    assert {p.name for p in (tmp_path / "new").iterdir()} == {"result.json", "result.png"}
+    assert {p.name for p in (tmp_path / "new").iterdir()} == {"result.json", "result.png", "result.parts"}

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from pacman_env.config import make_config
+from pacman_env.evaluation.compare import parts
+from pacman_env.evaluation.compare.parts import describe_map, describe_policy
 from pacman_env.evaluation.compare.scenarios import Levels
-from pacman_env.evaluation.leaderboard import parts
-from pacman_env.evaluation.leaderboard.parts import Part, PartFolder, describe_map, describe_policy
+from pacman_env.evaluation.leaderboard.parts import Part, PartFolder
 from pacman_env.policies.learned import PRETRAINED
 from pacman_env.policies.registry import make_policy
 from tests.evaluation.helpers import FIVE
@@ -93,7 +94,6 @@ def test_a_policy_of_another_package_is_its_source_too(tmp_path: Path, monkeypat
     ("old", "new", "message"),
     [
         ('"CCLDT"', '"CCLDC"', "sha256"),
-        ('"CCLDT"', '"CCLD"', "rounds: must be 5"),
         ('"CCLDT"', '"CCLDX"', "rounds.end"),
         ('"seed":0', '"seed":1', "of another part"),
         ('"commit"', '"author"', "no such field"),
@@ -111,6 +111,13 @@ def test_a_damaged_part_is_named(old: str, new: str, message: str, tmp_path: Pat
         folder.read(PART)
     assert str(caught.value).startswith(f"{path}: ")
     assert message in str(caught.value)
+
+
+def test_a_part_of_fewer_rounds_is_named(tmp_path: Path) -> None:
+    folder = PartFolder(tmp_path, "abc")
+    folder.write(PART, FIVE[:4])
+    with pytest.raises(ValueError, match=r"\.json: rounds: must be 5$"):
+        folder.read(PART)
 
 
 def test_what_decides_a_part_is_plain_data() -> None:

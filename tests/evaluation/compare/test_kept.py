@@ -1,0 +1,177 @@
+"""A comparison that was stopped goes on with what it has kept."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pacman_env.episodes.rollout import episode_seeds
+from pacman_env.evaluation.compare import kept
+from pacman_env.evaluation.compare.__main__ import main
+from pacman_env.evaluation.compare.kept import KeptRounds
+from pacman_env.evaluation.compare.scenarios import Levels
+from pacman_env.evaluation.compare.workers import Block, play_all
+from pacman_env.executors.base import InProcess
+from pacman_env.policies.learned import PRETRAINED
+from tests.evaluation.helpers import CONFIG, LEVELS, LEVELS_CONFIG
+
+ROOT = Path(__file__).resolve().parents[3]
+SHORT = ["--episodes", "6", "--spacing", "3", "--time-limit", "60"]
+#: Plays on when a file appears.
+WAITING = """\
+import os, time
+from pathlib import Path
+from pacman_env.heuristics.simple import Nearest
+
+
+class Waiting(Nearest):
+    name = "waiting"
+
+    def select(self, situation):
+        while not Path(os.environ["GO_ON"]).exists():
+            time.sleep(0.02)
+        return super().select(situation)
+"""
+
+
+def content(path: Path) -> dict[str, Any]:
+    """The numbers without decision times and paths."""
+    found: dict[str, Any] = json.loads(path.read_text())
+    for row in found["rows"]:
+        for name in [name for name in row if name.startswith("decision")]:
+            del row[name]
+    del found["arguments"]["json"]
+    return found
+
+
+def block(policy: str = "nearest", rounds: int = 6, **changes: Any) -> Block:
+    return Block("house", CONFIG.with_fields(**changes), policy, episode_seeds(5, rounds))
+
+
+def play(folder: Path, *blocks: Block) -> int:
+    """How many rounds were played, with the records compared."""
+    rounds, ended = KeptRounds(folder, blocks, resume=True), []
+    left = rounds.left
+    found = rounds.play(InProcess(), ended.append)
+    for (records, times), (expected, _) in zip(found, play_all(blocks, InProcess()), strict=True):
+        np.testing.assert_array_equal(records, expected)
+        assert len(times) > 0
+    assert sum(ended) == left
+    return left
+
+
+@pytest.mark.parametrize(("before", "after"), [("2", "1"), pytest.param("1", "2", marks=pytest.mark.daily)])
+def test_a_killed_run_goes_on_and_ends_with_the_same_json(before: str, after: str, tmp_path: Path) -> None:
+    (tmp_path / "waiting_policy.py").write_text(WAITING)
+    go_on = tmp_path / "go_on"
+    environment = {**os.environ, "PYTHONPATH": f"{ROOT}:{tmp_path}", "GO_ON": str(go_on)}
+
+    def command(name: str, *more: str) -> dict[str, Any]:
+        words = ["--policies", "nearest", "waiting_policy:Waiting", "--json", f"{name}.json", *more]
+        run = [sys.executable, "-m", "pacman_env.cli.main", "compare", *SHORT, *words]
+        return {"args": run, "cwd": tmp_path, "env": environment, "stderr": subprocess.PIPE, "text": True}
+
+    with subprocess.Popen(**command("cut", "--workers", before)) as stopped:
+        folder = tmp_path / "cut.parts"
+        while len(list(folder.glob("*.json"))) < int(before):
+            assert stopped.poll() is None
+            time.sleep(0.02)
+        stopped.kill()
+    kept_then = {path: path.stat().st_mtime_ns for path in folder.glob("*.json")}
+    assert not (tmp_path / "cut.json").exists()
+    go_on.touch()
+    resumed = subprocess.run(**command("cut", "--workers", after, "--resume"), check=True, stdout=subprocess.DEVNULL)
+    assert "6/6" in resumed.stderr  # of twelve rounds
+    subprocess.run(**command("whole"), check=True, stdout=subprocess.DEVNULL)
+    assert content(tmp_path / "cut.json") == content(tmp_path / "whole.json")
+    assert {path: path.stat().st_mtime_ns for path in kept_then} == kept_then
+
+
+def test_what_is_kept_is_not_played_again_however_it_was_divided(tmp_path: Path) -> None:
+    assert play(tmp_path, block(rounds=4)) == 4
+    assert play(tmp_path, block(rounds=6), block("random")) == 8
+    assert play(tmp_path, block("random", rounds=5), block(rounds=6), block(rounds=2)) == 0
+    levels = Block(LEVELS, LEVELS_CONFIG, "nearest", episode_seeds(5, 6))
+    assert play(tmp_path, levels) == 6
+    assert play(tmp_path, levels) == 0
+
+
+def test_whatever_decides_the_rounds_is_in_the_key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    play(tmp_path, block(rounds=2))
+    others = [
+        block("random", rounds=2),
+        block(str(PRETRAINED), rounds=2),
+        block(rounds=2, time_limit_s=30.0),
+        Block("maze", CONFIG, "nearest", episode_seeds(5, 2)),
+        Block(Levels("test", count=1), CONFIG, "nearest", episode_seeds(5, 2)),
+        Block("house", CONFIG, "nearest", episode_seeds(6, 2)),
+    ]
+    assert KeptRounds(tmp_path, others, resume=True).left == 12
+    assert KeptRounds(tmp_path, [block(rounds=2)], resume=True).left == 0
+    monkeypatch.setattr(kept, "package_hash", lambda: "other")
+    assert KeptRounds(tmp_path, [block(rounds=2)], resume=True).left == 2
+
+
+def test_a_checkpoint_is_its_content(tmp_path: Path) -> None:
+    path = tmp_path / "run.zip"
+    path.write_bytes(b"one")
+    one = kept._describe_policy(str(path))
+    path.with_suffix(".facts.json").write_text("{}")
+    two = kept._describe_policy(str(path))
+    for suffix in (".zip", ".facts.json"):
+        path.with_suffix(suffix).rename((tmp_path / "same").with_suffix(suffix))
+    assert one != two == kept._describe_policy(str(tmp_path / "same.zip"))
+
+
+@pytest.mark.parametrize("damage", ["torn", "changed", "foreign", "short"])
+def test_a_damaged_file_is_reported_and_its_rounds_are_played_again(
+    damage: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    play(tmp_path, block())
+    (path,) = tmp_path.iterdir()
+    text = path.read_text()
+    if damage == "foreign":
+        play(tmp_path, block("random"))
+        (other,) = set(tmp_path.iterdir()) - {path}
+        other.replace(path)
+    else:
+        part = json.loads(text)
+        part["rounds"]["end"].pop() if damage == "short" else part["rounds"]["collected"].insert(0, 99)
+        path.write_text(text[:-100] if damage == "torn" else json.dumps(part))
+    assert play(tmp_path, block()) == 6
+    assert capsys.readouterr().err.startswith(f"damaged, is played again: {path}: ")
+    assert path.read_text().startswith('{"schema":1')
+    assert play(tmp_path, block()) == 0
+
+
+def test_without_resume_all_is_played_and_what_is_kept_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = [*SHORT, "--policies", "nearest"]
+    assert main(words) == 0
+    assert "6/6" in capsys.readouterr().err
+    assert main([*words, "--parts", "results/compare.parts", "--json", "other.json"]) == 0
+    told = capsys.readouterr().err
+    assert told.startswith("1 parts in results/compare.parts are played again: without --resume\n")
+    assert "6/6" in told
+    assert main([*words, "--parts", "results/compare.parts", "--json", "resumed.json", "--resume"]) == 0
+    assert content(tmp_path / "other.json") == content(tmp_path / "resumed.json")
+    assert not (tmp_path / "other.parts").exists()
+
+
+def test_a_folder_that_cannot_be_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").touch()
+    assert (
+        main([*SHORT, "--policies", "nearest", "--json", str(tmp_path / "out.json"), "--parts", f"{tmp_path}/file"])
+        == 2
+    )
+    assert "cannot create its folder" in capsys.readouterr().err
