@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 from pebble import ProcessExpired, ProcessPool
@@ -19,10 +20,7 @@ class LocalProcesses(Executor):
 
     def __init__(self, workers: int, limit_s: float | None = None) -> None:
         super().__init__(workers, limit_s)
-        # spawn: a forked child would share the locks of threads that it does not have
-        how: dict[str, Any] = {"context": multiprocessing.get_context("spawn")}
-        how |= {"initializer": _end_with, "initargs": (os.getpid(),)}
-        self._pools = [ProcessPool(1, **how) for _ in range(workers)]
+        self._pools = [_new_pool() for _ in range(workers)]
 
     def _ends(
         self, function: Callable[[Task], Result], tasks: Sequence[Task], homes: Homes
@@ -34,16 +32,13 @@ class LocalProcesses(Executor):
                 for worker in set(range(self.workers)) - {worker for worker, _ in running.values()}:
                     number = waiting.take(worker, self.workers)
                     if number is not None:
-                        scheduled: Future[Any] = self._pools[worker].schedule(
-                            function, args=(tasks[number],), timeout=self.limit_s
-                        )
-                        running[scheduled] = worker, number
+                        running[self._begin(worker, function, tasks[number])] = worker, number
                 self.progress.waiting = len(waiting)
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     worker, number = running.pop(future)
                     try:
                         yield Done(number, future.result())
-                    except ProcessExpired:
+                    except (ProcessExpired, BrokenProcessPool):
                         waiting.lose(worker)
                         yield from losses.note(number, waiting, "its process died")
                     except TimeoutError as error:
@@ -56,11 +51,28 @@ class LocalProcesses(Executor):
             for future in running:
                 future.cancel()
 
+    def _begin(self, worker: int, function: Callable[[Task], Result], task: Task) -> Future[Any]:
+        for _ in range(2):
+            try:
+                future: Future[Any] = self._pools[worker].schedule(function, args=(task,), timeout=self.limit_s)
+                return future
+            except RuntimeError:  # a pool whose process is killed while it has no task can do no more
+                self._pools[worker].stop()
+                self._pools[worker].join()
+                self._pools[worker] = _new_pool()
+        raise TaskFailed("no process can be started")
+
     def close(self) -> None:
         for pool in self._pools:
             pool.stop()
         for pool in self._pools:
             pool.join()
+
+
+def _new_pool() -> ProcessPool:
+    # spawn: a forked child would share the locks of threads that it does not have
+    spawn = multiprocessing.get_context("spawn")
+    return ProcessPool(1, context=spawn, initializer=_end_with, initargs=(os.getpid(),))
 
 
 def _end_with(parent: int) -> None:

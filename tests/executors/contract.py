@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import resource
+import signal
+import time
 from pathlib import Path
 
 import pytest
@@ -43,10 +46,24 @@ class ExecutorContract:
 class ProcessesContract(ExecutorContract):
     """``limited``: a fixture, of two workers and a limit of some seconds."""
 
+    def test_tasks_of_one_home_are_done_by_one_process_in_this_run_and_the_next(self, executor: Executor) -> None:
+        homes = [k % 4 for k in range(12)]
+        first, second = (executor.map(functions.process, range(12), homes=homes) for _ in range(2))
+        assert first == second
+        assert len({*zip(homes, first, strict=True)}) == 4
+        assert len(set(first)) == 2
+
     def test_a_task_whose_worker_is_killed_is_done_by_another(self, executor: Executor, tmp_path: Path) -> None:
         tasks = [(str(tmp_path), number) for number in range(6)]
         assert executor.map(functions.die_once, tasks) == list(range(6))
         assert [path.name for path in tmp_path.iterdir()] == ["2"]
+
+    def test_a_worker_that_is_killed_while_it_has_no_task_is_replaced(self, executor: Executor) -> None:
+        numbers = set(executor.map(functions.process, range(8)))
+        for number in numbers:
+            os.kill(number, signal.SIGKILL)
+        time.sleep(1.0)  # until it is noticed
+        assert numbers.isdisjoint(executor.map(functions.process, range(8)))
 
     def test_a_task_that_kills_every_worker_is_reported_and_the_others_are_done(self, executor: Executor) -> None:
         (done,) = executor.run(functions.die_always, [0])

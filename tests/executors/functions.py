@@ -10,6 +10,12 @@ def double(number: int) -> int:
     return 2 * number
 
 
+def process(number: int) -> int:
+    """A task of a moment, and where it was done."""
+    time.sleep(0.02)
+    return os.getpid()
+
+
 def fail(number: int) -> int:
     raise ValueError(f"number {number} is not wanted")
 

@@ -1,8 +1,10 @@
-"""One task after the other."""
+"""One task after the other, and several in threads."""
+
+from collections.abc import Iterator
 
 import pytest
 
-from pacman_env.executors.base import Executor, InProcess
+from pacman_env.executors.base import Executor, InProcess, InThreads
 from tests.executors.contract import ExecutorContract
 
 
@@ -10,3 +12,10 @@ class TestInProcess(ExecutorContract):
     @pytest.fixture
     def executor(self) -> Executor:
         return InProcess()
+
+
+class TestInThreads(ExecutorContract):
+    @pytest.fixture
+    def executor(self) -> Iterator[Executor]:
+        with InThreads(2) as made:
+            yield made
