@@ -86,8 +86,8 @@ class RayCluster(Executor):
                         del running[reference]
                         ray.cancel(reference, force=True)
                         yield Done(number, error=TaskFailed(f"task {number}: more than {self.limit_s} s"))
-        finally:
-            self._look()
+        finally:  # without a question to the cluster, which may be gone
+            self._metrics.publish(self.progress, self.workers)
             for reference in running:
                 ray.cancel(reference, force=True)
 
