@@ -2,6 +2,7 @@
 
 import importlib
 import logging
+import re
 import socket
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
@@ -72,9 +73,7 @@ class RayCluster(Executor):
                     try:
                         outcome = ray.get(reference)
                     except ray.exceptions.RayTaskError as error:  # all that the task raises is an outcome
-                        raise TaskFailed(
-                            f"worker on {error.ip}: cannot run this package: {_last_line(error)}"
-                        ) from None
+                        raise TaskFailed(_cannot_run(str(error))) from None
                     except ray.exceptions.RayError as error:
                         yield from losses.note(number, waiting, "its worker was lost", f": {_line(error)}")
                         continue
@@ -191,6 +190,8 @@ def _line(error: BaseException) -> str:
     return " ".join(str(error).split())[:300]
 
 
-def _last_line(error: BaseException) -> str:
-    """What a traceback ends with."""
-    return next((line.strip() for line in reversed(str(error).splitlines()) if line.strip()), "")[:300]
+def _cannot_run(traceback: str) -> str:
+    """One line of Ray's text about a worker that could not even begin."""
+    place = re.search(r"ip=([^,)\s]+)", traceback)  # Ray gives it in the text alone
+    last = next((line.strip() for line in reversed(traceback.splitlines()) if line.strip()), "")
+    return f"worker on {place[1] if place else 'an unknown machine'}: cannot run this package: {last[:300]}"
