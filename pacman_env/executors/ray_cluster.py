@@ -42,6 +42,7 @@ class RayCluster(Executor):
             if address is None:
                 # without "local" it would connect to a cluster that someone has started on this machine
                 own: dict[str, Any] = {"include_dashboard": False, "_node_ip_address": _LOOPBACK}
+                own["_system_config"] = {"worker_niceness": 0}  # as of other processes; Ray has 15
                 ray.init("local", num_cpus=workers, **own, **quiet)
             else:
                 ray.init(address=address, **quiet)
