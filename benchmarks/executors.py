@@ -53,14 +53,17 @@ def in_turns(makes: dict[str, Make], block: Block, rounds: int) -> dict[str, Any
         for executor in (one, other):
             play_all([block], executor)  # compilation, levels
         started = turns(rounds, lambda: play_started(one), lambda: play_started(other))
+    figures = {"started": slower("started", started)}
     new = turns(rounds, lambda: play_new(makes[first]), lambda: play_new(makes[second]))
-    figures: dict[str, Any] = {}
-    for name, speeds in (("started", started), ("with_start", new)):
-        middle, least, most = (100 * value for value in median_and_range([1 - b / a for a, b in speeds]))
-        figures[name] = {"rounds_per_s": speeds, "slower_percent": middle}
-        print(f"{name}, rounds per s, {first} / {second}: {', '.join(f'{a:.1f} / {b:.1f}' for a, b in speeds)}")
-        print(f"  {second} is slower by {middle:.1f} % (median; {least:.1f} to {most:.1f})", flush=True)
-    return figures
+    return figures | {"with_start": slower("with start", new)}
+
+
+def slower(name: str, speeds: list[tuple[float, ...]]) -> dict[str, Any]:
+    """By how much the second of each pair of speeds is less than the first."""
+    middle, least, most = (100 * value for value in median_and_range([1 - ray / own for own, ray in speeds]))
+    print(f"{name}, rounds per s, processes / ray: {', '.join(f'{own:.1f} / {ray:.1f}' for own, ray in speeds)}")
+    print(f"  ray is slower by {middle:.1f} % (median; {least:.1f} to {most:.1f})", flush=True)
+    return {"rounds_per_s": speeds, "slower_percent": middle}
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 import importlib
 import itertools
 import logging
+import re
 import socket
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
@@ -43,6 +44,7 @@ class RayCluster(Executor):
             if address is None:
                 # without "local" it would connect to a cluster that someone has started on this machine
                 own: dict[str, Any] = {"include_dashboard": False, "_node_ip_address": _LOOPBACK}
+                own["_system_config"] = {"worker_niceness": 0}  # as of other processes; Ray has 15
                 ray.init("local", num_cpus=workers, **own, **quiet)
             else:
                 ray.init(address=address, **quiet)
@@ -79,6 +81,8 @@ class RayCluster(Executor):
                     worker, number, _ = running.pop(reference)
                     try:
                         outcome = ray.get(reference)
+                    except ray.exceptions.RayTaskError as error:  # all that the task raises is an outcome
+                        raise TaskFailed(_cannot_run(str(error))) from None
                     except ray.exceptions.RayError as error:
                         self._dismiss(worker, waiting)
                         yield from losses.note(number, waiting, "its worker was lost", f": {_line(error)}")
@@ -92,8 +96,8 @@ class RayCluster(Executor):
                         del running[reference]
                         self._dismiss(worker, waiting)
                         yield Done(number, error=TaskFailed(f"task {number}: more than {self.limit_s} s"))
-        finally:
-            self._look()
+        finally:  # without a question to the cluster, which may be gone
+            self._metrics.publish(self.progress, self.workers)
             for one in running.values():
                 self._dismiss(one.worker, waiting)
 
@@ -222,6 +226,8 @@ def _line(error: BaseException) -> str:
     return " ".join(str(error).split())[:300]
 
 
-def _last_line(error: BaseException) -> str:
-    """What a traceback ends with."""
-    return next((line.strip() for line in reversed(str(error).splitlines()) if line.strip()), "")[:300]
+def _cannot_run(traceback: str) -> str:
+    """One line of Ray's text about a worker that could not even begin."""
+    place = re.search(r"ip=([^,)\s]+)", traceback)  # Ray gives it in the text alone
+    last = next((line.strip() for line in reversed(traceback.splitlines()) if line.strip()), "")
+    return f"worker on {place[1] if place else 'an unknown machine'}: cannot run this package: {last[:300]}"

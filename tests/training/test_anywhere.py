@@ -56,23 +56,21 @@ def test_two_processes_train_the_same_bits_as_one(tmp_path: Path) -> None:
 
 
 class Killer:
-    """Kills a worker, a different one each time, every ``every_s``."""
+    """Kills a worker whenever the executor has done so many more tasks."""
 
-    def __init__(self, is_worker: Callable[[psutil.Process], bool], every_s: float) -> None:
-        self._is_worker, self._every_s, self.killed = is_worker, every_s, 0
+    def __init__(self, executor: Executor, is_worker: Callable[[psutil.Process], bool], every: int) -> None:
+        self._executor, self._is_worker, self._every, self.killed = executor, is_worker, every, 0
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run)
 
     def _run(self) -> None:
-        while not self._stop.wait(self._every_s):
-            for process in psutil.Process().children(recursive=True)[:: 1 if self.killed % 2 else -1]:
-                try:
-                    if self._is_worker(process):
-                        os.kill(process.pid, signal.SIGKILL)
-                        self.killed += 1
-                        break
-                except (psutil.NoSuchProcess, ProcessLookupError):
-                    continue
+        while not self._stop.wait(0.05):
+            if self._executor.progress.done < self._every * (self.killed + 1):
+                continue
+            workers = [process for process in psutil.Process().children(recursive=True) if self._is_worker(process)]
+            if workers:
+                os.kill(workers[self.killed % len(workers)].pid, signal.SIGKILL)
+                self.killed += 1
 
     def __enter__(self) -> Killer:
         self._thread.start()
@@ -84,24 +82,33 @@ class Killer:
 
 
 def spawned(process: psutil.Process) -> bool:
-    return any("spawn_main" in word for word in process.cmdline())
+    try:
+        return any("spawn_main" in word for word in process.cmdline())
+    except (psutil.NoSuchProcess, psutil.AccessDenied):
+        return False
+
+
+def of_ray(process: psutil.Process) -> bool:
+    try:
+        return process.name().startswith("ray::")
+    except psutil.NoSuchProcess:
+        return False
 
 
 @pytest.mark.daily
 def test_processes_that_are_killed_change_no_bit(tmp_path: Path) -> None:
-    longer = {"decisions": 384 * 8, "segment": 1024, "evaluation": 24}
-    expected = trained(tmp_path / "one", InProcess(), **longer)
-    with LocalProcesses(2) as executor, Killer(spawned, 6.0) as killer:
-        assert equal(trained(tmp_path / "two", executor, **longer), expected)
-        assert executor.progress.lost > 0
-    assert killer.killed >= executor.progress.lost
+    expected = trained(tmp_path / "one", InProcess())
+    with LocalProcesses(2) as executor, Killer(executor, spawned, 20) as killer:
+        assert equal(trained(tmp_path / "two", executor), expected)
+    assert killer.killed > 1
 
 
 @pytest.mark.daily
-def test_a_cluster_trains_the_same_bits(tmp_path: Path) -> None:
+def test_a_cluster_whose_workers_are_killed_trains_the_same_bits(tmp_path: Path) -> None:
     pytest.importorskip("ray")
     from pacman_env.executors.ray_cluster import RayCluster
 
     expected = trained(tmp_path / "one", InProcess())
-    with RayCluster(workers=2) as executor:
+    with RayCluster(workers=2) as executor, Killer(executor, of_ray, 20) as killer:
         assert equal(trained(tmp_path / "two", executor), expected)
+    assert killer.killed > 1
