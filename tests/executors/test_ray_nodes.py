@@ -129,7 +129,7 @@ def unmounted(tmp_path: Path) -> Iterator[None]:
     [
         (other_version, r": pacman_env 0\.0\.1, sources \w+; the command has [\d.]+, sources \w+: install the same"),
         (other_sources, r": pacman_env [\d.]+, sources \w+; the command has [\d.]+, sources \w+: install the same"),
-        (no_executors, r"^worker on [\d.]+: cannot run this package: \w+Error: "),
+        (no_executors, r": pacman_env [\d.]+, sources \w+; the command has [\d.]+, sources \w+: install the same"),
         (no_plugin, r": unknown policy 'other_package:Mine'"),
         (full_disk, r": .*/disk/sent/\w+: cannot be written: No space left on device"),
     ],
