@@ -37,7 +37,7 @@ def main() -> None:
     """Play the test levels untrained, learn, play them again."""
     args = parser(__doc__).parse_args()
     torch.set_num_threads(1)  # a network this small is fastest on one core
-    ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False)
+    ray.init("local", num_cpus=2, include_dashboard=False, log_to_driver=False)
     tune.register_env("masked", make)
     batch_size = min(BATCH_SIZE, args.decisions)
     config = (

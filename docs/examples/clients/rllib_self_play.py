@@ -64,7 +64,7 @@ def main() -> None:
     options.add_argument("--seed", type=int, default=0)
     arguments = options.parse_args()
     torch.set_num_threads(1)  # networks this small are fastest on one core
-    ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False)
+    ray.init("local", num_cpus=2, include_dashboard=False, log_to_driver=False)
     tune.register_env("two_players", make)
     batch_size = min(BATCH_SIZE, arguments.decisions)
     module = RLModuleSpec(module_class=ActionMaskingTorchRLModule)
