@@ -43,7 +43,11 @@ def main() -> None:
     config = (
         PPOConfig()
         .environment("masked", env_config={"map": args.map})
-        .env_runners(num_env_runners=2, num_envs_per_env_runner=max(args.num_envs // 2, 1))
+        .env_runners(
+            num_env_runners=2,
+            num_envs_per_env_runner=max(args.num_envs // 2, 1),
+            sample_timeout_s=600,  # on a busy machine decisions are lost after RLlib's 60 s
+        )
         .rl_module(rl_module_spec=RLModuleSpec(module_class=ActionMaskingTorchRLModule))
         .training(
             train_batch_size_per_learner=batch_size,

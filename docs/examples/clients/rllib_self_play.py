@@ -71,7 +71,7 @@ def main() -> None:
     config = (
         PPOConfig()
         .environment("two_players", env_config={"map": arguments.map})
-        .env_runners(num_env_runners=2, num_envs_per_env_runner=4)
+        .env_runners(num_env_runners=2, num_envs_per_env_runner=4, sample_timeout_s=600)  # 60 s by default
         .multi_agent(policies=set(AGENTS), policy_mapping_fn=lambda agent, *_, **__: agent)
         .rl_module(rl_module_spec=MultiRLModuleSpec(rl_module_specs=dict.fromkeys(AGENTS, module)))
         .training(train_batch_size_per_learner=batch_size, minibatch_size=min(250, batch_size), num_epochs=10, lr=3e-4)
