@@ -66,7 +66,10 @@ CLIENTS = (
     Client("cleanrl_ppo", "torch", HERE, "cleanrl", "masked with `logits.masked_fill(~mask, -1e8)`", _FEW),
     Client("torchrl_ppo", "torchrl", "torchrl", "torchrl", 'mask `"beside"`, `DTypeCastTransform` of the mask', _FEW),
     Client("tianshou_ppo", "tianshou", "tianshou", "tianshou", 'unmodified; masked with mask `"beside"`, an actor'),
-    Client("rllib_ppo", "ray", "rllib", "rllib", "`pacman_env:` before the id; masked with a wrapper that renames"),
+    Client(
+        "rllib_ppo", "ray", "rllib", "rllib", 'unmodified; masked with mask `"beside"`, a wrapper that renames', _FEW
+    ),
+    Client("rllib_self_play", "ray", "rllib", "rllib", "`ParallelPettingZooEnv`, a wrapper that renames"),
     Client("supersuit_vec", "supersuit", "farama", "supersuit", 'mask `"info"`'),
     Client("minari_dataset", "minari", "farama", "minari", "unmodified; `grid` with `jpeg_encoding=False`"),
 )

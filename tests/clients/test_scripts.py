@@ -18,18 +18,19 @@ import stable_baselines3
 import torch
 
 from pacman_env.envs.registration import FLAT_ID
+from tools.clients import CACHE
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPTS = ROOT / "docs" / "examples" / "clients"
 
 
-def run(script: str, decisions: int, folder: Path, *options: str) -> Path:
+def run(
+    script: str, decisions: int, folder: Path, *options: str, python: tuple[str, ...] = (sys.executable, "-W", "error")
+) -> Path:
     """The model that a script has saved, after its report was looked at."""
     model = folder / "model.zip"
     command = [
-        sys.executable,
-        "-W",
-        "error",
+        *python,
         str(SCRIPTS / script),
         "--decisions",
         str(decisions),
@@ -80,6 +81,34 @@ def test_torchrl_s_ppo_learns_and_saves_its_actor(tmp_path: Path) -> None:
     pytest.importorskip("torchrl")
     weights = torch.load(run("torchrl_ppo.py", 1000, tmp_path), weights_only=True)
     assert all(torch.isfinite(value).all() for value in weights.values())
+
+
+@pytest.fixture(scope="module")
+def rllib() -> str:
+    """The interpreter with RLlib, whose pins clash with this environment's."""
+    folder = CACHE / "rllib"
+    if not (folder / "installed").exists():
+        pytest.skip("scripts/clients rllib_ppo makes the environment of RLlib")
+    return str(folder / "bin" / "python")
+
+
+@pytest.mark.daily
+def test_rllib_s_ppo_learns_with_two_processes_and_saves_its_network(rllib: str, tmp_path: Path) -> None:
+    weights = torch.load(run("rllib_ppo.py", 300, tmp_path, python=(rllib,)), weights_only=True)
+    assert all(torch.isfinite(value).all() for value in weights.values())
+
+
+@pytest.mark.daily
+def test_rllib_s_self_play_reports_returns_that_cancel_out(rllib: str) -> None:
+    command = [rllib, str(SCRIPTS / "rllib_self_play.py"), "--map", "loop", "--decisions", "1000"]
+    done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(ROOT)})
+    assert done.returncode == 0, done.stderr
+    returns = re.findall(r"decisions: return (\S+), pacman (\S+), clyde (\S+)$", done.stdout, re.MULTILINE)
+    assert returns
+    for both, pacman, clyde in returns:
+        assert float(both) == 0
+        assert float(pacman) == -float(clyde) != 0
+    assert re.search(r"^no choice was forbidden: \d+ of pacman \d+ of clyde$", done.stdout, re.MULTILINE)
 
 
 def test_a_round_is_the_same_for_models_and_baselines_however_many_there_are(evaluate: Any) -> None:

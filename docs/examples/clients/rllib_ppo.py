@@ -1,79 +1,89 @@
-"""RLlib: PPO on PacManBotFlat-v0 by its id, and with RLlib's own module for masks.
+"""RLlib's PPO on the new API stack, games in two processes, with RLlib's own module for masks.
 
-Workers are processes of their own: the id begins with ``pacman_env:``, so that each imports the package. The module for
-masks, one of RLlib's examples, reads ``observations`` and ``action_mask``; a wrapper renames the first.
+That module, one of RLlib's examples, reads ``observations`` and ``action_mask``; a wrapper renames the first.
 """
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
 import ray
+import torch
+from evaluate import completed, parser, report
 from gymnasium import spaces
 from ray import tune
 from ray.rllib.algorithms.ppo import PPOConfig
 from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 from ray.rllib.examples.rl_modules.classes.action_masking_rlm import ActionMaskingTorchRLModule
 
-ENV_ID = "pacman_env:pacman_env/PacManBotFlat-v0"
+BATCH_SIZE = 4000
+ENV_ID = "pacman_env:pacman_env/PacManBotFlat-v0"  # the module before the id is imported in each process
 
 
-class Masked(gym.ObservationWrapper[Any, Any, Any]):
-    """Observation and mask under RLlib's names. A forbidden action is an error, to see that none comes."""
-
-    def __init__(self, env: gym.Env[Any, Any]) -> None:
-        super().__init__(env)
-        assert isinstance(env.observation_space, spaces.Dict)
-        self.observation_space = spaces.Dict(self.observation(dict(env.observation_space.spaces)))
-
-    def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
-        """Of spaces and of arrays."""
-        return {"observations": observation["observation"], "action_mask": observation["action_mask"]}
-
-    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Raises ValueError for an action that the mask forbids."""
-        if not self.get_wrapper_attr("action_masks")()[action]:
-            raise ValueError(f"action {action} is forbidden")
-        return super().step(action)
+def named(seen: Any) -> dict[str, Any]:
+    """Observation and mask, or their spaces, under RLlib's names."""
+    return {"observations": seen["observation"], "action_mask": seen["action_mask"]}
 
 
-def make_masked(arguments: dict[str, Any]) -> gym.Env[Any, Any]:
-    """For ``tune.register_env``."""
-    return Masked(gym.make(ENV_ID, **arguments, settings={"observation.mask": "beside"}))
-
-
-def train(config: PPOConfig, decisions: int, seed: int, map: str, env: str, workers: int) -> None:
-    """Two iterations of PPO; without workers this process plays the games."""
-    config = (
-        config.environment(env, env_config={"map": map})
-        .env_runners(num_env_runners=workers, num_envs_per_env_runner=2)
-        .training(train_batch_size_per_learner=decisions // 2, minibatch_size=min(128, decisions // 2), num_epochs=4)
-        .debugging(seed=seed)
-    )
-    algorithm = config.build_algo()
-    for _ in range(2):
-        result = algorithm.train()["env_runners"]
-    algorithm.stop()
-    print(
-        f"{env}: {result['num_env_steps_sampled_lifetime']:.0f} decisions, return {result['episode_return_mean']:.2f}"
-    )
+def make(arguments: dict[str, Any]) -> gym.Env[Any, Any]:
+    """A game, of the arguments in ``env_config``."""
+    env = gym.make(ENV_ID, settings={"observation.mask": "beside"}, **arguments)
+    return gym.wrappers.TransformObservation(env, named, spaces.Dict(named(env.observation_space)))
 
 
 def main() -> None:
-    """Without the mask and with it."""
-    options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--map", default="house")
-    options.add_argument("--decisions", type=int, default=1000, help="of each of the two")
-    options.add_argument("--seed", type=int, default=0)
-    arguments = options.parse_args()
-    each = arguments.decisions, arguments.seed, arguments.map
-    ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False)
-    train(PPOConfig(), *each, ENV_ID, workers=1)
-    tune.register_env("masked", make_masked)
-    masked = PPOConfig().rl_module(rl_module_spec=RLModuleSpec(module_class=ActionMaskingTorchRLModule))
-    train(masked, *each, "masked", workers=0)
+    """Play the test levels untrained, learn, play them again."""
+    args = parser(__doc__).parse_args()
+    torch.set_num_threads(1)  # a network this small is fastest on one core
+    ray.init("local", num_cpus=2, include_dashboard=False, log_to_driver=False)
+    tune.register_env("masked", make)
+    batch_size = min(BATCH_SIZE, args.decisions)
+    config = (
+        PPOConfig()
+        .environment("masked", env_config={"map": args.map})
+        .env_runners(
+            num_env_runners=2,
+            num_envs_per_env_runner=max(args.num_envs // 2, 1),
+            sample_timeout_s=600,  # on a busy machine decisions are lost after RLlib's 60 s
+        )
+        .rl_module(rl_module_spec=RLModuleSpec(module_class=ActionMaskingTorchRLModule))
+        .training(
+            train_batch_size_per_learner=batch_size,
+            minibatch_size=min(250, batch_size),
+            num_epochs=10,
+            lr=3e-4,
+            lambda_=0.95,
+        )
+        .debugging(seed=args.seed)
+    )
+    algorithm = config.build_algo()
+
+    @torch.no_grad()
+    def choose(observation: np.ndarray, allowed: np.ndarray) -> np.ndarray:
+        """The likeliest actions."""
+        seen = {"observations": torch.from_numpy(observation), "action_mask": torch.from_numpy(allowed)}
+        return algorithm.get_module().forward_inference({"obs": seen})["action_dist_inputs"].argmax(dim=1).numpy()
+
+    for map in args.test:
+        print(f"{map}: {100 * completed(choose, map, args.rounds).mean():.1f} % completed untrained", flush=True)
+    decisions = 0
+    while decisions < args.decisions:
+        result = algorithm.train()
+        decisions = int(result["num_env_steps_sampled_lifetime"])
+        mean = result["env_runners"].get("episode_return_mean", np.nan)  # absent before an episode has ended
+        print(f"{decisions} decisions: return {mean:.2f}", flush=True)
+    group = algorithm.env_runner_group
+    sampled = group.foreach_env_runner(lambda runner: runner.sample(num_timesteps=200), local_env_runner=False)
+    for episode in (episode for several in sampled for episode in several):
+        masks, actions = episode.get_observations(slice(0, len(episode)))["action_mask"], episode.get_actions()
+        assert masks[np.arange(len(episode)), actions].all()
+    print("no choice was forbidden")
+    report(choose, args.test, args.rounds)
+    if args.save:
+        torch.save(algorithm.get_module().state_dict(), args.save)
+    algorithm.stop()
     ray.shutdown()
 
 
