@@ -18,7 +18,7 @@ from optuna.distributions import BaseDistribution, CategoricalDistribution, Floa
 from optuna.trial import FrozenTrial, TrialState, create_trial
 
 from pacman_env.cli.command import Parser, guarded
-from pacman_env.cli.options import parse_options
+from pacman_env.cli.options import add_options, parse_options
 from pacman_env.config.validation import AtLeastOne, Checked, Count
 from pacman_env.files import prepare, replaced
 from pacman_env.training.arguments import FOLDER, Arguments, Hyperparameters, load_hyperparameters
@@ -68,13 +68,19 @@ class Study(Checked):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = Parser(prog="pacman-env tune", description=Study.__doc__)
+    parser = make_parser()
 
     def run() -> None:
         best = search(parse_options(parser, argv, Study()))
         print(f"written: {best} (to train with it: pacman-env train --config {best})")
 
     return guarded(parser.prog, run, "train")
+
+
+def make_parser() -> Parser:
+    parser = Parser(prog="pacman-env tune", description=Study.__doc__)
+    add_options(parser, Study())
+    return parser
 
 
 def search(settings: Study) -> Path:
