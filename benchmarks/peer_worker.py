@@ -25,7 +25,7 @@ Step = Callable[[], Any]
 
 class Task(NamedTuple):
     name: str  # as its library calls it
-    simulated_s: float  # simulated seconds of a decision
+    simulated_s: float  # simulated seconds of a decision; 0: its game has no clock
     description: str  # what else a decision is
     sizes: tuple[int, ...]  # how many games at once
     threaded: bool  # whether it steps with the given number of threads
@@ -123,6 +123,50 @@ def of_mpe2(_: str) -> list[Task]:
     return [Task("simple_tag_v3", 0.1, discs, ONE, False, make)]
 
 
+def of_jumanji(_: str) -> list[Task]:
+    """Its PacMan, compiled by JAX for one core of the processor; episodes begin anew by its own wrapper."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # before JAX starts its threads
+    import jax
+    import jumanji
+    from jumanji.wrappers import AutoResetWrapper
+
+    def make(size: int, threads: int) -> Step:
+        env = AutoResetWrapper(jumanji.make("PacMan-v1"))
+        state, _ = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.PRNGKey(SEED), size))
+        step_all = jax.jit(jax.vmap(env.step), donate_argnums=0)
+        rng = np.random.default_rng(SEED)
+        actions = itertools.cycle(rng.integers(5, size=(DRAWN, size), dtype=np.int32))
+
+        def step() -> None:
+            nonlocal state
+            state, timestep = step_all(state, next(actions))
+            timestep.reward.block_until_ready()
+
+        return step
+
+    pacman = "one cell of a 31 x 28 maze that is always the same, 4 ghosts; the maze and lists of places"
+    return [Task("PacMan-v1", 0.0, pacman, BATCHES, False, make)]
+
+
+def of_ale(_: str) -> list[Task]:
+    import ale_py
+    import gymnasium as gym
+
+    gym.register_envs(ale_py)
+    pacman = "4 frames of an Atari 2600 that is emulated, drawn: 210 x 160 x 3 colours; no physics"
+    return [Task("MsPacman-v5", 4 / 60, pacman, ONE, False, lambda size, threads: alone(gym.make("ALE/MsPacman-v5")))]
+
+
+def of_minigrid(_: str) -> list[Task]:
+    import gymnasium as gym
+    import minigrid  # noqa: F401  # registers them
+
+    name = "MiniGrid-Dynamic-Obstacles-8x8-v0"
+    grid = "one cell, or a quarter turn, of a grid of 8 x 8 in Python, 4 obstacles that move; 7 x 7 x 3 numbers"
+    return [Task("Dynamic-Obstacles-8x8", 0.0, grid, ONE, False, lambda size, threads: alone(gym.make(name)))]
+
+
 def of_highway_env(_: str) -> list[Task]:
     import gymnasium as gym
     import highway_env  # noqa: F401  # registers them
@@ -140,6 +184,9 @@ LIBRARIES: dict[str, Callable[[str], list[Task]]] = {
     "envpool": of_envpool,
     "vmas": of_vmas,
     "mpe2": of_mpe2,
+    "jumanji": of_jumanji,
+    "ale-py": of_ale,
+    "minigrid": of_minigrid,
     "highway-env": of_highway_env,
 }
 

@@ -28,6 +28,9 @@ PEERS = {
     "envpool": ("envpool==1.2.5", "gymnasium==1.4.0", "numpy==2.4.6"),
     "vmas": ("vmas==1.5.2", "torch==2.13.0", "gym==0.26.2", "numpy==2.4.6"),
     "mpe2": ("mpe2==1.1.1", "pettingzoo==1.27.0", "gymnasium==1.4.0", "numpy==2.4.6"),
+    "jumanji": ("jumanji==1.1.2",),
+    "ale-py": ("ale-py==0.12.1", "gymnasium==1.4.0", "numpy==2.4.6"),
+    "minigrid": ("minigrid==3.2.0", "gymnasium==1.4.0", "numpy==2.4.6"),
     "highway-env": ("highway-env==1.12.1", "gymnasium==1.4.0", "numpy==2.4.6"),
 }
 SCRIPT = Path(__file__).with_name("peer_worker.py")
@@ -35,13 +38,14 @@ LIMIT_S = 600.0  # for an answer; the first may have to wait for kernels
 NOTE = """\
 Compared: how fast random actions are answered, each with an observation and a reward, ended episodes begun anew, after
 a warm-up; a figure is the median of turns that alternate with turns of ours at the same N. Ours steps in one thread,
-also beside those with more; MPE2 and HighwayEnv have no batches. `of ours`: the median, and the range, of the ratio of
-two turns side by side. `cores`: CPU time by wall time; below 1 per thread something else had the processor, or a thread
-waited.
+also beside those with more; MPE2, HighwayEnv, ALE and MiniGrid have no batches of their own. `of ours`: the median, and
+the range, of the ratio of two turns side by side. `cores`: CPU time by wall time; below 1 per thread something else had
+the processor, or a thread waited.
 Not compared: the games, the physics, what is observed and how long a decision lasts differ, as listed above, and with
 them the work in a decision. Simulated seconds are no common measure either: one of an emulated console, one of discs in
-the plane and one of a robot with its navigation have little in common. EnvPool's asynchronous mode and VMAS on a
-graphics processor, where they are fastest, are not measured. Speed is no measure of an environment's quality."""
+the plane and one of a robot with its navigation have little in common, and grids have none. EnvPool's asynchronous
+mode, and VMAS and Jumanji on a graphics processor, where they are fastest, are not measured. Speed is no measure of an
+environment's quality."""
 
 
 class PeerError(Exception):
@@ -170,7 +174,7 @@ def _row(worker: Worker, case: tuple[int, int, int], turns: Sequence[Turn]) -> d
 
 def table(figures: dict[str, Any]) -> str:
     """The figures, what a decision is in each, what was not measured and why, and the note."""
-    head = f"{'':<27}{'N':>4}{'threads':>9}{'decisions/s':>13}{'of ours':>32}"
+    head = f"{'':<31}{'N':>4}{'threads':>9}{'decisions/s':>13}{'of ours':>32}"
     lines = [
         f"map {figures['map']}, {figures['rounds']} turns of each, {figures['cores']} cores",
         f"{head}{'simulated s/s':>15}{'of ours':>9}{'cores':>7}",
@@ -179,15 +183,17 @@ def table(figures: dict[str, Any]) -> str:
         ratio, simulated = "", ""
         if "ratio" in row:
             ratio = "{:.3g} ({:.3g} to {:.3g})".format(row["ratio"], *row["ratio_range"])
-            simulated = f"{row['simulated_ratio']:.3g}"
+            simulated = f"{row['simulated_ratio']:.3g}" if row["simulated_ratio"] else "-"
         name, rate, real = f"{row['library']} {row['task']}", row["decisions_per_s"], row["simulated_s_per_s"]
         lines.append(
-            f"{name:<27}{row['n']:>4}{row['threads']:>9}{_rounded(rate):>13}{ratio:>32}"
+            f"{name:<31}{row['n']:>4}{row['threads']:>9}{_rounded(rate):>13}{ratio:>32}"
             f"{_rounded(real):>15}{simulated:>9}{row['cores']:>7.2f}"
         )
     lines += ["", "a decision:"]
     steps = figures["steps"].items()
-    lines += [f"  {title}: {task['simulated_s']:.3g} s, {task['description']}" for title, task in steps]
+    for title, task in steps:
+        lasts = f"{task['simulated_s']:.3g} s" if task["simulated_s"] else "no time"
+        lines.append(f"  {title}: {lasts}, {task['description']}")
     lines += [f"not measured: {name}: {reason}" for name, reason in figures["failed"].items()]
     if figures["failed"] and not figures["venvs"]:
         lines.append("  (--venvs DIR installs them there)")
@@ -195,7 +201,7 @@ def table(figures: dict[str, Any]) -> str:
 
 
 def _rounded(rate: float) -> str:
-    return f"{rate:,.0f}" if rate >= 100 else f"{rate:.3g}"
+    return f"{rate:,.0f}" if rate >= 100 else f"{rate:.3g}" if rate else "-"
 
 
 def _library(name: str) -> str:

@@ -47,7 +47,7 @@ def checkout(tmp_path: Path) -> Path:
     (tmp_path / "scripts" / "system_packages").write_text('#!/bin/bash\necho "system_packages $*" >>calls')
     for name in ("pyproject.toml", "constraints.txt"):
         (tmp_path / name).touch()
-    for name in ("base", "dev", "ros"):
+    for name in ("base", "dev", "ros", "test"):
         (tmp_path / ".venv" / f".installed-{name}").touch()
     return tmp_path
 
@@ -123,6 +123,25 @@ def test_the_quick_run_names_at_the_end_what_it_left_out_all_of_which_is_there(
     assert [line.strip() for line in lines[first + 1 :]] == ignored
     assert "tests/ros" in ignored
     assert [path for path in ignored if not (ROOT / path).exists()] == []
+    assert called(checkout, "system_packages") == []
+
+
+def test_the_base_run_is_the_quick_tests_alone_with_less_installed(
+    checkout: Path, run: Callable[..., subprocess.CompletedProcess[str]]
+) -> None:
+    assert run("--quick").returncode == 0
+    (checkout / ".venv" / ".installed-test").unlink()
+    (checkout / ".venv" / ".installed-dev").unlink()
+    called_before = len(called(checkout, "ruff")), len(called(checkout, "mypy"))
+    assert run("--base").returncode == 0
+    assert (len(called(checkout, "ruff")), len(called(checkout, "mypy"))) == called_before
+    (installed,) = called(checkout, "python -m pip install")
+    assert ".[test]" in installed.split()
+    quick, base = (call.split() for call in called(checkout, "python -m pytest -n"))
+    more = [word.removeprefix("--ignore=") for word in base if word not in quick]
+    assert set(quick) < set(base)
+    assert "tests/test_docs.py" in more  # with commands of all extras
+    assert [path for path in more if not (ROOT / path).exists()] == []
     assert called(checkout, "system_packages") == []
 
 

@@ -1,12 +1,14 @@
-"""The wheel is complete: it plays every shipped map without the checkout."""
+"""The sdist is the checkout; the wheel built from it plays every shipped map without the checkout."""
 
 from __future__ import annotations
 
+import email
 import json
 import os
 import shutil
 import subprocess
 import sys
+import tarfile
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -17,7 +19,8 @@ import pacman_env
 from pacman_env.world.maps.occupancy import shipped_maps
 
 ROOT = Path(__file__).resolve().parents[1]
-SOURCES = ("pacman_env", "eval", "train", "maps", "pyproject.toml", "setup.py", "setup.cfg", "README.md", "LICENSE")
+#: Tracked files that are the repository's alone.
+NOT_PACKED = (".ci/", ".github/", ".gitattributes", ".gitignore", ".pre-commit-config.yaml", "MANIFEST.in")
 
 #: Run with the installed wheel first on the path: where things come from, a game on each map, and what was compiled.
 PLAY = """
@@ -55,20 +58,32 @@ def run(*command: str, cwd: Path, site: Path | None = None, **environment: str) 
 
 
 @pytest.fixture(scope="module")
-def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """The wheel, built from a copy of the sources, and what the build said."""
+def tracked() -> list[str]:
+    """Files of the checkout, by their paths in it."""
+    if not (ROOT / ".git").exists():
+        pytest.skip("no checkout")
+    names = run("git", "ls-files", "-z", cwd=ROOT).split("\0")
+    return [name for name in names if name and (ROOT / name).exists()]
+
+
+@pytest.fixture(scope="module")
+def distributions(tracked: list[str], tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, str]:
+    """The sdist, built from a clean checkout, the wheel that is built from the sdist, and what the builds said."""
     source = tmp_path_factory.mktemp("source")
-    for name in SOURCES:
-        path = ROOT / name
-        if path.is_dir():
-            shutil.copytree(path, source / name, ignore=shutil.ignore_patterns("__pycache__"))
-        else:
-            shutil.copy(path, source / name)
-    out = tmp_path_factory.mktemp("wheel")
-    build = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(out), "."]
+    for name in tracked:
+        (source / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, source / name)
+    out = tmp_path_factory.mktemp("dist")
+    build = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(out), "."]
     said = run(*build, cwd=source, PYTHONDONTWRITEBYTECODE="")  # setuptools mentions it where it is set
-    (wheel,) = out.iterdir()
-    return wheel, said
+    sdist, wheel = (out / name for name in sorted(path.name for path in out.iterdir())[::-1])
+    return sdist, wheel, said
+
+
+@pytest.fixture(scope="module")
+def built(distributions: tuple[Path, Path, str]) -> tuple[Path, str]:
+    """The wheel, and what its build said."""
+    return distributions[1:]
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +106,30 @@ def played(site: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, An
 
 def test_the_build_has_nothing_to_complain_about(built: tuple[Path, str]) -> None:
     complaints = ("warn", "!!", "deprecat", "cannot be found")
-    assert [line for line in built[1].splitlines() if any(word in line.lower() for word in complaints)] == []
+    nothing_excluded = "warning: no previously-included files matching '*.py[cod]'"  # a clean checkout has none
+    said = [line for line in built[1].splitlines() if not line.startswith(nothing_excluded)]
+    assert [line for line in said if any(word in line.lower() for word in complaints)] == []
+
+
+def test_the_sdist_holds_every_tracked_file_that_is_not_the_repositorys_and_nothing_else(
+    distributions: tuple[Path, Path, str], tracked: list[str]
+) -> None:
+    with tarfile.open(distributions[0]) as archive:
+        packed = {name.name.partition("/")[2] for name in archive.getmembers() if name.isfile()}
+    written = {name for name in packed if name.startswith("pacman_env.egg-info/")} | {"PKG-INFO"}
+    assert packed - written - {"MANIFEST.in"} == {name for name in tracked if not name.startswith(NOT_PACKED)}
+
+
+def test_the_wheel_says_what_the_project_is(built: tuple[Path, str]) -> None:
+    with zipfile.ZipFile(built[0]) as wheel:
+        (name,) = [name for name in wheel.namelist() if name.endswith(".dist-info/METADATA")]
+        metadata = email.message_from_bytes(wheel.read(name))
+    assert metadata["Version"] == pacman_env.__version__
+    assert metadata["License"] == "MIT"
+    assert metadata["Requires-Python"] == ">=3.11"
+    assert "reinforcement learning" in metadata["Keywords"].split(",")
+    assert "Programming Language :: Python :: 3.11" in metadata.get_all("Classifier", [])
+    assert str(metadata.get_payload()).startswith("# pacman_env\n")
 
 
 def test_the_wheel_holds_the_package_evaluation_training_maps_planner_page_and_nothing_else(

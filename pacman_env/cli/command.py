@@ -11,9 +11,11 @@ import textwrap
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn, TypeVar
 
+from pacman_env.cli.examples import PROG, examples_of, render
 from pacman_env.engine.interrupts import uninterrupted
 
 T = TypeVar("T", int, float)
+EXTRAS = "docs/machines.md"  # which extra has what
 ERROR_STATUS = 2
 STOPPED_STATUS = 128 + signal.SIGINT
 
@@ -24,6 +26,12 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **options: Any) -> None:
         with uninterrupted():  # argparse imports modules here when it first needs them, and a Ctrl-C then may be lost
             super().__init__(**options)
+
+    def format_help(self) -> str:
+        """The command's examples follow its arguments."""
+        examples = examples_of(self.prog.removeprefix(PROG).strip()) if self.prog.startswith(PROG) else []
+        text = super().format_help()
+        return f"{text}\nexamples:\n{render(examples)}\n" if examples else text
 
     def error(self, message: str) -> NoReturn:
         self.exit(ERROR_STATUS, f"{self.prog}: {message}\n")
@@ -52,9 +60,11 @@ def guarded(prog: str, work: Callable[[], int | None], extra: str = "eval") -> i
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 128 + signal.SIGPIPE
     except ModuleNotFoundError as error:
-        message = f"needs {error.name}: pip install 'pacman_env[{extra}]'"
+        message = f"needs {error.name}: pip install 'pacman_env[{extra}]' (see {EXTRAS})"
     except (ValueError, OSError, FloatingPointError) as error:  # MapError and ConfigError are ValueErrors
         message = " ".join(str(error).split())
+        if page := getattr(error, "page", None):
+            message += f" (see {page})"
     text = f"{prog}: {message}"
     if sys.stderr.isatty():
         width = shutil.get_terminal_size().columns

@@ -3,6 +3,7 @@
 A new command is a function in :data:`GROUPS`, or an entry of :data:`MODULES` where it has a module of its own."""
 
 import argparse
+import contextlib
 import json
 import sys
 from collections.abc import Callable, Sequence
@@ -11,7 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from pacman_env import __version__
-from pacman_env.cli.command import Parser, finite_number, guarded, run_command, whole_number
+from pacman_env.cli.command import EXTRAS, Parser, finite_number, guarded, run_command, whole_number
+from pacman_env.cli.completion import SHELLS, completion
+from pacman_env.cli.examples import first_steps
 from pacman_env.cli.ros_group import add_ros_group, what_ros_needs
 from pacman_env.cli.warm_up import add_warm_up
 
@@ -43,14 +46,26 @@ def _main(argv: Sequence[str]) -> int:
         module, _ = MODULES[argv[0]]
         extra = "train" if module.startswith("training") else "eval"
         return guarded(f"pacman-env {argv[0]}", lambda: import_module(f"pacman_env.{module}").main(argv[1:]), extra)
+    if not argv:
+        print(first_steps(__version__))
+        return 0
+    return run_command(make_parser(), argv, lambda arguments: arguments.run(arguments))
+
+
+def make_parser(whole: bool = False) -> Parser:
+    """All commands; ``whole``: those of :data:`MODULES`, too, with arguments, where their extra is installed."""
     parser = Parser(prog="pacman-env", description="PacManBot: maps, games, policies, their evaluation and training.")
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     for add_group in GROUPS:
         add_group(commands)
-    for name, (_, purpose) in MODULES.items():
-        commands.add_parser(name, help=purpose)  # its arguments are its module's
-    return run_command(parser, argv, lambda arguments: arguments.run(arguments))
+    for name, (module, purpose) in MODULES.items():
+        parents = []
+        if whole:
+            with contextlib.suppress(ModuleNotFoundError):  # of an extra that is not installed
+                parents = [import_module(f"pacman_env.{module}").make_parser()]
+        commands.add_parser(name, help=purpose, parents=parents, add_help=not parents)
+    return parser
 
 
 def _add_map_group(commands: Any) -> None:
@@ -195,7 +210,7 @@ def _web(arguments: argparse.Namespace) -> int:
     try:
         from pacman_env.web.server import Limits, serve
     except ModuleNotFoundError as error:
-        raise OSError(f"needs {error.name}: pip install 'pacman_env[web]'") from error
+        raise OSError(f"needs {error.name}: pip install 'pacman_env[web]' (see {EXTRAS})") from error
     game = _robots_game(arguments) if arguments.ros else _simulated_game(arguments)
     opened = None
     if arguments.open:
@@ -237,7 +252,15 @@ def _simulated_game(arguments: argparse.Namespace) -> Any:
     return SimulatedGame(rules, maps=maps, policies=files, seed=arguments.seed, speed=arguments.speed)
 
 
-GROUPS: tuple[Callable[[Any], None], ...] = (_add_map_group, _add_play, _add_web, add_warm_up, add_ros_group)
+def _add_completion(commands: Any) -> None:
+    parser = commands.add_parser("completion", help="print a script by which a shell completes commands and options")
+    parser.add_argument("shell", choices=SHELLS)
+    parser.set_defaults(run=lambda arguments: print(completion(make_parser(whole=True), arguments.shell)))
+
+
+GROUPS: tuple[Callable[[Any], None], ...] = (
+    *(_add_map_group, _add_play, _add_web, add_warm_up, _add_completion, add_ros_group),
+)
 
 if __name__ == "__main__":
     sys.exit(main())

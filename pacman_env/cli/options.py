@@ -24,8 +24,7 @@ _SCALARS: dict[Any, dict[str, Any]] = {
 
 
 def parse_options(parser: argparse.ArgumentParser, argv: Sequence[str] | None, default: T) -> T:
-    """A dataclass like ``default`` with the values of the command line; it may contain other dataclasses."""
-    _add_options(parser, default)
+    """A dataclass like ``default`` with the values of the command line, after :func:`add_options`."""
     arguments = vars(parser.parse_args(argv))
     try:
         return _replaced(default, arguments)
@@ -33,11 +32,12 @@ def parse_options(parser: argparse.ArgumentParser, argv: Sequence[str] | None, d
         parser.error(str(error))
 
 
-def _add_options(parser: argparse.ArgumentParser, default: Any) -> None:
+def add_options(parser: argparse.ArgumentParser, default: Any) -> None:
+    """An option for each field of a dataclass, which may contain other dataclasses."""
     texts, hints = _help(type(default)), typing.get_type_hints(type(default))
     for name, value in _values(default).items():
         if dataclasses.is_dataclass(value):
-            _add_options(parser, value)
+            add_options(parser, value)
             continue
         shown = " ".join(map(str, value)) if isinstance(value, tuple) else value
         text = f"{texts.get(name, '')} ({shown})".lstrip().replace("%", "%%")

@@ -186,6 +186,6 @@ def what_ros_needs() -> Iterator[None]:
         if name == "rclpy" or name.endswith("_msgs"):
             raise OSError(
                 f"this needs ROS 2 Jazzy ({name} is missing): source /opt/ros/jazzy/setup.bash on a robot; elsewhere "
-                "pip install 'pacman_env[ros]' and python -m tools.ros_interfaces.build"
+                "pip install 'pacman_env[ros]' and python -m tools.ros_interfaces.build (see docs/robot.md)"
             ) from None
         raise

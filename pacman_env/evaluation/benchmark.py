@@ -184,12 +184,16 @@ def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    return run_command(make_parser(), argv, _report)
+
+
+def make_parser() -> Parser:
     parser = Parser(prog="pacman-env benchmark", description=__doc__)
     parser.add_argument("--map", default="house", help="name or YAML file")
     parser.add_argument("--rounds", type=whole_number(1), default=ROUNDS)
     parser.add_argument("--seconds", type=float, default=6.0, help="roughly what each figure may take")
     parser.add_argument("--json", type=Path, help="write the figures here")
-    return run_command(parser, argv, _report)
+    return parser
 
 
 def _report(arguments: argparse.Namespace) -> None:

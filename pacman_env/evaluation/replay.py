@@ -193,6 +193,10 @@ def _value(value: Any) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    return run_command(make_parser(), argv, _replay)
+
+
+def make_parser() -> Parser:
     parser = Parser(
         prog="pacman-env replay",
         description="Play one round of a comparison again with each policy and film it. Give the same arguments as"
@@ -204,7 +208,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     scenarios.add_game_arguments(parser, several=False)
     out_help = f"one of {', '.join(_SUFFIXES)} (results/replay-SEED.mp4)"
     parser.add_argument("--out", type=Path, metavar="FILE", help=out_help)
-    return run_command(parser, argv, _replay)
+    return parser
 
 
 def _replay(arguments: argparse.Namespace) -> None:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, guarded
-from pacman_env.cli.options import parse_options
+from pacman_env.cli.options import add_options, parse_options
 from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative, Share, require
 from pacman_env.engine.threads import cores
 from pacman_env.episodes.statistics import wilson
@@ -133,10 +133,16 @@ def _run(arguments: Arguments, executor: Executor) -> None:
 
 
 def parse(argv: Sequence[str]) -> Arguments:
+    default = QUICK if "--quick" in argv else Arguments()
+    return parse_options(make_parser(default), argv, default)
+
+
+def make_parser(default: Arguments | None = None) -> Parser:
     parser = Parser(prog=_PROG, description=Arguments.__doc__, allow_abbrev=False)
     parser.add_argument("--quick", action="store_true", help="two minutes on two cores")
     add_executor_arguments(parser)
-    return parse_options(parser, argv, QUICK if "--quick" in argv else Arguments())
+    add_options(parser, default or Arguments())
+    return parser
 
 
 class Alternation:

@@ -186,11 +186,15 @@ def _compare(network: EntityNetwork, planner: LearnedPlanner) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    return run_command(make_parser(), argv, _export, "train")
+
+
+def make_parser() -> Parser:
     parser = Parser(prog="pacman-env export", description=__doc__)
     parser.add_argument("checkpoint", type=Path, metavar="CHECKPOINT.zip", help="of a training, such as last.zip")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.onnx", help="its metadata goes beside it")
     parser.add_argument("--facts", type=Path, metavar="FILE.json", help="default: CHECKPOINT.facts.json")
-    return run_command(parser, argv, _export, "train")
+    return parser
 
 
 def _export(arguments: argparse.Namespace) -> None:

@@ -221,6 +221,10 @@ def draw(figures: dict[str, Any], path: Path) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    return run_command(make_parser(), argv, _report, "train")
+
+
+def make_parser() -> Parser:
     parser = Parser(prog="pacman-env learning-curves", description=__doc__)
     add = parser.add_argument
     group = parser.add_mutually_exclusive_group()
@@ -242,7 +246,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--json", type=Path, default=Path("results/learning_curves.json"), metavar="OUT")
     add("--plot", type=Path, default=Path("results/learning_curves.png"), metavar="OUT")
     add("--quick", action="store_true", help="everything in short: 256 decisions, 8 rounds of a minute")
-    return run_command(parser, argv, _report, "train")
+    return parser
 
 
 def _report(options: argparse.Namespace) -> None:

@@ -24,7 +24,7 @@ from tqdm import tqdm
 
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, guarded
-from pacman_env.cli.options import parse_options
+from pacman_env.cli.options import add_options, parse_options
 from pacman_env.engine.threads import cores
 from pacman_env.episodes.statistics import paired_difference, wilson
 from pacman_env.executors.base import Executor, InThreads
@@ -61,12 +61,28 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def parse(argv: Sequence[str]) -> Arguments:
     """Arguments over the hyperparameters of a file's section; raises ValueError if the file or a value does not fit."""
-    first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    first.add_argument("--quick", action="store_true", help="about a minute on two cores")
+    default = _default(argv)
+    return parse_options(make_parser(default), argv, default)
+
+
+def make_parser(default: Arguments | None = None) -> Parser:
+    parser = Parser(prog=_PROG, description=Arguments.__doc__, parents=[_sections()], allow_abbrev=False)
+    add_options(parser, default or _default(()))
+    return parser
+
+
+def _sections() -> argparse.ArgumentParser:
+    """What decides where the other options have their defaults from."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--quick", action="store_true", help="about a minute on two cores")
     file = FOLDER / "PacManBot-v0.yaml"
-    first.add_argument("--config", type=Path, default=file, help="hyperparameters (%(default)s)")
-    add_executor_arguments(first)
-    chosen, rest = first.parse_known_args(argv)
+    parser.add_argument("--config", type=Path, default=file, help="hyperparameters (%(default)s)")
+    add_executor_arguments(parser)
+    return parser
+
+
+def _default(argv: Sequence[str]) -> Arguments:
+    chosen, rest = _sections().parse_known_args(argv)
     scratch = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     scratch.add_argument("--imitation")
     nothing_imitated = scratch.parse_known_args(rest)[0].imitation == "0"
@@ -74,8 +90,7 @@ def parse(argv: Sequence[str]) -> Arguments:
     default = Arguments(hyper=load_hyperparameters(chosen.config, section))
     if chosen.quick:
         default = dataclasses.replace(default, out=Path("results/ppo-quick"))
-    parser = Parser(prog=_PROG, description=Arguments.__doc__, parents=[first], allow_abbrev=False)
-    return parse_options(parser, argv, default)
+    return default
 
 
 def run(arguments: Arguments, executor: Executor) -> None:

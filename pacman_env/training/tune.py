@@ -19,7 +19,7 @@ from optuna.distributions import BaseDistribution, CategoricalDistribution, Floa
 from optuna.trial import FrozenTrial, TrialState, create_trial
 
 from pacman_env.cli.command import Parser, guarded
-from pacman_env.cli.options import parse_options
+from pacman_env.cli.options import add_options, parse_options
 from pacman_env.config.validation import AtLeastOne, Checked, Count
 from pacman_env.engine.threads import cores
 from pacman_env.executors.base import Executor
@@ -72,9 +72,7 @@ class Study(Checked):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = Parser(prog="pacman-env tune", description=Study.__doc__)
-    add_executor_arguments(parser)
-    given = sys.argv[1:] if argv is None else argv
+    parser, given = make_parser(), sys.argv[1:] if argv is None else argv
 
     def run() -> None:
         study = parse_options(parser, given, Study())
@@ -83,6 +81,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"written: {best} (to train with it: pacman-env train --config {best})")
 
     return guarded(parser.prog, run, "train")
+
+
+def make_parser() -> Parser:
+    parser = Parser(prog="pacman-env tune", description=Study.__doc__)
+    add_executor_arguments(parser)
+    add_options(parser, Study())
+    return parser
 
 
 def search(settings: Study, executor: Executor | None = None) -> Path:

@@ -66,12 +66,12 @@ def test_an_error_is_one_line_and_status_2(
     assert words in err
     assert err.startswith("pacman-env: ")
     assert err.count("\n") == 1
+    assert err.endswith(" (see docs/maps.md)\n") is ("--spacing" not in arguments)  # which is about no file
 
 
 @pytest.mark.parametrize(
     "arguments",
     [
-        [],
         ["fly"],
         ["map"],
         ["map", "check"],
@@ -146,9 +146,12 @@ def test_list_names_the_shipped_maps(
     assert capsys.readouterr().out == "attic\ncellar\n"
 
 
-@pytest.mark.parametrize(("option", "said"), [("--version", __version__), ("--help", "usage: pacman-env ")])
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [("'--version'", __version__), ("'--help'", "usage: pacman-env "), ("", f"pacman_env {__version__}: ")],
+)
 def test_the_command_runs_as_a_module_and_loads_nothing_heavy_for_its_help(option: str, said: str) -> None:
-    code = f"import runpy, sys; sys.argv = ['pacman-env', '{option}']\n"
+    code = f"import runpy, sys; sys.argv = ['pacman-env', {option}]\n"
     code += "try: runpy.run_module('pacman_env.cli.main', run_name='__main__')\n"
     heavy = {"cv2", "gymnasium", "matplotlib", "numba", "numpy", "onnxruntime", "pymunk", "torch", "yaml"}
     code += f"finally: print(sorted({heavy} & set(sys.modules)))"
@@ -176,7 +179,9 @@ def test_what_a_command_needs_is_one_line_and_status_2(
     for name in [name for name in sys.modules if name.startswith("pacman_env.training")]:
         monkeypatch.delitem(sys.modules, name)
     assert main(["train", "--quick"]) == 2
-    assert capsys.readouterr().err == "pacman-env train: needs torch: pip install 'pacman_env[train]'\n"
+    assert capsys.readouterr().err == (
+        "pacman-env train: needs torch: pip install 'pacman_env[train]' (see docs/machines.md)\n"
+    )
 
 
 def test_version_as_a_process() -> None:

@@ -31,6 +31,10 @@ _OWN = {"clyde.ghosts": "--ghosts", "clyde.speed_mps": "--speeds"}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    return run_command(make_parser(), argv, _bound)
+
+
+def make_parser() -> Parser:
     parser = Parser(
         prog="pacman-env bound",
         description="What is possible on a map against ghosts whose reaction is known: an upper bound of the share of"
@@ -58,7 +62,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable")
     add_executor_arguments(parser)
     add("--json", type=Path, metavar="OUT", help="write the numbers")
-    return run_command(parser, argv, _bound)
+    return parser
 
 
 def configs_of(arguments: argparse.Namespace) -> list[Config]:

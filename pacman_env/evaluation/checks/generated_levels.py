@@ -74,10 +74,14 @@ def judge(level: int, folder: Path) -> tuple[int, str]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    return run_command(make_parser(), argv, _report)
+
+
+def make_parser() -> Parser:
     parser = Parser(prog="pacman-env houses", description=__doc__)
     parser.add_argument("--levels", type=whole_number(1), default=200, help="half of them from the test split")
     parser.add_argument("--start", type=whole_number(0), default=0, help="the first, counted in either split")
-    return run_command(parser, argv, _report)
+    return parser
 
 
 def _report(arguments: argparse.Namespace) -> int:

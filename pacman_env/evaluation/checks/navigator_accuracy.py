@@ -134,13 +134,17 @@ def summary(trials: list[Trials], speed_mps: float) -> dict[str, float | int]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    return run_command(make_parser(), argv, _report)
+
+
+def make_parser() -> Parser:
     parser = Parser(prog="pacman-env navigation", description=__doc__)
     parser.add_argument("--map", nargs="+", default=["house", "loop", "maze", "open_plan"], help="names or YAML files")
     parser.add_argument("--goals", type=whole_number(1), default=1000, help="in all, shared among the maps")
     parser.add_argument("--seed", type=whole_number(0), default=0)
     parser.add_argument("--preset", choices=("ideal", "robot"), default="ideal")
     parser.add_argument("--json", type=Path, help="write the figures here too")
-    return run_command(parser, argv, _report)
+    return parser
 
 
 def _report(arguments: argparse.Namespace) -> None:

@@ -95,6 +95,10 @@ def table(results: list[tuple[Variant, Row]]) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    return run_command(make_parser(), argv, _report)
+
+
+def make_parser() -> Parser:
     parser = Parser(prog="pacman-env validation", description=__doc__)
     parser.add_argument("--map", default="house", help="name or YAML file; the experiment's is pacmanbot_house")
     parser.add_argument("--episodes", type=whole_number(1), default=1000)
@@ -102,7 +106,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add_executor_arguments(parser)
     parser.add_argument("--planner-answers", type=Path, help="compare paths with those of this file, and nothing else")
     parser.add_argument("--markdown", type=Path, help="write the table here too")
-    return run_command(parser, argv, _report)
+    return parser
 
 
 def _report(arguments: argparse.Namespace) -> None:

@@ -31,6 +31,10 @@ _LIST, _BREAK = re.compile(r"\[\n\s+([^][{}]*?)\n\s+\]"), re.compile(r"\n\s+")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    return run_command(make_parser(), argv, _compare)
+
+
+def make_parser() -> Parser:
     parser = Parser(
         prog="pacman-env compare",
         description="Let policies play the same rounds and compare them. Decision times are those of the"
@@ -52,7 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--json", type=Path, metavar="OUT", help="write the numbers")
     add("--plot", type=Path, metavar="OUT", help="PNG; else beside the JSON, else results/compare.png")
     add("--video", type=Path, metavar="OUT", help="film (.mp4, .gif) of the first map's first round")
-    return run_command(parser, argv, _compare)
+    return parser
 
 
 def _compare(arguments: argparse.Namespace) -> None:

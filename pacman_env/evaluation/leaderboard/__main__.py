@@ -96,6 +96,10 @@ class Plan:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    return run_command(make_parser(), argv, _leaderboard)
+
+
+def make_parser() -> Parser:
     parser = Parser(
         prog="pacman-env leaderboard",
         description="Let policies play the same rounds in the cells of a suite (ghosts, their speed, maps) and write"
@@ -118,7 +122,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--json", type=Path, default=Path(f"{_FOLDER}.json"), metavar="OUT", help="the numbers (%(default)s)")
     add("--out", type=Path, default=Path(f"{_FOLDER}.md"), metavar="OUT", help="the page (%(default)s)")
     add("--from", type=Path, dest="source", metavar="JSON", help="only write the page, from these numbers")
-    return run_command(parser, argv, _leaderboard)
+    return parser
 
 
 def _leaderboard(arguments: argparse.Namespace) -> None:

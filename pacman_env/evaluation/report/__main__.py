@@ -43,6 +43,12 @@ _LONGEST_FACT = 80  # characters
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    argv = sys.argv[1:] if argv is None else argv
+    command = shlex.join(["pacman-env", "report", *argv])
+    return run_command(make_parser(), argv, lambda arguments: _report(arguments, command))
+
+
+def make_parser() -> Parser:
     parser = Parser(
         prog="pacman-env report",
         description="Let policies play the same rounds and write one HTML page about them: completion per map and over"
@@ -74,9 +80,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--quick", action="store_true", help="few rounds: 24, 12 endless games, three speeds, unless given")
     add("--out", type=Path, default=Path("results/report.html"), metavar="OUT", help="the page (%(default)s)")
     add("--json", type=Path, metavar="OUT", help="write the numbers")
-    argv = sys.argv[1:] if argv is None else argv
-    command = shlex.join(["pacman-env", "report", *argv])
-    return run_command(parser, argv, lambda arguments: _report(arguments, command))
+    return parser
 
 
 def _report(arguments: argparse.Namespace, command: str) -> None:

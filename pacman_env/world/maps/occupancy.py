@@ -37,6 +37,8 @@ _YAML_ERRORS = (yaml.YAMLError, ValueError, LookupError, TypeError, AttributeErr
 class MapError(ValueError):
     """A map cannot be read or written; the message names the file and the key or image that is wrong."""
 
+    page = "docs/maps.md"  #: which the command names, too
+
 
 @dataclass(frozen=True, eq=False)
 class OccupancyMap:

@@ -1,0 +1,27 @@
+"""Scripts by which a shell completes the command; shtab writes them, and is not needed where they are used."""
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+
+SHELLS = ("bash", "zsh", "fish")
+
+
+def completion(parser: argparse.ArgumentParser, shell: str) -> str:
+    """The script for one of :data:`SHELLS`; OSError without shtab."""
+    try:
+        import shtab
+    except ModuleNotFoundError as error:
+        raise OSError("needs shtab: pip install 'pacman_env[completion]'") from error
+    for action in _actions(parser):
+        if action.type is Path or "FILE" in str(action.metavar):
+            action.complete = shtab.FILE  # type: ignore[attr-defined]
+    return shtab.complete(parser, shell)
+
+
+def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
+    for action in parser._actions:
+        yield action
+        if isinstance(action, argparse._SubParsersAction):
+            for command in action.choices.values():
+                yield from _actions(command)

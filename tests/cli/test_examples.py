@@ -1,0 +1,78 @@
+"""What a newcomer sees: the command alone, and the examples in each command's help."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from collections.abc import Iterator
+
+import pytest
+
+from pacman_env.cli.examples import EXAMPLES, FIRST, PROG
+from pacman_env.cli.main import MODULES, main, make_parser
+
+
+def commands(parser: argparse.ArgumentParser) -> Iterator[str]:
+    """All commands that do something, subcommands with their group."""
+    groups = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+    for group in groups:
+        for command in group.choices.values():
+            yield from commands(command)
+    if not groups:
+        yield parser.prog.removeprefix(f"{PROG} ")
+
+
+def need_extra(command: str) -> None:
+    if command in MODULES:
+        pytest.importorskip("psutil")
+        if MODULES[command][0].startswith("training"):
+            pytest.importorskip("torch")
+            pytest.importorskip("optuna")
+
+
+def test_the_command_alone_shows_what_can_be_done_next(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    shown = [line.strip() for line in out.splitlines() if line.startswith("  ")]
+    assert 3 <= len(shown) <= 5
+    for line, (words, purpose, extra) in zip(shown, FIRST, strict=True):
+        assert line.startswith(f"{PROG} {words} ")
+        assert line.endswith(f" {purpose} [{extra}]" if extra else f" {purpose}")
+
+
+def test_every_command_has_examples_and_no_other() -> None:
+    assert set(commands(make_parser())) == set(EXAMPLES)
+
+
+@pytest.mark.parametrize("command", EXAMPLES)
+def test_a_help_ends_with_the_commands_examples(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    need_extra(command)
+    with pytest.raises(SystemExit, match="0"):
+        main([*command.split(), "--help"])
+    _, _, examples = capsys.readouterr().out.partition("\nexamples:\n")
+    for words, purpose in EXAMPLES[command]:
+        assert words.startswith(command)
+        assert f"  {PROG} {words}" in examples
+        assert purpose in examples
+
+
+@pytest.mark.parametrize(("group", "last"), [("map", "generate"), ("ros", "replay")])
+def test_a_groups_help_has_an_example_of_each_subcommand(
+    group: str, last: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        main([group, "--help"])
+    examples = capsys.readouterr().out.partition("\nexamples:\n")[2].splitlines()
+    assert sum(line.startswith(f"  {PROG} {group} ") for line in examples) == len(
+        [command for command in EXAMPLES if command.startswith(f"{group} ")]
+    )
+    assert any(line.startswith(f"  {PROG} {group} {last} ") for line in examples)
+
+
+@pytest.mark.parametrize(
+    "words", [*(words for words, *_ in FIRST), *(words for examples in EXAMPLES.values() for words, _ in examples)]
+)
+def test_an_example_is_accepted(words: str) -> None:
+    need_extra(words.split()[0])
+    make_parser(whole=True).parse_args(shlex.split(words))

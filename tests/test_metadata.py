@@ -1,0 +1,55 @@
+"""What the project says of itself is the same everywhere: version, date, licence, Pythons."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import yaml
+
+from pacman_env import __version__
+
+ROOT = Path(__file__).resolve().parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+PYTHONS = [
+    version for text in PROJECT["classifiers"] for version in re.findall(r"^Programming Language .* :: (3\.\d+)$", text)
+]
+
+
+def test_the_citation_is_of_this_version_and_its_date_in_the_changelog() -> None:
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert citation["version"] == __version__
+    assert f"## [{__version__}] - {citation['date-released']}\n" in (ROOT / "CHANGELOG.md").read_text()
+    assert [author["name"] for author in PROJECT["authors"]] == [author["name"] for author in citation["authors"]]
+
+
+def test_the_licence_is_mit_everywhere() -> None:
+    assert (ROOT / "LICENSE").read_text().startswith("MIT License")
+    assert yaml.safe_load((ROOT / "CITATION.cff").read_text())["license"] == "MIT"
+    assert 'license="MIT"' in (ROOT / "setup.py").read_text()
+    assert '<license file="LICENSE">MIT</license>' in (ROOT / "package.xml").read_text()
+    assert card()["license"] == "mit"
+
+
+def test_badges_name_the_pythons_and_the_licence_of_the_package() -> None:
+    badges = re.findall(r"!\[([^]]*)\]\(https://img\.shields\.io/badge/([^)]*)\)", (ROOT / "README.md").read_text())
+    assert dict(badges).keys() == {f"Python {PYTHONS[0]} to {PYTHONS[-1]}", "Licence: MIT"}
+    shown = " ".join(text for _, text in badges)
+    assert all(version in shown for version in PYTHONS)
+    assert "-MIT-" in shown
+    assert f'python_requires=">={PYTHONS[0]}"' in (ROOT / "setup.py").read_text()
+
+
+def test_the_model_cards_front_matter_names_the_shipped_planner() -> None:
+    facts = card()
+    assert facts["library_name"] == "onnx"
+    assert "reinforcement-learning" in facts["tags"]
+    assert facts["model_name"] == "ppo"
+    assert (ROOT / "pacman_env" / "policies" / "pretrained" / f"{facts['model_name']}.onnx").is_file()
+
+
+def card() -> dict[str, str]:
+    """The YAML between the first two lines of dashes."""
+    _, front, _ = (ROOT / "docs" / "model_card.md").read_text().split("---\n", 2)
+    return yaml.safe_load(front)
