@@ -71,7 +71,8 @@ class RayCluster(Executor):
                     self._look()
                     looked = monotonic()
                 self._hire(waiting, running)
-                for worker in self._actors.keys() - {one.worker for one in running.values()}:
+                idle = self._actors.keys() - {one.worker for one in running.values()} if waiting else ()
+                for worker in idle:
                     number = waiting.take(worker, self.workers)
                     if number is not None:
                         reference = self._actors[worker].run.remote(name, tasks[number], __version__, package_hash())

@@ -116,7 +116,7 @@ class EntityNetwork(nn.Module):
         """A copy is on the CPU. Pickled tensors would lie in memory that only processes of one machine share."""
         weights = {name: tensor.cpu().numpy() for name, tensor in self.state_dict().items()}
         sizes = self.candidate_features, self.encode_candidate.in_features - self.candidate_features, self.width
-        return _with_weights, (sizes, self.dropped_kinds, weights)
+        return _with_weights, (type(self), sizes, self.dropped_kinds, weights)
 
     def forward(
         self, candidates: torch.Tensor, whole: torch.Tensor, mask: torch.Tensor
@@ -159,9 +159,12 @@ class EntityNetwork(nn.Module):
 
 
 def _with_weights(
-    sizes: tuple[int, int, int], dropped_kinds: tuple[int, ...], weights: dict[str, NDArray[Any]]
+    kind: type[EntityNetwork],
+    sizes: tuple[int, int, int],
+    dropped_kinds: tuple[int, ...],
+    weights: dict[str, NDArray[Any]],
 ) -> EntityNetwork:
     with torch.random.fork_rng(devices=[]):  # a network draws its first weights, which are not kept
-        network = EntityNetwork(*sizes, dropped_kinds=dropped_kinds)
+        network = kind(*sizes, dropped_kinds=dropped_kinds)
     network.load_state_dict({name: torch.tensor(array) for name, array in weights.items()})
     return network

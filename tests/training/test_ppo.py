@@ -16,6 +16,7 @@ pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
 from pacman_env.episodes.rollout import episode_seeds, play
+from pacman_env.executors.base import InProcess
 from pacman_env.game.execution import COMPLETE
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.registry import make_policy
@@ -23,7 +24,8 @@ from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.maps.level_source import GeneratedMaps
 from pacman_env.training.checkpoint import TorchPlanner, facts_path, read_facts
 from pacman_env.training.games import game_config
-from pacman_env.training.ppo import HeldOut, main, parse
+from pacman_env.training.held_out import HeldOut
+from pacman_env.training.ppo import main, parse
 from tests.policies.contract import random_situation
 from tests.training.test_arguments import section, tiny
 
@@ -112,9 +114,9 @@ def test_the_report_sets_the_planner_beside_the_rules(tmp_path: Path, capsys: py
 
 def test_rounds_are_shared_over_the_line_ups() -> None:
     arguments = tiny(ghosts=["wander", "chase", "wander", "arcade,chase"], levels=4)
-    held_out = HeldOut(arguments, 5)
+    held_out = HeldOut(arguments, 5, InProcess())
     assert held_out.rows == {"wander": slice(0, 1), "chase": slice(1, 3), "arcade,chase": slice(3, 5)}
-    np.testing.assert_array_equal(held_out.seeds, HeldOut(tiny(), 5).seeds)
+    np.testing.assert_array_equal(held_out.seeds, HeldOut(tiny(), 5, InProcess()).seeds)
     ended = held_out.completed("nearest")
     share, each = held_out.shares(ended)
     assert share == ended.mean()
@@ -124,7 +126,7 @@ def test_rounds_are_shared_over_the_line_ups() -> None:
         config = config.with_fields(**{"clyde.ghosts": tuple(lineup.split(","))})
         records, _ = play(source, config, "nearest", held_out.seeds[rows])
         np.testing.assert_array_equal(ended[rows], records["end"] == COMPLETE)
-    nothing = HeldOut(arguments, 0)
+    nothing = HeldOut(arguments, 0, InProcess())
     assert nothing.shares(nothing.completed("nearest")) == (0.0, {"wander": 0.0, "chase": 0.0, "arcade,chase": 0.0})
 
 
