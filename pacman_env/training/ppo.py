@@ -62,7 +62,7 @@ def parse(argv: Sequence[str]) -> Arguments:
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     first.add_argument("--quick", action="store_true", help="about a minute on two cores")
     file = FOLDER / "PacManBot-v0.yaml"
-    first.add_argument("--config", type=Path, default=file, help="hyperparameters (%(default)s)")
+    first.add_argument("--config", type=Path, default=file, help=f"hyperparameters ({file.name})")
     chosen, rest = first.parse_known_args(argv)
     scratch = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     scratch.add_argument("--imitation")
