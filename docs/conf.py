@@ -4,18 +4,19 @@ import re
 
 from sphinx.application import Sphinx
 
-import pacman_env
+from pacman_env import __version__
 
 project = "pacman_env"
 author = "the pacman_env developers"
 project_copyright = author
-release = version = pacman_env.__version__
+release = version = __version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode", "sphinx_copybutton"]
 exclude_patterns = ["examples"]
 templates_path = ["_templates"]
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_js_files = ["site.js"]
 html_theme = "celshast"
 html_title = f"pacman_env {release}"
 html_copy_source = False
@@ -33,14 +34,18 @@ suppress_warnings = ["myst.strikethrough"]
 
 default_role = "code"  # docstrings have `names` as Markdown does
 autodoc_mock_imports = ["stable_baselines3"]  # of the extra ``train``, which is 1 GB
+autodoc_default_options = {"no-value": True}
 autodoc_member_order = "bysource"
+toc_object_entries_show_parents = "hide"
 autodoc_typehints_format = "short"
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
-pygments_style = "friendly"
-pygments_dark_style = "native"
+pygments_style = "default"  # with this, and the other in the dark, contrasts are at least 4.5
+pygments_dark_style = "github-dark"
 copybutton_exclude = ".linenos, .gp, .go"
 
+_ARRAY = re.compile(r"ndarray\[tuple\[Any, \.\.\.\], dtype\[([\w ]+)\]\]")
+_PAGE = re.compile(r"`+docs/((?:\w+/)*\w+)\.md`+")
 _FENCE = re.compile(r"^( *)```(\w*)\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
 
 
@@ -55,12 +60,22 @@ def _restructured(app: Sphinx, what: str, name: str, obj: object, options: objec
     if "## Description" in lines:  # Markdown as Gymnasium's own docstrings, which the pages of the ids show
         start = lines.index("## Description") + 1
         lines[:] = [*lines[start : lines.index("", start)], "", "Its pages: :doc:`/environments/ids`."]
-    lines[:] = _FENCE.sub(block, "\n".join(lines)).splitlines()
+    text = _PAGE.sub(r":doc:`/\1`", "\n".join(lines))
+    lines[:] = _FENCE.sub(block, text).splitlines()
     for k in range(len(lines) - 1, 0, -1):  # a list needs an empty line before it
         if lines[k].startswith("- ") and lines[k - 1].strip() and not lines[k - 1].startswith(("- ", " ")):
             lines.insert(k, "")
 
 
+def _shorter(
+    app: Sphinx, what: str, name: str, obj: object, options: object, arguments: str | None, result: str | None
+) -> tuple[str | None, str | None]:
+    """A signature with ``NDArray`` as it is written in the source."""
+    short = (text and _ARRAY.sub(r"NDArray[\1]", text) for text in (arguments, result))
+    return next(short), next(short)
+
+
 def setup(app: Sphinx) -> None:
-    """Connect what reads docstrings."""
+    """Connect what reads docstrings and signatures."""
     app.connect("autodoc-process-docstring", _restructured)
+    app.connect("autodoc-process-signature", _shorter)

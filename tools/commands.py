@@ -8,7 +8,8 @@ import sys
 from collections.abc import Iterator, Sequence
 
 from pacman_env.cli.command import Parser, run_command
-from pacman_env.cli.main import GROUPS, MODULES, main as run_main
+from pacman_env.cli.main import GROUPS, MODULES
+from pacman_env.cli.main import main as run_main
 from tools.common import ROOT, add_check, update
 
 PAGE = ROOT / "docs" / "commands.md"

@@ -1,7 +1,7 @@
 """Reference scores of every id, played and kept in docs/environments/scores.json: ``python -m tools.scores``.
 
-An episode of seed s is that of ``env.reset(seed=s)`` of the id without any argument. Policies of the package name goals;
-where actions are velocities, ``random`` draws them from the action space, and there are no other scores.
+An episode of seed s is that of ``env.reset(seed=s)`` of the id without any argument. Policies of the package name
+goals; where actions are velocities, ``random`` draws them from the action space, and there are no other scores.
 """
 
 import argparse

@@ -1,7 +1,7 @@
 """Build the site, offline, with warnings as errors: ``scripts/docs``, ``python -m tools.site`` (extra ``docs``).
 
-The pages of docs/ are copied to build/site beside links to the sources that they point to, the others are written there:
-ids, public names, and the pages at the top of the checkout.
+The pages of docs/ are copied to build/site beside links to the sources that they point to, the others are written
+there: ids, public names, and the pages at the top of the checkout.
 """
 
 import argparse
@@ -48,9 +48,8 @@ def assemble(build: Path) -> Path:
 
 
 def adapted(text: str) -> str:
-    """A page of GitHub's for the site: without what only GitHub draws or only tools read."""
-    text = re.sub(r"^<!-- (?:table: [\w-]+|end) -->\n", "", text, flags=re.MULTILINE)
-    return re.sub(r"^```mermaid$", "```text", text, flags=re.MULTILINE)
+    """A page without the marks that only tools read."""
+    return re.sub(r"^<!-- (?:table: [\w-]+|end) -->\n", "", text, flags=re.MULTILINE)
 
 
 def _write_ids(folder: Path) -> None:
@@ -73,16 +72,19 @@ def _add_toctree(page: Path, entries: Sequence[str]) -> None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="python -m tools.site", description="Build the site of the documentation, offline.")
-    parser.add_argument("--out", type=Path, default=OUT, metavar="FOLDER", help="of the pages (results/site)")
+    add = parser.add_argument
+    add("--out", type=Path, default=OUT, metavar="FOLDER", help="of the pages (results/site)")
+    add("--build", type=Path, default=BUILD, metavar="FOLDER", help="of what Sphinx reads and keeps (build/site)")
     return run_command(parser, argv, _build, "docs")
 
 
 def _build(arguments: argparse.Namespace) -> int:
     from sphinx.cmd.build import build_main
 
-    BUILD.mkdir(parents=True, exist_ok=True)
-    source = assemble(BUILD)
-    options = ["-q", "-W", "--keep-going", "-b", "html", "-d", str(BUILD / "doctrees")]
+    build = arguments.build
+    build.mkdir(parents=True, exist_ok=True)
+    source = assemble(build)
+    options = ["-q", "-E", "-W", "--keep-going", "-b", "html", "-d", str(build / "doctrees")]
     status = build_main([*options, str(source), str(arguments.out)])
     if status == 0:
         print(f"written: {arguments.out / 'index.html'}")

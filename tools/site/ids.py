@@ -22,7 +22,16 @@ from tools.reference import as_arguments, number
 from tools.scores import policies_of, read, scores_of
 
 #: Sections of the class's docstring that hold for every id, in the order of the page.
-_COMMON = ("Rewards", "Starting State", "Episode End", "Information", "Arguments", "Settings", "Reset", "Version History")
+_COMMON = (
+    "Rewards",
+    "Starting State",
+    "Episode End",
+    "Information",
+    "Arguments",
+    "Settings",
+    "Reset",
+    "Version History",
+)
 _BEFORE_THE_PICTURE = 40  # decisions
 _NAMES = {"planner_candidates": CANDIDATE_FEATURES, "planner_globals": GLOBAL_FEATURES}
 _UNIT = "-1 to 1"
@@ -42,8 +51,7 @@ def sections() -> dict[str, str]:
 
 def _link(match: re.Match[str]) -> str:
     path = match[1].removeprefix("environments/")
-    name = path.rpartition("/")[2]
-    return f"[{name}](../{path}.md)" if path != match[1] else f"[{name}](../../{path}.md)"
+    return f"[](../{path}.md)" if path != match[1] else f"[](../../{path}.md)"  # Sphinx writes the title
 
 
 def page(env_id: str, pictures: Path) -> str:
@@ -92,7 +100,10 @@ def _summary(env_id: str, env: PacManBotEnv) -> str:
         [
             ["Action space", _space(env.action_space)],
             ["Observation space", seen],
-            ["A decision", "every 0.5 s" if env.config.decisions.when == "tick" else "when there is something to decide"],
+            [
+                "A decision",
+                "every 0.5 s" if env.config.decisions.when == "tick" else "when there is something to decide",
+            ],
             ["Registered with", known],
         ],
     )
@@ -108,7 +119,7 @@ def _space(space: spaces.Space[Any]) -> str:
 def _example(env_id: str, kwargs: dict[str, Any]) -> str:
     flat = bool(kwargs.get("flat"))
     drives = kwargs.get("action") == "velocity"
-    mask = "" if drives else ("env.unwrapped.action_masks().astype(\"int8\")" if flat else 'observation["action_mask"]')
+    mask = "" if drives else ('env.unwrapped.action_masks().astype("int8")' if flat else 'observation["action_mask"]')
     end = "not (terminated or truncated)"
     text = f"""```python
 import gymnasium as gym
@@ -124,14 +135,16 @@ print(info)
 ```
 """
     if kwargs:
-        text += f"\nIt is `gym.make(\"{ENV_ID}\", {as_arguments(kwargs)})`.\n"
+        text += f'\nIt is `gym.make("{ENV_ID}", {as_arguments(kwargs)})`.\n'
     return text
 
 
 def _actions(env: PacManBotEnv) -> str:
     if isinstance(env.action_space, spaces.Box):
         unit = env.config.action_range == "unit"
-        low, high = ([number(v) for v in side] for side in (env.action_space.low.tolist(), env.action_space.high.tolist()))
+        low, high = (
+            [number(v) for v in side] for side in (env.action_space.low.tolist(), env.action_space.high.tolist())
+        )
         v, omega = env.config.robot.wheel_speed_mps, env.config.robot.omega_radps
         means = (
             (f"v = (a + 1) / 2 x {number(v)} m/s, forwards", f"omega = a x {number(omega)} rad/s, counter-clockwise")
@@ -139,7 +152,10 @@ def _actions(env: PacManBotEnv) -> str:
             else ("v, m/s, forwards", "omega, rad/s, counter-clockwise")
         )
         rows = [[str(k), low[k], high[k], means[k]] for k in range(2)]
-        return table(("Index", "Low", "High", "Unit, meaning"), rows) + "\nHeld for one decision of 0.5 s. There is no mask.\n"
+        return (
+            table(("Index", "Low", "High", "Unit, meaning"), rows)
+            + "\nHeld for one decision of 0.5 s. There is no mask.\n"
+        )
     pellets, refuges = env.batch.pellet_slots, env.batch.candidates - env.batch.pellet_slots - 1
     if env.config.observation.candidates == "nearest":
         pellets, refuges = env.config.observation.nearest_pellets, env.config.observation.nearest_refuges
@@ -152,9 +168,16 @@ def _actions(env: PacManBotEnv) -> str:
         [_range(pellets, last), kinds[1]],
         [str(last), "hold: stop and stay"],
     ]
-    where = "`action_masks()`" if env.config.observation.mask == "method" else f'`observation["{MASK}"]` and `action_masks()`'
+    where = (
+        "`action_masks()`"
+        if env.config.observation.mask == "method"
+        else f'`observation["{MASK}"]` and `action_masks()`'
+    )
     count = "" if env.config.observation.candidates == "nearest" or not _one_map(env) else " on the map `house`"
-    return table((f"Action{count}", "Candidate"), rows) + f"\n{where} tell which are allowed; any other makes the robot hold.\n"
+    return (
+        table((f"Action{count}", "Candidate"), rows)
+        + f"\n{where} tell which are allowed; any other makes the robot hold.\n"
+    )
 
 
 def _one_map(env: PacManBotEnv) -> bool:
@@ -198,7 +221,8 @@ def _values(part: ObservationPart) -> str:
 
 
 def _column(k: int, column: tuple[str, float, float, str], scaled: bool, part: ObservationPart) -> list[str]:
-    name, _, _, meaning = column
+    name, _, _, told = column
+    meaning = told or "no unit"
     if scaled:
         return [str(k), f"`{name}`", "-1", "1", meaning]
     low, high = (np.asarray(bound).reshape(-1, part.shape[-1])[0] for bound in (part.low, part.high))
@@ -209,7 +233,8 @@ def _scores(env_id: str) -> str:
     known = read()
     one = known[env_id][policies_of(env_id)[0]]
     text = scores_of(env_id, known)
-    text += f"\n{one['episodes']} episodes, seeds 0 to {one['episodes'] - 1}; `python -m tools.scores {env_id}` plays them again.\n"
+    text += f"\n{one['episodes']} episodes, seeds 0 to {one['episodes'] - 1}; "
+    text += f"`python -m tools.scores {env_id}` plays them again.\n"
     if len(policies_of(env_id)) == 1:
         text += "`random` draws from the action space; the other policies of the package name goals.\n"
     return text
@@ -220,11 +245,11 @@ def _several(env_id: str, kwargs: dict[str, Any]) -> str:
     rows = []
     for agent in env.possible_agents:
         space = env.observation_space(agent)
-        shapes = ", ".join(f"`{key}` {one.shape}" for key, one in space.items()) if isinstance(space, spaces.Dict) else ""
+        shapes = (
+            ", ".join(f"`{key}` {one.shape}" for key, one in space.items()) if isinstance(space, spaces.Dict) else ""
+        )
         rows.append([f"`{agent}`", _space(env.action_space(agent)), shapes])
     text = f'In PettingZoo: `pettingzoo.make("parallel", "{env_id}")`, or `"aec"`'
     text += f"; it is `pacman_env.parallel_env({as_arguments(kwargs)})`.\n\n"
     text += table(("Agent", "Action space", "Observation"), rows)
     return text + "\nRewards, turns and the state of the whole game: [two players and more](../pettingzoo.md).\n"
-
-

@@ -64,7 +64,7 @@ def page(name: str) -> str:
     title, about, members = GROUPS[name]
     text = f"# {title}\n\n{about}\n"
     for member in members:
-        text += f"\n## `{member}`\n\n```{{eval-rst}}\n{_directive(member)}\n```\n"
+        text += f"\n```{{eval-rst}}\n{_directive(member)}\n```\n"
     return text
 
 
@@ -72,9 +72,9 @@ def _directive(name: str) -> str:
     if name.startswith("sb3."):
         return f".. autoclass:: pacman_env.{name}\n   :members:\n"
     thing: Any = getattr(pacman_env, name)
+    if name == "parallel_env":  # a class by another name
+        return ".. py:data:: pacman_env.parallel_env\n\n   :py:class:`pacman_env.PacManBotParallelEnv` in lower case.\n"
     if inspect.isclass(thing):
-        if name == "parallel_env":
-            return ".. py:data:: pacman_env.parallel_env\n\n   :py:class:`PacManBotParallelEnv <pacman_env.PacManBotParallelEnv>` by another name."
         return f".. autoclass:: pacman_env.{name}\n   :members:\n"
     if callable(thing):
         return f".. autofunction:: pacman_env.{name}\n"
