@@ -1,5 +1,6 @@
 """The site of the documentation, for Sphinx: ``scripts/docs`` builds it, with the pages that ``tools/site`` writes."""
 
+import dataclasses
 import re
 
 from sphinx.application import Sphinx
@@ -34,7 +35,6 @@ suppress_warnings = ["myst.strikethrough"]
 
 default_role = "code"  # docstrings have `names` as Markdown does
 autodoc_mock_imports = ["stable_baselines3"]  # of the extra ``train``, which is 1 GB
-autodoc_default_options = {"no-value": True}
 autodoc_member_order = "bysource"
 toc_object_entries_show_parents = "hide"
 autodoc_typehints_format = "short"
@@ -44,7 +44,9 @@ pygments_style = "default"  # with this, and the other in the dark, contrasts ar
 pygments_dark_style = "github-dark"
 copybutton_exclude = ".linenos, .gp, .go"
 
-_ARRAY = re.compile(r"ndarray\[tuple\[Any, \.\.\.\], dtype\[([\w ]+)\]\]")
+_ARRAY = re.compile(
+    r"~?(?:numpy\.)?ndarray\[tuple\[(?:~?typing\.)?Any, \.\.\.\], ~?(?:numpy\.)?dtype\[~?(?:numpy\.|typing\.)?(\w+)\]\]"
+)
 _PAGE = re.compile(r"`+docs/((?:\w+/)*\w+)\.md`+")
 _FENCE = re.compile(r"^( *)```(\w*)\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
 
@@ -60,6 +62,8 @@ def _restructured(app: Sphinx, what: str, name: str, obj: object, options: objec
     if "## Description" in lines:  # Markdown as Gymnasium's own docstrings, which the pages of the ids show
         start = lines.index("## Description") + 1
         lines[:] = [*lines[start : lines.index("", start)], "", "Its pages: :doc:`/environments/ids`."]
+    if what in ("attribute", "property"):
+        lines.insert(0, "")  # else Napoleon takes what is before the first colon for a type
     text = _PAGE.sub(r":doc:`/\1`", "\n".join(lines))
     lines[:] = _FENCE.sub(block, text).splitlines()
     for k in range(len(lines) - 1, 0, -1):  # a list needs an empty line before it
@@ -70,12 +74,14 @@ def _restructured(app: Sphinx, what: str, name: str, obj: object, options: objec
 def _shorter(
     app: Sphinx, what: str, name: str, obj: object, options: object, arguments: str | None, result: str | None
 ) -> tuple[str | None, str | None]:
-    """A signature with ``NDArray`` as it is written in the source."""
+    """A signature with ``NDArray`` as the source has it; of a dataclass the names of its fields alone."""
+    if what == "class" and dataclasses.is_dataclass(obj):
+        arguments = f"({', '.join(field.name for field in dataclasses.fields(obj))})"
     short = (text and _ARRAY.sub(r"NDArray[\1]", text) for text in (arguments, result))
     return next(short), next(short)
 
 
 def setup(app: Sphinx) -> None:
     """Connect what reads docstrings and signatures."""
-    app.connect("autodoc-process-docstring", _restructured)
+    app.connect("autodoc-process-docstring", _restructured, priority=400)  # before Napoleon
     app.connect("autodoc-process-signature", _shorter)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pacman_env.envs.pacmanbot import PacManBotEnv
+from pacman_env.envs.registration import IDS
 from tools.site import ids, reference
 from tools.site.__main__ import adapted
 
@@ -37,3 +38,10 @@ def test_the_numbers_of_a_flat_row_are_numbered_as_they_lie(tmp_path: Path) -> N
 def test_sections_of_the_docstring_link_to_pages(name: str) -> None:
     assert ids.sections()[name]
     assert "`docs/" not in ids.sections()[name]
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_the_example_of_an_id_plays_an_episode_to_its_end(env_id: str, capsys: pytest.CaptureFixture[str]) -> None:
+    example = ids._example(env_id, IDS[env_id].kwargs).split("```python\n")[1].split("```")[0]
+    exec(compile(example, env_id, "exec"), {})
+    assert "'outcome': " in capsys.readouterr().out

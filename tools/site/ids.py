@@ -15,6 +15,7 @@ from gymnasium import spaces
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.registration import ENV_ID, IDS
 from pacman_env.policies.registry import make_policy
+from pacman_env.sim.maps.level_source import FixedMap
 from pacman_env.sim.observation.kinds import MASK, ObservationPart, Observer
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
 from tools.common import table
@@ -34,6 +35,7 @@ _COMMON = (
 )
 _BEFORE_THE_PICTURE = 40  # decisions
 _NAMES = {"planner_candidates": CANDIDATE_FEATURES, "planner_globals": GLOBAL_FEATURES}
+_PLANNER = Path("pacman_env/sim/observation/planner_features.py")
 _UNIT = "-1 to 1"
 
 
@@ -120,7 +122,6 @@ def _example(env_id: str, kwargs: dict[str, Any]) -> str:
     flat = bool(kwargs.get("flat"))
     drives = kwargs.get("action") == "velocity"
     mask = "" if drives else ('env.unwrapped.action_masks().astype("int8")' if flat else 'observation["action_mask"]')
-    end = "not (terminated or truncated)"
     text = f"""```python
 import gymnasium as gym
 import pacman_env
@@ -128,7 +129,7 @@ import pacman_env
 env = gym.make("{env_id}")
 observation, info = env.reset(seed=0)
 terminated = truncated = False
-while {end}:
+while not (terminated or truncated):
     action = env.action_space.sample({mask})
     observation, reward, terminated, truncated, info = env.step(action)
 print(info)
@@ -142,20 +143,14 @@ print(info)
 def _actions(env: PacManBotEnv) -> str:
     if isinstance(env.action_space, spaces.Box):
         unit = env.config.action_range == "unit"
-        low, high = (
-            [number(v) for v in side] for side in (env.action_space.low.tolist(), env.action_space.high.tolist())
-        )
         v, omega = env.config.robot.wheel_speed_mps, env.config.robot.omega_radps
-        means = (
-            (f"v = (a + 1) / 2 x {number(v)} m/s, forwards", f"omega = a x {number(omega)} rad/s, counter-clockwise")
-            if unit
-            else ("v, m/s, forwards", "omega, rad/s, counter-clockwise")
-        )
-        rows = [[str(k), low[k], high[k], means[k]] for k in range(2)]
-        return (
-            table(("Index", "Low", "High", "Unit, meaning"), rows)
-            + "\nHeld for one decision of 0.5 s. There is no mask.\n"
-        )
+        first = f"v = (a + 1) / 2 x {number(v)} m/s" if unit else "v, m/s"
+        second = f"omega = a x {number(omega)} rad/s" if unit else "omega, rad/s"
+        means = (f"{first}, forwards", f"{second}, counter-clockwise")
+        sides = zip(env.action_space.low.tolist(), env.action_space.high.tolist(), means, strict=True)
+        rows = [[str(k), number(low), number(high), meaning] for k, (low, high, meaning) in enumerate(sides)]
+        text = table(("Index", "Low", "High", "Unit, meaning"), rows)
+        return f"{text}\nHeld for one decision of 0.5 s. There is no mask.\n"
     pellets, refuges = env.batch.pellet_slots, env.batch.candidates - env.batch.pellet_slots - 1
     if env.config.observation.candidates == "nearest":
         pellets, refuges = env.config.observation.nearest_pellets, env.config.observation.nearest_refuges
@@ -163,25 +158,12 @@ def _actions(env: PacManBotEnv) -> str:
     else:
         kinds = ("the pellets of the map by number", "the refuges: home, spread-out places, nooks")
     last = pellets + refuges
-    rows = [
-        [_range(0, pellets), kinds[0]],
-        [_range(pellets, last), kinds[1]],
-        [str(last), "hold: stop and stay"],
-    ]
-    where = (
-        "`action_masks()`"
-        if env.config.observation.mask == "method"
-        else f'`observation["{MASK}"]` and `action_masks()`'
-    )
-    count = "" if env.config.observation.candidates == "nearest" or not _one_map(env) else " on the map `house`"
-    return (
-        table((f"Action{count}", "Candidate"), rows)
-        + f"\n{where} tell which are allowed; any other makes the robot hold.\n"
-    )
-
-
-def _one_map(env: PacManBotEnv) -> bool:
-    return type(env.batch.source).__name__ == "FixedMap"
+    rows = [[_range(0, pellets), kinds[0]], [_range(pellets, last), kinds[1]], [str(last), "hold: stop and stay"]]
+    at_hand = env.config.observation.mask == "method"
+    where = "`action_masks()` tells" if at_hand else f'`observation["{MASK}"]` and `action_masks()` tell'
+    house = env.config.observation.candidates == "all" and isinstance(env.batch.source, FixedMap)
+    text = table(("Action on the map `house`" if house else "Action", "Candidate"), rows)
+    return f"{text}\n{where} which are allowed; any other makes the robot hold.\n"
 
 
 def _range(first: int, end: int) -> str:
@@ -201,7 +183,7 @@ def _observations(env: PacManBotEnv) -> str:
     text = table(("Numbers", "Part", *head[1:]) if config.flat else head, rows)
     if config.flat:
         text += "\nThe parts one after the other, each row by row, are one array of float32."
-    if config.normalize:
+    if config.normalize and any(part.columns for part in parts.values()):
         text += " Numbers are scaled to -1 to 1; the units below are those before."
     text += "\n" if config.flat or config.normalize else ""
     for key, part in parts.items():
@@ -209,9 +191,10 @@ def _observations(env: PacManBotEnv) -> str:
             columns = [_column(k, column, config.normalize, part) for k, column in enumerate(part.columns)]
             text += f"\n### `{key}`\n\n" + table(("Column", "Name", "Low", "High", "Unit, meaning"), columns)
         elif key in _NAMES:
-            names = ", ".join(f"{k} `{name}`" for k, name in enumerate(_NAMES[key]))
-            text += f"\n### `{key}`\n\nNumbers of a planner, divided by 5 here: {names}. What each is: "
-            text += "[policies](../../policies.md).\n"
+            names = ", ".join(f"{k}\N{NO-BREAK SPACE}`{name}`" for k, name in enumerate(_NAMES[key]))
+            scaled = ", divided by 5" if config.normalize else ""
+            text += f"\n### `{key}`\n\nA planner's numbers{scaled}, without units: {names}. They are computed by "
+            text += f"[{_PLANNER.name}](../../../{_PLANNER}).\n"
     return text
 
 

@@ -73,9 +73,10 @@ def _directive(name: str) -> str:
         return f".. autoclass:: pacman_env.{name}\n   :members:\n"
     thing: Any = getattr(pacman_env, name)
     if name == "parallel_env":  # a class by another name
-        return ".. py:data:: pacman_env.parallel_env\n\n   :py:class:`pacman_env.PacManBotParallelEnv` in lower case.\n"
+        return f".. py:data:: pacman_env.{name}\n\n   :py:class:`pacman_env.{thing.__name__}` by another name.\n"
     if inspect.isclass(thing):
-        return f".. autoclass:: pacman_env.{name}\n   :members:\n"
+        hidden = "   :exclude-members: config\n" if name == "BasePolicy" else ""  # its value is a whole Config
+        return f".. autoclass:: pacman_env.{name}\n   :members:\n{hidden}"
     if callable(thing):
         return f".. autofunction:: pacman_env.{name}\n"
     return f".. py:data:: pacman_env.{name}\n   :value: {thing!r}\n"
