@@ -48,6 +48,7 @@ _ARRAY = re.compile(
     r"~?(?:numpy\.)?ndarray\[tuple\[(?:~?typing\.)?Any, \.\.\.\], ~?(?:numpy\.)?dtype\[~?(?:numpy\.|typing\.)?(\w+)\]\]"
 )
 _PAGE = re.compile(r"`+docs/((?:\w+/)*\w+)\.md`+")
+_ATTRIBUTES: dict[str, list[str]] = {}
 _FENCE = re.compile(r"^( *)```(\w*)\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
 
 
@@ -62,13 +63,18 @@ def _restructured(app: Sphinx, what: str, name: str, obj: object, options: objec
     if "## Description" in lines:  # Markdown as Gymnasium's own docstrings, which the pages of the ids show
         start = lines.index("## Description") + 1
         lines[:] = [*lines[start : lines.index("", start)], "", "Its pages: :doc:`/environments/ids`."]
-    if what in ("attribute", "property"):
-        lines.insert(0, "")  # else Napoleon takes what is before the first colon for a type
     text = _PAGE.sub(r":doc:`/\1`", "\n".join(lines))
     lines[:] = _FENCE.sub(block, text).splitlines()
     for k in range(len(lines) - 1, 0, -1):  # a list needs an empty line before it
         if lines[k].startswith("- ") and lines[k - 1].strip() and not lines[k - 1].startswith(("- ", " ")):
             lines.insert(k, "")
+    if what in ("attribute", "property"):
+        _ATTRIBUTES[name] = list(lines)
+
+
+def _restored(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+    """An attribute's docstring as it was: Napoleon takes what is before its first colon for a type."""
+    lines[:] = _ATTRIBUTES.pop(name, lines)
 
 
 def _shorter(
@@ -77,6 +83,8 @@ def _shorter(
     """A signature with ``NDArray`` as the source has it; of a dataclass the names of its fields alone."""
     if what == "class" and dataclasses.is_dataclass(obj):
         arguments = f"({', '.join(field.name for field in dataclasses.fields(obj))})"
+    elif getattr(obj, "_is_protocol", False):
+        arguments = None  # of no use to who implements it
     short = (text and _ARRAY.sub(r"NDArray[\1]", text) for text in (arguments, result))
     return next(short), next(short)
 
@@ -84,4 +92,5 @@ def _shorter(
 def setup(app: Sphinx) -> None:
     """Connect what reads docstrings and signatures."""
     app.connect("autodoc-process-docstring", _restructured, priority=400)  # before Napoleon
+    app.connect("autodoc-process-docstring", _restored, priority=600)
     app.connect("autodoc-process-signature", _shorter)

@@ -36,6 +36,8 @@ def assemble(build: Path) -> Path:
         (source / f"{name.lower()}.md").write_text(text.replace("](docs/", "]("), encoding="utf-8")
     for path in source.rglob("*.md"):
         path.write_text(adapted(path.read_text(encoding="utf-8")), encoding="utf-8")
+    index = source / "index.md"
+    index.write_text(f"---\nfirstpage: true\n---\n{index.read_text(encoding='utf-8')}", encoding="utf-8")
     libraries = sorted(path.stem for path in (source / "use_with").glob("*.md") if path.stem != "README")
     _add_toctree(source / "use_with" / "README.md", libraries)
     _write_ids(source / "environments")
