@@ -16,7 +16,7 @@ PAGE = ROOT / "docs" / "commands.md"
 _COLUMNS = "100"
 _INTRO = """# Commands
 
-What `pacman-env COMMAND --help` prints, for every command. A command that needs an extra says so in one line; what it
+What every command of `pacman-env` prints with `--help`. A command that needs an extra says so in one line; what it
 cannot do is one line too, and exit status 2. This page is written by `python -m tools.commands`.
 """
 

@@ -42,7 +42,7 @@ def _add_options(parser: argparse.ArgumentParser, default: Any) -> None:
         shown = " ".join(map(str, value)) if isinstance(value, tuple) else value
         if isinstance(value, Path) and value.is_absolute():  # a file of the package, wherever that is
             shown = value.name
-        text = f"{texts.get(name, '')} ({shown})".lstrip().replace("%", "%%")
+        text = f"{texts.get(name, '')} ({shown})".lstrip().replace("%", "%%").replace("``", "")
         parser.add_argument(f"--{name.replace('_', '-')}", default=value, help=text, **_kind(hints[name]))
 
 
