@@ -165,13 +165,15 @@ def as_arguments(kwargs: dict[str, Any]) -> str:
 def ids() -> str:
     rows = []
     for name, entry in IDS.items():
-        several = "-" if entry.several is None else _arguments(entry.several)
-        rows.append([f"`{name.removeprefix('pacman_env/')}`", entry.purpose, _arguments(entry.kwargs), several])
-    return table(("Id, after `pacman_env/`", "What it is", "Arguments", "Arguments in PettingZoo"), rows)
+        agents = 0 if entry.several is None else 1 + len(entry.several.get("ghosts", ("policy",)))
+        rows.append([f"`{name.removeprefix('pacman_env/')}`", entry.purpose, f"{agents} agents" if agents else "-"])
+    return table(("Id, after `pacman_env/`", "What it is", "PettingZoo"), rows)
 
 
-def _arguments(kwargs: dict[str, Any]) -> str:
-    return f"`{as_arguments(kwargs)}`" if kwargs else "none"
+def ids_arguments() -> str:
+    variants = {name: entry.kwargs for name, entry in IDS.items() if entry.kwargs}
+    rows = [[f"`{name.removeprefix('pacman_env/')}`", f"`{as_arguments(kwargs)}`"] for name, kwargs in variants.items()]
+    return table(("Id", "Arguments of `PacManBot-v0`"), rows)
 
 
 def maps() -> str:
@@ -199,7 +201,7 @@ def number(value: Any) -> str:
 
 TABLES: dict[str, Callable[[], str]] = {
     draw.__name__.replace("_", "-"): draw
-    for draw in (configuration, presets, keys, columns, actions, state, ids, maps, map_check)
+    for draw in (configuration, presets, keys, columns, actions, state, ids, ids_arguments, maps, map_check)
 } | {"scores": all_scores}
 
 
