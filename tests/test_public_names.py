@@ -44,7 +44,7 @@ def imported(source: str) -> Iterator[str]:
 
 @pytest.mark.parametrize("source", SOURCES.values(), ids=SOURCES)
 def test_docs_and_examples_import_public_names_only(source: str) -> None:
-    allowed = {"pacman_env", "pacman_env.sb3", *(f"pacman_env.{name}" for name in PUBLIC)}
+    allowed = {"pacman_env", "pacman_env.__version__", "pacman_env.sb3", *(f"pacman_env.{name}" for name in PUBLIC)}
     assert set(imported(source)) <= allowed
     used = set(
         re.findall(r"\bpacman_env\.(\w+)", "".join(line for line in source.splitlines() if "import" not in line))

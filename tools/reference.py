@@ -27,11 +27,13 @@ from pacman_env.config.described import fields_of
 from pacman_env.config.validation import kinds
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
+from pacman_env.envs.registration import IDS
 from pacman_env.game.ghosts import BEHAVIOURS
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.kinds import BEARINGS, FEATURES, KINDS, MASK, ObservationPart, mask_part
 from pacman_env.world.maps.occupancy import shipped_maps
 from tools.common import ROOT, add_check, table, update
+from tools.scores import all_scores
 
 _BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(?=<!-- end -->)", re.DOTALL)
 _KINDS = {bool: "`True` or `False`", int: "whole number"}
@@ -113,7 +115,7 @@ def keys() -> str:
         entries += [(key, part, when if key != "ghosts" else "several ghosts") for key, part in _parts(kind).items()]
     rows = []
     for key, part, when in entries:
-        values = "see below" if part.columns else f"{_number(part.low)} to {_number(part.high)}"
+        values = "see below" if part.columns else f"{number(part.low)} to {number(part.high)}"
         rows.append([f"`{key}`", f"{part.shape}", np.dtype(part.dtype).name, values, when])
     return table(("Key", "Shape", "dtype", "Values", "There with"), rows)
 
@@ -123,7 +125,7 @@ def columns() -> str:
     for key, part in {**_parts(FEATURES.name), **_parts(BEARINGS.name)}.items():
         low, high = (np.asarray(bound).reshape(-1, part.shape[-1])[0] for bound in (part.low, part.high))
         rows = [
-            [str(k), f"`{name}`", _number(low[k]), _number(high[k]), meaning]
+            [str(k), f"`{name}`", number(low[k]), number(high[k]), meaning]
             for k, (name, _, _, meaning) in enumerate(part.columns)
         ]
         text += f"\n### `{key}`\n\n" + table(("Column", "Name", "Low", "High", "Unit, meaning"), rows)
@@ -138,7 +140,7 @@ def actions() -> str:
         if isinstance(space, spaces.Box):
             names = ("v", "omega") if unit else ("v, m/s", "omega, rad/s")
             limits = zip(space.low.tolist(), space.high.tolist(), names, strict=True)
-            bounds = ", ".join(f"{name}: {_number(low)} to {_number(high)}" for low, high, name in limits)
+            bounds = ", ".join(f"{name}: {number(low)} to {number(high)}" for low, high, name in limits)
             given = f'action="{action}"' + (f", settings={settings}".replace("'", '"') if unit else "")
             rows.append([f"`{given}`", f"`Box`, shape {space.shape}, {space.dtype}", bounds])
         else:
@@ -149,11 +151,29 @@ def actions() -> str:
 def state() -> str:
     env = PacManBotParallelEnv("house")
     named = zip(env.state_names, env.state_space.low.tolist(), env.state_space.high.tolist(), strict=True)
-    rows = [[str(k), f"`{name}`", _number(low), _number(high)] for k, (name, low, high) in enumerate(named)]
+    rows = [[str(k), f"`{name}`", number(low), number(high)] for k, (name, low, high) in enumerate(named)]
     pellets = [k for k, name in enumerate(env.state_names) if name.startswith("pellet_")]
     first, last = pellets[0], pellets[-1]
     rows[first : last + 1] = [[f"{first} to {last}", f"`pellet_0` to `pellet_{last - first}`", "0", "1"]]
     return table(("Number", "Name", "Low", "High"), rows)
+
+
+def as_arguments(kwargs: dict[str, Any]) -> str:
+    return ", ".join(f"{name}={value!r}".replace("'", '"') for name, value in kwargs.items())
+
+
+def ids() -> str:
+    rows = []
+    for name, entry in IDS.items():
+        agents = 0 if entry.several is None else 1 + len(entry.several.get("ghosts", ("policy",)))
+        rows.append([f"`{name.removeprefix('pacman_env/')}`", entry.purpose, f"{agents} agents" if agents else "-"])
+    return table(("Id, after `pacman_env/`", "What it is", "PettingZoo"), rows)
+
+
+def ids_arguments() -> str:
+    variants = {name: entry.kwargs for name, entry in IDS.items() if entry.kwargs}
+    rows = [[f"`{name.removeprefix('pacman_env/')}`", f"`{as_arguments(kwargs)}`"] for name, kwargs in variants.items()]
+    return table(("Id", "Arguments of `PacManBot-v0`"), rows)
 
 
 def maps() -> str:
@@ -175,14 +195,14 @@ def map_check() -> str:
     return f"```text\n{output.getvalue()}```\n"
 
 
-def _number(value: Any) -> str:
+def number(value: Any) -> str:
     return f"{round(float(value), 3):,g}" if abs(value) < 1e6 else f"{value:.0e}"
 
 
 TABLES: dict[str, Callable[[], str]] = {
     draw.__name__.replace("_", "-"): draw
-    for draw in (configuration, presets, keys, columns, actions, state, maps, map_check)
-}
+    for draw in (configuration, presets, keys, columns, actions, state, ids, ids_arguments, maps, map_check)
+} | {"scores": all_scores}
 
 
 def fill(page: str) -> str:

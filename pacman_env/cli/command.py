@@ -21,9 +21,11 @@ STOPPED_STATUS = 128 + signal.SIGINT
 
 
 class Parser(argparse.ArgumentParser):
-    """Bad arguments are one line on stderr, as every other error."""
+    """Bad arguments are one line on stderr, as every other error; a description is shown without marks of code."""
 
     def __init__(self, **options: Any) -> None:
+        if options.get("description"):  # a module's docstring, often
+            options["description"] = options["description"].replace("``", "")
         with uninterrupted():  # argparse imports modules here when it first needs them, and a Ctrl-C then may be lost
             super().__init__(**options)
 

@@ -65,6 +65,7 @@ class EnvArguments:
     settings: Mapping[str, Any] | Config | None = None
     render_mode: str | None = None
     flat: bool = False
+    defaults: Mapping[str, Any] | None = None
 
     def make_config(self, *, several: bool = False) -> tuple[Config, dict[int, Policy]]:
         """The configuration, of an environment with several agents or one, and the policies by the ghost's number."""
@@ -74,11 +75,18 @@ class EnvArguments:
         changes |= {} if behaviours is None else {"clyde.ghosts": behaviours}
         changes |= {} if self.action is None else {"action": self.action}
         if isinstance(settings, Config):
-            if changes or self.preset != "robot" or self.flat:
-                raise ConfigError("settings is a Config: ghosts, observation, action, preset and flat are part of it")
+            if changes or self.preset != "robot" or self.flat or self.defaults:
+                raise ConfigError(
+                    "settings is a Config: ghosts, observation, action, preset, flat and defaults are part of it"
+                )
             return settings, policies
-        if not (isinstance(settings, Mapping) and all(isinstance(key, str) for key in settings)):
-            raise ConfigError(f"settings = {settings!r}: must be values by the dotted names of fields, or a Config")
+        below = {} if self.defaults is None else self.defaults
+        for given, what, rule in (
+            (settings, "settings", "must be values by the dotted names of fields, or a Config"),
+            (below, "defaults", "must be values by the dotted names of fields"),
+        ):
+            if not (isinstance(given, Mapping) and all(isinstance(key, str) for key in given)):
+                raise ConfigError(f"{what} = {given!r}: {rule}")
         for name in sorted(changes.keys() & settings.keys()):
             raise ConfigError(f"{name} is given twice: as an argument and in settings")
         if not isinstance(self.flat, bool):
@@ -88,7 +96,7 @@ class EnvArguments:
             defaults.pop("observation.flat", None)  # "flat" is among the kinds or not
         if several and self.ghosts is None:
             defaults["clyde.ghosts"] = ("policy",)
-        return make_config(self.preset, **{**defaults, **changes, **settings}), policies
+        return make_config(self.preset, **{**defaults, **below, **changes, **settings}), policies
 
     def make_source(self, config: Config) -> LevelSource:
         """The maps: ``generated`` ones, ``generated:test``, or one map."""

@@ -113,6 +113,7 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     - `settings`: any fields of the configuration by dotted name, or a whole `Config`.
     - `render_mode`: `"rgb_array"`, or `"human"` for a window.
     - `flat`: the settings of `pacman_env/PacManBotFlat-v0`, below your own.
+    - `defaults`: settings below your own, by which ids of variants differ (`docs/environments/ids.md`).
 
     ## Settings
     Every number of the game is one (`docs/configuration.md`). With `{"randomize.speed_mps": (0.2, 0.3)}` and its like a

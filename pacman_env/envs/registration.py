@@ -9,27 +9,91 @@ from collections.abc import Callable
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
+
+
+class Registered(NamedTuple):
+    """What an id stands for, to programs that take nothing but an id."""
+
+    purpose: str  # in one line
+    kwargs: dict[str, Any] = {}  # noqa: RUF012  # of the environment with one agent
+    #: Of PettingZoo's environment of the same name; None: there is none.
+    several: dict[str, Any] | None = {}  # noqa: RUF012
+
 
 ENV_ID = "pacman_env/PacManBot-v0"
 #: The same game for stock learners: with ``flat=True``.
 FLAT_ID = "pacman_env/PacManBotFlat-v0"
-_IDS: dict[str, dict[str, Any]] = {ENV_ID: {}, FLAT_ID: {"flat": True}}
+_GENERATED, _ENDLESS, _FOUR = {"map": "generated"}, {"defaults": {"endless": True}}, {"ghosts": ("policy",) * 4}
+#: Stock PPO learns to drive with these (train/hyperparameters/baselines.yaml).
+_DRIVING = {
+    "decisions.when": "tick",
+    "observation.candidates": "all",
+    "action_range": "unit",
+    "reward.progress": 1.0,
+}
+#: Every id. A variant is a name, and a version counts up only where the old one is replaced.
+IDS = {
+    ENV_ID: Registered("the robot's game on one map: every 0.5 s the agent names the goal to drive to"),
+    "pacman_env/PacManBotGenerated-v0": Registered(
+        "the robot's game in a new generated house for every episode", _GENERATED, _GENERATED
+    ),
+    "pacman_env/PacManBotEndless-v0": Registered(
+        "the robot's game without end: a completed round is followed by the next, Clyde faster each time",
+        _ENDLESS,
+        _ENDLESS,
+    ),
+    "pacman_env/PacManBotVelocity-v0": Registered(
+        "the agent drives the robot itself: v in m/s and omega in rad/s, without a navigator",
+        {"action": "velocity"},
+        {"action": "velocity"},
+    ),
+    "pacman_env/PacManBotGhosts-v0": Registered(
+        "four ghosts that come for the robot and turn to their corners when they are near, as the arcade's Clyde does",
+        {"ghosts": ("arcade",) * 4},
+        _FOUR,
+    ),
+    FLAT_ID: Registered(
+        "for stock learners: seven actions, one array in [-1, 1], a decision when there is something to decide",
+        {"flat": True},
+        {"flat": True},
+    ),
+    "pacman_env/PacManBotFlatGenerated-v0": Registered(
+        "for stock learners, in a new generated house for every episode",
+        {"flat": True, **_GENERATED},
+        {"flat": True, **_GENERATED},
+    ),
+    "pacman_env/PacManBotFlatEndless-v0": Registered(
+        "for stock learners, without end: Clyde is faster after each completed round",
+        {"flat": True, **_ENDLESS},
+        {"flat": True, **_ENDLESS},
+    ),
+    "pacman_env/PacManBotFlatVelocity-v0": Registered(
+        "for stock learners that drive: v and omega in [-1, 1] from one array of lidar ranges and bearings",
+        {"flat": True, "action": "velocity", "observation": ("scan", "flat"), "defaults": _DRIVING},
+        None,  # its agents would have spaces of different shapes
+    ),
+    "pacman_env/PacManBotFlatGhosts-v0": Registered(
+        "for stock learners, with four ghosts that come for the robot as the arcade's Clyde does",
+        {"flat": True, "ghosts": ("arcade",) * 4},
+        {"flat": True, **_FOUR},
+    ),
+}
 #: Of ``FLAT_ID`` before 1.0; its spec is named ``FLAT_ID``, as another version of PacManBot would make v0 out of date.
 FORMER_FLAT_ID = "pacman_env/PacManBot-v1"
 
 
 def register_envs() -> None:
-    """Register ``PacManBot-v0`` and ``PacManBotFlat-v0`` with Gymnasium; a second call changes nothing."""
+    """Register every id with Gymnasium (``gymnasium.pprint_registry()``); a second call changes nothing."""
     import gymnasium as gym
 
-    for name, kwargs in _IDS.items():
+    for name, entry in IDS.items():
         if name not in gym.registry:
             gym.register(
                 name,
                 entry_point="pacman_env.envs.pacmanbot:PacManBotEnv",
                 vector_entry_point="pacman_env.envs.pacmanbot_vector:PacManBotVectorEnv",
-                kwargs=dict(kwargs),
+                kwargs=dict(entry.kwargs),
             )
     refuse = f"{__name__}:refuse_former_id"
     former = gym.envs.registration.EnvSpec(FLAT_ID, entry_point=refuse, vector_entry_point=refuse)
@@ -44,9 +108,9 @@ def register_parallel_envs() -> None:
         return
     for kind, known in (("parallel", pettingzoo.parallel_registry), ("aec", pettingzoo.aec_registry)):
         entry_point = f"pacman_env:{'parallel_env' if kind == 'parallel' else 'env'}"
-        for name, kwargs in _IDS.items():
-            if name not in known:
-                pettingzoo.register(kind, name, entry_point, kwargs=dict(kwargs))
+        for name, entry in IDS.items():
+            if entry.several is not None and name not in known:
+                pettingzoo.register(kind, name, entry_point, kwargs=dict(entry.several))
         known.setdefault(FORMER_FLAT_ID, pettingzoo.EnvSpec(FLAT_ID, entry_point=refuse_former_id))
 
 

@@ -234,7 +234,7 @@ def make_parser() -> Parser:
     group.add_argument(
         "--baselines", nargs="*", metavar="NAME", help="of the file --config; without a name all of them"
     )
-    add("--config", type=Path, default=FILE, metavar="YAML", help="%(default)s")
+    add("--config", type=Path, default=FILE, metavar="YAML", help=f"the baselines ({FILE.name})")
     add("--learner", choices=[*LEARNERS], help="in place of maskable_ppo, or the baseline's")
     add("--map", metavar="FILE_OR_NAME", help="to learn on, in place of generated, or the baseline's")
     add("--test", metavar="FILE_OR_NAME", help="to play on, in place of generated:test, or the baseline's")

@@ -76,7 +76,7 @@ def _sections() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--quick", action="store_true", help="about a minute on two cores")
     file = FOLDER / "PacManBot-v0.yaml"
-    parser.add_argument("--config", type=Path, default=file, help="hyperparameters (%(default)s)")
+    parser.add_argument("--config", type=Path, default=file, help=f"hyperparameters ({file.name})")
     add_executor_arguments(parser)
     return parser
 

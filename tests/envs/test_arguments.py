@@ -107,7 +107,7 @@ def test_every_setting_that_replaces_an_argument_is_a_field() -> None:
 
 
 def test_no_environment_takes_more_than_the_shared_arguments_and_those_of_its_kind() -> None:
-    shared = {"map", "ghosts", "observation", "action", "preset", "settings", "render_mode", "flat"}
+    shared = {"map", "ghosts", "observation", "action", "preset", "settings", "render_mode", "flat", "defaults"}
     vector = {"num_envs", "num_threads", "autoreset_mode", "batch_size", "copy", "max_episode_steps"}
     for build, more in ((PacManBotEnv, set()), (PacManBotVectorEnv, vector), (parallel_env, set()), (env, set())):
         assert set(inspect.signature(build).parameters) == shared | more

@@ -57,7 +57,7 @@ class ObservationKind(Protocol):
         """The arrays that it adds, by key."""
 
     def fill(self, batch: GameBatch, situation: Situation) -> Observation:
-        """Each of them for all games, (N, *shape), as new arrays; ``situation`` is the batch's own, as it is now."""
+        """Each of them for all games, ``(N, *shape)``, as new arrays; ``situation`` is the batch's own, as now."""
 
 
 def bounds(batch: GameBatch) -> dict[str, tuple[float, float]]:

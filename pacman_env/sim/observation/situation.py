@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from ..maps.level_stack import LevelStack
 
 PELLET, REFUGE, HOLD = 0, 1, 2
+_BELIEF = f"N G {len(BELIEVED)}"  # by name, as Sphinx reads no f-string in an annotation
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class Situation:
     tick: Annotated[NDArray[np.int64], "N"]  # ticks of this round before this one
     pellets_left: Annotated[NDArray[np.int64], "N"]  # still on the map, those that may not be chosen now included
     ghosts: Annotated[NDArray[np.float64], "N G 5"]  # x, y, vx, vy, speed of every ghost; Clyde is the nearest of them
-    belief: Annotated[NDArray[np.float64], f"N G {len(BELIEVED)}"]  # what each ghost does (game/behaviour_belief.py)
+    belief: Annotated[NDArray[np.float64], _BELIEF]  # what each ghost does (game/behaviour_belief.py)
     goal: Annotated[NDArray[np.int32], "N C"]  # number of the candidate among the map's goals, -1: none
     level: Annotated[NDArray[np.int32], "N"]  # slot of the map in ``maps``
     maps: LevelStack | None = None  # the maps themselves, for policies that plan on them; None if unknown

@@ -1,0 +1,96 @@
+"""The site of the documentation, for Sphinx: ``scripts/docs`` builds it, with the pages that ``tools/site`` writes."""
+
+import dataclasses
+import re
+
+from sphinx.application import Sphinx
+
+from pacman_env import __version__
+
+project = "pacman_env"
+author = "the pacman_env developers"
+project_copyright = author
+release = version = __version__
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode", "sphinx_copybutton"]
+exclude_patterns = ["examples"]
+templates_path = ["_templates"]
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_js_files = ["site.js"]
+html_theme = "celshast"
+html_title = f"pacman_env {release}"
+html_copy_source = False
+html_show_sourcelink = False
+html_favicon = "_static/pacman.svg"
+html_theme_options = {
+    "description": "A TurtleBot 4 plays Pac-Man in a house: a fast, reproducible Gymnasium and PettingZoo environment.",
+    "light_logo": "pacman.svg",
+    "dark_logo": "pacman.svg",
+}
+
+myst_heading_anchors = 4  # as GitHub makes them
+myst_enable_extensions: list[str] = []  # the theme adds to it
+suppress_warnings = ["myst.strikethrough"]
+
+default_role = "code"  # docstrings have `names` as Markdown does
+autodoc_mock_imports = ["stable_baselines3"]  # of the extra ``train``, which is 1 GB
+autodoc_member_order = "bysource"
+toc_object_entries_show_parents = "hide"
+autodoc_typehints_format = "short"
+napoleon_google_docstring = True
+napoleon_numpy_docstring = False
+pygments_style = "default"  # with this, and the other in the dark, contrasts are at least 4.5
+pygments_dark_style = "github-dark"
+copybutton_exclude = ".linenos, .gp, .go"
+
+_ARRAY = re.compile(
+    r"~?(?:numpy\.)?ndarray\[tuple\[(?:~?typing\.)?Any, \.\.\.\], ~?(?:numpy\.)?dtype\[~?(?:numpy\.|typing\.)?(\w+)\]\]"
+)
+_PAGE = re.compile(r"`+docs/((?:\w+/)*\w+)\.md`+")
+_ATTRIBUTES: dict[str, list[str]] = {}
+_FENCE = re.compile(r"^( *)```(\w*)\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
+
+
+def _restructured(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+    """A docstring's fenced code as reStructuredText, which autodoc reads; the rest is the same in both."""
+
+    def block(match: re.Match[str]) -> str:
+        indent, language, code = match.groups()
+        body = "".join(f"    {line}\n" if line.strip() else "\n" for line in code.splitlines())
+        return f"{indent}.. code-block:: {language or 'text'}\n\n{body}"
+
+    if "## Description" in lines:  # Markdown as Gymnasium's own docstrings, which the pages of the ids show
+        start = lines.index("## Description") + 1
+        lines[:] = [*lines[start : lines.index("", start)], "", "Its pages: :doc:`/environments/ids`."]
+    text = _PAGE.sub(r":doc:`/\1`", "\n".join(lines))
+    lines[:] = _FENCE.sub(block, text).splitlines()
+    for k in range(len(lines) - 1, 0, -1):  # a list needs an empty line before it
+        if lines[k].startswith("- ") and lines[k - 1].strip() and not lines[k - 1].startswith(("- ", " ")):
+            lines.insert(k, "")
+    if what in ("attribute", "property"):
+        _ATTRIBUTES[name] = list(lines)
+
+
+def _restored(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+    """An attribute's docstring as it was: Napoleon takes what is before its first colon for a type."""
+    lines[:] = _ATTRIBUTES.pop(name, lines)
+
+
+def _shorter(
+    app: Sphinx, what: str, name: str, obj: object, options: object, arguments: str | None, result: str | None
+) -> tuple[str | None, str | None]:
+    """A signature with ``NDArray`` as the source has it; of a dataclass the names of its fields alone."""
+    if what == "class" and dataclasses.is_dataclass(obj):
+        arguments = f"({', '.join(field.name for field in dataclasses.fields(obj))})"
+    elif getattr(obj, "_is_protocol", False):
+        arguments = None  # of no use to who implements it
+    short = (text and _ARRAY.sub(r"NDArray[\1]", text) for text in (arguments, result))
+    return next(short), next(short)
+
+
+def setup(app: Sphinx) -> None:
+    """Connect what reads docstrings and signatures."""
+    app.connect("autodoc-process-docstring", _restructured, priority=400)  # before Napoleon
+    app.connect("autodoc-process-docstring", _restored, priority=600)
+    app.connect("autodoc-process-signature", _shorter)

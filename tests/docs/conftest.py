@@ -1,0 +1,28 @@
+"""The site, built once."""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.web.browser import axe, chromium, missing
+from tools.common import ROOT
+
+__all__ = ["axe", "chromium"]
+
+
+@pytest.fixture(scope="session")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the pages; the build has no warning, which is an error."""
+    for module in ("sphinx", "celshast", "myst_parser", "sphinx_copybutton"):
+        if importlib.util.find_spec(module) is None:
+            missing(f"{module} (pip install -e '.[docs]')")
+    out, build = tmp_path_factory.mktemp("site"), tmp_path_factory.mktemp("build")
+    command = [sys.executable, "-m", "tools.site", "--out", str(out), "--build", str(build)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, ""), done.stdout + done.stderr
+    return out

@@ -1,0 +1,47 @@
+"""The pages that are written from the code, without Sphinx."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pacman_env.envs.pacmanbot import PacManBotEnv
+from pacman_env.envs.registration import IDS
+from tools.site import ids, reference
+from tools.site.__main__ import adapted
+
+
+def test_every_public_name_is_in_one_group() -> None:
+    grouped = [name for _, _, members in reference.GROUPS.values() for name in members]
+    assert sorted(grouped) == sorted(reference.names())
+
+
+def test_marks_of_tools_are_not_shown() -> None:
+    page = "before\n<!-- table: actions -->\n\n| a |\n\n<!-- end -->\nafter\n"
+    assert adapted(page) == "before\n\n| a |\n\nafter\n"
+
+
+def test_the_numbers_of_a_flat_row_are_numbered_as_they_lie(tmp_path: Path) -> None:
+    env = PacManBotEnv(flat=True)
+    text = ids._observations(env)
+    assert "| 0 to 223 | `planner_candidates` | (7, 32) |" in text
+    assert "| 224 to 273 | `planner_globals` | (50,) |" in text
+    assert env.observation_space.shape == (274,)
+    parts = PacManBotEnv(flat=True, settings={"observation.flat": False})
+    row, alone = env.reset(seed=2)[0], parts.reset(seed=2)[0]
+    np.testing.assert_array_equal(row[224:], alone["planner_globals"])
+
+
+@pytest.mark.parametrize("name", ["Rewards", "Episode End", "Arguments", "Version History"])
+def test_sections_of_the_docstring_link_to_pages(name: str) -> None:
+    assert ids.sections()[name]
+    assert "`docs/" not in ids.sections()[name]
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_the_example_of_an_id_plays_an_episode_to_its_end(env_id: str, capsys: pytest.CaptureFixture[str]) -> None:
+    example = ids._example(env_id, IDS[env_id].kwargs).split("```python\n")[1].split("```")[0]
+    exec(compile(example, env_id, "exec"), {})
+    assert "'outcome': " in capsys.readouterr().out

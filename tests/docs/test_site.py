@@ -1,0 +1,105 @@
+"""The site is complete: it builds without a warning, everything public has its place, and no link leads nowhere."""
+
+from __future__ import annotations
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlsplit
+
+import pytest
+
+from pacman_env.envs.registration import IDS
+from tools.commands import purposes
+from tools.common import ROOT
+from tools.site.ids import file_name
+from tools.site.reference import GROUPS, names
+
+
+class Page(HTMLParser):
+    """Ids of a page, and where it leads to."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.ids: set[str] = set()
+        self.targets: list[str] = []
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        for name, value in attrs:
+            if name == "id" and value:
+                self.ids.add(value)
+            elif name in ("href", "src") and value:
+                self.targets.append(value)
+
+
+@pytest.fixture(scope="module")
+def pages(site: Path) -> dict[Path, Page]:
+    own = (path for path in site.rglob("*.html") if "_static" not in path.parts)  # not what the theme brings
+    return {path: Page(path) for path in own}
+
+
+@pytest.fixture(scope="module")
+def index(site: Path) -> dict[str, Any]:
+    """What the search of the site knows."""
+    text = (site / "searchindex.js").read_text(encoding="utf-8")
+    found: dict[str, Any] = json.loads(text.removeprefix("Search.setIndex(").removesuffix(")"))
+    return found
+
+
+def test_every_page_of_the_documentation_is_on_the_site(pages: dict[Path, Page], site: Path) -> None:
+    for path in (ROOT / "docs").rglob("*.md"):
+        assert site / path.relative_to(ROOT / "docs").with_suffix(".html") in pages
+
+
+def test_no_link_leads_nowhere(pages: dict[Path, Page], site: Path) -> None:
+    dead = []
+    for path, page in pages.items():
+        for target in page.targets:
+            url = urlsplit(target)
+            if url.scheme or url.netloc:
+                continue
+            there = (path.parent / unquote(url.path)).resolve() if url.path else path
+            if not there.exists() or (url.fragment and there in pages and url.fragment not in pages[there].ids | {""}):
+                dead.append(f"{path.relative_to(site)}: {target}")
+    assert dead == []
+    assert sum(len(page.targets) for page in pages.values()) > 5000
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_every_id_has_a_page_with_spaces_rewards_ends_arguments_scores_and_picture(site: Path, env_id: str) -> None:
+    text = (site / "environments" / "ids" / f"{file_name(env_id)}.html").read_text(encoding="utf-8")
+    titles = ["Action space", "Observation space", "Rewards", "Episode end", "Arguments", "Version history"]
+    for title in [*titles, "Reference scores"]:
+        assert re.search(rf"<h2>{title}<", text), title
+    assert env_id in text
+    assert f"{file_name(env_id)}.png" in text
+    assert ("<h2>Several agents<" in text) == (IDS[env_id].several is not None)
+
+
+def test_every_public_name_has_its_place_in_the_reference(pages: dict[Path, Page], site: Path) -> None:
+    known = set().union(*(pages[site / "reference" / f"{name}.html"].ids for name in GROUPS))
+    assert {f"pacman_env.{name}" for name in names()} <= known
+
+
+def test_every_command_has_a_section(pages: dict[Path, Page], site: Path) -> None:
+    groups = {"pacman-env map", "pacman-env ros"}
+    sections = {name.replace(" ", "-") for name in purposes().keys() - groups}
+    assert len(sections) > 25
+    assert sections <= pages[site / "commands.html"].ids
+
+
+def test_the_index_of_the_search_has_every_id_command_and_public_name(index: dict[str, Any]) -> None:
+    titles = index["alltitles"].keys()
+    assert {file_name(env_id) for env_id in IDS} <= titles
+    assert {name for name in purposes() if name not in ("pacman-env map", "pacman-env ros")} <= titles
+    objects = {f"{owner}.{entry[4]}" for owner, entries in index["objects"].items() for entry in entries}
+    assert {f"pacman_env.{name}" for name in names()} <= objects
+
+
+def test_no_page_shows_the_paths_of_the_machine_that_built_it(pages: dict[Path, Page], site: Path) -> None:
+    for path in pages:
+        assert str(ROOT) not in path.read_text(encoding="utf-8"), path
+        assert str(site) not in path.read_text(encoding="utf-8"), path

@@ -1,0 +1,53 @@
+"""Reference scores: the committed ones are complete, and whoever plays an id with its seeds gets the same."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from pacman_env.envs.registration import IDS
+from pacman_env.policies.registry import make_policy
+from tools.scores import POLICIES, main, play, read, scores_of
+
+
+def test_the_committed_scores_are_of_200_episodes_of_every_id_and_policy() -> None:
+    known = read()
+    assert list(known) == list(IDS)
+    for env_id, scores in known.items():
+        drives = IDS[env_id].kwargs.get("action") == "velocity"
+        assert tuple(scores) == (POLICIES[:1] if drives else POLICIES)
+        assert {one["episodes"] for one in scores.values()} == {200}
+
+
+@pytest.mark.parametrize("env_id", ["pacman_env/PacManBot-v0", "pacman_env/PacManBotFlatEndless-v0"])
+def test_the_single_environment_with_the_same_seed_has_the_same_return(env_id: str) -> None:
+    played = play(env_id, "clyde_aware", range(3, 5))
+    env: Any = gym.make(env_id).unwrapped
+    for k, seed in enumerate((3, 4)):
+        policy = make_policy("clyde_aware")
+        _, info = env.reset(seed=seed)
+        policy.reset(np.ones(1, dtype=np.bool_), env.config)
+        total, over, round_before = 0.0, False, 1
+        while not over:
+            if info.get("round", 1) != round_before:
+                policy.reset(np.ones(1, dtype=np.bool_), env.config)
+                round_before = info["round"]
+            _, reward, terminated, truncated, info = env.step(env.action_of(policy.select(env.situation))[0])
+            total, over = total + reward, terminated or truncated
+        assert played["return"][k] == pytest.approx(total)
+        assert played["pellets"][k] == info.get("score", info["collected"])
+
+
+def test_scores_of_some_ids_leave_the_others_as_they_are(tmp_path: Path) -> None:
+    out = tmp_path / "scores.json"
+    out.write_text(json.dumps({"pacman_env/PacManBotGhosts-v0": {"random": 3}}))
+    assert main(["pacman_env/PacManBotVelocity-v0", "--episodes", "2", "--out", str(out)]) == 0
+    known = json.loads(out.read_text())
+    assert known["pacman_env/PacManBotGhosts-v0"] == {"random": 3}
+    assert known["pacman_env/PacManBotVelocity-v0"]["random"]["episodes"] == 2
+    assert "| `random` | " in scores_of("pacman_env/PacManBotVelocity-v0", known)
