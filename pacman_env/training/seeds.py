@@ -78,11 +78,9 @@ def train_all(arguments: Arguments, seeds: Sequence[int], out: Path, executor: E
     out.mkdir(parents=True, exist_ok=True)
 
     def keep(one: Trained) -> None:
-        done[trained.figures["seed"]] = trained.figures
-        _write(out, trained)
-        print(
-            f"seed {trained.figures['seed']}: {trained.figures['completed']:.1%} of test rounds completed", flush=True
-        )
+        done[one.figures["seed"]] = one.figures
+        _write(out, one)
+        print(f"seed {one.figures['seed']}: {one.figures['completed']:.1%} of test rounds completed", flush=True)
 
     executor.map(train_member, left, keep)
     trained = [done[seed] for seed in seeds]
