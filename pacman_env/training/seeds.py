@@ -4,6 +4,7 @@ A member trains in the cache folder of its worker's machine. If the worker is lo
 last checkpoint, or begins anew on another machine: either way it ends with the same planner.
 """
 
+import argparse
 import contextlib
 import dataclasses
 import hashlib
@@ -23,7 +24,7 @@ from pacman_env.cli.command import Parser, guarded, whole_number
 from pacman_env.engine.cache_folder import cache_dir, package_hash
 from pacman_env.episodes.statistics import wilson
 from pacman_env.executors.base import Executor, InProcess
-from pacman_env.executors.choice import add_executor_arguments, executor_of
+from pacman_env.executors.choice import executor_of
 from pacman_env.files import write_json
 from pacman_env.training import ppo
 from pacman_env.training.arguments import Arguments
@@ -47,21 +48,26 @@ def main(argv: Sequence[str] | None = None) -> int:
     given = sys.argv[1:] if argv is None else argv
 
     def begin() -> None:
-        chosen, rest = make_parser().parse_known_args(given)
-        arguments = ppo.parse(rest)
+        chosen = make_parser().parse_args(given)
         with executor_of(chosen) as executor:
+            arguments = ppo.parse(_own_arguments().parse_known_args(given)[1])
             print(train_all(arguments, chosen.seeds, chosen.out, executor))
 
     return guarded(_PROG, begin, "train")
 
 
 def make_parser() -> Parser:
-    about = "One training from several seeds. Other arguments are those of `pacman-env train`, such as --quick."
-    parser = Parser(prog=_PROG, description=about, allow_abbrev=False)
+    own = _own_arguments()
+    train: Any = {"parents": [ppo.make_parser(), own], "add_help": False, "conflict_handler": "resolve"}
+    return Parser(prog=_PROG, description="One training from several seeds.", allow_abbrev=False, **train)
+
+
+def _own_arguments() -> argparse.ArgumentParser:
+    """Beside those of a training."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--seeds", type=whole_number(0), nargs="+", default=[0, 1, 2], metavar="N", help="(0 1 2)")
     out = Path("results/seeds")
     parser.add_argument("--out", type=Path, default=out, metavar="PATH", help=f"a folder for each seed ({out})")
-    add_executor_arguments(parser)
     return parser
 
 
