@@ -16,7 +16,7 @@ Result = TypeVar("Result")
 Homes = Sequence[Hashable] | None
 
 #: How often a task is begun again after its worker was lost.
-MOST_LOSSES = 3
+MOST_LOSSES = 10
 
 
 class TaskFailed(ChildProcessError):
@@ -41,15 +41,15 @@ class Done(Generic[Result]):
 class Losses:
     """The workers that tasks have lost."""
 
-    def __init__(self, progress: Progress) -> None:
+    def __init__(self, progress: Progress, most: int) -> None:
         self._count: Counter[int] = Counter()
-        self._progress = progress
+        self._progress, self._most = progress, most
 
     def note(self, number: int, waiting: Queue, how: str, why: str = "") -> Iterator[Done[Any]]:
         """Have the task wait again, or yield its end: it has lost too many."""
         self._count[number] += 1
         self._progress.lost += 1
-        if self._count[number] <= MOST_LOSSES:
+        if self._count[number] <= self._most:
             LOG.warning("task %d: %s, it is done again%s", number, how, why)
             waiting.put_back(number)
         else:
@@ -66,6 +66,7 @@ class Executor(ABC):
 
     #: Whether workers may be on other machines, which have none of this one's files.
     remote = False
+    most_losses = MOST_LOSSES
 
     def __init__(self, workers: int, limit_s: float | None = None) -> None:
         """``limit_s``: a task that takes longer has failed; None: no limit."""

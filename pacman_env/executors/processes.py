@@ -25,7 +25,7 @@ class LocalProcesses(Executor):
     def _ends(
         self, function: Callable[[Task], Result], tasks: Sequence[Task], homes: Homes
     ) -> Generator[Done[Result], None, None]:
-        waiting, losses = Queue(len(tasks), homes, self._owners), Losses(self.progress)
+        waiting, losses = Queue(len(tasks), homes, self._owners), Losses(self.progress, self.most_losses)
         running: dict[Future[Any], tuple[int, int]] = {}  # the worker and the task
         try:
             while waiting or running:

@@ -62,7 +62,7 @@ class RayCluster(Executor):
         self, function: Callable[[Task], Result], tasks: Sequence[Task], homes: Homes
     ) -> Generator[Done[Result], None, None]:
         ray, name = self._ray, f"{function.__module__}:{function.__qualname__}"
-        waiting, losses = Queue(len(tasks), homes, self._owners), Losses(self.progress)
+        waiting, losses = Queue(len(tasks), homes, self._owners), Losses(self.progress, self.most_losses)
         running: dict[Any, _Running] = {}
         looked = monotonic()
         try:
