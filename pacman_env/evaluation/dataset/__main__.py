@@ -23,14 +23,13 @@ from pacman_env.engine.cache_folder import package_hash
 from pacman_env.envs.arguments import EnvArguments
 from pacman_env.envs.core import EnvCore
 from pacman_env.envs.registration import FLAT_ID, IDS
-from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.executors.choice import add_executor_arguments, executor_of
 from pacman_env.executors.progress import bar_of
 from pacman_env.files import commit, write_json
 from pacman_env.sim.observation.kinds import KINDS
 
 from .card import write_card
-from .recording import Recording, Rounds, outcomes, recorded, tasks_of
+from .recording import Recording, Rounds, outcomes, recorded, round_seeds, tasks_of
 
 FORMATS = ("minari", "parquet")
 _PREFIX = "pacman_env/"
@@ -84,7 +83,7 @@ def _dataset(arguments: argparse.Namespace, given: Sequence[str]) -> None:
     folder = _folder(arguments)
     env_id, named = arguments_of(arguments)
     made = EnvArguments(**{**IDS[env_id].kwargs, **named})
-    tasks = tasks_of(arguments.policy, made, episode_seeds(arguments.seed, arguments.episodes))
+    tasks = tasks_of(arguments.policy, made, round_seeds(arguments.seed, arguments.episodes))
     core = EnvCore(1, made)
     facts = _facts(arguments, given, env_id, core)
     with _new_folder(folder) as temporary:

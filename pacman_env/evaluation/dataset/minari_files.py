@@ -32,8 +32,9 @@ class MinariFiles:
         self._storage.update_metadata({"minari_version": minari.__version__, **facts})
         self._file = h5py.File(data / "main_data.hdf5", "w", libver="latest")
         self._types: dict[str, Any] = {}
-        self._untimed = h5p.create(h5p.DATASET_CREATE)
-        self._untimed.set_obj_track_times(False)  # the same rounds are the same bytes
+        self._arrays, self._groups = h5p.create(h5p.DATASET_CREATE), h5p.create(h5p.GROUP_CREATE)
+        for properties in (self._arrays, self._groups):
+            properties.set_obj_track_times(False)  # the same rounds are the same bytes
         self._number = self._steps = 0
 
     def write(self, played: Rounds) -> None:
@@ -49,7 +50,7 @@ class MinariFiles:
             seen[f"infos/{MASK}"] = played.masks
         words = outcomes(played.rounds)
         for number, (decisions, looks) in enumerate(played.slices()):
-            group = h5g.create(self._file.id, f"episode_{self._number}".encode())
+            group = self._group(self._file.id, f"episode_{self._number}")
             about = played.rounds[number]
             attributes = h5py.AttributeManager(h5py.Group(group))
             attributes["id"] = self._number
@@ -61,7 +62,7 @@ class MinariFiles:
             for key, array in steps.items():
                 self._put(group, key, array[decisions])
             for key, array in seen.items():
-                self._put(_parent(groups, key.rpartition("/")[0]), key.rpartition("/")[2], array[looks])
+                self._put(self._parent(groups, key.rpartition("/")[0]), key.rpartition("/")[2], array[looks])
             self._number += 1
         self._steps += len(played.actions)
 
@@ -71,7 +72,17 @@ class MinariFiles:
         if kind is None:
             kind = self._types[array.dtype.str] = h5t.py_create(array.dtype, logical=True)
         space = h5s.create_simple(array.shape)
-        h5d.create(group, key.encode(), kind, space, self._untimed).write(h5s.ALL, h5s.ALL, array, kind)
+        h5d.create(group, key.encode(), kind, space, self._arrays).write(h5s.ALL, h5s.ALL, array, kind)
+
+    def _group(self, above: Any, name: str) -> Any:
+        return h5g.create(above, name.encode(), gcpl=self._groups)
+
+    def _parent(self, groups: dict[str, Any], path: str) -> Any:
+        """The group of this path in a round, made where it is not there."""
+        if path not in groups:
+            above, _, name = path.rpartition("/")
+            groups[path] = self._group(self._parent(groups, above), name)
+        return groups[path]
 
     def __enter__(self) -> "MinariFiles":
         return self
@@ -80,14 +91,6 @@ class MinariFiles:
         self._file.close()
         self._storage.update_metadata({"total_episodes": self._number, "total_steps": self._steps})
         self._storage.update_metadata({"dataset_size": float(self._storage.get_size())})
-
-
-def _parent(groups: dict[str, Any], path: str) -> Any:
-    """The group of this path in a round, made where it is not there."""
-    if path not in groups:
-        above, _, name = path.rpartition("/")
-        groups[path] = h5g.create(_parent(groups, above), name.encode())
-    return groups[path]
 
 
 def spec_of(env_id: str, arguments: dict[str, Any]) -> EnvSpec:

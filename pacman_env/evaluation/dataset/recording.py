@@ -15,7 +15,8 @@ from pacman_env.config import Config, ConfigError
 from pacman_env.envs.arguments import EnvArguments
 from pacman_env.envs.core import EnvCore
 from pacman_env.envs.outcome import OUTCOMES
-from pacman_env.episodes.rollout import BATCH, MOST_ROUNDS
+from pacman_env.envs.resets import SEEDS
+from pacman_env.episodes.rollout import BATCH, MOST_ROUNDS, episode_seeds
 from pacman_env.evaluation.compare.scenarios import load_policy
 from pacman_env.evaluation.compare.shipping import contents, kept
 from pacman_env.executors.base import Executor
@@ -70,6 +71,11 @@ class Rounds:
         ends = np.cumsum(self.rounds["decisions"]).tolist()
         for number, (end, count) in enumerate(zip(ends, self.rounds["decisions"].tolist(), strict=True)):
             yield slice(end - count, end), slice(end - count + number, end + number + 1)
+
+
+def round_seeds(seed: int, episodes: int) -> NDArray[np.uint64]:
+    """(E,) as for a comparison, cut to what environments take as ``round_seed``."""
+    return episode_seeds(seed, episodes) % np.uint64(SEEDS)
 
 
 def check(config: Config) -> None:
