@@ -1,7 +1,7 @@
 """Behaviour cloning: a network learns from a data set of a policy what it chooses, and plays beside it in other houses.
 
-The data set is a folder that ``pacman-env dataset`` has written with Parquet, of PacManBotFlat. One small network gives each
-candidate a number, whatever its place in the list; the mask leaves out those that may not be chosen.
+The data set is a folder that ``pacman-env dataset`` has written with Parquet, of PacManBotFlat. One small network gives
+each candidate a number, whatever its place in the list; the mask leaves out those that may not be chosen.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Rounds of a policy as a data set: recorded in batches, written as Minari's HDF5 and as Parquet, with a card beside."""
+"""Rounds of a policy as a data set: recorded many at once, written for Minari and as Parquet, with a card beside."""

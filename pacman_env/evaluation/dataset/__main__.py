@@ -44,8 +44,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def make_parser() -> Parser:
     parser = Parser(
         prog="pacman-env dataset",
-        description="Play rounds with a policy and write all that was seen and done as a data set: for Minari (HDF5), as"
-        " Parquet tables, or both, with a card. The files are the same for any number of workers.",
+        description="Play rounds with a policy and write all that was seen and done as a data set: for Minari (HDF5),"
+        " as Parquet tables, or both, with a card. The files are the same for any number of workers.",
     )
     add = parser.add_argument
     add("name", help="of the data set, such as pacman-env/lookahead-v0; its folder is ROOT/NAME")

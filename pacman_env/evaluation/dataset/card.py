@@ -36,8 +36,8 @@ pretty_name: {name}
 {command}
 ```
 
-The rounds depend on these arguments and on the version alone, not on the number of workers. The round seeds are drawn from seed
-{seed}; on generated levels, rounds of one level are neighbours.
+The rounds depend on these arguments and on the version alone, not on the number of workers. Their seeds are drawn
+from seed {seed}; on generated levels, rounds of one level are neighbours.
 
 ## What is in it
 

@@ -1,6 +1,7 @@
 """Rounds of a policy in an environment, many at once, with all that was seen and done, as arrays.
 
-A task is plain data, and the arrays depend on it alone: not on the batch that a round is played in, nor on the executor.
+A task is plain data, and the arrays depend on it alone: not on the batch that a round is played in, nor on the
+executor.
 """
 
 import contextlib

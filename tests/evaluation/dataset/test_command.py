@@ -103,9 +103,7 @@ def test_observations_of_several_arrays_are_groups_and_columns(tmp_path: Path) -
     np.testing.assert_array_equal(decisions["action_mask"][0], first.observations["action_mask"][0] == 1)
 
 
-def test_the_files_are_the_same_whatever_the_number_of_workers(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_files_are_the_same_whatever_the_number_of_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     small: Callable[..., list[Recording]] = lambda *given: [  # noqa: E731
         Recording(one.policy, one.arguments, part) for one in tasks_of(*given) for part in np.array_split(one.seeds, 3)
     ]
