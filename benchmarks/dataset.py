@@ -12,6 +12,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -49,10 +50,11 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
             _check(Path(folder) / NAME, formats, len(seeds))
 
     ways: dict[str, Callable[[], None]] = {"played": played, "observed": observed}
-    ways |= {name: lambda formats=formats: written(formats) for name, formats in FORMATS.items()}  # type: ignore[misc]
+    ways |= {name: partial(written, formats) for name, formats in FORMATS.items()}
     play(source, config, arguments.policy, seeds[:64])  # compiles
     record(tasks[0])
-    rates = turns(arguments.rounds, *(lambda way=way: len(seeds) / _seconds(way) for way in ways.values()))  # type: ignore[misc]
+    times = turns(arguments.rounds, *(partial(_seconds, way) for way in ways.values()))
+    rates = [[len(seeds) / one for one in turn] for turn in times]
     figures: dict[str, Any] = {"policy": arguments.policy, "episodes": len(seeds)}
     print(f"{len(seeds)} rounds by {arguments.policy} on {arguments.map}, rounds per second of processor time:")
     for k, name in enumerate(ways):

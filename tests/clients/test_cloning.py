@@ -20,7 +20,7 @@ NAME = "pacman-env/taught-v0"
 
 
 def cloned(folder: Path, recorded: list[str], learnt: list[str]) -> tuple[list[float], dict[str, float]]:
-    """In which share of the decisions held out the network chose the same after each epoch; rounds completed, both %."""
+    """The share of equal choices in the decisions held out after each epoch, and rounds completed, both in %."""
     assert main([NAME, *recorded, "--format", "parquet", "--root", str(folder)]) == 0
     script = [sys.executable, "-W", "error", str(ROOT / "docs" / "examples" / "cloning.py"), str(folder / NAME)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}

@@ -120,9 +120,9 @@ def recorded(tasks: Sequence[Recording], executor: Executor) -> Generator[Rounds
 def _sent(task: Recording) -> Recording:
     """With the map's pixels and the policy's file."""
     arguments = task.arguments
-    own = isinstance(arguments.map, str) and arguments.map.partition(":")[0] not in (*shipped_maps(), "generated")
-    if own:
-        arguments = replace(arguments, map=load_map(arguments.map))
+    source = arguments.map
+    if isinstance(source, str) and source.partition(":")[0] not in (*shipped_maps(), "generated"):
+        arguments = replace(arguments, map=load_map(source))
     ghosts = arguments.ghosts if isinstance(arguments.ghosts, tuple) else ()
     return replace(task, arguments=arguments, files=contents([task.policy, *map(str, ghosts)]))
 
@@ -131,7 +131,8 @@ def record(task: Recording) -> Rounds:
     """Play the rounds of a task."""
     places, arguments = {spec: kept(files, spec) for spec, files in task.files.items()}, task.arguments
     if isinstance(arguments.ghosts, tuple):
-        arguments = replace(arguments, ghosts=tuple(places.get(str(name), name) for name in arguments.ghosts))
+        ghosts = [places[name] if isinstance(name, str) and name in places else name for name in arguments.ghosts]
+        arguments = replace(arguments, ghosts=ghosts)
     policy = load_policy(places.get(task.policy, task.policy))
     core = EnvCore(min(BATCH, len(task.seeds)), arguments)
     check(core.config)
