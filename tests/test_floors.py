@@ -39,13 +39,16 @@ MESSAGES = (
 #: Outside package: the only rooms that may import it.
 ONLY_IN = {
     "pymunk": {"world.navigation.physics"},
-    "gymnasium": {"envs", "sb3", "render", "training", "evaluation.benchmark"},
+    "gymnasium": {"envs", "sb3", "render", "training", "evaluation.benchmark", "evaluation.dataset.minari_files"},
     "pettingzoo": {"envs"},
     **{package: {"ros"} for package in ("rclpy", *MESSAGES)},
     **{package: {"web"} for package in ("starlette", "uvicorn", "websockets", "segno")},
     "torch": {"training", "evaluation.compare.scenarios"},
     "stable_baselines3": {"sb3", "training"},
     "sb3_contrib": {"training"},
+    "minari": {"evaluation.dataset.minari_files"},
+    "h5py": {"evaluation.dataset.minari_files"},
+    "pyarrow": {"evaluation.dataset.tables"},
     "ray": {"executors.ray_cluster"},
     "pebble": {"executors.processes"},
     "onnxruntime": {"policies.learned"},

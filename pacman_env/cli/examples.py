@@ -43,6 +43,10 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
         ("report --map house maze --levels test --workers 2", "several maps, two processes"),
     ),
     "leaderboard": (("leaderboard --suite quick --workers 2", "a small league table"),),
+    "dataset": (
+        ("dataset pacman-env/house-v0 --policy lookahead --episodes 100", "100 rounds, for Minari and as Parquet"),
+        ("dataset pacman-env/levels-v0 --map generated --set num_levels=200 --format parquet", "in generated houses"),
+    ),
     "bound": (("bound --map house --starts 30 --width 32", "on one map, the ghosts of the defaults"),),
     "replay": (
         (

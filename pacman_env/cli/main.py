@@ -23,6 +23,7 @@ MODULES = {
     "compare": ("evaluation.compare.__main__", "policies on the same rounds: a table, a plot, a film"),
     "report": ("evaluation.report.__main__", "policies on the same rounds: a page that explains itself"),
     "leaderboard": ("evaluation.leaderboard.__main__", "the league table: policies against many ghosts, as a page"),
+    "dataset": ("evaluation.dataset.__main__", "rounds of a policy for offline learning: Minari, Parquet"),
     "bound": ("evaluation.bound.__main__", "what is possible on a map: an upper bound, and an estimate"),
     "replay": ("evaluation.replay", "one round again, filmed, with the policies' reasons"),
     "benchmark": ("evaluation.benchmark", "how fast the environments are"),
@@ -45,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _main(argv: Sequence[str]) -> int:
     if argv and argv[0] in MODULES:
         module, _ = MODULES[argv[0]]
-        extra = "train" if module.startswith("training") else "eval"
+        extra = "dataset" if argv[0] == "dataset" else "train" if module.startswith("training") else "eval"
         return guarded(f"pacman-env {argv[0]}", lambda: import_module(f"pacman_env.{module}").main(argv[1:]), extra)
     if not argv:
         print(first_steps(__version__))

@@ -26,13 +26,12 @@ def sent(block: Block) -> Sent:
     scenario = block.scenario
     if isinstance(scenario, str) and scenario not in shipped_maps():
         scenario = load_map(scenario)
-    specs = (block.policy, *block.config.clyde.ghosts)
-    return Sent(replace(block, scenario=scenario), {spec: _content(Path(spec)) for spec in specs if _is_file(spec)})
+    return Sent(replace(block, scenario=scenario), contents([block.policy, *block.config.clyde.ghosts]))
 
 
 def play_sent(task: Sent) -> Played:
     """On the worker, whose copies of the files are named by their content."""
-    block, places = task.block, {spec: _kept(content, Path(spec).name) for spec, content in task.files.items()}
+    block, places = task.block, {spec: kept(content, spec) for spec, content in task.files.items()}
     ghosts = tuple(places.get(name, name) for name in block.config.clyde.ghosts)
     config = block.config.with_fields(**{"clyde.ghosts": ghosts})
     return play_block(replace(block, config=config, policy=places.get(block.policy, block.policy)))
@@ -43,8 +42,9 @@ def hash_of_files(path: Path) -> str:
     return _hash((Path(name).suffix, data) for name, data in _content(path).items())
 
 
-def _is_file(spec: str) -> bool:
-    return Path(spec).suffix in _BESIDE
+def contents(specs: Iterable[str]) -> dict[str, dict[str, bytes]]:
+    """Of the policies that are files, by spec: the content of each file, and of what lies beside it, by its name."""
+    return {spec: _content(Path(spec)) for spec in specs if Path(spec).suffix in _BESIDE}
 
 
 def _content(path: Path) -> dict[str, bytes]:
@@ -52,13 +52,14 @@ def _content(path: Path) -> dict[str, bytes]:
     return {one.name: one.read_bytes() for one in (path, beside) if one is path or one.is_file()}
 
 
-def _kept(content: dict[str, bytes], name: str) -> str:
+def kept(content: dict[str, bytes], spec: str) -> str:
+    """Where the files of a policy are now, of :func:`contents`."""
     folder = cache_dir() / "sent" / _hash(content.items())
     try:
         _write(content, folder)
     except OSError as error:
         raise OSError(f"{folder}: cannot be written: {error.strerror}") from None
-    return str(folder / name)
+    return str(folder / Path(spec).name)
 
 
 def _write(content: dict[str, bytes], folder: Path) -> None:

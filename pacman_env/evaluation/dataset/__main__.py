@@ -1,0 +1,204 @@
+"""Rounds of a policy as a data set for offline learning: ``pacman-env dataset``.
+
+Rounds are played by ``recording``, written by ``minari_files`` and ``tables``, described by ``card``.
+"""
+
+import argparse
+import contextlib
+import os
+import re
+import shlex
+import shutil
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pacman_env import __version__
+from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.config import parse_settings, preset_names
+from pacman_env.engine.cache_folder import package_hash
+from pacman_env.envs.arguments import EnvArguments
+from pacman_env.envs.core import EnvCore
+from pacman_env.envs.registration import FLAT_ID, IDS
+from pacman_env.executors.choice import add_executor_arguments, executor_of
+from pacman_env.executors.progress import bar_of
+from pacman_env.files import commit, write_json
+from pacman_env.sim.observation.kinds import KINDS
+
+from .card import write_card
+from .recording import Recording, Rounds, outcomes, recorded, round_seeds, tasks_of
+
+FORMATS = ("minari", "parquet")
+_PREFIX = "pacman_env/"
+_NAME = re.compile(r"(?:[-\w]+/)*[-\w]+-v\d+")  # as Minari's
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    given = sys.argv[1:] if argv is None else argv
+    return run_command(make_parser(), argv, lambda arguments: _dataset(arguments, given), "dataset")
+
+
+def make_parser() -> Parser:
+    parser = Parser(
+        prog="pacman-env dataset",
+        description="Play rounds with a policy and write all that was seen and done as a data set: for Minari (HDF5),"
+        " as Parquet tables, or both, with a card. The files are the same for any number of workers.",
+    )
+    add = parser.add_argument
+    add("name", help="of the data set, such as pacman-env/lookahead-v0; its folder is ROOT/NAME")
+    add("--policy", default="lookahead", metavar="POLICY", help="a name, an .onnx file or a checkpoint (%(default)s)")
+    add("--id", default=FLAT_ID.removeprefix(_PREFIX), metavar="ID", help="of the environment (%(default)s)")
+    maps = "as the environment takes it: a file, a name, generated, generated:test (that of the id)"
+    add("--map", metavar="FILE_OR_NAME", help=maps)
+    kinds = f"instead of that of the id: {', '.join(KINDS.names())}; with flat, as one array"
+    add("--observation", nargs="+", metavar="KIND", help=kinds)
+    add("--ghosts", nargs="+", metavar="BEHAVIOUR", help="of each ghost, or a policy's name (that of the id)")
+    add("--preset", default="robot", metavar="NAME", help=f"one of {', '.join(preset_names())} (%(default)s)")
+    setting = "any field of the configuration, such as observation.candidates=all; may be given again"
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help=setting)
+    add("--episodes", type=whole_number(1), default=1000, metavar="N", help="rounds, or endless games (%(default)s)")
+    add("--seed", type=whole_number(0), default=0, metavar="S", help="the rounds' seeds are drawn from it (0)")
+    add("--format", nargs="+", choices=FORMATS, default=list(FORMATS), help="what is written (both)")
+    add("--root", type=Path, default=Path("results/datasets"), metavar="FOLDER", help="(%(default)s)")
+    add_executor_arguments(parser)
+    return parser
+
+
+def arguments_of(arguments: argparse.Namespace) -> tuple[str, dict[str, Any]]:
+    """The environment's whole id, and the arguments that were given beside it, as Gymnasium takes them."""
+    env_id = arguments.id if arguments.id.startswith(_PREFIX) else _PREFIX + arguments.id
+    if env_id not in IDS:
+        raise ValueError(f"--id {arguments.id}: choose one of {', '.join(one.removeprefix(_PREFIX) for one in IDS)}")
+    named: dict[str, Any] = {"map": arguments.map, "settings": parse_settings(arguments.set) or None}
+    named["observation"] = arguments.observation and tuple(arguments.observation)
+    named["ghosts"] = arguments.ghosts and tuple(arguments.ghosts)
+    named["preset"] = None if arguments.preset == "robot" else arguments.preset
+    return env_id, {name: value for name, value in named.items() if value is not None}
+
+
+def _dataset(arguments: argparse.Namespace, given: Sequence[str]) -> None:
+    folder = _folder(arguments)
+    env_id, named = arguments_of(arguments)
+    made = EnvArguments(**{**IDS[env_id].kwargs, **named})
+    tasks = tasks_of(arguments.policy, made, round_seeds(arguments.seed, arguments.episodes))
+    core = EnvCore(1, made)
+    facts = _facts(arguments, given, env_id, core)
+    with _new_folder(folder) as temporary:
+        with contextlib.ExitStack() as stack:
+            writers = [stack.enter_context(one) for one in _writers(arguments, temporary, (env_id, named), core, facts)]
+            facts |= _played(tasks, writers, stack.enter_context(executor_of(arguments)))
+        write_json(temporary / "facts.json", facts)
+        write_card(temporary, facts)
+    print("{rounds} rounds, {decisions} decisions, {completed:.1f} % completed".format(**facts))
+    if facts["unlisted"]:
+        print(
+            f"{facts['unlisted']} choices were not listed among the actions, hold was played: "
+            "--set observation.candidates=all lists all"
+        )
+    print(f"written: {folder}")
+
+
+def _folder(arguments: argparse.Namespace) -> Path:
+    """Where the data set goes; raises ValueError before the work, not after it."""
+    if not _NAME.fullmatch(arguments.name):
+        raise ValueError(f"{arguments.name}: a data set's name is such as pacman-env/lookahead-v0")
+    folder: Path = arguments.root / arguments.name
+    if folder.exists():
+        raise ValueError(f"{folder}: is there already")
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(f"{folder}: cannot create its folder: {error.strerror}") from None
+    if not os.access(folder.parent, os.W_OK):
+        raise ValueError(f"{folder.parent}: cannot be written to")
+    return folder
+
+
+@contextlib.contextmanager
+def _new_folder(folder: Path) -> Iterator[Path]:
+    """A temporary folder beside it that becomes it if the block succeeds."""
+    temporary = folder.with_name(f".{folder.name}.{os.getpid()}")
+    temporary.mkdir()
+    try:
+        yield temporary
+        os.rename(temporary, folder)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _facts(arguments: argparse.Namespace, given: Sequence[str], env_id: str, core: EnvCore) -> dict[str, Any]:
+    first = core.batch.source.first.occupancy
+    return {
+        "name": arguments.name,
+        "policy": arguments.policy,
+        "id": env_id,
+        "map": arguments.map or IDS[env_id].kwargs.get("map", "house"),
+        "map_hash": first.hash,  # of generated levels that of the first
+        "seed": arguments.seed,
+        "version": __version__,
+        "sources": package_hash(),
+        "commit": commit(),
+        "command": _command(given),
+        "observation_space": str(core.observation_space).replace("\n", ""),
+        "action_space": str(core.action_space),
+        "settings": core.config.as_settings(),
+    }
+
+
+def _command(given: Sequence[str]) -> str:
+    """Without what does not matter to the files' content."""
+    words, left = ["pacman-env", "dataset"], iter(given)
+    for word in left:
+        if word in ("--workers", "--root"):
+            next(left, None)
+        else:
+            words.append(word)
+    return shlex.join(words)
+
+
+def _writers(
+    arguments: argparse.Namespace, folder: Path, env: tuple[str, dict[str, Any]], core: EnvCore, facts: dict[str, Any]
+) -> Iterator[Any]:
+    if "minari" in arguments.format:
+        from .minari_files import MinariFiles, spec_of
+
+        spaces = core.observation_space, core.action_space
+        more = {"dataset_id": arguments.name, "algorithm_name": arguments.policy, "pacman_env": facts}
+        requirements = {"requirements": [f"pacman_env=={__version__}"], "description": "rounds of PacManBot"}
+        yield MinariFiles(folder, spec_of(*env), spaces, {**more, **requirements})
+    if "parquet" in arguments.format:
+        from .tables import Tables
+
+        yield Tables(folder, facts)
+
+
+def _played(tasks: Sequence[Recording], writers: Sequence[Any], executor: Any) -> dict[str, Any]:
+    """Play, write, and count."""
+    parts = []
+    with bar_of(executor, sum(len(task.seeds) for task in tasks), "round") as bar:
+        for played in recorded(tasks, executor):
+            for writer in writers:
+                writer.write(played)
+            parts.append(_counted(played, bar))
+    rounds = np.concatenate(parts)
+    words = np.array(outcomes(rounds))
+    return {
+        "rounds": len(rounds),
+        "decisions": int(rounds["decisions"].sum()),
+        "completed": 100 * float((words == "complete").mean()),
+        "caught": 100 * float((words == "caught").mean()),
+        "mean_return": float(rounds["return"].mean()),
+        "unlisted": int(rounds["unlisted"].sum()),
+    }
+
+
+def _counted(played: Rounds, bar: Any) -> Any:
+    bar.update(len(played.rounds))
+    return played.rounds
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,88 @@
+"""The card of a data set: ``README.md`` in its folder, for readers without this project."""
+
+from pathlib import Path
+from typing import Any
+
+_CARD = """\
+---
+license: mit
+tags:
+- reinforcement-learning
+- imitation-learning
+- gymnasium
+- minari
+pretty_name: {name}
+---
+
+# {name}
+
+{rounds} rounds of PacManBot, a robot that plays Pac-Man in a house, played by the policy `{policy}` in
+`{id}`; {decisions} decisions.
+
+| | |
+|---|---|
+| map | `{map}`, hash `{map_hash}` |
+| rounds completed | {completed:.1f} % |
+| caught | {caught:.1f} % |
+| mean return | {mean_return:.3f} |
+| decisions for which no action stood, *hold* was played | {unlisted} |
+| observation space | `{observation_space}` |
+| action space | `{action_space}` |
+| version | pacman_env {version}, sources {sources}, commit {commit} |
+
+## How it was made
+
+```bash
+{command}
+```
+
+The rounds depend on these arguments and on the version alone, not on the number of workers. Their seeds are drawn
+from seed {seed}; on generated levels, rounds of one level are neighbours.
+
+## What is in it
+
+| File | Bytes | |
+|---|---|---|
+{files}
+
+`python -c "import json; print(json.load(open('facts.json'))['settings'])"` prints the configuration that was played by.
+{reading}
+## Licence
+
+MIT, as pacman_env.
+"""
+_MEANING = {
+    "data/main_data.hdf5": "rounds, as Minari stores them",
+    "data/metadata.json": "Minari's metadata: spaces, the environment's spec, the facts",
+    "decisions.parquet": "a row for each decision: what was seen, mask, action, reward, end, seconds",
+    "rounds.parquet": "a row for each round: seed, level, outcome, return, what was seen last",
+    "facts.json": "all of this page's facts, and every setting",
+}
+_MINARI = """
+```python
+import minari
+
+dataset = minari.load_dataset("{name}")  # below MINARI_DATASETS_PATH
+episode = dataset[0]
+```
+
+A round is played again in `dataset.recover_environment()` by `reset(options={{"round_seed": seed}})`; its seed is
+`options/round_seed` of the episode's metadata. Masks are `infos["action_mask"]`, or in the observation.
+"""
+_TABLES = """
+```python
+import pandas
+
+decisions = pandas.read_parquet("decisions.parquet")
+rounds = pandas.read_parquet("rounds.parquet")
+```
+"""
+
+
+def write_card(folder: Path, facts: dict[str, Any]) -> None:
+    """Of the files that are in the folder now."""
+    sizes = {name: (folder / name).stat().st_size for name in _MEANING if (folder / name).is_file()}
+    files = "\n".join(f"| `{name}` | {size:,} | {_MEANING[name]} |" for name, size in sizes.items())
+    reading = _MINARI.format(**facts) if "data/metadata.json" in sizes else ""
+    reading += _TABLES if "decisions.parquet" in sizes else ""
+    (folder / "README.md").write_text(_CARD.format(**facts, files=files, reading=reading))

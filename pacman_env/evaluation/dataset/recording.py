@@ -1,0 +1,255 @@
+"""Rounds of a policy in an environment, many at once, with all that was seen and done, as arrays.
+
+A task is plain data, and the arrays depend on it alone: not on the batch that a round is played in, nor on the
+executor.
+"""
+
+import contextlib
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pacman_env.config import Config, ConfigError
+from pacman_env.envs.arguments import EnvArguments
+from pacman_env.envs.core import EnvCore
+from pacman_env.envs.outcome import OUTCOMES
+from pacman_env.envs.resets import SEEDS
+from pacman_env.episodes.rollout import BATCH, MOST_ROUNDS, episode_seeds
+from pacman_env.evaluation.compare.scenarios import load_policy
+from pacman_env.evaluation.compare.shipping import contents, kept
+from pacman_env.executors.base import Executor
+from pacman_env.game.execution import RUNNING
+from pacman_env.sim.maps.level_source import FixedMap
+from pacman_env.sim.observation.situation import MISSING
+from pacman_env.world.maps.occupancy import load_map, shipped_maps
+
+_MOST_PER_TASK = 500  # rounds
+_TASK_BYTES = 2**27  # of observations, about
+_DECISIONS = 100  # of a round, about
+#: What is known of a round.
+ROUND = np.dtype(
+    [
+        ("seed", np.uint64),  # ``options={"round_seed": seed}`` plays it again
+        ("level", np.int64),  # 0 where there is one map
+        ("outcome", np.int64),  # place in OUTCOMES
+        ("decisions", np.int64),
+        ("return", np.float64),
+        ("collected", np.int64),  # in an endless game of all rounds
+        ("spawned", np.int64),
+        ("unlisted", np.int64),  # choices that no action stands for: hold was played
+    ]
+)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Rounds of one policy in one environment."""
+
+    policy: str  # a name or a file
+    arguments: EnvArguments
+    seeds: NDArray[np.uint64]  # (E,)
+    files: Mapping[str, dict[str, bytes]] = field(default_factory=dict)  # the policies' for another machine, by path
+
+
+@dataclass(frozen=True)
+class Rounds:
+    """E rounds with D decisions in all, one after the other; of what is seen there is one more in each round."""
+
+    rounds: NDArray  # (E,) ROUND
+    observations: dict[str, NDArray[Any]]  # (D + E, ...), keys of nested observations joined by "/", of an array ""
+    masks: NDArray[np.int8]  # (D + E, C)
+    actions: NDArray[np.int64]  # (D,)
+    rewards: NDArray[np.float64]  # (D,)
+    terminated: NDArray[np.bool_]  # (D,)
+    truncated: NDArray[np.bool_]  # (D,)
+    elapsed_s: NDArray[np.float64]  # (D,) simulated, until the next decision
+
+    def slices(self) -> Iterator[tuple[slice, slice]]:
+        """Of each round: its decisions, and what was seen."""
+        ends = np.cumsum(self.rounds["decisions"]).tolist()
+        for number, (end, count) in enumerate(zip(ends, self.rounds["decisions"].tolist(), strict=True)):
+            yield slice(end - count, end), slice(end - count + number, end + number + 1)
+
+
+def round_seeds(seed: int, episodes: int) -> NDArray[np.uint64]:
+    """(E,) as for a comparison, cut to what environments take as ``round_seed``."""
+    return episode_seeds(seed, episodes) % np.uint64(SEEDS)
+
+
+def check(config: Config) -> None:
+    """Raise ConfigError for an environment that policies of this package cannot play."""
+    if config.action != "goal":
+        raise ConfigError(f"action = {config.action!r}: policies name goals")
+
+
+def tasks_of(policy: str, arguments: EnvArguments, seeds: NDArray[np.uint64]) -> list[Recording]:
+    """In the order of the data set: rounds of a level are neighbours, so that its map is prepared once.
+
+    Raises ConfigError, MapError, or what making the policy raises.
+    """
+    load_policy(policy)
+    config, _ = arguments.make_config()
+    check(config)
+    source = arguments.make_source(config)
+    if not isinstance(source, FixedMap):
+        seeds = seeds[np.argsort(source.levels_of(seeds), kind="stable")]
+    space = EnvCore(1, arguments).observation_space
+    row = sum(part.dtype.itemsize * int(np.prod(part.shape)) for part in flattened(space).values())
+    rounds = int(np.clip(_TASK_BYTES // (row * _DECISIONS), BATCH, _MOST_PER_TASK))
+    parts = np.split(seeds, range(rounds, len(seeds), rounds))
+    return [Recording(policy, arguments, part) for part in parts]
+
+
+def recorded(tasks: Sequence[Recording], executor: Executor) -> Generator[Rounds, None, None]:
+    """The rounds of all tasks, in their order whatever the executor; raises the first error."""
+    if executor.remote:
+        tasks = [_sent(task) for task in tasks]
+    early: dict[int, Rounds] = {}
+    number = 0
+    with contextlib.closing(executor.run(record, tasks)) as ends:
+        for done in ends:
+            early[done.number] = done.result()
+            while number in early:
+                yield early.pop(number)
+                number += 1
+
+
+def _sent(task: Recording) -> Recording:
+    """With the map's pixels and the policy's file."""
+    arguments = task.arguments
+    source = arguments.map
+    if isinstance(source, str) and source.partition(":")[0] not in (*shipped_maps(), "generated"):
+        arguments = replace(arguments, map=load_map(source))
+    ghosts = arguments.ghosts if isinstance(arguments.ghosts, tuple) else ()
+    return replace(task, arguments=arguments, files=contents([task.policy, *map(str, ghosts)]))
+
+
+def record(task: Recording) -> Rounds:
+    """Play the rounds of a task."""
+    places, arguments = {spec: kept(files, spec) for spec, files in task.files.items()}, task.arguments
+    if isinstance(arguments.ghosts, tuple):
+        ghosts = [places[name] if isinstance(name, str) and name in places else name for name in arguments.ghosts]
+        arguments = replace(arguments, ghosts=ghosts)
+    policy = load_policy(places.get(task.policy, task.policy))
+    core = EnvCore(min(BATCH, len(task.seeds)), arguments)
+    check(core.config)
+    return _Recorder(core, policy, task.seeds).play()
+
+
+class _Seen(NamedTuple):
+    """Before a decision in every game, or after its last."""
+
+    observations: dict[str, NDArray[Any]]
+    mask: NDArray[np.bool_]
+
+
+class _Done(NamedTuple):
+    """A decision in every game, each (N,)."""
+
+    action: NDArray[np.int64]
+    reward: NDArray[np.float64]
+    terminated: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
+    elapsed_s: NDArray[np.float64]
+
+
+class _Recorder:
+    """A game that has ended begins its next round with the step of the others: so each step is observed once."""
+
+    def __init__(self, core: EnvCore, policy: Any, seeds: NDArray[np.uint64]) -> None:
+        self._core, self._policy, self._seeds = core, policy, seeds
+        n = core.batch.n
+        self._round = np.arange(n)  # that each game plays, -1: none
+        self._began = np.zeros(n, dtype=np.int64)  # the step of its first decision
+        self._unlisted = np.zeros(n, dtype=np.int64)
+        self._next = n  # round to begin
+        self._rounds = np.zeros(len(seeds), dtype=ROUND)
+        self._places = np.zeros((len(seeds), 2), dtype=np.int64)  # of each round: its game, and its first step
+
+    def play(self) -> Rounds:
+        core, n = self._core, self._core.batch.n
+        core.reset(np.arange(n), self._seeds[:n])
+        self._policy.reset(np.ones(n, dtype=np.bool_), core.config)
+        over = np.zeros(n, dtype=np.bool_)
+        seen, done = [self._look()], list[_Done]()
+        while (self._round >= 0).any():
+            done.append(self._decide(over))
+            again = np.flatnonzero(over & (self._round >= 0))
+            if len(again):
+                core.reset(again, self._seeds[self._round[again]], in_step=True)
+                self._began[again], self._unlisted[again] = len(done), 0
+            begun = np.isin(np.arange(n), again) | (core.batch.completed_s > 0)
+            if begun.any():
+                self._policy.reset(begun, core.config)
+            seen.append(self._look())
+            over = self._end(done[-1], over, len(done))
+        return self._collected(seen, done)
+
+    def _look(self) -> _Seen:
+        return _Seen(flattened(self._core.observe()), self._core.masks())
+
+    def _decide(self, over: NDArray[np.bool_]) -> _Done:
+        """The policy's choice, and the ticks until the next; games that are over stand still."""
+        core = self._core
+        chosen = self._policy.select(core.situation)
+        action, listed = chosen, np.ones(len(chosen), dtype=np.bool_)
+        if core.listed is not None:
+            at = (core.listed == chosen[:, None]) & (core.listed != MISSING)
+            listed = at.any(axis=1)
+            action = np.where(listed, at.argmax(axis=1), core.candidates - 1)
+        self._unlisted += ~listed
+        rewards, terminated, truncated = core.step(action)
+        return _Done(action, rewards, terminated & ~over, truncated & ~over, core.elapsed_s.copy())
+
+    def _end(self, done: _Done, over: NDArray[np.bool_], steps: int) -> NDArray[np.bool_]:
+        """(N,) which games are over now; notes their rounds and gives them the next ones."""
+        batch = self._core.batch
+        many = (batch.games["round"] > MOST_ROUNDS) & ~over
+        done.truncated[many & ~done.terminated] = True
+        ended = np.flatnonzero((done.terminated | done.truncated) & (self._round >= 0))
+        rounds = self._round[ended]
+        self._places[rounds] = np.stack([ended, self._began[ended]], axis=1)
+        notes, games = self._rounds, batch.games[ended]
+        notes["seed"][rounds] = self._seeds[rounds]
+        notes["level"][rounds] = batch.level_numbers()[ended]
+        notes["outcome"][rounds] = games["end"]
+        notes["decisions"][rounds] = steps - self._began[ended]
+        notes["collected"][rounds] = games["score"]
+        notes["spawned"][rounds] = games["spawned"]
+        notes["unlisted"][rounds] = self._unlisted[ended]
+        follow = self._next + np.arange(len(ended))
+        self._round[ended] = np.where(follow < len(self._seeds), follow, -1)
+        self._next += len(ended)
+        return (batch.games["end"] != RUNNING) | many | (self._round < 0)
+
+    def _collected(self, seen: list[_Seen], done: list[_Done]) -> Rounds:
+        """The rows of each round, in the order of the seeds."""
+        counts, games, began = self._rounds["decisions"], self._places[:, 0], self._places[:, 1]
+
+        def rows(steps: list[Any], extra: int) -> NDArray[Any]:
+            many = counts + extra
+            within = np.arange(many.sum()) - np.repeat(np.cumsum(many) - many, many)
+            index: NDArray[Any] = np.stack(steps)[np.repeat(began, many) + within, np.repeat(games, many)]
+            return index
+
+        observations = {key: rows([one.observations[key] for one in seen], 1) for key in seen[0].observations}
+        action, reward, *others = (rows(list(column), 0) for column in zip(*done, strict=True))
+        self._rounds["return"] = np.add.reduceat(reward, np.cumsum(counts) - counts)
+        masks = rows([one.mask for one in seen], 1).astype(np.int8)
+        return Rounds(self._rounds, observations, masks, action, reward, *others)
+
+
+def flattened(observation: Any, key: str = "") -> dict[str, Any]:
+    """The arrays of a nested observation, or the spaces of its space, by their keys joined by "/"."""
+    if not hasattr(observation, "items"):
+        return {key: observation}
+    parts = (flattened(part, f"{key}/{name}".lstrip("/")) for name, part in observation.items())
+    return {name: array for part in parts for name, array in part.items()}
+
+
+def outcomes(rounds: NDArray) -> list[str]:
+    """Of each round as a word."""
+    return [str(word) for word in OUTCOMES[rounds["outcome"]].tolist()]

@@ -1,0 +1,214 @@
+"""``pacman-env dataset``: files that Minari and pandas read, the same for any number of workers, whole or absent."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pacman_env import __version__
+from pacman_env.cli import main as command
+from pacman_env.evaluation.dataset import __main__ as dataset
+from pacman_env.evaluation.dataset.recording import Recording, record, tasks_of
+from pacman_env.world.maps.occupancy import load_map
+
+minari = pytest.importorskip("minari")
+pytest.importorskip("pyarrow")
+pandas = pytest.importorskip("pandas")
+
+NAME = "pacman-env/short-v0"
+SHORT = ["--map", "loop", "--set", "time_limit_s=40", "--set", "pellets.spacing_m=3", "--policy", "nearest"]
+
+
+def written(folder: Path, *more: str) -> Path:
+    assert dataset.main([NAME, *SHORT, "--episodes", "6", "--seed", "3", "--root", str(folder), *more]) == 0
+    return folder / NAME
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return written(tmp_path_factory.mktemp("datasets"))
+
+
+@pytest.fixture
+def opened(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(folder.parents[1]))
+    return minari.load_dataset(NAME)
+
+
+def test_minari_reads_what_was_played(opened: Any, folder: Path) -> None:
+    played = _played(["--seed", "3"])
+    assert (opened.total_episodes, opened.total_steps) == (6, len(played.actions))
+    metadata = list(opened.storage.get_episode_metadata(range(6)))
+    for episode, about, (decisions, looks) in zip(opened, metadata, played.slices(), strict=True):
+        np.testing.assert_array_equal(episode.observations, played.observations[""][looks])
+        np.testing.assert_array_equal(episode.actions, played.actions[decisions])
+        np.testing.assert_array_equal(episode.rewards, played.rewards[decisions])
+        np.testing.assert_array_equal(episode.terminations, played.terminated[decisions])
+        np.testing.assert_array_equal(episode.truncations, played.truncated[decisions])
+        np.testing.assert_array_equal(episode.infos["action_mask"], played.masks[looks])
+        assert about["options"]["round_seed"] == played.rounds["seed"][episode.id]
+    assert minari.MinariDataset(folder / "data").total_steps == opened.total_steps
+
+
+def test_a_round_is_played_again_in_the_recovered_environment(opened: Any) -> None:
+    env = opened.recover_environment()
+    (about,) = opened.storage.get_episode_metadata([4])
+    episode = opened[4]
+    observation, _ = env.reset(options={"round_seed": int(about["options"]["round_seed"])})
+    np.testing.assert_array_equal(observation, episode.observations[0])
+    for k, action in enumerate(episode.actions.tolist()):
+        observation, reward, terminated, truncated, _ = env.step(action)
+        np.testing.assert_array_equal(observation, episode.observations[k + 1])
+        assert (reward, terminated, truncated) == (
+            *(episode.rewards[k], episode.terminations[k], episode.truncations[k]),
+        )
+    assert terminated or truncated
+
+
+def test_pandas_reads_a_row_for_each_decision_and_each_round(folder: Path) -> None:
+    played = _played(["--seed", "3"])
+    decisions, rounds = (pandas.read_parquet(folder / f"{name}.parquet") for name in ("decisions", "rounds"))
+    assert rounds["decisions"].sum() == len(decisions) == len(played.actions)
+    for number, (some, looks) in enumerate(played.slices()):
+        rows = decisions[decisions["round"] == number]
+        np.testing.assert_array_equal(rows["step"], np.arange(len(rows)))
+        np.testing.assert_array_equal(np.stack(rows["observation"]), played.observations[""][looks][:-1])
+        np.testing.assert_array_equal(np.stack(rows["action_mask"]), played.masks[looks][:-1] == 1)
+        np.testing.assert_array_equal(rounds["last_observation"][number], played.observations[""][looks][-1])
+        for name, array in (("action", played.actions), ("reward", played.rewards), ("elapsed_s", played.elapsed_s)):
+            np.testing.assert_array_equal(rows[name], array[some])
+        assert rows["reward"].sum() == pytest.approx(rounds["return"][number])
+    assert rounds["seed"].tolist() == played.rounds["seed"].tolist()
+    assert set(rounds["outcome"]) <= {"caught", "complete", "cleared", "timeout"}
+
+
+def test_observations_of_several_arrays_are_groups_and_columns(tmp_path: Path) -> None:
+    more = ["--id", "PacManBot-v0", "--observation", "features", "grid", "--episodes", "2"]
+    there = written(tmp_path, *more)
+    data = minari.MinariDataset(there / "data")
+    (first, _) = data
+    assert first.observations.keys() == data.observation_space.keys()
+    assert first.observations["grid"].dtype == np.uint8
+    assert data.observation_space.contains({key: array[0] for key, array in first.observations.items()})
+    assert first.infos is None or "action_mask" not in first.infos  # it is in the observation
+    decisions = pandas.read_parquet(there / "decisions.parquet")
+    image = decisions["observation.grid"][0].reshape(first.observations["grid"].shape[1:])
+    np.testing.assert_array_equal(image, first.observations["grid"][0])
+    np.testing.assert_array_equal(decisions["action_mask"][0], first.observations["action_mask"][0] == 1)
+
+
+def test_the_files_are_the_same_whatever_the_number_of_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    small: Callable[..., list[Recording]] = lambda *given: [  # noqa: E731
+        Recording(one.policy, one.arguments, part) for one in tasks_of(*given) for part in np.array_split(one.seeds, 3)
+    ]
+    monkeypatch.setattr(dataset, "tasks_of", small)
+
+    def hashes(folder: Path) -> dict[str, str]:
+        files = (path for path in folder.rglob("*") if path.is_file())
+        return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+    one, two = (hashes(written(tmp_path / count, "--workers", count)) for count in ("1", "2"))
+    assert len(one) == 6
+    assert one == two
+
+
+def test_the_card_and_the_facts_say_how_it_was_made(folder: Path) -> None:
+    facts = json.loads((folder / "facts.json").read_text())
+    assert facts["version"] == __version__
+    assert facts["map_hash"] == load_map("loop").hash
+    assert facts["settings"]["time_limit_s"] == 40
+    assert (facts["rounds"], facts["policy"], facts["seed"]) == (6, "nearest", 3)
+    card = (folder / "README.md").read_text()
+    assert f"pacman-env dataset {NAME} {' '.join(SHORT)} --episodes 6 --seed 3\n" in card
+    for part in (load_map("loop").hash, f"pacman_env {__version__}", "MIT", f"{facts['decisions']} decisions"):
+        assert part in card
+    for file in ("data/main_data.hdf5", "decisions.parquet", "rounds.parquet"):
+        assert f"| `{file}` | {(folder / file).stat().st_size:,} |" in card
+    minaris = json.loads((folder / "data" / "metadata.json").read_text())
+    assert minaris["pacman_env"]["map_hash"] == load_map("loop").hash
+    assert minaris["algorithm_name"] == "nearest"
+
+
+@pytest.mark.parametrize("form", ["minari", "parquet"])
+def test_one_format_alone_is_written_where_it_is_asked_for(form: str, tmp_path: Path) -> None:
+    there = written(tmp_path, "--format", form)
+    assert (there / "data").exists() == (form == "minari")
+    assert (there / "decisions.parquet").exists() == (form == "parquet")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--policy", "nobody"], "unknown policy 'nobody'"),
+        (["--policy", "nowhere.onnx"], "nowhere.onnx: cannot be read"),
+        (["--map", "nowhere"], "nowhere"),
+        (["--id", "PacManBot-v9"], "--id PacManBot-v9: choose one of PacManBot-v0, "),
+        (["--observation", "smell"], "unknown observation kind 'smell'"),
+        (["--id", "PacManBotVelocity-v0"], "action = 'velocity': policies name goals"),
+        (["--set", "colour=red"], "unknown configuration field 'colour'"),
+        (["--ghosts", "nobody"], "unknown ghost behaviour 'nobody'"),
+    ],
+)
+def test_bad_arguments_are_one_line_and_leave_nothing(
+    arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert dataset.main([NAME, "--episodes", "1", "--root", str(tmp_path), *arguments]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert message in line
+    assert not [path for path in tmp_path.rglob("*") if path.is_file() or path.name.startswith(".")]
+
+
+@pytest.mark.parametrize("name", ["nothing", "../out-v0", "/out-v0", "a/b"])
+def test_a_name_that_minari_does_not_take_is_refused(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert dataset.main([name, "--root", str(tmp_path)]) == 2
+    assert "a data set's name is such as pacman-env/lookahead-v0" in capsys.readouterr().err
+
+
+def test_a_data_set_that_is_there_already_is_not_touched(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = (folder / "README.md").stat().st_mtime_ns
+    assert dataset.main([NAME, "--root", str(folder.parents[1])]) == 2
+    assert capsys.readouterr().err.splitlines() == [f"pacman-env dataset: {folder}: is there already"]
+    assert (folder / "README.md").stat().st_mtime_ns == before
+
+
+def test_what_fails_half_way_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: Any) -> Any:
+        yield record(tasks[0])
+        raise ValueError("broken")
+
+    tasks = _tasks([])
+    monkeypatch.setattr(dataset, "recorded", broken)
+    assert dataset.main([NAME, *SHORT, "--root", str(tmp_path)]) == 2
+    assert not list((tmp_path / "pacman-env").iterdir())
+
+
+def test_without_the_extra_the_command_names_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def absent(*_: Any) -> Any:
+        raise ModuleNotFoundError("No module named 'minari'", name="minari")
+        yield
+
+    monkeypatch.setattr(dataset, "_writers", absent)
+    assert command.main(["dataset", NAME, *SHORT, "--root", str(tmp_path)]) == 2
+    assert "needs minari: pip install 'pacman_env[dataset]'" in capsys.readouterr().err
+
+
+def _tasks(more: list[str]) -> list[Recording]:
+    arguments = dataset.make_parser().parse_args([NAME, *SHORT, "--episodes", "6", *more])
+    env_id, named = dataset.arguments_of(arguments)
+    made = dataset.EnvArguments(**{**dataset.IDS[env_id].kwargs, **named})
+    return tasks_of(arguments.policy, made, dataset.round_seeds(arguments.seed, arguments.episodes))
+
+
+def _played(more: list[str]) -> Any:
+    (task,) = _tasks(more)
+    return record(task)

@@ -1,0 +1,166 @@
+"""What is recorded is what was played: the rounds of the environment, one after the other."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pacman_env.config import ConfigError
+from pacman_env.envs.arguments import EnvArguments
+from pacman_env.envs.pacmanbot import PacManBotEnv
+from pacman_env.evaluation.dataset.recording import (
+    Recording,
+    Rounds,
+    flattened,
+    outcomes,
+    record,
+    recorded,
+    round_seeds,
+    tasks_of,
+)
+from pacman_env.executors.base import Done, InProcess
+from pacman_env.policies.learned import PRETRAINED
+from pacman_env.policies.registry import make_policy
+from pacman_env.world.maps.occupancy import load_map
+
+SHORT = {"time_limit_s": 40.0, "pellets.spacing_m": 3.0}
+ENVIRONMENTS: dict[str, EnvArguments] = {
+    "flat": EnvArguments("loop", flat=True, settings=SHORT),
+    "features": EnvArguments("loop", settings=SHORT),
+    "two-kinds": EnvArguments("loop", observation=("scan", "grid"), ghosts=("wander", "chase"), settings=SHORT),
+    "mask-beside": EnvArguments("loop", flat=True, settings={**SHORT, "observation.mask": "beside"}),
+    "levels": EnvArguments("generated", flat=True, settings={**SHORT, "num_levels": 2}),
+    "endless": EnvArguments("loop", flat=True, settings={**SHORT, "endless": True, "execution.pickup_radius_m": 2.0}),
+}
+
+
+def equal(a: Rounds, b: Rounds) -> bool:
+    arrays = (
+        *((getattr(a, name), getattr(b, name)) for name in ("rounds", "masks", "actions", "rewards", "elapsed_s")),
+        *((a.observations[key], b.observations[key]) for key in a.observations),
+    )
+    return all(np.array_equal(one, other) for one, other in arrays)
+
+
+@pytest.mark.parametrize("name", ENVIRONMENTS)
+def test_a_round_is_that_of_the_single_environment_number_by_number(name: str) -> None:
+    arguments, seeds = ENVIRONMENTS[name], round_seeds(3, 5)
+    played = record(Recording("nearest", arguments, seeds))
+    assert (played.rounds["seed"] == seeds).all()
+    assert played.rounds["decisions"].sum() == len(played.actions) == len(played.masks) - len(seeds)
+    fields = ("map", "ghosts", "observation", "settings", "flat")
+    env = PacManBotEnv(**{name: getattr(arguments, name) for name in fields})
+    for number, (decisions, looks) in enumerate(played.slices()):
+        about, policy = played.rounds[number], make_policy("nearest")
+        observation, info = env.reset(options={"round_seed": int(about["seed"])})
+        policy.reset(np.ones(1, np.bool_), env.config)
+        seen, rewards, over = [flattened(observation)], [], False
+        for k in range(decisions.start, decisions.stop):
+            assert not over
+            assert (env.action_masks() == played.masks[looks][k - decisions.start]).all()
+            assert env.action_of(policy.select(env.situation))[0] == played.actions[k]
+            observation, reward, terminated, truncated, info = env.step(int(played.actions[k]))
+            assert (terminated, truncated) == (played.terminated[k], played.truncated[k])
+            over = terminated or truncated
+            seen.append(flattened(observation))
+            rewards.append(reward)
+        assert over
+        np.testing.assert_array_equal(rewards, played.rewards[decisions])
+        assert about["return"] == pytest.approx(sum(rewards))
+        for key, array in played.observations.items():
+            np.testing.assert_array_equal(np.stack([one[key] for one in seen]), array[looks])
+            assert array.dtype == seen[0][key].dtype
+        numeric = env.config.observation.numeric_info
+        assert (int(about["outcome"]) if numeric else outcomes(played.rounds)[number]) == info["outcome"]
+        assert about["level"] == info.get("level", 0)
+
+
+def test_more_rounds_than_games_are_the_same_rounds_as_one_by_one() -> None:
+    arguments, seeds = ENVIRONMENTS["flat"], round_seeds(0, 80)
+    together = record(Recording("random", arguments, seeds))
+    assert (together.rounds["seed"] == seeds).all()
+    some = [0, 41, 79]
+    for number, (decisions, looks) in enumerate(together.slices()):
+        if number in some:
+            alone = record(Recording("random", arguments, seeds[number : number + 1]))
+            np.testing.assert_array_equal(alone.actions, together.actions[decisions])
+            np.testing.assert_array_equal(alone.observations[""], together.observations[""][looks])
+
+
+def test_rounds_of_a_level_are_neighbours_in_tasks_of_at_most_500() -> None:
+    arguments = EnvArguments("generated", flat=True, settings={**SHORT, "num_levels": 3})
+    seeds = round_seeds(0, 1100)
+    tasks = tasks_of("nearest", arguments, seeds)
+    assert [len(task.seeds) for task in tasks] == [500, 500, 100]
+    in_order = np.concatenate([task.seeds for task in tasks])
+    assert sorted(in_order) == sorted(seeds)
+    config, _ = arguments.make_config()
+    levels = arguments.make_source(config).levels_of(in_order)
+    assert (np.diff(levels) >= 0).all()
+    assert set(levels.tolist()) == {0, 1, 2}
+
+
+class _Backwards(InProcess):
+    """The last task first, as with several processes."""
+
+    def _ends(self, function: Any, tasks: Sequence[Any], homes: Any) -> Any:
+        for number in reversed(range(len(tasks))):
+            yield Done(number, function(tasks[number]))
+
+
+def test_the_order_is_that_of_the_tasks_whichever_is_done_first() -> None:
+    tasks = [Recording("nearest", ENVIRONMENTS["flat"], round_seeds(seed, 2)) for seed in range(3)]
+    forwards, backwards = (list(recorded(tasks, executor)) for executor in (InProcess(), _Backwards()))
+    assert len(forwards) == 3
+    assert all(map(equal, forwards, backwards))
+    assert not equal(forwards[0], forwards[1])
+
+
+class _Elsewhere(InProcess):
+    """Other machines, which have none of this one's files."""
+
+    remote = True
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self._folder = folder
+
+    def _ends(self, function: Any, tasks: Sequence[Any], homes: Any) -> Any:
+        for path in self._folder.glob("*.*"):
+            path.unlink()
+        yield from super()._ends(function, tasks, homes)
+
+
+def test_another_machine_gets_the_map_and_the_policies_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PACMAN_ENV_CACHE", str(tmp_path / "cache"))
+    load_map("loop").save(tmp_path / "mine.yaml")
+    for path, name in ((PRETRAINED, "own"), (PRETRAINED.with_name("clyde.onnx"), "ghost")):
+        for suffix in (".onnx", ".json"):
+            shutil.copy(path.with_suffix(suffix), tmp_path / f"{name}{suffix}")
+    ghosts = ("wander", str(tmp_path / "ghost.onnx"))
+    arguments = EnvArguments(str(tmp_path / "mine.yaml"), flat=True, ghosts=ghosts, settings=SHORT)
+    tasks = [Recording(str(tmp_path / "own.onnx"), arguments, round_seeds(3, 4))]
+    (here,) = recorded(tasks, InProcess())
+    (there,) = recorded(tasks, _Elsewhere(tmp_path))
+    assert equal(here, there)
+    assert not list(tmp_path.glob("*.onnx"))
+
+
+def test_choices_that_are_not_listed_are_counted_and_hold() -> None:
+    few = EnvArguments("loop", flat=True, settings={**SHORT, "observation.nearest_pellets": 1})
+    every = EnvArguments("loop", flat=True, settings={**SHORT, "observation.candidates": "all"})
+    listed, whole = (record(Recording("lookahead", one, round_seeds(0, 8))) for one in (few, every))
+    assert listed.rounds["unlisted"].sum() > 0
+    assert (listed.actions == listed.masks.shape[1] - 1).sum() >= listed.rounds["unlisted"].sum()
+    assert whole.rounds["unlisted"].sum() == 0
+
+
+def test_velocities_are_refused() -> None:
+    arguments = EnvArguments("loop", action="velocity", observation="scan")
+    with pytest.raises(ConfigError, match="policies name goals"):
+        tasks_of("nearest", arguments, round_seeds(0, 1))
