@@ -58,6 +58,7 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
         ("train --quick", "about a minute, to see that it works"),
         ("train --seed 0 --out results/ppo", "the whole training; --resume goes on with it"),
     ),
+    "seeds": (("seeds --quick --seeds 0 1 2 --workers 2", "three short trainings, two at a time; a table"),),
     "tune": (("tune --trials 30 --out results/tune", "30 short trainings; the best file is named at the end"),),
     "adversary": (("adversary --quick", "about two minutes, to see that it works"),),
     "learning-curves": (("learning-curves --combinations planner/event --seeds 0 1 2", "one kind, three seeds"),),

@@ -30,6 +30,7 @@ MODULES = {
     "navigation": ("evaluation.checks.navigator_accuracy", "how well the Nav2 stand-in drives"),
     "houses": ("evaluation.checks.generated_levels", "whether generated houses can be played, judged independently"),
     "train": ("training.ppo", "train a planner"),
+    "seeds": ("training.seeds", "the same training from several seeds, at once"),
     "tune": ("training.tune", "search for hyperparameters"),
     "adversary": ("training.adversary", "train a planner and a Clyde against each other"),
     "learning-curves": ("training.learning_curves", "how fast stock learners learn"),

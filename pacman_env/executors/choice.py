@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from pacman_env.cli.command import whole_number
+from pacman_env.engine.threads import cores
 
 from .base import Executor, InProcess, InThreads
 
@@ -14,7 +15,9 @@ _LOCAL = "local"
 
 def add_executor_arguments(parser: argparse.ArgumentParser) -> None:
     """The options that :func:`executor_of` reads."""
-    parser.add_argument("--workers", type=whole_number(1), default=1, metavar="N", help="processes (1)")
+    parser.add_argument(
+        "--workers", type=whole_number(0), default=1, metavar="N", help="processes; 0: one for each core (1)"
+    )
     parser.add_argument(
         "--ray",
         nargs="?",
@@ -45,12 +48,13 @@ def executor_of(arguments: argparse.Namespace, threads: int = 1) -> Executor:
         from .ray_cluster import RayCluster
 
         address = None if arguments.ray == _LOCAL else arguments.ray
-        return RayCluster(address, arguments.workers)
+        return RayCluster(address, arguments.workers or cores())
     return InThreads(threads) if arguments.workers == 1 and threads > 1 else local(arguments.workers)
 
 
 def local(workers: int) -> Executor:
-    """In this process where one worker is enough."""
+    """In this process where one worker is enough; 0: one for each core."""
+    workers = workers or cores()
     if workers == 1:
         return InProcess()
     from .processes import LocalProcesses

@@ -5,7 +5,7 @@ import itertools
 import logging
 import re
 import socket
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import replace
 from time import monotonic
 from typing import Any, NamedTuple
@@ -70,9 +70,8 @@ class RayCluster(Executor):
                 if monotonic() - looked > _POLL_S:
                     self._look()
                     looked = monotonic()
-                self._hire(waiting, running)
-                idle = self._actors.keys() - {one.worker for one in running.values()} if waiting else ()
-                for worker in idle:
+                self._let_go(waiting, running)
+                for worker in self._idle(waiting, running):
                     number = waiting.take(worker, self.workers)
                     if number is not None:
                         reference = self._actors[worker].run.remote(name, tasks[number], __version__, package_hash())
@@ -102,16 +101,22 @@ class RayCluster(Executor):
             for one in running.values():
                 self._dismiss(one.worker, waiting)
 
-    def _hire(self, waiting: Queue, running: dict[Any, "_Running"]) -> None:
-        """As many workers as there are CPUs, if there is work for them."""
-        while len(self._actors) < min(self.workers, len(waiting) + len(running)):
-            self._actors[next(self._numbers)] = self._kind.remote()
-        if len(self._actors) > self.workers:  # one that has not answered yet may wait for a machine that was lost
-            for reference, (worker, number, _) in list(running.items())[::-1]:
-                if worker not in self._fit and len(self._actors) > self.workers:
-                    del running[reference]
-                    self._dismiss(worker, waiting)
-                    waiting.put_back(number)
+    def _idle(self, waiting: Queue, running: Mapping[Any, "_Running"]) -> Iterator[int]:
+        """Workers without a task; new ones, up to the CPUs, for what those that are there do not take."""
+        if waiting:
+            yield from self._actors.keys() - {one.worker for one in running.values()}
+        while waiting.free and len(self._actors) < self.workers:
+            worker = next(self._numbers)
+            self._actors[worker] = self._kind.remote()
+            yield worker
+
+    def _let_go(self, waiting: Queue, running: dict[Any, "_Running"]) -> None:
+        """Where CPUs were lost, of the workers that have not answered yet: theirs may be the machine that was lost."""
+        for reference, (worker, number, _) in list(running.items())[::-1]:
+            if worker not in self._fit and len(self._actors) > self.workers:
+                del running[reference]
+                self._dismiss(worker, waiting)
+                waiting.put_back(number)
 
     def _dismiss(self, worker: int, waiting: Queue) -> None:
         self._ray.kill(self._actors.pop(worker))

@@ -96,7 +96,7 @@ def _default(argv: Sequence[str]) -> Arguments:
 def run(arguments: Arguments, executor: Executor) -> None:
     started = time.perf_counter()
     folder, model = train(arguments, executor=executor)
-    planner = _planner(arguments, model)
+    planner = planner_of(arguments, model)
     pool = folder.league.pool(arguments.hyper.segments - 1, folder.against_league())
     print(_report(arguments, executor, planner, pool, time.perf_counter() - started))
     out = arguments.out / "planner.onnx"
@@ -139,7 +139,7 @@ def _segment(folder: Run, segment: int, model: Learner, validation: HeldOut, exe
     seeds = np.random.SeedSequence(arguments.seed, spawn_key=(segment,)).generate_state(3).tolist()
     began = time.perf_counter()
     if folder.league.is_due(segment):
-        folder.league.train(segment, _planner(arguments, model), executor)
+        folder.league.train(segment, planner_of(arguments, model), executor)
     pool = folder.league.pool(segment, folder.against_league())
     again = folder.segments[-1]["again"] if folder.segments else {}
     parts = make_parts(arguments, segment, pool, again)
@@ -148,7 +148,7 @@ def _segment(folder: Run, segment: int, model: Learner, validation: HeldOut, exe
         imitation = {}
         if segment == 0 and hyper.imitation > 0:
             imitation = imitate(model, games, hyper.imitation, games_seed=seeds[1], seed=seeds[2])
-            imitation["imitated"] = validation.shares(validation.completed(_planner(arguments, model), pool))[0]
+            imitation["imitated"] = validation.shares(validation.completed(planner_of(arguments, model), pool))[0]
             rules = " and ".join(dict.fromkeys(map(teacher_name, hyper.lineups)))
             bar.write(f"{rules} imitated: {imitation['imitated']:.1%} of validation rounds completed")
         model.decisions = segment * hyper.segment
@@ -156,7 +156,7 @@ def _segment(folder: Run, segment: int, model: Learner, validation: HeldOut, exe
         model.learn(games, hyper.segment, seeds[1], bar)
         ended = time.perf_counter()
         again = games.counts.best()
-    completed = validation.completed(_planner(arguments, model), pool)
+    completed = validation.completed(planner_of(arguments, model), pool)
     share, each = validation.shares(completed)
     met = validation.learned()
     speed = hyper.segment / (ended - learning)
@@ -182,7 +182,8 @@ def _segment(folder: Run, segment: int, model: Learner, validation: HeldOut, exe
     bar.write(f"{model.decisions} decisions: {share:.1%} of validation rounds completed{shown} ({speed:.0f}/s)")
 
 
-def _planner(arguments: Arguments, model: Learner) -> checkpoint.TorchPlanner:
+def planner_of(arguments: Arguments, model: Learner) -> checkpoint.TorchPlanner:
+    """The network as it is, as a policy."""
     return checkpoint.TorchPlanner("ppo", copy.deepcopy(model.network).cpu(), game_config(arguments).robot.speed_mps)
 
 
@@ -238,7 +239,7 @@ class Run:
                 raise ValueError("its segments are not in order")
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise ValueError(f"{self.record}: no run to resume: {error}") from None
-        check_same(self.record, before, _plain(self.arguments))
+        check_same(self.record, before, plain(self.arguments))
 
     def against_league(self) -> Record:
         """Of the last segment."""
@@ -256,7 +257,7 @@ class Run:
         self._save(model, self.last)
         if result["completed"] >= before:
             self._save(model, self.best)
-        content = {"version": __version__, "arguments": _plain(self.arguments), "segments": self.segments}
+        content = {"version": __version__, "arguments": plain(self.arguments), "segments": self.segments}
         write_json(self.record, content)
         self.checkpoint(segment - 1).unlink(missing_ok=True)
         checkpoint.facts_path(self.checkpoint(segment - 1)).unlink(missing_ok=True)
@@ -268,7 +269,7 @@ class Run:
         checkpoint.write_facts(checkpoint.facts_path(path), facts_of(self.arguments, model.decisions, numbers))
 
 
-def _plain(arguments: Arguments) -> dict[str, Any]:
+def plain(arguments: Arguments) -> dict[str, Any]:
     """The arguments that decide the curve, as JSON has them."""
     plain = json.loads(json.dumps(dataclasses.asdict(arguments), default=str))
     for name in ("out", "resume", "progress", "threads"):

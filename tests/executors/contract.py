@@ -58,6 +58,14 @@ class ProcessesContract(ExecutorContract):
         assert executor.map(functions.die_once, tasks) == list(range(6))
         assert [path.name for path in tmp_path.iterdir()] == ["2"]
 
+    def test_homes_of_a_worker_that_is_killed_with_the_last_task_go_to_others(
+        self, executor: Executor, tmp_path: Path
+    ) -> None:
+        homes = [0, 1, 2, 3]
+        executor.map(functions.double, homes, homes=homes)
+        tasks = [(str(tmp_path), number) for number in (0, 1, 3, 2)]
+        assert executor.map(functions.die_once_late, tasks, homes=homes) == [0, 1, 3, 2]
+
     def test_a_worker_that_is_killed_while_it_has_no_task_is_replaced(self, executor: Executor) -> None:
         numbers = set(executor.map(functions.process, range(8)))
         for number in numbers:

@@ -36,6 +36,13 @@ def die_once(task: tuple[str, int]) -> int:
     return number
 
 
+def die_once_late(task: tuple[str, int]) -> int:
+    """The same, when the others have ended."""
+    if task[1] == 2:
+        time.sleep(1.0)
+    return die_once(task)
+
+
 def die_always(number: int) -> int:
     os.kill(os.getpid(), signal.SIGKILL)
     return number

@@ -4,7 +4,8 @@ import argparse
 
 import pytest
 
-from pacman_env.executors.base import InProcess
+from pacman_env.engine.threads import cores
+from pacman_env.executors.base import InProcess, InThreads
 from pacman_env.executors.choice import add_executor_arguments, executor_of
 from pacman_env.executors.processes import LocalProcesses
 
@@ -28,3 +29,10 @@ def test_an_address_without_a_cluster_is_named() -> None:
         executor_of(parsed("--ray", "127.0.0.1:1"))
     with pytest.raises(ValueError, match=r"^--ray here: must be HOST:PORT"):
         executor_of(parsed("--ray", "here"))
+
+
+def test_no_number_of_workers_is_one_for_each_core() -> None:
+    with executor_of(parsed("--workers", "0")) as executor:
+        assert executor.workers == cores()
+    with executor_of(parsed(), threads=2) as executor:
+        assert isinstance(executor, InThreads)

@@ -49,6 +49,7 @@ def equal(one: list[Any], other: list[Any]) -> bool:
     return same(one[0], other[0]) and one[1:] == other[1:]
 
 
+@pytest.mark.daily  # the short run is in test_fragments.py
 def test_two_processes_train_the_same_bits_as_one(tmp_path: Path) -> None:
     expected = trained(tmp_path / "one", InProcess())
     with LocalProcesses(2) as executor:

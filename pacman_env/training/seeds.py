@@ -1,0 +1,173 @@
+"""The same training from several seeds, at once: ``pacman-env seeds``. Each is a task; a table at the end.
+
+A member trains in the cache folder of its worker's machine. If the worker is lost, another one goes on there from the
+last checkpoint, or begins anew on another machine: either way it ends with the same planner.
+"""
+
+import argparse
+import contextlib
+import dataclasses
+import hashlib
+import io
+import json
+import os
+import shutil
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import mean, stdev
+from typing import Any
+
+from pacman_env import __version__
+from pacman_env.cli.command import Parser, guarded, whole_number
+from pacman_env.engine.cache_folder import cache_dir, package_hash
+from pacman_env.episodes.statistics import wilson
+from pacman_env.executors.base import Executor, InProcess
+from pacman_env.executors.choice import executor_of
+from pacman_env.files import write_json
+from pacman_env.training import ppo
+from pacman_env.training.arguments import Arguments
+from pacman_env.training.checkpoint import facts_path, read_facts
+from pacman_env.training.export import export_planner
+from pacman_env.training.held_out import HeldOut
+
+_PROG = "pacman-env seeds"
+_NOTED = "member.json"  # written last: the member is finished
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A member: its figures, and the content of its files by name."""
+
+    figures: dict[str, Any]
+    files: dict[str, bytes]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    given = sys.argv[1:] if argv is None else argv
+
+    def begin() -> None:
+        chosen = make_parser().parse_args(given)
+        with executor_of(chosen) as executor:
+            arguments = ppo.parse(_own_arguments().parse_known_args(given)[1])
+            print(train_all(arguments, chosen.seeds, chosen.out, executor))
+
+    return guarded(_PROG, begin, "train")
+
+
+def make_parser() -> Parser:
+    own = _own_arguments()
+    train: Any = {"parents": [ppo.make_parser(), own], "add_help": False, "conflict_handler": "resolve"}
+    return Parser(prog=_PROG, description="One training from several seeds.", allow_abbrev=False, **train)
+
+
+def _own_arguments() -> argparse.ArgumentParser:
+    """Beside those of a training."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--seeds", type=whole_number(0), nargs="+", default=[0, 1, 2], metavar="N", help="(0 1 2)")
+    out = Path("results/seeds")
+    parser.add_argument("--out", type=Path, default=out, metavar="PATH", help=f"a folder for each seed ({out})")
+    return parser
+
+
+def train_all(arguments: Arguments, seeds: Sequence[int], out: Path, executor: Executor) -> str:
+    """Train those that are not in ``out`` yet, and write them there; returns the table of all.
+
+    Raises ValueError where ``out`` has a member of another training.
+    """
+    if len(set(seeds)) < len(seeds):
+        raise ValueError(f"seeds = {list(seeds)}: a seed is given twice")
+    members = [dataclasses.replace(arguments, seed=seed, progress=False, threads=1) for seed in seeds]
+    done = {member.seed: figures for member in members if (figures := _read(out, member)) is not None}
+    left = [member for member in members if member.seed not in done]
+    out.mkdir(parents=True, exist_ok=True)
+
+    def keep(one: Trained) -> None:
+        done[one.figures["seed"]] = one.figures
+        _write(out, one)
+        print(f"seed {one.figures['seed']}: {one.figures['completed']:.1%} of test rounds completed", flush=True)
+
+    executor.map(train_member, left, keep)
+    trained = [done[seed] for seed in seeds]
+    write_json(out / "seeds.json", {"version": __version__, "members": trained})
+    return _table(trained)
+
+
+def train_member(arguments: Arguments) -> Trained:
+    """One training from its beginning, or from where it was left on this machine, to its end."""
+    key = hashlib.sha256(json.dumps([ppo.plain(arguments), package_hash()]).encode()).hexdigest()[:24]
+    folder = cache_dir() / "seeds" / key
+    arguments = dataclasses.replace(arguments, out=folder, resume=(folder / "run.json").exists())
+    with contextlib.redirect_stdout(io.StringIO()), InProcess() as executor:
+        run, model = ppo.train(arguments, executor=executor)
+        planner = ppo.planner_of(arguments, model)
+        test = HeldOut(arguments, arguments.evaluation, executor, test=True)
+        pool = run.league.pool(arguments.hyper.segments - 1, run.against_league())
+        completed = test.completed(planner, pool)
+        export_planner(planner.network, folder / "planner.onnx", read_facts(facts_path(run.last)))
+    share, each = test.shares(completed)
+    figures = {
+        "seed": arguments.seed,
+        "settings": ppo.plain(arguments),
+        "rounds": len(completed),
+        "completed": share,
+        "completed_against": each,
+        "validation": run.segments[-1]["completed"],
+        "decisions": model.decisions,
+        "seconds": sum(segment["seconds"] for segment in run.segments),
+    }
+    files = {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.is_file()}
+    shutil.rmtree(folder)
+    return Trained(figures, {name: content for name, content in files.items() if not name.startswith("segment-")})
+
+
+def _folder(out: Path, seed: int) -> Path:
+    return out / f"seed-{seed}"
+
+
+def _read(out: Path, member: Arguments) -> dict[str, Any] | None:
+    path = _folder(out, member.seed) / _NOTED
+    if not path.exists():
+        return None
+    try:
+        figures = json.loads(path.read_text())
+        settings = figures["settings"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ValueError(f"{path}: cannot be read: {error}") from None
+    ppo.check_same(path, settings, ppo.plain(member))
+    return dict(figures)
+
+
+def _write(out: Path, trained: Trained) -> None:
+    """Whole or not at all."""
+    folder = _folder(out, trained.figures["seed"])
+    part = folder.with_name(f".{folder.name}.{os.getpid()}")
+    part.mkdir(parents=True)
+    for name, content in trained.files.items():
+        (part / name).write_bytes(content)
+    write_json(part / _NOTED, trained.figures)
+    part.replace(folder)
+
+
+def _table(figures: Sequence[dict[str, Any]]) -> str:
+    lineups = list(figures[0]["completed_against"])
+    several = len(lineups) > 1
+    names = ["seed", "completed on test levels", *(lineups if several else []), "validation", "seconds"]
+    lines = [f"| {' | '.join(names)} |", "|---" * len(names) + "|"]
+    for one in figures:
+        low, high = wilson(round(one["completed"] * one["rounds"]), one["rounds"]) if one["rounds"] else (0.0, 1.0)
+        cells = [str(one["seed"]), f"{one['completed']:.1%} [{low:.1%}, {high:.1%}]"]
+        cells += [f"{one['completed_against'][lineup]:.1%}" for lineup in lineups] if several else []
+        cells += [f"{one['validation']:.1%}", f"{one['seconds']:.0f}"]
+        lines.append(f"| {' | '.join(cells)} |")
+    shares = [one["completed"] for one in figures]
+    spread = f", deviation {stdev(shares):.1%}" if len(shares) > 1 else ""
+    lines.append(
+        f"\n{len(figures)} seeds: mean {mean(shares):.1%}{spread}, from {min(shares):.1%} to {max(shares):.1%}"
+    )
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

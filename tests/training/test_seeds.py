@@ -1,0 +1,88 @@
+"""Several seeds are several trainings, each to the bit; what is finished is kept, and nothing half-written."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("sb3_contrib")
+
+from pacman_env.executors.base import InProcess
+from pacman_env.training import ppo, seeds
+from pacman_env.training.seeds import main, train_all, train_member
+from tests.training.test_arguments import section, tiny
+from tests.training.test_run import same, weights
+
+CHANGES = {"evaluation": 4, "decisions": 64}
+
+
+def test_each_seed_is_its_training_and_the_table_has_them_all(tmp_path: Path) -> None:
+    told = train_all(tiny(**CHANGES), [3, 5], tmp_path / "seeds", InProcess())
+    lines = told.splitlines()
+    assert [line.split(" | ")[0] for line in lines[2:4]] == ["| 3", "| 5"]
+    assert lines[-1].startswith("2 seeds: mean ")
+    for seed in (3, 5):
+        ppo.train(tiny(tmp_path / str(seed), seed=seed, **CHANGES))
+        member = tmp_path / "seeds" / f"seed-{seed}"
+        assert same(weights(member / "last.zip"), weights(tmp_path / str(seed) / "last.zip"))
+        names = {path.name for path in member.iterdir() if not path.name.startswith("events.")}
+        assert {"run.json", "planner.onnx", "planner.json", "member.json"} <= names
+    written = json.loads((tmp_path / "seeds" / "seeds.json").read_text())
+    assert [one["seed"] for one in written["members"]] == [3, 5]
+
+
+def test_what_is_finished_is_not_trained_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = train_all(tiny(**CHANGES), [1], tmp_path, InProcess())
+    monkeypatch.setattr(seeds, "train_member", lambda arguments: pytest.fail("trained again"))
+    assert train_all(tiny(**CHANGES), [1], tmp_path, InProcess()) == first
+    with pytest.raises(ValueError, match=r"seed-1/member\.json: was started with decisions = 64, not 128"):
+        train_all(tiny(**{**CHANGES, "decisions": 128}), [1], tmp_path, InProcess())
+    (tmp_path / "seed-1" / "member.json").write_text("{")
+    with pytest.raises(ValueError, match=r"seed-1/member\.json: cannot be read"):
+        train_all(tiny(**CHANGES), [1], tmp_path, InProcess())
+
+
+def test_a_member_whose_worker_was_lost_goes_on_from_its_last_checkpoint(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PACMAN_ENV_CACHE", str(tmp_path / "cache"))
+    arguments = tiny(**{**CHANGES, "decisions": 192})
+    whole = train_member(arguments)
+    train = ppo.train
+    begun: list[int] = []
+
+    def interrupted(arguments, after_segment=None, executor=None):  # type: ignore[no-untyped-def]
+        def stop(record: dict) -> None:  # type: ignore[type-arg]
+            begun.append(record["segment"])
+            if begun == [0]:
+                raise KeyboardInterrupt
+
+        return train(arguments, stop, executor)
+
+    monkeypatch.setattr(ppo, "train", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        train_member(arguments)
+    again = train_member(arguments)
+    assert begun == [0, 0, 1, 2]  # the first is only read
+    assert again.files["planner.onnx"] == whole.files["planner.onnx"]
+    assert not list((tmp_path / "cache" / "seeds").iterdir())
+
+
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [(["--seeds", "1", "1"], r"seeds = \[1, 1\]: a seed is given twice"), (["--seeds", "-1"], "must be")],
+)
+def test_errors_are_one_line_with_status_2(
+    argv: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path)
+        try:
+            status = main([*argv, "--config", str(section(tmp_path))])
+        except SystemExit as error:
+            status = int(str(error.code))
+    assert status == 2
+    assert message.replace("\\", "") in capsys.readouterr().err
