@@ -8,7 +8,6 @@ import os
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from pacman_env.cli.command import Parser, run_command
@@ -52,7 +51,9 @@ def run(name: str, parameters: Mapping[str, int] | None = None) -> Any:
 
 def output_bytes(cell: Any) -> int:
     """Of what a cell has printed and drawn."""
-    texts = [text for output in cell.get("outputs", ()) for text in (output.get("text"), *output.get("data", {}).values())]
+    texts = [
+        text for output in cell.get("outputs", ()) for text in (output.get("text"), *output.get("data", {}).values())
+    ]
     return sum(len("".join(text).encode()) for text in texts if text)
 
 
