@@ -12,7 +12,7 @@ author = "the pacman_env developers"
 project_copyright = author
 release = version = __version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode", "sphinx_copybutton"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode", "sphinx_copybutton"]
 exclude_patterns = ["examples"]
 templates_path = ["_templates"]
 html_static_path = ["_static"]
@@ -29,6 +29,7 @@ html_theme_options = {
     "dark_logo": "pacman.svg",
 }
 
+nb_execution_mode = "off"  # pages show what `python -m tools.notebooks` has kept
 myst_heading_anchors = 4  # as GitHub makes them
 myst_enable_extensions: list[str] = []  # the theme adds to it
 suppress_warnings = ["myst.strikethrough"]

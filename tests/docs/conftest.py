@@ -18,7 +18,7 @@ __all__ = ["axe", "chromium"]
 @pytest.fixture(scope="session")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of the pages; the build has no warning, which is an error."""
-    for module in ("sphinx", "celshast", "myst_parser", "sphinx_copybutton"):
+    for module in ("sphinx", "celshast", "myst_nb", "sphinx_copybutton"):
         if importlib.util.find_spec(module) is None:
             missing(f"{module} (pip install -e '.[docs]')")
     out, build = tmp_path_factory.mktemp("site"), tmp_path_factory.mktemp("build")

@@ -50,7 +50,7 @@ def index(site: Path) -> dict[str, Any]:
 
 
 def test_every_page_of_the_documentation_is_on_the_site(pages: dict[Path, Page], site: Path) -> None:
-    for path in (ROOT / "docs").rglob("*.md"):
+    for path in (*(ROOT / "docs").rglob("*.md"), *(ROOT / "docs").rglob("*.ipynb")):
         assert site / path.relative_to(ROOT / "docs").with_suffix(".html") in pages
 
 

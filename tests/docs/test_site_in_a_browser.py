@@ -17,7 +17,14 @@ from tools.site.ids import file_name
 
 PAGES = (
     *("index.html", "environments/ids.html", "environments/ids/PacManBotFlat-v0.html", "reference/environments.html"),
-    *("commands.html", "architecture.html", "leaderboard.html", "search.html?q=ppo"),
+    *(
+        "commands.html",
+        "architecture.html",
+        "leaderboard.html",
+        "notebooks/own_policy.html",
+        "notebooks/game.html",
+        "search.html?q=ppo",
+    ),
 )
 
 
