@@ -15,6 +15,8 @@ from pacman_env.envs.registration import IDS
 from tests.web.test_page_accessible import RUN
 from tools.site.ids import file_name
 
+pytestmark = pytest.mark.daily
+
 PAGES = (
     *("index.html", "environments/ids.html", "environments/ids/PacManBotFlat-v0.html", "reference/environments.html"),
     *(
