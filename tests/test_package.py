@@ -181,9 +181,8 @@ def test_the_installed_command_compares_policies_in_an_empty_folder(site: Path, 
     short = ["--episodes", "2", "--time-limit", "20", "--policies", "nearest", "random", "--workers", "2"]
     out = run(*script, "compare", *short, "--json", "results/numbers.json", cwd=tmp_path, site=site)
     assert "written: results/numbers.json, results/numbers.png" in out
-    assert {path.name for path in (tmp_path / "results").iterdir()} == {
-        *("numbers.json", "numbers.parts", "numbers.png", "report.html")
-    }
+    found = {path.name for path in (tmp_path / "results").iterdir()}
+    assert found == {"numbers.json", "numbers.parts", "numbers.png", "report.html"}
 
 
 @pytest.mark.parametrize("command", [["train", "--quick", "--help"], ["tune", "--help"]])
