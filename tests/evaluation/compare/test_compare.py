@@ -121,7 +121,7 @@ def test_the_plot_lies_beside_the_json_unless_named(tmp_path: Path) -> None:
         (["--preset", "perfect"], "unknown preset 'perfect': choose one of ideal, robot"),
         (["--episodes", "0"], "must be at least 1"),
         (["--episodes", "many"], "'many' is no whole number"),
-        (["--workers", "0"], "must be at least 1"),
+        (["--workers", "-1"], "must be at least 0"),
         (["--seed", "-1"], "must be at least 0"),
         (["--clyde-speed", "-0.1"], "clyde.speed_mps"),
         (["--clyde-speed", "nan"], "'nan' is not a finite number"),

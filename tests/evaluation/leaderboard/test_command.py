@@ -207,7 +207,7 @@ def test_numbers_that_do_not_fit_are_named(
         (["--policies", "nearest"], "--planner ppo: is none of --policies nearest"),
         (["--maps", "nowhere"], "nowhere"),
         (["--maps", "generated:test"], "--maps generated:test: test levels are in the suite"),
-        (["--workers", "0"], "must be at least 1"),
+        (["--workers", "-1"], "must be at least 0"),
         (["--out", "page.html"], "--out page.html: must end in .md"),
         (["--json", "numbers.md"], "--json numbers.md: must end in .json"),
         (["--from", "absent.json"], "absent.json: cannot be read"),

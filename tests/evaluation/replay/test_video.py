@@ -44,4 +44,4 @@ def test_the_command_writes_a_film(tmp_path: Path) -> None:
     shown = film(tmp_path / "film.mp4")
     assert len(shown) == 1 + 3 / 0.5 + 1.5 * 8
     assert shown[0].shape[0] == 720
-    assert {p.name for p in tmp_path.iterdir()} == {"r.json", "r.png", "film.mp4"}
+    assert {p.name for p in tmp_path.iterdir()} == {"r.json", "r.parts", "r.png", "film.mp4"}
