@@ -21,6 +21,7 @@ def cluster() -> Iterator[RayCluster]:
         yield made
 
 
+@pytest.mark.daily  # a minute; training and comparisons on Ray have short runs
 class TestRayCluster(ProcessesContract):
     tiny = 1000  # scripts/test --daily has 10,000
 

@@ -53,9 +53,8 @@ def test_every_notebook_is_run() -> None:
     assert set(SHORT) == set(notebooks.NAMES)
 
 
-@pytest.mark.parametrize(
-    "name", ["game", *(pytest.param(name, marks=pytest.mark.daily) for name in ("own_policy", "train"))]
-)
+@pytest.mark.daily
+@pytest.mark.parametrize("name", SHORT)
 def test_a_notebook_runs_from_top_to_bottom_in_a_fresh_kernel(name: str) -> None:
     notebooks.run(name, SHORT[name])
 
