@@ -10,6 +10,7 @@ pytest.importorskip("ray")
 from benchmarks.executors import main
 
 
+@pytest.mark.daily
 def test_start_tasks_and_rounds_are_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "figures.json"
     words = ["--tasks", "10", "--episodes", "8", "--policy", "nearest", "--rounds", "1"]

@@ -19,6 +19,7 @@ from tests.training.test_run import same, weights
 CHANGES = {"evaluation": 4, "decisions": 64}
 
 
+@pytest.mark.daily
 def test_each_seed_is_its_training_and_the_table_has_them_all(tmp_path: Path) -> None:
     told = train_all(tiny(**CHANGES), [3, 5], tmp_path / "seeds", InProcess())
     lines = told.splitlines()
