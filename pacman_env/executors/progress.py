@@ -29,7 +29,7 @@ class Progress:
         """Tasks done per second since the executor was made, its start included."""
         return self.done / max(time.monotonic() - self.began_s, 1e-9)
 
-    def told(self, workers: int) -> str:
+    def summary(self, workers: int) -> str:
         """One line."""
         lost = f", {self.lost} lost" if self.lost else ""
         counts = f"tasks: {self.done} done, {self.waiting} waiting{lost}, {self.per_second:.3g}/s"
@@ -44,11 +44,11 @@ def bar_of(executor: "Executor", total: int, unit: str) -> Iterator[Any]:
 
     class Bar(tqdm):
         def update(self, n: float | None = 1) -> bool | None:
-            self.set_postfix_str(executor.progress.told(executor.workers), refresh=False)
+            self.set_postfix_str(executor.progress.summary(executor.workers), refresh=False)
             return super().update(n)
 
         def close(self) -> None:
-            self.set_postfix_str(executor.progress.told(executor.workers), refresh=False)
+            self.set_postfix_str(executor.progress.summary(executor.workers), refresh=False)
             super().close()
 
     level = LOG.level

@@ -10,7 +10,6 @@ import dataclasses
 import hashlib
 import io
 import json
-import os
 import shutil
 import sys
 from collections.abc import Sequence
@@ -25,7 +24,7 @@ from pacman_env.engine.cache_folder import cache_dir, package_hash
 from pacman_env.episodes.statistics import wilson
 from pacman_env.executors.base import Executor, InProcess
 from pacman_env.executors.choice import executor_of
-from pacman_env.files import write_json
+from pacman_env.files import new_folder, write_json
 from pacman_env.training import ppo
 from pacman_env.training.arguments import Arguments
 from pacman_env.training.checkpoint import facts_path, read_facts
@@ -141,13 +140,10 @@ def _read(out: Path, member: Arguments) -> dict[str, Any] | None:
 
 def _write(out: Path, trained: Trained) -> None:
     """Whole or not at all."""
-    folder = _folder(out, trained.figures["seed"])
-    part = folder.with_name(f".{folder.name}.{os.getpid()}")
-    part.mkdir(parents=True)
-    for name, content in trained.files.items():
-        (part / name).write_bytes(content)
-    write_json(part / _NOTED, trained.figures)
-    part.replace(folder)
+    with new_folder(_folder(out, trained.figures["seed"])) as folder:
+        for name, content in trained.files.items():
+            (folder / name).write_bytes(content)
+        write_json(folder / _NOTED, trained.figures)
 
 
 def _table(figures: Sequence[dict[str, Any]]) -> str:

@@ -16,11 +16,11 @@ from tests.executors import functions
 
 def test_one_line_has_the_counts() -> None:
     progress = Progress(done=3, waiting=4, began_s=0.0)
-    assert progress.told(1).startswith("tasks: 3 done, 4 waiting, ")
-    assert progress.told(1).endswith("/s; 1 worker")
+    assert progress.summary(1).startswith("tasks: 3 done, 4 waiting, ")
+    assert progress.summary(1).endswith("/s; 1 worker")
     progress.lost = 2
-    assert "4 waiting, 2 lost, " in progress.told(2)
-    assert progress.told(2).endswith("; 2 workers")
+    assert "4 waiting, 2 lost, " in progress.summary(2)
+    assert progress.summary(2).endswith("; 2 workers")
 
 
 def test_the_counts_follow_the_tasks() -> None:

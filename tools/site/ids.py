@@ -204,8 +204,8 @@ def _values(part: ObservationPart) -> str:
 
 
 def _column(k: int, column: tuple[str, float, float, str], scaled: bool, part: ObservationPart) -> list[str]:
-    name, _, _, told = column
-    meaning = told or "no unit"
+    name, _, _, unit = column
+    meaning = unit or "no unit"
     if scaled:
         return [str(k), f"`{name}`", "-1", "1", meaning]
     low, high = (np.asarray(bound).reshape(-1, part.shape[-1])[0] for bound in (part.low, part.high))

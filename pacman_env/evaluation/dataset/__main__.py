@@ -5,10 +5,8 @@ Rounds are played by ``recording``, written by ``minari_files`` and ``tables``, 
 
 import argparse
 import contextlib
-import os
 import re
 import shlex
-import shutil
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -25,7 +23,7 @@ from pacman_env.envs.core import EnvCore
 from pacman_env.envs.registration import FLAT_ID, IDS
 from pacman_env.executors.choice import add_executor_arguments, executor_of
 from pacman_env.executors.progress import bar_of
-from pacman_env.files import commit, write_json
+from pacman_env.files import commit, new_folder, prepare, write_json
 from pacman_env.sim.observation.kinds import KINDS
 
 from .card import write_card
@@ -86,7 +84,7 @@ def _dataset(arguments: argparse.Namespace, given: Sequence[str]) -> None:
     tasks = tasks_of(arguments.policy, made, round_seeds(arguments.seed, arguments.episodes))
     core = EnvCore(1, made)
     facts = _facts(arguments, given, env_id, core)
-    with _new_folder(folder) as temporary:
+    with new_folder(folder) as temporary:
         with contextlib.ExitStack() as stack:
             writers = [stack.enter_context(one) for one in _writers(arguments, temporary, (env_id, named), core, facts)]
             facts |= _played(tasks, writers, stack.enter_context(executor_of(arguments)))
@@ -108,25 +106,7 @@ def _folder(arguments: argparse.Namespace) -> Path:
     folder: Path = arguments.root / arguments.name
     if folder.exists():
         raise ValueError(f"{folder}: is there already")
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ValueError(f"{folder}: cannot create its folder: {error.strerror}") from None
-    if not os.access(folder.parent, os.W_OK):
-        raise ValueError(f"{folder.parent}: cannot be written to")
-    return folder
-
-
-@contextlib.contextmanager
-def _new_folder(folder: Path) -> Iterator[Path]:
-    """A temporary folder beside it that becomes it if the block succeeds."""
-    temporary = folder.with_name(f".{folder.name}.{os.getpid()}")
-    temporary.mkdir()
-    try:
-        yield temporary
-        os.rename(temporary, folder)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+    return prepare(folder)
 
 
 def _facts(arguments: argparse.Namespace, given: Sequence[str], env_id: str, core: EnvCore) -> dict[str, Any]:
