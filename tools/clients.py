@@ -25,6 +25,9 @@ CACHE = ROOT / ".clients"
 HERE = ""  # the environment that this is run in
 LIMIT_S = 900.0  # for a script that hangs; each takes about a minute
 TIMED_OUT = 124  # as of timeout(1)
+#: Of a script's output: rounds completed before and after training, on its first map.
+_UNTRAINED = re.compile(r"^\S+: (\d+\.\d) % of \d+ rounds completed untrained$", re.MULTILINE)
+_TRAINED = re.compile(r"^\S+: (\d+\.\d) \[.*\] % of \d+ rounds completed$", re.MULTILINE)
 _BLOCK = re.compile(r"(<!-- clients -->\n).*?(?=<!-- end -->)", re.DOTALL)
 
 
@@ -47,6 +50,7 @@ class Client:
     page: str  # of docs/use_with, without .md; its examples run after the script, except with HERE: tests run those
     line: str  # what the environment is made with, or what is added to the library's own example
     arguments: tuple[str, ...] = ()  # of the script
+    learns: bool = False  # takes --decisions, and prints completion before and after
 
 
 VENVS = {
@@ -56,18 +60,44 @@ VENVS = {
     "rllib": Venv(("ray[rllib]==2.60.0", "torch==2.13.0"), ("gymnasium",)),  # which it pins to 1.2.2
     # Its virtualenv wants filelock below 4; named here, as pip takes minutes to find that out.
     "tianshou": Venv(("tianshou==2.0.1", "torch==2.13.0", "virtualenv==20.39.1", "filelock==3.32.7"), ("filelock",)),
+    "rl_zoo3": Venv(("rl_zoo3==2.9.2", "torch==2.13.0"), ("python-dateutil",)),
+    "benchmarl": Venv(("benchmarl==1.5.2", "torch==2.13.0")),  # with the TorchRL that it wants
     "torchrl": Venv(("torchrl==0.14.1", "torch==2.13.0")),
 }
 _FEW = ("--map", "house", "--decisions", "2000", "--test", "house", "--rounds", "20")
 CLIENTS = (
     Client("gymnasium_wrappers", "gymnasium", "farama", "gymnasium", "unmodified, but for the few on its page"),
-    Client("sb3_ppo", "stable_baselines3", HERE, "sb3", "`PacManBotVecEnv(8, flat=True)`", _FEW),
-    Client("sb3_maskable_ppo", "sb3_contrib", HERE, "sb3", "`PacManBotVecEnv(8, flat=True)`", _FEW),
-    Client("cleanrl_ppo", "torch", HERE, "cleanrl", "masked with `logits.masked_fill(~mask, -1e8)`", _FEW),
-    Client("torchrl_ppo", "torchrl", "torchrl", "torchrl", 'mask `"beside"`, `DTypeCastTransform` of the mask', _FEW),
-    Client("tianshou_ppo", "tianshou", "tianshou", "tianshou", 'unmodified; masked with mask `"beside"`, an actor'),
+    Client("sb3_ppo", "stable_baselines3", HERE, "sb3", "`PacManBotVecEnv(8, flat=True)`", _FEW, learns=True),
+    Client("sb3_maskable_ppo", "sb3_contrib", HERE, "sb3", "`PacManBotVecEnv(8, flat=True)`", _FEW, learns=True),
+    Client("cleanrl_ppo", "torch", HERE, "cleanrl", "masked with `logits.masked_fill(~mask, -1e8)`", _FEW, learns=True),
     Client(
-        "rllib_ppo", "ray", "rllib", "rllib", 'unmodified; masked with mask `"beside"`, a wrapper that renames', _FEW
+        "torchrl_ppo",
+        "torchrl",
+        "torchrl",
+        "torchrl",
+        'mask `"beside"`, `DTypeCastTransform` of the mask',
+        _FEW,
+        learns=True,
+    ),
+    Client(
+        "tianshou_ppo",
+        "tianshou",
+        "tianshou",
+        "tianshou",
+        'unmodified; masked with mask `"beside"`, an actor',
+        _FEW,
+        True,
+    ),
+    Client("rl_zoo3_ppo", "rl_zoo3", "rl_zoo3", "rl_zoo3", "unmodified, with a file of hyperparameters", _FEW, True),
+    Client("benchmarl_mappo", "benchmarl", "benchmarl", "benchmarl", "a task class of five methods"),
+    Client(
+        "rllib_ppo",
+        "ray",
+        "rllib",
+        "rllib",
+        'unmodified; masked with mask `"beside"`, a wrapper that renames',
+        _FEW,
+        True,
     ),
     Client("rllib_self_play", "ray", "rllib", "rllib", "`ParallelPettingZooEnv`, a wrapper that renames"),
     Client("supersuit_vec", "supersuit", "farama", "supersuit", 'mask `"info"`'),
@@ -81,6 +111,8 @@ class Result:
     version: str  # of the library
     status: int  # 0: success
     seconds: float
+    before: str = ""  # rounds completed, in %, untrained ...
+    after: str = ""  # ... and trained, both on the first map
 
 
 def python_of(name: str) -> Path:
@@ -106,8 +138,11 @@ def examples(page: Path) -> list[str]:
     return [textwrap.dedent(found) for found in re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)]
 
 
-def run(client: Client) -> Result:
-    """Run its script and its page's examples; output goes to ``.clients/NAME.log``, its end to stderr on failure."""
+def run(client: Client, more: Sequence[str] = (), limit_s: float = LIMIT_S) -> Result:
+    """Run its script and its page's examples; output goes to ``.clients/NAME.log``, its end to stderr on failure.
+
+    ``more``: arguments of a script that learns, after its own.
+    """
     python = python_of(client.venv) if client.venv != HERE else Path(sys.executable)
     code = f"from importlib.metadata import version; print(version({client.library!r}))"
     version = subprocess.run([python, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
@@ -115,7 +150,7 @@ def run(client: Client) -> Result:
     log = CACHE / f"{client.name}.log"
     paths = filter(None, [str(ROOT), os.environ.get("PYTHONPATH")])
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
-    commands = [[str(python), str(SCRIPTS / f"{client.name}.py"), *client.arguments]]
+    commands = [[str(python), str(SCRIPTS / f"{client.name}.py"), *client.arguments, *(more if client.learns else ())]]
     if client.venv != HERE:
         commands += [[str(python), "-c", example] for example in examples(PAGE.with_name(f"{client.page}.md"))]
     print(f"{client.name} ...", file=sys.stderr, flush=True)
@@ -124,14 +159,16 @@ def run(client: Client) -> Result:
     with log.open("w") as out:
         for command in commands:
             try:
-                status = subprocess.run(command, env=environment, stdout=out, stderr=out, timeout=LIMIT_S).returncode
+                status = subprocess.run(command, env=environment, stdout=out, stderr=out, timeout=limit_s).returncode
             except subprocess.TimeoutExpired:
                 status = TIMED_OUT
             if status:
                 break
     if status:
         print(f"{client.name} ended with {status}:", *log.read_text().splitlines()[-25:], sep="\n  ", file=sys.stderr)
-    return Result(client, version, status, time.monotonic() - start)
+    before, after = (found.search(log.read_text()) for found in (_UNTRAINED, _TRAINED))
+    seconds = time.monotonic() - start
+    return Result(client, version, status, seconds, before[1] if before else "", after[1] if after else "")
 
 
 def table(results: Sequence[Result]) -> str:
@@ -140,18 +177,37 @@ def table(results: Sequence[Result]) -> str:
         client = result.client
         works = client.line if result.status == 0 else f"**fails** (status {result.status})"
         script = f"[{client.name}.py](../examples/clients/{client.name}.py)"
-        rows.append([f"[{client.library}]({client.page}.md)", result.version, works, script, f"{result.seconds:.0f}"])
-    return markdown_table(("Library", "Version", "Works", "Script", "Seconds"), rows)
+        learned = f"{result.before} -> {result.after}" if result.after else ""
+        library = f"[{client.library}]({client.page}.md)"
+        rows.append([library, result.version, works, script, learned, f"{result.seconds:.0f}"])
+    return markdown_table(("Library", "Version", "Works", "Script", "Completes, %", "Seconds"), rows)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = Parser(prog="scripts/clients", description=__doc__.split("\n")[0] if __doc__ else None)
     add_names(parser, "script", [client.name for client in CLIENTS])
     parser.add_argument("--write", action="store_true", help=f"write the table into {PAGE.relative_to(ROOT)}")
+    parser.add_argument(
+        "--decisions", type=int, metavar="N", help="to learn from, in generated houses; 200 test rounds"
+    )
     given = parser.parse_args(arguments)
     if given.write and given.names:
         parser.error("--write is for the table of all scripts")
-    results = [run(client) for client in CLIENTS if not given.names or client.name in given.names]
+    more: list[str] = []
+    if given.decisions is not None:
+        more = [
+            "--map",
+            "generated",
+            "--decisions",
+            str(given.decisions),
+            "--test",
+            "generated:test",
+            "--rounds",
+            "200",
+        ]
+    limit_s = LIMIT_S + (given.decisions or 0) / 50  # the slowest library makes 100 decisions a second
+    chosen = [client for client in CLIENTS if not given.names or client.name in given.names]
+    results = [run(client, more, limit_s) for client in chosen]
     written = table(results)
     print(written, end="")
     if given.write:

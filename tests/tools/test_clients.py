@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -51,9 +52,16 @@ def own_scripts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A script that is well, and one that fails, in place of the project's."""
     (tmp_path / "well.py").write_text("import sys; print('well with', *sys.argv[1:])")
     (tmp_path / "bad.py").write_text("raise SystemExit('no such space')")
+    (tmp_path / "learns.py").write_text(
+        "import sys; sys.path.insert(0, SCRIPTS); import evaluate; args = evaluate.parser('').parse_args()\n"
+        "random = lambda o, m: m.argmax(axis=1)\n"
+        "print(args.map, args.decisions); evaluate.untrained(random, ['maze'], 2)\n"
+        "evaluate.report(random, ['maze'], 2)\n".replace("SCRIPTS", repr(str(SCRIPTS)))
+    )
     own = (
         Client("well", "numpy", HERE, "gymnasium", "unmodified", ("--seed", "3")),
         Client("bad", "numpy", HERE, "gymnasium", "unmodified"),
+        Client("learns", "numpy", HERE, "gymnasium", "unmodified", ("--map", "house"), learns=True),
     )
     monkeypatch.setattr(clients, "SCRIPTS", tmp_path)
     monkeypatch.setattr(clients, "CACHE", tmp_path / "cache")
@@ -64,11 +72,23 @@ def own_scripts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_script_that_fails_is_in_the_table_and_the_status(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([]) == 1
     output = capsys.readouterr()
-    well, bad = output.out.splitlines()[2:]
+    well, bad, _ = output.out.splitlines()[2:]
     assert "| unmodified | [well.py]" in well
     assert "| **fails** (status 1) | [bad.py]" in bad
     assert "no such space" in output.err
     assert (tmp_path / "cache" / "well.log").read_text() == "well with --seed 3\n"
+
+
+@pytest.mark.usefixtures("own_scripts")
+def test_completion_before_and_after_is_read_from_a_script_that_learns(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["learns", "well", "--decisions", "70"]) == 0
+    well, learns = capsys.readouterr().out.splitlines()[2:]
+    assert re.search(r"\| \d+\.0 -> \d+\.0 \| \d+ \|$", learns)
+    assert "->" not in well
+    assert (tmp_path / "cache" / "learns.log").read_text().startswith("generated 70\n")
+    assert "70" not in (tmp_path / "cache" / "well.log").read_text()
 
 
 @pytest.mark.usefixtures("own_scripts")

@@ -3,7 +3,7 @@
 import gymnasium as gym
 import numpy as np
 import torch
-from evaluate import parser, report
+from evaluate import parser, report, untrained
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 from torch import nn
@@ -68,6 +68,16 @@ games = envs.unwrapped  # which knows the masks
 envs = RecordEpisodeStatistics(envs)
 
 agent = Agent(envs)
+
+
+@torch.no_grad()
+def choose(observation: np.ndarray, allowed: np.ndarray) -> np.ndarray:
+    """The likeliest actions."""
+    logits = agent.policy(torch.from_numpy(observation), torch.from_numpy(allowed)).logits
+    return logits.argmax(dim=1).numpy()
+
+
+untrained(choose, args.test, args.rounds)
 optimizer = torch.optim.Adam(agent.parameters(), lr=LEARNING_RATE, eps=1e-5)
 batch_size = args.num_envs * NUM_STEPS
 shape = (NUM_STEPS, args.num_envs)
@@ -133,13 +143,5 @@ for iteration in range(num_iterations):
 
 if args.save:
     torch.save(agent.state_dict(), args.save)
-
-
-@torch.no_grad()
-def choose(observation: np.ndarray, allowed: np.ndarray) -> np.ndarray:
-    """The likeliest actions."""
-    logits = agent.policy(torch.from_numpy(observation), torch.from_numpy(allowed)).logits
-    return logits.argmax(dim=1).numpy()
-
 
 report(choose, args.test, args.rounds)

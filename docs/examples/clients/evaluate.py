@@ -79,6 +79,13 @@ def _played(
     return np.concatenate(outcomes)
 
 
+def untrained(choose: Choose, maps: Sequence[str], rounds: int, **arguments: Any) -> None:
+    """Print rounds completed on each map, in %, before the model has learned."""
+    for map in maps:
+        share = completed(choose, map, rounds, **arguments).mean()
+        print(f"{map}: {100 * share:.1f} % of {rounds} rounds completed untrained", flush=True)
+
+
 def report(choose: Choose, maps: Sequence[str], rounds: int, **arguments: Any) -> None:
     """Print rounds completed on each map, in %, and the differences to the baselines, with their 95 % intervals."""
     for map in maps:

@@ -11,7 +11,7 @@ import gymnasium as gym
 import numpy as np
 import ray
 import torch
-from evaluate import completed, parser, report
+from evaluate import parser, report, untrained
 from gymnasium import spaces
 from ray import tune
 from ray.rllib.algorithms.ppo import PPOConfig
@@ -66,8 +66,7 @@ def main() -> None:
         seen = {"observations": torch.from_numpy(observation), "action_mask": torch.from_numpy(allowed)}
         return algorithm.get_module().forward_inference({"obs": seen})["action_dist_inputs"].argmax(dim=1).numpy()
 
-    for map in args.test:
-        print(f"{map}: {100 * completed(choose, map, args.rounds).mean():.1f} % completed untrained", flush=True)
+    untrained(choose, args.test, args.rounds)
     decisions = 0
     while decisions < args.decisions:
         result = algorithm.train()

@@ -2,7 +2,7 @@
 
 import stable_baselines3
 import torch
-from evaluate import parser, report
+from evaluate import parser, report, untrained
 
 from pacman_env.sb3 import PacManBotVecEnv
 
@@ -11,8 +11,10 @@ torch.set_num_threads(1)  # a network this small is fastest on one core
 
 env = PacManBotVecEnv(args.num_envs, flat=True, map=args.map)
 model = stable_baselines3.PPO("MlpPolicy", env, seed=args.seed, verbose=1, device="cpu")
+choose = lambda o, m: model.predict(o, deterministic=True)[0]  # noqa: E731
+untrained(choose, args.test, args.rounds)
 model.learn(args.decisions)
 if args.save:
     model.save(args.save)
 
-report(lambda o, m: model.predict(o, deterministic=True)[0], args.test, args.rounds)
+report(choose, args.test, args.rounds)

@@ -6,18 +6,18 @@ Tianshou's ``PettingZooEnv`` expects the same two parts of every agent, which th
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pettingzoo
 import torch
+from evaluate import parser, report, untrained
 from tianshou.algorithm import PPO
 from tianshou.algorithm.modelfree.reinforce import DiscreteActorPolicy
 from tianshou.algorithm.multiagent.marl import MultiAgentOnPolicyAlgorithm
 from tianshou.algorithm.optim import AdamOptimizerFactory
-from tianshou.data import Collector, VectorReplayBuffer
+from tianshou.data import Batch, Collector, VectorReplayBuffer
 from tianshou.env import DummyVectorEnv, PettingZooEnv
 from tianshou.trainer import OnPolicyTrainerParams
 from tianshou.utils.net.common import Net
@@ -26,6 +26,7 @@ from tianshou.utils.net.discrete import DiscreteActor, DiscreteCritic
 import pacman_env  # noqa: F401 - registers the environments
 
 GAMES = 4
+MOST_OF_TWO = 4096  # decisions of the two players, whose rounds are not counted
 
 
 def numbers(observation: Any) -> Any:
@@ -85,16 +86,26 @@ def train(algorithm: Any, make: Any, decisions: int, seed: int) -> Collector:
     return collector
 
 
-def one_player(map: str, decisions: int, seed: int, masked: bool) -> None:
-    """PacManBotFlat-v0 by its id."""
+def one_player(args: Any, masked: bool) -> None:
+    """PacManBotFlat-v0 by its id; with the mask, rounds are played before and after."""
     named: dict[str, Any] = {"settings": {"observation.mask": "beside"}} if masked else {}
 
     def make() -> gym.Env[Any, Any]:
-        return gym.make("pacman_env/PacManBotFlat-v0", map=map, **named)
+        return gym.make("pacman_env/PacManBotFlat-v0", map=args.map, **named)
 
     env = make()
     space = env.observation_space["observation"] if masked else env.observation_space
-    collector = train(ppo(space, env.action_space, masked), make, decisions, seed)
+    algorithm = ppo(space, env.action_space, masked)
+
+    @torch.no_grad()
+    def choose(observation: np.ndarray, allowed: np.ndarray) -> np.ndarray:
+        """The likeliest actions."""
+        seen = Batch(observation=observation, action_mask=allowed)
+        return algorithm.policy(Batch(obs=seen, info=Batch())).logits.argmax(dim=1).numpy()
+
+    if masked:
+        untrained(choose, args.test, args.rounds)
+    collector = train(algorithm, make, args.decisions, args.seed)
     batch, _ = collector.buffer.sample(0)
     note = ""
     if masked:
@@ -102,6 +113,8 @@ def one_player(map: str, decisions: int, seed: int, masked: bool) -> None:
         assert allowed.all()
         note = ", no choice was forbidden"
     print(f"one player, {'masked' if masked else 'no mask'}: {len(batch)} decisions after training{note}")
+    if masked:
+        report(choose, args.test, args.rounds)
 
 
 def two_players(map: str, decisions: int, seed: int) -> None:
@@ -122,16 +135,12 @@ def two_players(map: str, decisions: int, seed: int) -> None:
 
 def main() -> None:
     """One player without the mask and with it, and two players."""
-    options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--map", default="house")
-    options.add_argument("--decisions", type=int, default=1024, help="of each of the three")
-    options.add_argument("--seed", type=int, default=0)
-    arguments = options.parse_args()
-    torch.manual_seed(arguments.seed)
+    args = parser(__doc__).parse_args()
+    torch.manual_seed(args.seed)
     torch.set_num_threads(1)  # networks this small are fastest on one core
-    one_player(arguments.map, arguments.decisions, arguments.seed, masked=False)
-    one_player(arguments.map, arguments.decisions, arguments.seed, masked=True)
-    two_players(arguments.map, arguments.decisions, arguments.seed)
+    one_player(args, masked=False)
+    one_player(args, masked=True)
+    two_players(args.map, min(args.decisions, MOST_OF_TWO), args.seed)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 import gymnasium as gym
 import numpy as np
 import torch
-from evaluate import parser, report
+from evaluate import parser, report, untrained
 from gymnasium.vector import AutoresetMode
 from tensordict import TensorDict
 from tensordict.nn import TensorDictModule
@@ -61,6 +61,17 @@ actor = ProbabilisticActor(
     distribution_class=MaskedCategorical,
     return_log_prob=True,
 )
+
+
+@torch.no_grad()
+def choose(observation: np.ndarray, allowed: np.ndarray) -> np.ndarray:
+    """The likeliest actions."""
+    seen = {"observation": torch.from_numpy(observation), "action_mask": torch.from_numpy(allowed)}
+    with set_exploration_type(ExplorationType.MODE):
+        return actor(TensorDict(seen, batch_size=len(observation)))["action"].numpy()
+
+
+untrained(choose, args.test, args.rounds)
 critic = ValueOperator(network(inputs, 1), in_keys=["observation"])
 advantage = GAE(gamma=GAMMA, lmbda=LMBDA, value_network=critic, average_gae=True)
 loss_module = ClipPPOLoss(actor, critic, clip_epsilon=CLIP_EPSILON, entropy_coeff=ENTROPY_COEFF, critic_coeff=1.0)
@@ -95,14 +106,5 @@ collector.shutdown()
 
 if args.save:
     torch.save(actor.state_dict(), args.save)
-
-
-@torch.no_grad()
-def choose(observation: np.ndarray, allowed: np.ndarray) -> np.ndarray:
-    """The likeliest actions."""
-    seen = {"observation": torch.from_numpy(observation), "action_mask": torch.from_numpy(allowed)}
-    with set_exploration_type(ExplorationType.MODE):
-        return actor(TensorDict(seen, batch_size=len(observation)))["action"].numpy()
-
 
 report(choose, args.test, args.rounds)

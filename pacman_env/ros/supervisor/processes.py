@@ -14,7 +14,8 @@ from pathlib import Path
 from . import child
 from .shared_memory import remove_unused
 
-PATIENCE_S = 12.0  # of a node's end: its last messages, then a middleware that hangs (``node.py``)
+#: For a node's end: its last messages, then a middleware that hangs, 7 s together (``node.py``), on a busy machine.
+PATIENCE_S = 30.0
 SLOW_START_S = 10.0  # the pause between two starts of a dying node is doubled up to this
 MANY = 5  # deaths ...
 SOON_S = 60.0  # ... within this time: starting it again does not help

@@ -1,0 +1,106 @@
+"""BenchMARL's MAPPO on the two-player game: the robot and Clyde, a group each, with masks and the game's state."""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from benchmarl.algorithms import MappoConfig
+from benchmarl.environments.common import Task
+from benchmarl.environments.pettingzoo.common import PettingZooClass
+from benchmarl.experiment import Experiment, ExperimentConfig
+from benchmarl.models.mlp import MlpConfig
+from torchrl.envs import DoubleToFloat, EnvBase, PettingZooWrapper, Transform
+from torchrl.envs.utils import MarlGroupMapType
+
+import pacman_env
+
+MAX_CYCLES = 600  # decisions of a round, 0.5 s each
+SETTINGS = {"max_cycles": MAX_CYCLES, "execution.tick_s": 2.0, "execution.min_dwell_s": 8.0}
+
+
+class PacManBotClass(PettingZooClass):
+    """BenchMARL's task of a PettingZoo game, with the game that this package makes."""
+
+    def get_env_fun(
+        self, num_envs: int, continuous_actions: bool, seed: int | None, device: Any
+    ) -> Callable[[], EnvBase]:
+        """A function that makes a game."""
+        return lambda: PettingZooWrapper(
+            pacman_env.parallel_env(flat=True, map=self.config["map"], settings=SETTINGS),
+            group_map=MarlGroupMapType.ONE_GROUP_PER_AGENT,  # their observations differ in size
+            categorical_actions=True,
+            return_state=True,
+            seed=seed,
+            device=device,
+        )
+
+    def get_env_transforms(self, env: EnvBase) -> list[Transform]:
+        """The state as float32: the critic's network is."""
+        return [DoubleToFloat(in_keys=["state"])]
+
+    def supports_discrete_actions(self) -> bool:
+        """Yes: an action is the number of a candidate."""
+        return True
+
+    def max_steps(self, env: EnvBase) -> int:
+        """Decisions of a round."""
+        return MAX_CYCLES
+
+    def has_render(self, env: EnvBase) -> bool:
+        """No, no pictures are logged."""
+        return False
+
+
+class PacManBotTask(Task):
+    """The task of this script, as BenchMARL lists tasks."""
+
+    TWO_PLAYERS = None
+
+    @staticmethod
+    def associated_class() -> type[PacManBotClass]:
+        """Its class."""
+        return PacManBotClass
+
+
+def main() -> None:
+    """Learn, then play and see that no choice is forbidden."""
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--map", default="house")
+    options.add_argument("--decisions", type=int, default=4000, help="of each player, to learn from")
+    options.add_argument("--seed", type=int, default=0)
+    arguments = options.parse_args()
+    torch.set_num_threads(1)
+    config = ExperimentConfig.get_from_yaml()
+    config.max_n_frames = arguments.decisions
+    config.on_policy_collected_frames_per_batch = min(2000, arguments.decisions)
+    config.on_policy_n_envs_per_worker = 4
+    config.on_policy_n_minibatch_iters = 10
+    config.on_policy_minibatch_size = 250
+    config.lr = 3e-4
+    config.evaluation = False
+    config.loggers = []
+    config.render = False
+    with tempfile.TemporaryDirectory() as folder:
+        config.save_folder = folder
+        experiment = Experiment(
+            task=PacManBotTask.TWO_PLAYERS.get_task({"map": arguments.map}),
+            algorithm_config=MappoConfig.get_from_yaml(),
+            model_config=MlpConfig.get_from_yaml(),
+            critic_model_config=MlpConfig.get_from_yaml(),
+            seed=arguments.seed,
+            config=config,
+        )
+        experiment.run()
+    rollout = experiment.test_env.rollout(200, policy=experiment.policy)
+    for agent in ("pacman", "clyde"):
+        mask, action = rollout[agent, "action_mask"], rollout[agent, "action"]
+        assert mask.gather(-1, action.unsqueeze(-1)).all()
+        print(f"{agent}: {action.numel()} choices, none was forbidden")
+
+
+if __name__ == "__main__":
+    main()
