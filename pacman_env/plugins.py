@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import importlib
 import re
+import sys
 from collections.abc import Mapping
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -71,7 +72,12 @@ def load(group: str, name: str) -> Any:
     return functools.reduce(getattr, attribute.split("."), importlib.import_module(module))
 
 
-def _entry_points(group: str) -> dict[str, EntryPoint]:
+def _entry_points(group: str) -> Mapping[str, EntryPoint]:
+    return _entry_points_on(group, tuple(sys.path))
+
+
+@functools.cache  # reading the metadata of all installed packages takes 10 to 20 ms
+def _entry_points_on(group: str, path: tuple[str, ...]) -> Mapping[str, EntryPoint]:
     from importlib import metadata  # needed for plug-ins alone
 
     return {point.name: point for point in metadata.entry_points(group=group)}

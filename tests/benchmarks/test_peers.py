@@ -41,6 +41,7 @@ def test_ours_steps_one_game_and_64(measured: dict[str, Any]) -> None:
     assert measured["failed"] == {}
 
 
+@pytest.mark.daily
 def test_the_script_says_what_a_decision_of_ours_is() -> None:
     worker = Worker(OURS, "loop")
     (task,) = worker.tasks

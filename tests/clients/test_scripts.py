@@ -61,7 +61,7 @@ def evaluate() -> Any:
     ("script", "algorithm"),
     [
         pytest.param("sb3_ppo.py", stable_baselines3.PPO, marks=pytest.mark.daily),
-        ("sb3_maskable_ppo.py", sb3_contrib.MaskablePPO),
+        pytest.param("sb3_maskable_ppo.py", sb3_contrib.MaskablePPO, marks=pytest.mark.daily),
     ],
 )
 def test_stable_baselines3_learns_and_its_model_is_for_every_map(script: str, algorithm: Any, tmp_path: Path) -> None:

@@ -357,7 +357,7 @@ time.sleep(0.1)""",
 }
 
 
-@pytest.mark.parametrize("number", [1, 3])
+@pytest.mark.parametrize("number", [pytest.param(1, marks=pytest.mark.daily), 3])
 @pytest.mark.parametrize("name", EXITS)
 def test_the_interpreter_ends_quietly(name: str, number: int) -> None:
     code = (

@@ -43,7 +43,7 @@ def game(whole: Game) -> Game:
     return whole
 
 
-@pytest.fixture(params=["shorter", "longer"])
+@pytest.fixture(params=[pytest.param("shorter", marks=pytest.mark.daily), "longer"])
 def lasts(request: pytest.FixtureRequest) -> str:
     """Than the middleware's lease."""
     return str(request.param)

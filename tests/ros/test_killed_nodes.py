@@ -129,6 +129,7 @@ def test_a_referee_that_is_back_goes_on_with_the_round_and_counts_what_was_colle
     assert game.value(topics.CLYDE_SPEED) == pytest.approx(CLYDE_MPS)
 
 
+@pytest.mark.daily
 def test_a_referee_who_was_killed_counts_all_that_was_collected_meanwhile(game: Game) -> None:
     game.begin()
     game.until("running")

@@ -40,6 +40,7 @@ def test_the_game_goes_on_after_kills_of_real_processes(domain: int, tmp_path: P
     assert found["back_s"] > 1.0  # `ros up` waits before it starts a node again
 
 
+@pytest.mark.daily
 def test_the_game_goes_on_in_lock_step_after_a_kill_of_each_node(domain: int, tmp_path: Path) -> None:
     out = tmp_path / "kills.json"
     assert kills.main(["--lock-step", "--kills", "8", "--logs", str(tmp_path), "--json", str(out)]) == 0

@@ -85,6 +85,7 @@ def test_the_learned_clyde_plays_in_a_ghosts_seat(run: Path) -> None:
     assert sent - {-1}
 
 
+@pytest.mark.daily
 def test_the_same_seed_gives_the_same_files(run: Path, tmp_path: Path) -> None:
     assert main([*TINY, "--out", str(tmp_path)]) == 0
     for path in run.glob("*.onnx"):

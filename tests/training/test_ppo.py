@@ -171,6 +171,7 @@ def test_resuming_a_finished_run_writes_the_same_planner_again(tmp_path: Path) -
     assert planner.read_bytes() == before
 
 
+@pytest.mark.daily
 def test_another_process_trains_the_same_bits(tmp_path: Path) -> None:
     options = tiny_options(tmp_path, "--decisions", "64")
     assert main([*options, "--out", str(tmp_path / "one")]) == 0

@@ -103,6 +103,7 @@ def test_a_run_that_was_interrupted_goes_on_to_the_same_bits(whole: Arguments, b
         assert same(weights(broken.out / name), weights(whole.out / name)), name
 
 
+@pytest.mark.daily
 def test_a_run_with_two_line_ups_goes_on_to_the_same_bits(tmp_path: Path) -> None:
     """In one thread and in two; its record and its curve have the share completed against each."""
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator

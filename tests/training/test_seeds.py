@@ -46,6 +46,7 @@ def test_what_is_finished_is_not_trained_again(tmp_path: Path, monkeypatch: pyte
         train_all(tiny(**CHANGES), [1], tmp_path, InProcess())
 
 
+@pytest.mark.daily
 def test_a_member_whose_worker_was_lost_goes_on_from_its_last_checkpoint(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

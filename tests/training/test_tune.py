@@ -63,6 +63,7 @@ def test_a_study_leaves_a_line_per_trial(whole: Study) -> None:
     assert len({json.dumps(trial["params"]) for trial in found}) == 3
 
 
+@pytest.mark.daily
 def test_a_study_is_reproducible_and_goes_on_to_the_same_trials(
     whole: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -95,6 +96,7 @@ def test_a_trial_that_was_interrupted_goes_on(whole: Study, tmp_path: Path, monk
     assert trials(study) == trials(whole)[:1]
 
 
+@pytest.mark.daily
 def test_other_seeds_propose_others(whole: Study, tmp_path: Path) -> None:
     study = settings(tmp_path, trials=1, seed=1)
     search(study)

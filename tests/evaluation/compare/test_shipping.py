@@ -48,6 +48,7 @@ def test_what_was_sent_is_played_without_its_files(
     assert kept == ["ghost.json", "ghost.onnx", "own.json", "own.onnx"]
 
 
+@pytest.mark.daily
 def test_a_copy_that_was_damaged_is_written_anew(
     blocks: list[Block], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -117,12 +117,14 @@ def test_more_time_is_a_wider_search(monkeypatch: pytest.MonkeyPatch) -> None:
     assert played[1] > 5 * played[0]
 
 
-def test_it_flees_from_a_chaser_in_time() -> None:
-    for behaviours, speed in (("configuration", 0.25), ("belief", 0.15)):
-        config = config_of("chase", **{"clyde.speed_mps": speed})
-        policy = Search(nodes=6000, behaviours=behaviours)
-        record, _ = play(map_assets("house", config), config, policy, episode_seeds(0, 4), batch_size=4)
-        assert (record["end"] == COMPLETE).sum() >= 3
+@pytest.mark.parametrize(
+    ("behaviours", "speed"), [pytest.param("configuration", 0.25, marks=pytest.mark.daily), ("belief", 0.15)]
+)
+def test_it_flees_from_a_chaser_in_time(behaviours: str, speed: float) -> None:
+    config = config_of("chase", **{"clyde.speed_mps": speed})
+    policy = Search(nodes=6000, behaviours=behaviours)
+    record, _ = play(map_assets("house", config), config, policy, episode_seeds(0, 4), batch_size=4)
+    assert (record["end"] == COMPLETE).sum() >= 3
 
 
 def test_a_round_is_the_same_again_and_in_any_batch() -> None:

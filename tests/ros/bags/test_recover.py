@@ -228,6 +228,7 @@ def check_cut(file: Path, length: int, zeros: bool) -> None:
         assert "\n" not in said
 
 
+@pytest.mark.daily
 def test_a_bag_cut_around_records_of_every_kind_gives_all_messages_of_its_whole_chunks_or_one_line(
     recorded: Path,
 ) -> None:

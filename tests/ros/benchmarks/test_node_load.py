@@ -13,6 +13,7 @@ pytest.importorskip("irobot_create_msgs")
 from benchmarks import node_load
 
 
+@pytest.mark.daily
 def test_every_node_is_measured_and_keeps_to_the_memory_that_is_promised(
     domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -76,6 +76,7 @@ def test_a_round_against_a_learned_ghost_and_one_of_a_plug_in_by_its_preset_and_
     play(ground, tmp_path / "logs", f"{random_planner(tmp_path)},ambush", "shy", preset="sleepy")
 
 
+@pytest.mark.daily
 def test_the_command_sets_both_sides_beside_one_another_and_plays_the_same_rounds_in_any_number_of_jobs(
     ground: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -42,6 +42,7 @@ def troubled(folder: Path, seed: int) -> tuple[str, list[tuple[float, str, int |
         return transcript.hexdigest(), game.restarts, played.values(topics.SCORE)
 
 
+@pytest.mark.daily
 def test_faults_come_at_the_same_moment_of_the_same_game_and_no_pellet_is_lost(domain: int, tmp_path: Path) -> None:
     first = troubled(tmp_path / "first", 5)
     assert troubled(tmp_path / "again", 5) == first

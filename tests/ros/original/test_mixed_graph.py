@@ -166,7 +166,14 @@ def mixed(whole: Mixed, request: pytest.FixtureRequest) -> Iterator[Mixed]:
     whole.to_ours(request.param)
 
 
-@pytest.mark.parametrize("mixed", ORIGINALS, indirect=True)
+#: Each in its turn, with ``--daily``; else those that the rounds depend on.
+MIXED = [
+    pytest.param(name, marks=() if name in ("pellet_manager", "game_controller") else pytest.mark.daily)
+    for name in ORIGINALS
+]
+
+
+@pytest.mark.parametrize("mixed", MIXED, indirect=True)
 def test_with_one_node_of_the_originals_two_rounds_end_with_every_pellet_counted(mixed: Mixed) -> None:
     played = mixed.two_rounds()
     for number, (spawned, collected, score) in enumerate(zip(*[iter(played)] * 3, strict=True), 1):

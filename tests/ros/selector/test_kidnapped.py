@@ -48,7 +48,7 @@ def answer(played: Played, how: str) -> None:
         assert played.nodes.call(topics.CONTINUE).success
 
 
-@pytest.mark.parametrize("how", ["set", "continue"])
+@pytest.mark.parametrize("how", ["continue", pytest.param("set", marks=pytest.mark.daily)])
 def test_a_carried_robot_collects_nothing_and_stands_until_a_person_answers(played: Played, how: str) -> None:
     nodes = played.nodes
     nodes.advance(3.0)

@@ -147,6 +147,7 @@ def test_rays_of_a_robot_that_turns_are_from_where_it_was_when_each_was_measured
     assert np.ptp(left) < 0.03  # the wall on the left is straight
 
 
+@pytest.mark.daily
 def test_without_errors_odometry_is_the_truth_and_with_them_it_drifts_by_the_seed(make_robot: Make) -> None:
     def drift(seed: int, settings: list[str]) -> tuple[float, float, float]:
         driven = Driven(make_robot(**BASE, seed=seed, settings=settings))

@@ -188,6 +188,7 @@ def test_a_nav2_that_cannot_be_is_refused_with_its_reason(given: dict[str, Any],
         nav2.check(GameSetup("house", **given))
 
 
+@pytest.mark.daily
 def test_a_nav2_that_is_started_by_hand_is_awaited_and_its_command_is_printed(
     system: Any, probe: Any, tmp_path: Path
 ) -> None:

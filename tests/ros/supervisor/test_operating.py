@@ -356,6 +356,7 @@ def rounds_of(lines: list[str]) -> int:
     return sum(before == "menu" != after for before, after in pairwise(states))
 
 
+@pytest.mark.daily
 def test_a_simulated_game_plays_round_after_round_where_it_is_asked_to(domain: int, tmp_path: Path) -> None:
     ground = str(part_of_map("loop", 3.0).save(tmp_path / "ground.yaml"))
     words = ["--map", ground, "--policy", "nearest", "--sim", "--lock-step", "--play-on", *SHOWS]
