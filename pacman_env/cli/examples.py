@@ -46,6 +46,7 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
     "dataset": (
         ("dataset pacman-env/house-v0 --policy lookahead --episodes 100", "100 rounds, for Minari and as Parquet"),
         ("dataset pacman-env/levels-v0 --map generated --set num_levels=200 --format parquet", "in generated houses"),
+        ("dataset pacman-env/my-robot-v0 --bags games/first --map home.yaml", "what a robot has played"),
     ),
     "bound": (("bound --map house --starts 30 --width 32", "on one map, the ghosts of the defaults"),),
     "replay": (

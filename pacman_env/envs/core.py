@@ -144,6 +144,22 @@ class EnvCore:
         """(N, C) which actions are allowed now."""
         return self.situation.mask.copy() if self.listed is None else self.listed != MISSING
 
+    def actions_of(self, candidates: NDArray[Any]) -> tuple[NDArray[Any], Flags]:
+        """(N,) the actions that stand for candidates, hold where none does, and where one does."""
+        if self.listed is None:
+            return candidates, np.ones(len(candidates), dtype=np.bool_)
+        there = (self.listed == candidates[:, None]) & (self.listed != MISSING)
+        listed = there.any(axis=1)
+        return np.where(listed, there.argmax(axis=1), self.candidates - 1), listed
+
+    def observe_from(self, situation: Situation) -> Any:
+        """The observation of situations from elsewhere, such as a robot's; masks and actions are of them from now on.
+
+        Kinds that are made of the games themselves, such as a scan, are those of the games.
+        """
+        self.latest, self.listed = situation, self._observer.listed(situation)
+        return self.observe()
+
     def _chosen(self, actions: NDArray[Any]) -> tuple[NDArray[Any], Flags]:
         """The candidates that checked actions stand for, hold where they are forbidden, and where that is."""
         if self.listed is None:
@@ -351,12 +367,8 @@ class CoreEnv:
         """
         if self.config.action != "goal":
             raise AttributeError("velocity actions choose no candidate")
-        core, chosen = self._core, np.asarray(candidates)
-        core.require_reset()
-        if core.listed is None:
-            return chosen
-        there = core.listed == chosen[:, None]
-        return np.where(there.any(axis=1), there.argmax(axis=1), core.candidates - 1)
+        self._core.require_reset()
+        return self._core.actions_of(np.asarray(candidates))[0]
 
     def _masks(self) -> NDArray[np.bool_]:
         return self._core.masks()

@@ -1,6 +1,7 @@
-"""Rounds of a policy as a data set for offline learning: ``pacman-env dataset``.
+"""Rounds as a data set for offline learning: ``pacman-env dataset``.
 
-Rounds are played by ``recording``, written by ``minari_files`` and ``tables``, described by ``card``.
+Rounds are played by ``recording``, or come from a robot's bags by ``robot_rounds``; ``minari_files`` and ``tables``
+write them, ``card`` describes them.
 """
 
 import argparse
@@ -8,7 +9,7 @@ import contextlib
 import re
 import shlex
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,8 @@ def make_parser() -> Parser:
     parser = Parser(
         prog="pacman-env dataset",
         description="Play rounds with a policy and write all that was seen and done as a data set: for Minari (HDF5),"
-        " as Parquet tables, or both, with a card. The files are the same for any number of workers.",
+        " as Parquet tables, or both, with a card. The files are the same for any number of workers. With --bags the"
+        " rounds are those that a robot has played.",
     )
     add = parser.add_argument
     add("name", help="of the data set, such as pacman-env/lookahead-v0; its folder is ROOT/NAME")
@@ -60,6 +62,8 @@ def make_parser() -> Parser:
     add("--episodes", type=whole_number(1), default=1000, metavar="N", help="rounds, or endless games (%(default)s)")
     add("--seed", type=whole_number(0), default=0, metavar="S", help="the rounds' seeds are drawn from it (0)")
     add("--format", nargs="+", choices=FORMATS, default=list(FORMATS), help="what is written (both)")
+    add("--bags", nargs="+", type=Path, metavar="BAG", help="of ros record, whose rounds are written; --map is its map")
+    add("--namespace", metavar="NAME", help="of the robot, where games of several are in a bag")
     add("--root", type=Path, default=Path("results/datasets"), metavar="FOLDER", help="(%(default)s)")
     add_executor_arguments(parser)
     return parser
@@ -81,13 +85,20 @@ def _dataset(arguments: argparse.Namespace, given: Sequence[str]) -> None:
     folder = _folder(arguments)
     env_id, named = arguments_of(arguments)
     made = EnvArguments(**{**IDS[env_id].kwargs, **named})
-    tasks = tasks_of(arguments.policy, made, round_seeds(arguments.seed, arguments.episodes))
+    parts: contextlib.AbstractContextManager[Iterator[Rounds]]
+    if arguments.bags:
+        robot = _of_robot(arguments, made)
+        made, parts = robot.arguments, contextlib.nullcontext(robot.rounds())
+        named |= {"ghosts": made.ghosts, "settings": made.settings}
+    else:
+        tasks = tasks_of(arguments.policy, made, round_seeds(arguments.seed, arguments.episodes))
+        parts = _simulated(arguments, tasks)
     core = EnvCore(1, made)
     facts = _facts(arguments, given, env_id, core)
     with new_folder(folder) as temporary:
         with contextlib.ExitStack() as stack:
             writers = [stack.enter_context(one) for one in _writers(arguments, temporary, (env_id, named), core, facts)]
-            facts |= _played(tasks, writers, stack.enter_context(executor_of(arguments)))
+            facts |= _written(stack.enter_context(parts), writers)
         write_json(temporary / "facts.json", facts)
         write_card(temporary, facts)
     print("{rounds} rounds, {decisions} decisions, {completed:.1f} % completed".format(**facts))
@@ -97,6 +108,16 @@ def _dataset(arguments: argparse.Namespace, given: Sequence[str]) -> None:
             "--set observation.candidates=all lists all"
         )
     print(f"written: {folder}")
+
+
+def _of_robot(arguments: argparse.Namespace, made: EnvArguments) -> Any:
+    try:
+        from .robot_rounds import RobotRounds
+    except ModuleNotFoundError as error:
+        if error.name not in ("rclpy", "rosbags"):
+            raise
+        raise ValueError(f"--bags: {error.name} is not installed: pip install 'pacman_env[ros]'") from None
+    return RobotRounds(arguments.bags, made, arguments.namespace)
 
 
 def _folder(arguments: argparse.Namespace) -> Path:
@@ -113,11 +134,12 @@ def _facts(arguments: argparse.Namespace, given: Sequence[str], env_id: str, cor
     first = core.batch.source.first.occupancy
     return {
         "name": arguments.name,
-        "policy": arguments.policy,
+        "policy": "the robot's own" if arguments.bags else arguments.policy,
+        "bags": [path.name for path in arguments.bags or ()],
         "id": env_id,
         "map": arguments.map or IDS[env_id].kwargs.get("map", "house"),
         "map_hash": first.hash,  # of generated levels that of the first
-        "seed": arguments.seed,
+        "seed": None if arguments.bags else arguments.seed,
         "version": __version__,
         "sources": package_hash(),
         "commit": commit(),
@@ -155,15 +177,30 @@ def _writers(
         yield Tables(folder, facts)
 
 
-def _played(tasks: Sequence[Recording], writers: Sequence[Any], executor: Any) -> dict[str, Any]:
-    """Play, write, and count."""
-    parts = []
-    with bar_of(executor, sum(len(task.seeds) for task in tasks), "round") as bar:
-        for played in recorded(tasks, executor):
-            for writer in writers:
-                writer.write(played)
-            parts.append(_counted(played, bar))
-    rounds = np.concatenate(parts)
+@contextlib.contextmanager
+def _simulated(arguments: argparse.Namespace, tasks: Sequence[Recording]) -> Iterator[Iterator[Rounds]]:
+    """The rounds while they are played, with a bar."""
+    total = sum(len(task.seeds) for task in tasks)
+    with executor_of(arguments) as executor, bar_of(executor, total, "round") as bar:
+
+        def rounds() -> Iterator[Rounds]:
+            for played in recorded(tasks, executor):
+                bar.update(len(played.rounds))
+                yield played
+
+        yield rounds()
+
+
+def _written(parts: Iterable[Rounds], writers: Sequence[Any]) -> dict[str, Any]:
+    """Write, and count."""
+    notes = []
+    for played in parts:
+        for writer in writers:
+            writer.write(played)
+        notes.append(played.rounds)
+    if not notes:
+        raise ValueError("there is no round with a decision")
+    rounds = np.concatenate(notes)
     words = np.array(outcomes(rounds))
     return {
         "rounds": len(rounds),
@@ -173,11 +210,6 @@ def _played(tasks: Sequence[Recording], writers: Sequence[Any], executor: Any) -
         "mean_return": float(rounds["return"].mean()),
         "unlisted": int(rounds["unlisted"].sum()),
     }
-
-
-def _counted(played: Rounds, bar: Any) -> Any:
-    bar.update(len(played.rounds))
-    return played.rounds
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ pretty_name: {name}
 
 # {name}
 
-{rounds} rounds of PacManBot, a robot that plays Pac-Man in a house, played by the policy `{policy}` in
+{rounds} rounds of PacManBot, a robot that plays Pac-Man in a house, {player} in
 `{id}`; {decisions} decisions.
 
 | | |
@@ -36,8 +36,7 @@ pretty_name: {name}
 {command}
 ```
 
-The rounds depend on these arguments and on the version alone, not on the number of workers. Their seeds are drawn
-from seed {seed}; on generated levels, rounds of one level are neighbours.
+{origin}
 
 ## What is in it
 
@@ -58,6 +57,13 @@ _MEANING = {
     "rounds.parquet": "a row for each round: seed, level, outcome, return, what was seen last",
     "facts.json": "all of this page's facts, and every setting",
 }
+_SIMULATED = """\
+The rounds depend on these arguments and on the version alone, not on the number of workers. Their seeds are drawn
+from seed {seed}; on generated levels, rounds of one level are neighbours."""
+_OF_A_ROBOT = """\
+The rounds were recorded by `pacman-env ros record` in the bags {bags}. Observations are made from what the robot knew
+at each decision, rewards from the game's reports. A robot's round has no seed (0 in the files) and cannot be played
+again; one that a person broke off ends truncated, with the outcome *running*."""
 _MINARI = """
 ```python
 import minari
@@ -85,4 +91,8 @@ def write_card(folder: Path, facts: dict[str, Any]) -> None:
     files = "\n".join(f"| `{name}` | {size:,} | {_MEANING[name]} |" for name, size in sizes.items())
     reading = _MINARI.format(**facts) if "data/metadata.json" in sizes else ""
     reading += _TABLES if "decisions.parquet" in sizes else ""
-    (folder / "README.md").write_text(_CARD.format(**facts, files=files, reading=reading))
+    player, origin = f"played by the policy `{facts['policy']}`", _SIMULATED.format(**facts)
+    if facts["bags"]:
+        player, origin = "played by a robot and written as if played", _OF_A_ROBOT.format(**facts)
+    text = _CARD.format(**facts, files=files, reading=reading, player=player, origin=origin)
+    (folder / "README.md").write_text(text)

@@ -23,7 +23,6 @@ from pacman_env.evaluation.compare.shipping import contents, kept
 from pacman_env.executors.base import Executor
 from pacman_env.game.execution import RUNNING
 from pacman_env.sim.maps.level_source import FixedMap
-from pacman_env.sim.observation.situation import MISSING
 from pacman_env.world.maps.occupancy import load_map, shipped_maps
 
 _MOST_PER_TASK = 500  # rounds
@@ -195,11 +194,7 @@ class _Recorder:
         """The policy's choice, and the ticks until the next; games that are over stand still."""
         core = self._core
         chosen = self._policy.select(core.situation)
-        action, listed = chosen, np.ones(len(chosen), dtype=np.bool_)
-        if core.listed is not None:
-            at = (core.listed == chosen[:, None]) & (core.listed != MISSING)
-            listed = at.any(axis=1)
-            action = np.where(listed, at.argmax(axis=1), core.candidates - 1)
+        action, listed = core.actions_of(chosen)
         self._unlisted += ~listed
         rewards, terminated, truncated = core.step(action)
         return _Done(action, rewards, terminated & ~over, truncated & ~over, core.elapsed_s.copy())

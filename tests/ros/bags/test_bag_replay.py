@@ -26,7 +26,8 @@ from pacman_env.policies import registry
 from pacman_env.policies.registry import make_policy
 from pacman_env.ros import topics
 from pacman_env.ros.bags.bag import BagError, open_bag
-from pacman_env.ros.bags.bag_replay import Otherwise, ReplayReport, chosen_of, recorded_config, replay_bag
+from pacman_env.ros.bags.bag_replay import Otherwise, ReplayReport, replay_bag
+from pacman_env.ros.bags.bag_walk import chosen_of, recorded_config
 from pacman_env.ros.bags.pose_statistics import PoseStatistics, simulated_statistics
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets

@@ -1,0 +1,163 @@
+"""Rounds that a robot has played, from its bags, as if they were recorded in the environment.
+
+What was seen is made from what the robot knew; rewards follow from the statuses of the game, by the configuration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pacman_env.config import Config, ConfigError, make_config
+from pacman_env.config.composition import differences
+from pacman_env.envs.arguments import EnvArguments
+from pacman_env.envs.core import EnvCore
+from pacman_env.envs.outcome import OUTCOMES
+from pacman_env.ros import topics
+from pacman_env.ros.bags.bag import BagError, open_bag
+from pacman_env.ros.bags.bag_walk import Walk, recorded_config
+from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.observation.situation import Situation
+
+from .recording import ROUND, Rounds, flattened
+
+#: Kinds that are made of a situation alone.
+KINDS = ("features", "planner", "bearings")
+_CODES = {word: code for code, word in enumerate(OUTCOMES.tolist())}
+
+
+#: Sections of a configuration that say how rounds are shown to a learner, not how they are played.
+_NOT_PLAYED = ("observation", "action", "decisions", "randomize", "max_cycles", "num_levels", "start_level")
+
+
+class RobotRounds:
+    """The rounds of some bags in an environment; raises BagError, or ConfigError for kinds that need the simulator."""
+
+    def __init__(self, bags: Sequence[Path], arguments: EnvArguments, namespace: str | None = None) -> None:
+        """``arguments`` of the environment but for what the first bag's game was played by."""
+        self._bags, self._namespace = bags, namespace
+        self.arguments = _played_by(self._config(bags[0]), arguments)
+        self._core = EnvCore(1, self.arguments)
+        kinds = self._core.config.observation.kinds
+        for kind in kinds:
+            if kind not in KINDS:
+                raise ConfigError(f"observation kind {kind!r}: of a robot's rounds there are only {', '.join(KINDS)}")
+
+    def _config(self, path: Path) -> Config:
+        with open_bag(path, self._namespace) as bag:
+            return recorded_config(bag)
+
+    def rounds(self) -> Iterator[Rounds]:
+        """Those with a decision, bag after bag."""
+        for path in self._bags:
+            with open_bag(path, self._namespace) as bag:
+                if not bag.has(topics.SCORES):
+                    raise BagError(f"{path}: no {topics.SCORES.name}: the choices of its goal selector are not known")
+                taken, config = _Taken(self._core), recorded_config(bag)
+                walk = Walk(bag, map_assets(self.arguments.map, config), config, taken)
+                if (
+                    walk.view.hold != self._core.batch.hold
+                    or len(config.clyde.ghosts) != self._core.batch.ghosts.shape[1]
+                ):
+                    raise BagError(f"{path}: has other pellets, refuges or ghosts than {self._bags[0]}")
+                walk.run()
+            yield from taken.rounds
+
+
+def _played_by(played: Config, arguments: EnvArguments) -> EnvArguments:
+    """Ghosts that a policy moved wander: the observation has their number alone."""
+    found = differences(make_config("robot").as_dict(), played.as_dict())
+    changed = {name: value for name, (_, value) in found.items() if name.partition(".")[0] not in _NOT_PLAYED}
+    changed.pop("clyde.ghosts", None)
+    ghosts = tuple("wander" if name == "policy" else name for name in played.clyde.ghosts)
+    if isinstance(arguments.settings, Config):
+        raise ConfigError("settings is a Config: a robot's rounds have the configuration of their bag")
+    return replace(arguments, ghosts=ghosts, preset="robot", settings={**changed, **(arguments.settings or {})})
+
+
+class _Taken:
+    """Follows a walk, and takes down its rounds; one without a decision is left out."""
+
+    def __init__(self, core: EnvCore) -> None:
+        self.rounds: list[Rounds] = []
+        self._core = core
+        self._begin()
+
+    def _begin(self) -> None:
+        self._seen: list[dict[str, Any]] = []
+        self._masks: list[Any] = []
+        self._actions: list[int] = []
+        self._at_s: list[float] = []
+        self._collected: list[tuple[float, str]] = []
+        self._unlisted = self._spawned = 0
+        self._word = ""
+
+    def begin(self, at_s: float) -> None:
+        self._begin()
+
+    def report(self, at_s: float, status: str) -> None:
+        word, _, number = status.partition(":")
+        if word == "pellet_collected" and number not in [known for _, known in self._collected]:
+            self._collected.append((at_s, number))
+        elif word in ("death_detected", "game_complete"):
+            self._word = word
+
+    def decide(self, at_s: float, situation: Situation, recorded: int | None) -> None:
+        core = self._core
+        self._look(situation)
+        self._spawned = max(self._spawned, int(situation.pellets_left[0]) + len(self._collected))
+        assert recorded is not None  # the bag has the choices
+        (action,), (listed,) = core.actions_of(np.array([recorded]))
+        self._unlisted += not listed
+        self._actions.append(int(action))
+        self._at_s.append(at_s)
+
+    def end(self, at_s: float, state: str, situation: Situation | None) -> None:
+        if not self._actions:
+            return
+        if situation is None:  # as it was seen last
+            self._seen.append(self._seen[-1])
+            self._masks.append(self._masks[-1])
+        else:
+            self._look(situation)
+        outcome = self._outcome(state)
+        over = outcome != "running"
+        count = len(self._actions)
+        elapsed_s = np.diff([*self._at_s, at_s])
+        rewards = self._rewards(elapsed_s, outcome)
+        about = np.zeros(1, dtype=ROUND)
+        about["outcome"], about["decisions"], about["return"] = _CODES[outcome], count, rewards.sum()
+        about["collected"], about["spawned"], about["unlisted"] = len(self._collected), self._spawned, self._unlisted
+        last = np.arange(count) == count - 1
+        seen = {key: np.stack([one[key] for one in self._seen]) for key in self._seen[0]}
+        masks = np.stack(self._masks).astype(np.int8)
+        actions = np.array(self._actions, dtype=np.int64)
+        self.rounds.append(Rounds(about, seen, masks, actions, rewards, last & over, last & (not over), elapsed_s))
+        self._begin()
+
+    def _look(self, situation: Situation) -> None:
+        seen = flattened(self._core.observe_from(situation))
+        self._seen.append({key: array[0] for key, array in seen.items()})
+        self._masks.append(self._core.masks()[0])
+
+    def _outcome(self, state: str) -> str:
+        """``running`` where a person broke it off."""
+        if state == "dying" or self._word == "death_detected":
+            return "caught"
+        if state == "complete" or self._word == "game_complete":
+            return "complete" if len(self._collected) >= self._spawned else "cleared"
+        return "running"
+
+    def _rewards(self, elapsed_s: Any, outcome: str) -> Any:
+        """(D,) as in the environment, but for ``reward.progress``: ticks, pellets and the end."""
+        config = self._core.config
+        rewards = config.reward.tick * elapsed_s / config.execution.tick_s
+        pellet_of = np.searchsorted(self._at_s, [at_s for at_s, _ in self._collected], side="right") - 1
+        np.add.at(rewards, np.maximum(pellet_of, 0), config.reward.pellet)
+        ends = {"caught": config.reward.death, "complete": config.reward.completion}
+        rewards[-1] += ends.get(outcome, 0.0)
+        return rewards

@@ -1,0 +1,194 @@
+"""A recorded game from its beginning to its end: what the robot knew at each decision, and where it was sent."""
+
+import json
+from collections.abc import Iterator
+from typing import Any, Protocol
+
+import numpy as np
+
+from pacman_env.config import Config, differences, make_config
+from pacman_env.ros import topics
+from pacman_env.ros.bags.bag import Bag, BagError, Recorded
+from pacman_env.ros.bags.pose_statistics import PoseStatistics
+from pacman_env.ros.messages import BadMessage, nanoseconds_of, pellets_of, pose_of
+from pacman_env.ros.selector.believed_pose import BelievedPose
+from pacman_env.ros.supervisor.game_nodes import SELECTOR
+from pacman_env.sim.maps.assets import MapAssets
+from pacman_env.sim.observation.robot_view import RobotView, Seen
+from pacman_env.sim.observation.situation import Situation
+
+_READ = (
+    *(topics.GAME_STATE, topics.GAME_STATUS, topics.PELLET_MARKERS, topics.REMOVE_PELLET, *topics.GHOST_POSES),
+    *(topics.CLYDE_SPEED, topics.AMCL_POSE, topics.ODOMETRY, topics.TF, topics.TF_STATIC, topics.SCORES),
+)
+PLAN_LASTS_S = 2.5  # Nav2 plans anew every second while it has a goal
+PLAN_LATE_S = 1.2  # a choice is visible in the first plan after it, this late at most
+TICK_LATE = 0.1  # of a tick: what the goal selector chose in it is known by then
+TF_S = 1.0  # a transform that is older is no use, by default of the goal selector
+END_OF_PLAN_M = 0.75  # Nav2 may end a plan beside its goal, half a metre in x and in y
+
+
+class Follower(Protocol):
+    """Follows a walk; times are in s since the bag began."""
+
+    def begin(self, at_s: float) -> None:
+        """A round begins."""
+
+    def decide(self, at_s: float, situation: Situation, recorded: int | None) -> None:
+        """A decision of the round: ``recorded`` is the candidate that was chosen, None if that is not known."""
+
+    def report(self, at_s: float, status: str) -> None:
+        """A message on ``game_status``."""
+
+    def end(self, at_s: float, state: str, situation: Situation | None) -> None:
+        """The round has ended, with the game in that state; None: too little is known of where the robot is."""
+
+
+class Walk:
+    """One pass through a bag."""
+
+    def __init__(self, bag: Bag, assets: MapAssets, config: Config, follower: Follower) -> None:
+        self.view, self.motion = RobotView(assets, config), PoseStatistics(counts=False)
+        self.rounds = 0
+        self.bad_messages: dict[str, int] = {}
+        self._bag, self._follower = bag, follower
+        self._tick_s = config.execution.tick_s
+        self._by_event = config.decisions.when == "event"
+        self._ghosts = {topics.GHOST_POSES[k].name: k for k in range(len(config.clyde.ghosts))}
+        self._has_scores = bag.has(topics.SCORES)  # else it is another planner's game
+        self._chosen_before = -1
+        self._plans = [] if self._has_scores else list(_plans(bag, assets))
+        self._believed = BelievedPose(TF_S)  # as the goal selector has it
+        self._running = False
+        self._began_s = self._due_s = 0.0
+        self._left: set[int] = set()
+        self._gone: set[int] = set()  # of this round
+        self._velocity = (0.0, 0.0)
+
+    def run(self) -> None:
+        """Decisions are those of the recorded goal selector, else due every tick."""
+        for recorded in self._bag.messages(_READ):
+            self._decisions_before(recorded)
+            try:
+                self._update(recorded)
+            except BadMessage as error:
+                what = f"{recorded.topic}: {error}"
+                self.bad_messages[what] = self.bad_messages.get(what, 0) + 1
+
+    def _decisions_before(self, recorded: Recorded) -> None:
+        if self._has_scores:
+            while self._by_event and self._running and self._due_s + TICK_LATE * self._tick_s < recorded.at_s:
+                self._situation(self._due_s, self._chosen_before)  # a tick in which it only observed
+                self._due_s += self._tick_s
+            if self._running and recorded.topic == topics.SCORES.name:
+                chosen = chosen_of(recorded.message)
+                self._decide(recorded.at_s, self._chosen_before, chosen)
+                self._chosen_before, self._due_s = chosen, recorded.at_s + self._tick_s
+        else:
+            while self._running and self._due_s <= recorded.at_s:
+                chosen_soon = self._planned(self._due_s + PLAN_LATE_S) if self._plans else None
+                self._decide(self._due_s, self._planned(self._due_s), chosen_soon)
+                self._due_s += self._tick_s
+
+    def _update(self, recorded: Recorded) -> None:
+        message, topic, at_s = recorded.message, recorded.topic, recorded.at_s
+        if topic == topics.GAME_STATE.name:
+            self._enter(message.data, at_s)
+        elif topic == topics.GAME_STATUS.name:
+            self._follower.report(at_s, message.data)
+        elif topic == topics.PELLET_MARKERS.name:
+            self._left = set(self.view.pellets(pellets_of(message)).known)
+        elif topic == topics.REMOVE_PELLET.name:
+            self._gone.add(message.data)
+        elif topic == topics.CLYDE_SPEED.name:
+            self.view.clyde_speed_mps = message.data
+        elif topic in self._ghosts:
+            (x, y, _), stamp_ns = pose_of(message), nanoseconds_of(message.header.stamp)
+            self.view.see_ghost(self._ghosts[topic], x, y, stamp_ns)
+            if topic == topics.CLYDE_POSE.name:
+                self.motion.see_clyde(stamp_ns / 1e9, x, y)
+        elif topic in (topics.TF.name, topics.TF_STATIC.name):
+            self._believed.transforms(message, at_s, static=topic == topics.TF_STATIC.name)
+        elif topic == topics.AMCL_POSE.name:
+            self.motion.localize(nanoseconds_of(message.header.stamp) / 1e9, pose_of(message))
+        elif topic == topics.ODOMETRY.name:
+            twist = message.twist.twist
+            self._velocity = twist.linear.x, twist.angular.z
+            self.motion.drive(pose_of(message, frame=message.header.frame_id), twist.linear.x)
+
+    def _enter(self, state: str, at_s: float) -> None:
+        running = state == "running"
+        if running and not self._running:
+            self.rounds += 1
+            self._began_s = self._due_s = at_s
+            self.motion.counts = True
+            self._chosen_before = -1
+            self.view.begin()
+            self._follower.begin(at_s)
+        elif not running:
+            self.motion.counts = False  # shows and the drive home are no driving for pellets
+            if self._running:
+                self._follower.end(at_s, state, self._situation(at_s, -1, over=True))
+            self._gone.clear()
+        self._running = running
+
+    def _situation(self, at_s: float, pursued: int, over: bool = False) -> Situation | None:
+        """What a policy sees at a tick; None if too little is known."""
+        belief, left = self._believed.at(at_s), self._left - self._gone
+        pose = self.motion.believed if belief is None else belief.pose  # of a bag without transforms
+        velocity = self._velocity if belief is None else belief.velocity
+        goal = None if pursued < 0 else self.view.goal(pursued)
+        if goal is not None and goal.pellet is not None and goal.pellet not in left:
+            pursued = -1  # it was collected since
+        if pose is None or self.view.unseen or not (left or over) or self.view.off_the_map(*pose[:2]):
+            return None
+        age_s = 0.0 if belief is None else belief.age_s
+        seen = Seen(at_s - self._began_s, pose, left, velocity, pose_age_s=age_s, pursued=pursued)
+        return self.view.situation(seen)
+
+    def _decide(self, at_s: float, pursued: int, recorded: int | None) -> None:
+        """``pursued``: where the robot was going, ``recorded``: what was chosen (-1 for nothing, None if not known)."""
+        situation = self._situation(at_s, pursued)
+        if situation is not None:
+            chosen = self.view.hold if recorded is not None and recorded < 0 else recorded
+            self._follower.decide(at_s, situation, chosen)
+
+    def _planned(self, at_s: float) -> int:
+        """The candidate that Nav2 planned to, -1 for none."""
+        before = [candidate for when, candidate in self._plans if at_s - PLAN_LASTS_S < when <= at_s]
+        return before[-1] if before else -1
+
+
+def recorded_config(bag: Bag) -> Config:
+    """The configuration that the goal selector published, else the default one."""
+    found = make_config()
+    for recorded in bag.messages((topics.CONFIGURATION,)):
+        try:
+            plays = json.loads(recorded.message.data)
+            if plays["node"] == SELECTOR:
+                fields = differences(make_config().as_dict(), plays["configuration"])
+                known = {name: value for name, (_, value) in fields.items() if value is not None}  # else of 0.10
+                found = make_config(**known)
+                ghosts = ("policy" if name.endswith(".onnx") else name for name in found.clyde.ghosts)  # only seen here
+                found = found.with_fields(**{"clyde.ghosts": tuple(ghosts)})
+        except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
+            raise BagError(f"{topics.CONFIGURATION.name}: not a configuration of this version: {error}") from None
+    return found
+
+
+def _plans(bag: Bag, assets: MapAssets) -> Iterator[tuple[float, int]]:
+    """When Nav2 planned, and to which candidate, or to none (-1), such as home."""
+    for recorded in bag.messages((topics.PLAN,)):
+        if recorded.message.poses:
+            end = recorded.message.poses[-1].pose.position
+            away = np.hypot(assets.goal_xy[:, 0] - end.x, assets.goal_xy[:, 1] - end.y)
+            nearest = int(away.argmin())
+            yield recorded.at_s, nearest if away[nearest] <= END_OF_PLAN_M else -1
+
+
+def chosen_of(markers: Any) -> int:
+    """The candidate that a MarkerArray of scores shows in green, -1 for none."""
+    for marker in markers.markers:
+        if marker.color.g > 0.5 > max(marker.color.r, marker.color.b):
+            return int(marker.id)
+    return -1

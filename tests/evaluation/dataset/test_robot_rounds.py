@@ -1,0 +1,128 @@
+"""Rounds of a robot as a data set: what is in them is what was recorded."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("irobot_create_msgs")
+pytest.importorskip("rosbags")
+pytest.importorskip("pandas")
+pytest.importorskip("minari")
+
+import minari
+import pandas
+
+from pacman_env.evaluation.dataset.__main__ import main
+from pacman_env.ros import topics
+from pacman_env.ros.bags.record import NAME, Recorder
+from tests.ros import session
+from tests.ros.bags.test_bag_replay import TICKS, write_round
+from tests.ros.conftest import domain as domain  # the fixture
+from tests.system.campaign.schedule import part_of_map
+
+SETTINGS = ("show.start_s=1.0", "clyde.speed_mps=0.02", "execution.tick_s=0.4", "execution.check_period_s=0.4")
+NAME_OF_IT = "pacman-env/robot-v0"
+
+
+@pytest.fixture(scope="module")
+def recorded(domain: int, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """The bag of one round that was played by the nodes, and its map."""
+    folder = tmp_path_factory.mktemp("robot")
+    ground = str(part_of_map("loop", 3.0).save(folder / "ground.yaml"))
+    with session.game(folder, ground, "nearest", seed=1, settings=SETTINGS) as game:
+        recorder = game.start(NAME, lambda: Recorder(folder / "game", sim_time=True))
+        game.record(topics.GAME_RESULT)
+        assert game.call(topics.START_GAME).success
+        game.wait_for(lambda: game.last(topics.GAME_RESULT).data, 600, "the end of the round")
+        assert game.last(topics.GAME_RESULT).data == "Complete - Score: 3"
+        game.game.remove(recorder)
+    return folder / "game", ground
+
+
+def written(folder: Path, bag: Path, ground: str, *more: str) -> Path:
+    assert main([NAME_OF_IT, "--bags", str(bag), "--map", ground, "--root", str(folder), *more]) == 0
+    return folder / NAME_OF_IT
+
+
+def test_a_round_that_was_played_by_the_nodes_is_an_episode(
+    recorded: tuple[Path, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = written(tmp_path, *recorded)
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    data = minari.load_dataset(NAME_OF_IT)
+    assert data.total_episodes == 1
+    episode = data[0]
+    assert data.observation_space.contains(episode.observations[0])
+    assert len(episode.observations) == len(episode.actions) + 1
+    decisions, rounds = (pandas.read_parquet(folder / f"{name}.parquet") for name in ("decisions", "rounds"))
+    (about,) = rounds.to_dict("records")
+    assert (about["outcome"], about["collected"], about["spawned"], about["unlisted"]) == ("complete", 3, 3, 0)
+    config = json.loads((folder / "facts.json").read_text())["settings"]
+    assert config["execution.tick_s"] == 0.4  # the game's own
+    ticks = decisions["elapsed_s"].sum() / 0.4
+    assert about["return"] == pytest.approx(3 * 1.0 + 5.0 - 0.002 * ticks)
+    assert (decisions["reward"] > 0.9).sum() == 3
+    assert decisions["terminated"].tolist() == [False] * (len(decisions) - 1) + [True]
+    allowed = np.stack(decisions["action_mask"].to_list())
+    assert allowed[np.arange(len(decisions)), decisions["action"]].all()
+    assert (decisions["action"] == 0).mean() > 0.8  # listed by their distance: the policy takes the nearest
+    card = (folder / "README.md").read_text()
+    assert "played by a robot" in card
+    assert "['game']" in card
+
+
+@pytest.mark.parametrize(
+    ("more", "keys"),
+    [
+        (["--id", "PacManBot-v0"], {"observation.robot", "observation.candidates"}),
+        (["--id", "PacManBot-v0", "--observation", "planner"], {"observation.planner_globals"}),
+    ],
+)
+def test_other_observations_are_made_from_the_same_round(
+    recorded: tuple[Path, str], tmp_path: Path, more: list[str], keys: set[str]
+) -> None:
+    folder = written(tmp_path, *recorded, "--format", "parquet", *more)
+    assert keys <= set(pandas.read_parquet(folder / "decisions.parquet").columns)
+
+
+def test_a_round_that_was_broken_off_is_truncated(tmp_path: Path) -> None:
+    write_round(tmp_path / "game", "nearest", plans=False, scores=True)
+    folder = written(tmp_path, tmp_path / "game", "house", "--format", "parquet")
+    decisions, rounds = (pandas.read_parquet(folder / f"{name}.parquet") for name in ("decisions", "rounds"))
+    assert rounds["outcome"].tolist() == ["running"]
+    assert rounds["collected"].tolist() == [1]
+    assert len(decisions) == TICKS
+    assert decisions["truncated"].sum() == decisions["truncated"].iloc[-1] == 1
+    assert decisions["elapsed_s"].iloc[:-1].to_numpy() == pytest.approx(0.5)
+
+
+def refusals(tmp_path: Path) -> dict[str, tuple[list[str], str]]:
+    write_round(tmp_path / "foreign", "nearest", scores=False)
+    write_round(tmp_path / "game", "nearest", scores=True)
+    at = ["--root", str(tmp_path / "out"), "--map", "house", "--bags"]
+    return {
+        "of another goal selector": ([*at, str(tmp_path / "foreign")], "the choices of its goal selector"),
+        "absent": ([*at, str(tmp_path / "none")], "no bag that can be read"),
+        "a scan": (
+            [*at, str(tmp_path / "game"), "--id", "PacManBot-v0", "--observation", "scan"],
+            "of a robot's rounds there are only features, planner, bearings",
+        ),
+        "of another map": ([*at[:-2], "maze", "--bags", str(tmp_path / "game")], "no round with a decision"),
+    }
+
+
+@pytest.mark.parametrize("case", ["of another goal selector", "absent", "a scan", "of another map"])
+def test_what_cannot_be_written_is_one_line_and_nothing_is_left(
+    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given, words = refusals(tmp_path)[case]
+    assert main([NAME_OF_IT, *given]) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert len(error.splitlines()) == 1
+    assert not [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
