@@ -72,6 +72,7 @@ def test_stable_baselines3_learns_and_its_model_is_for_every_map(script: str, al
     assert action in env.action_space
 
 
+@pytest.mark.daily
 def test_cleanrl_s_ppo_learns_and_saves_its_networks(tmp_path: Path) -> None:
     weights = torch.load(run("cleanrl_ppo.py", 512, tmp_path), weights_only=True)
     assert not torch.equal(weights["critic.4.bias"], torch.zeros(1))  # it begins there

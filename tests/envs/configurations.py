@@ -83,15 +83,15 @@ def covering(axes: Mapping[str, Sequence[Any]], strength: int, crossed: Sequence
 
     Each next one is that with the most groups of values not met yet.
     """
-    everything = product(axes)
-    missing = {group for combination in everything for group in groups(combination, strength)}
+    everything = [(combination, frozenset(groups(combination, strength))) for combination in product(axes)]
+    missing = {group for _, met in everything for group in met}
     begun = product({axis: axes[axis] for axis in crossed}) if crossed else []
     chosen = []
     while begun or missing:
         first = begun.pop() if begun else {}
-        eligible = [combination for combination in everything if first.items() <= combination.items()]
-        best = max(eligible, key=lambda c: sum(group in missing for group in groups(c, strength)))
-        missing.difference_update(groups(best, strength))
+        eligible = [one for one in everything if first.items() <= one[0].items()]
+        best, met = max(eligible, key=lambda one: len(one[1] & missing))
+        missing -= met
         chosen.append(best)
     return chosen
 

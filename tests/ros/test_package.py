@@ -177,6 +177,7 @@ def workspaces(colcon: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[s
     return made
 
 
+@pytest.mark.daily
 @pytest.mark.parametrize("kind", ["plain", "links"])
 def test_colcon_builds_a_package_that_ros2_run_and_launch_find(workspaces: dict[str, Workspace], kind: str) -> None:
     workspace = workspaces[kind]
@@ -198,6 +199,7 @@ def test_colcon_builds_a_package_that_ros2_run_and_launch_find(workspaces: dict[
     assert imported.resolve().is_relative_to(workspace.sources) == (kind == "links")
 
 
+@pytest.mark.daily
 @pytest.mark.parametrize("kind", ["plain", "links"])
 def test_a_node_that_colcon_installed_starts_and_refuses_a_bad_map(workspaces: dict[str, Workspace], kind: str) -> None:
     workspace = workspaces[kind]
@@ -208,6 +210,7 @@ def test_a_node_that_colcon_installed_starts_and_refuses_a_bad_map(workspaces: d
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.daily
 def test_a_workspace_of_links_can_be_built_again(workspaces: dict[str, Workspace]) -> None:
     build = workspaces["links"].build()
     said, _ = build.communicate()

@@ -57,6 +57,7 @@ def notes(folder: Path) -> dict[int, dict[str, Any]]:
     return {int(path.stem): json.loads(path.read_text() or "{}") for path in (folder / "notes").glob("*.json")}
 
 
+@pytest.mark.daily
 def test_nav2_gets_its_arguments_is_started_again_after_its_death_and_is_stopped(
     system: Any, probe: Any, tmp_path: Path, noting: str
 ) -> None:
