@@ -21,6 +21,7 @@ from .queue import Queue
 _LOOPBACK = "127.0.0.1"
 _ANSWER_S = 5.0  # within which a cluster answers
 _POLL_S = 1.0  # between two looks at the tasks' times, and at the cluster's size
+_EMPTY_S = 60.0  # so long a cluster may have no machine
 
 
 class RayCluster(Executor):
@@ -51,6 +52,8 @@ class RayCluster(Executor):
         except (ConnectionError, RuntimeError, ValueError) as error:
             raise ConnectionError(f"--ray {address or ''}: {error}") from None
         self._ray, self._actors = ray, dict[int, Any]()
+        self._empty_s = 0.0 if address is None else _EMPTY_S  # no machine joins one's own cluster
+        self._had_some_s = monotonic()
         self._known, self._metrics = self._machines(), _Metrics()
         super().__init__(max(1, sum(self._known.values())), limit_s)
         # Lost workers are counted here; an exception of a task is its result.
@@ -132,6 +135,10 @@ class RayCluster(Executor):
         for name in self._known.keys() - machines.keys():
             LOG.warning("machine %s was lost: %d workers", name, workers)
         self._known, self.workers = machines, workers
+        if machines:
+            self._had_some_s = monotonic()
+        elif monotonic() - self._had_some_s > self._empty_s:
+            raise ConnectionError("--ray: no machine of the cluster is left")
         self._metrics.publish(self.progress, workers)
 
     def _machines(self) -> dict[str, int]:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 
 pytest.importorskip("ray")
@@ -198,3 +199,13 @@ def test_without_an_address_the_cluster_is_a_new_one(cluster: Cluster) -> None:
     with RayCluster(workers=2) as executor:
         assert executor.workers == 2
         assert executor.map(functions.double, [4]) == [8]
+
+
+def test_a_cluster_whose_only_machine_is_lost_ends_the_run_in_one_line() -> None:
+    with RayCluster(workers=1) as executor:
+        ends = executor.run(functions.slow_double, range(1000))
+        next(ends)
+        (node,) = (process for process in psutil.Process().children(recursive=True) if process.name() == "raylet")
+        node.kill()
+        with pytest.raises(ConnectionError, match="no machine of the cluster is left"):
+            list(ends)

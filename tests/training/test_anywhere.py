@@ -91,7 +91,7 @@ def spawned(process: psutil.Process) -> bool:
 
 def of_ray(process: psutil.Process) -> bool:
     try:
-        return process.name().startswith("ray::")
+        return process.name().startswith("ray::_Worker")
     except psutil.NoSuchProcess:
         return False
 
