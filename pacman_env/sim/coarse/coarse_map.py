@@ -4,6 +4,7 @@ A block is the cells of a square that are connected inside it; its place is that
 """
 
 import math
+import threading
 import weakref
 from typing import Any, NamedTuple
 
@@ -46,13 +47,15 @@ class CoarseArrays(NamedTuple):
 
 
 _maps: "weakref.WeakKeyDictionary[MapAssets, CoarseArrays]" = weakref.WeakKeyDictionary()
+_making = threading.Lock()  # threads that play on one map have one of it
 
 
 def coarse_map(assets: MapAssets) -> CoarseArrays:
     """The blocks of a map, made at the first call and kept as long as the map itself."""
-    made = _maps.get(assets)
-    if made is None:
-        made = _maps[assets] = _build(assets)
+    with _making:
+        made = _maps.get(assets)
+        if made is None:
+            made = _maps[assets] = _build(assets)
     return made
 
 

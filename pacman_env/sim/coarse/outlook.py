@@ -5,6 +5,7 @@ react, then to the nearest other goals. Ghosts that wander are not in it; ``obse
 """
 
 import math
+import threading
 import weakref
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -38,6 +39,7 @@ from .model import (
 )
 
 if TYPE_CHECKING:
+    from ..maps.assets import MapAssets
     from ..maps.level_stack import LevelStack
 
 _FAR_S, _STAY_S, _AFTER_S = 30.0, 6.0, 8.0  # played at most on the way to a candidate, holding, after arriving
@@ -68,6 +70,7 @@ class OutlookArrays(NamedTuple):
 
 _coarse_arrays = arrays_by_address(CoarseArrays)
 _tables: "weakref.WeakKeyDictionary[Any, Table]" = weakref.WeakKeyDictionary()  # by assets
+_making = threading.Lock()
 
 
 class Outlook:
@@ -95,10 +98,7 @@ class Outlook:
         for slot in set(slots.tolist()):
             assets = levels.assets(slot)
             if self._known[slot] is not assets:
-                table = _tables.get(assets)
-                if table is None:
-                    table = _tables[assets] = Table(CoarseArrays, **coarse_map(assets)._asdict())
-                self._known[slot], self._addresses[slot] = assets, table.address
+                self._known[slot], self._addresses[slot] = assets, _coarse_table(assets).address
         goals = levels.arrays["goal_xy"].shape[1]
         fits = self._memory and self._memory[0].ghosts.shape[1] == ghosts and len(self._memory[0].bit) == goals
         if not fits:
@@ -123,6 +123,15 @@ class Outlook:
             self._tables += [table, whole]
             self._places.append(np.array([whole.address]))
         return self._places[:threads]
+
+
+def _coarse_table(assets: "MapAssets") -> Table:
+    """Kept as long as the map: a second one that replaced it in another thread would free what its kernels read."""
+    with _making:
+        table = _tables.get(assets)
+        if table is None:
+            table = _tables[assets] = Table(CoarseArrays, **coarse_map(assets)._asdict())
+    return table
 
 
 outlook_arrays = arrays_by_address(OutlookArrays)
