@@ -59,7 +59,7 @@ def test_a_notebook_runs_from_top_to_bottom_in_a_fresh_kernel(name: str) -> None
     notebooks.run(name, SHORT[name])
 
 
-@pytest.mark.parametrize("name", ["game", "own_policy"])  # the page of the training shows its code alone
+@pytest.mark.parametrize("name", SHORT)
 def test_outputs_are_kept_and_none_is_large(name: str) -> None:
     cells = [cell for cell in kept(name).cells if cell.cell_type == "code"]
     assert [cell.execution_count for cell in cells] == list(range(1, len(cells) + 1))
