@@ -59,7 +59,9 @@ VENVS = {
     ),
     "rllib": Venv(("ray[rllib]==2.60.0", "torch==2.13.0"), ("gymnasium",)),  # which it pins to 1.2.2
     # Its virtualenv wants filelock below 4; named here, as pip takes minutes to find that out.
-    "tianshou": Venv(("tianshou==2.0.1", "torch==2.13.0", "virtualenv==20.39.1", "filelock==3.32.7"), ("filelock",)),
+    "tianshou": Venv(
+        ("tianshou==2.0.1", "torch==2.13.0", "virtualenv==20.39.1", "filelock==3.32.7"), ("filelock", "pandas")
+    ),
     "rl_zoo3": Venv(("rl_zoo3==2.9.2", "torch==2.13.0"), ("python-dateutil",)),
     "benchmarl": Venv(("benchmarl==1.5.2", "torch==2.13.0")),  # with the TorchRL that it wants
     "torchrl": Venv(("torchrl==0.14.1", "torch==2.13.0")),
@@ -207,7 +209,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ]
     limit_s = LIMIT_S + (given.decisions or 0) / 50  # the slowest library makes 100 decisions a second
     chosen = [client for client in CLIENTS if not given.names or client.name in given.names]
-    results = [run(client, more, limit_s) for client in chosen]
+    results = []
+    for client in chosen:
+        try:
+            results.append(run(client, more, limit_s))
+        except subprocess.CalledProcessError as error:  # pip, which has said why
+            print(f"{client.name}: its environment cannot be made", file=sys.stderr)
+            results.append(Result(client, "", error.returncode, 0.0))
     written = table(results)
     print(written, end="")
     if given.write:

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -89,6 +90,23 @@ def test_completion_before_and_after_is_read_from_a_script_that_learns(
     assert "->" not in well
     assert (tmp_path / "cache" / "learns.log").read_text().startswith("generated 70\n")
     assert "70" not in (tmp_path / "cache" / "well.log").read_text()
+
+
+@pytest.mark.usefixtures("own_scripts")
+def test_an_environment_that_cannot_be_made_is_in_the_table_and_the_others_run(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def no_pip(client: Client, *more: Any) -> Result:
+        if client.name == "well":
+            raise subprocess.CalledProcessError(1, "pip")
+        return Result(client, "2.0", 0, 3.4)
+
+    monkeypatch.setattr(clients, "run", no_pip)
+    assert main(["well", "learns"]) == 1
+    output = capsys.readouterr()
+    assert output.err == "well: its environment cannot be made\n"
+    assert "| **fails** (status 1) | [well.py]" in output.out
+    assert "| unmodified | [learns.py]" in output.out
 
 
 @pytest.mark.usefixtures("own_scripts")
