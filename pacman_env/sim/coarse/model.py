@@ -6,6 +6,7 @@ wanders draws its targets from a stream of its own.
 
 import functools
 import math
+import threading
 import types
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -132,8 +133,16 @@ def _decide_behaviour(table, k, unused):  # type: ignore[no-untyped-def]
     return 0
 
 
-@functools.cache
+_making = threading.Lock()  # a second kernel in another thread would free the machine code of the first
+
+
 def _behaviour_kernel(behaviour: Behaviour) -> Callable[[int, int, int], int]:
+    with _making:
+        return _make_kernel(behaviour)
+
+
+@functools.cache
+def _make_kernel(behaviour: Behaviour) -> Callable[[int, int, int], int]:
     """:func:`_decide_behaviour` with the behaviour's function compiled into it."""
     assert behaviour.target is not None
     own = BEHAVIOURS.get(behaviour.name) == behaviour

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import math
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from pacman_env.engine.jit import kernel
-from pacman_env.game.ghosts import Behaviour, find_behaviour
+from pacman_env.game.ghosts import Behaviour, GhostView, find_behaviour
+from pacman_env.sim.coarse import model
 from pacman_env.sim.coarse.model import NOWHERE, Lags, choose, lead_m, play, step
 from pacman_env.sim.coarse.start import Start, draw_futures
 from tests.sim.coarse.games import config_of, situation_of, started
@@ -192,3 +197,23 @@ def test_every_behaviour_of_the_table_has_its_place(name: str) -> None:
     path = steps(game, 20)
     assert np.isfinite(path).all()
     assert len({tuple(row) for row in path[:, 2:].tolist()}) > 5
+
+
+def test_threads_that_need_a_behaviour_at_once_get_one_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    both, made = threading.Barrier(2), model.kernel
+
+    def slowly(*arguments: Any) -> Any:
+        time.sleep(0.1)
+        return made(*arguments)
+
+    def stand(view: GhostView, x: float) -> tuple[float, float]:
+        return view.x, view.y
+
+    def get() -> Any:
+        both.wait()
+        return model._behaviour_kernel(Behaviour("stands", stand, (1.0,)))
+
+    monkeypatch.setattr(model, "kernel", slowly)
+    with ThreadPoolExecutor(2) as pool:
+        first, second = (pool.submit(get) for _ in range(2))
+    assert first.result() is second.result()
