@@ -1,6 +1,8 @@
 """Settings that hold for every test."""
 
 import signal
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -15,14 +17,15 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 #: Files that take longest: begun first, so that none is left to run alone at the end.
 LONGEST = (
-    *("ros/operator_page/test_page_process.py", "ros/supervisor/test_up.py"),
+    *("ros/operator_page/test_page_process.py", "ros/supervisor/test_up.py", "docs/test_site.py"),
+    *("ros/supervisor/test_operating.py", "ros/supervisor/test_nav2.py", "training/test_fragments.py"),
     *("ros/test_package.py", "ros/bags/test_recover.py"),
     *("ros/campaign/test_robot_rounds.py", "ros/campaign/test_campaign.py", "ros/simulated_robot/test_sim_robot.py"),
     *("test_other_python.py", "web/test_page.py", "test_package.py", "benchmarks/test_web_load.py"),
     *("clients/test_scripts.py", "envs/test_promises.py", "system/test_memory.py", "web/test_page_accessible.py"),
     *("envs/test_judges.py", "engine/test_threads.py", "training/test_adversary.py", "web/test_simulated.py"),
     *("evaluation/test_benchmark.py", "training/test_ppo.py", "evaluation/report/test_report.py"),
-    *("ros/supervisor/test_operating.py", "system/test_kills.py"),
+    "system/test_kills.py",
 )
 
 
@@ -34,3 +37,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         return next((k for k, name in enumerate(LONGEST) if path.endswith(f"tests/{name}")), len(LONGEST))
 
     items.sort(key=place)
+
+
+@pytest.fixture(scope="session")
+def domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
+    """A ROS_DOMAIN_ID that no other test process has, on this machine alone; nobody waits long for the middleware."""
+    from tests.ros.system import free_domain
+
+    with free_domain() as number, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", str(number))
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        patch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(Path(__file__).parent / "ros" / "quick_middleware.xml"))
+        patch.setenv("ROS_LOG_DIR", str(tmp_path_factory.mktemp("ros_log")))
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))  # where the referee keeps a game
+        yield number

@@ -1,4 +1,4 @@
-"""What every test with ROS gets: a domain of its own, nodes that end with the test, a probe that records everything."""
+"""What every test with ROS gets: nodes that end with the test, a probe that records everything; ``domain`` is above."""
 
 from __future__ import annotations
 
@@ -15,20 +15,6 @@ if TYPE_CHECKING:
 
 if os.environ.get("CI") and find_spec("rclpy") is None:
     raise RuntimeError("rclpy is absent: in CI the tests with ROS must run")
-
-
-@pytest.fixture(scope="session")
-def domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
-    """A ROS_DOMAIN_ID that no other test process has, on this machine alone; nobody waits long for the middleware."""
-    from tests.ros.system import free_domain
-
-    with free_domain() as number, pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_DOMAIN_ID", str(number))
-        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        patch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(Path(__file__).with_name("quick_middleware.xml")))
-        patch.setenv("ROS_LOG_DIR", str(tmp_path_factory.mktemp("ros_log")))
-        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))  # where the referee keeps a game
-        yield number
 
 
 @pytest.fixture

@@ -22,7 +22,6 @@ from pacman_env.ros import topics
 from pacman_env.ros.bags.record import NAME, Recorder
 from tests.ros import session
 from tests.ros.bags.test_bag_replay import TICKS, write_round
-from tests.ros.conftest import domain as domain  # the fixture
 from tests.system.campaign.schedule import part_of_map
 
 SETTINGS = ("show.start_s=1.0", "clyde.speed_mps=0.02", "execution.tick_s=0.4", "execution.check_period_s=0.4")
