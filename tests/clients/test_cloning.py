@@ -31,6 +31,7 @@ def cloned(folder: Path, recorded: list[str], learnt: list[str]) -> tuple[list[f
     return same, {name: float(rate) for name, rate in rates}
 
 
+@pytest.mark.daily
 def test_a_clone_of_a_simple_rule_chooses_as_it_does(tmp_path: Path) -> None:
     recorded = ["--policy", "nearest", "--map", "house", "--episodes", "60"]
     weights = tmp_path / "clone.pt"

@@ -29,7 +29,7 @@ pytest.importorskip("rclpy")
 
 from pacman_env.ros import topics
 from tests.ros.network import on_the_network, two_machines, why_not
-from tests.ros.system import Probe, System
+from tests.ros.system import Probe, System, free_domain
 
 SIM_ROBOT = "pacman_env.ros.simulated_robot.sim_robot"
 LIGHTS = "pacman_env.ros.nodes.game_light_node"
@@ -123,8 +123,9 @@ def test_nodes_talk_without_a_port_in_shared_memory_unless_the_user_wants_it(
         monkeypatch.delenv(name, raising=False)
     if chosen:
         monkeypatch.setenv(TRANSPORTS, chosen)
-    nodes = [system.start(LIGHTS), system.start("pacman_env.ros.nodes.game_event_mapper")]
-    with mock.patch.dict(os.environ):
+    with free_domain() as alone, mock.patch.dict(os.environ, ROS_DOMAIN_ID=str(alone)):
+        # A node reads the ports of others, too: those that another test has left in this process's domain.
+        nodes = [system.start(LIGHTS), system.start("pacman_env.ros.nodes.game_event_mapper")]
         avoid_shared_memory()
         with Probe(system) as probe:
             probe.record(topics.LIGHT_RING)

@@ -103,6 +103,7 @@ def test_goals_are_replaced_and_cancelled_as_nav2_does(domain: int, tmp_path: Pa
         assert nowhere.end(2.0)[1].error_code == 208
 
 
+@pytest.mark.daily
 def test_a_round_is_played_by_velocities_scans_and_odometry_alone(domain: int, tmp_path: Path) -> None:
     extra = {SIMULATOR: dict(BASE_ONLY)}
     with session.game(tmp_path, "house", "ppo", seed=2, extra=extra, kind=StandInGame) as game:

@@ -51,6 +51,7 @@ def test_workers_change_nothing_but_times(tmp_path: Path) -> None:
     assert without_times(one["curves"]) == without_times(two["curves"])
 
 
+@pytest.mark.daily
 def test_every_baseline_learns_in_short(tmp_path: Path) -> None:
     found = learn(tmp_path, "--baselines")
     assert [curve["name"] for curve in found["curves"]] == [*load_baselines(FILE)]

@@ -63,6 +63,7 @@ def test_a_round_against_three_ghosts_of_the_table(ground: str, tmp_path: Path) 
     play(ground, tmp_path / "logs", "arcade,chase,wander", "clyde_aware")
 
 
+@pytest.mark.daily
 def test_a_round_against_a_learned_ghost_and_one_of_a_plug_in_by_its_preset_and_policy(
     ground: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -35,6 +35,7 @@ def setup(folder: Path, **fields: object) -> GameSetup:
     return GameSetup("house", "clyde_aware", NAMESPACE, True, lock_step=True, settings=shows, extra=extra, **fields)  # type: ignore[arg-type]
 
 
+@pytest.mark.daily
 def test_a_game_is_started_and_watched_from_outside_and_ends_with_its_last_messages(
     system: System, probe: Probe, tmp_path: Path
 ) -> None:
