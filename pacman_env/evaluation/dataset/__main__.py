@@ -168,7 +168,7 @@ def _writers(
         from .minari_files import MinariFiles, spec_of
 
         spaces = core.observation_space, core.action_space
-        more = {"dataset_id": arguments.name, "algorithm_name": arguments.policy, "pacman_env": facts}
+        more = {"dataset_id": arguments.name, "algorithm_name": facts["policy"], "pacman_env": facts}
         requirements = {"requirements": [f"pacman_env=={__version__}"], "description": "rounds of PacManBot"}
         yield MinariFiles(folder, spec_of(*env), spaces, {**more, **requirements})
     if "parquet" in arguments.format:

@@ -20,6 +20,7 @@ from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.ros import topics
 from pacman_env.ros.bags.bag import BagError, open_bag
 from pacman_env.ros.bags.bag_walk import Walk, recorded_config
+from pacman_env.sim.core.parameters import reward_record
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.situation import Situation
 
@@ -40,16 +41,12 @@ class RobotRounds:
     def __init__(self, bags: Sequence[Path], arguments: EnvArguments, namespace: str | None = None) -> None:
         """``arguments`` of the environment but for what the first bag's game was played by."""
         self._bags, self._namespace = bags, namespace
-        self.arguments = _played_by(self._config(bags[0]), arguments)
+        with open_bag(bags[0], namespace) as bag:
+            self.arguments = _played_by(recorded_config(bag), arguments)
         self._core = EnvCore(1, self.arguments)
-        kinds = self._core.config.observation.kinds
-        for kind in kinds:
+        for kind in self._core.config.observation.kinds:
             if kind not in KINDS:
                 raise ConfigError(f"observation kind {kind!r}: of a robot's rounds there are only {', '.join(KINDS)}")
-
-    def _config(self, path: Path) -> Config:
-        with open_bag(path, self._namespace) as bag:
-            return recorded_config(bag)
 
     def rounds(self) -> Iterator[Rounds]:
         """Those with a decision, bag after bag."""
@@ -158,6 +155,5 @@ class _Taken:
         rewards = config.reward.tick * elapsed_s / config.execution.tick_s
         pellet_of = np.searchsorted(self._at_s, [at_s for at_s, _ in self._collected], side="right") - 1
         np.add.at(rewards, np.maximum(pellet_of, 0), config.reward.pellet)
-        ends = {"caught": config.reward.death, "complete": config.reward.completion}
-        rewards[-1] += ends.get(outcome, 0.0)
+        rewards[-1] += reward_record(config.reward)["end"][0, _CODES[outcome]]
         return rewards
