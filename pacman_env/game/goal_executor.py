@@ -117,7 +117,7 @@ class GoalExecutor:
         if self.round.record.end == DEAD:
             self.task = "none"
             killed = ExecutorAction("event", f"{GHOST_NAMES[self.round.record.catcher]} killed")
-            return [*actions, killed, *self.statuses.ended("death_detected"), *self._halt(now)]
+            return [*actions, killed, *self.round.ended("death_detected"), *self._halt(now)]
         return [*actions, *(self._cancel_all(now) if action == CANCEL else self._continue(now))]
 
     def choose(self, place: Place | None, now: float) -> list[ExecutorAction]:

@@ -44,19 +44,20 @@ class UnacknowledgedStatuses:
         self._expected = max(self._expected, self._counted or 0) + 1
         return ExecutorAction("status", self.pellets[-1])
 
-    def inherit(self, gone: list[int], known: int) -> list[ExecutorAction] | None:
-        """Report the pellets that are ``gone``, of ``known``, in a round that an executing side before this one played.
+    def collected_before(self, pellets: Sequence[int], gone: int) -> list[ExecutorAction]:
+        """Report pellets that an executing side before this one has collected, if fewer are counted than are ``gone``.
 
-        It may have ended with a report that the referee has not received; pellets that were counted are not counted
-        again. None while it is not known whether there are such.
+        That side may have ended with a report that the referee has not received; a pellet that was counted is not
+        counted again.
         """
-        if not self.spawned or self._counted is None:
-            return None
-        if self.spawned != known or len(gone) <= self._counted:
+        earlier, now = self.pellets[: self._earlier], self.pellets[self._earlier :]
+        if not pellets or self._counted is None or self._counted + len(now) >= gone:
             return []
-        self.pellets = [f"pellet_collected:{pellet}" for pellet in gone]
-        self._expected = len(gone)
-        return [ExecutorAction("status", word) for word in self.pellets]
+        words = [f"pellet_collected:{pellet}" for pellet in pellets]
+        earlier = list(dict.fromkeys([*words, *earlier]))
+        self.pellets, self._earlier = [*earlier, *now], len(earlier)
+        self._expected = max(self._expected, gone)
+        return [ExecutorAction("status", word) for word in words]
 
     def counted(self, count: int) -> None:
         """The game's count of this round's pellets, including those of an executing side before this one."""
@@ -98,11 +99,12 @@ class RobotRound:
         self.record = Execution(config.execution.pickup_radius_m, pellets=len(goals.ids))
         self.reset()
         # The round may be one that another executing side began; pellets that an abort removes are never counted.
-        self._inherited = config.execution.on_abort != "lose_pellet"
+        self._before = None if config.execution.on_abort != "lose_pellet" else ()
 
     def reset(self) -> None:
         """A new round, whose pellets the next report shows."""
-        self._inherited = False
+        #: Pellets that were gone before this side was there, so that another may have collected them; None if unknown.
+        self._before: tuple[int, ...] | None = ()
         self.statuses.new_round()
         self.record = Execution(self.record.pickup, pellets=len(self.goals.ids))
         self.waits = np.zeros(self.goals.candidates + self.goals.refuges)
@@ -127,7 +129,7 @@ class RobotRound:
         """
         self.statuses.begin_event()
         left = list(left)
-        inherited = self._inherit(left, unknown) if self._inherited and playing else []
+        before = self._collected_before(left) if playing and not unknown else []
         shown = np.zeros_like(self._left)
         shown[[self.goals.slot[number] for number in left if number not in self._collected]] = True
         if shown.any() or not unknown:
@@ -146,14 +148,22 @@ class RobotRound:
             self.empty_s = now
         elif now - self.empty_s >= _EMPTY_S:  # the last of a round is reported at once: this round had none in reach
             self.empty_s = math.inf
-            return [*inherited, *self.statuses.ended("game_complete")]
-        return inherited
+            return [*before, *self.ended("game_complete")]
+        return before
 
-    def _inherit(self, left: list[int], unknown: int) -> list[ExecutorAction]:
-        gone = sorted(set(self.goals.ids) - set(left))
-        reports = None if unknown else self.statuses.inherit(gone, len(self.goals.ids))
-        self._inherited = reports is None
-        return reports or []
+    def _collected_before(self, left: list[int]) -> list[ExecutorAction]:
+        """Report what another side collected and nobody counted, by a report of the pellets that are ``left``."""
+        gone = set(self.goals.ids) - (set(left) - self._collected)
+        spawned = self.statuses.spawned
+        if self._before is None and spawned:  # of another map otherwise
+            self._before = tuple(sorted(gone - self._collected)) if spawned == len(self.goals.ids) else ()
+        return [] if self.statuses.pellets else self.statuses.collected_before(self._before or (), len(gone))
+
+    def ended(self, word: str) -> list[ExecutorAction]:
+        """Report the end of the round, after every pellet of it that may not have been counted."""
+        gone = len(self.goals.ids) - int(self._left.sum())
+        self.statuses.collected_before(self._before or (), gone)
+        return self.statuses.ended(word)
 
     def step(
         self, event: int, value: int, at: Position | None, now: float, navigating: bool, ghosts: Sequence[Position] = ()
@@ -171,5 +181,5 @@ class RobotRound:
                 actions.append(self.statuses.collected(number))
             actions.append(ExecutorAction("remove", number))
         if record.end == CLEARED != end:
-            actions += self.statuses.ended("game_complete")
+            actions += self.ended("game_complete")
         return action, actions

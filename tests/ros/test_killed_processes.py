@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from tests.ros.system import Process
 
 AGAIN_S = 5.0  # of real time: a busy machine answers within it
-LIMIT_S = 600.0  # of real time, for anything that happens at all
+LIMIT_S = 240.0  # of real time, for anything that happens at all
 # No round is lost.
 SETTINGS = ["clyde.speed_mps=0.02", "execution.death_radius_m=0.001", "show.start_s=2", "show.death_s=2"]
 OWN: dict[str, dict[str, Any]] = {

@@ -1,0 +1,168 @@
+"""Whichever of referee, pellet manager and executing side is killed, a completed round counts all of its pellets.
+
+The three without a middleware: what is sent to one that is not there, or has just begun, is lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from pacman_env.config import make_config
+from pacman_env.game.goal_executor import GoalExecutor
+from pacman_env.game.goals import ExecutorAction, Goals, home_place
+from pacman_env.game.round import Action, RoundController
+
+PELLETS = {10: (2.0, 0.0), 11: (4.0, 0.0), 12: (6.0, 0.0)}
+CONFIG = make_config("robot")
+STEP_S = 0.5
+LATCHED = {"state": "", "command": "", "spawned": 0, "collected": 0}
+SIDES = ("referee", "manager", "planner")
+
+#: What happens, to what, and for how many steps nothing else does.
+events = st.one_of(
+    st.tuples(st.just("drive"), st.sampled_from(sorted(PELLETS)), st.integers(0, 8)),
+    st.tuples(st.sampled_from(["kill", "start"]), st.sampled_from(SIDES), st.integers(0, 8)),
+)
+#: The referee counts 10 and is killed; 11 is collected then, and 10 is shown again by a new manager.
+SHOWN_AGAIN: list[tuple[str, Any, int]] = [
+    *(("drive", 10, 0), ("kill", "manager", 0), ("start", "manager", 0), ("kill", "referee", 0), ("drive", 11, 0)),
+    *(("kill", "planner", 1), ("start", "referee", 0), ("start", "planner", 10)),
+]
+
+
+class Sides:
+    """A game in a round that runs, with its three sides; one that was started receives nothing before the next step."""
+
+    def __init__(self) -> None:
+        self.now, self.pose = 0.0, (0.0, 0.0)
+        self.referee: RoundController | None = RoundController()
+        self.kept: dict[str, Any] = {}
+        self.latched: dict[str, Any] = {}
+        self.manager: set[int] | None = set(PELLETS)
+        self.planner: GoalExecutor | None = None
+        self.absent: set[str] = set()
+        self.begin("planner")
+        self.absent.clear()
+        self.on_referee(self.referee.start(self.now))
+        self.on_referee(self.referee.status("home_reached", self.now))
+        for _ in range(20):
+            self.step()
+        assert self.referee.state == "running"
+
+    def begin(self, side: str) -> None:
+        if getattr(self, side) is not None:
+            return
+        self.absent.add(side)
+        if side == "manager":
+            self.manager = set(PELLETS)
+        elif side == "planner":
+            self.planner = GoalExecutor(CONFIG, Goals(PELLETS, {}, []), home_place(0.0, 0.0, 0.0))
+            self.planner.activate(self.now)
+            self.planner.nav2(True, self.now)
+            for kind, value in self.latched.items():
+                self.to_planner(kind, value)
+        else:
+            self.referee = RoundController()
+            self.on_referee(self.referee.restore(self.kept, self.now))
+
+    def kill(self, side: str) -> None:
+        setattr(self, side, None)
+        if side == "referee":
+            self.latched = {}
+
+    def is_there(self, side: str) -> bool:
+        return getattr(self, side) is not None and side not in self.absent
+
+    def on_referee(self, actions: Iterable[Action]) -> None:
+        actions = list(actions)
+        assert self.referee is not None
+        if any(action.kind != "ignored" for action in actions):
+            self.kept = self.referee.snapshot(self.now)
+        for kind, value in ((action.kind, action.value) for action in actions):
+            if kind in LATCHED:
+                self.latched[kind] = value
+                self.to_planner(kind, value)
+            elif kind == "remove" and self.is_there("manager"):
+                self.remove(value)
+            elif kind == "reset_pellets" and self.manager is not None:
+                self.manager = set(PELLETS)
+
+    def remove(self, pellet: Any) -> None:
+        assert self.manager is not None
+        self.manager.discard(pellet)
+
+    def to_planner(self, kind: str, value: Any) -> None:
+        if self.planner is None:
+            return
+        if kind == "spawned":
+            self.planner.statuses.spawned = value
+        elif kind == "collected":
+            self.planner.statuses.counted(value)
+        else:
+            act = self.planner.state if kind == "state" else self.planner.command
+            self.on_planner(act(value, self.now))
+
+    def on_planner(self, actions: Iterable[ExecutorAction]) -> None:
+        for action in list(actions):
+            if action.kind == "status":
+                self.report(str(action.value))
+            elif action.kind == "remove" and self.is_there("manager"):
+                self.remove(action.value)
+
+    def report(self, word: str) -> None:
+        if self.referee is not None and self.is_there("referee"):
+            self.on_referee(self.referee.status(word, self.now))
+
+    def step(self, what: str = "", value: Any = None) -> None:
+        self.now += STEP_S
+        if what == "kill":
+            self.kill(value)
+        elif what == "drive":
+            self.pose = PELLETS[value]
+        starting = value if what == "start" and getattr(self, value) is None else None
+        if starting:
+            self.begin(starting)
+        if self.now % 1 == 0 and self.is_there("manager"):
+            left = sorted(self.manager or ())
+            if self.referee is not None and self.is_there("referee"):
+                self.on_referee(self.referee.pellets_left(left, self.now))
+            if self.planner is not None and self.is_there("planner"):
+                self.on_planner(self.planner.pellets(left, 0, self.now))
+        if self.referee is not None:
+            self.on_referee(self.referee.tick(self.now))
+        if self.planner is not None:
+            self.on_planner(self.planner.check(self.pose, (), self.now))
+            if self.now % 2 == 0:
+                for word in self.planner.statuses.open():
+                    self.report(word)
+        self.absent = {starting} if starting else set()
+
+    def play_on(self) -> str:
+        """With all sides there, to the end of the round: its result."""
+        for side in SIDES:
+            self.step("start", side)
+        for _ in range(10):
+            for pellet in PELLETS:
+                for _ in range(4):
+                    self.step("drive", pellet)
+                    assert self.referee is not None
+                    if self.referee.result:
+                        return self.referee.result
+        return f"no end: {self.referee}"
+
+
+@example(SHOWN_AGAIN)
+@given(st.lists(events, max_size=12))
+def test_a_round_is_complete_with_all_of_its_pellets_whoever_was_killed_meanwhile(
+    played: list[tuple[str, Any, int]],
+) -> None:
+    sides = Sides()
+    for what, value, pause in played:
+        sides.step(what, value)
+        for _ in range(pause):
+            sides.step()
+    assert sides.play_on() == f"Complete - Score: {len(PELLETS)}"
