@@ -98,13 +98,14 @@ class RobotRound:
         self._missing_s = np.full(len(goals.ids), math.inf)  # by slot, since when reports do not show a pellet left
         self.record = Execution(config.execution.pickup_radius_m, pellets=len(goals.ids))
         self.reset()
-        # The round may be one that another executing side began; pellets that an abort removes are never counted.
-        self._before = None if config.execution.on_abort != "lose_pellet" else ()
+        #: Pellets that were gone before this side was there, so that another may have collected them; None if unknown.
+        self._before: tuple[int, ...] | None = None
+        if config.execution.on_abort == "lose_pellet":  # pellets go without being counted
+            self._before = ()
 
     def reset(self) -> None:
         """A new round, whose pellets the next report shows."""
-        #: Pellets that were gone before this side was there, so that another may have collected them; None if unknown.
-        self._before: tuple[int, ...] | None = ()
+        self._before = ()
         self.statuses.new_round()
         self.record = Execution(self.record.pickup, pellets=len(self.goals.ids))
         self.waits = np.zeros(self.goals.candidates + self.goals.refuges)
