@@ -72,8 +72,11 @@ dataset = minari.load_dataset("{name}")  # below MINARI_DATASETS_PATH
 episode = dataset[0]
 ```
 
-A round is played again in `dataset.recover_environment()` by `reset(options={{"round_seed": seed}})`; its seed is
-`options/round_seed` of the episode's metadata. Masks are `infos["action_mask"]`, or in the observation.
+Masks are `infos["action_mask"]`, or in the observation.
+"""
+_AGAIN = """
+A round is played again in `dataset.recover_environment()` by `reset(options={"round_seed": seed})`; its seed is
+`options/round_seed` of the episode's metadata.
 """
 _TABLES = """
 ```python
@@ -90,6 +93,7 @@ def write_card(folder: Path, facts: dict[str, Any]) -> None:
     sizes = {name: (folder / name).stat().st_size for name in _MEANING if (folder / name).is_file()}
     files = "\n".join(f"| `{name}` | {size:,} | {_MEANING[name]} |" for name, size in sizes.items())
     reading = _MINARI.format(**facts) if "data/metadata.json" in sizes else ""
+    reading += _AGAIN if reading and not facts["bags"] else ""
     reading += _TABLES if "decisions.parquet" in sizes else ""
     player, origin = f"played by the policy `{facts['policy']}`", _SIMULATED.format(**facts)
     if facts["bags"]:

@@ -126,7 +126,13 @@ def test_the_card_and_the_facts_say_how_it_was_made(folder: Path) -> None:
     assert (facts["rounds"], facts["policy"], facts["seed"]) == (6, "nearest", 3)
     card = (folder / "README.md").read_text()
     assert f"pacman-env dataset {NAME} {' '.join(SHORT)} --episodes 6 --seed 3\n" in card
-    for part in (load_map("loop").hash, f"pacman_env {__version__}", "MIT", f"{facts['decisions']} decisions"):
+    for part in (
+        load_map("loop").hash,
+        f"pacman_env {__version__}",
+        "MIT",
+        f"{facts['decisions']} decisions",
+        "played again",
+    ):
         assert part in card
     for file in ("data/main_data.hdf5", "decisions.parquet", "rounds.parquet"):
         assert f"| `{file}` | {(folder / file).stat().st_size:,} |" in card

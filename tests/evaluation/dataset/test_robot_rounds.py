@@ -72,6 +72,7 @@ def test_a_round_that_was_played_by_the_nodes_is_an_episode(
     assert (decisions["action"] == 0).mean() > 0.8  # listed by their distance: the policy takes the nearest
     card = (folder / "README.md").read_text()
     assert "played by a robot" in card
+    assert "is played again" not in card
     assert "['game']" in card
 
 

@@ -136,7 +136,6 @@ def test_the_line_says_what_is_awaited_and_the_first_round_begins_where_it_is_as
     terminal = game.terminal
     game.wait_for(lambda: terminal.shows(r"^running +round 1 "), "the round")
     assert terminal.shows(r"^starting: waiting for .*pellet_manager")
-    assert terminal.shows(r"^starting: waiting for goal_selector")
     assert terminal.shows(r"^game on /robot_15$")
     assert terminal.shows(r"^keys: s start, r reset, c continue, space stop, g release, q quit$")
 
