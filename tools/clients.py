@@ -55,7 +55,7 @@ class Client:
 
 VENVS = {
     "farama": Venv(
-        ("supersuit==3.11.0", "minari[all]==0.5.4", "torch==2.13.0", "array-api-compat==1.16.0"), (), "render"
+        ("supersuit==3.11.0", "minari[all]==0.5.4", "torch==2.13.0", "array-api-compat==1.16.0"), (), "train,render"
     ),
     "rllib": Venv(("ray[rllib]==2.60.0", "torch==2.13.0"), ("gymnasium",)),  # which it pins to 1.2.2
     # Its virtualenv wants filelock below 4; named here, as pip takes minutes to find that out.
@@ -91,7 +91,7 @@ CLIENTS = (
         True,
     ),
     Client("rl_zoo3_ppo", "rl_zoo3", "rl_zoo3", "rl_zoo3", "unmodified, with a file of hyperparameters", _FEW, True),
-    Client("benchmarl_mappo", "benchmarl", "benchmarl", "benchmarl", "a task class of five methods"),
+    Client("benchmarl_mappo", "benchmarl", "benchmarl", "benchmarl", "a task class of five methods", _FEW, True),
     Client(
         "rllib_ppo",
         "ray",
@@ -101,8 +101,11 @@ CLIENTS = (
         _FEW,
         True,
     ),
-    Client("rllib_self_play", "ray", "rllib", "rllib", "`ParallelPettingZooEnv`, a wrapper that renames"),
+    Client("rllib_self_play", "ray", "rllib", "rllib", "`ParallelPettingZooEnv`, a wrapper that renames", _FEW, True),
     Client("supersuit_vec", "supersuit", "farama", "supersuit", 'mask `"info"`'),
+    Client(
+        "supersuit_ppo", "supersuit", "farama", "supersuit", 'mask `"info"`, one network of both players', _FEW, True
+    ),
     Client("minari_dataset", "minari", "farama", "minari", "unmodified; `grid` with `jpeg_encoding=False`"),
 )
 

@@ -1,25 +1,29 @@
-"""BenchMARL's MAPPO on the two-player game: the robot and Clyde, a group each, with masks and the game's state."""
+"""BenchMARL's MAPPO on the two-player game: the robot and Clyde, a group each, with masks and the game's state.
+
+The robot is measured against the wandering Clyde of the one-player game with the same settings.
+"""
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import torch
 from benchmarl.algorithms import MappoConfig
 from benchmarl.environments.common import Task
 from benchmarl.environments.pettingzoo.common import PettingZooClass
 from benchmarl.experiment import Experiment, ExperimentConfig
 from benchmarl.models.mlp import MlpConfig
+from evaluate import TWO_PLAYERS, parser, report, untrained
+from tensordict import TensorDict
 from torchrl.envs import DoubleToFloat, EnvBase, PettingZooWrapper, Transform
-from torchrl.envs.utils import MarlGroupMapType
+from torchrl.envs.utils import ExplorationType, MarlGroupMapType, set_exploration_type
 
 import pacman_env
 
-MAX_CYCLES = 600  # decisions of a round, 0.5 s each
-SETTINGS = {"max_cycles": MAX_CYCLES, "execution.tick_s": 2.0, "execution.min_dwell_s": 8.0}
+MAX_CYCLES = 600  # decisions of a round
 
 
 class PacManBotClass(PettingZooClass):
@@ -30,7 +34,9 @@ class PacManBotClass(PettingZooClass):
     ) -> Callable[[], EnvBase]:
         """A function that makes a game."""
         return lambda: PettingZooWrapper(
-            pacman_env.parallel_env(flat=True, map=self.config["map"], settings=SETTINGS),
+            pacman_env.parallel_env(
+                flat=True, map=self.config["map"], settings={**TWO_PLAYERS, "max_cycles": MAX_CYCLES}
+            ),
             group_map=MarlGroupMapType.ONE_GROUP_PER_AGENT,  # their observations differ in size
             categorical_actions=True,
             return_state=True,
@@ -67,17 +73,13 @@ class PacManBotTask(Task):
 
 
 def main() -> None:
-    """Learn, then play and see that no choice is forbidden."""
-    options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--map", default="house")
-    options.add_argument("--decisions", type=int, default=4000, help="of each player, to learn from")
-    options.add_argument("--seed", type=int, default=0)
-    arguments = options.parse_args()
+    """Play the test levels untrained, learn, play them again; no choice is forbidden."""
+    arguments = parser(__doc__, num_envs=4).parse_args()
     torch.set_num_threads(1)
     config = ExperimentConfig.get_from_yaml()
     config.max_n_frames = arguments.decisions
     config.on_policy_collected_frames_per_batch = min(2000, arguments.decisions)
-    config.on_policy_n_envs_per_worker = 4
+    config.on_policy_n_envs_per_worker = arguments.num_envs
     config.on_policy_n_minibatch_iters = 10
     config.on_policy_minibatch_size = 250
     config.lr = 3e-4
@@ -94,12 +96,27 @@ def main() -> None:
             seed=arguments.seed,
             config=config,
         )
+        actor = experiment.algorithm.get_policy_for_loss("pacman")
+
+        @torch.no_grad()
+        def choose(observation: np.ndarray, allowed: np.ndarray) -> np.ndarray:
+            """The robot's likeliest actions: it is a group of one."""
+            seen = TensorDict({}, [len(observation)])
+            seen["pacman", "observation", "observation"] = torch.from_numpy(observation).unsqueeze(1)
+            seen["pacman", "action_mask"] = torch.from_numpy(allowed).unsqueeze(1)
+            with set_exploration_type(ExplorationType.DETERMINISTIC):
+                return actor(seen)["pacman", "action"].squeeze(1).numpy()
+
+        untrained(choose, arguments.test, arguments.rounds, settings=TWO_PLAYERS)
         experiment.run()
     rollout = experiment.test_env.rollout(200, policy=experiment.policy)
     for agent in ("pacman", "clyde"):
         mask, action = rollout[agent, "action_mask"], rollout[agent, "action"]
         assert mask.gather(-1, action.unsqueeze(-1)).all()
         print(f"{agent}: {action.numel()} choices, none was forbidden")
+    report(choose, arguments.test, arguments.rounds, settings=TWO_PLAYERS)
+    if arguments.save:
+        torch.save(actor.state_dict(), arguments.save)
 
 
 if __name__ == "__main__":

@@ -1,16 +1,17 @@
 """RLlib's self-play: the robot and Clyde, a policy for each, through RLlib's wrapper of PettingZoo's parallel games.
 
-Both policies are RLlib's own module for masks; a wrapper gives observation and mask the names that it reads.
+Both policies are RLlib's own module for masks; a wrapper gives observation and mask the names that it reads. The robot
+is measured against the wandering Clyde of the one-player game with the same settings.
 """
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 import numpy as np
 import ray
 import torch
+from evaluate import TWO_PLAYERS, parser, report, untrained
 from gymnasium import spaces
 from pettingzoo.utils.wrappers import BaseParallelWrapper
 from ray import tune
@@ -24,8 +25,6 @@ import pacman_env
 
 AGENTS = ("pacman", "clyde")
 BATCH_SIZE = 2000
-#: A choice every 0.5 s dithers as long as it is random.
-SETTINGS = {"execution.tick_s": 2.0, "execution.min_dwell_s": 8.0}
 
 
 def named(seen: Any) -> dict[str, Any]:
@@ -53,16 +52,12 @@ class Named(BaseParallelWrapper[str, Any, Any]):
 
 def make(arguments: dict[str, Any]) -> ParallelPettingZooEnv:
     """A game of two players, of the arguments in ``env_config``."""
-    return ParallelPettingZooEnv(Named(pacman_env.parallel_env(flat=True, settings=SETTINGS, **arguments)))
+    return ParallelPettingZooEnv(Named(pacman_env.parallel_env(flat=True, settings=TWO_PLAYERS, **arguments)))
 
 
 def main() -> None:
-    """Learn, and print what each side earns."""
-    options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--map", default="house")
-    options.add_argument("--decisions", type=int, default=4000, help="of each player, to learn from")
-    options.add_argument("--seed", type=int, default=0)
-    arguments = options.parse_args()
+    """Play the test levels untrained, learn, print what each side earns, play them again."""
+    arguments = parser(__doc__).parse_args()
     torch.set_num_threads(1)  # networks this small are fastest on one core
     ray.init("local", num_cpus=2, include_dashboard=False, log_to_driver=False)
     tune.register_env("two_players", make)
@@ -71,13 +66,24 @@ def main() -> None:
     config = (
         PPOConfig()
         .environment("two_players", env_config={"map": arguments.map})
-        .env_runners(num_env_runners=2, num_envs_per_env_runner=4, sample_timeout_s=600)  # 60 s by default
+        .env_runners(
+            num_env_runners=2, num_envs_per_env_runner=max(arguments.num_envs // 2, 1), sample_timeout_s=600
+        )  # 60 s by default
         .multi_agent(policies=set(AGENTS), policy_mapping_fn=lambda agent, *_, **__: agent)
         .rl_module(rl_module_spec=MultiRLModuleSpec(rl_module_specs=dict.fromkeys(AGENTS, module)))
         .training(train_batch_size_per_learner=batch_size, minibatch_size=min(250, batch_size), num_epochs=10, lr=3e-4)
         .debugging(seed=arguments.seed)
     )
     algorithm = config.build_algo()
+
+    @torch.no_grad()
+    def choose(observation: np.ndarray, allowed: np.ndarray) -> np.ndarray:
+        """The robot's likeliest actions."""
+        seen = {"observations": torch.from_numpy(observation), "action_mask": torch.from_numpy(allowed)}
+        outputs = algorithm.get_module("pacman").forward_inference({"obs": seen})
+        return outputs["action_dist_inputs"].argmax(dim=1).numpy()
+
+    untrained(choose, arguments.test, arguments.rounds, settings=TWO_PLAYERS)
     decisions = 0
     while decisions < arguments.decisions:
         result = algorithm.train()
@@ -95,6 +101,9 @@ def main() -> None:
             assert masks[np.arange(len(own)), actions].all()
             chosen[agent] += len(own)
     print("no choice was forbidden:", *(f"{count} of {agent}" for agent, count in chosen.items()))
+    report(choose, arguments.test, arguments.rounds, settings=TWO_PLAYERS)
+    if arguments.save:
+        torch.save(algorithm.get_module("pacman").state_dict(), arguments.save)
     algorithm.stop()
     ray.shutdown()
 
