@@ -192,8 +192,8 @@ def _list_ways(robot, model, goals):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def look_ahead(s, i, a, result):  # type: ignore[no-untyped-def]
-    """Fill in the rows of situation i of ``s``, (C, COLUMNS); those of masked candidates are 0."""
+def look_ahead(s, i, wanted, a, result):  # type: ignore[no-untyped-def]
+    """Fill in the rows of situation i of ``s``, (C, COLUMNS), of candidates that are ``wanted``, (C,); others are 0."""
     result[:] = 0.0
     m = _coarse_arrays(a.coarse[s.level[i]])
     bit = a.bit[: len(m.goal_xy)]
@@ -224,7 +224,7 @@ def look_ahead(s, i, a, result):  # type: ignore[no-untyped-def]
     begins, on, last = a.ghosts[0, :count], a.ghosts[1, :count], a.ghosts[2, :count]
     for c in range(s.mask.shape[1]):
         goal = np.int64(s.goal[i, c])
-        if not s.mask[i, c] or (goal >= 0 and s.path_robot[i, c] == np.inf):
+        if not wanted[c] or (goal >= 0 and s.path_robot[i, c] == np.inf):
             continue
         r = result[c]
         robots[1] = robots[0]

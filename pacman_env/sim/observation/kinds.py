@@ -85,6 +85,8 @@ class _Kind:
     name: str
     parts: Callable[[GameBatch], dict[str, ObservationPart]]
     fill: Callable[[GameBatch, Situation], Observation]
+    #: As ``fill``, with rows of the candidates in (N, K) alone, others are 0; None: rows cost nothing.
+    fill_listed: Callable[[GameBatch, Situation, NDArray[np.int64]], Observation] | None = None
 
     def __call__(self) -> _Kind:
         return self  # where other packages have a class
@@ -121,8 +123,8 @@ def _planner_parts(batch: GameBatch) -> dict[str, ObservationPart]:
     }
 
 
-def _planner(batch: GameBatch, situation: Situation) -> Observation:
-    candidates, whole = planner_features(situation, batch.config.robot.speed_mps)
+def _planner(batch: GameBatch, situation: Situation, listed: NDArray[np.int64] | None = None) -> Observation:
+    candidates, whole = planner_features(situation, batch.config.robot.speed_mps, listed)
     return {"planner_candidates": candidates, "planner_globals": whole}
 
 
@@ -173,7 +175,7 @@ def _grid(batch: GameBatch, situation: Situation) -> Observation:
 
 FEATURES = _Kind("features", _feature_parts, _features)
 SCAN, BEARINGS = _Kind("scan", _scan_parts, _scan), _Kind("bearings", _bearing_parts, _bearings)
-GRID, PLANNER = _Kind("grid", _grid_parts, _grid), _Kind("planner", _planner_parts, _planner)
+GRID, PLANNER = _Kind("grid", _grid_parts, _grid), _Kind("planner", _planner_parts, _planner, _planner)
 #: Kinds as classes, made without arguments; other packages add theirs as entry points.
 KINDS: Registry[Callable[[], ObservationKind]] = Registry(
     "observation kind",
@@ -235,10 +237,14 @@ class Observer:
         ``listed`` is the result of :meth:`listed`, if that is known.
         """
         observation: Observation = {MASK: situation.mask.astype(np.int8)} if self._masked else {}
-        for kind in self._kinds:
-            observation |= kind.fill(self._batch, situation)
         if listed is None:
             listed = self.listed(situation)
+        for kind in self._kinds:
+            fill_listed = kind.fill_listed if isinstance(kind, _Kind) else None
+            if listed is None or fill_listed is None:
+                observation |= kind.fill(self._batch, situation)
+            else:
+                observation |= fill_listed(self._batch, situation, listed)
         if listed is not None:
             for key in self._by_candidate:
                 observation[key] = in_order(observation[key], listed)

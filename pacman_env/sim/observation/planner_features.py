@@ -22,7 +22,7 @@ from ...world.navigation.paths import UNREACHABLE_CM
 from ..coarse import outlook
 from ..core.beliefs import apart_cm
 from . import prediction
-from .situation import HOLD, PELLET, REFUGE, Situation
+from .situation import HOLD, MISSING, PELLET, REFUGE, Situation
 
 if TYPE_CHECKING:
     from ..maps.level_stack import LevelStack
@@ -55,6 +55,7 @@ _FIRST_TOKEN, _COLUMNS = GLOBAL_FEATURES.index("ghost_0_there"), len(_TOKEN)
 
 class _FillArrays(NamedTuple):
     seen: Any = prediction.SeenArrays
+    listed: Any = Array(np.int64, "N K")
     candidates: Any = Array(np.float32, f"N C {len(CANDIDATE_FEATURES)}")
     whole: Any = Array(np.float32, f"N {len(GLOBAL_FEATURES)}")
     outlook: Any = Array(np.int64, "1")  # address of the table of OutlookArrays
@@ -64,14 +65,21 @@ _arrays = arrays_by_address(_FillArrays)
 _outlooks: "weakref.WeakKeyDictionary[LevelStack, outlook.Outlook]" = weakref.WeakKeyDictionary()
 
 
-def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Candidates (N, C, 32) and globals (N, 50), float32. Raises ValueError for a situation without maps."""
+def planner_features(
+    situation: Situation, robot_speed_mps: float, listed: NDArray[np.int64] | None = None
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Candidates (N, C, 32) and globals (N, 50), float32. Raises ValueError for a situation without maps.
+
+    ``listed``: (N, K) the candidates that are wanted, or ``MISSING``; rows of others are 0. None: all.
+    """
     seen = prediction.seen_arrays(situation, robot_speed_mps)
     assert situation.maps is not None
     memory = _memory(situation)
     candidates = np.empty((*situation.mask.shape, len(CANDIDATE_FEATURES)), dtype=np.float32)
     whole = np.empty((len(candidates), len(GLOBAL_FEATURES)), dtype=np.float32)
-    arrays = {"seen": seen, "candidates": candidates, "whole": whole}
+    if listed is None:
+        listed = np.broadcast_to(np.arange(candidates.shape[1]), candidates.shape[:2])
+    arrays = {"seen": seen, "listed": np.ascontiguousarray(listed), "candidates": candidates, "whole": whole}
     tables = [Table(_FillArrays, outlook=own, **arrays) for own in memory]
     situation.threads.run(_fill, tables, len(candidates))
     return candidates, whole
@@ -129,12 +137,17 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
     meetings = np.empty((s.mask.shape[1], prediction.COLUMNS), np.float32)
     terms = np.empty((s.mask.shape[1], 6))
     hunts = np.zeros((s.mask.shape[1], outlook.COLUMNS), np.float32)
+    wanted = np.empty(s.mask.shape[1], np.bool_)
     whole[first:last] = 0.0
     for i in range(first, last):
-        prediction.meet(s, maps, i, request, room, True, meetings)
+        wanted[:] = False
+        for c in a.listed[i]:
+            if c != MISSING:
+                wanted[c] = s.mask[i, c]
+        prediction.meet(s, maps, i, wanted, request, room, True, meetings)
         coming = outlook.coming(s, i)
         if coming > 0:
-            outlook.look_ahead(s, i, memory, hunts)
+            outlook.look_ahead(s, i, wanted, memory, hunts)
         left_s = max(memory.rules[0].limit_s - s.time_s[i], 0.0)
         whole[i, 11], whole[i, 12], whole[i, 13] = min(left_s / 200.0, 5.0), math.exp(-left_s / 30.0), coming
         _describe_ghosts(s, i, maps, whole[i, _FIRST_TOKEN:])
@@ -166,7 +179,7 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
         for c in range(count):
             f = candidates[i, c]
             f[:] = 0.0
-            if not s.mask[i, c]:
+            if not wanted[c]:
                 continue
             is_pellet = s.kind[i, c] == PELLET
             f[0], f[1], f[2] = is_pellet, s.kind[i, c] == REFUGE, s.kind[i, c] == HOLD

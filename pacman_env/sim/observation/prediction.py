@@ -345,8 +345,10 @@ def _meet_ghost(s, maps, i, k, across, room, count, result):  # type: ignore[no-
 
 
 @kernel
-def meet(s, maps, i, request, room, every, result):  # type: ignore[no-untyped-def]
+def meet(s, maps, i, wanted, request, room, every, result):  # type: ignore[no-untyped-def]
     """The encounters of situation i of ``s``, with the nearest or with ``every`` ghost: fill in its rows, (C, COLUMNS).
+
+    Rows are of the candidates that are ``wanted``, (C,), others are 0.
 
     Of several ghosts: probabilities that any of them does so, the mean of the one whose mean is least.
     """
@@ -363,7 +365,7 @@ def meet(s, maps, i, request, room, every, result):  # type: ignore[no-untyped-d
     starts, count = walkers.starts, 0
     result[:] = 0.0
     for c in range(s.mask.shape[1]):
-        if not s.mask[i, c]:
+        if not wanted[c]:
             continue
         goal = s.goal[i, c]
         starts[count, 0], starts[count, 1], starts[count, 2] = robot[0], robot[1], np.inf
@@ -388,5 +390,5 @@ def _encounters(table, first, last):  # type: ignore[no-untyped-def]
     s, maps = seen_by(a.seen)
     room = room_to_meet(maps.coarse_steps, a.result.shape[1])
     for i in range(first, last):
-        meet(s, maps, i, a.seen.request[0], room, False, a.result[i])
+        meet(s, maps, i, s.mask[i], a.seen.request[0], room, False, a.result[i])
     return 0

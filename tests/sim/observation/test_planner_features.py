@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
-from pacman_env.sim.observation.situation import HOLD, PELLET, REFUGE
+from pacman_env.sim.observation.situation import HOLD, PELLET, REFUGE, Nearest, nearest_candidates
 from tests.envs.helpers import make_vector
 from tests.sim.observation.test_prediction import SPEED, batch_of
 
@@ -95,6 +95,23 @@ def test_candidates_in_another_order_have_the_same_features() -> None:
     candidates, same = planner_features(situation, SPEED)
     np.testing.assert_allclose(shuffled, candidates[:, order], atol=1e-6)
     np.testing.assert_array_equal(whole, same)
+
+
+@pytest.mark.parametrize("behaviours", [("wander",), ("arcade", "chase", "wander")])
+def test_rows_of_listed_candidates_are_the_same_bits_and_others_are_0(behaviours: tuple[str, ...]) -> None:
+    env = make_vector(8, map="house", ghosts=behaviours)
+    env.reset(seed=0)
+    for _ in range(6):
+        env.step(env.action_space.sample())
+    situation = env.situation
+    every, whole = planner_features(situation, SPEED)
+    if len(behaviours) > 1:
+        assert column(every, "hunted").any()
+    listed = nearest_candidates(situation, Nearest(3, 2))
+    some, same = planner_features(situation, SPEED, listed)
+    assert same.tobytes() == whole.tobytes()
+    wanted = (np.arange(every.shape[1])[None, :, None] == listed[:, None, :]).any(axis=2)
+    assert some.tobytes() == np.where(wanted[:, :, None], every, np.float32(0)).tobytes()
 
 
 def test_the_environment_shows_them_within_its_space() -> None:
