@@ -115,8 +115,13 @@ class Situation:
 def _declared() -> dict[str, Array]:
     hints = get_type_hints(Situation, localns={"LevelStack": object}, include_extras=True)
     shapes = {name: hint for name, hint in hints.items() if get_origin(hint) is Annotated}
-    # NDArray[scalar] is ndarray[shape, dtype[scalar]].
-    return {name: Array(get_args(get_args(hint.__origin__)[1])[0], *hint.__metadata__) for name, hint in shapes.items()}
+    return {name: Array(_scalar(hint.__origin__), *hint.__metadata__) for name, hint in shapes.items()}
+
+
+def _scalar(hint: Any) -> Any:
+    """Of ``NDArray[scalar]``: up to NumPy 2.4 an alias of ``ndarray[shape, dtype[scalar]]``, then one of its own."""
+    last = get_args(hint)[-1]
+    return get_args(last)[0] if get_args(last) else last
 
 
 #: The arrays of a situation, as kernels see them.
