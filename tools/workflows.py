@@ -102,7 +102,11 @@ class Runner:
         if action == "actions/checkout":
             return subprocess.run(["git", "clone", "--quiet", str(ROOT), str(place)]).returncode
         if action == "actions/setup-python":
-            environment["PATH"] = os.pathsep.join((str(_python(given["python-version"])), environment["PATH"]))
+            program, programs = _python(given["python-version"]), self._folder / f"python-{self._number}"
+            programs.mkdir()
+            for name in ("python", "python3"):
+                (programs / name).symlink_to(program)
+            environment["PATH"] = os.pathsep.join((str(programs), environment["PATH"]))
         elif action == "actions/upload-artifact":
             found = [Path(one) for one in glob(str(place / given["path"]))]
             if not found:
@@ -133,16 +137,17 @@ def _copy(source: Path, target: Path) -> None:
 
 
 def _python(version: str) -> Path:
-    """The folder with ``python`` of this version; raises LeftOut if it is not on this machine."""
+    """The interpreter of this version; raises LeftOut if it is not on this machine."""
     places = [*os.environ["PATH"].split(os.pathsep), *glob(str(Path.home() / ".pyenv" / "versions" / "*" / "bin"))]
-    for place in places:
-        program = Path(place) / "python"
+    for place, name in itertools.product(places, (f"python{version}", "python")):
+        program = Path(place, name)
+        # pyenv has shims on PATH; what a virtual environment installs into is that environment.
         if not program.exists() or "shims" in program.parts or (program.parents[1] / "pyvenv.cfg").exists():
             continue
         code = "import sys; print('%d.%d' % sys.version_info[:2])"
         done = subprocess.run([program, "-c", code], capture_output=True, text=True)
         if done.stdout.strip() == version:
-            return program.parent
+            return program
     raise LeftOut(f"no Python {version} on this machine")
 
 
