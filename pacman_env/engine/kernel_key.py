@@ -124,6 +124,8 @@ class _Reader:
             return tuple(self.content(one) for one in value)
         if isinstance(value, tuple) and hasattr(value, "_fields"):
             return self.content(kind), tuple(self.content(one) for one in value)
+        if kind is slice:  # a constant of the bytecode from Python 3.14 on
+            return "slice", tuple(self.content(one) for one in (value.start, value.stop, value.step))
         if isinstance(value, frozenset):
             return "set", tuple(sorted(repr(self.content(one)) for one in value))
         if isinstance(value, np.dtype):

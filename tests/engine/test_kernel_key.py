@@ -117,6 +117,13 @@ def test_a_value_of_an_unknown_kind_gives_no_key(value: Any, tmp_path: Path) -> 
         kernel_key.kernel_key(module.operates)
 
 
+def test_slices_which_are_constants_from_python_3_14_on_have_different_content() -> None:
+    content = kernel_key._Reader().content
+    slices = [slice(None), slice(1), slice(1, None), slice(None, None, 1), slice(1.0)]
+    assert len({repr(content(one)) for one in slices}) == len(slices)
+    assert content(slice(1, 2)) == content(slice(1, 2))
+
+
 def test_code_that_imports_while_it_generates_gives_no_key(tmp_path: Path) -> None:
     late = ("operations.py", "    return builder.shl", "    from .values import RADIUS\n    return builder.shl")
     module = loaded(write(tmp_path, {late[0]: late[1:]}))

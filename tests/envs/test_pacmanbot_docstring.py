@@ -111,7 +111,7 @@ def test_the_docstring_names_the_infos_in_their_order() -> None:
 def test_the_docstring_names_every_argument() -> None:
     text = (PacManBotEnv.__doc__ or "").split("## Arguments")[1].split("## ")[0]
     documented = {
-        name for line in re.findall(r"^    - (.*?):", text, re.MULTILINE) for name in re.findall(r"`(\w+)`", line)
+        name for line in re.findall(r"^ *- (.*?):", text, re.MULTILINE) for name in re.findall(r"`(\w+)`", line)
     }
     arguments = set(inspect.signature(PacManBotEnv.__init__).parameters) - {"self"}
     assert documented == arguments

@@ -219,9 +219,9 @@ from pacman_env.sim.maps.level_source import GeneratedMaps
 from pacman_env.sim.maps.levels_ahead import LevelsAhead
 ahead = LevelsAhead(GeneratedMaps(make_config(), 0, 1000), 2)
 """
-    return subprocess.run(
-        [sys.executable, "-c", head + script], capture_output=True, text=True, timeout=120, env=os.environ, check=False
-    )
+    # From Python 3.12 on, fork warns of what is tested here.
+    command = [sys.executable, "-W", "ignore:This process:DeprecationWarning", "-c", head + script]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, env=os.environ, check=False)
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
