@@ -20,7 +20,7 @@ from pacman_env.evaluation.benchmark import make_vector
 from pacman_env.game.goal_cost import ScorerParameters, score_situation
 from pacman_env.sim.observation.planner_features import planner_features
 from pacman_env.sim.observation.prediction import encounters
-from pacman_env.sim.observation.situation import Situation
+from pacman_env.sim.observation.situation import Nearest, Situation, nearest_candidates
 
 KINDS = (("features",), ("planner",), ("features", "planner"))
 HELD = 6  # decisions that a choice is held for
@@ -55,6 +55,8 @@ def parts(s: Situation, speed_mps: float, repeats: int) -> dict[str, float]:
     """Microseconds per decision of each part of the features, for the situations of a batch."""
     n, terms = len(s), np.empty((s.mask.shape[1], 6))
     whole = _microseconds(lambda: planner_features(s, speed_mps), n, repeats)
+    listed = nearest_candidates(s, Nearest(4, 2))
+    some = _microseconds(lambda: planner_features(s, speed_mps, listed), n, repeats)
     encounter = _microseconds(lambda: encounters(s, speed_mps), n, repeats)
     scorer = _microseconds(lambda: _score_all(s.robot, s.clyde, s.position, _SCORER, terms), n, repeats)
     return {
@@ -62,6 +64,7 @@ def parts(s: Situation, speed_mps: float, repeats: int) -> dict[str, float]:
         "the handcrafted score": scorer,
         "path lengths, margins, other pellets, globals": max(whole - encounter - scorer, 0.0),
         "all features": whole,
+        "those of the nearest 4 pellets, 2 refuges and hold": some,
     }
 
 
