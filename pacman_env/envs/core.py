@@ -102,7 +102,7 @@ class EnvCore:
 
     def ghost_observation_space(self) -> spaces.Dict | spaces.Box:
         """Of a ghost's agent."""
-        return observation_space(self._ghost_observer.parts, self.batch.candidates if self._mask_beside else None)
+        return observation_space(self._ghost_observer.parts, self.candidates if self._mask_beside else None)
 
     def reset(
         self, index: Indices, seeds: NDArray[np.uint64], levels: Indices | None = None, *, in_step: bool = False
@@ -122,7 +122,7 @@ class EnvCore:
     @functools.cached_property
     def _ghost_observer(self) -> Observer:
         """Of ghosts that are agents: the features, laid out as the robot's observation."""
-        config = replace(self.config.observation, kinds=("features",), candidates="all")
+        config = replace(self.config.observation, kinds=("features",))
         return Observer(self.batch, config, ghost=True)
 
     def _update_situation(self, index: Indices | None = None) -> None:
@@ -164,7 +164,11 @@ class EnvCore:
         """The candidates that checked actions stand for, hold where they are forbidden, and where that is."""
         if self.listed is None:
             return actions, ~self.situation.mask[np.arange(self.batch.n), actions]
-        chosen = np.take_along_axis(self.listed, actions[:, None], axis=1)[:, 0]
+        return self.listed_choices(self.listed, actions)
+
+    def listed_choices(self, listed: Indices, actions: NDArray[Any]) -> tuple[Indices, Flags]:
+        """The candidates (N,) at these places of (N, C) listed ones, hold where one is missing, and where that is."""
+        chosen = np.take_along_axis(listed, actions[:, None], axis=1)[:, 0]
         forbidden = chosen == MISSING
         return np.where(forbidden, self.batch.hold, chosen), forbidden
 
@@ -232,10 +236,15 @@ class EnvCore:
         seen = self._observer.observe(self.situation, self.listed)
         return self._laid_out(seen, self.masks() if self._mask_beside else None)
 
-    def observe_ghost(self, situation: Situation) -> Any:
+    def ghost_listed(self, situation: Situation) -> Indices | None:
+        """(N, C) candidate that an action of a ghost's agent stands for in its situation; None: its own."""
+        return self._ghost_observer.listed(situation)
+
+    def observe_ghost(self, situation: Situation, listed: Indices | None) -> Any:
         """Of a ghost's agent in its situation, laid out alike."""
-        seen = self._ghost_observer.observe(situation)
-        return self._laid_out(seen, situation.mask if self._mask_beside else None)
+        seen = self._ghost_observer.observe(situation, listed)
+        mask = situation.mask if listed is None else listed != MISSING
+        return self._laid_out(seen, mask if self._mask_beside else None)
 
     @staticmethod
     def _laid_out(seen: Mapping[str, NDArray[Any]], mask: Flags | None) -> Any:

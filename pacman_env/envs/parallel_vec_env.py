@@ -13,6 +13,7 @@ from ..game.ghosts import GHOST_NAMES
 from ..render.window import RENDER_FPS
 from ..sim.observation.kinds import MASK
 from ..sim.observation.robot_features import FAST_MPS
+from ..sim.observation.situation import MISSING
 from .arguments import EnvArguments, checked_games, takes_env_arguments
 from .core import CoreEnv
 from .outcome import Ends
@@ -31,19 +32,19 @@ class SeveralAgents(CoreEnv):
     def _make_agents(self, n: int, arguments: EnvArguments, **more: Any) -> None:
         self._make_core(n, arguments, ghost_agents=True, **more)
         core = self._core
-        if self.config.decisions.when == "event" or self.config.observation.candidates == "nearest":
-            forbidden = "decisions.when='event' and observation.candidates='nearest'"
-            raise ConfigError(f"{forbidden} are for one agent: here all decide at each tick")
+        if self.config.decisions.when == "event":
+            raise ConfigError("decisions.when='event' is for one agent: here all decide at each tick")
         self._ghosts = {GHOST_NAMES[k]: k for k in core.ghost_agents}
         if not self._ghosts:
             raise ConfigError("ghosts: at least one must have the behaviour 'policy', as in ('policy', 'policy')")
         self._ghost_masks: dict[str, NDArray[np.bool_]] = {}  # (N, C) each, of the last observations
+        self._ghost_listed: dict[str, NDArray[np.int64] | None] = {}  # likewise, the candidates of actions
         self.possible_agents = [PACMAN, *self._ghosts]
         self.observation_spaces: dict[str, spaces.Space[Any]] = {PACMAN: core.observation_space}
         self.action_spaces: dict[str, spaces.Space[Any]] = {PACMAN: core.action_space}
         for name in self._ghosts:
             self.observation_spaces[name] = core.ghost_observation_space()
-            self.action_spaces[name] = spaces.Discrete(self.batch.candidates)
+            self.action_spaces[name] = spaces.Discrete(core.candidates)
         low, high = np.array(list(state_limits(self.batch).values())).T
         self.state_space = spaces.Box(low, high, dtype=np.float64)
 
@@ -62,17 +63,26 @@ class SeveralAgents(CoreEnv):
 
     def _decide(self, actions: dict[str, NDArray[Any]]) -> Ends:
         """One decision of every agent, whose actions (N,) are checked; rewards are (N, A)."""
-        choices = {number: actions[name] for name, number in self._ghosts.items()}
+        choices = {number: self._ghost_choice(name, actions[name]) for name, number in self._ghosts.items()}
         reward, terminated, truncated = self._core.step(actions[PACMAN], choices)
         of_ghosts = -reward / len(self._ghosts) if self.config.zero_sum else self._core.ghost_reward()
         return np.stack([reward, *[of_ghosts] * len(self._ghosts)], axis=1), terminated, truncated
 
+    def _ghost_choice(self, name: str, actions: NDArray[Any]) -> NDArray[Any]:
+        """(N,) the candidates that a ghost's actions stand for."""
+        listed = self._ghost_listed[name]
+        return actions if listed is None else self._core.listed_choices(listed, actions)[0]
+
     def _observed(self) -> Observations:
-        """Of all agents in all games, (N, ...); their masks are kept."""
+        """Of all agents in all games, (N, ...); their masks, and what their actions stand for, are kept."""
         core = self._core
-        situations = {name: self.batch.situation(number) for name, number in self._ghosts.items()}
-        self._ghost_masks = {name: situation.mask for name, situation in situations.items()}
-        return {PACMAN: core.observe()} | {name: core.observe_ghost(one) for name, one in situations.items()}
+        observed: Observations = {PACMAN: core.observe()}
+        for name, number in self._ghosts.items():
+            situation = self.batch.situation(number)
+            listed = self._ghost_listed[name] = core.ghost_listed(situation)
+            self._ghost_masks[name] = situation.mask if listed is None else listed != MISSING
+            observed[name] = core.observe_ghost(situation, listed)
+        return observed
 
     def _states(self) -> NDArray[np.float64]:
         """(N, S) the games as they truly are; the numbers are named by ``state_names``."""

@@ -34,7 +34,8 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
 
     - Agents: `pacman`, and the ghosts whose behaviour is `"policy"`: `clyde`, `blinky`, `pinky`, `inky` in this order.
     - Actions: of `pacman` as in the Gymnasium environment; of a ghost `Discrete(C)`, the candidate to whose place it
-      goes, the last one to wander on. What the mask forbids makes the robot hold and the ghost wander on.
+      goes, the last one to wander on. What the mask forbids makes the robot hold and the ghost wander on. With the
+      setting `observation.candidates` `"nearest"` the places of all agents are those nearest to the robot.
     - Observations: of `pacman` as in the Gymnasium environment; of a ghost the features with itself as Clyde, in the
       robot's frame. Settings of the observation hold for all agents.
     - Rewards: of `pacman` as in the Gymnasium environment; the ghosts share its negative, or with the setting

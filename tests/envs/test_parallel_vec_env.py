@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from gymnasium import spaces
 
 import pacman_env
 from pacman_env.config import ConfigError
 from pacman_env.envs.core import EnvCore
 from pacman_env.envs.parallel_vec_env import PACMAN, PacManBotParallelVecEnv, _within_half_a_turn
 from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
+from pacman_env.sim.observation.situation import MISSING
 from tests.envs.helpers import QUICK, nothing_returned_is_changed_later, same
 
 MIXED = ("policy", "chase", "arcade", "policy")
@@ -53,6 +55,11 @@ CASES: dict[str, dict[str, Any]] = {
             "zero_sum": False,
         },
     },
+    "houses, the nearest candidates": {
+        "map": "generated",
+        "flat": True,
+        "settings": {**FAST_GHOSTS, "num_levels": 4, "observation.candidates": "nearest"},
+    },
     "houses, masks in the info": {
         "map": "generated",
         "ghosts": ("policy", "policy"),
@@ -73,7 +80,11 @@ def make(num_envs: int = GAMES, **arguments: Any) -> PacManBotParallelVecEnv:
 
 def actions_of(env: PacManBotParallelVecEnv, rng: np.random.Generator) -> dict[str, Any]:
     """Any actions of every agent, also those that the mask forbids."""
-    actions: dict[str, Any] = {a: rng.integers(env.batch.candidates, size=env.num_envs) for a in env.agents}
+    actions: dict[str, Any] = {}
+    for agent in env.agents:
+        space = env.action_space(agent)
+        if isinstance(space, spaces.Discrete):
+            actions[agent] = rng.integers(space.n, size=env.num_envs)
     if env.config.action == "velocity":
         space: Any = env.action_space(PACMAN)
         actions[PACMAN] = rng.uniform(space.low, space.high, (env.num_envs, 2)).astype(np.float32)
@@ -110,6 +121,34 @@ def play(env: PacManBotParallelVecEnv, steps: int, seed: int = 0, first: int | N
         actions = actions if k % 4 else actions_of(env, rng)
         results.append((*env.step(actions), env.state()))
     return results
+
+
+def test_a_ghosts_action_is_the_candidate_that_is_listed_there_in_a_game_with_all() -> None:
+    settings = {**FAST_GHOSTS, "observation.mask": "info"}
+    every = make(settings=settings)
+    nearest = make(settings={**settings, "observation.candidates": "nearest"})
+    assert nearest.action_space("clyde").n == nearest.action_space(PACMAN).n == 7 < every.action_space("clyde").n
+    rng = np.random.default_rng(0)
+    for env in (every, nearest):
+        env.reset(seed=3)
+    forbidden = 0
+    for _ in range(60):
+        chosen = {agent: rng.integers(7, size=GAMES) for agent in nearest.agents}
+        masks = nearest.action_masks()
+        lists = {PACMAN: nearest._core.listed, "clyde": nearest._ghost_listed["clyde"]}
+        stand_for = {}
+        for number, (agent, listed) in enumerate(lists.items()):
+            assert listed is not None
+            named = listed[np.arange(GAMES), chosen[agent]]
+            allowed = masks[np.arange(GAMES), number, chosen[agent]]
+            np.testing.assert_array_equal(allowed, named != MISSING)
+            forbidden += (~allowed).sum()
+            stand_for[agent] = np.where(allowed, named, every.batch.hold)
+        _, rewards, *_ = nearest.step(chosen)
+        _, same_rewards, *_ = every.step(stand_for)
+        np.testing.assert_array_equal(rewards, same_rewards)
+        np.testing.assert_array_equal(nearest.state(), every.state())
+    assert forbidden > 0
 
 
 # --- many of PettingZoo's

@@ -31,7 +31,7 @@ from tests.envs.test_parallel_vec_env import GAMES, actions_of, make
         (
             {"settings": {"decisions.when": "event"}},
             ConfigError,
-            "decisions.when='event' and observation.candidates='nearest' are for one agent",
+            "decisions.when='event' is for one agent",
         ),
         ({"render_mode": "human"}, ValueError, "render_mode = 'human'"),
     ],

@@ -123,7 +123,7 @@ def test_the_benchmark_runs_through_many_episodes(
 @pytest.mark.filterwarnings("ignore:Observation space for each agent probably should be:UserWarning")
 @pytest.mark.filterwarnings("ignore:We recommend agents to be named in the format:UserWarning")
 @pytest.mark.filterwarnings("ignore:Agents have different observation space sizes:UserWarning")
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", [*SHAPES, {"flat": True, "settings": {"observation.candidates": "nearest"}}])
 def test_in_the_shapes_of_learners_there_is_no_fault(shape: dict[str, Any]) -> None:
     parallel_api_test(pacman_env.parallel_env(map="loop", **shape), num_cycles=60)
     api_test(pacman_env.env(map="loop", **shape), num_cycles=60)

@@ -22,7 +22,7 @@ BATCH = 50  # games at once
 #: Settings of two players; the game of one player has the robot's observation of two with them.
 TWO_PLAYERS: dict[str, Any] = {
     "observation.kinds": ("features",),
-    "observation.candidates": "all",
+    "observation.candidates": "nearest",
     "decisions.when": "tick",
     "execution.tick_s": 2.0,  # a choice every 0.5 s dithers as long as it is random
     "execution.min_dwell_s": 8.0,

@@ -23,6 +23,7 @@ def main() -> None:
     torch.set_num_threads(1)  # a network this small is fastest on one core
     settings = {**TWO_PLAYERS, "observation.mask": "info"}
     game = pettingzoo.make("parallel", "pacman_env/PacManBotFlat-v0", map=args.map, settings=settings)
+    game = supersuit.agent_indicator_v0(game)  # by which the network knows whose move it is
     agents = supersuit.pettingzoo_env_to_vec_env_v1(game)
     envs = supersuit.concat_vec_envs_v1(agents, args.num_envs, base_class="stable_baselines3")
     set_random_seed(args.seed)  # PPO's own argument fails: SuperSuit's vector environment has no ``seed``
@@ -31,7 +32,8 @@ def main() -> None:
 
     def choose(observation: np.ndarray, allowed: np.ndarray) -> np.ndarray:
         """The likeliest actions."""
-        return model.predict(observation, deterministic=True)[0]
+        robot = np.tile(np.float32([1.0, 0.0]), (len(observation), 1))  # of the agents in their order
+        return model.predict(np.concatenate([observation, robot], axis=1), deterministic=True)[0]
 
     untrained(choose, args.test, args.rounds, settings=TWO_PLAYERS)
     model.learn(2 * args.decisions)  # rows of both players
