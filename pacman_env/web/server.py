@@ -43,6 +43,7 @@ CONNECTIONS = 3  # for each viewer: a browser opens up to six for the page's fil
 SPARE_CONNECTIONS = 50
 CLOSING_S = 2.0  # for what is still to be sent on a connection that ends
 HIGH_WATER = 16 << 10  # bytes; a slow reader gets a newer frame the sooner
+_WAKE_S = 0.5
 MOST_UNSENT = 1 << 20  # such as answers to pings of a client that reads nothing
 _FULL = (
     b"HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\ncontent-length: 26\r\n\r\ntoo many connections here.\n"
@@ -284,7 +285,8 @@ def serve(
             print(greeting(server.address, server.port, server.tokens), flush=True)
             if opened is not None:
                 opened(server.url)
-            ended.wait()
+            while not ended.wait(_WAKE_S):
+                pass  # a signal that another thread has received does not end a wait of this one
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)

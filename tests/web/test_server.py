@@ -496,3 +496,22 @@ def test_a_signal_ends_it_within_two_seconds_whatever_is_going_on(number: signal
             assert process.stdout.read() == "ended\n"
             assert process.wait(10) == 0
             assert time.monotonic() - began < 2.0
+
+
+ANOTHER_THREAD = SERVES.replace(
+    "serve(game, port=0)",
+    """
+import signal, time
+def interrupt(url):
+    time.sleep(0.3)  # the main thread waits by then; if it does not, nothing is tested and nothing fails
+    signal.pthread_kill(threading.get_ident(), signal.SIGINT)
+serve(game, port=0, opened=lambda url: threading.Thread(target=interrupt, args=[url]).start())""",
+)
+
+
+def test_a_signal_that_another_thread_receives_ends_it_too() -> None:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "-c", ANOTHER_THREAD], capture_output=True, text=True, env=environment, timeout=60
+    )
+    assert (done.returncode, done.stdout.splitlines()[1:]) == (0, ["ended"]), done.stderr

@@ -71,7 +71,13 @@ def main() -> None:
         )  # 60 s by default
         .multi_agent(policies=set(AGENTS), policy_mapping_fn=lambda agent, *_, **__: agent)
         .rl_module(rl_module_spec=MultiRLModuleSpec(rl_module_specs=dict.fromkeys(AGENTS, module)))
-        .training(train_batch_size_per_learner=batch_size, minibatch_size=min(250, batch_size), num_epochs=10, lr=3e-4)
+        .training(
+            train_batch_size_per_learner=batch_size,
+            minibatch_size=min(250, batch_size),
+            num_epochs=10,
+            lr=3e-4,
+            lambda_=0.95,
+        )
         .debugging(seed=arguments.seed)
     )
     algorithm = config.build_algo()
