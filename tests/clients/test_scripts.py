@@ -84,13 +84,17 @@ def test_torchrl_s_ppo_learns_and_saves_its_actor(tmp_path: Path) -> None:
     assert all(torch.isfinite(value).all() for value in weights.values())
 
 
+def interpreter(venv: str, script: str) -> str:
+    """Of the environment with a library whose pins clash with this one's."""
+    folder = CACHE / venv
+    if not (folder / "installed").exists():
+        pytest.skip(f"scripts/clients {script} makes the environment {venv}")
+    return str(folder / "bin" / "python")
+
+
 @pytest.fixture(scope="module")
 def rllib() -> str:
-    """The interpreter with RLlib, whose pins clash with this environment's."""
-    folder = CACHE / "rllib"
-    if not (folder / "installed").exists():
-        pytest.skip("scripts/clients rllib_ppo makes the environment of RLlib")
-    return str(folder / "bin" / "python")
+    return interpreter("rllib", "rllib_ppo")
 
 
 @pytest.mark.daily
@@ -101,7 +105,8 @@ def test_rllib_s_ppo_learns_with_two_processes_and_saves_its_network(rllib: str,
 
 @pytest.mark.daily
 def test_rllib_s_self_play_reports_returns_that_cancel_out(rllib: str) -> None:
-    command = [rllib, str(SCRIPTS / "rllib_self_play.py"), "--map", "loop", "--decisions", "1000"]
+    given = ["--map", "loop", "--decisions", "1000", "--test", "loop", "--rounds", "4"]
+    command = [rllib, str(SCRIPTS / "rllib_self_play.py"), *given]
     done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(ROOT)})
     assert done.returncode == 0, done.stderr
     returns = re.findall(r"decisions: return (\S+), pacman (\S+), clyde (\S+)$", done.stdout, re.MULTILINE)
@@ -110,6 +115,22 @@ def test_rllib_s_self_play_reports_returns_that_cancel_out(rllib: str) -> None:
         assert float(both) == 0
         assert float(pacman) == -float(clyde) != 0
     assert re.search(r"^no choice was forbidden: \d+ of pacman \d+ of clyde$", done.stdout, re.MULTILINE)
+
+
+@pytest.mark.daily
+def test_supersuit_s_network_of_both_players_learns_and_plays_the_game_of_one(tmp_path: Path) -> None:
+    python = interpreter("farama", "supersuit_ppo")
+    model = run("supersuit_ppo.py", 600, tmp_path, python=(python,))
+    assert stable_baselines3.PPO.load(model, device="cpu").observation_space.shape == (88,)
+
+
+@pytest.mark.daily
+def test_benchmarl_s_robot_learns_and_plays_the_game_of_one(tmp_path: Path) -> None:
+    python = interpreter("benchmarl", "benchmarl_mappo")
+    weights = torch.load(run("benchmarl_mappo.py", 500, tmp_path, python=(python,)), weights_only=True)
+    tensors = [value for value in weights.values() if isinstance(value, torch.Tensor)]  # beside their sizes
+    assert tensors
+    assert all(torch.isfinite(value).all() for value in tensors)
 
 
 def test_a_round_is_the_same_for_models_and_baselines_however_many_there_are(evaluate: Any) -> None:
