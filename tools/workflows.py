@@ -102,10 +102,7 @@ class Runner:
         if action == "actions/checkout":
             return subprocess.run(["git", "clone", "--quiet", str(ROOT), str(place)]).returncode
         if action == "actions/setup-python":
-            program, programs = _python(given["python-version"]), self._folder / f"python-{self._number}"
-            programs.mkdir()
-            for name in ("python", "python3"):
-                (programs / name).symlink_to(program)
+            programs = _python(given["python-version"], self._folder / f"python-{self._number}")
             environment["PATH"] = os.pathsep.join((str(programs), environment["PATH"]))
         elif action == "actions/upload-artifact":
             found = [Path(one) for one in glob(str(place / given["path"]))]
@@ -136,19 +133,22 @@ def _copy(source: Path, target: Path) -> None:
     (shutil.copytree if source.is_dir() else shutil.copy2)(source, target)
 
 
-def _python(version: str) -> Path:
-    """The interpreter of this version; raises LeftOut if it is not on this machine."""
+def _python(version: str, folder: Path) -> Path:
+    """Programs of a new virtual environment of this version: a step may install. LeftOut if there is none here."""
     places = [*os.environ["PATH"].split(os.pathsep), *glob(str(Path.home() / ".pyenv" / "versions" / "*" / "bin"))]
     for place, name in itertools.product(places, (f"python{version}", "python")):
         program = Path(place, name)
-        # pyenv has shims on PATH; what a virtual environment installs into is that environment.
+        # pyenv has shims on PATH; one of a virtual environment has what was installed there.
         if not program.exists() or "shims" in program.parts or (program.parents[1] / "pyvenv.cfg").exists():
             continue
         code = "import sys; print('%d.%d' % sys.version_info[:2])"
         done = subprocess.run([program, "-c", code], capture_output=True, text=True)
-        if done.stdout.strip() == version:
-            return program
-    raise LeftOut(f"no Python {version} on this machine")
+        if done.stdout.strip() != version:
+            continue
+        made = subprocess.run([program, "-m", "venv", "--clear", str(folder)], stdout=subprocess.DEVNULL)
+        if made.returncode == 0:
+            return folder / "bin"
+    raise LeftOut(f"no Python {version} on this machine that makes virtual environments")
 
 
 def _run(arguments: argparse.Namespace) -> int:

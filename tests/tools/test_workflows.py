@@ -79,7 +79,7 @@ def test_jobs_run_after_those_that_they_need_and_get_what_those_uploaded(capfd: 
         "good build: passed; without somebody/publish",
         "good inside: left out: in the container ros:jazzy",
         f"good try ubuntu-24.04 {HERE}: passed",
-        "good try ubuntu-24.04 2.0: left out: no Python 2.0 on this machine",
+        "good try ubuntu-24.04 2.0: left out: no Python 2.0 on this machine that makes virtual environments",
         f"good try macos-15 {HERE}: left out: on macos-15",
         "good try macos-15 2.0: left out: on macos-15",
     ]
