@@ -17,7 +17,7 @@ from ..sim.core import compile_ahead
 from ..sim.core.batch import GameBatch
 from ..sim.core.parameters import drawn_values
 from ..sim.observation.kinds import FLAT, MASK, Observer
-from ..sim.observation.situation import MISSING, Situation
+from ..sim.observation.situation import MISSING, Situation, at_places
 from . import outcome
 from .arguments import EnvArguments, check_render_mode
 from .outcome import Ends
@@ -164,11 +164,7 @@ class EnvCore:
         """The candidates that checked actions stand for, hold where they are forbidden, and where that is."""
         if self.listed is None:
             return actions, ~self.situation.mask[np.arange(self.batch.n), actions]
-        return self.listed_choices(self.listed, actions)
-
-    def listed_choices(self, listed: Indices, actions: NDArray[Any]) -> tuple[Indices, Flags]:
-        """The candidates (N,) at these places of (N, C) listed ones, hold where one is missing, and where that is."""
-        chosen = np.take_along_axis(listed, actions[:, None], axis=1)[:, 0]
+        chosen = at_places(self.listed, actions)
         forbidden = chosen == MISSING
         return np.where(forbidden, self.batch.hold, chosen), forbidden
 
@@ -236,15 +232,12 @@ class EnvCore:
         seen = self._observer.observe(self.situation, self.listed)
         return self._laid_out(seen, self.masks() if self._mask_beside else None)
 
-    def ghost_listed(self, situation: Situation) -> Indices | None:
-        """(N, C) candidate that an action of a ghost's agent stands for in its situation; None: its own."""
-        return self._ghost_observer.listed(situation)
-
-    def observe_ghost(self, situation: Situation, listed: Indices | None) -> Any:
-        """Of a ghost's agent in its situation, laid out alike."""
+    def observe_ghost(self, situation: Situation) -> tuple[Any, Indices | None]:
+        """Of a ghost's agent in its situation, laid out alike; and (N, C) the candidates of its actions, None: all."""
+        listed = self._ghost_observer.listed(situation)
         seen = self._ghost_observer.observe(situation, listed)
         mask = situation.mask if listed is None else listed != MISSING
-        return self._laid_out(seen, mask if self._mask_beside else None)
+        return self._laid_out(seen, mask if self._mask_beside else None), listed
 
     @staticmethod
     def _laid_out(seen: Mapping[str, NDArray[Any]], mask: Flags | None) -> Any:

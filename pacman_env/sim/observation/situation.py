@@ -186,6 +186,11 @@ def _list(kind, mask, path, current, pellets, refuges, order):  # type: ignore[n
                 order[i, first + room - 1] = now
 
 
+def at_places(listed: NDArray[np.int64], places: NDArray[Any]) -> NDArray[np.int64]:
+    """(N,) the candidate, or ``MISSING``, that each situation lists (N, K) at its place."""
+    return np.take_along_axis(listed, places[:, None], axis=1)[:, 0]
+
+
 def in_order(array: NDArray, order: NDArray[np.int64]) -> NDArray:
     """(N, K, ...) the rows of an array (N, C, ...) as listed; 0 where one is missing."""
     there = order != MISSING
