@@ -20,6 +20,7 @@ from ray.rllib.core.rl_module.multi_rl_module import MultiRLModuleSpec
 from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 from ray.rllib.env.wrappers.pettingzoo_env import ParallelPettingZooEnv
 from ray.rllib.examples.rl_modules.classes.action_masking_rlm import ActionMaskingTorchRLModule
+from ray.rllib.policy.policy import PolicySpec
 
 import pacman_env
 
@@ -58,6 +59,7 @@ def make(arguments: dict[str, Any]) -> ParallelPettingZooEnv:
 def main() -> None:
     """Play the test levels untrained, learn, print what each side earns, play them again."""
     arguments = parser(__doc__).parse_args()
+    torch.manual_seed(arguments.seed)  # the first weights of several agents do not come from RLlib's own seed
     torch.set_num_threads(1)  # networks this small are fastest on one core
     ray.init("local", num_cpus=2, include_dashboard=False, log_to_driver=False)
     tune.register_env("two_players", make)
@@ -69,7 +71,9 @@ def main() -> None:
         .env_runners(
             num_env_runners=2, num_envs_per_env_runner=max(arguments.num_envs // 2, 1), sample_timeout_s=600
         )  # 60 s by default
-        .multi_agent(policies=set(AGENTS), policy_mapping_fn=lambda agent, *_, **__: agent)
+        .multi_agent(
+            policies={agent: PolicySpec() for agent in AGENTS}, policy_mapping_fn=lambda agent, *_, **__: agent
+        )
         .rl_module(rl_module_spec=MultiRLModuleSpec(rl_module_specs=dict.fromkeys(AGENTS, module)))
         .training(
             train_batch_size_per_learner=batch_size,

@@ -137,6 +137,7 @@ def main() -> None:
     """One player without the mask and with it, and two players."""
     args = parser(__doc__).parse_args()
     torch.manual_seed(args.seed)
+    np.random.seed(args.seed)  # noqa: NPY002 - Tianshou draws minibatches by it
     torch.set_num_threads(1)  # networks this small are fastest on one core
     one_player(args, masked=False)
     one_player(args, masked=True)
