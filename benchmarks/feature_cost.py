@@ -55,10 +55,10 @@ def parts(s: Situation, speed_mps: float, repeats: int) -> dict[str, float]:
     """Microseconds per decision of each part of the features, for the situations of a batch."""
     n, terms = len(s), np.empty((s.mask.shape[1], 6))
     whole = _microseconds(lambda: planner_features(s, speed_mps), n, repeats)
-    listed = nearest_candidates(s, Nearest(4, 2))
-    some = _microseconds(lambda: planner_features(s, speed_mps, listed), n, repeats)
     encounter = _microseconds(lambda: encounters(s, speed_mps), n, repeats)
     scorer = _microseconds(lambda: _score_all(s.robot, s.clyde, s.position, _SCORER, terms), n, repeats)
+    listed = nearest_candidates(s, Nearest(4, 2))
+    some = _microseconds(lambda: planner_features(s, speed_mps, listed), n, repeats)
     return {
         "prediction of Clyde, clearance and direction of paths": encounter,
         "the handcrafted score": scorer,
