@@ -164,9 +164,7 @@ class EnvCore:
         """The candidates that checked actions stand for, hold where they are forbidden, and where that is."""
         if self.listed is None:
             return actions, ~self.situation.mask[np.arange(self.batch.n), actions]
-        chosen = at_places(self.listed, actions)
-        forbidden = chosen == MISSING
-        return np.where(forbidden, self.batch.hold, chosen), forbidden
+        return at_places(self.listed, actions, self.batch.hold)
 
     def step(self, actions: NDArray[Any], ghost_choices: Mapping[int, Indices] | None = None) -> Ends:
         """One decision; games that were over get no reward.
@@ -232,12 +230,12 @@ class EnvCore:
         seen = self._observer.observe(self.situation, self.listed)
         return self._laid_out(seen, self.masks() if self._mask_beside else None)
 
-    def observe_ghost(self, situation: Situation) -> tuple[Any, Indices | None]:
-        """Of a ghost's agent in its situation, laid out alike; and (N, C) the candidates of its actions, None: all."""
+    def observe_ghost(self, situation: Situation) -> tuple[Any, Flags, Indices | None]:
+        """Of a ghost's agent in its situation, laid out alike; its mask (N, C) and ``listed``, as the robot's."""
         listed = self._ghost_observer.listed(situation)
         seen = self._ghost_observer.observe(situation, listed)
         mask = situation.mask if listed is None else listed != MISSING
-        return self._laid_out(seen, mask if self._mask_beside else None), listed
+        return self._laid_out(seen, mask if self._mask_beside else None), mask, listed
 
     @staticmethod
     def _laid_out(seen: Mapping[str, NDArray[Any]], mask: Flags | None) -> Any:

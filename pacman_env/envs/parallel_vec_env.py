@@ -13,7 +13,7 @@ from ..game.ghosts import GHOST_NAMES
 from ..render.window import RENDER_FPS
 from ..sim.observation.kinds import MASK
 from ..sim.observation.robot_features import FAST_MPS
-from ..sim.observation.situation import MISSING, at_places
+from ..sim.observation.situation import at_places
 from .arguments import EnvArguments, checked_games, takes_env_arguments
 from .core import CoreEnv
 from .outcome import Ends
@@ -71,20 +71,15 @@ class SeveralAgents(CoreEnv):
     def _ghost_choice(self, name: str, actions: NDArray[Any]) -> NDArray[Any]:
         """(N,) the candidates that a ghost's actions stand for."""
         listed = self._ghost_listed[name]
-        if listed is None:
-            return actions
-        chosen = at_places(listed, actions)
-        return np.where(chosen == MISSING, self.batch.hold, chosen)
+        return actions if listed is None else at_places(listed, actions, self.batch.hold)[0]
 
     def _observed(self) -> Observations:
         """Of all agents in all games, (N, ...); their masks, and what their actions stand for, are kept."""
         core = self._core
         observed: Observations = {PACMAN: core.observe()}
         for name, number in self._ghosts.items():
-            situation = self.batch.situation(number)
-            observed[name], listed = core.observe_ghost(situation)
-            self._ghost_listed[name] = listed
-            self._ghost_masks[name] = situation.mask if listed is None else listed != MISSING
+            seen, mask, listed = core.observe_ghost(self.batch.situation(number))
+            observed[name], self._ghost_masks[name], self._ghost_listed[name] = seen, mask, listed
         return observed
 
     def _states(self) -> NDArray[np.float64]:

@@ -37,7 +37,7 @@ class PacManBotClass(PettingZooClass):
             pacman_env.parallel_env(
                 flat=True, map=self.config["map"], settings={**TWO_PLAYERS, "max_cycles": MAX_CYCLES}
             ),
-            group_map=MarlGroupMapType.ONE_GROUP_PER_AGENT,  # their observations differ in size
+            group_map=MarlGroupMapType.ONE_GROUP_PER_AGENT,  # they play against each other
             categorical_actions=True,
             return_state=True,
             seed=seed,

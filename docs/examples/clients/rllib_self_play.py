@@ -59,7 +59,6 @@ def make(arguments: dict[str, Any]) -> ParallelPettingZooEnv:
 def main() -> None:
     """Play the test levels untrained, learn, print what each side earns, play them again."""
     arguments = parser(__doc__).parse_args()
-    torch.manual_seed(arguments.seed)  # the first weights of several agents do not come from RLlib's own seed
     torch.set_num_threads(1)  # networks this small are fastest on one core
     ray.init("local", num_cpus=2, include_dashboard=False, log_to_driver=False)
     tune.register_env("two_players", make)
@@ -69,8 +68,10 @@ def main() -> None:
         PPOConfig()
         .environment("two_players", env_config={"map": arguments.map})
         .env_runners(
-            num_env_runners=2, num_envs_per_env_runner=max(arguments.num_envs // 2, 1), sample_timeout_s=600
-        )  # 60 s by default
+            num_env_runners=2,
+            num_envs_per_env_runner=max(arguments.num_envs // 2, 1),
+            sample_timeout_s=600,  # 60 s by default
+        )
         .multi_agent(
             policies={agent: PolicySpec() for agent in AGENTS}, policy_mapping_fn=lambda agent, *_, **__: agent
         )

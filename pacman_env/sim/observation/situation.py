@@ -186,9 +186,13 @@ def _list(kind, mask, path, current, pellets, refuges, order):  # type: ignore[n
                 order[i, first + room - 1] = now
 
 
-def at_places(listed: NDArray[np.int64], places: NDArray[Any]) -> NDArray[np.int64]:
-    """(N,) the candidate, or ``MISSING``, that each situation lists (N, K) at its place."""
-    return np.take_along_axis(listed, places[:, None], axis=1)[:, 0]
+def at_places(
+    listed: NDArray[np.int64], places: NDArray[Any], hold: int
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """(N,) the candidate that each situation lists (N, K) at its place, ``hold`` where one is missing; and where."""
+    chosen = np.take_along_axis(listed, places[:, None], axis=1)[:, 0]
+    missing = chosen == MISSING
+    return np.where(missing, hold, chosen), missing
 
 
 def in_order(array: NDArray, order: NDArray[np.int64]) -> NDArray:
