@@ -22,7 +22,7 @@ from ...world.navigation.paths import UNREACHABLE_CM
 from ..coarse import outlook
 from ..core.beliefs import apart_cm
 from . import prediction
-from .situation import HOLD, MISSING, PELLET, REFUGE, Situation
+from .situation import HOLD, PELLET, REFUGE, Situation, among
 
 if TYPE_CHECKING:
     from ..maps.level_stack import LevelStack
@@ -55,7 +55,7 @@ _FIRST_TOKEN, _COLUMNS = GLOBAL_FEATURES.index("ghost_0_there"), len(_TOKEN)
 
 class _FillArrays(NamedTuple):
     seen: Any = prediction.SeenArrays
-    listed: Any = Array(np.int64, "N K")
+    wanted: Any = Array(np.bool_, "N C")
     candidates: Any = Array(np.float32, f"N C {len(CANDIDATE_FEATURES)}")
     whole: Any = Array(np.float32, f"N {len(GLOBAL_FEATURES)}")
     outlook: Any = Array(np.int64, "1")  # address of the table of OutlookArrays
@@ -77,9 +77,8 @@ def planner_features(
     memory = _memory(situation)
     candidates = np.empty((*situation.mask.shape, len(CANDIDATE_FEATURES)), dtype=np.float32)
     whole = np.empty((len(candidates), len(GLOBAL_FEATURES)), dtype=np.float32)
-    if listed is None:
-        listed = np.broadcast_to(np.arange(candidates.shape[1]), candidates.shape[:2])
-    arrays = {"seen": seen, "listed": np.ascontiguousarray(listed), "candidates": candidates, "whole": whole}
+    wanted = np.ascontiguousarray(situation.mask if listed is None else among(situation.mask, listed))
+    arrays = {"seen": seen, "wanted": wanted, "candidates": candidates, "whole": whole}
     tables = [Table(_FillArrays, outlook=own, **arrays) for own in memory]
     situation.threads.run(_fill, tables, len(candidates))
     return candidates, whole
@@ -137,13 +136,9 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
     meetings = np.empty((s.mask.shape[1], prediction.COLUMNS), np.float32)
     terms = np.empty((s.mask.shape[1], 6))
     hunts = np.zeros((s.mask.shape[1], outlook.COLUMNS), np.float32)
-    wanted = np.empty(s.mask.shape[1], np.bool_)
     whole[first:last] = 0.0
     for i in range(first, last):
-        wanted[:] = False
-        for c in a.listed[i]:
-            if c != MISSING:
-                wanted[c] = s.mask[i, c]
+        wanted = a.wanted[i]
         prediction.meet(s, maps, i, wanted, request, room, True, meetings)
         coming = outlook.coming(s, i)
         if coming > 0:

@@ -186,6 +186,14 @@ def _list(kind, mask, path, current, pellets, refuges, order):  # type: ignore[n
                 order[i, first + room - 1] = now
 
 
+def among(mask: NDArray[np.bool_], listed: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(N, C) which candidates are allowed and listed (N, K)."""
+    found = np.zeros_like(mask)
+    games, places = np.nonzero(listed != MISSING)
+    found[games, listed[games, places]] = True
+    return found & mask
+
+
 def at_places(
     listed: NDArray[np.int64], places: NDArray[Any], hold: int
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
