@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import subprocess
@@ -29,7 +30,7 @@ pytest.importorskip("rclpy")
 
 from pacman_env.ros import topics
 from tests.ros.network import on_the_network, two_machines, why_not
-from tests.ros.system import Probe, System, free_domain
+from tests.ros.system import Probe, System
 
 SIM_ROBOT = "pacman_env.ros.simulated_robot.sim_robot"
 LIGHTS = "pacman_env.ros.nodes.game_light_node"
@@ -108,32 +109,31 @@ def test_the_doctor_shows_no_profile_that_the_user_has_not_named() -> None:
         assert users_environment() == {"HOME": "/h", TRANSPORTS: "UDPv4"}
 
 
-def ports(process: int) -> list[str]:
-    """In shared memory, that a process reads or writes: not those that discovery announces to, of domain 0."""
-    found = re.findall(r"/dev/shm/fastrtps_port(\d+)", Path(f"/proc/{process}/maps").read_text())
-    return [port for port in found if int(port) > 7400]
+def ports(process: int) -> set[str]:
+    """In shared memory, that a process reads and has locked: not those of others, to which it only writes."""
+    found = set()
+    for file in Path(f"/proc/{process}/fd").iterdir():
+        with contextlib.suppress(OSError):  # closed meanwhile
+            found |= set(re.findall(r"/dev/shm/fastrtps_port\d+_el", str(file.readlink())))
+    return found
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.parametrize("chosen", ["", "DEFAULT"])
-def test_nodes_talk_without_a_port_in_shared_memory_unless_the_user_wants_it(
-    system: System, monkeypatch: pytest.MonkeyPatch, chosen: str
-) -> None:
-    for name in (TRANSPORTS, *PROFILES):
-        monkeypatch.delenv(name, raising=False)
-    if chosen:
-        monkeypatch.setenv(TRANSPORTS, chosen)
-    with free_domain() as alone, mock.patch.dict(os.environ, ROS_DOMAIN_ID=str(alone)):
-        # A node reads the ports of others, too: those that another test has left in this process's domain.
+def test_nodes_talk_without_a_port_in_shared_memory_unless_the_user_wants_it(system: System, chosen: str) -> None:
+    with mock.patch.dict(os.environ):
+        for name in (TRANSPORTS, *PROFILES):
+            os.environ.pop(name, None)
+        if chosen:
+            os.environ[TRANSPORTS] = chosen
         nodes = [system.start(LIGHTS), system.start("pacman_env.ros.nodes.game_event_mapper")]
-        avoid_shared_memory()
-        with Probe(system) as probe:
-            probe.record(topics.LIGHT_RING)
-            for node in nodes:
-                probe.answered_by(f"{system.namespace}/{node.name}")
-            probe.publish(topics.GAME_EVENT, "start")
-            probe.wait_for(lambda: any(lit_rings(probe)), what="the ring to be lit")
-            assert [bool(ports(node.popen.pid)) for node in nodes] == [bool(chosen)] * 2
+    with Probe(system) as probe:
+        probe.record(topics.LIGHT_RING)
+        for node in nodes:
+            probe.answered_by(f"{system.namespace}/{node.name}")
+        probe.publish(topics.GAME_EVENT, "start")
+        probe.wait_for(lambda: any(lit_rings(probe)), what="the ring to be lit")
+        assert [bool(ports(node.popen.pid)) for node in nodes] == [bool(chosen)] * 2
 
 
 def test_the_later_of_two_nodes_of_one_kind_is_refused_by_the_name_of_the_first(probe: Probe, system: System) -> None:
