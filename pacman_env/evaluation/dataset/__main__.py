@@ -151,14 +151,11 @@ def _facts(arguments: argparse.Namespace, given: Sequence[str], env_id: str, cor
 
 
 def _command(given: Sequence[str]) -> str:
-    """Without what does not matter to the files' content."""
-    words, left = ["pacman-env", "dataset"], iter(given)
-    for word in left:
-        if word in ("--workers", "--root"):
-            next(left, None)
-        else:
-            words.append(word)
-    return shlex.join(words)
+    """Without what does not matter to the files' content: where rounds are played, and where the files are."""
+    other = argparse.ArgumentParser(add_help=False)
+    other.add_argument("--root")
+    add_executor_arguments(other)
+    return shlex.join(["pacman-env", "dataset", *other.parse_known_args(given)[1]])
 
 
 def _writers(

@@ -27,7 +27,7 @@ class MinariFiles:
 
     def __init__(self, folder: Path, spec: EnvSpec, spaces: tuple[Any, Any], facts: dict[str, Any]) -> None:
         """``spaces`` are those of observations and of actions; ``facts`` are further metadata, as JSON has it."""
-        data = folder / "data"
+        data = folder.absolute() / "data"  # Minari joins a relative path to itself where it measures the size
         self._storage = MinariStorage.new(data, *spaces, env_spec=spec, data_format="hdf5", jpeg_encoding=False)
         self._storage.update_metadata({"minari_version": minari.__version__, **facts})
         self._file = h5py.File(data / "main_data.hdf5", "w", libver="latest")

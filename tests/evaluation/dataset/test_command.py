@@ -104,6 +104,7 @@ def test_observations_of_several_arrays_are_groups_and_columns(tmp_path: Path) -
 
 
 def test_the_files_are_the_same_whatever_the_number_of_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("ray")
     small: Callable[..., list[Recording]] = lambda *given: [  # noqa: E731
         Recording(one.policy, one.arguments, part) for one in tasks_of(*given) for part in np.array_split(one.seeds, 3)
     ]
@@ -113,9 +114,19 @@ def test_the_files_are_the_same_whatever_the_number_of_workers(tmp_path: Path, m
         files = (path for path in folder.rglob("*") if path.is_file())
         return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
-    one, two = (hashes(written(tmp_path / count, "--workers", count)) for count in ("1", "2"))
+    ways = ["--workers", "1"], ["--workers=2"], ["--ray", "--worker", "1"]
+    one, *others = (hashes(written(tmp_path / str(number), *way)) for number, way in enumerate(ways))
     assert len(one) == 6
-    assert one == two
+    assert all(other == one for other in others)
+
+
+def test_a_data_set_is_written_below_the_working_folder_as_the_documentation_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert dataset.main([NAME, *SHORT, "--episodes", "2"]) == 0
+    monkeypatch.setenv("MINARI_DATASETS_PATH", "results/datasets")
+    assert minari.load_dataset(NAME).total_episodes == 2
 
 
 def test_the_card_and_the_facts_say_how_it_was_made(folder: Path) -> None:
