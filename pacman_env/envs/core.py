@@ -332,16 +332,16 @@ class CoreEnv:
         """Whether a first round has begun."""
         return self._core.latest is not None
 
-    def _play_by(self, settings: Mapping[str, Any]) -> None:
-        """Play by these from now on, beside the arguments; where that raises an error nothing has changed."""
+    def _core_by(self, settings: Mapping[str, Any]) -> EnvCore:
+        """That of this environment, or another one if it plays by other settings beside the arguments."""
         if settings == self._core.settings:
-            return
+            return self._core
         n, arguments, more = self._made_from
         core = EnvCore(n, arguments, **more, settings=settings)
         if any(getattr(core, name) != getattr(self._core, name) for name in _FIXED):
             would = f"{', '.join(sorted(settings))} would change the spaces or agents"
             raise ConfigError(f"options['settings']: {would}; make an environment with them")
-        self._core = core
+        return core
 
     @property
     def situation(self) -> Situation:

@@ -148,12 +148,14 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     def reset(self, *, seed: int | None = None, options: Options = None) -> tuple[Observation, dict[str, Any]]:
         """Start a new episode; ``seed`` is of the generator that draws the episode's own, None: it goes on.
 
-        ``options`` are described in the class. Raises ValueError for those that are unknown or cannot be played.
+        ``options`` are described in the class. Nothing has been changed where it raises: ValueError for those that are
+        unknown or cannot be played, Gymnasium's Error for a bad seed.
         """
         wanted = ResetOptions.of(options, 1)
-        levels = wanted.levels(self.batch.source, _ONE)
-        self._play_by(wanted.settings)
+        core = self._core_by(wanted.settings)
+        levels = wanted.levels(core.batch.source, _ONE)
         super().reset(seed=seed)
+        self._core = core
         self._core.reset(_ONE, wanted.seeds(_ONE, [self.np_random]), levels)
         if self.render_mode == "human":
             self.render()

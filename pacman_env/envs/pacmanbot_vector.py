@@ -1,5 +1,6 @@
 """The native vector environment: a batch of many games behind Gymnasium's VectorEnv."""
 
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from ..game.execution import RUNNING
+from ..policies.base import Flags
 from ..render.window import RENDER_FPS
 from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, checked_games, is_count, takes_env_arguments
@@ -33,7 +35,9 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
 
     With a ``batch_size`` below the number of games, these are in sub-batches of that size, and while one is stepped
     in the background the network chooses for another, with EnvPool's methods (``async_reset``, ``recv``, ``send``) and
-    the same games. ``batch``, ``situation`` and ``action_masks()`` are then those of the sub-batch received last.
+    the same games; each sub-batch has copies of ghosts' policies that are given as objects. ``batch``, ``situation``
+    and ``action_masks()`` are then those of the sub-batch received last; after ``reset`` and ``step`` the masks are of
+    all games.
 
     ``copy=False``: the arrays of an observation are written anew by the step after the next one, instead of being new
     at each step; to keep one for longer, copy it.
@@ -75,7 +79,8 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
             self._make_core(num_envs, arguments, **more)
         else:
             more |= {"autoreset_mode": autoreset_mode, **vars(arguments)}
-            self._sub_batches = SubBatches([PacManBotVectorEnv(int(size), **more) for _ in range(num_envs // size)])
+            ghosts = [deepcopy(arguments.ghosts) for _ in range(num_envs // size)]  # policies remember games by number
+            self._sub_batches = SubBatches([PacManBotVectorEnv(int(size), **{**more, "ghosts": one}) for one in ghosts])
             self._core, self.render_mode = self._sub_batches.envs[0]._core, arguments.render_mode
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.reports_all = self.config.observation.infos == "all"
@@ -94,12 +99,14 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         ``seed`` is one seed s (game i gets s + i), one per game, or None: the generators go on. Other options are the
         single environment's: ``round_seed`` and ``level``, one for all games or one for each; ``settings``, for all
         games and until the next reset of all. Raises ValueError for what does not fit, and ResetNeeded where the first
-        reset is not of all games.
+        reset is not of all games. A step that was sent is waited for and dropped.
         """
         if self._sub_batches is not None:
             self.async_reset(seed=seed, options=options)
-            observations, _, _, _, infos = self._sub_batches.received()
+            observations, _, _, _, infos = self._all_received()
             return observations, infos
+        if self._whole is not None:
+            self._whole.close()
         mask = None
         if isinstance(options, dict) and "reset_mask" in options:
             mask = () if options["reset_mask"] is None else options["reset_mask"]
@@ -109,16 +116,24 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
     def step(self, actions: NDArray[Any]) -> Step:
         """Observations, rewards, terminated, truncated and infos of a decision in every game: actions (N,) or (N, 2).
 
-        Raises ValueError for actions that are not in the space, and ResetNeeded before the first reset.
+        Raises ValueError for actions that are not in the space, or while a step that was sent has not been received,
+        and ResetNeeded before the first reset.
         """
         if self._sub_batches is not None:
             actions = np.asarray(actions)
             if len(actions.shape) == 0 or len(actions) != self.num_envs:
                 raise ValueError(f"actions of shape {actions.shape}: must be of {self.num_envs} games")
-            return self._sub_batches.all(actions)
+            self._sub_batches.send_all(actions)
+            return self._all_received()
+        if self._whole is not None:
+            self._whole.require_received()
+        return self._stepped(self.check(actions))
+
+    def _stepped(self, actions: NDArray[Any]) -> Step:
+        """A step by checked actions."""
         core = self._core
         over = (self.batch.summary[0] != RUNNING) | core.cut
-        reward, terminated, truncated = core.step(self.check(actions))
+        reward, terminated, truncated = core.step(actions)
         final: dict[str, Any] = {}
         if self.autoreset_mode == AutoresetMode.NEXT_STEP and over.any():
             self._follow(np.flatnonzero(over))
@@ -135,12 +150,13 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
     def async_reset(self, *, seed: Seeds = None, options: Options = None) -> None:
         """Begin new rounds in all sub-batches; :meth:`recv` gives their first observations, with rewards of 0.
 
-        ``seed`` and ``options`` are as in :meth:`reset`, but that there is one ``round_seed`` or ``level`` for all.
-        Raises ValueError for a ``reset_mask``.
+        ``seed`` and ``options`` are as in :meth:`reset`. Nothing has been changed where it raises: ValueError for what
+        does not fit, or a ``reset_mask``.
         """
         if options and "reset_mask" in options:
             raise ValueError("options['reset_mask']: all sub-batches are reset")
         self._in_sub_batches().reset(seed, options)
+        self._show_last()
 
     def send(self, actions: NDArray[Any], env_id: NDArray[np.int64] | None = None) -> None:
         """Step a sub-batch in the background: that with the games ``env_id``, by default the one received last.
@@ -155,10 +171,25 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
 
         Raises ValueError where nothing was sent.
         """
-        sub_batches = self._in_sub_batches()
-        result = sub_batches.receive()
-        self._core = sub_batches.envs[sub_batches.last]._core
+        result = self._in_sub_batches().receive()
+        self._show_last()
         return result
+
+    def _all_received(self) -> Step:
+        assert self._sub_batches is not None
+        result = self._sub_batches.received()
+        self._show_last()
+        return result
+
+    def _show_last(self) -> None:
+        """What is read of this environment is the sub-batch received last."""
+        if self._sub_batches is not None:
+            self._core = self._sub_batches.envs[self._sub_batches.last]._core
+
+    def _masks(self) -> Flags:
+        if self._sub_batches is None or not self._sub_batches.received_all:
+            return self._core.masks()
+        return np.concatenate([env._core.masks() for env in self._sub_batches.envs])
 
     def _in_sub_batches(self) -> SubBatches:
         if self._sub_batches is not None:
@@ -173,11 +204,14 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         return self._pictures([env._core for env in envs])
 
     def check(self, actions: NDArray[Any]) -> NDArray[Any]:
-        """Actions as the games need them; raises ValueError where shape, dtype or a candidate is not valid."""
+        """Actions as the games need them; raises ValueError where shape, dtype or a value is not valid."""
         actions = np.asarray(actions)
         if self.config.action == "velocity":
             if actions.shape != (self.num_envs, 2) or actions.dtype.kind not in "fiu":
                 raise ValueError(f"actions must be {self.num_envs} pairs of v and omega, {_got(actions)}")
+            bad = np.flatnonzero(~np.isfinite(actions).all(axis=1))
+            if len(bad):
+                raise ValueError(f"action {actions[bad[0]].tolist()} of game {bad[0]}: must be two finite numbers")
             return actions.astype(np.float64)
         if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
             raise ValueError(f"actions must be {self.num_envs} integers, {_got(actions)}")

@@ -63,10 +63,11 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
     def reset(self, seed: int | None = None, options: Options = None) -> tuple[Observations, Infos]:
         """Start a new episode; seed and options are as the Gymnasium environment's."""
         wanted = ResetOptions.of(options, 1, "options")  # PettingZoo's test passes this name and expects nothing of it
-        levels = wanted.levels(self.batch.source, _ONE)
-        self._play_by(wanted.settings)
+        core = self._core_by(wanted.settings)
+        levels = wanted.levels(core.batch.source, _ONE)
         if seed is not None:
             self._generator, _ = seeding.np_random(seed)
+        self._core = core
         self._core.reset(_ONE, wanted.seeds(_ONE, [self.np_random]), levels)
         self.agents = list(self.possible_agents)
         if self.render_mode == "human":

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numbers
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import gymnasium as gym
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..config import ConfigError
 from ..policies.base import Flags, Indices
 from ..sim.maps.level_source import GeneratedMaps, LevelSource
-from .core import CoreEnv
+from .core import CoreEnv, EnvCore
 
 SEEDS = 2**63  # below this
 Seeds = int | Sequence[int | None] | None  # of many games
@@ -47,6 +47,11 @@ class ResetOptions:
         level, seed = (_numbers(options.get(name), name, games) for name in ("level", "round_seed"))
         return cls(None if level is None else level.astype(np.int64), seed, dict(settings))
 
+    def of_games(self, index: Indices) -> ResetOptions:
+        """Those of some of the games."""
+        level = None if self.level is None else self.level[index]
+        return replace(self, level=level, round_seed=None if self.round_seed is None else self.round_seed[index])
+
     def seeds(self, index: Indices, generators: Sequence[np.random.Generator | None]) -> NDArray[np.uint64]:
         """(M,) those asked for, of the games ``index`` (M,), or one from the generator of each, which was seeded."""
         if self.round_seed is not None:
@@ -68,6 +73,17 @@ class ResetOptions:
         return levels
 
 
+@dataclass(frozen=True)
+class Reset:
+    """New episodes that can be begun: all that may raise an error is behind."""
+
+    core: EnvCore
+    index: Indices  # the games
+    levels: Indices | None
+    generators: Mapping[int, np.random.Generator]  # new ones, by game
+    wanted: ResetOptions
+
+
 class ManyGames(CoreEnv):
     """An environment of N games, each with a generator that draws the seeds of its episodes."""
 
@@ -79,23 +95,29 @@ class ManyGames(CoreEnv):
 
     def _reset_games(self, seed: Any, options: Any, mask: Any, mask_name: str, *more: str) -> Indices:
         """Begin new episodes in the games of the mask (None: all), which are returned; errors come before changes."""
-        wanted = ResetOptions.of(options, self.num_envs, *more)
+        return self._begin(self._prepared(seed, options, mask, mask_name, *more))
+
+    def _prepared(self, seed: Any, options: Any, mask: Any, mask_name: str, *more: str) -> Reset:
+        """What a reset needs; changes nothing."""
+        wanted = options if isinstance(options, ResetOptions) else ResetOptions.of(options, self.num_envs, *more)
         index = np.arange(self.num_envs) if mask is None else _chosen_games(mask, self.num_envs, mask_name)
         every = len(index) == self.num_envs
         if not self.started and not every:
             raise gym.error.ResetNeeded("the first reset() must be of all games")
-        levels = wanted.levels(self.batch.source, index)
         if wanted.settings and not every:
             raise ValueError("options['settings'] are for all games, which are not all reset")
+        core = self._core_by(wanted.settings) if every else self._core
+        levels = wanted.levels(core.batch.source, index)
         seeds = one_for_each(seed, self.num_envs)
         fresh = [i for i in index.tolist() if seeds[i] is not None or self._generators[i] is None]
-        generators = {i: gym.utils.seeding.np_random(seeds[i])[0] for i in fresh}
-        if every:
-            self._play_by(wanted.settings)
-        for i, generator in generators.items():
+        return Reset(core, index, levels, {i: gym.utils.seeding.np_random(seeds[i])[0] for i in fresh}, wanted)
+
+    def _begin(self, reset: Reset) -> Indices:
+        self._core = reset.core
+        for i, generator in reset.generators.items():
             self._generators[i], self._next[i] = generator, None
-        self._core.reset(index, self._episode_seeds(index, wanted), levels)
-        return index
+        self._core.reset(reset.index, self._episode_seeds(reset.index, reset.wanted), reset.levels)
+        return reset.index
 
     def _follow(self, ended: Indices) -> None:
         """Begin the next episodes in games of a step, whose last observations are not in use any more."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..policies.base import Flags, Floats
-from .resets import one_for_each
+from .resets import Reset, ResetOptions, one_for_each
 
 if TYPE_CHECKING:
     from .pacmanbot_vector import PacManBotVectorEnv
@@ -31,6 +31,7 @@ class SubBatches:
         self._pool: ThreadPoolExecutor | None = None
         self._started = False
         self.last = 0  # the sub-batch received last
+        self.received_all = False  # at once
 
     def __getstate__(self) -> dict[str, Any]:
         if self._sent:
@@ -42,10 +43,17 @@ class SubBatches:
 
     def reset(self, seed: Any, options: dict[str, Any] | None) -> None:
         """Begin new rounds in all sub-batches, as if they had been sent. Steps that run are waited for and dropped."""
-        seeds = one_for_each(seed, len(self.envs) * self._size)
-        self.close()
+        games = len(self.envs) * self._size
+        seeds, wanted = one_for_each(seed, games), ResetOptions.of(options, games)
+        for _, future in self._sent:
+            future.exception()  # the games stand still before they are asked what they can play
+        resets = []
         for k, env in enumerate(self.envs):
-            self._submit(k, partial(_begun, env, [seeds[i] for i in self._ids(k)], options))
+            own = [seeds[i] for i in self._ids(k)]
+            resets.append(env._prepared(own, wanted.of_games(self._ids(k)), None, ""))
+        self.close()
+        for k, (env, prepared) in enumerate(zip(self.envs, resets, strict=True)):
+            self._submit(k, partial(_begun, env, prepared))
         self._started = True
 
     def send(self, actions: NDArray[Any], ids: NDArray[Any] | None) -> None:
@@ -60,7 +68,7 @@ class SubBatches:
         if any(number == other for other, _ in self._sent):
             raise ValueError(f"games {self._ids(number)[[0, -1]].tolist()} are being stepped: recv() them first")
         env = self.envs[number]
-        self._submit(number, partial(env.step, env.check(actions).copy()))  # the caller may write to its own
+        self._submit(number, partial(env._stepped, env.check(actions).copy()))  # the caller may write to its own
 
     def receive(self) -> Step:
         """What came of the sub-batch that was sent first; its info has ``env_id``, the numbers of its games."""
@@ -68,22 +76,31 @@ class SubBatches:
             raise ValueError("nothing is being stepped: send() first")
         number, future = self._sent.popleft()
         observation, reward, terminated, truncated, info = future.result()
-        self.last = number
+        self.last, self.received_all = number, False
         return observation, reward, terminated, truncated, {**info, "env_id": self._ids(number)}
 
-    def all(self, actions: NDArray[Any]) -> Step:
-        """A step of every sub-batch; none may be being stepped."""
+    def send_all(self, actions: NDArray[Any]) -> None:
+        """Step every sub-batch; none may be being stepped."""
         self._require_reset()
-        if self._sent:
-            raise ValueError(f"{len(self._sent)} sub-batches are being stepped: recv() them before step()")
+        self.require_received()
         checked = [env.check(actions[self._ids(k)]) for k, env in enumerate(self.envs)]
         for k, env in enumerate(self.envs):
-            self._submit(k, partial(env.step, checked[k]))
-        return self.received()
+            self._submit(k, partial(env._stepped, checked[k]))
+
+    def require_received(self) -> None:
+        """Raise ValueError where a step that was sent has not been received."""
+        if self._sent:
+            raise ValueError(f"{len(self._sent)} sub-batches are being stepped: recv() them before step()")
 
     def received(self) -> Step:
-        """All sub-batches, in the order of their games."""
-        observations, *numbers, infos = zip(*[self.receive() for _ in self.envs], strict=True)
+        """All sub-batches, in the order of their games; where one raised an error, none is left to be received."""
+        for _, future in self._sent:
+            future.exception()
+        try:
+            observations, *numbers, infos = zip(*[self.receive() for _ in self.envs], strict=True)
+        finally:
+            self._sent.clear()
+        self.received_all = True
         reward, terminated, truncated = map(np.concatenate, numbers)
         return _join(observations), reward, terminated, truncated, _join_infos(infos)
 
@@ -105,10 +122,10 @@ class SubBatches:
         self._sent.append((number, self._pool.submit(work)))
 
 
-def _begun(env: PacManBotVectorEnv, seeds: Sequence[int | None], options: dict[str, Any] | None) -> Step:
-    observation, info = env.reset(seed=seeds, options=options)
+def _begun(env: PacManBotVectorEnv, prepared: Reset) -> Step:
+    index = env._begin(prepared)
     nothing = np.zeros(env.num_envs, dtype=np.bool_)
-    return observation, np.zeros(env.num_envs), nothing, nothing.copy(), info
+    return env._core.observe(), np.zeros(env.num_envs), nothing, nothing.copy(), env._infos(index)
 
 
 def _join(values: Sequence[Any]) -> Any:

@@ -148,3 +148,27 @@ def test_a_number_is_taken_or_refused_by_name(given_: Any) -> None:
     each = given_ if isinstance(given_, list) else [given_] * 3
     assert taken.tolist() == each
     assert all(0 <= one < SEEDS for one in each)
+
+
+@pytest.mark.parametrize("make", [PacManBotEnv, lambda **more: PacManBotVectorEnv(2, **more), pacman_env.parallel_env])
+def test_a_level_is_one_of_the_settings_of_the_same_reset(make: Any) -> None:
+    env = make(map="generated", settings={"num_levels": 6})
+    env.reset(seed=0)
+    with pytest.raises(ConfigError, match=r"options\['level'\] = 5: the environment has the levels 0 to 4"):
+        env.reset(options={"settings": {"num_levels": 5}, "level": 5})
+    assert env.config.num_levels == 6
+    env.reset(options={"settings": {"num_levels": 9}, "level": 8})
+    assert env.config.num_levels == 9
+    assert set(env.batch.level_numbers().tolist()) == {8}
+
+
+@pytest.mark.parametrize("make", [PacManBotEnv, pacman_env.parallel_env])
+def test_a_bad_seed_beside_settings_changes_nothing(make: Any) -> None:
+    env, other = make(map="loop"), make(map="loop")
+    first = [one.reset(seed=0) for one in (env, other)]
+    assert same(*first)
+    with pytest.raises(gym.error.Error, match="-1"):
+        env.reset(seed=-1, options={"settings": {"clyde.speed_mps": 0.4}})
+    assert env.config.clyde.speed_mps == other.config.clyde.speed_mps
+    action = 0 if make is PacManBotEnv else dict.fromkeys(env.agents, 0)
+    assert same(env.step(action), other.step(action))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
+from pacman_env.policies.base import BasePolicy
 from tests.envs.helpers import same
 
 ARGUMENTS: list[dict[str, Any]] = [
@@ -150,3 +151,96 @@ def test_without_copies_the_same_memory_is_written_by_the_step_after_the_next() 
     for before, after in zip(observations[2:], observations[4:], strict=False):
         assert np.shares_memory(before["candidates"], after["candidates"])
     assert not np.shares_memory(observations[-1]["candidates"], observations[-2]["candidates"])
+
+
+@pytest.mark.parametrize("size", [None, 2])
+def test_what_is_being_stepped_is_not_stepped_twice_and_a_reset_drops_it(size: int | None) -> None:
+    env, other = (PacManBotVectorEnv(4, map="house", batch_size=size) for _ in range(2))
+    env.async_reset(seed=0)
+    env.recv()
+    env.send(np.zeros(size or 4, dtype=np.int64))
+    with pytest.raises(ValueError, match=r"are being stepped: recv\(\) them before step\(\)"):
+        env.step(np.zeros(4, dtype=np.int64))
+    assert same(env.reset(seed=5)[0], other.reset(seed=5)[0])
+    with pytest.raises(ValueError, match=r"nothing is being stepped"):
+        env.recv()
+    assert same(env.step(np.ones(4, dtype=np.int64))[0], other.step(np.ones(4, dtype=np.int64))[0])
+    env.close()
+
+
+def test_after_a_reset_or_step_of_all_the_masks_are_of_all_and_the_rest_of_the_sub_batch_received_last() -> None:
+    env = PacManBotVectorEnv(4, map="house", batch_size=2)
+    whole = PacManBotVectorEnv(4, map="house")
+    for one in (env, whole):
+        one.reset(seed=1, options={"settings": {"clyde.speed_mps": 0.4}})
+    assert env.config.clyde.speed_mps == 0.4
+    np.testing.assert_array_equal(env.action_masks(), whole.action_masks())
+    _, _, _, _, info = env.step(np.zeros(4, dtype=np.int64))
+    whole.step(np.zeros(4, dtype=np.int64))
+    np.testing.assert_array_equal(env.action_masks(), whole.action_masks())
+    assert env.situation.seed.tolist() == info["round_seed"][2:].tolist()
+    env.send(np.zeros(2, dtype=np.int64), np.array([0, 1]))
+    env.recv()
+    assert env.action_masks().shape == (2, env.batch.candidates)
+    env.close()
+
+
+@pytest.mark.parametrize("options", [{"settings": {"clyde.speed_mps": -4}}, {"level": 3}, {"round_seed": [1, 2]}])
+def test_a_reset_that_is_refused_changes_nothing(options: dict[str, Any]) -> None:
+    env, other = (PacManBotVectorEnv(4, map="house", batch_size=size) for size in (2, None))
+    for one in (env, other):
+        one.reset(seed=0)
+    with pytest.raises(ValueError, match=r"speed_mps|levels are for|2 numbers for 4 games"):
+        env.reset(seed=9, options=options)
+    with pytest.raises(gym.error.Error, match="-3"):
+        env.reset(seed=[0, 1, 2, -3])
+    assert same(env.step(np.zeros(4, dtype=np.int64))[0], other.step(np.zeros(4, dtype=np.int64))[0])
+    env.close()
+
+
+def test_each_game_gets_the_round_seed_that_was_given_for_it() -> None:
+    env = PacManBotVectorEnv(4, map="house", batch_size=2)
+    _, info = env.reset(options={"round_seed": [4, 5, 6, 7]})
+    assert info["round_seed"].tolist() == [4, 5, 6, 7]
+    env.close()
+
+
+def test_velocities_that_are_not_finite_are_refused_before_anything_is_stepped() -> None:
+    env, other = (PacManBotVectorEnv(4, map="house", action="velocity", batch_size=size) for size in (2, None))
+    for one in (env, other):
+        one.reset(seed=0)
+    bad, good = np.full((4, 2), 0.1), np.full((4, 2), 0.1)
+    bad[1, 0] = np.nan
+    with pytest.raises(ValueError, match=r"of game 1: must be two finite numbers"):
+        env.step(bad)
+    with pytest.raises(ValueError, match=r"of game 1: must be two finite numbers"):
+        env.send(bad[:2], np.array([0, 1]))
+    assert same(env.step(good)[0], other.step(good)[0])
+    env.close()
+
+
+class Turns(BasePolicy):
+    """A ghost's policy that remembers something of each game."""
+
+    name = "turns"
+    counts = np.zeros(0, dtype=np.int64)
+
+    def reset(self, games: Any, config: Any) -> None:
+        super().reset(games, config)
+        if len(self.counts) != len(games):
+            self.counts = np.zeros(len(games), dtype=np.int64)
+        self.counts[games] = 0
+
+    def scores(self, situation: Any) -> Any:
+        self.counts = self.counts + 1
+        return -np.abs(np.arange(situation.mask.shape[1])[None] - (self.counts // 3 % 5)[:, None])
+
+
+def test_a_ghost_that_remembers_plays_the_same_games_in_sub_batches() -> None:
+    seen = []
+    for size in (None, 2):
+        env = PacManBotVectorEnv(4, map="house", ghosts=[Turns()], batch_size=size)
+        env.reset(seed=0)
+        seen.append([env.step(np.array([0, 1, 2, 3]))[0]["clyde"] for _ in range(20)])
+        env.close()
+    np.testing.assert_array_equal(*seen)
