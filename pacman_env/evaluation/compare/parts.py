@@ -3,6 +3,7 @@
 A file's name begins with a hash of everything that decides its rounds; the same stands in it and is compared.
 """
 
+import contextlib
 import hashlib
 import inspect
 import json
@@ -16,10 +17,11 @@ from pacman_env.config import Config
 from pacman_env.evaluation.compare.scenarios import Scenario, describe_scenario
 from pacman_env.files import replaced
 from pacman_env.game.ghosts import find_behaviour
+from pacman_env.plugins import PluginError
 from pacman_env.policies.base import Policy
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import parse
-from pacman_env.policies.registry import make_policy, moved_by_policy
+from pacman_env.policies.registry import POLICIES, make_policy, moved_by_policy
 from pacman_env.world.maps.occupancy import OccupancyMap
 
 SCHEMA: Literal[1] = 1
@@ -44,11 +46,14 @@ def decides(policy: dict[str, Any], where: dict[str, Any], config: Config, **mor
 
 
 def describe_policy(policy: Policy, spec: str) -> dict[str, Any]:
-    """What decides the choices of a policy made from ``spec``: a planner's file, else name, code and base."""
+    """What decides the choices of a policy made from ``spec``: a planner's file, else names, code and base."""
     if isinstance(policy, LearnedPlanner):
         return {"sha256": policy.metadata.sha256, "robot_speed_mps": policy.metadata.robot_speed_mps}
     base = getattr(policy, "base", None)
-    about = {"name": spec, "code": _code_of(type(policy))}
+    kind = type(policy)
+    about: dict[str, Any] = {"name": spec, "class": f"{kind.__module__}:{kind.__qualname__}", "code": _code_of(kind)}
+    with contextlib.suppress(PluginError):  # a base that has a name of its own
+        about["made_by"] = _code_of(POLICIES.find(spec))  # a function's file says with which parameters
     return about if base is None else about | {"base": describe_policy(base, base.name)}
 
 
@@ -100,7 +105,8 @@ def _describe_ghost(name: str) -> dict[str, Any] | str | None:
 
 def _code_of(thing: Any) -> str | None:
     """The hash of the file that defines a class or function; None of what is the package's: that is its version's."""
-    if thing is None or thing.__module__.partition(".")[0] == __package__.partition(".")[0]:
+    module = getattr(thing, "__module__", None) or ""
+    if not module or module.partition(".")[0] == __package__.partition(".")[0]:
         return None
     try:
         return hashlib.sha256(Path(inspect.getfile(thing)).read_bytes()).hexdigest()

@@ -139,10 +139,10 @@ def doctor(
 ) -> int:
     """Print the findings, in the main thread; the exit status is 1 if one is BAD, and after SIGINT and SIGTERM."""
     where = full_namespace(namespace)
-    number = join(domain, this_machine=sim)
     if not 0.0 < wait_s <= LONGEST_S:  # nor NaN
         raise ValueError(f"wait {wait_s:g} s: must be more than 0 and at most {LONGEST_S:g}")
     game_map = None if map is None else load_map(map)
+    number = join(domain, this_machine=sim)
     with Stop() as stop, Doctor(where, number, game_map, map or "", sim, wait_s) as node:
         node.observe(lambda: stop.asked)
         findings = examine(node.observations())

@@ -90,6 +90,20 @@ def test_a_policy_of_another_package_is_its_source_too(tmp_path: Path, monkeypat
     assert PART.policy["code"] is None
 
 
+def test_a_function_that_makes_a_policy_of_the_package_is_its_source_and_what_it_makes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    seen = []
+    for number, made in enumerate(('"lookahead"', '"lookahead", wait_s=1.0', '"nearest"')):
+        text = f"from pacman_env.policies.registry import make_policy\n\ndef mine():\n    return make_policy({made})\n"
+        (tmp_path / f"factory_{number}.py").write_text(text)
+        spec = f"factory_{number}:mine"
+        seen.append({**describe_policy(make_policy(spec), spec), "name": "mine"})
+    assert len({str(about) for about in seen}) == 3
+    assert [about["class"].rpartition(":")[2] for about in seen] == ["Lookahead", "Lookahead", "Nearest"]
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

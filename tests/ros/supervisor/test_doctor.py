@@ -257,8 +257,10 @@ def test_nobody_is_bad_in_json_and_with_status_1(domain: int) -> None:
     ],
 )
 def test_bad_arguments_are_refused_before_anything_is_observed(arguments: dict[str, Any], words: str) -> None:
+    before = dict(os.environ)
     with pytest.raises(ValueError, match=words):
         doctor(**{"namespace": "robot_15", "domain": 1, **arguments})
+    assert dict(os.environ) == before
 
 
 def test_a_simulated_robot_is_looked_for_on_this_machine_only(domain: int, monkeypatch: pytest.MonkeyPatch) -> None:
