@@ -5,6 +5,9 @@ some times as long; its reader is what the tests read them with.
 """
 
 import copy
+import errno
+import os
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +24,16 @@ from pacman_env.sim.observation.kinds import MASK
 
 from .recording import Rounds, outcomes
 
+_ROUND_BYTES, _FILE_BYTES = 2**14, 2**21  # more than HDF5 takes beside the arrays
+
 
 class MinariFiles:
     """The writer of one data set, a context manager; the folder must not have a data set of Minari yet."""
 
     def __init__(self, folder: Path, spec: EnvSpec, spaces: tuple[Any, Any], facts: dict[str, Any]) -> None:
         """``spaces`` are those of observations and of actions; ``facts`` are further metadata, as JSON has it."""
+        self._folder = folder
+        self._require_room(0)
         data = folder.absolute() / "data"  # Minari joins a relative path to itself where it measures the size
         self._storage = MinariStorage.new(data, *spaces, env_spec=spec, data_format="hdf5", jpeg_encoding=False)
         self._storage.update_metadata({"minari_version": minari.__version__, **facts})
@@ -38,7 +45,10 @@ class MinariFiles:
         self._number = self._steps = 0
 
     def write(self, played: Rounds) -> None:
-        """Append rounds."""
+        """Append rounds; raises OSError where the disk has no room for twice their size."""
+        arrays = [*vars(played).values(), *played.observations.values()]
+        size = sum(array.nbytes for array in arrays if isinstance(array, np.ndarray))
+        self._require_room(2 * (size + len(played.rounds) * _ROUND_BYTES))
         steps = {
             "actions": played.actions,
             "rewards": played.rewards,
@@ -65,6 +75,11 @@ class MinariFiles:
                 self._put(self._parent(groups, key.rpartition("/")[0]), key.rpartition("/")[2], array[looks])
             self._number += 1
         self._steps += len(played.actions)
+
+    def _require_room(self, size: int) -> None:
+        """HDF5 ends the whole process by a segmentation fault after a write that failed: none may fail."""
+        if shutil.disk_usage(self._folder).free < size + _FILE_BYTES:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._folder))
 
     def _put(self, group: Any, key: str, array: NDArray[Any]) -> None:
         array = np.ascontiguousarray(array)

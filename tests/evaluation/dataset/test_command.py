@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -205,6 +206,16 @@ def test_what_fails_half_way_leaves_nothing(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr(dataset, "recorded", broken)
     assert dataset.main([NAME, *SHORT, "--root", str(tmp_path)]) == 2
     assert not list((tmp_path / "pacman-env").iterdir())
+
+
+@pytest.mark.parametrize("free", [2**20, 2**22])
+def test_a_full_disk_is_one_line_and_leaves_nothing(
+    free: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("shutil.disk_usage", lambda folder: mock.Mock(free=free))
+    assert dataset.main([NAME, *SHORT, "--episodes", "200", "--root", str(tmp_path)]) == 2
+    assert "No space left on device" in capsys.readouterr().err
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
 def test_without_the_extra_the_command_names_it(
