@@ -4,6 +4,7 @@ The records depend on map, configuration, policy and seeds alone, not on the bat
 """
 
 import copy
+import functools
 import itertools
 import time
 from collections.abc import Callable, Mapping
@@ -74,10 +75,26 @@ def play(
     Returns (E,) records of type ``EPISODE`` in the order of the seeds, and (T,) times in ms of single decisions of the
     policy alone, in a sample of the situations. An endless game that has all its rounds behind it ends as COMPLETE.
     """
-    behaviours, ghosts = split_ghosts(config.clyde.ghosts)
-    config = config.with_fields(**{"clyde.ghosts": behaviours})
-    batch = GameBatch(source, config, min(batch_size, len(seeds)), num_threads)
+    batch, ghosts = open_games(source, config, min(batch_size, len(seeds)), num_threads)
     return play_in(batch, robot, seeds, ghosts=ghosts, on_end=on_end)
+
+
+def open_games(
+    source: LevelSource | MapAssets, config: Config, n: int = 1, num_threads: int = 1
+) -> tuple[GameBatch, dict[int, Policy]]:
+    """``n`` games, and the policies that ``clyde.ghosts`` names, by the number of the ghost that each moves."""
+    behaviours, ghosts = split_ghosts(config.clyde.ghosts)
+    return GameBatch(source, config.with_fields(**{"clyde.ghosts": behaviours}), n, num_threads), ghosts
+
+
+def ghost_choices(batch: GameBatch, ghosts: Mapping[int, Policy]) -> NDArray[np.int64] | None:
+    """(N, G) where these policies send their ghosts now, as a step of the batch takes it; None where there are none."""
+    if not ghosts:
+        return None
+    sent = np.full(batch.ghosts.shape, batch.hold, dtype=np.int64)
+    for number, ghost in ghosts.items():
+        sent[:, number] = ghost.select(batch.situation(number))
+    return sent
 
 
 def play_in(
@@ -158,20 +175,11 @@ def _step(
 ) -> NDArray[np.float64]:
     """A decision, and the ticks until the next; (N,) how long the round was that was completed in them, s, else 0."""
     choices = allowed(situation, chosen, batch.hold)
-
-    def send_ghosts() -> NDArray[np.int64] | None:
-        if not ghosts:
-            return None
-        sent = np.full(batch.ghosts.shape, batch.hold, dtype=np.int64)
-        for number, ghost in ghosts.items():
-            sent[:, number] = ghost.select(batch.situation(number))
-        return sent
-
     if batch.config.decisions.when == "event":
-        send = send_ghosts if ghosts else None
+        send = functools.partial(ghost_choices, batch, ghosts) if ghosts else None
         batch.step_until_due(choices, choices != chosen, send, np.isin(np.arange(batch.n), playing))
     else:
-        batch.step(choices, send_ghosts())
+        batch.step(choices, ghost_choices(batch, ghosts))
     return batch.completed_s.copy()
 
 

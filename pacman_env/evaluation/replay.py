@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.config import Config
 from pacman_env.envs.outcome import OUTCOMES
-from pacman_env.episodes.rollout import MOST_ROUNDS, allowed
+from pacman_env.episodes.rollout import MOST_ROUNDS, allowed, ghost_choices, open_games
 from pacman_env.evaluation.compare import scenarios
 from pacman_env.evaluation.compare.scenarios import Scenario
 from pacman_env.evaluation.templates import render
@@ -28,7 +28,6 @@ from pacman_env.game.decisions import LastDecision, Moment
 from pacman_env.game.execution import RUNNING
 from pacman_env.policies.base import KIND_NAMES
 from pacman_env.render.frames import render_frame
-from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.level_source import LevelSource
 from pacman_env.sim.observation.situation import HOLD, PELLET, Situation
 
@@ -49,13 +48,13 @@ class RecordedGame:
     def __init__(self, source: LevelSource, config: Config, spec: str, seed: np.uint64, name: str) -> None:
         self.name, self.tick_s = name, config.execution.tick_s
         self.changes: list[Change] = []  # of the goal, so far
-        self._batch = GameBatch(source, config, 1)
+        self._batch, self._ghosts = open_games(source, config)
         self._policy = scenarios.load_policy(spec)
         self._last = LastDecision(config)
         self._chosen = -1  # none yet
         self._before_s = 0.0
         self._batch.reset(np.zeros(1, dtype=np.int64), np.array([seed], dtype=np.uint64))
-        self._policy.reset(np.ones(1, dtype=np.bool_), config)
+        self._forget()
 
     @property
     def over(self) -> bool:
@@ -75,12 +74,17 @@ class RecordedGame:
         moment = batch.moment(0)
         if self._last.due(moment):
             self._decide(moment)
-        batch.step(np.array([self._chosen]))
+        batch.step(np.array([self._chosen]), ghost_choices(batch, self._ghosts))
         if batch.games["tick_rounds"][0] > 0:
             self._before_s += moment.time_s + batch.config.execution.tick_s
-            self._policy.reset(np.ones(1, dtype=np.bool_), batch.config)
+            self._forget()
             self._last.forget()
             self._chosen = -1
+
+    def _forget(self) -> None:
+        """A round begins, for the robot's policy and for those of the ghosts."""
+        for policy in (self._policy, *self._ghosts.values()):
+            policy.reset(np.ones(1, dtype=np.bool_), self._batch.config)
 
     def _decide(self, moment: Moment) -> None:
         batch = self._batch

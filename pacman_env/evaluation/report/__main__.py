@@ -84,8 +84,6 @@ def make_parser() -> Parser:
 
 
 def _report(arguments: argparse.Namespace, command: str) -> None:
-    from pacman_env.evaluation.report.page import render_page
-
     plan = _plan(arguments)
     report = _header(plan, arguments, command)
     page, json_path = arguments.out, arguments.json
@@ -100,15 +98,23 @@ def _report(arguments: argparse.Namespace, command: str) -> None:
     with executor_of(arguments) as executor, bar_of(executor, total, "round") as bar:
         played = play_all(list(work.values()), executor, bar.update)
     report |= Results(plan, dict(zip(work, played, strict=True))).numbers()
+    _write(report, page, json_path)  # before the films: one that fails loses no numbers
     films = _films(plan, report["pair"], arguments.replays, page)
-    html = render_page(report)
+    if films:
+        _write(report, page, json_path)  # again, with their links
+    written = [path for path in (page, json_path, *films) if path is not None]
+    print(f"written: {', '.join(map(str, written))}")
+
+
+def _write(report: Numbers, page: Path, json_path: Path | None) -> None:
+    from pacman_env.evaluation.report.page import render_page
+
     if json_path is not None:
         with replaced(json_path) as temporary:
             temporary.write_text(json.dumps(report, allow_nan=False) + "\n", encoding="utf-8")
+    html = render_page(report)
     with replaced(page) as temporary:
         temporary.write_text(html, encoding="utf-8")
-    written = [path for path in (page, json_path, *films) if path is not None]
-    print(f"written: {', '.join(map(str, written))}")
 
 
 def _plan(arguments: argparse.Namespace) -> Plan:
@@ -188,13 +194,18 @@ def _films(plan: Plan, pair: Numbers | None, wanted: int, page: Path) -> list[Pa
     from pacman_env.evaluation.replay import film_games, record_games
 
     paths = []
+    folder = page.with_name(f"{page.stem}_films")
     policies = {plan.policies[name]: name for name in (pair["policy"], pair["baseline"])}
     in_turn = [row for row in chain.from_iterable(zip_longest(pair["wins"], pair["losses"])) if row is not None]
-    for row in in_turn[:wanted]:
-        path = prepare(page.with_name(f"{page.stem}_films") / f"{row['map'].replace(':', '-')}-{row['seed']}.mp4")
-        film_games(record_games(plan.maps[row["map"]], plan.config, policies, int(row["seed"])), path)
-        row["film"] = quote(f"{path.parent.name}/{path.name}")
-        paths.append(path)
+    try:
+        for row in in_turn[:wanted]:
+            path = prepare(folder / f"{row['map'].replace(':', '-')}-{row['seed']}.mp4")
+            film_games(record_games(plan.maps[row["map"]], plan.config, policies, int(row["seed"])), path)
+            row["film"] = quote(f"{path.parent.name}/{path.name}")
+            paths.append(path)
+    finally:
+        if folder.is_dir() and not any(folder.iterdir()):  # the first film failed
+            folder.rmdir()
     return paths
 
 

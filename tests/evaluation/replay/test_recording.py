@@ -8,7 +8,7 @@ import pytest
 
 from pacman_env.config import Config
 from pacman_env.envs.outcome import OUTCOMES
-from pacman_env.episodes.rollout import episode_seeds
+from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.evaluation.compare.scenarios import Scenario, open_scenario
 from pacman_env.evaluation.replay import RecordedGame, film
 from pacman_env.game.ghosts import BEHAVIOURS
@@ -47,6 +47,29 @@ def test_an_endless_game_goes_as_in_the_comparison() -> None:
     )
     numbers = [int(re.match(r"round (\d+), ", change.when)[1]) for change in game.changes]  # type: ignore[index]
     assert sorted(set(numbers)) == list(range(1, record["rounds"] + 2))
+
+
+@pytest.mark.parametrize("when", ["tick", "event"])
+def test_a_game_with_ghosts_that_policies_move_goes_as_in_the_comparison(when: str) -> None:
+    ghosts = {"clyde.ghosts": ("nearest", "chase", "clyde:learned"), "clyde.speed_mps": 0.2}
+    config = CONFIG.with_fields(**ghosts, **{"decisions.when": when})
+    records, _ = play(open_scenario("house", config), config, "nearest", episode_seeds(5, 4))
+    assert len(set(records["time_s"])) > 1
+    for record in records:
+        words = f" after {record['time_s']:.1f} s, {record['collected']} of {record['spawned']} pellets"
+        outcome = watched("nearest", config=config, seed=record["seed"]).outcome()
+        assert outcome.startswith(OUTCOMES[record["end"]] + words)
+
+
+def test_an_endless_game_with_a_ghost_that_a_policy_moves_goes_as_in_the_comparison() -> None:
+    config = ENDLESS.with_fields(**{"clyde.ghosts": ("clyde:learned",), "clyde.speed_mps": 0.1})
+    records, _ = play(open_scenario("house", config), config, "nearest", episode_seeds(5, 4))
+    record = max(records, key=lambda r: r["rounds"])
+    assert record["rounds"] > 0
+    assert watched("nearest", config=config, seed=record["seed"]).outcome() == (
+        f"{OUTCOMES[record['end']]} in round {record['rounds'] + 1} after {record['time_s']:.1f} s,"
+        f" {record['collected']} pellets"
+    )
 
 
 def test_changes_tell_when_where_to_and_why() -> None:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import re
 import shlex
+import sys
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -155,6 +156,33 @@ def test_films_lie_beside_the_page(made: tuple[dict[str, Any], Path]) -> None:
     assert {link for link in Tags(page.read_text()).links if not link.startswith("#")} == set(films)
     for film in films:
         assert (page.parent / film).stat().st_size > 1000
+
+
+def test_a_round_against_a_ghost_that_a_policy_moves_is_filmed_too(tmp_path: Path) -> None:
+    files = ["--out", str(tmp_path / "p.html"), "--json", str(tmp_path / "p.json")]
+    ghosts = ["--set", "clyde.ghosts=clyde:learned", "--clyde-speed", "0.1", "--speeds", "0.1"]
+    few = ["--endless", "0", "--variant", "--replays", "1"]
+    assert main([*FEW, *POLICIES, *ghosts, *few, *files]) == 0
+    pair = json.loads((tmp_path / "p.json").read_text())["pair"]
+    (film,) = [row["film"] for row in pair["wins"] + pair["losses"] if "film" in row]
+    assert (tmp_path / film).stat().st_size > 1000
+
+
+def test_a_film_that_fails_loses_no_numbers_and_leaves_no_folder(
+    made: tuple[dict[str, Any], Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for name in ("imageio", "imageio.v2"):
+        monkeypatch.setitem(sys.modules, name, None)
+    files = ["--out", str(tmp_path / "p.html"), "--json", str(tmp_path / "p.json")]
+    few = ["--endless", "0", "--variant", "--speeds", "0.4", "--replays", "1"]
+    assert main([*FEW, *POLICIES, *few, *files]) == 2
+    assert "needs imageio" in capsys.readouterr().err.splitlines()[-1]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["p.html", "p.json"]
+    assert json.loads((tmp_path / "p.json").read_text())["summary"] == made[0]["summary"]
+    assert "_films" not in (tmp_path / "p.html").read_text()
 
 
 def test_the_page_needs_nothing_else_and_explains_itself(made: tuple[dict[str, Any], Path]) -> None:
