@@ -15,6 +15,7 @@ from pathlib import Path
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, finite_number, run_command, whole_number
 from pacman_env.config import Config, ConfigError, make_config, parse_settings, preset_names
+from pacman_env.config.validation import require
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.bound.rows import Row, RowTask, make_row
 from pacman_env.evaluation.bound.table import render
@@ -28,6 +29,15 @@ from pacman_env.world.maps.occupancy import load_map
 
 SCHEMA = 1
 _OWN = {"clyde.ghosts": "--ghosts", "clyde.speed_mps": "--speeds"}
+#: What pursuit, least time and estimate assume; a range would take the place of the value that they reckon with.
+_ASSUMED = {
+    "localization.perfect": True,
+    "action": "goal",
+    "endless": False,
+    "randomize.clyde_speed_mps": None,
+    "randomize.speed_mps": None,
+    "randomize.pickup_radius_m": None,
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -81,6 +91,9 @@ def configs_of(arguments: argparse.Namespace) -> list[Config]:
             raise ConfigError(f"--ghosts {ghosts}: what a policy does is not known")
         own = {"clyde.ghosts": names, "clyde.speed_mps": speed}
         configs.append(make_config(arguments.preset, **changes, **own))
+    for name, value in _ASSUMED.items():
+        given = configs[0].value(name)
+        require(given == value, name, given, f"must be {value}, which the bound assumes")
     return configs
 
 

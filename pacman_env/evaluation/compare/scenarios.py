@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from pacman_env.cli.command import finite_number, whole_number
 from pacman_env.config import EXECUTIONS, Config, ConfigError, make_config, parse_settings, preset_names
+from pacman_env.config.validation import require
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy, policy_names, split_ghosts
 from pacman_env.sim.maps.assets import MapAssets, are_sent, map_assets
@@ -163,6 +164,12 @@ def rule_changes(arguments: argparse.Namespace) -> dict[str, Any]:
     return changes
 
 
+def check_speed(config: Config) -> None:
+    """Raise ConfigError if a game draws Clyde's speed, where results are told by the speed that is asked for."""
+    drawn = config.randomize.clyde_speed_mps
+    require(drawn is None, "randomize.clyde_speed_mps", drawn, "must be None, the speed is that of --clyde-speed")
+
+
 def check_goals(config: Config) -> None:
     """Raise ConfigError if a game takes velocities instead of goals, or has a ghost that nothing moves."""
     if config.action != "goal":
@@ -187,6 +194,7 @@ def game_configs(arguments: argparse.Namespace) -> list[Config]:
     rules = {"preset": arguments.preset, "execution": arguments.execution, **changes}
     configs = [make_config(**rules, **{"clyde.speed_mps": speed}) for speed in speeds]
     check_goals(configs[0])
+    check_speed(configs[0])
     return configs
 
 

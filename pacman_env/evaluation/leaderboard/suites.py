@@ -21,7 +21,8 @@ SUITES = shipped("evaluation/suites", "eval/suites") / "leaderboard.yaml"
 PRESET, EXECUTION = "robot", "robust"
 TEST_LEVELS, REAL_MAPS = "test levels", "real maps"  # the groups of maps
 _GHOSTS, _SPEED = "clyde.ghosts", "clyde.speed_mps"
-_OWN = (_GHOSTS, _SPEED, "endless")  # fields that a suite has by other names, or not at all
+#: Fields that a suite has by other names, or not at all.
+_OWN = (_GHOSTS, _SPEED, "randomize.clyde_speed_mps", "endless")
 
 
 class LevelRounds(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -125,6 +125,7 @@ def _plan(arguments: argparse.Namespace) -> Plan:
     config = make_config(*words, **scenarios.rule_changes(arguments) | {"clyde.speed_mps": arguments.clyde_speed})
     settings = (*arguments.set, f"clyde.speed_mps={arguments.clyde_speed!r}")
     check_single_rounds(config)
+    scenarios.check_speed(config)
     speeds = tuple(sorted(set(arguments.speeds)))
     for speed in speeds:
         config.with_fields(**{"clyde.speed_mps": speed})

@@ -72,6 +72,11 @@ def test_a_second_ghost_makes_no_start_better() -> None:
     assert all(b <= a for a, b in zip(one["caught_s"], two["caught_s"], strict=True))
 
 
+def test_what_the_bound_assumes_anyway_may_be_said(corridor: str, tmp_path: Path) -> None:
+    said = ("localization.perfect=true", "randomize.clyde_speed_mps=none", "endless=false")
+    assert run(corridor, tmp_path, *(word for one in said for word in ("--set", one)))["rows"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
@@ -80,6 +85,12 @@ def test_a_second_ghost_makes_no_start_better() -> None:
         (["--speeds", "fast"], "'fast'"),
         (["--speeds", "9"], "clyde.speed_mps"),
         (["--set", "clyde.speed_mps=1"], "--speeds"),
+        (["--set", "randomize.clyde_speed_mps=0.01,0.02"], "randomize.clyde_speed_mps = (0.01, 0.02): must be None"),
+        (["--set", "randomize.speed_mps=0.1,0.2"], "randomize.speed_mps = (0.1, 0.2): must be None"),
+        (["--set", "randomize.pickup_radius_m=0.1,2"], "randomize.pickup_radius_m = (0.1, 2.0): must be None"),
+        (["--set", "localization.perfect=false"], "localization.perfect = False: must be True"),
+        (["--set", "action=velocity"], "action = 'velocity': must be goal"),
+        (["--set", "endless=true"], "endless = True: must be False"),
         (["--map", "generated"], "--map generated"),
         (["--map", "no/such.yaml"], "no/such.yaml"),
         (["--starts", "0"], "--starts"),

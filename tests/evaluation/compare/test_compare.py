@@ -127,6 +127,7 @@ def test_the_plot_lies_beside_the_json_unless_named(tmp_path: Path) -> None:
         (["--clyde-speed", "nan"], "'nan' is not a finite number"),
         (["--spacing", "0"], "pellets.spacing_m"),
         (["--set", "clyde.speed_mps=1"], "--clyde-speed"),
+        (["--set", "randomize.clyde_speed_mps=0.1,0.2"], "randomize.clyde_speed_mps = (0.1, 0.2): must be None"),
         (["--spacing", "2", "--set", "pellets.spacing_m=2"], "given twice"),
         (["--policies", "nearest", "run.zip"], "run.zip: "),
         (["--endless", "--set", "endless=true"], "endless: given twice"),

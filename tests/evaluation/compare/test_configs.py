@@ -56,6 +56,13 @@ def test_settings_are_values_and_clydes_speed_has_its_own_argument() -> None:
         rule_changes(parse("--set", "clyde.speed_mps=0.3"))
 
 
+def test_a_speed_that_is_drawn_is_refused_where_rounds_are_told_by_their_speed() -> None:
+    assert len(game_configs(parse("--set", "randomize.clyde_speed_mps=none", "--clyde-speed", "0.25", "0.45"))) == 2
+    for more in ([], ["--clyde-speed", "0.25", "0.45"]):
+        with pytest.raises(ConfigError, match=r"randomize\.clyde_speed_mps = \(0\.1, 0\.2\).* --clyde-speed"):
+            game_configs(parse("--set", "randomize.clyde_speed_mps=0.1,0.2", *more))
+
+
 def test_games_in_which_no_goals_are_named_are_refused() -> None:
     check_goals(make_config())
     with pytest.raises(ConfigError, match="action = 'velocity'"):

@@ -87,6 +87,11 @@ def test_settings_reach_every_cell(tmp_path: Path) -> None:
             "tiny.settings: unknown configuration field 'nav2.haste'",
         ),
         ("  ghosts:", "  settings: {clyde.speed_mps: 1}\n  ghosts:", "settings.clyde.speed_mps: must not be set here"),
+        (
+            "  ghosts:",
+            "  settings: {randomize.clyde_speed_mps: [0.1, 0.2]}\n  ghosts:",
+            "settings.randomize.clyde_speed_mps: must not be set here",
+        ),
         ("  ghosts:", "  ghosts: [[chase]]\n  ghosts:", "key 'ghosts' is there twice"),
     ],
 )

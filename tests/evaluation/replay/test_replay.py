@@ -95,6 +95,7 @@ def test_what_is_not_installed_is_named(
         (["1", "--map", "house", "--levels", "test"], "not beside --map"),
         (["1", "--map", "nowhere"], "nowhere"),
         (["1", "--set", "action=velocity"], "action = 'velocity'"),
+        (["1", "--set", "randomize.clyde_speed_mps=0.1,0.2"], "randomize.clyde_speed_mps = (0.1, 0.2): must be None"),
     ],
 )
 def test_errors_are_one_line_and_nothing_is_written(

@@ -279,6 +279,7 @@ def test_the_headline_claims_no_more_than_the_interval(
         (["--speeds", "-1"], "clyde.speed_mps"),
         (["--clyde-speed", "nan"], "'nan' is not a finite number"),
         (["--set", "clyde.speed_mps=1"], "--clyde-speed"),
+        (["--set", "randomize.clyde_speed_mps=0.1,0.2"], "randomize.clyde_speed_mps = (0.1, 0.2): must be None"),
         (["--policies", "run.zip"], "run.zip: "),
         (["--set", "endless=true"], "endless = True: is what --endless N plays"),
         (["--set", "nav2.haste=1"], "unknown configuration field 'nav2.haste'"),
