@@ -1,6 +1,5 @@
 """Arguments of a training run: hyperparameters come from YAML per environment, the command line may replace each."""
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -72,9 +71,8 @@ class Hyperparameters(Checked):
 
     def progress(self, decisions: int) -> float:
         """Within a cycle, above 0 and at most 1, after this number of decisions."""
-        cycle = self.decisions / self.cycles
-        decisions = min(decisions, self.decisions)
-        return (decisions - (math.ceil(decisions / cycle) - 1) * cycle) / cycle
+        parts = min(decisions, self.decisions) * self.cycles  # whole numbers: a cycle has as many as the run decisions
+        return ((parts - 1) % self.decisions + 1) / self.decisions
 
     @property
     def segments(self) -> int:

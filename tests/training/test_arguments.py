@@ -223,3 +223,21 @@ def test_options_that_do_not_fit_are_named_with_status_2(
 def test_progress_begins_anew_with_each_cycle() -> None:
     hyper = tiny(decisions=128, cycles=2).hyper
     assert [hyper.progress(n) for n in (1, 32, 64, 65, 128, 200)] == [1 / 64, 0.5, 1.0, 1 / 64, 1.0, 1.0]
+
+
+@pytest.mark.parametrize("cycles", [7, 12, 14, 28])
+def test_a_cycle_ends_with_its_last_values_however_many_there_are(cycles: int) -> None:
+    hyper = dataclasses.replace(load_hyperparameters(SHIPPED, "headline"), cycles=cycles)
+    ends = [k * hyper.decisions // cycles for k in range(1, cycles + 1) if k * hyper.decisions % cycles == 0]
+    assert hyper.decisions in ends
+    assert {hyper.progress(n) for n in ends} == {1.0}
+    assert all(0.0 < hyper.progress(n) <= 1.0 for n in range(hyper.rollout, hyper.decisions + 1, hyper.rollout))
+
+
+@pytest.mark.parametrize("name", ["headline", "quick", "scratch"])
+def test_progress_of_the_shipped_sections_is_the_share_of_their_decisions(name: str) -> None:
+    """To the bit: their planners are trained again from it."""
+    hyper = load_hyperparameters(SHIPPED, name)
+    assert hyper.cycles == 1
+    decisions = range(hyper.rollout, hyper.segments * hyper.segment + 1, hyper.rollout)
+    assert [hyper.progress(n) for n in decisions] == [n / hyper.decisions for n in decisions]
