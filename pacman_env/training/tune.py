@@ -192,7 +192,7 @@ def _read(record: Path, head: dict[str, Any]) -> list[FrozenTrial]:
                 raise ValueError("the trials are not in order")
             trial = create_trial(
                 state=TrialState[line["state"]],
-                value=line["completed"] if line["state"] == TrialState.COMPLETE.name else None,
+                value=line["completed"],
                 params=line["params"],
                 distributions=SPACE,
                 intermediate_values={int(step): float(share) for step, share in line["segments"].items()},

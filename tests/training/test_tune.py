@@ -149,6 +149,18 @@ def test_a_trial_worse_than_the_median_is_given_up(tmp_path: Path, capsys: pytes
     assert "Trial 0 of 6" in best.read_text()
 
 
+def test_a_study_goes_on_to_the_same_bytes_after_a_trial_that_was_given_up(tmp_path: Path) -> None:
+    records = []
+    for name, parts in (("whole", [7]), ("interrupted", [6, 7])):
+        (tmp_path / name).mkdir()
+        study = written(settings(tmp_path / name, segments=3, decisions=96), ["COMPLETE"] * 5, 1.0)
+        for count in parts:
+            search(dataclasses.replace(study, trials=count))
+        assert trials(study)[5]["state"] == "PRUNED"
+        records.append((study.out / "trials.jsonl").read_bytes())
+    assert records[0] == records[1]
+
+
 def test_a_trial_that_diverges_is_noted_and_passed_over(tmp_path: Path) -> None:
     study = dataclasses.replace(settings(tmp_path), config=section(tmp_path, learning_rate=[1e-9, 1e25]))
     with pytest.raises(ValueError, match=r"trials\.jsonl: none of 2 trials could be finished"):
