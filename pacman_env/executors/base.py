@@ -172,3 +172,12 @@ def _done(function: Callable[[Task], Result], number: int, task: Task) -> Done[R
         return Done(number, function(task))
     except Exception as error:
         return Done(number, error=error)
+
+
+def plain(error: Exception) -> Exception:
+    """One that can be sent and raised elsewhere: of the same built-in class with the same text."""
+    if type(error).__module__ == "builtins" and len(error.args) == 1 and isinstance(error.args[0], str | int):
+        return type(error)(error.args[0])
+    if isinstance(error, ValueError):
+        return ValueError(str(error))
+    return TaskFailed(f"{type(error).__name__}: {error}")

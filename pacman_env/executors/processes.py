@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import pickle
 import threading
 import time
 from collections.abc import Callable, Generator, Sequence
@@ -11,7 +12,7 @@ from typing import Any
 
 from pebble import ProcessExpired, ProcessPool
 
-from .base import Done, Executor, Homes, Losses, Result, Task, TaskFailed
+from .base import Done, Executor, Homes, Losses, Result, Task, TaskFailed, plain
 from .queue import Queue
 
 
@@ -54,7 +55,7 @@ class LocalProcesses(Executor):
     def _begin(self, worker: int, function: Callable[[Task], Result], task: Task) -> Future[Any]:
         for _ in range(2):
             try:
-                future: Future[Any] = self._pools[worker].schedule(function, args=(task,), timeout=self.limit_s)
+                future: Future[Any] = self._pools[worker].schedule(_call, args=(function, task), timeout=self.limit_s)
                 return future
             except RuntimeError:  # a pool whose process is killed while it has no task can do no more
                 self._pools[worker].stop()
@@ -67,6 +68,24 @@ class LocalProcesses(Executor):
             pool.stop()
         for pool in self._pools:
             pool.join()
+
+
+def _call(function: Callable[[Task], Result], task: Task) -> Result:
+    """The task's result; what it raises arrives as it is, or as plain data where pickle cannot make it again."""
+    try:
+        return function(task)
+    except Exception as error:
+        if _survives(error):
+            raise
+        raise plain(error) from None
+
+
+def _survives(error: Exception) -> bool:
+    try:
+        again = pickle.loads(pickle.dumps(error))
+    except Exception:  # its own code is called, and may fail anywhere
+        return False
+    return type(again) is type(error) and str(again) == str(error)
 
 
 def _new_pool() -> ProcessPool:

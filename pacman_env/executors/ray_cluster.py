@@ -14,7 +14,7 @@ from pacman_env import __version__
 from pacman_env.engine.cache_folder import package_hash
 from pacman_env.plugins import PluginError
 
-from .base import Done, Executor, Homes, Losses, Result, Task, TaskFailed
+from .base import Done, Executor, Homes, Losses, Result, Task, TaskFailed, plain
 from .progress import LOG, Progress
 from .queue import Queue
 
@@ -206,7 +206,7 @@ class _Worker:
         except (PluginError, ImportError) as error:
             return _Outcome(error=TaskFailed(f"{_here()}: {error}"))
         except Exception as error:
-            return _Outcome(error=_plain(error))
+            return _Outcome(error=plain(error))
 
 
 class _Running(NamedTuple):
@@ -224,15 +224,6 @@ def _here() -> str:
 def _name(host: str, node: str) -> str:
     """Of a machine; the node's number begins as in ``ray list nodes``, and tells two on one host apart."""
     return f"{host} (node {node[:12]})"
-
-
-def _plain(error: Exception) -> Exception:
-    """One that can be sent and raised elsewhere: of the same built-in class with the same text."""
-    if type(error).__module__ == "builtins" and len(error.args) == 1:
-        return error.with_traceback(None)
-    if isinstance(error, ValueError):
-        return ValueError(str(error))
-    return TaskFailed(f"{type(error).__name__}: {error}")
 
 
 def _line(error: BaseException) -> str:

@@ -32,6 +32,13 @@ class ExecutorContract:
         assert [str(done.error) for done in ends] == [f"number {k} is not wanted" for k in range(100)]
         assert {type(done.error) for done in ends} == {ValueError}
 
+    def test_an_error_that_cannot_be_pickled_is_reported_at_once_by_type_and_text(self, executor: Executor) -> None:
+        lost = executor.progress.lost
+        ends = sorted(executor.run(functions.fail_oddly, range(4)), key=lambda done: done.number)
+        told = [f"{type(done.error).__name__}: {done.error}" for done in ends]
+        assert [text.removeprefix("TaskFailed: ") for text in told] == [f"Odd: number {k} at home" for k in range(4)]
+        assert executor.progress.lost == lost
+
     def test_the_first_error_ends_a_map_and_the_executor_goes_on(self, executor: Executor) -> None:
         with pytest.raises(ValueError, match="is not wanted"):
             executor.map(functions.fail, range(100))

@@ -20,6 +20,17 @@ def fail(number: int) -> int:
     raise ValueError(f"number {number} is not wanted")
 
 
+class Odd(Exception):
+    """Pickle cannot make it again from its text alone."""
+
+    def __init__(self, what: str, where: str) -> None:
+        super().__init__(f"{what} at {where}")
+
+
+def fail_oddly(number: int) -> int:
+    raise Odd(f"number {number}", "home")
+
+
 def hang_at_3(number: int) -> int:
     if number == 3:
         time.sleep(600.0)
