@@ -1,7 +1,8 @@
 """The same training from several seeds, at once: ``pacman-env seeds``. Each is a task; a table at the end.
 
 A member trains in the cache folder of its worker's machine. If the worker is lost, another one goes on there from the
-last checkpoint, or begins anew on another machine: either way it ends with the same planner.
+last checkpoint, or begins anew on another machine: either way it ends with the same planner. The folder stays until the
+member is written.
 """
 
 import argparse
@@ -24,7 +25,7 @@ from pacman_env.engine.cache_folder import cache_dir, package_hash
 from pacman_env.episodes.statistics import wilson
 from pacman_env.executors.base import Executor, InProcess
 from pacman_env.executors.choice import executor_of
-from pacman_env.files import new_folder, write_json
+from pacman_env.files import new_folder, prepare, write_json
 from pacman_env.training import ppo
 from pacman_env.training.arguments import Arguments
 from pacman_env.training.checkpoint import facts_path, read_facts
@@ -33,6 +34,8 @@ from pacman_env.training.held_out import HeldOut
 
 _PROG = "pacman-env seeds"
 _NOTED = "member.json"  # written last: the member is finished
+_TABLE = "seeds.json"
+_RUN = "run.json"
 
 
 @dataclass(frozen=True)
@@ -73,31 +76,40 @@ def _own_arguments() -> argparse.ArgumentParser:
 def train_all(arguments: Arguments, seeds: Sequence[int], out: Path, executor: Executor) -> str:
     """Train those that are not in ``out`` yet, and write them there; returns the table of all.
 
-    Raises ValueError where ``out`` has a member of another training.
+    Raises ValueError where ``out`` has a member of another training, or what is none in the place of one.
     """
     if len(set(seeds)) < len(seeds):
         raise ValueError(f"seeds = {list(seeds)}: a seed is given twice")
     members = [dataclasses.replace(arguments, seed=seed, progress=False, threads=1) for seed in seeds]
     done = {member.seed: figures for member in members if (figures := _read(out, member)) is not None}
-    left = [member for member in members if member.seed not in done]
-    out.mkdir(parents=True, exist_ok=True)
+    left = {member.seed: member for member in members if member.seed not in done}
+    for seed in left:
+        if _folder(out, seed).exists():
+            raise ValueError(f"{_folder(out, seed)}: has no {_NOTED}: move it away or give another --out")
+    prepare(out / _TABLE)
 
     def keep(one: Trained) -> None:
         done[one.figures["seed"]] = one.figures
         _write(out, one)
+        forget(left[one.figures["seed"]])
         print(f"seed {one.figures['seed']}: {one.figures['completed']:.1%} of test rounds completed", flush=True)
 
-    executor.map(train_member, left, keep)
+    tasks, homes = list(left.values()), list(left)
+    executor.map(train_member, tasks, keep, homes)
+    if executor.remote:
+        executor.map(forget, tasks, homes=homes)
     trained = [done[seed] for seed in seeds]
-    write_json(out / "seeds.json", {"version": __version__, "members": trained})
+    write_json(out / _TABLE, {"version": __version__, "members": trained})
     return _table(trained)
 
 
 def train_member(arguments: Arguments) -> Trained:
-    """One training from its beginning, or from where it was left on this machine, to its end."""
-    key = hashlib.sha256(json.dumps([ppo.plain(arguments), package_hash()]).encode()).hexdigest()[:24]
-    folder = cache_dir() / "seeds" / key
-    arguments = dataclasses.replace(arguments, out=folder, resume=(folder / "run.json").exists())
+    """One training from its beginning, or from where it was left on this machine, to its end.
+
+    Its files stay there until :func:`forget`.
+    """
+    folder = _cached(arguments)
+    arguments = dataclasses.replace(arguments, out=folder, resume=(folder / _RUN).exists())
     with contextlib.redirect_stdout(io.StringIO()), InProcess() as executor:
         run, model = ppo.train(arguments, executor=executor)
         planner = ppo.planner_of(arguments, model)
@@ -117,8 +129,17 @@ def train_member(arguments: Arguments) -> Trained:
         "seconds": sum(segment["seconds"] for segment in run.segments),
     }
     files = {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.is_file()}
-    shutil.rmtree(folder)
     return Trained(figures, {name: content for name, content in files.items() if not name.startswith("segment-")})
+
+
+def forget(arguments: Arguments) -> None:
+    """Remove what a training has left on this machine."""
+    shutil.rmtree(_cached(arguments), ignore_errors=True)
+
+
+def _cached(arguments: Arguments) -> Path:
+    key = hashlib.sha256(json.dumps([ppo.plain(arguments), package_hash()]).encode()).hexdigest()[:24]
+    return cache_dir() / "seeds" / key
 
 
 def _folder(out: Path, seed: int) -> Path:

@@ -12,15 +12,27 @@ pytest.importorskip("sb3_contrib")
 
 from pacman_env.executors.base import InProcess
 from pacman_env.training import ppo, seeds
-from pacman_env.training.seeds import main, train_all, train_member
+from pacman_env.training.seeds import Trained, forget, main, train_all, train_member
 from tests.training.test_arguments import section, tiny
 from tests.training.test_run import same, weights
 
 CHANGES = {"evaluation": 4, "decisions": 64}
 
 
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of members that are not written yet; compiled code stays where it is."""
+    monkeypatch.setattr(seeds, "cache_dir", lambda: tmp_path / "cache")
+    return tmp_path / "cache" / "seeds"
+
+
+def left(cache: Path) -> list[Path]:
+    """The folders of members, without their locks."""
+    return [path for path in cache.iterdir() if path.is_dir()]
+
+
 @pytest.mark.daily
-def test_each_seed_is_its_training_and_the_table_has_them_all(tmp_path: Path) -> None:
+def test_each_seed_is_its_training_and_the_table_has_them_all(cache: Path, tmp_path: Path) -> None:
     told = train_all(tiny(**CHANGES), [3, 5], tmp_path / "seeds", InProcess())
     lines = told.splitlines()
     assert [line.split(" | ")[0] for line in lines[2:4]] == ["| 3", "| 5"]
@@ -35,7 +47,7 @@ def test_each_seed_is_its_training_and_the_table_has_them_all(tmp_path: Path) ->
     assert [one["seed"] for one in written["members"]] == [3, 5]
 
 
-def test_what_is_finished_is_not_trained_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_finished_is_not_trained_again(cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = train_all(tiny(**CHANGES), [1], tmp_path, InProcess())
     monkeypatch.setattr(seeds, "train_member", lambda arguments: pytest.fail("trained again"))
     assert train_all(tiny(**CHANGES), [1], tmp_path, InProcess()) == first
@@ -46,13 +58,48 @@ def test_what_is_finished_is_not_trained_again(tmp_path: Path, monkeypatch: pyte
         train_all(tiny(**CHANGES), [1], tmp_path, InProcess())
 
 
+@pytest.mark.parametrize("content", [{"seed-5/notes.txt": "mine"}, {"seed-5": "a file"}])
+def test_what_is_no_member_is_refused_before_any_work(
+    content: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(seeds, "train_member", lambda arguments: pytest.fail("trained"))
+    for name, text in content.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    with pytest.raises(ValueError, match=r"seed-5: has no member\.json: move it away or give another --out"):
+        train_all(tiny(**CHANGES), [1, 5], tmp_path, InProcess())
+    assert {name: (tmp_path / name).read_text() for name in content} == content
+
+
+def test_a_member_that_could_not_be_written_is_written_by_the_next_run_without_training(
+    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    write = seeds._write
+
+    def too_late(out: Path, trained: Trained) -> None:
+        (out / "seed-1" / "others").mkdir(parents=True)
+        write(out, trained)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(seeds, "_write", too_late)
+        with pytest.raises(OSError, match="seed-1"):
+            train_all(tiny(**CHANGES), [1], out, InProcess())
+    (out / "seed-1").rename(tmp_path / "moved")
+    (folder,) = left(cache)
+    before = (folder / "run.json").read_bytes()  # with the seconds that it took
+    train_all(tiny(**CHANGES), [1], out, InProcess())
+    assert (out / "seed-1" / "run.json").read_bytes() == before
+    assert left(cache) == []
+
+
 @pytest.mark.daily
 def test_a_member_whose_worker_was_lost_goes_on_from_its_last_checkpoint(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("PACMAN_ENV_CACHE", str(tmp_path / "cache"))
     arguments = tiny(**{**CHANGES, "decisions": 192})
     whole = train_member(arguments)
+    forget(arguments)
     train = ppo.train
     begun: list[int] = []
 
@@ -70,7 +117,8 @@ def test_a_member_whose_worker_was_lost_goes_on_from_its_last_checkpoint(
     again = train_member(arguments)
     assert begun == [0, 0, 1, 2]  # the first is only read
     assert again.files["planner.onnx"] == whole.files["planner.onnx"]
-    assert not list((tmp_path / "cache" / "seeds").iterdir())
+    forget(arguments)
+    assert left(cache) == []
 
 
 @pytest.mark.parametrize(
