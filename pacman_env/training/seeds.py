@@ -19,6 +19,8 @@ from pathlib import Path
 from statistics import mean, stdev
 from typing import Any
 
+from filelock import FileLock, Timeout
+
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, guarded, whole_number
 from pacman_env.engine.cache_folder import cache_dir, package_hash
@@ -30,12 +32,14 @@ from pacman_env.training import ppo
 from pacman_env.training.arguments import Arguments
 from pacman_env.training.checkpoint import facts_path, read_facts
 from pacman_env.training.export import export_planner
+from pacman_env.training.fragments import use_device
 from pacman_env.training.held_out import HeldOut
 
 _PROG = "pacman-env seeds"
 _NOTED = "member.json"  # written last: the member is finished
 _TABLE = "seeds.json"
 _RUN = "run.json"
+_WAIT_S = 10.0  # for another process that trains the same: one that was lost may be about to end
 
 
 @dataclass(frozen=True)
@@ -106,10 +110,50 @@ def train_all(arguments: Arguments, seeds: Sequence[int], out: Path, executor: E
 def train_member(arguments: Arguments) -> Trained:
     """One training from its beginning, or from where it was left on this machine, to its end.
 
-    Its files stay there until :func:`forget`.
+    Its files stay there until :func:`forget`. Raises ValueError while another process trains the same.
     """
+    use_device(arguments.device)  # one that is gone is no damage of the folder
     folder = _cached(arguments)
-    arguments = dataclasses.replace(arguments, out=folder, resume=(folder / _RUN).exists())
+    try:
+        held = _lock(folder).acquire(timeout=_WAIT_S)
+    except Timeout:
+        raise ValueError(f"{folder}: another command trains the same there: wait for its end, or end it") from None
+    with held:
+        if (folder / _RUN).exists():
+            try:
+                return _train(dataclasses.replace(arguments, out=folder, resume=True))
+            except ValueError:  # what was left is damaged
+                pass
+        _remove(folder)
+        return _train(dataclasses.replace(arguments, out=folder, resume=False))
+
+
+def forget(arguments: Arguments) -> None:
+    """Remove what a training has left on this machine, unless another process trains the same."""
+    folder = _cached(arguments)
+    with contextlib.suppress(Timeout), _lock(folder).acquire(timeout=0):
+        _remove(folder)
+
+
+def _cached(arguments: Arguments) -> Path:
+    key = hashlib.sha256(json.dumps([ppo.plain(arguments), package_hash()]).encode()).hexdigest()[:24]
+    return cache_dir() / "seeds" / key
+
+
+def _lock(folder: Path) -> FileLock:
+    """Of a training's folder; beside it, as the folder is removed."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    return FileLock(folder.with_suffix(".lock"))
+
+
+def _remove(folder: Path) -> None:
+    (folder / _RUN).unlink(missing_ok=True)  # first: without it nothing goes on from what an interruption leaves
+    if folder.exists():
+        shutil.rmtree(folder)
+
+
+def _train(arguments: Arguments) -> Trained:
+    folder = arguments.out
     with contextlib.redirect_stdout(io.StringIO()), InProcess() as executor:
         run, model = ppo.train(arguments, executor=executor)
         planner = ppo.planner_of(arguments, model)
@@ -130,16 +174,6 @@ def train_member(arguments: Arguments) -> Trained:
     }
     files = {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.is_file()}
     return Trained(figures, {name: content for name, content in files.items() if not name.startswith("segment-")})
-
-
-def forget(arguments: Arguments) -> None:
-    """Remove what a training has left on this machine."""
-    shutil.rmtree(_cached(arguments), ignore_errors=True)
-
-
-def _cached(arguments: Arguments) -> Path:
-    key = hashlib.sha256(json.dumps([ppo.plain(arguments), package_hash()]).encode()).hexdigest()[:24]
-    return cache_dir() / "seeds" / key
 
 
 def _folder(out: Path, seed: int) -> Path:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
 pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
@@ -91,6 +94,62 @@ def test_a_member_that_could_not_be_written_is_written_by_the_next_run_without_t
     train_all(tiny(**CHANGES), [1], out, InProcess())
     assert (out / "seed-1" / "run.json").read_bytes() == before
     assert left(cache) == []
+
+
+def test_a_training_that_another_process_is_at_is_refused_and_not_removed(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(seeds, "_WAIT_S", 0.1)
+    folder = seeds._cached(tiny(**CHANGES))
+    folder.mkdir(parents=True)
+    (folder / "run.json").write_text("of the other")
+    with FileLock(folder.with_suffix(".lock")):
+        with pytest.raises(ValueError, match=rf"{folder}: another command trains the same there"):
+            train_member(tiny(**CHANGES))
+        forget(tiny(**CHANGES))
+        assert (folder / "run.json").read_text() == "of the other"
+    forget(tiny(**CHANGES))
+    assert left(cache) == []
+
+
+def test_a_training_whose_device_is_gone_is_kept(cache: Path) -> None:
+    arguments = tiny(**CHANGES, device="cuda:99")
+    folder = seeds._cached(arguments)
+    folder.mkdir(parents=True)
+    (folder / "run.json").write_text("on the device")
+    with pytest.raises(ValueError, match="device = 'cuda:99': cannot be used"):
+        train_member(arguments)
+    assert (folder / "run.json").read_text() == "on the device"
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Trained]:
+    """The cache folder with a member that is not written yet, and the member."""
+    folder = tmp_path_factory.mktemp("finished")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(seeds, "cache_dir", lambda: folder)
+        return folder / "seeds", train_member(tiny(**CHANGES))
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda folder: (folder / "run.json").write_text(""),
+        lambda folder: (folder / "segment-0.zip").unlink(),
+        lambda folder: (folder / "run.json").rename(folder / "remains.json"),
+    ],
+    ids=["torn", "half-removed", "half-removed-without-its-record"],
+)
+def test_a_damaged_training_is_begun_anew(
+    damage: Callable[[Path], object], finished: tuple[Path, Trained], cache: Path
+) -> None:
+    before, whole = finished
+    shutil.copytree(before, cache)
+    (folder,) = left(cache)
+    damage(folder)
+    again = train_member(tiny(**CHANGES))
+    assert len(again.files) == len(whole.files)  # no remains; TensorBoard's have a time in their names
+    assert again.files["planner.onnx"] == whole.files["planner.onnx"]
 
 
 @pytest.mark.daily
