@@ -211,14 +211,14 @@ def test_a_node_that_does_not_answer_is_named_and_the_process_ends(domain: int) 
                 super().__init__("sleeper")
                 self.create_timer(0.05, lambda: time.sleep(3600), clock=self.surroundings.clock())
 
-        game = LockStep(silence_s=0.5)
+        game = LockStep(silence_s=10.0)  # it watches the making of the node, too
         game.add(Sleeper, ["--ros-args"])
         game.advance(10.0)
     """
     command = [sys.executable, "-c", textwrap.dedent(script)]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False, cwd=ROOT)
     assert ended.returncode == SILENT
-    assert "sleeper has not answered for 0.5 s of real time: the game ends" in ended.stderr
+    assert "sleeper has not answered for 10 s of real time: the game ends" in ended.stderr
 
 
 def test_services_are_answered_in_the_same_step(nodes: Session) -> None:
