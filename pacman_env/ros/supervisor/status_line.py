@@ -102,6 +102,11 @@ class StatusLine(Observer):
         return bool(self.condition.get("active") and self.condition.get("nav2"))
 
     @property
+    def has_selector(self) -> bool:
+        """Whether a goal selector is there, as the referee asks before a round, and as far as it is discovered."""
+        return self.count_publishers(self.resolve_topic_name(topics.GAME_STATUS.name)) > 0
+
+    @property
     def pose_age_s(self) -> float | None:
         """Since the latched pose was measured, None before the first; AMCL is silent while the robot stands."""
         now_ns = self.get_clock().now().nanoseconds

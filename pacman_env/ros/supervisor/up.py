@@ -271,8 +271,18 @@ class _Play:
                 self.starts = self.play_on or (self.starts and service is not START_GAME)
             elif service is START_GAME and self.starts:  # asked again, if it has not begun by an answer that was lost
                 self.starts = self.play_on or self.status_line.state == "menu"
+            elif service is START_GAME and self._is_refused_too_soon():
+                self.wanted.append(service)
             else:
                 self.writer.print(f"{service.name}: {answer.result().message}")
+
+    def _is_refused_too_soon(self) -> bool:
+        """Whether a start is refused although a round can begin: by a referee that has just been started again.
+
+        It does not know yet of the goal selector that is there. A reset that was asked for later stands.
+        """
+        asked = [*self.wanted, *(service for service, *_ in self.answers)]
+        return self.status_line.state == "menu" and self.status_line.has_selector and RESET_GAME not in asked
 
     def _restart_unresponsive(self) -> None:
         """Of nodes that do not do what the referee asks them to: frozen ones, or those that receive nothing."""

@@ -8,7 +8,7 @@ import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -17,6 +17,7 @@ pytest.importorskip("irobot_create_msgs")
 
 from pacman_env import ros
 from pacman_env.cli import main as cli
+from pacman_env.ros import topics
 from pacman_env.ros.discovery import join
 from pacman_env.ros.node import Stop
 from pacman_env.ros.supervisor import terminal as terminal_module
@@ -30,6 +31,9 @@ from pacman_env.ros.supervisor.terminal import LineWriter
 from pacman_env.ros.supervisor.up import HAD_TO_KILL, NO_POSE, NODE_LOST
 from tests.ros import session
 from tests.ros.supervisor.test_shared_memory import families, files_of, of_all
+
+if TYPE_CHECKING:
+    from tests.ros.system import Probe
 
 PATIENCE_S = 240.0  # the first nodes may have to compile
 
@@ -275,3 +279,50 @@ def test_only_a_real_robots_pose_is_waited_for_with_a_step_of_the_page(
         )
         assert words in play._awaited()
         assert ("step" in play._awaited()) != sim
+
+
+@pytest.mark.parametrize("has_selector", [True, False])
+def test_a_start_that_a_newborn_referee_refuses_is_asked_for_again_if_a_goal_selector_is_there(
+    domain: int, tmp_path: Path, probe: Probe, has_selector: bool
+) -> None:
+    refusal = "start: no goal selector is there; it starts when the robot has a pose"
+    asked = []
+
+    def answer(request: Any, response: Any) -> Any:
+        """As a referee that discovers the goal selector after its third answer."""
+        asked.append(request)
+        response.success = len(asked) > 3
+        response.message = "" if response.success else refusal
+        return response
+
+    topics.START_GAME.server(probe.node, answer)
+    if has_selector:
+        probe.publisher(topics.GAME_STATUS)
+    out = io.StringIO()
+    setup = GameSetup("house", sim=True)
+    with StatusLine(setup.namespace, setup.sim) as status_line:
+        probe.publish(topics.GAME_STATE, "menu")
+        play = up_module._Play(
+            *(setup, ProcessGroup(setup.command, tmp_path, {}, print), status_line, LineWriter(out), Stop()),
+            *(lambda: "", GameLock(setup.namespace, domain, setup.sim), False, False),
+        )
+
+        def wait(condition: Callable[[], bool], what: str) -> None:
+            def holds() -> bool:
+                status_line.spin(0.02)
+                return condition()
+
+            probe.wait_for(holds, PATIENCE_S, what)
+
+        def is_done() -> bool:
+            play._call_services()
+            return not play.wanted and not play.answers
+
+        wait(lambda: status_line.state == "menu" and status_line.has_selector == has_selector, "the game")
+        play.wanted.append(topics.START_GAME)
+        wait(is_done, "the last answer")
+    if has_selector:
+        assert len(asked) > 3
+        assert out.getvalue() == ""
+    else:
+        assert out.getvalue() == f"game/start: {refusal}\n"
