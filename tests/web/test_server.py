@@ -9,7 +9,6 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -26,6 +25,7 @@ from pacman_env.web.game import Refused
 from pacman_env.web.messages import Message
 from pacman_env.web.routes import MOST_UPLOAD, map_name
 from pacman_env.web.server import WebServer
+from tests.web.frames import decode
 from tests.web.pages import FILES, Page, at, eventually, viewer_url
 from tests.web.scripted_game import PICTURE, ScriptedGame
 
@@ -146,14 +146,19 @@ def test_names_of_maps_are_small_letters_digits_and_dashes(name: str, safe: str)
 def test_a_new_viewer_receives_everything_and_at_most_20_frames_a_second(
     serve: Callable[..., WebServer],
 ) -> None:
-    with Page(serve(ScriptedGame())) as page:
+    game = ScriptedGame()
+    with Page(serve(game)) as page:
         assert page.hello["access"] == "operator"
         assert page.hello["source"] == "simulator"
         assert page.hello["choices"] == {"maps": ["house"]}
-        page.listen(1.5)
+        while len(page.frames) < 20:
+            page.read()
         assert [text["kind"] for text in page.texts] == ["hello", "scene", "people"]
         assert page.texts[1]["home"] == [0.0, 0.0, None]  # JSON has no NaN
-        assert 10 <= len(page.frames) <= 31
+        looks = game.polled_at[:]
+        assert len(looks) <= 20 * (looks[-1] - looks[0]) + 2
+        numbers = [decode(frame).number for _, frame in page.frames]
+        assert numbers == sorted(set(numbers))  # none twice: there are no more than looks
 
 
 def test_messages_are_carried_out_and_answered(serve: Callable[..., WebServer]) -> None:
@@ -238,11 +243,9 @@ def test_stop_goes_before_all_other_messages(serve: Callable[..., WebServer]) ->
         assert begun.wait(10.0)
         for _ in range(200):  # more than may wait, and more than the rate
             page.send("clyde_speed", mps=1.0)
-        sent_at = time.monotonic()
         page.send("stop")
         eventually(lambda: game.stopped_at)
-        assert game.stopped_at[0] - sent_at < 0.2
-        assert not go_on.is_set()
+        assert [type(message) for _, message in game.handled] == [messages.Start]  # the others still wait
         go_on.set()
 
 
@@ -264,23 +267,28 @@ def test_a_release_does_not_undo_a_stop_that_came_after_it(serve: Callable[..., 
 def test_each_stop_is_answered_and_a_thousand_are_not_a_thousand_threads_work(
     serve: Callable[..., WebServer],
 ) -> None:
+    go_on = threading.Event()
+
     class Slow(ScriptedGame):
         def stop(self, person: str) -> None:
             super().stop(person)
-            time.sleep(0.1)
+            if person == "guest-1":
+                assert go_on.wait(20.0)
 
     game = Slow()
     server = serve(game)
     with Page(server) as page, Page(server) as other:
+        assert page.name == "guest-1"
         first = page.send("stop")
-        page.wait("answer", lambda text: text["id"] == first)
         for _ in range(1000):
             page.socket.send('{"do":"stop"}')
-        asked = time.monotonic()
-        assert other.ask("stop")["ok"]
-        assert time.monotonic() - asked < 0.5
-        assert page.ask("stop")["ok"]
-        assert len(game.stopped_at) < 20
+        assert page.ask("ping")["ok"]  # all have arrived
+        assert other.ask("stop")["ok"]  # the first of the other person is still being done
+        last = page.send("stop")
+        go_on.set()
+        for number in (first, last):
+            page.wait("answer", lambda text, number=number: text["id"] == number)  # type: ignore[misc]
+        assert len(game.stopped_at) <= 4
 
 
 def test_more_than_may_wait_is_refused(serve: Callable[..., WebServer]) -> None:
@@ -421,18 +429,16 @@ def test_on_the_robot_its_role_needs_control_and_goes_with_it(serve: Callable[..
 # beginning and end
 
 
-def test_the_end_is_announced_to_all_and_takes_less_than_two_seconds(serve: Callable[..., WebServer]) -> None:
+def test_the_end_is_announced_to_all_and_waits_for_no_connection(serve: Callable[..., WebServer]) -> None:
     server = serve(ScriptedGame())
     with Page(server) as page, socket.create_connection(("127.0.0.1", server.port)) as idle:
-        began = time.monotonic()
         threading.Thread(target=server.close).start()
         assert page.wait("bye")["words"] == "the server ends"
         with pytest.raises(ConnectionClosed) as closed:
-            page.listen(5.0)
+            page.listen(page.patience_s)
         assert closed.value.rcvd is not None
         assert closed.value.rcvd.code == 1001
         eventually(lambda: server._thread is None)
-        assert time.monotonic() - began < 2.0
         assert idle.recv(100) == b""
 
 
@@ -479,7 +485,7 @@ print("ended", flush=True)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it_within_two_seconds_whatever_is_going_on(number: signal.Signals) -> None:
+def test_a_signal_ends_it_whatever_is_going_on(number: signal.Signals) -> None:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     with subprocess.Popen(
         [sys.executable, "-c", SERVES], stdout=subprocess.PIPE, text=True, env=environment
@@ -491,11 +497,9 @@ def test_a_signal_ends_it_within_two_seconds_whatever_is_going_on(number: signal
             busy.send('{"do":"start","id":1}')
             while 'operator":"guest' not in str(busy.recv(timeout=10)):
                 pass
-            began = time.monotonic()
             process.send_signal(number)
             assert process.stdout.read() == "ended\n"
-            assert process.wait(10) == 0
-            assert time.monotonic() - began < 2.0
+            assert process.wait(60) == 0
 
 
 ANOTHER_THREAD = SERVES.replace(

@@ -102,13 +102,11 @@ def test_a_story_is_a_list_of_frames(game: SimulatedGame) -> None:
 
 
 def test_stop_holds_at_once_until_the_release(game: SimulatedGame) -> None:
-    game.handle("Ann", m.Speed(times=5))
+    game.handle("Ann", m.Speed(times=2))  # a round that lasts long enough to be seen
     game.handle("Ann", m.Start())
     wait(lambda: frame(game).state == "running" and frame(game).time_s > 1)
-    began = time.monotonic()
     game.stop("Eve")
-    stood = frame(game)
-    assert time.monotonic() - began < 0.2
+    stood = frame(game)  # the first one
     assert stood.stopped
     assert stood.velocity == (0.0, 0.0)
     time.sleep(0.3)
@@ -118,25 +116,25 @@ def test_stop_holds_at_once_until_the_release(game: SimulatedGame) -> None:
 
 
 def test_stop_does_not_wait_for_what_takes_long(game: SimulatedGame, monkeypatch: pytest.MonkeyPatch) -> None:
-    prepare, begun = Choices.prepare, threading.Event()
+    prepare, begun, go_on = Choices.prepare, threading.Event(), threading.Event()
 
     def slow(self: Choices, *arguments: Any) -> Any:
         begun.set()
-        time.sleep(2.0)
+        assert go_on.wait(PATIENCE_S)
         return prepare(self, *arguments)
 
     monkeypatch.setattr(Choices, "prepare", slow)
     asking = threading.Thread(target=lambda: game.handle("Ann", m.Setup(map="maze")))
     asking.start()
     assert begun.wait(PATIENCE_S)
-    began = time.monotonic()
     game.stop("Eve")
     assert frame(game).stopped
-    assert time.monotonic() - began < 1.0
+    go_on.set()
     asking.join()
 
 
 def test_pause_and_speed_hold_and_hasten_the_simulated_time(game: SimulatedGame) -> None:
+    game.handle("Ann", m.Speed(times=2))  # a round that lasts long enough to be seen
     game.handle("Ann", m.Start())
     wait(lambda: frame(game).state == "running")
     game.handle("Ann", m.Pause(on=True))
@@ -144,16 +142,18 @@ def test_pause_and_speed_hold_and_hasten_the_simulated_time(game: SimulatedGame)
     time.sleep(0.2)
     assert held.paused
     assert frame(game).time_s == held.time_s
-    game.handle("Ann", m.Speed(times=2))
-    assert frame(game).speed == 2
+    game.handle("Ann", m.Speed(times=3))
+    assert frame(game).speed == 3
     game.handle("Ann", m.Pause(on=False))
     wait(lambda: frame(game).time_s > held.time_s or frame(game).state != "running")
 
 
 def test_time_never_goes_back_within_a_round_and_frames_are_numbered_by_what_they_show(game: SimulatedGame) -> None:
+    game.handle("Ann", m.Speed(times=2))  # a round that lasts long enough to be seen
     game.handle("Ann", m.Start())
     wait(lambda: frame(game).state == "running")
     before = frame(game)
+    game.handle("Ann", m.Speed(times=10))
     while (now := frame(game)).state == "running":
         assert now.time_s >= before.time_s - 1e-6
         assert now.number >= before.number
@@ -168,6 +168,7 @@ def test_clyde_is_placed_in_the_menu_alone(game: SimulatedGame) -> None:
     assert game.scene().facts["link"] == ""
     with pytest.raises(Refused, match="no ghost 2"):
         game.handle("Ann", m.PlaceClyde(x=0.0, y=0.0, ghost=2))
+    game.handle("Ann", m.Speed(times=2))  # a round that lasts long enough to be seen
     game.handle("Ann", m.Start())
     wait(lambda: frame(game).state == "running")
     with pytest.raises(Refused, match="in the menu"):
@@ -211,10 +212,12 @@ def test_roles_are_taken_one_person_each_and_free_when_he_is_gone(game: Simulate
 
 def test_a_person_plays_a_round_beside_the_policy_and_both_results_are_shown(game: SimulatedGame) -> None:
     game.handle("Ann", m.Role(role="robot"))
+    game.handle("Ann", m.Speed(times=2))  # a round that lasts long enough to be seen
     game.handle("Ann", m.Start())
     wait(lambda: frame(game).state == "running")
     assert frame(game).baseline is not None
     game.handle("Ann", m.Goal(candidate=2))
+    game.handle("Ann", m.Speed(times=50))
     wait(lambda: frame(game).state == "menu")
     story = game.handle("Ann", m.Stories())[0]
     assert story["player"] == "person"
