@@ -195,12 +195,12 @@ class Page:
         return self.frame is not None and abs(self.frame.velocity[0]) > 0.1
 
     def until_it_drives(self) -> None:
-        """The robot drives; where a round has ended meanwhile, in the next one."""
+        """The robot drives in a round, not home after one: where a round has ended meanwhile, in the next one."""
 
         def drives() -> bool:
             if self.frame is not None and self.frame.state == "menu" and not self.frame.stopped:
                 self.ask("start")
-            return self.drives()
+            return self.frame is not None and self.frame.state == "running" and self.drives()
 
         self.wait(drives, "the robot to drive")
 

@@ -164,8 +164,8 @@ def visitor(chromium: Any, page: Page) -> Iterator[Visitor]:  # noqa: F811
 
 
 def until_it_drives(visitor: Visitor) -> None:
-    """The robot drives; where a round has ended meanwhile, in the next one."""
-    drives = "Math.abs(state.frame.velocity[0]) > 0.1"
+    """The robot drives in a round, not home after one: where a round has ended meanwhile, in the next one."""
+    drives = "(state.frame.state === 'running' && Math.abs(state.frame.velocity[0]) > 0.1)"
     visitor.wait(f"{drives} || state.frame.state === 'menu'", "the robot to drive, or the menu")
     if visitor.value("state.frame.state === 'menu'"):
         visitor.press("start")

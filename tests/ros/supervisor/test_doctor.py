@@ -68,7 +68,8 @@ def diagnose(
 
     try:
         node.observe(enough)
-        said = {finding.check: finding for finding in examine(node.observations())}
+        if not until(said):  # all is settled since the last look
+            said = {finding.check: finding for finding in examine(node.observations())}
     finally:
         node.close()
     assert until(said), "\n".join(f"{f.status} {f.check}: {f.summary}" for f in said.values())

@@ -32,12 +32,12 @@ import json, os, signal, sys, time
 from pathlib import Path
 folder = Path(sys.argv[1])
 notes = folder / f"{os.getpid()}.json"
-notes.write_text(json.dumps({"arguments": sys.argv[2:], "ended": None}))
 def end(number, frame):
     notes.write_text(json.dumps({"arguments": sys.argv[2:], "ended": number}))
     sys.exit(0)
 signal.signal(signal.SIGINT, end)
 signal.signal(signal.SIGTERM, end)
+notes.write_text(json.dumps({"arguments": sys.argv[2:], "ended": None}))  # who reads this may end it
 while True:
     time.sleep(1)
 """

@@ -123,6 +123,7 @@ def game(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Game
         probe.record(topics.GAME_STATE, topics.GAME_STATUS, topics.LIGHT_RING, topics.CMD_VEL, topics.DIAGNOSTICS)
         bag = folder / "game"
         recorder = system.run("record", [*COMMAND, "record", "--out", str(bag), "--sim"])
+        probe.wait_for(lambda: "recording /robot_15" in recorder.output, PATIENCE_S, "the recorder")
         terminal = Terminal([*COMMAND, "up", *words, *SHOWS, "--web", str(port), "--logs", str(folder / "logs")])
         try:
             yield Game(terminal, recorder, bag, probe)
@@ -135,7 +136,7 @@ def game(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Game
 def test_the_line_says_what_is_awaited_and_the_first_round_begins_where_it_is_asked_for(game: Game) -> None:
     terminal = game.terminal
     game.wait_for(lambda: terminal.shows(r"^running +round 1 "), "the round")
-    assert terminal.shows(r"^starting: waiting for .*pellet_manager")
+    assert terminal.shows(r"^(starting: waiting for .*pellet_manager|compiling \(once\))")
     assert terminal.shows(r"^game on /robot_15$")
     assert terminal.shows(r"^keys: s start, r reset, c continue, space stop, g release, q quit$")
 

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import os
+import sys
 import time
 from pathlib import Path
+from subprocess import Popen
+from typing import Any
 
 import pytest
 
 pytest.importorskip("rclpy")
 
+from pacman_env.ros.supervisor import preparation as preparation_module
 from pacman_env.ros.supervisor.game_nodes import COMPOSED, GAME, LOCK_STEP, REFEREE, SELECTOR, GameSetup
 from pacman_env.ros.supervisor.preparation import GHOSTS, Preparation
 from pacman_env.ros.supervisor.processes import ProcessGroup
@@ -24,13 +28,31 @@ def until_free(preparation: Preparation, name: str) -> None:
         time.sleep(0.05)
 
 
-def test_nodes_that_need_nothing_of_it_do_not_wait_and_the_others_until_it_is_done() -> None:
+#: Becomes the command that follows, as soon as a file is there.
+WAITS = """
+import os, sys, time
+while not os.path.exists(sys.argv[1]):
+    time.sleep(0.02)
+os.execv(sys.argv[2], sys.argv[2:])
+"""
+
+
+def test_nodes_that_need_nothing_of_it_do_not_wait_and_the_others_until_it_is_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    go_on = tmp_path / "go on"
+
+    def waiting(command: list[str], **options: Any) -> Popen[str]:
+        return Popen([sys.executable, "-c", WAITS, str(go_on), *command], **options)
+
+    monkeypatch.setattr(preparation_module, "Popen", waiting)  # it would be done before the test has looked
     reports: list[str] = []
     preparation = Preparation(GameSetup("house", "nearest", sim=True), reports.append)
     try:
         assert preparation.holds(SELECTOR)
         assert preparation.holds(LOCK_STEP)
         assert [name for name in GAME if preparation.holds(name) and name != GHOSTS] == []
+        go_on.touch()
         preparation.check()
         until_free(preparation, LOCK_STEP)
         assert [name for name in (*GAME, COMPOSED, SELECTOR) if preparation.holds(name)] == []

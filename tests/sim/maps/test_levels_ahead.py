@@ -90,15 +90,20 @@ def test_levels_are_prepared_once_in_the_order_they_were_asked_for() -> None:
 
 
 def test_a_level_that_no_thread_has_begun_with_is_prepared_by_who_takes_it() -> None:
-    source = Source()
+    class Asked(Source):
+        def prepare(self, level: int) -> MapAssets:
+            if threading.get_ident() == here:
+                self.go.set()  # the thread that prepares level 1 goes on only now
+            return super().prepare(level)
+
+    here = threading.get_ident()
+    source = Asked()
     ahead = LevelsAhead(source)
     ahead.ask([1, 2])
     assert source.begun.acquire(timeout=20)  # level 1
-    threading.Timer(0.05, source.go.set).start()
     assert ahead.take(2) == Prepared(2)
     assert ahead.take(3) == Prepared(3)
     assert ahead.take(1) == Prepared(1)
-    here = threading.get_ident()
     assert [(level, thread == here) for level, thread in source.prepared] == [(1, False), (2, True), (3, True)]
     ahead.close()
 
@@ -158,7 +163,15 @@ def test_closing_ends_the_threads_and_levels_can_be_taken_afterwards() -> None:
     ahead = LevelsAhead(source, threads=2)
     ahead.ask(range(8))
     assert len(workers()) == before + 2
-    threading.Timer(0.05, source.go.set).start()
+    for _ in range(2):
+        assert source.begun.acquire(timeout=20)
+    of_threads = ahead._workers
+
+    def let_go() -> None:
+        assert soon(lambda: of_threads._stopped)
+        source.go.set()
+
+    threading.Thread(target=let_go).start()
     ahead.close()
     assert len(workers()) == before
     assert len(source.prepared) == 2
