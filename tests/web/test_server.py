@@ -188,13 +188,13 @@ def test_an_error_in_the_game_is_one_line_of_the_log_and_the_server_goes_on(
         for _ in range(3):
             assert page.ask("start")["words"] == "internal error"
             assert page.ask("stop")["words"] == "internal error"
-        page.listen(0.3)
+        eventually(lambda: any("frame is broken" in line for line in lines))
         assert not upload(web, at(page_url(page)), yaml="x").json()["ok"]
         game.fails = set()
         assert page.ask("start")["ok"]
         seen = len(page.frames)
-        page.listen(0.3)
-        assert len(page.frames) > seen
+        while len(page.frames) == seen:
+            page.read()
     assert len(lines) == 4
     assert all("is broken" in line and "\n" not in line for line in lines)
 

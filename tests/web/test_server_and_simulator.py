@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterator
 
 import httpx
 import pytest
 
+from pacman_env.web.frame import Frame
+from pacman_env.web.match import Match
+from pacman_env.web.played_round import PlayedRound
 from pacman_env.web.server import WebServer
 from pacman_env.web.simulated import SimulatedGame
 from tests.web.frames import decode, decode_all
@@ -26,6 +30,13 @@ def game() -> Iterator[SimulatedGame]:
     game.close()
 
 
+def shown(page: Page, is_it: Callable[[Frame], bool]) -> Frame:
+    """The last frame if it is as wanted, else the next that is."""
+    while not page.frames or not is_it(decode(page.frames[-1][1])):
+        page.read()
+    return decode(page.frames[-1][1])
+
+
 def test_a_round_is_set_up_begun_seen_and_stopped(
     serve: Callable[..., WebServer], game: SimulatedGame, web: httpx.Client
 ) -> None:
@@ -33,32 +44,35 @@ def test_a_round_is_set_up_begun_seen_and_stopped(
     with Page(server) as page:
         page.patience_s = COMPILED_S
         assert page.ask("setup", map="loop", seed=5, policy="nearest")["ok"]
-        page.listen(0.3)
-        scene = [text for text in page.texts if text["kind"] == "scene"][-1]
-        assert web.get(at(server.url, scene["map"]["url"].removeprefix("/"))).content.startswith(b"\x89PNG")
         assert page.ask("start")["ok"]
-        page.listen(0.5)
-        number, frame = len(page.frames), decode(page.frames[-1][1])
-        assert frame.revision == scene["revision"]
-        assert frame.state != "menu"
+        begun = shown(page, lambda frame: frame.state != "menu")
+        scene = [text for text in page.texts if text["kind"] == "scene"][-1]
+        assert scene["map"]["name"] == "loop"
+        assert begun.revision == scene["revision"]
+        assert web.get(at(server.url, scene["map"]["url"].removeprefix("/"))).content.startswith(b"\x89PNG")
         assert page.ask("stop")["ok"]
-        page.listen(0.3)
-        assert decode(page.frames[-1][1]).stopped
+        shown(page, lambda frame: frame.stopped)
         assert page.ask("release")["ok"]
-        page.listen(0.3)
-        assert len(page.frames) > number
-        assert not decode(page.frames[-1][1]).stopped
+        shown(page, lambda frame: not frame.stopped)
 
 
 def test_a_round_that_is_finished_at_once_keeps_no_other_page_waiting(
-    serve: Callable[..., WebServer], game: SimulatedGame, web: httpx.Client
+    serve: Callable[..., WebServer], game: SimulatedGame, web: httpx.Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    record, begun, go_on = Match._record, threading.Event(), threading.Event()
+
+    def slow(self: Match, played: PlayedRound) -> None:
+        begun.set()
+        assert go_on.wait(COMPILED_S)
+        record(self, played)
+
+    monkeypatch.setattr(Match, "_record", slow)
     server = serve(game)
     with Page(server) as one, Page(server) as other:
         finished = one.send("setup", map="house", seed=3, finish=True)
-        asked = time.monotonic()
+        assert begun.wait(COMPILED_S)
         assert other.ask("ping")["ok"]
-        assert time.monotonic() - asked < 1.0
+        go_on.set()
         one.patience_s = COMPILED_S
         story = one.wait("answer", lambda text: text["id"] == finished)["data"]["story"]
         frames = web.get(at(server.url, f"story/{story}.json")).content
