@@ -7,7 +7,7 @@ import json
 import socket
 import time
 import urllib.request
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
 from pacman_env.ros import topics
@@ -30,10 +30,13 @@ OWN: dict[str, dict[str, Any]] = {
 T = TypeVar("T")
 
 
-def free_port() -> int:
+@contextlib.contextmanager
+def free_port() -> Iterator[int]:
+    """A port that no other program is given meanwhile; the page can still be bound to it."""
     with socket.socket() as one:
+        one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the page's server has it
         one.bind(("127.0.0.1", 0))
-        return int(one.getsockname()[1])
+        yield int(one.getsockname()[1])
 
 
 class Nodes:
@@ -124,13 +127,13 @@ class Page:
 
     def __init__(self, nodes: Nodes) -> None:
         self.nodes = nodes
-        self.port = free_port()
+        self._open = contextlib.ExitStack()
+        self.port = self._open.enter_context(free_port())
         words = ["--namespace", NAMESPACE.strip("/"), "--sim", "--map", MAP, "--port", str(self.port)]
         self.process: Process = nodes.system.fork("page", "pacman_env.ros.operator_page.__main__", *words)
         nodes.wait(self._there, "the page", START_S)
         from websockets.sync.client import connect
 
-        self._open = contextlib.ExitStack()
         where = f"127.0.0.1:{self.port}"
         self._socket = self._open.enter_context(
             connect(f"ws://{where}/ws", origin=f"http://{where}", close_timeout=0.2)  # a killed page does not answer

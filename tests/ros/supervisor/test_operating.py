@@ -12,7 +12,6 @@ import json
 import os
 import re
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -37,6 +36,7 @@ from pacman_env.ros.supervisor.doctor import doctor
 from pacman_env.ros.supervisor.game_nodes import GAME, PAGE, SELECTOR, SIMULATOR, GameSetup
 from pacman_env.ros.supervisor.terminal import LineWriter, fitted
 from pacman_env.world.maps.occupancy import load_map
+from tests.ros.operator_page.page_process import free_port
 from tests.ros.supervisor.terminal import COLUMNS, PATIENCE_S, Terminal
 from tests.ros.supervisor.test_doctor import diagnose, is_bad
 from tests.ros.system import Probe, Process, System
@@ -116,10 +116,7 @@ class Game:
 def game(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Game]:
     folder = tmp_path_factory.mktemp("up")
     words = ["--map", "house", "--policy", "nearest", "--sim", "--home", "0.5", "0", "1.5", "--start"]
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        port = one.getsockname()[1]
-    with System(folder) as system, Probe(system) as probe:
+    with free_port() as port, System(folder) as system, Probe(system) as probe:
         probe.record(topics.GAME_STATE, topics.GAME_STATUS, topics.LIGHT_RING, topics.CMD_VEL, topics.DIAGNOSTICS)
         bag = folder / "game"
         recorder = system.run("record", [*COMMAND, "record", "--out", str(bag), "--sim"])

@@ -30,7 +30,7 @@ from pacman_env.ros.supervisor.status_line import StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter
 from pacman_env.ros.supervisor.up import HAD_TO_KILL, NO_POSE, NODE_LOST
 from tests.ros import session
-from tests.ros.supervisor.test_shared_memory import families, files_of, of_all
+from tests.ros.supervisor.test_shared_memory import families, files_of, of_all, opened
 
 if TYPE_CHECKING:
     from tests.ros.system import Probe
@@ -87,10 +87,11 @@ def test_what_a_killed_command_left_in_shared_memory_is_removed_by_the_next(
     probe.wait_for(lambda: "game on /robot_15" in up.output, PATIENCE_S, "the game")
     left = files_of(up.popen.pid) - files_of(os.getpid())
     assert left
-    up.popen.kill()
-    up.popen.wait()
-    system.processes.clear()
-    assert {name for name in left if (FOLDER / name).exists()}
+    with opened(left):
+        up.popen.kill()
+        up.popen.wait()
+        system.processes.clear()
+        assert {name for name in left if (FOLDER / name).exists()}
     up = system.run("up", broken_game)
     assert up.wait(PATIENCE_S) == NODE_LOST, up.output
     system.processes.clear()
