@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import subprocess
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -29,26 +30,47 @@ def commit() -> str:
 
 def prepare(path: Path) -> Path:
     """Create the folder of a file that will be written later; raises ValueError before the work, not after it."""
+    if _is_special(path):
+        if not os.access(path, os.W_OK):
+            raise ValueError(f"{path}: cannot be written to")
+        return path
+    folder = path.resolve().parent
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ValueError(f"{path}: cannot create its folder: {error.strerror}") from None
     if path.is_dir():
         raise ValueError(f"{path}: is a folder, not a file")
-    if not os.access(path.parent, os.W_OK):
+    if not os.access(folder, os.W_OK):
         raise ValueError(f"{path}: its folder cannot be written to")
     return path
 
 
 @contextlib.contextmanager
 def replaced(path: Path) -> Iterator[Path]:
-    """A temporary file beside ``path``, with its suffix, that replaces it if the block succeeds."""
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    """A temporary file beside ``path``, with its suffix, that replaces it if the block succeeds.
+
+    Where ``path`` is a symbolic link its target is replaced; a device or a pipe is written to, once all is there.
+    """
+    if _is_special(path):
+        with tempfile.TemporaryDirectory() as folder:
+            temporary = Path(folder) / path.name
+            yield temporary
+            with temporary.open("rb") as content, path.open("wb") as out:
+                shutil.copyfileobj(content, out)
+        return
+    target = path.resolve()
+    temporary = target.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     try:
         yield temporary
-        os.replace(temporary, path)
+        os.replace(temporary, target)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _is_special(path: Path) -> bool:
+    """Whether it is a device, a pipe or a socket, which must stay what it is."""
+    return path.exists() and not (path.is_file() or path.is_dir())
 
 
 @contextlib.contextmanager

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import os
+import threading
 from pathlib import Path
 
 import pytest
@@ -50,3 +52,30 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
         fail()
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_target_of_a_link_is_replaced_and_the_link_stays(tmp_path: Path) -> None:
+    target, link = tmp_path / "elsewhere" / "data.json", tmp_path / "link.json"
+    link.symlink_to(target)
+    prepare(link)
+    for content in ("first", "second"):
+        with replaced(link) as temporary:
+            assert temporary.suffix == ".json"
+            temporary.write_text(content)
+        assert link.is_symlink()
+        assert target.read_text() == content
+    assert list(target.parent.iterdir()) == [target]
+
+
+def test_a_pipe_is_written_to_and_stays_a_pipe(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe.json"
+    os.mkfifo(pipe)
+    read: list[str] = []
+    reader = threading.Thread(target=lambda: read.append(pipe.read_text()))
+    reader.start()
+    with replaced(prepare(pipe)) as temporary:
+        temporary.write_text("all of it")
+    reader.join(timeout=10)
+    assert read == ["all of it"]
+    assert pipe.is_fifo()
+    assert list(tmp_path.iterdir()) == [pipe]
