@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pacman_env.config import Config
 from pacman_env.game.execution import COMPLETE, RUNNING
+from pacman_env.policies.asking import choose
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.registry import make_policy, split_ghosts
 from pacman_env.sim.core.batch import GameBatch
@@ -93,7 +94,7 @@ def ghost_choices(batch: GameBatch, ghosts: Mapping[int, Policy]) -> NDArray[np.
         return None
     sent = np.full(batch.ghosts.shape, batch.hold, dtype=np.int64)
     for number, ghost in ghosts.items():
-        sent[:, number] = ghost.select(batch.situation(number))
+        sent[:, number] = choose(ghost, batch.situation(number))
     return sent
 
 
@@ -160,9 +161,9 @@ def _choices(policy: Policy, situation: Situation, playing: NDArray[np.int64], h
     """(N,) the policy's choice for each game; when few still play, it does not choose for the others."""
     nothing_to_forget = getattr(type(policy), "reset", None) is BasePolicy.reset
     if len(playing) == len(situation) or not nothing_to_forget:  # a policy with a state must see all games
-        return policy.select(situation)
+        return choose(policy, situation)
     choices = np.full(len(situation), hold)
-    choices[playing] = policy.select(situation.rows(playing))
+    choices[playing] = choose(policy, situation.rows(playing))
     return choices
 
 
@@ -200,5 +201,5 @@ def _records(batch: GameBatch, index: NDArray[np.int64], before_s: NDArray[np.fl
 def _decision_ms(policy: Policy, row: Situation, config: Config) -> float:
     policy.reset(np.ones(1, dtype=np.bool_), config)
     start = time.perf_counter_ns()
-    policy.select(row)
+    choose(policy, row)
     return (time.perf_counter_ns() - start) / 1e6

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import Config, make_config
+from pacman_env.policies.asking import checked_scores
 from pacman_env.sim.observation.situation import HOLD, Situation
 
 Floats = NDArray[np.float64]
@@ -65,9 +66,12 @@ class BasePolicy:
         raise NotImplementedError(f"{type(self).__name__}.scores")
 
     def select(self, situation: Situation) -> NDArray[np.int64]:
-        """(N,) the unmasked candidate with the highest score, the first of equals; HOLD where none is allowed."""
-        scores = self.scores(situation)
-        allowed = np.where(situation.mask & (scores > -np.inf), scores, -np.inf)  # NaN is no score either
+        """(N,) the unmasked candidate with the highest score, the first of equals; HOLD where none is allowed.
+
+        Raises ValueError for scores of another shape, and for NaN of an unmasked candidate.
+        """
+        scores = checked_scores(self, self.scores(situation), situation)
+        allowed = np.where(situation.mask, scores, -np.inf)
         goal = allowed.argmax(axis=1)
         best = allowed[np.arange(len(goal)), goal]
         return np.where(best > -np.inf, goal, hold_index(situation))

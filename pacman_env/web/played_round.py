@@ -14,6 +14,7 @@ from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.episodes.rollout import allowed
 from pacman_env.game.execution import RUNNING
 from pacman_env.game.ghosts import POLICY
+from pacman_env.policies.asking import PolicyError, choose
 from pacman_env.policies.base import KIND_NAMES, Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
@@ -127,7 +128,7 @@ class PlayedRound:
         if self.over:
             return
         batch, situation = self.batch, self._situation
-        chosen = [self._page_number(int(policy.select(situation)[0])) for policy in self._policies]
+        chosen = [self._page_number(_choice(policy, situation, self.batch.hold)) for policy in self._policies]
         sent = self._ghost_choices(orders)
         self.situations.append(situation)
         goal = chosen[0]
@@ -156,7 +157,7 @@ class PlayedRound:
         choices = np.full(batch.ghosts.shape, batch.hold, dtype=np.int64)
         for k, policy in self._ghosts.items():
             if k not in orders.ghosts:
-                choices[:, k] = policy.select(batch.situation(k))
+                choices[:, k] = _choice(policy, batch.situation(k), batch.hold)
         for k in self.ghost_roles:
             goal = orders.ghosts.get(k)
             if goal is not None:
@@ -211,7 +212,7 @@ class PlayedRound:
         for policy in policies:
             policy.reset(_ALL, self.config)
             for before in self.situations[:tick]:
-                policy.select(before)
+                _choice(policy, before, self.batch.hold)
         return self._terms(situation, policies, self.choices[tick][0] if tick < self.ticks else -1)
 
     def why_now(self) -> dict[str, Any]:
@@ -221,7 +222,9 @@ class PlayedRound:
     def _terms(self, situation: Situation, policies: list[Any], goal: int) -> dict[str, Any]:
         named = dict(zip(self.names, policies, strict=True))
         explained = {name: policy.explain(situation)[0] for name, policy in named.items()}
-        chosen = {name: self._page_number(int(policy.select(situation)[0])) for name, policy in named.items()}
+        chosen = {
+            name: self._page_number(_choice(policy, situation, self.batch.hold)) for name, policy in named.items()
+        }
 
         def plain(terms: Mapping[str, Any]) -> dict[str, Any]:
             shown = {name: value for name, value in terms.items() if name not in ("kind", "allowed")}
@@ -235,6 +238,14 @@ class PlayedRound:
                 rows.append({"candidate": number, "kind": kind, "terms": terms})
         time_s = float(situation.time_s[0])
         return {"time_s": time_s, "goal": goal, "rows": rows, "policies": list(self.names), "chosen": chosen}
+
+
+def _choice(policy: Policy, situation: Situation, hold: int) -> int:
+    """Of one game; a user's policy that fails holds, as the page is of others too."""
+    try:
+        return int(choose(policy, situation)[0])
+    except PolicyError:
+        return hold
 
 
 class Recordings:

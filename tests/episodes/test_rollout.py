@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from pacman_env.config import Config
 from pacman_env.episodes.rollout import MOST_ROUNDS, allowed, episode_seeds, play, play_in
@@ -190,3 +191,13 @@ def test_only_policies_without_a_state_are_spared_games_that_are_over(
     np.testing.assert_array_equal(records, played("nearest")[0][:4])
     asked = set(made[0].asked)
     assert asked == {4} if kind is _WithState else {1, 4} <= asked
+
+
+@pytest.mark.parametrize("candidate", [999, -1])
+def test_rounds_are_not_played_by_a_policy_that_chooses_no_candidate(candidate: int) -> None:
+    class Lost(Nearest):
+        def select(self, situation: Situation) -> NDArray[np.int64]:
+            return np.full(len(situation), candidate)
+
+    with pytest.raises(ValueError, match=r"^policy '.*Lost': select must return candidates 0 to \d+, got -?\d+$"):
+        play(map_assets("house", CONFIG), CONFIG, Lost(), episode_seeds(5, 2))

@@ -46,8 +46,7 @@ def three_candidates(mask: list[bool]) -> Situation:
         ([2.0, 2.0, 2.0], [True, True, True], 0),
         ([1.0, 2.0, 0.0], [True, False, True], 0),
         ([-np.inf, -np.inf, -np.inf], [True, True, True], 2),
-        ([np.nan, 1.0, 0.0], [True, True, True], 1),
-        ([np.nan, np.nan, np.nan], [True, True, True], 2),
+        ([np.nan, 1.0, 0.0], [False, True, True], 1),
         ([1.0, 2.0, 3.0], [True, True, True], 2),
     ],
 )

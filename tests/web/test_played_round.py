@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from pacman_env.envs.pacmanbot import PacManBotEnv
+from pacman_env.policies.base import BasePolicy
 from pacman_env.policies.registry import make_policy
+from pacman_env.sim.observation.situation import Situation
 from pacman_env.web.played_round import Orders, PlayedRound
 from pacman_env.web.rules import Choices, Rules
 from pacman_env.web.simulated_view import between
@@ -19,6 +22,13 @@ from tests.web.frames import decode
 
 CHOICES = Choices()
 SHORT = {"time_limit_s": 20.0}
+
+
+class Lost(BasePolicy):
+    name = "lost"
+
+    def scores(self, situation: Situation) -> NDArray[np.float64]:
+        return np.full(situation.mask.shape, np.nan)
 
 
 def laid_out(seed: int = 7, ghost_roles: frozenset[int] = frozenset(), **rules: Any) -> PlayedRound:
@@ -150,3 +160,10 @@ def test_between_two_ticks_everything_is_between_them(share: float, tick: int) -
 
 
 ROUND = played(laid_out())
+
+
+def test_a_policy_that_chooses_no_candidate_holds_and_the_page_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    round = laid_out()
+    monkeypatch.setattr(round, "_policies", [Lost(), Lost()])
+    played(round, ticks=3)
+    assert round.choices == [[round.hold] * 3] * 3

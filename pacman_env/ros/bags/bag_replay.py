@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pacman_env.config import Config
+from pacman_env.policies.asking import choose
 from pacman_env.policies.base import KIND_NAMES, Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.ros.bags.bag import BagError, open_bag
@@ -120,7 +121,7 @@ class _Replay:
 
     def decide(self, at_s: float, situation: Situation, recorded: int | None) -> None:
         began = time.perf_counter()
-        chosen = int(self._policy.select(situation)[0])
+        chosen = int(choose(self._policy, situation)[0])
         self._elapsed_ms.append((time.perf_counter() - began) * 1e3)
         self._report.decisions += 1
         if recorded is None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pacman_env.config import MAX_SPEED_MPS
 from pacman_env.game.ghosts import GHOSTS
+from pacman_env.policies.asking import PolicyError, choose
 from pacman_env.policies.registry import split_ghosts
 from pacman_env.sim.core.ghosts import MapGhosts
 from pacman_env.sim.maps.assets import map_assets
@@ -170,7 +171,10 @@ class ClydeGhostNode(GameNode):
             else:
                 seen = Seen(self.now_s() - self._began_round_s, self._robot, self._pellets.known)
                 situation = self._view.situation(seen, number)
-            choices[number] = policy.select(situation)[0]
+            try:
+                choices[number] = choose(policy, situation)[0]
+            except PolicyError as error:
+                self.once.warning(f"policy of ghost {number} fails", f"{error}; the ghost wanders")
         return choices
 
     def _show(self) -> None:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from pacman_env.config import Config
+from pacman_env.policies.asking import choose
 from pacman_env.policies.base import Policy
 from pacman_env.sim.observation.robot_view import RobotView
 
@@ -12,7 +13,7 @@ def rehearsed(policy: Policy, view: RobotView, config: Config) -> Policy:
     situation, first = view.rehearsal(), np.ones(1, np.bool_)
     policy.reset(first, config)
     policy.scores(situation)
-    policy.select(situation)
+    choose(policy, situation)
     policy.reset(first, config)
     view.off_the_map(0.0, 0.0)
     return policy

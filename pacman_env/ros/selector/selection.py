@@ -18,6 +18,7 @@ from pacman_env.game.execution import ABORTED, REJECTED
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.game.goal_executor import GoalExecutor
 from pacman_env.game.goals import ExecutorAction, home_place
+from pacman_env.policies.asking import PolicyError, choose
 from pacman_env.policies.registry import make_policy
 from pacman_env.ros import topics
 from pacman_env.ros.grid import grid_of, map_differences
@@ -223,7 +224,13 @@ class Selection:
         moment = Moment(now, seen.pursued, seen.left, distance)
         due = self._last.due(moment)
         if due:
-            chosen = int(self.policy.select(situation)[0])
+            try:
+                chosen = int(choose(self.policy, situation)[0])
+            except PolicyError as error:  # the robot stands, and the node goes on: it may work at the next tick
+                self._warn("policy fails", f"{error}; the robot holds")
+                self._last.decide(HOLD, moment, allowed=False)
+                do(self.executor.choose(None, now))
+                return
             allowed = bool(situation.mask[0, chosen])
             self._last.decide(HOLD if chosen == self.view.hold else chosen, moment, allowed)
         choice = self._last.choice

@@ -39,7 +39,7 @@ class Stubborn(BasePolicy):
     name = "stubborn"
 
     def __init__(self, candidate: int) -> None:
-        self.candidate = candidate
+        self.candidate, self.failing = candidate, range(0)  # which of its decisions are none
         self.seen: list[Situation] = []
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
@@ -47,20 +47,22 @@ class Stubborn(BasePolicy):
 
     def select(self, situation: Situation) -> NDArray[np.int64]:
         self.seen.append(situation)
-        return np.full(len(situation), self.candidate)
+        return np.full(len(situation), 999 if len(self.seen) in self.failing else self.candidate)
 
 
-Plays = Callable[[str, int, set[int]], tuple[Stubborn, list[ExecutorAction]]]
+Plays = Callable[..., tuple[Stubborn, list[ExecutorAction]]]
 
 
 @pytest.fixture
 def plays(monkeypatch: pytest.MonkeyPatch) -> Plays:
     """A minute of a robot that stands at home while Clyde comes and goes; the policy, and what was done.
 
-    Called with when it is asked, what it always chooses, and which candidates are gone.
+    Called with when it is asked, what it always chooses, which candidates are gone, and in which decisions it fails.
     """
 
-    def play(when: str, candidate: int, gone: set[int]) -> tuple[Stubborn, list[ExecutorAction]]:
+    def play(
+        when: str, candidate: int, gone: set[int], failing: range = range(0)
+    ) -> tuple[Stubborn, list[ExecutorAction]]:
         policy, done = Stubborn(candidate), []
         monkeypatch.setitem(registry.POLICIES._own, "stubborn", lambda: policy)
         config = make_config(**{"decisions.when": when})
@@ -68,6 +70,7 @@ def plays(monkeypatch: pytest.MonkeyPatch) -> Plays:
             config, "house", "stubborn", None, PoseLimits(1e9), Once(logging.getLogger(__name__), lambda: 0.0)
         )
         policy.seen.clear()  # the rehearsal
+        policy.failing = failing
         stamp = Time().to_msg()
         amcl = topics.AMCL_POSE.type(header=Header(stamp=stamp, frame_id="map"))
         amcl.pose.pose = pose_message(0.0, 0.0, 0.0, stamp).pose
@@ -150,3 +153,14 @@ def test_the_policy_is_asked_when_something_has_happened_and_else_seldom(game: G
     assert slot_of((third.x, third.y)) != slot_of((second.x, second.y))
     after = game.condition()["decisions"]["count"]
     assert after - before == 2, "once for each of the two"
+
+
+@pytest.mark.parametrize("when", ["tick", "event"])
+def test_the_robot_stands_while_a_policy_chooses_no_candidate_and_goes_on_when_it_does_again(
+    plays: Plays, when: str
+) -> None:
+    policy, done = plays(when, 5, set(), range(5, 10))
+    kinds = [action.kind for action in done]
+    assert kinds.count("send") == 2, "before and after"
+    assert "cancel" in kinds[kinds.index("send") :]
+    assert len(policy.seen) > 10
