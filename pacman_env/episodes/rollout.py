@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pacman_env.config import Config
 from pacman_env.game.execution import COMPLETE, RUNNING
-from pacman_env.policies.asking import choose
+from pacman_env.policies.asking import choose, reset
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.registry import make_policy, split_ghosts
 from pacman_env.sim.core.batch import GameBatch
@@ -119,7 +119,7 @@ def play_in(
     players = [policy, *ghosts.values()]
     batch.reset(np.arange(n), seeds[:n])
     for player in players:
-        player.reset(np.ones(n, dtype=np.bool_), batch.config)
+        reset(player, np.ones(n, dtype=np.bool_), batch.config)
     started = n
     for step in itertools.count():
         playing = np.flatnonzero(episode >= 0)
@@ -137,7 +137,7 @@ def play_in(
         if follows.any():
             before_s += round_s
             for player in players:
-                player.reset(follows, batch.config)
+                reset(player, follows, batch.config)
         over = (batch.games["end"] != RUNNING) | (batch.games["round"] > MOST_ROUNDS)
         ended = np.flatnonzero(over & (episode >= 0))
         if len(ended) == 0:
@@ -150,7 +150,7 @@ def play_in(
             before_s[again] = 0.0
             batch.reset(again, seeds[episode[again]])
             for player in players:
-                player.reset(np.isin(np.arange(n), again), batch.config)
+                reset(player, np.isin(np.arange(n), again), batch.config)
             started += len(again)
         if on_end is not None:
             on_end(len(ended))
@@ -199,7 +199,7 @@ def _records(batch: GameBatch, index: NDArray[np.int64], before_s: NDArray[np.fl
 
 
 def _decision_ms(policy: Policy, row: Situation, config: Config) -> float:
-    policy.reset(np.ones(1, dtype=np.bool_), config)
+    reset(policy, np.ones(1, dtype=np.bool_), config)
     start = time.perf_counter_ns()
     choose(policy, row)
     return (time.perf_counter_ns() - start) / 1e6

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from pacman_env.config import Config
     from pacman_env.policies.base import Policy
     from pacman_env.sim.observation.situation import Situation
 
@@ -35,6 +36,12 @@ def choose(policy: Policy, situation: Situation) -> NDArray[np.int64]:
         bad = chosen[(chosen < 0) | (chosen >= candidates)][0]
         raise PolicyError(f"policy {name_of(policy)!r}: select must return candidates 0 to {candidates - 1}, got {bad}")
     return chosen
+
+
+def reset(policy: Policy, games: NDArray[np.bool_], config: Config) -> None:
+    """The policy's ``reset``; raises PolicyError where a user's fails."""
+    with what_users_raise(type(policy), name_of(policy)):
+        policy.reset(games, config)
 
 
 def checked_scores(policy: Policy, scores: Any, situation: Situation) -> NDArray[np.float64]:

@@ -6,7 +6,8 @@ from typing import Any
 from pacman_env.config import ConfigError
 from pacman_env.game.ghosts import POLICY, behaviour_names, find_behaviour
 from pacman_env.plugins import Registry
-from pacman_env.policies.base import Policy, check_reset
+from pacman_env.policies.asking import what_users_raise
+from pacman_env.policies.base import BasePolicy, Policy, check_reset
 from pacman_env.policies.learned import PRETRAINED, LearnedPlanner
 
 _FILE = ".onnx"
@@ -46,11 +47,18 @@ def make_policy(spec: str, **parameters: Any) -> Policy:
     factory = POLICIES.find(spec)
     if not callable(factory):
         raise ValueError(f"policy {spec!r}: {factory!r} is no class or function that makes one")
-    policy = factory(**parameters)
+    if parameters:  # a caller in Python, who gets a TypeError for a wrong one
+        policy = factory(**parameters)
+    else:
+        with what_users_raise(factory, spec):
+            policy = factory()
     missing = [name for name in ("reset", "scores", "select", "explain", "name") if not hasattr(policy, name)]
     if missing:
         raise ValueError(f"policy {spec!r}: {policy!r} is not a policy, it has no {', '.join(missing)}")
     check_reset(policy, f"policy {spec!r}")
+    kind = type(policy)
+    if getattr(kind, "scores", None) is BasePolicy.scores and kind.select is BasePolicy.select:
+        raise ValueError(f"policy {spec!r}: {kind.__name__} has no scores(self, situation)")
     return policy
 
 

@@ -2,15 +2,45 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from pacman_env.policies.asking import PolicyError, choose
+from pacman_env.config import make_config
+from pacman_env.policies.asking import PolicyError, choose, reset
 from pacman_env.policies.base import BasePolicy
+from pacman_env.policies.registry import make_policy
 from pacman_env.sim.observation.situation import Situation
 from tests.policies.contract import random_situation
+
+MODULE = """\
+import numpy as np
+from pacman_env import BasePolicy
+
+
+class Raises(BasePolicy):
+    name = "raises"
+
+    def scores(self, situation):
+        return situation.path_robot / {}["margin"]
+
+
+class Wanting(Raises):
+    def __init__(self, speed):
+        self.speed = speed
+
+
+class Unmade(Raises):
+    def __init__(self):
+        raise RuntimeError("no file of weights")
+
+
+class Scoreless(BasePolicy):
+    name = "scoreless"
+"""
 
 
 class Answers(BasePolicy):
@@ -31,6 +61,14 @@ class Answers(BasePolicy):
 @pytest.fixture
 def situation() -> Situation:
     return random_situation(0, 2, pellets=2, refuges=0)
+
+
+@pytest.fixture
+def users(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The name of a module of the user's."""
+    (tmp_path / "users_policies.py").write_text(MODULE)
+    monkeypatch.syspath_prepend(tmp_path)
+    return "users_policies"
 
 
 def scores_with(value: float, situation: Situation, allowed: bool) -> np.ndarray:
@@ -58,3 +96,57 @@ def test_a_choice_that_is_no_candidate_is_refused(situation: Situation, chosen: 
     with pytest.raises(PolicyError, match=message):
         choose(Answers(chosen=chosen), situation)
     assert choose(Answers(chosen=np.array([2, 0])), situation).tolist() == [2, 0]
+
+
+@pytest.mark.parametrize(
+    ("chosen", "message"),
+    [
+        (np.zeros(2), r"select must return 2 integers, got float64 of shape \(2,\)"),
+        (np.array([[0, 1]]), r"select must return 2 integers, got int64 of shape \(1, 2\)"),
+    ],
+)
+def test_a_choice_of_another_shape_or_type_is_refused(situation: Situation, chosen: Any, message: str) -> None:
+    with pytest.raises(PolicyError, match=message):
+        choose(Answers(chosen=chosen), situation)
+
+
+@pytest.mark.parametrize(("scores", "got"), [(np.zeros(3), r"\(3,\)"), (None, "None"), (1.0, r"\(\)")])
+def test_scores_of_another_shape_are_refused(situation: Situation, scores: Any, got: str) -> None:
+    with pytest.raises(PolicyError, match=rf"Answers': scores must be \(2, 3\), got {got}$"):
+        choose(Answers(scores), situation)
+
+
+def test_what_a_users_policy_raises_is_told_with_its_place(situation: Situation, users: str) -> None:
+    line = MODULE.splitlines().index('        return situation.path_robot / {}["margin"]') + 1
+    with pytest.raises(PolicyError) as refusal:
+        choose(make_policy(f"{users}:Raises"), situation)
+    text = str(refusal.value)
+    assert text.startswith(f"policy '{users}:Raises': KeyError: 'margin' (")
+    assert text.endswith(f"{users}.py, line {line})")
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("Wanting", "TypeError: .* missing 1 required positional argument: 'speed'$"),
+        ("Unmade", r"RuntimeError: no file of weights \(.*users_policies\.py, line 19\)$"),
+        ("Scoreless", r"Scoreless has no scores\(self, situation\)$"),
+    ],
+)
+def test_a_policy_that_cannot_be_made_is_refused_with_the_reason(users: str, name: str, message: str) -> None:
+    with pytest.raises(ValueError, match=rf"^policy '{users}:{name}': {message}"):
+        make_policy(f"{users}:{name}")
+
+
+def test_a_users_reset_that_fails_is_told_too() -> None:
+    class Forgetful(Answers):
+        def reset(self, games: Any, config: Any) -> None:
+            raise OSError("no disk")
+
+    with pytest.raises(PolicyError, match=r"Forgetful': OSError: no disk \(.*test_asking\.py, line \d+\)$"):
+        reset(Forgetful(), np.ones(1, np.bool_), make_config())
+
+
+def test_an_error_in_a_policy_of_the_package_stays_what_it_is(situation: Situation) -> None:
+    with pytest.raises(ValueError, match=r"^policy 'ppo': the situation has no maps"):
+        choose(make_policy("ppo"), replace(situation, maps=None))
