@@ -54,6 +54,10 @@ class Registry(Generic[T]):
         try:
             thing: T = load(self.group, own)
         except LookupError:
+            module = own.partition(":")[0]
+            if _REFERENCE.fullmatch(own) and not any(known.startswith(f"{module}:") for known in self.names()):
+                message = f"module {module} cannot be imported (is it installed or on PYTHONPATH?)"
+                raise PluginError(f"{self.sort} {name!r}: {message}") from None
             message = f"unknown {self.sort} {name!r}: choose one of {', '.join(self.names())}, or {self._others}"
             raise PluginError(message) from None
         except Exception as error:  # whatever a plug-in raises while it is imported

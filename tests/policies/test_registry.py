@@ -68,6 +68,8 @@ def test_parameters_reach_the_policy() -> None:
 def test_an_unknown_name_is_answered_with_the_known_ones() -> None:
     with pytest.raises(ValueError, match=r"unknown policy 'nearst': choose one of .*nearest"):
         make_policy("nearst")
+    with pytest.raises(ValueError, match=r"unknown policy 'search:alne': choose one of .*search:alone"):
+        make_policy("search:alne")
 
 
 def test_a_policy_of_0_10_is_refused_with_what_to_do() -> None:
