@@ -63,7 +63,7 @@ def test_a_registered_name_counts_in_this_registry_alone() -> None:
         ("five", "unknown thing 'five': choose one of one, two, bad, gone, three, or module:name"),
         (
             "no_such_module:X",
-            r"thing 'no_such_module:X': module no_such_module cannot be imported \(is it installed or on PYTHONPATH\?\)",
+            r"thing 'no_such_module:X': module no_such_module cannot be imported \(is it installed or on PYTHONPATH",
         ),
         ("../added_things:THREE", "unknown thing"),
         ("added_things.py:THREE", r"thing 'added_things.py:THREE': ModuleNotFoundError: .*not a package"),

@@ -26,6 +26,7 @@ from pacman_env.files import prepare, replaced
 from pacman_env.game.decisions import HOLD as NO_GOAL
 from pacman_env.game.decisions import LastDecision, Moment
 from pacman_env.game.execution import RUNNING
+from pacman_env.policies.asking import choose
 from pacman_env.policies.base import KIND_NAMES
 from pacman_env.render.frames import render_frame
 from pacman_env.sim.maps.level_source import LevelSource
@@ -90,7 +91,7 @@ class RecordedGame:
         batch = self._batch
         situation = batch.situation()
         terms = self._policy.explain(situation)[0]  # before the policy's state goes on
-        selected = self._policy.select(situation)
+        selected = choose(self._policy, situation)
         choice = int(allowed(situation, selected, batch.hold)[0])
         if choice != self._chosen:
             why = _reason(situation, terms, choice, self._chosen, batch.alive[0])

@@ -22,6 +22,7 @@ from pacman_env.evaluation.compare.scenarios import load_policy
 from pacman_env.evaluation.compare.shipping import contents, kept
 from pacman_env.executors.base import Executor
 from pacman_env.game.execution import RUNNING
+from pacman_env.policies.asking import choose
 from pacman_env.sim.maps.level_source import FixedMap
 from pacman_env.world.maps.occupancy import load_map, shipped_maps
 
@@ -193,7 +194,7 @@ class _Recorder:
     def _decide(self, over: NDArray[np.bool_]) -> _Done:
         """The policy's choice, and the ticks until the next; games that are over stand still."""
         core = self._core
-        chosen = self._policy.select(core.situation)
+        chosen = choose(self._policy, core.situation)
         action, listed = core.actions_of(chosen)
         self._unlisted += ~listed
         rewards, terminated, truncated = core.step(action)
