@@ -3,12 +3,14 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from typing import Any
+from typing import Annotated, Any, Literal
 
+import msgspec
 import numpy as np
 import pytest
 
 from pacman_env.config import EXECUTIONS, PRESETS, Config, ConfigError, differences, make_config
+from pacman_env.config.validation import Share, convert
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -126,6 +128,30 @@ def test_a_value_out_of_range_is_named_with_its_field(name: str, value: object) 
 def test_the_value_that_is_wrong_among_several_is_named(name: str, value: object, place: str) -> None:
     with pytest.raises(ConfigError, match=f"^{place}: must be "):
         make_config(**{name: value})
+
+
+class Entry(msgspec.Struct):
+    word: Literal["yes", "no"]
+    shares: tuple[Share, Share] = (0.0, 0.0)
+    inner: Entry | None = None
+
+
+class Entries(msgspec.Struct):
+    listed: Annotated[tuple[Entry, ...], msgspec.Meta(min_length=1)]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({}, r"listed\[1\]\.word is missing"),
+        ({"word": "perhaps"}, r"listed\[1\]\.word = 'perhaps': must be one of \('yes', 'no'\)"),
+        ({"word": "no", "shares": [0, 2]}, r"listed\[1\]\.shares\[1\] = 2: must be a finite number of at most 1"),
+        ({"word": "no", "inner": {"word": 3}}, r"listed\[1\]\.inner\.word = 3: must be "),
+    ],
+)
+def test_the_field_that_is_wrong_in_an_entry_of_a_list_is_named(wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=f"^{message}"):
+        convert({"listed": [{"word": "yes"}, wrong]}, Entries)
 
 
 @pytest.mark.parametrize(

@@ -100,7 +100,7 @@ def _message(error: str, value: Any, kind: Any, name: str) -> str:
     for key, index in re.findall(r"\.(\w+)|\[(\d+)\]", place):
         value = value[key] if key else value[int(index)]
         name = f"{name}.{key}" if key else f"{name}[{index}]"
-        kind = kinds(kind).get(key) if key else kind
+        kind = _inside(kind, key or int(index))
     name = name.lstrip(".")
     for key, one in value.items() if in_dict else ():
         convert(one, typing.get_args(kind)[1], f"{name}.{key}")  # raises: msgspec does not name the key
@@ -114,6 +114,17 @@ def _message(error: str, value: Any, kind: Any, name: str) -> str:
         sign, _, bound = expected[2].rpartition(" ")
         rule = words + (f"{_PHRASES.get(sign, sign)} {bound}" if bound else "")
     return f"{name or 'content'} = {value!r:.600}: must be {rule}"
+
+
+def _inside(kind: Any, place: str | int) -> Any:
+    """The type of a field, or of an entry of a list, in a type that may have a range or be optional; None: none."""
+    origin, inner = typing.get_origin(kind), typing.get_args(kind)
+    if origin is None:
+        return kinds(kind).get(place) if isinstance(kind, type) and isinstance(place, str) else None
+    if origin in (tuple, list):
+        many = origin is list or inner[1:] == (...,)
+        return None if isinstance(place, str) else inner[0 if many else place]
+    return next((found for one in inner if (found := _inside(one, place)) is not None), None)
 
 
 def _choices(kind: Any) -> tuple[str, ...]:

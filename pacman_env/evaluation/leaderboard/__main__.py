@@ -14,8 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import msgspec
-
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.config import Config
@@ -25,13 +23,14 @@ from pacman_env.evaluation.compare.parts import describe_map, describe_policy
 from pacman_env.evaluation.compare.scenarios import Scenario
 from pacman_env.evaluation.compare.workers import Block, play_all
 from pacman_env.evaluation.leaderboard import numbers
-from pacman_env.evaluation.leaderboard.numbers import CellResult, LeagueTable, PolicyEntry
+from pacman_env.evaluation.leaderboard.numbers import CellResult, LeagueTable, MapEntry, PolicyEntry
 from pacman_env.evaluation.leaderboard.page import render
 from pacman_env.evaluation.leaderboard.parts import KeptPart, Part, PartFolder
 from pacman_env.evaluation.leaderboard.suites import (
     EXECUTION,
     PRESET,
     SUITES,
+    TEST_LEVELS,
     Cell,
     Suite,
     cells,
@@ -165,6 +164,13 @@ def read_table(path: Path) -> LeagueTable:
     for number, cell in enumerate(table.cells):
         if [row.policy for row in cell.policies] != names:
             raise ValueError(f"{path}: cells[{number}].policies: must be {', '.join(names)}")
+        if (cell.against is None) != (table.cells[0].against is None):
+            raise ValueError(f"{path}: cells[{number}].against: must be null in all cells or in none")
+    for number, place in enumerate(table.maps):
+        if (place.start_level is None) != (place.num_levels is None):
+            raise ValueError(f"{path}: maps[{number}]: must have both start_level and num_levels, or neither")
+    if any(cell.group == TEST_LEVELS for cell in table.cells) and all(p.num_levels is None for p in table.maps):
+        raise ValueError(f"{path}: maps: must hold the {TEST_LEVELS}, with start_level and num_levels")
     for number, row in enumerate(table.means):
         if row.least_cell >= len(table.cells):
             raise ValueError(f"{path}: means[{number}].least_cell = {row.least_cell}: there is no such cell")
@@ -265,11 +271,11 @@ def _table(plan: Plan, played: dict[Place, KeptPart], arguments: argparse.Namesp
         version=__version__,
         command=_command(arguments, list(plan.policies), arguments.planner),
         suite=arguments.suite,
-        suite_content=msgspec.to_builtins(plan.suite),
+        suite_content=plan.suite,
         preset=PRESET,
         execution=EXECUTION,
         seed=plan.seed,
-        maps=tuple(scenarios.describe_scenario(name, *place) for name, place in plan.places.items()),
+        maps=tuple(MapEntry(**scenarios.describe_scenario(name, *place)) for name, place in plan.places.items()),
         planner=plan.planner,
         policies=tuple(entries),
         means=numbers.means(results),

@@ -6,7 +6,7 @@ pairs; both are 95 %.
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
@@ -16,12 +16,14 @@ from numpy.typing import NDArray
 from pacman_env.config.validation import AtLeastOne, Count, NotNegative, Share
 from pacman_env.episodes.statistics import Interval, paired_difference, wilson
 from pacman_env.evaluation.leaderboard.parts import Rounds
+from pacman_env.evaluation.leaderboard.suites import Ghosts, Suite
 from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, TIMEOUT
 
 SCHEMA: Literal[1] = 1
 LEAST_ROUNDS = 4  # of a place that counts for the worst tenth
 Verdict = Literal["better", "not different", "WORSE"]
 Difference = Annotated[float, Meta(ge=-1, le=1)]
+Group = Annotated[str, Meta(min_length=1)]
 
 
 class WorstTenth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -59,8 +61,8 @@ class Against(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class CellResult(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One cell with all policies."""
 
-    group: str
-    ghosts: tuple[str, ...]
+    group: Group
+    ghosts: Ghosts
     speed_mps: NotNegative
     rounds: AtLeastOne  # of each policy, on all maps of the group together
     policies: tuple[PolicyInCell, ...]
@@ -88,6 +90,16 @@ class PolicyMean(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     least_cell: Count  # its number in ``cells``
 
 
+class MapEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """A map, or the levels that count as one, as ``describe_scenario`` gives it."""
+
+    name: str
+    hash: str  # of levels that of the first
+    source: str
+    start_level: Count | None = None  # None: a map
+    num_levels: AtLeastOne | None = None
+
+
 class LeagueTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The JSON of ``pacman-env leaderboard``."""
 
@@ -95,11 +107,11 @@ class LeagueTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     version: str
     command: str
     suite: str
-    suite_content: dict[str, Any]
+    suite_content: Suite
     preset: str
     execution: str
     seed: Count
-    maps: tuple[dict[str, Any], ...]  # as describe_scenario gives them
+    maps: tuple[MapEntry, ...]
     planner: str
     policies: tuple[PolicyEntry, ...]
     means: tuple[PolicyMean, ...]

@@ -99,11 +99,10 @@ def _group(table: LeagueTable, group: str) -> Iterator[str]:
 
 
 def _about_group(table: LeagueTable, cells: Sequence[CellResult]) -> str:
-    levels = [place for place in table.maps if "num_levels" in place]
-    names = [f"`{place['name']}`" for place in table.maps if "num_levels" not in place]
+    names = [f"`{place.name}`" for place in table.maps if place.num_levels is None]
     rounds = f"{_count(cells[0].rounds, 'round')} a cell and policy"
     if cells[0].group == TEST_LEVELS:
-        first, number = levels[0]["start_level"], levels[0]["num_levels"]
+        first, number = next((p.start_level, p.num_levels) for p in table.maps if p.num_levels is not None)
         return f"Generated houses of the test split, {_count(number, 'level')} from {first} on; {rounds}."
     return f"{', '.join(names)}; {rounds}, as many on each map."
 
@@ -155,10 +154,10 @@ def _how(table: LeagueTable) -> Iterator[str]:
     yield _markdown(("policy", "file's SHA-256", "commit"), "lll", rows)
     if any(commit.endswith("+") for entry in table.policies for commit in entry.commits):
         yield "A commit with + had changes beside it that were not committed."
-    places = [(f"`{place['name']}`", f"`{place['hash']}`") for place in table.maps]
+    places = [(f"`{place.name}`", f"`{place.hash}`") for place in table.maps]
     yield "Maps and their hashes; of generated levels that of the first:"
     yield _markdown(("map", "hash"), "ll", places)
-    settings = table.suite_content.get("settings") or {}
+    settings = table.suite_content.settings
     if settings:
         yield "Settings of the suite: " + ", ".join(f"`{name}={value}`" for name, value in settings.items()) + "."
 

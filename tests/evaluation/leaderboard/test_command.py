@@ -5,21 +5,31 @@ from __future__ import annotations
 import json
 import re
 import shlex
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from pacman_env import __version__
 from pacman_env.evaluation.compare.__main__ import main as compare
 from pacman_env.evaluation.leaderboard import __main__ as command
 from pacman_env.evaluation.leaderboard.__main__ import main
+from pacman_env.evaluation.leaderboard.page import render
 from pacman_env.evaluation.leaderboard.suites import SUITES, read_suites
 from pacman_env.policies.learned import PRETRAINED
 from tests.evaluation.helpers import refused_in_one_line
 
 ROOT = Path(__file__).resolve().parents[3]
 PAGE = ROOT / "docs" / "leaderboard.md"
+#: Of all types that JSON has.
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers(-2, 9) | st.floats() | st.text(max_size=3),
+    lambda inner: st.lists(inner, max_size=2) | st.dictionaries(st.text(max_size=3), inner, max_size=2),
+    max_leaves=3,
+)
 SUITE = """\
 tiny:
   test_levels: {levels: 2, rounds: 12}
@@ -59,6 +69,14 @@ def contents(results: Path) -> dict[str, bytes]:
 def table(results: Path) -> dict[str, Any]:
     content: dict[str, Any] = json.loads((results / "leaderboard.json").read_text())
     return content
+
+
+def places(content: Any, inside: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
+    """The keys and numbers that lead to each value of plain data."""
+    entries = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
+    for key, value in entries:
+        yield (*inside, key)
+        yield from places(value, (*inside, key))
 
 
 def test_the_table_holds_every_policy_in_every_cell(tiny: Path) -> None:
@@ -185,6 +203,11 @@ def test_the_page_is_written_from_the_numbers_alone(tiny: Path, folder: Path) ->
         ({"cells": []}, "cells = []"),
         ({"planner": "nobody"}, "planner = 'nobody': must be one of policies"),
         ({"extra": 1}, "extra = 1: no such field"),
+        ({"maps": [{}]}, "maps[0].name is missing"),
+        ({"maps": []}, "maps: must hold the test levels"),
+        ({"maps": [{"name": "x", "hash": "0", "source": "x", "num_levels": 2}]}, "maps[0]: must have both start_level"),
+        ({"suite_content": {}}, "suite_content.test_levels is missing"),
+        ({"cells": [{"group": ""}]}, "cells[0].group = '': must be a string of at least 1"),
     ],
 )
 def test_numbers_that_do_not_fit_are_named(
@@ -194,6 +217,28 @@ def test_numbers_that_do_not_fit_are_named(
     assert main(["--from", "numbers.json", "--out", "page.md"]) == 2
     assert f"numbers.json: {message}" in capsys.readouterr().err
     assert not (folder / "page.md").exists()
+
+
+@settings(max_examples=300, deadline=None, derandomize=True)
+@given(data=st.data())
+def test_a_file_that_is_damaged_anywhere_makes_a_page_or_is_refused_by_name(tiny: Path, data: st.DataObject) -> None:
+    content = table(tiny)
+    *inside, last = data.draw(st.sampled_from(list(places(content))))
+    owner: Any = content
+    for key in inside:
+        owner = owner[key]
+    if data.draw(st.booleans()):
+        del owner[last]
+    else:
+        owner[last] = data.draw(VALUES)
+    path = tiny.parent / "damaged.json"
+    path.write_text(json.dumps(content))
+    refused = ""
+    try:
+        render(command.read_table(path))
+    except ValueError as error:
+        refused = str(error)
+    assert not refused or re.match(rf"{re.escape(str(path))}: [a-z]", refused)
 
 
 @pytest.mark.parametrize(
