@@ -46,6 +46,7 @@ from pacman_env.training.lineups import teacher_name
 AfterSegment = Callable[[dict[str, Any]], None]
 _RULES = ("clyde_aware", "lookahead", "nearest")
 _PROG = "pacman-env train"
+_NEEDED = ("decisions", "against_league", "again")  # of the segments' records, to go on
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -237,6 +238,9 @@ class Run:
             numbers = [(segment["segment"], float(segment["completed"])) for segment in self.segments]
             if [number for number, _ in numbers] != list(range(len(numbers))):
                 raise ValueError("its segments are not in order")
+            for segment in self.segments:
+                if missing := [name for name in _NEEDED if name not in segment]:
+                    raise ValueError(f"segment {segment['segment']} of another version, without {missing[0]!r}")
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise ValueError(f"{self.record}: no run to resume: {error}") from None
         check_same(self.record, before, plain(self.arguments))

@@ -37,6 +37,7 @@ from pacman_env.training.held_out import HeldOut
 
 _PROG = "pacman-env seeds"
 _NOTED = "member.json"  # written last: the member is finished
+_SHOWN = ("rounds", "completed", "completed_against", "validation", "seconds")
 _TABLE = "seeds.json"
 _RUN = "run.json"
 _WAIT_S = 10.0  # for another process that trains the same: one that was lost may be about to end
@@ -190,6 +191,8 @@ def _read(out: Path, member: Arguments) -> dict[str, Any] | None:
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{path}: cannot be read: {error}") from None
     ppo.check_same(path, settings, ppo.plain(member))
+    if missing := [name for name in _SHOWN if name not in figures]:
+        raise ValueError(f"{path}: of another version, without {missing[0]!r}: move its folder away to train it again")
     return dict(figures)
 
 

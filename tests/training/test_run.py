@@ -220,6 +220,18 @@ def test_a_torn_or_foreign_record_is_refused(content: str | None, message: str, 
         train(broken)
 
 
+@pytest.mark.parametrize("field", ["against_league", "again", "decisions"])
+def test_a_record_of_another_version_is_refused_and_the_missing_field_named(field: str, broken: Arguments) -> None:
+    record = broken.out / "run.json"
+    content = json.loads(record.read_text())
+    del content["segments"][0][field]
+    record.write_text(json.dumps(content))
+    with pytest.raises(
+        ValueError, match=rf"run\.json: no run to resume: segment 0 of another version, without '{field}'"
+    ):
+        train(broken)
+
+
 class _Touch:
     """Unpickled, it leaves a trace."""
 

@@ -56,7 +56,12 @@ def test_what_is_finished_is_not_trained_again(cache: Path, tmp_path: Path, monk
     assert train_all(tiny(**CHANGES), [1], tmp_path, InProcess()) == first
     with pytest.raises(ValueError, match=r"seed-1/member\.json: was started with decisions = 64, not 128"):
         train_all(tiny(**{**CHANGES, "decisions": 128}), [1], tmp_path, InProcess())
-    (tmp_path / "seed-1" / "member.json").write_text("{")
+    record = tmp_path / "seed-1" / "member.json"
+    figures = json.loads(record.read_text())
+    record.write_text(json.dumps({name: value for name, value in figures.items() if name != "completed_against"}))
+    with pytest.raises(ValueError, match=r"seed-1/member\.json: of another version, without 'completed_against'"):
+        train_all(tiny(**CHANGES), [1], tmp_path, InProcess())
+    record.write_text("{")
     with pytest.raises(ValueError, match=r"seed-1/member\.json: cannot be read"):
         train_all(tiny(**CHANGES), [1], tmp_path, InProcess())
 
