@@ -7,7 +7,9 @@ import os
 import re
 import sys
 from collections.abc import Callable
+from concurrent.futures import Future
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -266,18 +268,20 @@ def test_every_end_has_an_exit_status_of_its_own() -> None:
     assert (NO_POSE, NODE_LOST, HAD_TO_KILL) == (3, 4, 5)
 
 
+def play_of(setup: GameSetup, folder: Path, status_line: Any, out: io.StringIO) -> up_module._Play:
+    """A game of which nothing has been started."""
+    processes, lock = ProcessGroup(setup.command, folder, {}, print), GameLock(setup.namespace, 0, setup.sim)
+    return up_module._Play(setup, processes, status_line, LineWriter(out), Stop(), lambda: "", lock, False, False)
+
+
 @pytest.mark.parametrize(("sim", "words"), [(True, "the simulated robot's pose"), (False, "docs/robot.md, step 5")])
 def test_only_a_real_robots_pose_is_waited_for_with_a_step_of_the_page(
     domain: int, tmp_path: Path, sim: bool, words: str
 ) -> None:
     setup = GameSetup("house", sim=sim)
-    processes = ProcessGroup(setup.command, tmp_path, {}, print)
     with StatusLine(setup.namespace, setup.sim) as status_line:
         status_line.nodes |= {name: {} for name in setup.first_nodes}
-        play = up_module._Play(
-            *(setup, processes, status_line, LineWriter(io.StringIO()), Stop(), lambda: ""),
-            *(GameLock(setup.namespace, domain, sim), False, False),
-        )
+        play = play_of(setup, tmp_path, status_line, io.StringIO())
         assert words in play._awaited()
         assert ("step" in play._awaited()) != sim
 
@@ -303,10 +307,7 @@ def test_a_start_that_a_newborn_referee_refuses_is_asked_for_again_if_a_goal_sel
     setup = GameSetup("house", sim=True)
     with StatusLine(setup.namespace, setup.sim) as status_line:
         probe.publish(topics.GAME_STATE, "menu")
-        play = up_module._Play(
-            *(setup, ProcessGroup(setup.command, tmp_path, {}, print), status_line, LineWriter(out), Stop()),
-            *(lambda: "", GameLock(setup.namespace, domain, setup.sim), False, False),
-        )
+        play = play_of(setup, tmp_path, status_line, out)
 
         def wait(condition: Callable[[], bool], what: str) -> None:
             def holds() -> bool:
@@ -327,3 +328,23 @@ def test_a_start_that_a_newborn_referee_refuses_is_asked_for_again_if_a_goal_sel
         assert out.getvalue() == ""
     else:
         assert out.getvalue() == f"game/start: {refusal}\n"
+
+
+def test_a_reset_that_is_asked_for_after_a_start_stands(tmp_path: Path) -> None:
+    called = []
+
+    def call(service: topics.Service) -> Future[Any]:
+        """As a newborn referee answers."""
+        called.append(service)
+        answer: Future[Any] = Future()
+        answer.set_result(SimpleNamespace(success=service is topics.RESET_GAME, message="no goal selector is there"))
+        return answer
+
+    out = io.StringIO()
+    there = SimpleNamespace(state="menu", has_selector=True, call=call)
+    play = play_of(GameSetup("house", sim=True), tmp_path, there, out)
+    play.wanted += [topics.START_GAME, topics.RESET_GAME]
+    for _ in range(2):
+        play._call_services()
+    assert called == [topics.START_GAME, topics.RESET_GAME]
+    assert out.getvalue() == "game/start: no goal selector is there\n"
