@@ -16,6 +16,17 @@ from pacman_env.engine.interrupts import uninterrupted
 
 T = TypeVar("T", int, float)
 EXTRAS = "docs/machines.md"  # which extra has what
+#: By module: the extra that brings it, where that need not be the command's own.
+EXTRA_OF = {
+    **dict.fromkeys(("rclpy", "rosbags", "mcap"), "ros"),
+    **dict.fromkeys(("torch", "stable_baselines3", "sb3_contrib", "onnx", "optuna"), "train"),
+    **dict.fromkeys(("minari", "h5py", "pyarrow"), "dataset"),
+    **dict.fromkeys(("starlette", "uvicorn", "websockets", "segno"), "web"),
+    "ray": "ray",
+    "pygame": "render",
+    "shtab": "completion",
+}
+_INTERFACES = ("_msgs", "_srvs", "_interfaces")  # packages of ROS
 ERROR_STATUS = 2
 STOPPED_STATUS = 128 + signal.SIGINT
 
@@ -62,6 +73,8 @@ def guarded(prog: str, work: Callable[[], int | None], extra: str = "eval") -> i
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 128 + signal.SIGPIPE
     except ModuleNotFoundError as error:
+        module = (error.name or "").partition(".")[0]
+        extra = "ros" if module.endswith(_INTERFACES) else EXTRA_OF.get(module, extra)
         message = f"needs {error.name}: pip install 'pacman_env[{extra}]' (see {EXTRAS})"
     except (ValueError, OSError, FloatingPointError) as error:  # MapError and ConfigError are ValueErrors
         message = " ".join(str(error).split())

@@ -7,11 +7,12 @@ import os
 import signal
 import sys
 import threading
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from pacman_env.cli.command import Parser, guarded
+from pacman_env.cli.command import EXTRA_OF, Parser, guarded
 from pacman_env.cli.main import main
 
 
@@ -55,3 +56,23 @@ def test_a_command_can_be_called_in_another_thread() -> None:
     thread.start()
     thread.join()
     assert statuses == [0]
+
+
+@pytest.mark.parametrize(
+    ("module", "extra"),
+    [("ray", "ray"), ("ray.exceptions", "ray"), ("action_msgs", "ros"), ("rclpy", "ros"), ("tqdm", "eval")],
+)
+def test_what_is_missing_decides_which_extra_is_named(
+    module: str, extra: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail() -> int:
+        raise ModuleNotFoundError(f"No module named {module!r}", name=module)
+
+    assert guarded("command", fail) == 2
+    assert f"needs {module}: pip install 'pacman_env[{extra}]'" in capsys.readouterr().err
+
+
+def test_what_is_named_are_extras() -> None:
+    tomllib = pytest.importorskip("tomllib")  # Python 3.11
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
+    assert set(EXTRA_OF.values()) <= set(project["optional-dependencies"])
