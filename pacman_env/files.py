@@ -4,7 +4,6 @@ import contextlib
 import json
 import os
 import shutil
-import subprocess
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,6 +19,8 @@ def shipped(in_package: str, in_checkout: str) -> Path:
 
 def commit() -> str:
     """The commit of these sources, with "+" after it where files have changed since; "unknown" outside a repository."""
+    import subprocess  # every command imports this module, few ask for the commit
+
     command = ["git", "describe", "--always", "--exclude=*", "--abbrev=40", "--dirty=+"]
     try:
         done = subprocess.run(command, cwd=Path(__file__).parents[1], capture_output=True, text=True, check=True)
@@ -53,7 +54,7 @@ def replaced(path: Path) -> Iterator[Path]:
     Where ``path`` is a symbolic link its target is replaced; a device or a pipe is written to, once all is there.
     """
     if _is_special(path):
-        with tempfile.TemporaryDirectory() as folder:
+        with tempfile.TemporaryDirectory() as folder, _named(path, Path(folder)):
             temporary = Path(folder) / path.name
             yield temporary
             with temporary.open("rb") as content, path.open("wb") as out:
@@ -62,10 +63,32 @@ def replaced(path: Path) -> Iterator[Path]:
     target = path.resolve()
     temporary = target.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     try:
-        yield temporary
-        os.replace(temporary, target)
+        with _named(path, temporary):
+            yield temporary
+            os.replace(temporary, target)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def reason(error: OSError) -> str:
+    """``PATH: REASON`` of an error of the system, its text if it is one of ours."""
+    if error.strerror is None:
+        return str(error)
+    return error.strerror if error.filename is None else f"{os.fsdecode(error.filename)}: {error.strerror}"
+
+
+@contextlib.contextmanager
+def _named(path: Path, temporary: Path) -> Iterator[None]:
+    """Errors of the system that name no file, as that of a full disk, or a temporary one, name ``path``."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        ours = error.filename is None or Path(os.fsdecode(error.filename)).is_relative_to(temporary)
+        if error.strerror is None or not ours:
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def _is_special(path: Path) -> bool:
@@ -77,10 +100,11 @@ def _is_special(path: Path) -> bool:
 def new_folder(path: Path) -> Iterator[Path]:
     """A temporary folder beside ``path`` that becomes it if the block succeeds."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    temporary.mkdir()
     try:
-        yield temporary
-        os.rename(temporary, path)
+        with _named(path, temporary):
+            temporary.mkdir()
+            yield temporary
+            os.rename(temporary, path)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 

@@ -1,12 +1,15 @@
 from __future__ import annotations
 
 import os
+import resource
+import signal
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from pacman_env.files import commit, prepare, replaced
+from pacman_env.files import commit, new_folder, prepare, reason, replaced
 
 
 def test_the_commit_is_that_of_the_sources_wherever_it_is_asked_for(
@@ -79,3 +82,32 @@ def test_a_pipe_is_written_to_and_stays_a_pipe(tmp_path: Path) -> None:
     assert read == ["all of it"]
     assert pipe.is_fifo()
     assert list(tmp_path.iterdir()) == [pipe]
+
+
+@pytest.fixture
+def small_files() -> Iterator[None]:
+    """Files of at most 4 KiB: to write more is refused by the system, as on a full disk."""
+    limits, on_signal = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, limits[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    signal.signal(signal.SIGXFSZ, on_signal)
+
+
+def test_what_the_system_refuses_names_the_file_that_was_asked_for(tmp_path: Path, small_files: None) -> None:
+    def write(temporary: Path) -> None:
+        with temporary.open("wb", buffering=0) as file:
+            while True:
+                file.write(bytes(4096))
+
+    path, folder = tmp_path / "out.bin", tmp_path / "data"
+    with pytest.raises(OSError, match="File too large") as refusal, replaced(path) as temporary:
+        write(temporary)
+    assert reason(refusal.value) == f"{path}: File too large"
+    with pytest.raises(OSError, match="File too large") as refusal, new_folder(folder) as temporary:
+        write(temporary / "part.bin")
+    assert reason(refusal.value) == f"{folder}: File too large"
+    with pytest.raises(OSError, match="No such file") as refusal, replaced(path):
+        (tmp_path / "absent").read_bytes()
+    assert reason(refusal.value) == f"{tmp_path / 'absent'}: No such file or directory"
+    assert list(tmp_path.iterdir()) == []

@@ -9,10 +9,12 @@ import signal
 import sys
 import textwrap
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from pacman_env.cli.examples import PROG, examples_of, render
 from pacman_env.engine.interrupts import uninterrupted
+from pacman_env.files import reason
 
 T = TypeVar("T", int, float)
 EXTRAS = "docs/machines.md"  # which extra has what
@@ -39,6 +41,7 @@ class Parser(argparse.ArgumentParser):
             options["description"] = options["description"].replace("``", "")
         with uninterrupted():  # argparse imports modules here when it first needs them, and a Ctrl-C then may be lost
             super().__init__(**options)
+        self.register("type", Path, _path)
 
     def format_help(self) -> str:
         """The command's examples follow its arguments."""
@@ -77,7 +80,7 @@ def guarded(prog: str, work: Callable[[], int | None], extra: str = "eval") -> i
         extra = "ros" if module.endswith(_INTERFACES) else EXTRA_OF.get(module, extra)
         message = f"needs {error.name}: pip install 'pacman_env[{extra}]' (see {EXTRAS})"
     except (ValueError, OSError, FloatingPointError) as error:  # MapError and ConfigError are ValueErrors
-        message = " ".join(str(error).split())
+        message = " ".join((reason(error) if isinstance(error, OSError) else str(error)).split())
         if page := getattr(error, "page", None):
             message += f" (see {page})"
     text = f"{prog}: {message}"
@@ -86,6 +89,12 @@ def guarded(prog: str, work: Callable[[], int | None], extra: str = "eval") -> i
         text = "\n".join(textwrap.wrap(text, width, break_on_hyphens=False, break_long_words=False))
     print(text, file=sys.stderr)
     return ERROR_STATUS
+
+
+def _path(text: str) -> Path:
+    if not text:
+        raise argparse.ArgumentTypeError("is empty, must be a path")
+    return Path(text)
 
 
 def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:

@@ -76,3 +76,16 @@ def test_what_is_named_are_extras() -> None:
     tomllib = pytest.importorskip("tomllib")  # Python 3.11
     project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
     assert set(EXTRA_OF.values()) <= set(project["optional-dependencies"])
+
+
+def test_an_error_of_the_system_is_the_path_and_the_reason(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert guarded("command", lambda: (tmp_path / "absent").read_bytes() and 0) == 2
+    assert capsys.readouterr().err == f"command: {tmp_path}/absent: No such file or directory\n"
+
+
+def test_an_empty_path_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    parser = Parser(prog="command")
+    parser.add_argument("--json", type=Path)
+    with pytest.raises(SystemExit):
+        parser.parse_args(["--json", ""])
+    assert capsys.readouterr().err == "command: argument --json: is empty, must be a path\n"
