@@ -81,13 +81,14 @@ def read_planner(path: Path) -> tuple[PlannerMetadata, bytes]:
     """The metadata and the content of an ONNX file; raises ValueError where this version cannot run it."""
     model = _content(path, MAX_BYTES)
     beside = metadata_path(path)
+    if not beside.exists():
+        raise ValueError(f"{path}: its metadata {beside.name} is missing (pacman-env export writes both)")
     metadata = parse(PlannerMetadata, _content(beside, _MAX_METADATA_BYTES), beside)
     expected = {
         "feature_version": VERSION,
         "candidate_features": CANDIDATE_FEATURES,
         "global_features": GLOBAL_FEATURES,
         "normalisation": NORMALISATION,
-        "sha256": hashlib.sha256(model).hexdigest(),
     }
     try:
         for field, value in expected.items():
@@ -97,6 +98,8 @@ def read_planner(path: Path) -> tuple[PlannerMetadata, bytes]:
                 require(name in CANDIDATE_FEATURES, field, name, "must be names of candidate features")
     except ConfigError as error:
         raise ValueError(f"{beside}: {error}") from None
+    if metadata.sha256 != hashlib.sha256(model).hexdigest():
+        raise ValueError(f"{path}: is damaged, or is not the file that {beside.name} describes (sha256)")
     return metadata, model
 
 
