@@ -69,7 +69,9 @@ def guarded(prog: str, work: Callable[[], int | None], extra: str = "eval") -> i
         status = work() or 0
         sys.stdout.flush()  # here, where a failure can still be reported
         return status
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemError) as error:
+        if not _is_interrupt(error):
+            raise
         print(f"{prog}: stopped", file=sys.stderr)
         return STOPPED_STATUS
     except BrokenPipeError:  # the reader of the output has closed it
@@ -89,6 +91,11 @@ def guarded(prog: str, work: Callable[[], int | None], extra: str = "eval") -> i
         text = "\n".join(textwrap.wrap(text, width, break_on_hyphens=False, break_long_words=False))
     print(text, file=sys.stderr)
     return ERROR_STATUS
+
+
+def _is_interrupt(error: BaseException) -> bool:
+    """Of Ctrl-C while compiled code runs, Numba makes a SystemError."""
+    return isinstance(error, KeyboardInterrupt) or isinstance(error.__cause__, KeyboardInterrupt)
 
 
 def _path(text: str) -> Path:

@@ -89,3 +89,17 @@ def test_an_empty_path_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         parser.parse_args(["--json", ""])
     assert capsys.readouterr().err == "command: argument --json: is empty, must be a path\n"
+
+
+def test_ctrl_c_in_compiled_code_stops_the_command_too(capsys: pytest.CaptureFixture[str]) -> None:
+    def fail() -> int:
+        raise SystemError("CPUDispatcher(...) returned a result with an exception set") from KeyboardInterrupt()
+
+    assert guarded("command", fail) == 130
+    assert capsys.readouterr().err == "command: stopped\n"
+
+    def break_down() -> int:
+        raise SystemError("broken")
+
+    with pytest.raises(SystemError, match="broken"):
+        guarded("command", break_down)
