@@ -29,6 +29,7 @@ EXTRA_OF = {
     "shtab": "completion",
 }
 _INTERFACES = ("_msgs", "_srvs", "_interfaces")  # packages of ROS
+MOST = 10**9  # of what is counted
 ERROR_STATUS = 2
 STOPPED_STATUS = 128 + signal.SIGINT
 
@@ -105,8 +106,13 @@ def _path(text: str) -> Path:
 
 
 def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
-    """An argument type; so is the next one."""
+    """An argument type; so are the next ones."""
     return _ranged(int, "is no whole number", least, most)
+
+
+def count() -> Callable[[str], int]:
+    """How many of something are wanted: at least one, at most what ends some day."""
+    return whole_number(1, MOST)
 
 
 def finite_number(least: float | None = None, most: float | None = None) -> Callable[[str], float]:

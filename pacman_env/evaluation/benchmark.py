@@ -22,7 +22,7 @@ import gymnasium as gym
 import numpy as np
 
 import pacman_env
-from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.cli.command import Parser, count, finite_number, run_command
 from pacman_env.engine.threads import cores
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
@@ -190,8 +190,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 def make_parser() -> Parser:
     parser = Parser(prog="pacman-env benchmark", description=__doc__)
     parser.add_argument("--map", default="house", help="name or YAML file")
-    parser.add_argument("--rounds", type=whole_number(1), default=ROUNDS)
-    parser.add_argument("--seconds", type=float, default=6.0, help="roughly what each figure may take")
+    parser.add_argument("--rounds", type=count(), default=ROUNDS)
+    seconds = finite_number(0, 3600)
+    parser.add_argument("--seconds", type=seconds, default=6.0, help="roughly what each figure may take")
     parser.add_argument("--json", type=Path, help="write the figures here")
     return parser
 

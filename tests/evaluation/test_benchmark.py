@@ -98,6 +98,8 @@ def test_with_and_without_a_file_the_figures_are_printed(
     ("arguments", "message"),
     [
         (["--rounds", "0"], "0: must be at least 1"),
+        (["--seconds", "nan"], "'nan' is not a finite number"),
+        (["--seconds", "-1"], "-1: must be at least 0"),
         (["--map", "nowhere"], "nowhere"),
         (["--json", "."], "is a folder"),
     ],

@@ -17,9 +17,9 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.cli.command import Parser, count, run_command, whole_number
 from pacman_env.config import make_config
-from pacman_env.sim.maps.level_source import TEST_LEVEL, prepare_level
+from pacman_env.sim.maps.level_source import TEST_LEVEL, TEST_LEVELS, prepare_level
 
 FAULT_STATUS = 1
 FREE_ABOVE = 250  # grey, Algorithm 1
@@ -79,12 +79,15 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def make_parser() -> Parser:
     parser = Parser(prog="pacman-env houses", description=__doc__)
-    parser.add_argument("--levels", type=whole_number(1), default=200, help="half of them from the test split")
+    parser.add_argument("--levels", type=count(), default=200, help="half of them from the test split")
     parser.add_argument("--start", type=whole_number(0), default=0, help="the first, counted in either split")
     return parser
 
 
 def _report(arguments: argparse.Namespace) -> int:
+    last = arguments.start + (arguments.levels - 1) // 2
+    if last >= TEST_LEVELS:
+        raise ValueError(f"levels {arguments.start} to {last} of either split: testing has 0 to {TEST_LEVELS - 1}")
     numbers = np.arange(arguments.levels) // 2 + arguments.start
     numbers[1::2] += TEST_LEVEL
     pellets, faults = [], 0

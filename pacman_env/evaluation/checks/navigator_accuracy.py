@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.cli.command import Parser, count, run_command, whole_number
 from pacman_env.config import make_config
 from pacman_env.files import prepare, write_json
 from pacman_env.sim.core.batch import GameBatch
@@ -140,7 +140,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def make_parser() -> Parser:
     parser = Parser(prog="pacman-env navigation", description=__doc__)
     parser.add_argument("--map", nargs="+", default=["house", "loop", "maze", "open_plan"], help="names or YAML files")
-    parser.add_argument("--goals", type=whole_number(1), default=1000, help="in all, shared among the maps")
+    parser.add_argument("--goals", type=count(), default=1000, help="in all, shared among the maps")
     parser.add_argument("--seed", type=whole_number(0), default=0)
     parser.add_argument("--preset", choices=("ideal", "robot"), default="ideal")
     parser.add_argument("--json", type=Path, help="write the figures here too")

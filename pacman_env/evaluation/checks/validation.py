@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.cli.command import Parser, count, run_command, whole_number
 from pacman_env.config import make_config
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.episodes.statistics import wilson
@@ -101,7 +101,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def make_parser() -> Parser:
     parser = Parser(prog="pacman-env validation", description=__doc__)
     parser.add_argument("--map", default="house", help="name or YAML file; the experiment's is pacmanbot_house")
-    parser.add_argument("--episodes", type=whole_number(1), default=1000)
+    parser.add_argument("--episodes", type=count(), default=1000)
     parser.add_argument("--seed", type=whole_number(0), default=0)
     add_executor_arguments(parser)
     parser.add_argument("--planner-answers", type=Path, help="compare paths with those of this file, and nothing else")

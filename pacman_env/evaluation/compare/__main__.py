@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pacman_env import __version__
-from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.cli.command import Parser, count, run_command, whole_number
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.compare import scenarios
 from pacman_env.evaluation.compare.kept import KeptRounds
@@ -45,8 +45,7 @@ def make_parser() -> Parser:
     policies = ("clyde_aware", "ppo", "lookahead", "nearest", "random")
     scenarios.add_policy_arguments(parser, policies, "the first is what the others are compared with")
     scenarios.add_game_arguments(parser, several=True)
-    rounds = whole_number(1)
-    add("--episodes", type=rounds, default=200, metavar="N", help="rounds or games per map, speed and policy (200)")
+    add("--episodes", type=count(), default=200, metavar="N", help="rounds or games per map, speed and policy (200)")
     add("--seed", type=whole_number(0), default=0, metavar="S", help="the rounds' seeds are drawn from it (0)")
     add_executor_arguments(parser)
     add("--threads", type=whole_number(0), default=1, metavar="N", help="of each process; 0: one for each core (1)")

@@ -61,3 +61,11 @@ def test_a_map_that_is_turned_is_refused(tmp_path: Path) -> None:
 def test_the_command_judges_levels_of_both_splits(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--levels", "4", "--start", "30"]) == 0
     assert capsys.readouterr().out.startswith("4 levels, ")
+
+
+@pytest.mark.parametrize("arguments", [["--start", "999", "--levels", "3"], ["--start", "999999999", "--levels", "1"]])
+def test_levels_that_a_split_does_not_have_are_refused(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(arguments) == 2
+    assert "of either split: testing has 0 to 999" in capsys.readouterr().err

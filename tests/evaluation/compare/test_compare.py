@@ -120,6 +120,7 @@ def test_the_plot_lies_beside_the_json_unless_named(tmp_path: Path) -> None:
         (["--policies", "nearst"], "unknown policy 'nearst'"),
         (["--preset", "perfect"], "unknown preset 'perfect': choose one of ideal, robot"),
         (["--episodes", "0"], "must be at least 1"),
+        (["--episodes", "99999999999999999999"], "must be at most 1000000000"),
         (["--episodes", "many"], "'many' is no whole number"),
         (["--workers", "-1"], "must be at least 0"),
         (["--seed", "-1"], "must be at least 0"),
