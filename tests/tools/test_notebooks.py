@@ -69,8 +69,10 @@ def test_outputs_are_kept_and_none_is_large(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", SHORT)
-def test_the_first_cell_says_what_is_needed(name: str) -> None:
-    assert re.search(r"`pip install 'pacman_env\[\w+\]'`", kept(name).cells[0].source)
+def test_the_first_cell_says_what_is_needed_and_how_to_open_it(name: str) -> None:
+    first = kept(name).cells[0].source
+    assert "`pip install -e '.[notebooks]' jupyterlab`" in first
+    assert "`jupyter lab docs/notebooks`" in first
 
 
 def test_a_parameter_that_a_notebook_does_not_set_is_an_error() -> None:
