@@ -111,7 +111,8 @@ class ClydeConfig(Checked, group="clyde"):
     clearance_m: NotNegative = 0.25  # half-width of the free square around its cells, original
     update_period_s: Positive = 0.2  # it moves, and is published, at 5 Hz; original
     spawn: Literal["connected", "anywhere"] = "connected"  # "anywhere", the original: also in sealed pockets
-    spawn_distance_m: NotNegative = 1.5  # at least this far from the robot in a straight line; original: 0
+    # At least this far from the robot in a straight line; if no place is, the farthest one. Original: 0.
+    spawn_distance_m: NotNegative = 1.5
     click_distance_m: NotNegative = 0.25  # a click in RViz this near a place where Clyde can be puts it there
     ghosts: tuple[str, ...] = ("wander",)  # behaviours of one to four: Clyde, Blinky, Pinky, Inky
     # Arcade: Clyde turns away at 8 tiles; a tile is the pick-up radius, what the robot sweeps on either side.
