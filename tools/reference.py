@@ -22,6 +22,7 @@ from gymnasium import spaces
 from pacman_env import config
 from pacman_env.cli import main as cli
 from pacman_env.cli.command import Parser, run_command
+from pacman_env.cli.options import help_texts
 from pacman_env.config import Config, composition, make_config, sections
 from pacman_env.config.described import fields_of
 from pacman_env.config.validation import kinds
@@ -31,6 +32,7 @@ from pacman_env.envs.registration import IDS
 from pacman_env.game.ghosts import BEHAVIOURS
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.kinds import BEARINGS, FEATURES, KINDS, MASK, ObservationPart, mask_part
+from pacman_env.training.arguments import Hyperparameters
 from pacman_env.world.maps.occupancy import shipped_maps
 from tools.common import ROOT, add_check, table, update
 from tools.scores import all_scores
@@ -195,6 +197,12 @@ def map_check() -> str:
     return f"```text\n{output.getvalue()}```\n"
 
 
+def hyperparameters() -> str:
+    """What the help of ``pacman-env train`` says of them."""
+    rows = [[f"`{name}`", text.replace("``", "`")] for name, text in help_texts(Hyperparameters).items()]
+    return table(("Name", "Meaning"), rows)
+
+
 def number(value: Any) -> str:
     return f"{round(float(value), 3):,g}" if abs(value) < 1e6 else f"{value:.0e}"
 
@@ -202,7 +210,7 @@ def number(value: Any) -> str:
 TABLES: dict[str, Callable[[], str]] = {
     draw.__name__.replace("_", "-"): draw
     for draw in (configuration, presets, keys, columns, actions, state, ids, ids_arguments, maps, map_check)
-} | {"scores": all_scores}
+} | {"hyperparameters": hyperparameters, "scores": all_scores}
 
 
 def fill(page: str) -> str:

@@ -12,7 +12,7 @@ FIRST: tuple[tuple[str, str, str], ...] = (
     ("web --open", "see a game in the browser, and play it", "web"),
     ("play --map maze", "play in a window", "render"),
     ("map check home.yaml", "whether your own map can be played", ""),
-    ("train --quick", "train a planner, about a minute", "train"),
+    ("train --quick", "train a planner, one to two minutes", "train"),
 )
 
 #: By command, subcommands with their group.
@@ -60,7 +60,7 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
     "navigation": (("navigation --map house loop --goals 100", "100 goals on two maps"),),
     "houses": (("houses --levels 100", "50 houses to train in, 50 to be tested in"),),
     "train": (
-        ("train --quick", "about a minute, to see that it works"),
+        ("train --quick", "one to two minutes, to see that it works"),
         ("train --seed 0 --out results/ppo", "the whole training; --resume goes on with it"),
     ),
     "seeds": (("seeds --quick --seeds 0 1 2 --workers 2", "three short trainings, two at a time; a table"),),

@@ -34,7 +34,7 @@ def parse_options(parser: argparse.ArgumentParser, argv: Sequence[str] | None, d
 
 def add_options(parser: argparse.ArgumentParser, default: Any) -> None:
     """An option for each field of a dataclass, which may contain other dataclasses."""
-    texts, hints = _help(type(default)), typing.get_type_hints(type(default))
+    texts, hints = help_texts(type(default)), typing.get_type_hints(type(default))
     for name, value in _values(default).items():
         if dataclasses.is_dataclass(value):
             add_options(parser, value)
@@ -75,7 +75,8 @@ def _kind(hint: Any) -> dict[str, Any]:
     return {**({"choices": choices} if choices else _SCALARS[first]), "nargs": "*"}
 
 
-def _help(kind: type) -> dict[str, str]:
+def help_texts(kind: type) -> dict[str, str]:
+    """By field of a dataclass: the string below it."""
     (node,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
     assert isinstance(node, ast.ClassDef)
     return {

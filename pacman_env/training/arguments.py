@@ -19,31 +19,56 @@ FOLDER = shipped("training/hyperparameters", "train/hyperparameters")
 class Hyperparameters(Checked):
     """What is tuned. Pairs are the values at the beginning and at the end of a cycle, linear in between."""
 
-    decisions: AtLeastOne  # of PPO, in all games together
-    cycles: AtLeastOne  # how often the learning rate and the weight of entropy go from their first to their last value
-    segment: AtLeastOne  # decisions between two checkpoints; each segment is played on houses of its own
-    games: AtLeastOne  # at once
-    n_steps: AtLeastOne  # decisions per game between two updates
+    decisions: AtLeastOne
+    """Of PPO, in all games together; 0.5 s of a game each, more with ``decide: event``."""
+    cycles: AtLeastOne
+    """How often learning rate and weight of entropy go from their first to their last value."""
+    segment: AtLeastOne
+    """Decisions between two checkpoints; a multiple of ``games`` x ``n_steps``."""
+    games: AtLeastOne
+    """Games at once."""
+    n_steps: AtLeastOne
+    """Decisions of each game between two updates."""
     batch_size: AtLeastOne
+    """Decisions in a minibatch."""
     n_epochs: AtLeastOne
+    """How often each decision is learned from."""
     learning_rate: tuple[NotNegative, NotNegative]
+    """Step size at the beginning and at the end of a cycle, linear in between."""
     ent_coef: tuple[NotNegative, NotNegative]
+    """Weight of entropy, against certainty too early; at the beginning and at the end of a cycle, linear in between."""
     gamma: Share
+    """Discount per decision; decisions of 0.5 s: half after 346 s at 0.999, after 173 s at 0.998."""
     gae_lambda: Share
+    """Bias against variance of advantages."""
     clip_range: NotNegative
+    """How far a policy may move in an update."""
     vf_coef: NotNegative
+    """Weight of the value's error."""
     max_grad_norm: NotNegative
-    width: AtLeastOne  # of every hidden layer
-    reward_scale: NotNegative  # rewards are multiplied by it
-    timeout: Number  # reward at the time limit, before it is scaled
-    levels: AtLeastOne  # generated houses per segment
-    clyde_speed: tuple[NotNegative, NotNegative]  # m/s, drawn for each round
-    robot_speed: tuple[NotNegative, NotNegative]  # m/s, drawn for each round
-    ghosts: Annotated[tuple[str, ...], Meta(min_length=1)]  # line-ups that share the games, such as "arcade,chase"
-    league_every: Count  # segments after which a Clyde is trained against the planner and joins the league; 0: none
-    imitation: Count  # decisions of a rule imitated before PPO; 0: PPO from random weights
-    teacher_nodes: AtLeastOne  # segments that ``search`` plays for a decision that is imitated
-    decide: Literal["tick", "event"]  # in training; event: when there is something to decide
+    """Bound on gradients."""
+    width: AtLeastOne
+    """Of each hidden layer."""
+    reward_scale: NotNegative
+    """Rewards are multiplied by it, so that values are of the order of one."""
+    timeout: Number
+    """Reward at the time limit, not scaled; -10, as for death, where a robot may survive without collecting."""
+    levels: AtLeastOne
+    """Generated houses per segment."""
+    clyde_speed: tuple[NotNegative, NotNegative]
+    """Lowest and highest speed of Clyde, m/s; drawn for each round."""
+    robot_speed: tuple[NotNegative, NotNegative]
+    """Lowest and highest speed of the robot, m/s; drawn for each round."""
+    ghosts: Annotated[tuple[str, ...], Meta(min_length=1)]
+    """Line-ups that share the games, such as wander "arcade,chase@0.1-0.3"."""
+    league_every: Count
+    """Segments between two Clydes that join the league; 0: none."""
+    imitation: Count
+    """Decisions of a rule that are imitated first; 0: none, PPO from random weights."""
+    teacher_nodes: AtLeastOne
+    """Segments that ``search`` plays for an imitated decision, at least 221; not used where all ghosts wander."""
+    decide: Literal["tick", "event"]
+    """When the planner decides in training: tick, every 0.5 s, or event, when there is something to decide."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -92,7 +117,9 @@ class Arguments(Checked):
     resume: bool = False
     """Resume the run in ``out``."""
     preset: str = "robot"
+    """Of the configuration, such as robot or ideal."""
     execution: str = "robust"
+    """Of the configuration: robust or as_built."""
     randomize: bool = False
     """Draw localization errors, Nav2's delay and aborts for each round as well."""
     curriculum: bool = False

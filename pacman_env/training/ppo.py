@@ -75,7 +75,7 @@ def make_parser(default: Arguments | None = None) -> Parser:
 def _sections() -> argparse.ArgumentParser:
     """What decides where the other options have their defaults from."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    parser.add_argument("--quick", action="store_true", help="about a minute on two cores")
+    parser.add_argument("--quick", action="store_true", help="one to two minutes on two cores")
     file = FOLDER / "PacManBot-v0.yaml"
     parser.add_argument("--config", type=Path, default=file, help=f"hyperparameters ({file.name})")
     add_executor_arguments(parser)

@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pacman_env.cli.options import help_texts
 from pacman_env.config import Config
 from pacman_env.sim.observation.robot_features import COLUMNS, GHOST_BEARING_COLUMNS, PELLET_BEARING_COLUMNS
+from pacman_env.training.arguments import Hyperparameters
 from tests.envs.helpers import make
 from tools.common import ROOT
 from tools.reference import TABLES, configuration, fields_of, fill, main
@@ -43,6 +45,10 @@ def test_every_field_says_what_it_means_or_where_it_is_from() -> None:
     for line in configuration().splitlines():
         if line.startswith("| `"):
             assert not line.endswith("|  |"), line
+
+
+def test_every_hyperparameter_says_what_it_means() -> None:
+    assert list(help_texts(Hyperparameters)) == [field.name for field in dataclasses.fields(Hyperparameters)]
 
 
 def test_the_columns_on_the_page_are_those_of_the_space() -> None:
