@@ -105,29 +105,30 @@ def scores_of(env_id: str, known: dict[str, Any]) -> str:
     rows = []
     for policy in policies_of(env_id):
         one = known[env_id][policy]
-        low, high = (100 * end for end in wilson(one["complete"], one["episodes"]))
-        done = f"{one['rounds']:.2f}" if endless else f"{_percent(one)} [{low:.1f}, {high:.1f}]"
+        done = f"{one['rounds']:.2f}" if endless else _share(one)
         rows.append([f"`{policy}`", done, f"{one['pellets']:.2f}", f"{one['return']:.2f} ± {one['return_error']:.2f}"])
     head = "Rounds completed, mean" if endless else "Rounds completed, % [95 %]"
     return table(("Policy", head, "Pellets, mean", "Return, mean ± standard error"), rows)
 
 
 def all_scores() -> str:
-    """The returns of all ids, with the rounds completed."""
+    """The returns of all ids, with the rounds completed and the 95 % interval of their share."""
     known = read()
     rows = []
     for env_id in IDS:
         row = [f"`{env_id.removeprefix('pacman_env/')}`"]
         for policy in POLICIES:
             one = known[env_id].get(policy)
-            done = one and (f"{one['rounds']:.1f} rounds" if is_endless(env_id) else f"{_percent(one)} %")
+            done = one and (f"{one['rounds']:.1f} rounds" if is_endless(env_id) else _share(one, " %"))
             row.append(f"{one['return']:.2f} ({done})" if one else "-")
         rows.append(row)
     return table(("Id", *(f"`{policy}`" for policy in POLICIES)), rows)
 
 
-def _percent(one: dict[str, Any]) -> str:
-    return f"{100 * one['complete'] / one['episodes']:.1f}"
+def _share(one: dict[str, Any], unit: str = "") -> str:
+    """Rounds completed in %, with Wilson's 95 % interval."""
+    low, high = wilson(one["complete"], one["episodes"])
+    return f"{100 * one['complete'] / one['episodes']:.1f}{unit} [{100 * low:.1f}, {100 * high:.1f}]"
 
 
 def read() -> dict[str, Any]:
