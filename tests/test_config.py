@@ -3,6 +3,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from pacman_env.config import EXECUTIONS, PRESETS, Config, ConfigError, differences, make_config
-from pacman_env.config.validation import Share, convert
+from pacman_env.config.validation import Share, convert, require
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -280,3 +281,8 @@ def test_differences_are_named_with_both_values() -> None:
         "clyde.spawn": (None, "connected"),
         "show": (None, one.as_dict()["show"]),
     }
+
+
+def test_a_path_that_is_refused_is_shown_as_its_text() -> None:
+    with pytest.raises(ConfigError, match=r"^clyde = 'nope': is for --measure$"):
+        require(False, "clyde", Path("nope"), "is for --measure")

@@ -4,6 +4,7 @@ import argparse
 import contextlib
 import math
 import os
+import re
 import shutil
 import signal
 import sys
@@ -28,6 +29,7 @@ EXTRA_OF = {
     "pygame": "render",
     "shtab": "completion",
 }
+_MARKS = re.compile(r":\w+:`([^`]+)`")  # of a name in Sphinx
 _INTERFACES = ("_msgs", "_srvs", "_interfaces")  # packages of ROS
 MOST = 10**9  # of what is counted
 ERROR_STATUS = 2
@@ -39,7 +41,7 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, **options: Any) -> None:
         if options.get("description"):  # a module's docstring, often
-            options["description"] = options["description"].replace("``", "")
+            options["description"] = _MARKS.sub(r"\1", options["description"]).replace("``", "")
         with uninterrupted():  # argparse imports modules here when it first needs them, and a Ctrl-C then may be lost
             super().__init__(**options)
         self.register("type", Path, _path)

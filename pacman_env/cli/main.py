@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from pacman_env import __version__
-from pacman_env.cli.command import EXTRAS, Parser, finite_number, guarded, run_command, whole_number
+from pacman_env.cli.command import ERROR_STATUS, EXTRAS, Parser, finite_number, guarded, whole_number
 from pacman_env.cli.completion import SHELLS, completion
 from pacman_env.cli.examples import first_steps
 from pacman_env.cli.ros_group import add_ros_group, what_ros_needs
@@ -51,7 +51,12 @@ def _main(argv: Sequence[str]) -> int:
     if not argv:
         print(first_steps(__version__))
         return 0
-    return run_command(make_parser(), argv, lambda arguments: arguments.run(arguments))
+    parser = make_parser()
+    arguments, unknown = parser.parse_known_args(argv)
+    prog = " ".join([parser.prog, *argv[: 2 if argv[0] in ("map", "ros") else 1]])  # those have subcommands
+    if unknown:
+        parser.exit(ERROR_STATUS, f"{prog}: unrecognized arguments: {' '.join(unknown)}\n")
+    return guarded(prog, lambda: arguments.run(arguments))
 
 
 def make_parser(whole: bool = False) -> Parser:
@@ -97,7 +102,10 @@ def _map_check(arguments: argparse.Namespace) -> int:
 
     config = make_config().with_fields(**{"pellets.spacing_m": arguments.spacing})
     occupancy = load_map(arguments.map)
-    pellets = generate_pellets(occupancy, config.pellets)
+    try:
+        pellets = generate_pellets(occupancy, config.pellets)
+    except ValueError as error:
+        raise ValueError(f"{occupancy.name}: {error}") from None
     report = check_map(occupancy, pellets.position, pellets.ids, config, home=tuple(arguments.home))
     refusal = None
     try:
@@ -129,9 +137,13 @@ def _map_generate(arguments: argparse.Namespace) -> int:
             f"levels {arguments.level} to {last}: training has 0 to {TEST_LEVEL - 1}, "
             f"testing {TEST_LEVEL} to {TEST_LEVEL + TEST_LEVELS - 1}"
         )
+    files = {level: arguments.folder / f"generated-{level}.yaml" for level in range(arguments.level, last + 1)}
+    for file in (one.with_suffix(suffix) for one in files.values() for suffix in (".yaml", ".pgm")):
+        if file.exists():
+            raise ValueError(f"{file}: is there already")
     arguments.folder.mkdir(parents=True, exist_ok=True)
-    for level in range(arguments.level, arguments.level + arguments.count):
-        print(prepare_level(level, config).occupancy.save(arguments.folder / f"generated-{level}.yaml"))
+    for level, file in files.items():
+        print(prepare_level(level, config).occupancy.save(file))
     return 0
 
 
@@ -256,7 +268,7 @@ def _simulated_game(arguments: argparse.Namespace) -> Any:
 
 def _add_completion(commands: Any) -> None:
     parser = commands.add_parser("completion", help="print a script by which a shell completes commands and options")
-    parser.add_argument("shell", choices=SHELLS)
+    parser.add_argument("shell", choices=SHELLS, metavar=f"{{{','.join(SHELLS)}}}")  # named if absent
     parser.set_defaults(run=lambda arguments: print(completion(make_parser(whole=True), arguments.shell)))
 
 

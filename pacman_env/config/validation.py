@@ -8,6 +8,7 @@ import operator
 import re
 import typing
 from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -48,7 +49,8 @@ class ConfigError(ValueError):
 def require(condition: bool, field_name: str, value: object, rule: str) -> None:
     """Raise a ConfigError unless the condition holds."""
     if not condition:
-        raise ConfigError(f"{field_name} = {value!r:.600}: {rule}")
+        shown = str(value) if isinstance(value, Path) else value
+        raise ConfigError(f"{field_name} = {shown!r:.600}: {rule}")
 
 
 #: The fields of a class with their types, ranges included.

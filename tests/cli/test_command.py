@@ -103,3 +103,8 @@ def test_ctrl_c_in_compiled_code_stops_the_command_too(capsys: pytest.CaptureFix
 
     with pytest.raises(SystemError, match="broken"):
         guarded("command", break_down)
+
+
+def test_a_description_is_shown_without_marks_of_sphinx() -> None:
+    parser = Parser(prog="command", description="What ``x`` is, see :mod:`a.b` and :func:`c`.")
+    assert "What x is, see a.b and c." in parser.format_help()

@@ -65,4 +65,4 @@ def test_without_shtab_it_is_one_line_and_status_2(
     monkeypatch.setitem(sys.modules, "shtab", None)
     assert main(["completion", "bash"]) == 2
     out, err = capsys.readouterr()
-    assert (out, err) == ("", "pacman-env: needs shtab: pip install 'pacman_env[completion]'\n")
+    assert (out, err) == ("", "pacman-env completion: needs shtab: pip install 'pacman_env[completion]'\n")

@@ -50,7 +50,7 @@ def test_warnings_leave_the_status_0(room: Path, capsys: pytest.CaptureFixture[s
     [
         (["nowhere"], "nowhere: neither a YAML file"),
         (["ROOM", "--spacing", "0"], "pellets.spacing_m"),
-        (["ROOM", "--spacing", "0.001"], "below the map's resolution"),
+        (["ROOM", "--spacing", "0.001"], "room: pellets.spacing_m = 0.001: below the map's resolution"),
         (["BROKEN"], "key 'image' is missing"),
     ],
 )
@@ -64,7 +64,7 @@ def test_an_error_is_one_line_and_status_2(
     out, err = capsys.readouterr()
     assert out == ""
     assert words in err
-    assert err.startswith("pacman-env: ")
+    assert err.startswith("pacman-env map check: ")
     assert err.count("\n") == 1
     assert err.endswith(" (see docs/maps.md)\n") is ("--spacing" not in arguments)  # which is about no file
 
@@ -121,7 +121,7 @@ def test_playing_without_pygame_is_one_line_and_status_2(
 ) -> None:
     monkeypatch.setitem(sys.modules, "pygame", None)
     assert main(["play"]) == 2
-    assert capsys.readouterr().err == "pacman-env: a window needs pygame: pip install pacman_env[render]\n"
+    assert capsys.readouterr().err == "pacman-env play: a window needs pygame: pip install pacman_env[render]\n"
 
 
 def test_playing_without_a_screen_is_one_line_and_status_2() -> None:
@@ -131,7 +131,7 @@ def test_playing_without_a_screen_is_one_line_and_status_2() -> None:
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, env=without)
     if sys.platform == "linux":  # elsewhere a screen needs no name
         assert (done.returncode, done.stdout) == (2, "")
-        assert done.stderr == "pacman-env: no screen to open a window on\n"
+        assert done.stderr == "pacman-env play: no screen to open a window on\n"
 
 
 def test_list_names_the_shipped_maps(
@@ -216,3 +216,29 @@ def test_levels_of_no_split_and_of_both_are_not_generated(
     assert main(["map", "generate", str(tmp_path / "houses"), *levels]) == 2
     assert "training has 0 to 999999, testing 1000000 to 1000999" in capsys.readouterr().err
     assert not (tmp_path / "houses").exists()
+
+
+def test_houses_that_are_there_already_are_not_generated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    kept = tmp_path / "generated-1.pgm"
+    kept.write_text("mine")
+    assert main(["map", "generate", str(tmp_path), "--count", "2"]) == 2
+    assert capsys.readouterr().err == f"pacman-env map generate: {kept}: is there already\n"
+    assert list(tmp_path.iterdir()) == [kept]
+    assert kept.read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["warm-up", "foo"], "pacman-env warm-up: unrecognized arguments: foo"),
+        (["map", "list", "foo"], "pacman-env map list: unrecognized arguments: foo"),
+        (["completion"], "pacman-env completion: the following arguments are required: {bash,zsh,fish}"),
+    ],
+)
+def test_wrong_arguments_name_the_command_and_what_it_takes(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == f"{message}\n"

@@ -125,7 +125,7 @@ def test_a_part_that_fails_is_not_marked(
         assert main(["warm-up"]) == 2
     assert main(["warm-up"]) == 0
     assert done == ["one game", "policies"]
-    assert capsys.readouterr().err == "pacman-env: no such map\n"
+    assert capsys.readouterr().err == "pacman-env warm-up: no such map\n"
 
 
 def test_a_cache_that_cannot_be_written_is_one_line_and_status_2(
@@ -136,5 +136,5 @@ def test_a_cache_that_cannot_be_written_is_one_line_and_status_2(
     assert main(["warm-up"]) == 2
     out, err = capsys.readouterr()
     assert out == ""
-    assert err.startswith("pacman-env: /dev/null/cache: cannot be written")
+    assert err.startswith("pacman-env warm-up: /dev/null/cache: cannot be written")
     assert err.count("\n") == 1

@@ -117,4 +117,4 @@ def interrupted(words: list[str], callback: int, folder: Path) -> tuple[int, lis
 
 @pytest.mark.parametrize("callback", [1, 4])
 def test_ctrl_c_while_a_command_compiles_is_one_line(callback: int, tmp_path: Path) -> None:
-    assert interrupted(["pacman_env.cli.main", "warm-up"], callback, tmp_path) == (130, ["pacman-env: stopped"])
+    assert interrupted(["pacman_env.cli.main", "warm-up"], callback, tmp_path) == (130, ["pacman-env warm-up: stopped"])

@@ -434,7 +434,10 @@ def test_a_bad_domain_is_one_line(
     words = [str(tmp_path / "bag") if word == "OUT" else word for word in words]
     monkeypatch.setenv("ROS_DOMAIN_ID", text)
     assert cli.main(["ros", *words]) == 2
-    assert capsys.readouterr() == ("", f"pacman-env: ROS_DOMAIN_ID {text!r}: must be a whole number, 0 to 232\n")
+    assert capsys.readouterr() == (
+        "",
+        f"pacman-env ros {words[0]}: ROS_DOMAIN_ID {text!r}: must be a whole number, 0 to 232\n",
+    )
 
 
 @pytest.mark.parametrize(
