@@ -6,6 +6,7 @@ game is bit for bit that of :func:`pacman_env.episodes.rollout.play` with the sa
 
 import argparse
 import base64
+import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -147,11 +148,27 @@ def save_video(frames: Iterator[Frame], path: Path, tick_s: float) -> None:
             writer = imageio.get_writer(temporary, mode="I", duration=1000 / fps, loop=0)
         else:
             writer = imageio.get_writer(temporary, fps=fps, codec="libx264", macro_block_size=2)
-        with writer:
-            for frame in frames:
-                writer.append_data(frame)
-            for _ in range(round(_LAST_FRAME_S * fps)):
-                writer.append_data(frame)
+        cut = f"{path}: ffmpeg has not written the whole film (is the disk full?)"
+        try:
+            with writer:
+                for frame in frames:
+                    writer.append_data(frame)
+                for _ in range(round(_LAST_FRAME_S * fps)):
+                    writer.append_data(frame)
+        except OSError as error:
+            if error.errno is not None:
+                raise
+            raise OSError(cut) from error  # instead of imageio's, which is ffmpeg's whole command
+        if path.suffix != ".gif" and not _can_be_read(temporary):
+            raise OSError(cut)
+
+
+def _can_be_read(film: Path) -> bool:
+    """Whether its end, by which a film is read, is there: the writer does not look at ffmpeg's exit status."""
+    from imageio_ffmpeg import get_ffmpeg_exe
+
+    read = [get_ffmpeg_exe(), "-v", "error", "-i", str(film), "-c", "copy", "-f", "null", "-"]
+    return subprocess.run(read, stdin=subprocess.DEVNULL, capture_output=True).returncode == 0
 
 
 def _goal(situation: Situation, candidate: int, pellet_slots: int) -> str:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import resource
 from pathlib import Path
 
 import cv2
@@ -36,6 +37,20 @@ def test_a_film_has_all_frames_and_shows_the_last_for_a_while(suffix: str, tmp_p
     if suffix == ".mp4":  # a GIF holds equal frames once
         assert len(shown) == 9 + 1.5 * 8
         assert np.ptp(brightness[8:]) < 1
+
+
+@pytest.mark.parametrize("count", [40, 400])  # ffmpeg ends after the last frame, and before it
+def test_a_film_that_could_not_be_written_is_an_error_and_leaves_nothing(count: int, tmp_path: Path) -> None:
+    path, noise = tmp_path / "film.mp4", np.random.default_rng(0)
+    frames = (noise.integers(0, 256, (96, 128, 3), dtype=np.uint8) for _ in range(count))
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, limits[1]))  # for ffmpeg, as a full disk is
+    try:
+        with pytest.raises(OSError, match=r"film\.mp4: ffmpeg has not written the whole film"):
+            save_video(frames, path, tick_s=0.5)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_command_writes_a_film(tmp_path: Path) -> None:
