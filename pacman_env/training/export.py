@@ -112,6 +112,8 @@ def export_planner(network: EntityNetwork, path: Path, facts: Facts) -> None:
     """Write ``path`` (.onnx) and its metadata; both are compared with torch before either replaces an old one."""
     if path.suffix != ".onnx":
         raise ValueError(f"{path}: must end in .onnx")
+    if path.is_symlink():  # its metadata would lie beside the link, and not beside the file
+        raise ValueError(f"{path}: is a link to {path.readlink()}: name that")
     check_sizes(network, path)
     network = copy.deepcopy(network).cpu()
     content = model_bytes(network)

@@ -130,6 +130,13 @@ def test_only_files_ending_in_onnx_are_written(tmp_path: Path) -> None:
         export_planner(random_network(), tmp_path / "mine.bin", FACTS)
 
 
+def test_a_link_is_not_written_through(tmp_path: Path) -> None:
+    (tmp_path / "link.onnx").symlink_to("real.onnx")
+    with pytest.raises(ValueError, match=r"link.onnx: is a link to real.onnx: name that"):
+        export_planner(random_network(), tmp_path / "link.onnx", FACTS)
+    assert [file.name for file in tmp_path.iterdir()] == ["link.onnx"]
+
+
 def test_the_command_refuses_what_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     checkpoint, out = tmp_path / "mine.zip", tmp_path / "mine.onnx"
     assert main([str(checkpoint), "--out", str(out)]) == 2
