@@ -75,6 +75,8 @@ def _remove(files: list[Path]) -> list[str]:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if not held and time.time() - max(path.stat().st_mtime for path in files) < _NEW_S:
                 return []
+            if not {str(path) for path in files if path not in held}.isdisjoint(_used()):
+                return []  # by a process that has mapped it since it was looked for, and has not locked it yet
             for path in sorted(files, key=lambda path: path in held):  # locks last
                 path.unlink()
                 removed.append(path.name)

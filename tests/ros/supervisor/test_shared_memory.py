@@ -143,6 +143,13 @@ def test_what_a_process_has_open_stays_with_its_family(folder: Path, name: str) 
     assert remove_unused() == FAMILY
 
 
+def test_what_a_process_has_opened_since_it_was_looked_for_stays(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    looks = iter([[], [str(folder / FAMILY[0])]])
+    monkeypatch.setattr(shared_memory, "_used", lambda: iter(next(looks)))
+    assert remove_unused() == []
+    assert all((folder / name).exists() for name in FAMILY)
+
+
 def test_what_is_locked_stays_even_if_its_process_is_not_visible(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shared_memory, "_used", lambda: iter(()))
     with (folder / FAMILY[1]).open() as lock:
