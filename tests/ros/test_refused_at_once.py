@@ -59,7 +59,7 @@ def test_a_planner_without_its_metadata_is_refused_before_anything_is_compiled(
     words: list[str], bare: Path, tmp_path: Path
 ) -> None:
     line = refusal([word.replace("BARE", str(bare)) for word in words], tmp_path)
-    assert f"{bare.with_suffix('.json')}: cannot be read: No such file or directory" in line
+    assert f"{bare}: its metadata {bare.stem}.json is missing" in line
 
 
 @pytest.mark.usefixtures("domain")

@@ -79,7 +79,7 @@ def test_settings_reach_every_cell(tmp_path: Path) -> None:
         ("[0, 0.25]", "[0.25, 9]", "tiny.speeds_mps[1]: clyde.speed_mps = 9.0"),
         ("[wander]", "[]", "tiny.ghosts[0] = []: must be a list of at least 1"),
         ("[wander]", "[arcade, chase]", "tiny.ghosts[1] = ('arcade', 'chase'): is there twice"),
-        ("[wander]", "['clyde:unknown']", "tiny.ghosts[0]: unknown ghost behaviour 'clyde:unknown'"),
+        ("[wander]", "['clyde:unknown']", "tiny.ghosts[0]: ghost behaviour 'clyde:unknown': module clyde"),
         ("[wander]", "[policy]", "tiny.ghosts[0]: clyde.ghosts[0] = 'policy': name the .onnx file"),
         (
             "  ghosts:",
