@@ -303,11 +303,12 @@ def test_a_client_that_sends_a_byte_now_and_then_has_no_more_time_than_others(se
 def test_a_thousand_connections_are_refused_beyond_the_limit_and_make_room_again(
     serve: Callable[..., WebServer], lines: list[str], web: httpx.Client
 ) -> None:
-    server = serve(ScriptedGame(), viewers=20)
+    server = serve(ScriptedGame(), viewers=20, headers_s=PATIENCE_S)
+    most = CONNECTIONS * 20 + SPARE_CONNECTIONS
     with undisturbed(server), contextlib.ExitStack() as them:
         many = [them.enter_context(wire(server)) for _ in range(1000)]
-        eventually(lambda: sum(_is_cut(there) for there in many) >= 1000 - 2 * (CONNECTIONS * 20 + SPARE_CONNECTIONS))
-        full = next(there for there in reversed(many) if not _is_cut(there))
+        eventually(lambda: all(_is_cut(there) for there in many[2 * most :]))
+        full = many[most + most // 2]
         full.sendall(b"GET / HTTP/1.1\r\n")
         assert rest(full).startswith(b"HTTP/1.1 503")
     eventually(lambda: _answers(web, server))
