@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..game.execution import RUNNING
 from ..policies.base import Flags
 from ..render.window import RENDER_FPS
+from ..sim.core.batch import check_velocities
 from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, checked_games, is_count, takes_env_arguments
 from .resets import ManyGames, Options, Seeds
@@ -209,9 +210,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         if self.config.action == "velocity":
             if actions.shape != (self.num_envs, 2) or actions.dtype.kind not in "fiu":
                 raise ValueError(f"actions must be {self.num_envs} pairs of v and omega, {_got(actions)}")
-            bad = np.flatnonzero(~np.isfinite(actions).all(axis=1))
-            if len(bad):
-                raise ValueError(f"action {actions[bad[0]].tolist()} of game {bad[0]}: must be two finite numbers")
+            check_velocities(actions)
             return actions.astype(np.float64)
         if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
             raise ValueError(f"actions must be {self.num_envs} integers, {_got(actions)}")

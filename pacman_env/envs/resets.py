@@ -95,11 +95,11 @@ class ManyGames(CoreEnv):
 
     def _reset_games(self, seed: Any, options: Any, mask: Any, mask_name: str, *more: str) -> Indices:
         """Begin new episodes in the games of the mask (None: all), which are returned; errors come before changes."""
-        return self._begin(self._prepared(seed, options, mask, mask_name, *more))
+        wanted = ResetOptions.of(options, self.num_envs, *more)
+        return self._begin(self._prepared(seed, wanted, mask, mask_name))
 
-    def _prepared(self, seed: Any, options: Any, mask: Any, mask_name: str, *more: str) -> Reset:
+    def _prepared(self, seed: Any, wanted: ResetOptions, mask: Any = None, mask_name: str = "") -> Reset:
         """What a reset needs; changes nothing."""
-        wanted = options if isinstance(options, ResetOptions) else ResetOptions.of(options, self.num_envs, *more)
         index = np.arange(self.num_envs) if mask is None else _chosen_games(mask, self.num_envs, mask_name)
         every = len(index) == self.num_envs
         if not self.started and not every:

@@ -45,12 +45,11 @@ class SubBatches:
         """Begin new rounds in all sub-batches, as if they had been sent. Steps that run are waited for and dropped."""
         games = len(self.envs) * self._size
         seeds, wanted = one_for_each(seed, games), ResetOptions.of(options, games)
-        for _, future in self._sent:
-            future.exception()  # the games stand still before they are asked what they can play
+        self._wait()  # the games stand still before they are asked what they can play
         resets = []
         for k, env in enumerate(self.envs):
             own = [seeds[i] for i in self._ids(k)]
-            resets.append(env._prepared(own, wanted.of_games(self._ids(k)), None, ""))
+            resets.append(env._prepared(own, wanted.of_games(self._ids(k))))
         self.close()
         for k, (env, prepared) in enumerate(zip(self.envs, resets, strict=True)):
             self._submit(k, partial(_begun, env, prepared))
@@ -94,8 +93,7 @@ class SubBatches:
 
     def received(self) -> Step:
         """All sub-batches, in the order of their games; where one raised an error, none is left to be received."""
-        for _, future in self._sent:
-            future.exception()
+        self._wait()
         try:
             observations, *numbers, infos = zip(*[self.receive() for _ in self.envs], strict=True)
         finally:
@@ -106,11 +104,15 @@ class SubBatches:
 
     def close(self) -> None:
         """Wait for steps that run, and drop their results."""
-        while self._sent:
-            self._sent.popleft()[1].exception()
+        self._wait()
+        self._sent.clear()
         if self._pool is not None:
             self._pool.shutdown()
             self._pool = None
+
+    def _wait(self) -> None:
+        for _, future in self._sent:
+            future.exception()
 
     def _require_reset(self) -> None:
         if not self._started:

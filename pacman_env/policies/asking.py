@@ -23,18 +23,19 @@ class PolicyError(ValueError):
 
 def choose(policy: Policy, situation: Situation) -> NDArray[np.int64]:
     """(N,) the candidates that a policy chooses; raises PolicyError where they are none, or ``select`` fails."""
-    with what_users_raise(type(policy), name_of(policy)):
-        chosen = policy.select(situation)
     if not _is_users(type(policy)):
-        return chosen
+        return policy.select(situation)
+    name = name_of(policy)
+    with what_users_raise(type(policy), name):
+        chosen = policy.select(situation)
     n, candidates = situation.mask.shape
     chosen = np.asarray(chosen)
     if chosen.shape != (n,) or chosen.dtype.kind not in "iu":
         got = f"{chosen.dtype} of shape {chosen.shape}"
-        raise PolicyError(f"policy {name_of(policy)!r}: select must return {n} integers, got {got}")
+        raise PolicyError(f"policy {name!r}: select must return {n} integers, got {got}")
     if n > 0 and not 0 <= chosen.min() <= chosen.max() < candidates:
         bad = chosen[(chosen < 0) | (chosen >= candidates)][0]
-        raise PolicyError(f"policy {name_of(policy)!r}: select must return candidates 0 to {candidates - 1}, got {bad}")
+        raise PolicyError(f"policy {name!r}: select must return candidates 0 to {candidates - 1}, got {bad}")
     return chosen
 
 

@@ -29,7 +29,7 @@ from pacman_env.world.maps.occupancy import load_map
 
 SCHEMA = 1
 _OWN = {"clyde.ghosts": "--ghosts", "clyde.speed_mps": "--speeds"}
-#: What pursuit, least time and estimate assume; a range would take the place of the value that they reckon with.
+#: What pursuit, least time and estimate assume; a range would take the place of the value that they use.
 _ASSUMED = {
     "localization.perfect": True,
     "action": "goal",

@@ -165,7 +165,7 @@ def rule_changes(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def check_speed(config: Config) -> None:
-    """Raise ConfigError if a game draws Clyde's speed, where results are told by the speed that is asked for."""
+    """Raise ConfigError if a game draws Clyde's speed, as results are labelled with the speed that is asked for."""
     drawn = config.randomize.clyde_speed_mps
     require(drawn is None, "randomize.clyde_speed_mps", drawn, "must be None, the speed is that of --clyde-speed")
 

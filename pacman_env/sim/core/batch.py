@@ -28,6 +28,13 @@ from .state import GameLevels, GameState, History, RoundSoFar
 _ALL_TICKS = 2**62
 
 
+def check_velocities(actions: NDArray[Any]) -> None:
+    """Raise ValueError, which names the first game, unless all of (N, 2) are finite."""
+    bad = np.flatnonzero(~np.isfinite(actions).all(axis=1))
+    if len(bad):
+        raise ValueError(f"action {actions[bad[0]].tolist()} of game {bad[0]}: must be two finite numbers")
+
+
 class GameBatch(GameState):
     """N games under one configuration, on one map or each on a map of its own.
 
@@ -375,9 +382,7 @@ class GameBatch(GameState):
 
     def _set_actions(self, actions: NDArray[Any]) -> None:
         if self.config.action == "velocity":
-            bad = np.flatnonzero(~np.isfinite(actions).all(axis=1))
-            if len(bad):
-                raise ValueError(f"action {actions[bad[0]].tolist()} of game {bad[0]}: must be two finite numbers")
+            check_velocities(actions)
             self.arrays["velocities"][:] = actions
             return
         bad = kernels.copy_choices(actions, self.hold, self.arrays["choices"])
