@@ -21,7 +21,7 @@ FLAGS = (
     *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
     *("--disable-background-networking", "--disable-component-update", "--autoplay-policy=no-user-gesture-required"),
 )
-PATIENCE_S = 120.0  # of a machine that is busy
+PATIENCE_S = 300.0  # of a machine that is busy
 AXE = "axe-core@4"
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "chrome")
 

@@ -212,6 +212,25 @@ def test_a_round_played_by_clicks(visit: Visit) -> None:
     assert page.value("document.querySelectorAll('#stories li')[0].textContent.includes('played by a person')")
 
 
+def test_click_counts_when_the_list_changes_meanwhile(visit: Visit) -> None:
+    page = visit()
+    page.press("tab-play")
+    page.page.hover("[data-role=robot]")
+    page.page.mouse.down()
+    visit()
+    page.wait("state.people.viewers === 2")
+    page.page.mouse.up()
+    page.wait("state.role === 'robot'")
+    page.press("tab-why")
+    start(page, 1)
+    page.page.hover("#why-table tbody button")
+    page.page.mouse.down()
+    pellet = page.value("document.querySelector('#why-table tr:active').dataset.candidate")
+    page.wait(f"state.why.time_s > {page.value('state.why.time_s')}")
+    page.page.mouse.up()
+    page.wait(f"state.frame.goal === {pellet}")
+
+
 def test_two_roles_from_two_browsers(visit: Visit) -> None:
     robot, ghost = visit(), visit()
     robot.press("tab-play")
@@ -291,6 +310,14 @@ def test_server_lost_and_back(visit: Visit, page_server: WebServer, simulated: S
         page.wait("!state.frame.stopped")
         page.press("stop")
         page.wait("state.frame.stopped")
+
+
+def test_page_that_slept_keeps_its_connection(visit: Visit) -> None:
+    page = visit()
+    page.page.clock.install(time=0)
+    page.open()
+    page.page.clock.pause_at(1000)
+    assert page.value("state.connected")
 
 
 def test_hidden_page_draws_nothing(visit: Visit) -> None:

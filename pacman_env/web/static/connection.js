@@ -14,6 +14,7 @@ let hooks = null;
 let lastId = 0;
 let retries = 0;
 let received = 0; // time of the last message
+let pinged = 0; // time of the first ping since then; 0: none
 let retryTimer = 0;
 let endReason = "";
 
@@ -67,9 +68,9 @@ function open() {
   if (sessionStorage.again) query.set("again", sessionStorage.again); // restores name and role after a break
   const opened = new WebSocket(`/ws${query.size ? `?${query}` : ""}`);
   socket = opened;
-  received = performance.now();
+  heard();
   opened.onopen = () => {
-    received = performance.now();
+    heard();
     endReason = "";
     hooks.opened();
   };
@@ -77,8 +78,13 @@ function open() {
   opened.onclose = ({ reason }) => socket === opened && closed(reason);
 }
 
-function receive(data) {
+function heard() {
   received = performance.now();
+  pinged = 0;
+}
+
+function receive(data) {
+  heard();
   retries = 0;
   if (data.startsWith(FRAME)) {
     hooks.frame(data);
@@ -101,11 +107,15 @@ function reconnect(wait_ms) {
   retryTimer = setTimeout(open, wait_ms);
 }
 
-// A silent connection is tried with a ping, then closed.
+// A silent connection is tried with pings, and closed if none is answered: a page that was busy has heard nothing.
 function checkSilence() {
-  const silent_ms = performance.now() - received;
-  if (silent_ms > SILENT_MS / 2) send({ do: "ping", id: ++lastId });
-  if (silent_ms > SILENT_MS && socket && socket.readyState <= WebSocket.OPEN && !document.hidden) {
+  const now = performance.now();
+  if (now - received > SILENT_MS / 2) {
+    pinged ||= now;
+    send({ do: "ping", id: ++lastId });
+  }
+  const lost = pinged && now - pinged > SILENT_MS / 2;
+  if (lost && socket && socket.readyState <= WebSocket.OPEN && !document.hidden) {
     const silent = socket;
     socket = null;
     silent.close();

@@ -44,6 +44,15 @@ export function writeOrHide(element, text) {
   element.hidden = !text;
 }
 
+const postponed = new Map(); // timers, by element
+
+// Renders what can be clicked, but not while it is pressed: the click on a button that is replaced meanwhile is lost.
+export function renderReleased(element, render) {
+  clearTimeout(postponed.get(element));
+  if (element.matches(":active")) postponed.set(element, setTimeout(() => renderReleased(element, render), 50));
+  else render();
+}
+
 export function clock(seconds) {
   if (!Number.isFinite(seconds)) return "–";
   const whole = Math.max(0, Math.floor(seconds));

@@ -1,7 +1,7 @@
 // Play it yourself: roles, goals by click and by key, velocities by keys and by joystick.
 
 import { request, send } from "./connection.js";
-import { $, button, isShortcut, make, showMap, write, writeOrHide } from "./dom.js";
+import { $, button, isShortcut, make, renderReleased, showMap, write, writeOrHide } from "./dom.js";
 import * as map from "./map.js";
 import { notice } from "./notices.js";
 import { poseRobot } from "./pose.js";
@@ -41,6 +41,14 @@ function showRoles() {
   const players = state.people.roles ?? {};
   const mine = Object.keys(players).find((role) => players[role] && players[role] === me()) ?? "none";
   if (mine !== state.role) changeRole(mine);
+  renderReleased($("roles"), () => showPlayers(players, mine));
+  $("play-robot").hidden = mine !== "robot";
+  $("play-ghost").hidden = !mine.startsWith("ghost");
+  if (mine.startsWith("ghost")) write($("play-ghost-title"), `You are ${state.hello.roles[mine].name}`);
+  showMode();
+}
+
+function showPlayers(players, mine) {
   const ghosts = source() === "ros" ? [] : state.scene?.ghosts ?? []; // a robot's game has no players of ghosts
   const rows = state.hello ? [{ role: "robot", ...state.hello.roles.robot }, ...ghosts] : [];
   const active = document.activeElement?.dataset?.role;
@@ -58,10 +66,6 @@ function showRoles() {
   }));
   if (active) $("roles").querySelector(`[data-role="${active}"]`)?.focus();
   updateControls();
-  $("play-robot").hidden = mine !== "robot";
-  $("play-ghost").hidden = !mine.startsWith("ghost");
-  if (mine.startsWith("ghost")) write($("play-ghost-title"), `You are ${state.hello.roles[mine].name}`);
-  showMode();
 }
 
 function changeRole(role) {

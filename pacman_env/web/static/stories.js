@@ -2,7 +2,7 @@
 
 import { ask, fetchWithToken, request, token } from "./connection.js";
 import { showResult } from "./controls.js";
-import { $, button, clock, isShortcut, make, setIcon, write } from "./dom.js";
+import { $, button, clock, isShortcut, make, renderReleased, setIcon, write } from "./dom.js";
 import * as map from "./map.js";
 import { notice, question } from "./notices.js";
 import { compareWithPolicy } from "./roles.js";
@@ -44,7 +44,7 @@ on("news", async (items) => {
 
 function showList() {
   write($("stories-words"), source() === "ros" ? NOT_KEPT : entries.length ? "Newest first." : "No round has ended yet.");
-  $("stories").replaceChildren(...entries.map((entry) => {
+  renderReleased($("stories"), () => $("stories").replaceChildren(...entries.map((entry) => {
     const { story, second, parts, policies: [policy] = ["policy"] } = entry;
     const disagree = parts.length ? `policies disagree ${parts.length} ${parts.length === 1 ? "time" : "times"}` : "";
     const player = entry.player === "person" ? "played by a person" : policy;
@@ -54,7 +54,7 @@ function showList() {
         ` in ${clock(entry.time_s)}${second ? `, ${policy} ${second.collected} (${second.result})` : ""}`),
       button("Open", { "aria-label": `Open round ${story}`, onclick: () => open(story) }),
       make("span", { class: "quiet", text: details.filter(Boolean).join(" · ") }));
-  }));
+  })));
 }
 
 // The scene of a round: as it was sent, or the current one if it has the same map.

@@ -1,7 +1,7 @@
 // Why this goal: the terms of each candidate, for two policies side by side.
 
 import { request } from "./connection.js";
-import { $, facts, make, write } from "./dom.js";
+import { $, facts, make, renderReleased, write } from "./dom.js";
 import { emit, on, shownScene, state } from "./state.js";
 
 const MISSING = "–";
@@ -136,6 +136,6 @@ function showCandidate() {
   }
 }
 
-on("why tab", show);
+on("why tab", () => renderReleased($("why-table"), show));
 on("candidate", showCandidate);
 $("why-full").onchange = show;
