@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from pacman_env.engine import jit, kernel_cache
+from tests.waiting import PATIENCE_S
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Two kernels, one of which calls the other. Its process says when it compiles, and may be made to wait there.
@@ -79,7 +80,7 @@ def started(folder: Path, *kernels: str, cache: str | None = None) -> subprocess
 
 def ended(process: subprocess.Popen[str]) -> tuple[list[str], str]:
     """What it printed: how many kernels it compiled and their values, and what it said on stderr."""
-    out, err = process.communicate(timeout=120)
+    out, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, err
     return out.split(), err
 

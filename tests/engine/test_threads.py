@@ -20,6 +20,7 @@ from pacman_env.engine.arrays import Array, Table, arrays_by_address
 from pacman_env.engine.jit import kernel
 from pacman_env.engine.threads import Threads, cores
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
+from tests.waiting import PATIENCE_S
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -66,8 +67,8 @@ def ours() -> list[str]:
     return [thread.name for thread in threading.enumerate() if thread.name.startswith("pacman_env-")]
 
 
-def run_python(code: str, seconds: float = 120.0) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=seconds)
+def run_python(code: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
 
 
 @pytest.mark.parametrize("number", [1, 2, 7, 16])
@@ -126,7 +127,7 @@ def test_threads_that_fell_asleep_are_woken() -> None:
     threads = Threads(3)
     assert threads.run(count_up, [counted(1000)[1]] * 3, 1000) == 499500
     worked: set[int] = set()
-    end_s = time.monotonic() + 120.0
+    end_s = time.monotonic() + PATIENCE_S
     while worked != {0, 1, 2}:
         while not all(wake.empty() for wake in threads._wake[1:]):
             assert time.monotonic() < end_s, "they stay awake"
@@ -335,8 +336,8 @@ def test_a_spawned_process_plays_the_same() -> None:
     queue = context.Queue()
     child = context.Process(target=_play, args=(3, queue))
     child.start()
-    found = queue.get(timeout=120)
-    child.join(60)
+    found = queue.get(timeout=PATIENCE_S)
+    child.join(PATIENCE_S)
     assert child.exitcode == 0
     assert found == played(1)
 

@@ -26,10 +26,10 @@ from rclpy.signals import SignalHandlerOptions
 
 from pacman_env.ros.topics import RosAction, Service, Topic
 from tests.ros.fork_server import Forked
+from tests.waiting import PATIENCE_S
 
 ROOT = Path(__file__).resolve().parents[2]
 NAMESPACE = "/robot_15"
-PATIENCE_S = 120.0  # for anything that comes at all, however busy the machine
 T = TypeVar("T")
 
 

@@ -16,12 +16,12 @@ import pytest
 from pacman_env.web.rules import Rules
 from pacman_env.web.server import WebServer
 from pacman_env.web.simulated import SimulatedGame
+from tests.waiting import PATIENCE_S
 
 FLAGS = (
     *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
     *("--disable-background-networking", "--disable-component-update", "--autoplay-policy=no-user-gesture-required"),
 )
-PATIENCE_S = 300.0  # of a machine that is busy
 AXE = "axe-core@4"
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "chrome")
 

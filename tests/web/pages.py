@@ -12,8 +12,8 @@ from typing import Any
 from websockets.sync.client import ClientConnection, connect
 
 from pacman_env.web.server import WebServer
+from tests.waiting import PATIENCE_S
 
-PATIENCE_S = 60.0
 FILES = {"index.html": b"<!doctype html>", "page.js": b"export {}", "page.css": b"a{}", "light.svg": b"<svg/>"}
 
 
@@ -28,14 +28,6 @@ def viewer_url(server: WebServer) -> str:
     """The page for one that only looks."""
     assert server.tokens is not None
     return server.url.replace(server.tokens.operator, server.tokens.viewer)
-
-
-def eventually(condition: Callable[[], Any], seconds: float = PATIENCE_S) -> None:
-    """Wait until it is so."""
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 class Page:

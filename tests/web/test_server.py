@@ -25,8 +25,9 @@ from pacman_env.web.game import Refused
 from pacman_env.web.messages import Message
 from pacman_env.web.routes import MOST_UPLOAD, map_name
 from pacman_env.web.server import WebServer
+from tests.waiting import PATIENCE_S, wait_for
 from tests.web.frames import decode
-from tests.web.pages import FILES, Page, at, eventually, viewer_url
+from tests.web.pages import FILES, Page, at, viewer_url
 from tests.web.scripted_game import PICTURE, ScriptedGame
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -39,7 +40,7 @@ def blocking() -> tuple[ScriptedGame, threading.Event, threading.Event]:
     def handle(person: str, message: Message) -> Any:
         if isinstance(message, messages.Start):
             begun.set()
-            assert go_on.wait(20.0)
+            assert go_on.wait(PATIENCE_S)
         return {"did": type(message).__name__}
 
     return ScriptedGame(handle), begun, go_on
@@ -188,7 +189,7 @@ def test_an_error_in_the_game_is_one_line_of_the_log_and_the_server_goes_on(
         for _ in range(3):
             assert page.ask("start")["words"] == "internal error"
             assert page.ask("stop")["words"] == "internal error"
-        eventually(lambda: any("frame is broken" in line for line in lines))
+        wait_for(lambda: any("frame is broken" in line for line in lines))
         assert not upload(web, at(page_url(page)), yaml="x").json()["ok"]
         game.fails = set()
         assert page.ask("start")["ok"]
@@ -227,7 +228,7 @@ def test_messages_of_one_person_are_carried_out_in_order_and_wait_for_no_other(s
     server = serve(game)
     with Page(server) as one, Page(server) as other:
         last = [one.send("start"), *(one.send("clyde_speed", mps=k / 10) for k in range(1, 20))][-1]
-        assert begun.wait(10.0)
+        assert begun.wait(PATIENCE_S)
         assert other.ask("stories")["data"] == {"did": "Stories"}
         assert [type(message) for _, message in game.handled] == [messages.Start, messages.Stories]
         go_on.set()
@@ -240,11 +241,11 @@ def test_stop_goes_before_all_other_messages(serve: Callable[..., WebServer]) ->
     game, begun, go_on = blocking()
     with Page(serve(game)) as page:
         page.send("start")
-        assert begun.wait(10.0)
+        assert begun.wait(PATIENCE_S)
         for _ in range(200):  # more than may wait, and more than the rate
             page.send("clyde_speed", mps=1.0)
         page.send("stop")
-        eventually(lambda: game.stopped_at)
+        wait_for(lambda: game.stopped_at)
         assert [type(message) for _, message in game.handled] == [messages.Start]  # the others still wait
         go_on.set()
 
@@ -253,7 +254,7 @@ def test_a_release_does_not_undo_a_stop_that_came_after_it(serve: Callable[..., 
     game, begun, go_on = blocking()
     with Page(serve(game)) as page:
         page.send("start")
-        assert begun.wait(10.0)
+        assert begun.wait(PATIENCE_S)
         release = page.send("release")
         stop = page.send("stop")
         page.wait("answer", lambda text: text["id"] == stop)
@@ -273,7 +274,7 @@ def test_each_stop_is_answered_and_a_thousand_are_not_a_thousand_threads_work(
         def stop(self, person: str) -> None:
             super().stop(person)
             if person == "guest-1":
-                assert go_on.wait(20.0)
+                assert go_on.wait(PATIENCE_S)
 
     game = Slow()
     server = serve(game)
@@ -295,7 +296,7 @@ def test_more_than_may_wait_is_refused(serve: Callable[..., WebServer]) -> None:
     game, begun, go_on = blocking()
     with Page(serve(game, messages_per_s=1e6)) as page:
         page.send("start")
-        assert begun.wait(10.0)
+        assert begun.wait(PATIENCE_S)
         for _ in range(viewers.MOST_TEXTS):
             page.send("reset")
         assert "too much at once" in page.wait("answer")["words"]
@@ -347,7 +348,7 @@ def test_control_is_free_some_time_after_the_page_went_away(
             one.ask("control", what="take")
             one.ask("role", role="robot")
             other.people(operator=one.name)
-        eventually(lambda: ("leave", one.name) in game.calls)  # what it drives stands at once, long before
+        wait_for(lambda: ("leave", one.name) in game.calls)  # what it drives stands at once, long before
         assert not other.ask("start")["ok"]
         monkeypatch.setattr(control, "KEPT_S", 0.0)
         other.people(operator=None)
@@ -361,13 +362,13 @@ def test_a_page_that_comes_back_has_its_name_control_and_role_again(serve: Calla
     with Page(server) as one:
         one.ask("control", what="take")
         one.ask("role", role="ghost-1")
-    eventually(lambda: ("leave", one.name) in game.calls)
+    wait_for(lambda: ("leave", one.name) in game.calls)
     with Page(server, again=one.hello["again"]) as back, Page(server, again=one.hello["again"]) as thief:
         assert back.name == one.name
         assert thief.name != one.name  # a key is good once
         roles = thief.people(operator=one.name)["roles"]
         assert roles["ghost-1"] == one.name
-        eventually(lambda: game.handled.count((one.name, messages.Role(role="ghost-1"))) == 1)
+        wait_for(lambda: game.handled.count((one.name, messages.Role(role="ghost-1"))) == 1)
         assert back.ask("start")["ok"]
 
 
@@ -438,7 +439,7 @@ def test_the_end_is_announced_to_all_and_waits_for_no_connection(serve: Callable
             page.listen(page.patience_s)
         assert closed.value.rcvd is not None
         assert closed.value.rcvd.code == 1001
-        eventually(lambda: server._thread is None)
+        wait_for(lambda: server._thread is None)
         assert idle.recv(100) == b""
 
 
@@ -495,11 +496,11 @@ def test_a_signal_ends_it_whatever_is_going_on(number: signal.Signals) -> None:
         options = {"compression": None, "max_queue": 1, "close_timeout": 0.1}
         with connect(at(url, "ws"), **options) as busy, connect(at(url, "ws"), **options):
             busy.send('{"do":"start","id":1}')
-            while 'operator":"guest' not in str(busy.recv(timeout=10)):
+            while 'operator":"guest' not in str(busy.recv(timeout=PATIENCE_S)):
                 pass
             process.send_signal(number)
             assert process.stdout.read() == "ended\n"
-            assert process.wait(60) == 0
+            assert process.wait(PATIENCE_S) == 0
 
 
 ANOTHER_THREAD = SERVES.replace(
@@ -515,7 +516,5 @@ serve(game, port=0, opened=lambda url: threading.Thread(target=interrupt, args=[
 
 def test_a_signal_that_another_thread_receives_ends_it_too() -> None:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        [sys.executable, "-c", ANOTHER_THREAD], capture_output=True, text=True, env=environment, timeout=60
-    )
+    done = subprocess.run([sys.executable, "-c", ANOTHER_THREAD], capture_output=True, text=True, env=environment)
     assert (done.returncode, done.stdout.splitlines()[1:]) == (0, ["ended"]), done.stderr

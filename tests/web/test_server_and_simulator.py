@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Iterator
 
 import httpx
@@ -14,18 +13,15 @@ from pacman_env.web.match import Match
 from pacman_env.web.played_round import PlayedRound
 from pacman_env.web.server import WebServer
 from pacman_env.web.simulated import SimulatedGame
+from tests.waiting import PATIENCE_S, wait_for
 from tests.web.frames import decode, decode_all
 from tests.web.pages import Page, at
-
-COMPILED_S = 300.0  # time enough for kernels that have to be compiled
 
 
 @pytest.fixture
 def game() -> Iterator[SimulatedGame]:
     game = SimulatedGame(seed=1)
-    end = time.monotonic() + COMPILED_S
-    while game.frame() is None and time.monotonic() < end:
-        time.sleep(0.05)
+    wait_for(lambda: game.frame() is not None)
     yield game
     game.close()
 
@@ -42,7 +38,6 @@ def test_a_round_is_set_up_begun_seen_and_stopped(
 ) -> None:
     server = serve(game)
     with Page(server) as page:
-        page.patience_s = COMPILED_S
         assert page.ask("setup", map="loop", seed=5, policy="nearest")["ok"]
         assert page.ask("start")["ok"]
         begun = shown(page, lambda frame: frame.state != "menu")
@@ -63,17 +58,16 @@ def test_a_round_that_is_finished_at_once_keeps_no_other_page_waiting(
 
     def slow(self: Match, played: PlayedRound) -> None:
         begun.set()
-        assert go_on.wait(COMPILED_S)
+        assert go_on.wait(PATIENCE_S)
         record(self, played)
 
     monkeypatch.setattr(Match, "_record", slow)
     server = serve(game)
     with Page(server) as one, Page(server) as other:
         finished = one.send("setup", map="house", seed=3, finish=True)
-        assert begun.wait(COMPILED_S)
+        assert begun.wait(PATIENCE_S)
         assert other.ask("ping")["ok"]
         go_on.set()
-        one.patience_s = COMPILED_S
         story = one.wait("answer", lambda text: text["id"] == finished)["data"]["story"]
         frames = web.get(at(server.url, f"story/{story}.json")).content
         assert decode_all(frames)[0].time_s == 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -16,26 +16,18 @@ from pacman_env.web.game import Refused
 from pacman_env.web.rules import Choices, Rules
 from pacman_env.web.simulated import SimulatedGame
 from pacman_env.web.vocabulary import vocabulary
+from tests.waiting import PATIENCE_S, wait_for
 from tests.web.frames import decode_all
 
-PATIENCE_S = 240.0  # rules may have to be compiled
 QUICK = Rules(policy="clyde_aware", second="nearest", settings={"time_limit_s": 20.0})
 
 
 @pytest.fixture
 def game() -> Iterator[SimulatedGame]:
     game = SimulatedGame(QUICK, seed=3, speed=50)
-    wait(lambda: game.frame() is not None)
+    wait_for(lambda: game.frame() is not None)
     yield game
     game.close()
-
-
-def wait(condition: Callable[[], Any]) -> Any:
-    end = time.monotonic() + PATIENCE_S
-    while not (value := condition()):
-        assert time.monotonic() < end
-        time.sleep(0.01)
-    return value
 
 
 def frame(game: SimulatedGame) -> Frame:
@@ -50,8 +42,8 @@ def played(game: SimulatedGame, **setup: Any) -> dict[str, Any]:
         game.handle("Ann", m.Setup(**setup))
     before = len(game.handle("Ann", m.Stories()))
     game.handle("Ann", m.Start())
-    wait(lambda: len(game.handle("Ann", m.Stories())) > before)
-    wait(lambda: frame(game).state == "menu")
+    wait_for(lambda: len(game.handle("Ann", m.Stories())) > before)
+    wait_for(lambda: frame(game).state == "menu")
     return game.handle("Ann", m.Stories())[0]
 
 
@@ -104,7 +96,7 @@ def test_a_story_is_a_list_of_frames(game: SimulatedGame) -> None:
 def test_stop_holds_at_once_until_the_release(game: SimulatedGame) -> None:
     game.handle("Ann", m.Speed(times=2))  # a round that lasts long enough to be seen
     game.handle("Ann", m.Start())
-    wait(lambda: frame(game).state == "running" and frame(game).time_s > 1)
+    wait_for(lambda: frame(game).state == "running" and frame(game).time_s > 1)
     game.stop("Eve")
     stood = frame(game)  # the first one
     assert stood.stopped
@@ -112,7 +104,7 @@ def test_stop_holds_at_once_until_the_release(game: SimulatedGame) -> None:
     time.sleep(0.3)
     assert (frame(game).true, frame(game).time_s) == (stood.true, stood.time_s)
     game.release("Ann")
-    wait(lambda: frame(game).time_s > stood.time_s + 1)
+    wait_for(lambda: frame(game).time_s > stood.time_s + 1)
 
 
 def test_stop_does_not_wait_for_what_takes_long(game: SimulatedGame, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -136,7 +128,7 @@ def test_stop_does_not_wait_for_what_takes_long(game: SimulatedGame, monkeypatch
 def test_pause_and_speed_hold_and_hasten_the_simulated_time(game: SimulatedGame) -> None:
     game.handle("Ann", m.Speed(times=2))  # a round that lasts long enough to be seen
     game.handle("Ann", m.Start())
-    wait(lambda: frame(game).state == "running")
+    wait_for(lambda: frame(game).state == "running")
     game.handle("Ann", m.Pause(on=True))
     held = frame(game)
     time.sleep(0.2)
@@ -145,13 +137,13 @@ def test_pause_and_speed_hold_and_hasten_the_simulated_time(game: SimulatedGame)
     game.handle("Ann", m.Speed(times=3))
     assert frame(game).speed == 3
     game.handle("Ann", m.Pause(on=False))
-    wait(lambda: frame(game).time_s > held.time_s or frame(game).state != "running")
+    wait_for(lambda: frame(game).time_s > held.time_s or frame(game).state != "running")
 
 
 def test_time_never_goes_back_within_a_round_and_frames_are_numbered_by_what_they_show(game: SimulatedGame) -> None:
     game.handle("Ann", m.Speed(times=2))  # a round that lasts long enough to be seen
     game.handle("Ann", m.Start())
-    wait(lambda: frame(game).state == "running")
+    wait_for(lambda: frame(game).state == "running")
     before = frame(game)
     game.handle("Ann", m.Speed(times=10))
     while (now := frame(game)).state == "running":
@@ -170,7 +162,7 @@ def test_clyde_is_placed_in_the_menu_alone(game: SimulatedGame) -> None:
         game.handle("Ann", m.PlaceClyde(x=0.0, y=0.0, ghost=2))
     game.handle("Ann", m.Speed(times=2))  # a round that lasts long enough to be seen
     game.handle("Ann", m.Start())
-    wait(lambda: frame(game).state == "running")
+    wait_for(lambda: frame(game).state == "running")
     with pytest.raises(Refused, match="in the menu"):
         game.handle("Ann", m.PlaceClyde(x=0.0, y=0.0))
 
@@ -214,11 +206,11 @@ def test_a_person_plays_a_round_beside_the_policy_and_both_results_are_shown(gam
     game.handle("Ann", m.Role(role="robot"))
     game.handle("Ann", m.Speed(times=2))  # a round that lasts long enough to be seen
     game.handle("Ann", m.Start())
-    wait(lambda: frame(game).state == "running")
+    wait_for(lambda: frame(game).state == "running")
     assert frame(game).baseline is not None
     game.handle("Ann", m.Goal(candidate=2))
     game.handle("Ann", m.Speed(times=50))
-    wait(lambda: frame(game).state == "menu")
+    wait_for(lambda: frame(game).state == "menu")
     story = game.handle("Ann", m.Stories())[0]
     assert story["player"] == "person"
     assert story["link"] == ""
@@ -234,7 +226,7 @@ def test_a_robot_driven_by_hand_stands_without_further_messages(game: SimulatedG
     game.handle("Ann", m.Speed(times=2))
     game.handle("Ann", m.Role(role="robot"))
     game.handle("Ann", m.Start())
-    wait(lambda: frame(game).state == "running")
+    wait_for(lambda: frame(game).state == "running")
     home = frame(game).true
     assert home is not None
 
@@ -243,8 +235,8 @@ def test_a_robot_driven_by_hand_stands_without_further_messages(game: SimulatedG
         now = frame(game)
         return (now.true is not None and abs(now.true[2] - home[2]) > 0.5) or now.state != "running"
 
-    wait(turned)
-    wait(lambda: frame(game).velocity == (0.0, 0.0))
+    wait_for(turned)
+    wait_for(lambda: frame(game).velocity == (0.0, 0.0))
 
 
 def test_every_event_is_shown_by_the_ring_and_sounds_by_their_notes(game: SimulatedGame) -> None:
@@ -269,7 +261,7 @@ def test_motions_turn_the_robot_only_when_armed(game: SimulatedGame) -> None:
     assert frame(game).true == home
     game.handle("Ann", m.Arm(on=True))
     game.handle("Ann", m.Event(word="start theatrical"))
-    wait(lambda: (now := frame(game).true) is not None and abs(now[2] - home[2]) > 0.1)
+    wait_for(lambda: (now := frame(game).true) is not None and abs(now[2] - home[2]) > 0.1)
 
 
 def test_lidar_and_terms_are_there_while_they_are_watched(game: SimulatedGame) -> None:
@@ -279,7 +271,7 @@ def test_lidar_and_terms_are_there_while_they_are_watched(game: SimulatedGame) -
     assert len(scan) == 180
     assert np.nanmin(scan) > 0.1
     game.handle("Ann", m.Start())
-    wait(lambda: any("why" in one for one in game.news(0)))
+    wait_for(lambda: any("why" in one for one in game.news(0)))
     game.watch(why=False, lidar=False)
     assert len(frame(game).scan) == 0
 

@@ -8,8 +8,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,12 +19,12 @@ pytest.importorskip("irobot_create_msgs")
 from pacman_env.ros import topics
 from pacman_env.ros.supervisor.game_nodes import LOCK_STEP, NAMESPACE, REFEREE, GameSetup, from_json
 from pacman_env.ros.supervisor.processes import Lost, ProcessGroup
+from tests.waiting import PATIENCE_S, wait_for
 
 if TYPE_CHECKING:
     from tests.ros.system import Probe, System
 
 ROOT = Path(__file__).resolve().parents[3]
-PATIENCE_S = 240.0
 
 
 def setup(folder: Path, **fields: object) -> GameSetup:
@@ -110,10 +108,3 @@ def test_a_process_that_is_final_is_not_started_again(tmp_path: Path) -> None:
     with pytest.raises(Lost, match="silent ended with status 70: goal_selector has not answered"):
         wait_for(group.tend, "the end")
     group.stop()
-
-
-def wait_for(condition: Callable[[], object], what: str) -> None:
-    end = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < end, f"waited in vain for {what}"
-        time.sleep(0.05)

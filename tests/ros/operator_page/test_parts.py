@@ -25,6 +25,7 @@ from pacman_env.ros.operator_stop import OperatorStop
 from pacman_env.web.control import DEAD_MAN_S
 from pacman_env.web.game import MOST_NEWS, News
 from pacman_env.world.maps.occupancy import load_map
+from tests.waiting import wait_for
 
 
 class Air:
@@ -126,13 +127,6 @@ def wheels() -> Iterator[tuple[Wheels, list[tuple[float, float]]]]:
     wheels = Wheels(lambda v, omega: said.append((v, omega)))
     yield wheels, said
     wheels.close()
-
-
-def wait_for(condition: Callable[[], object]) -> None:
-    end = time.monotonic() + 60.0
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 def test_a_drive_ends_half_a_second_after_the_last_word(wheels: tuple[Wheels, list[tuple[float, float]]]) -> None:

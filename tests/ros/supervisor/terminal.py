@@ -13,8 +13,9 @@ import threading
 import time
 from collections.abc import Callable
 
+from tests.waiting import PATIENCE_S
+
 COLUMNS = 80
-PATIENCE_S = 300.0  # the first nodes may have to compile
 
 
 class Terminal:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 from pathlib import Path
 from subprocess import Popen
 from typing import Any
@@ -17,16 +16,7 @@ from pacman_env.ros.supervisor import preparation as preparation_module
 from pacman_env.ros.supervisor.game_nodes import COMPOSED, GAME, LOCK_STEP, REFEREE, SELECTOR, GameSetup
 from pacman_env.ros.supervisor.preparation import GHOSTS, Preparation
 from pacman_env.ros.supervisor.processes import ProcessGroup
-
-PATIENCE_S = 400.0  # it may have to compile
-
-
-def until_free(preparation: Preparation, name: str) -> None:
-    end_s = time.monotonic() + PATIENCE_S
-    while preparation.holds(name):
-        assert time.monotonic() < end_s, f"{name} waits"
-        time.sleep(0.05)
-
+from tests.waiting import wait_for
 
 #: Becomes the command that follows, as soon as a file is there.
 WAITS = """
@@ -54,7 +44,7 @@ def test_nodes_that_need_nothing_of_it_do_not_wait_and_the_others_until_it_is_do
         assert [name for name in GAME if preparation.holds(name) and name != GHOSTS] == []
         go_on.touch()
         preparation.check()
-        until_free(preparation, LOCK_STEP)
+        wait_for(lambda: not preparation.holds(LOCK_STEP), LOCK_STEP)
         assert [name for name in (*GAME, COMPOSED, SELECTOR) if preparation.holds(name)] == []
         assert preparation.words == ""
     finally:

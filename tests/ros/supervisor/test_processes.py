@@ -6,14 +6,14 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from pacman_env.ros.supervisor import processes as module
 from pacman_env.ros.supervisor.processes import Lost, ProcessGroup
+from tests.waiting import PATIENCE_S, wait_for
 
 ROOT = Path(__file__).resolve().parents[3]
 GOOD = """
@@ -70,13 +70,6 @@ def group(folder: Path, said: list[str]) -> Iterator[ProcessGroup]:
     group.stop()
 
 
-def wait_for(condition: Callable[[], object], what: str) -> None:
-    end = time.monotonic() + 120.0
-    while not condition():
-        assert time.monotonic() < end, f"waited in vain: {what}"
-        time.sleep(0.02)
-
-
 def ready(group: ProcessGroup, *names: str) -> None:
     for name in names:
         wait_for(lambda name=name: group.last_words(name).startswith("ready"), f"{name} ready")
@@ -121,13 +114,14 @@ def test_a_node_that_keeps_dying_is_given_up_with_its_last_words(
     group: ProcessGroup, said: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "SLOW_START_S", 0.0)
+    monkeypatch.setattr(module, "SOON_S", PATIENCE_S)
     group.start("dies")
 
     def tend_for_ever() -> None:
         wait_for(lambda: group.tend() and False, "it is given up")
 
     with pytest.raises(
-        Lost, match="dies died 5 times within 60 s, at last it ended with status 1: RuntimeError: out of luck"
+        Lost, match="dies died 5 times within 300 s, at last it ended with status 1: RuntimeError: out of luck"
     ):
         tend_for_ever()
     assert len(said) == 4

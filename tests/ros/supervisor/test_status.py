@@ -21,8 +21,7 @@ from pacman_env.ros.supervisor.status_line import StatusLine
 from tests.ros import session
 from tests.ros.supervisor.test_operating import ask_plainly
 from tests.ros.system import ROOT, Probe
-
-PATIENCE_S = 60.0
+from tests.waiting import PATIENCE_S
 
 
 @pytest.fixture

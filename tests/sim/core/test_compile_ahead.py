@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -14,6 +13,7 @@ import pytest
 from pacman_env.engine.native import RANGE
 from pacman_env.sim.core import compile_ahead
 from pacman_env.sim.core.ticks import play
+from tests.waiting import PATIENCE_S, wait_for
 
 ROOT = Path(__file__).resolve().parents[3]
 BEGIN = """
@@ -48,22 +48,15 @@ def lives(pid: int) -> bool:
         return False
 
 
-def wait_until_gone(pid: int) -> None:
-    until = time.monotonic() + 60.0
-    while lives(pid):
-        assert time.monotonic() < until, "it goes on"
-        time.sleep(0.05)
-
-
 @pytest.mark.skipif(compile_ahead.cores() < 2, reason="one core")
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="no /proc")
 def test_it_ends_with_the_process_that_began_it_without_a_word(parent: subprocess.Popen[str]) -> None:
     other = pid_of_other(parent)
     assert lives(other)
-    _, said = parent.communicate("\n", timeout=60)
+    _, said = parent.communicate("\n", timeout=PATIENCE_S)
     assert parent.returncode == 0
     assert said == ""
-    wait_until_gone(other)
+    wait_for(lambda: not lives(other), "its end")
 
 
 @pytest.mark.skipif(compile_ahead.cores() < 2, reason="one core")
@@ -71,8 +64,8 @@ def test_it_ends_with_the_process_that_began_it_without_a_word(parent: subproces
 def test_it_ends_when_the_process_that_began_it_is_killed(parent: subprocess.Popen[str]) -> None:
     other = pid_of_other(parent)
     parent.send_signal(signal.SIGKILL)
-    parent.communicate(timeout=60)
-    wait_until_gone(other)
+    parent.communicate(timeout=PATIENCE_S)
+    wait_for(lambda: not lives(other), "its end")
 
 
 def test_on_one_core_nothing_is_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

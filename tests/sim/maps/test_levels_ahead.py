@@ -10,7 +10,6 @@ import pickle
 import subprocess
 import sys
 import threading
-import time
 import weakref
 from collections.abc import Callable
 from pathlib import Path
@@ -23,6 +22,7 @@ from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.sim.maps.level_source import GeneratedMaps, prepare_level
 from pacman_env.sim.maps.levels_ahead import LevelsAhead
 from pacman_env.world.maps.occupancy import MapError
+from tests.waiting import PATIENCE_S, wait_for
 
 CONFIG = make_config()
 
@@ -38,7 +38,7 @@ class Source(GeneratedMaps):
     def prepare(self, level: int) -> MapAssets:
         self.prepared.append((level, threading.get_ident()))
         self.begun.release()
-        assert self.go.wait(20)
+        assert self.go.wait(PATIENCE_S)
         if level >= 900:
             raise MapError(f"level {level}")
         return Prepared(level)  # type: ignore[return-value]
@@ -47,13 +47,6 @@ class Source(GeneratedMaps):
 @dataclasses.dataclass(frozen=True)
 class Prepared:
     level: int
-
-
-def soon(true: Callable[[], bool]) -> bool:
-    end = time.monotonic() + 20
-    while not true() and time.monotonic() < end:
-        time.sleep(0.005)
-    return true()
 
 
 def workers() -> list[threading.Thread]:
@@ -82,7 +75,7 @@ def test_levels_are_prepared_once_in_the_order_they_were_asked_for() -> None:
     ahead = LevelsAhead(source)
     ahead.ask([5, 3, 5, 9])
     ahead.ask([3, 1])
-    assert soon(lambda: len(source.prepared) == 4)
+    wait_for(lambda: len(source.prepared) == 4)
     assert [level for level, _ in source.prepared] == [5, 3, 9, 1]
     assert [ahead.take(level) for level in (9, 1, 5, 3)] == [Prepared(level) for level in (9, 1, 5, 3)]
     assert len(source.prepared) == 4
@@ -100,7 +93,7 @@ def test_a_level_that_no_thread_has_begun_with_is_prepared_by_who_takes_it() -> 
     source = Asked()
     ahead = LevelsAhead(source)
     ahead.ask([1, 2])
-    assert source.begun.acquire(timeout=20)  # level 1
+    assert source.begun.acquire(timeout=PATIENCE_S)  # level 1
     assert ahead.take(2) == Prepared(2)
     assert ahead.take(3) == Prepared(3)
     assert ahead.take(1) == Prepared(1)
@@ -114,7 +107,7 @@ def test_a_level_taken_is_no_longer_kept() -> None:
     ahead = LevelsAhead(source)
     ahead.ask([1])
     level = weakref.ref(ahead.take(1))
-    assert soon(lambda: level() is None)
+    wait_for(lambda: level() is None)
     ahead.take(1)
     assert [level for level, _ in source.prepared] == [1, 1]
     ahead.close()
@@ -125,11 +118,11 @@ def test_no_more_levels_are_kept_than_allowed_and_the_oldest_are_forgotten() -> 
     source.go.set()
     ahead = LevelsAhead(source, most=3)
     ahead.ask([1, 2, 3])
-    assert soon(lambda: len(source.prepared) == 3)
+    wait_for(lambda: len(source.prepared) == 3)
     ahead.ask([1, 4])  # 2 is the oldest that is not asked for again
     ahead.ask(range(10, 20))
     assert list(ahead._asked) == [10, 11, 12]
-    assert soon(lambda: len(source.prepared) >= 6)
+    wait_for(lambda: len(source.prepared) >= 6)
     before = len(source.prepared)
     assert [ahead.take(level) for level in (10, 11, 12)] == [Prepared(level) for level in (10, 11, 12)]
     assert len(source.prepared) == before
@@ -164,11 +157,11 @@ def test_closing_ends_the_threads_and_levels_can_be_taken_afterwards() -> None:
     ahead.ask(range(8))
     assert len(workers()) == before + 2
     for _ in range(2):
-        assert source.begun.acquire(timeout=20)
+        assert source.begun.acquire(timeout=PATIENCE_S)
     of_threads = ahead._workers
 
     def let_go() -> None:
-        assert soon(lambda: of_threads._stopped)
+        wait_for(lambda: of_threads._stopped)
         source.go.set()
 
     threading.Thread(target=let_go).start()
@@ -191,7 +184,7 @@ def test_dropping_it_ends_the_threads() -> None:
     gone = weakref.ref(ahead)
     del ahead
     assert gone() is None  # no reference of a thread's, no cycle
-    assert soon(lambda: len(workers()) == before)
+    wait_for(lambda: len(workers()) == before)
 
 
 def test_dropping_it_in_a_cycle_ends_the_threads() -> None:
@@ -203,7 +196,7 @@ def test_dropping_it_in_a_cycle_ends_the_threads() -> None:
     ahead.itself = ahead  # type: ignore[attr-defined]
     del ahead
     gc.collect()
-    assert soon(lambda: len(workers()) == before)
+    wait_for(lambda: len(workers()) == before)
 
 
 @pytest.mark.parametrize("again", [copy.deepcopy, lambda ahead: pickle.loads(pickle.dumps(ahead))])
@@ -234,7 +227,7 @@ ahead = LevelsAhead(GeneratedMaps(make_config(), 0, 1000), 2)
 """
     # From Python 3.12 on, fork warns of what is tested here.
     command = [sys.executable, "-W", "ignore:This process:DeprecationWarning", "-c", head + script]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, env=os.environ, check=False)
+    return subprocess.run(command, capture_output=True, text=True, env=os.environ, check=False)
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
