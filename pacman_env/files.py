@@ -1,8 +1,9 @@
-"""Folders of data that are shipped, the commit of the sources, and result files that are whole or absent."""
+"""Shipped data, how to install extras, the commit of the sources, and result files that are whole or absent."""
 
 import contextlib
 import json
 import os
+import shlex
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -15,6 +16,14 @@ def shipped(in_package: str, in_checkout: str) -> Path:
     package = Path(__file__).parent
     installed = package / in_package
     return installed if installed.is_dir() else package.parent / in_checkout
+
+
+def install_command(extra: str) -> str:
+    """Return the command that installs what ``extra`` adds: from the checkout if the package lies in one."""
+    checkout = Path(__file__).resolve().parents[1]
+    if (checkout / "pyproject.toml").is_file():
+        return f"cd {shlex.quote(str(checkout))} && pip install -e '.[{extra}]'"
+    return f"pip install 'pacman_env[{extra}]'"  # pip completes what is installed under this name
 
 
 def commit() -> str:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from pacman_env import __version__
 from pacman_env.cli.main import MODULES, main
 from tools.clients import examples
 
@@ -166,6 +167,19 @@ def test_scripts_that_the_pages_name_can_be_run() -> None:
     assert {"compare", "test", "gallery", "reference"} <= named
     for name in named:
         assert os.access(ROOT / "scripts" / name, os.X_OK), name
+
+
+def test_no_line_of_a_page_is_a_comment_in_myst() -> None:
+    for page in PAGES:
+        text = re.sub(r"^( *)```.*?^\1```", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
+        assert not re.findall(r"^ *(?:%|\+\+\+).*", text, re.MULTILINE), page.name
+
+
+def test_no_page_or_source_names_a_later_version() -> None:
+    current = [int(part) for part in __version__.split(".")]
+    for path in (*TODAYS_PAGES, *(ROOT / "docs").rglob("*.ipynb"), *(ROOT / "pacman_env").rglob("*.py")):
+        for named in re.findall(r"\b(?:since|before|until|version) (\d+\.\d+(?:\.\d+)?)\b", path.read_text(), re.I):
+            assert [int(part) for part in named.split(".")] <= current, f"{path.name}: {named}"
 
 
 def test_no_page_has_a_gap_to_be_filled_in() -> None:

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from pacman_env.files import commit, new_folder, prepare, reason, replaced
+from pacman_env import files
+from pacman_env.files import commit, install_command, new_folder, prepare, reason, replaced
 
 
 def test_the_commit_is_that_of_the_sources_wherever_it_is_asked_for(
@@ -19,6 +20,15 @@ def test_the_commit_is_that_of_the_sources_wherever_it_is_asked_for(
     monkeypatch.chdir(tmp_path)
     assert commit() == here
     assert here == "unknown" or len(here.rstrip("+")) == 40
+
+
+def test_extras_are_installed_from_the_checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    top = tmp_path / "my clone"
+    monkeypatch.setattr(files, "__file__", str(top / "pacman_env" / "files.py"))
+    assert install_command("web") == "pip install 'pacman_env[web]'"
+    top.mkdir()
+    (top / "pyproject.toml").touch()
+    assert install_command("web") == f"cd '{top}' && pip install -e '.[web]'"
 
 
 def test_folders_are_created(tmp_path: Path) -> None:

@@ -45,7 +45,7 @@ EVENTS = {
     "pellet": "each pellet collected",
     "death": "the robot is caught",
     "completion": "the round is complete",
-    "tick": "each decision",
+    "tick": "each tick of `execution.tick_s`",
     "timeout": "the time limit is reached",
 }
 

@@ -15,7 +15,7 @@ from typing import Any, NoReturn, TypeVar
 
 from pacman_env.cli.examples import PROG, examples_of, render
 from pacman_env.engine.interrupts import uninterrupted
-from pacman_env.files import reason
+from pacman_env.files import install_command, reason
 
 T = TypeVar("T", int, float)
 EXTRAS = "docs/machines.md"  # which extra has what
@@ -83,7 +83,7 @@ def guarded(prog: str, work: Callable[[], int | None], extra: str = "eval") -> i
     except ModuleNotFoundError as error:
         module = (error.name or "").partition(".")[0]
         extra = "ros" if module.endswith(_INTERFACES) else EXTRA_OF.get(module, extra)
-        message = f"needs {error.name}: pip install 'pacman_env[{extra}]' (see {EXTRAS})"
+        message = f"needs {error.name}: {install_command(extra)} (see {EXTRAS})"
     except (ValueError, OSError, FloatingPointError) as error:  # MapError and ConfigError are ValueErrors
         message = " ".join((reason(error) if isinstance(error, OSError) else str(error)).split())
         if page := getattr(error, "page", None):

@@ -4,6 +4,8 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
+from pacman_env.files import install_command
+
 SHELLS = ("bash", "zsh", "fish")
 
 
@@ -12,7 +14,7 @@ def completion(parser: argparse.ArgumentParser, shell: str) -> str:
     try:
         import shtab
     except ModuleNotFoundError as error:
-        raise OSError("needs shtab: pip install 'pacman_env[completion]'") from error
+        raise OSError(f"needs shtab: {install_command('completion')}") from error
     for action in _actions(parser):
         if action.type is Path or "FILE" in str(action.metavar):
             action.complete = shtab.FILE  # type: ignore[attr-defined]

@@ -2,6 +2,8 @@
 
 import textwrap
 
+from pacman_env.files import install_command
+
 PROG = "pacman-env"
 _ROOM = 50  # characters
 Example = tuple[str, str]  # what follows ``pacman-env``, and what it does or gives
@@ -114,7 +116,7 @@ def first_steps(version: str) -> str:
 
         {examples}
 
-        In brackets is the extra that a command needs: pip install 'pacman_env[eval]'.
+        In brackets is the extra that a command needs: {install}.
         All commands: pacman-env --help; the arguments and examples of one: pacman-env COMMAND --help.""").format(
-        version=version, examples=render(shown)
+        version=version, examples=render(shown), install=install_command("eval")
     )

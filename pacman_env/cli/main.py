@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from pacman_env import __version__
-from pacman_env.cli.command import ERROR_STATUS, EXTRAS, Parser, finite_number, guarded, whole_number
+from pacman_env.cli.command import ERROR_STATUS, Parser, finite_number, guarded, whole_number
 from pacman_env.cli.completion import SHELLS, completion
 from pacman_env.cli.examples import first_steps
 from pacman_env.cli.ros_group import add_ros_group, what_ros_needs
@@ -221,10 +221,8 @@ def _add_web(commands: Any) -> None:
 
 
 def _web(arguments: argparse.Namespace) -> int:
-    try:
-        from pacman_env.web.server import Limits, serve
-    except ModuleNotFoundError as error:
-        raise OSError(f"needs {error.name}: pip install 'pacman_env[web]' (see {EXTRAS})") from error
+    from pacman_env.web.server import Limits, serve
+
     game = _robots_game(arguments) if arguments.ros else _simulated_game(arguments)
     opened = None
     if arguments.open:

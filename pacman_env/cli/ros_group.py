@@ -13,6 +13,7 @@ from typing import Any
 
 from pacman_env.cli.command import finite_number, whole_number
 from pacman_env.engine.interrupts import uninterrupted
+from pacman_env.files import install_command
 
 WAIT_S = 10.0
 FAST_DDS = "rmw_fastrtps_cpp"  # the middleware that comes with rclpy
@@ -186,6 +187,6 @@ def what_ros_needs() -> Iterator[None]:
         if name == "rclpy" or name.endswith("_msgs"):
             raise OSError(
                 f"this needs ROS 2 Jazzy ({name} is missing): source /opt/ros/jazzy/setup.bash on a robot; elsewhere "
-                "pip install 'pacman_env[ros]' and python -m tools.ros_interfaces.build (see docs/robot.md)"
+                f"{install_command('ros')} && python -m tools.ros_interfaces.build (see docs/robot.md)"
             ) from None
         raise

@@ -62,7 +62,7 @@ class Config(Checked):
     #: stand there, else the roomiest place of the largest part.
     home: tuple[Number, Number, Number] | None = None
     physics_step_s: Positive = 0.05  # Nav2's controller rate, 20 Hz
-    time_limit_s: Positive = 600.0  # of a round: truncation
+    time_limit_s: Positive = 600.0  # of a round; `timeout` says what kind of end it is
     max_pellets: AtLeastOne | None = None  # slots for pellets in the observation; None: as many as the map has
 
     def __post_init__(self) -> None:

@@ -196,8 +196,8 @@ class RewardConfig(Checked, group="reward"):
     completion: Number = 5.0
     tick: Number = -0.002
     timeout: Number = -5.0
-    #: Per metre by which the path to the nearest pellet left has become shorter: potential-based (Ng, Harada, Russell
-    #: 1999), so that it changes no best policy; 0: none.
+    #: Per metre by which the path to the nearest pellet left has become shorter, as a potential (Ng, Harada, Russell
+    #: 1999), which leaves the best policy as it is under the learner's own gamma and without truncations; 0: none.
     progress: Number = 0.0
 
 

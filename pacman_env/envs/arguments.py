@@ -122,7 +122,7 @@ def takes_env_arguments(init: Callable[..., None]) -> Callable[..., None]:
         for name in named:
             now = f"settings={{{_FORMER[name]!r}: ...}}" if name in _FORMER else _RENAMED.get(name)
             if now is not None:
-                raise TypeError(f"the argument {name} is replaced since 1.0: {now}")
+                raise TypeError(f"the argument {name} is replaced since 0.11.0: {now}")
         bound = signature.bind(*given, **named).arguments
         arguments = EnvArguments(**{name: bound.pop(name) for name in shared if name in bound})
         init(**bound, arguments=arguments)

@@ -71,10 +71,13 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     `S = 64` pixels of 0.1 m, the robot in the middle, its heading up.
 
     ## Rewards
-    Per decision, all configurable (`config.reward`): +1 for each pellet collected, -0.002 for the time, -10 when
-    Clyde catches the robot, +5 when the round is complete, -5 at the time limit. With `reward.progress` (0: none) each
-    metre that the path to the nearest pellet left has become shorter is rewarded, as a potential: the sum over an
-    episode does not depend on what was done, so the best policy stays the best.
+    All are configurable (`config.reward`): +1 for each pellet collected, -0.002 every 0.5 s, -10 when Clyde catches the
+    robot, +5 when the round is complete, -5 at the time limit. A decision that lasts longer than 0.5 s gets the sum.
+    With `reward.progress` (0: none) each metre by which the path to the nearest pellet left has become shorter is
+    rewarded, as a potential that is 0 after a termination. The best policy stays the best if all episodes end by a
+    termination and the learner's discount is that of the potential (`decisions.discount_per_s`, 1). After a truncation
+    the potential of the last state remains in the sum of rewards, and under a learner's gamma below 1 each decision
+    costs (1 - gamma) times the length of that path.
 
     ## Starting State
     The robot stands at the home pose; Clyde stands on a cell drawn uniformly from its cells, at least 1.5 m away
@@ -84,11 +87,12 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     ## Episode End
     - Termination: the believed pose is within 0.25 m of Clyde or another ghost (`caught`); every pellet is collected
       (`complete`); no pellet is left but some were lost (`cleared`, only with `execution.rules="as_built"`).
-    - Truncation: 600 s (`time_limit_s`).
+    - Time limit of 600 s (`time_limit_s`, `timeout`): a truncation with the setting `timeout="truncation"`, the default,
+      a termination with `timeout="termination"`, the default with `flat=True`.
 
     With the setting `endless` a completed round gives its reward and is followed by the next: from the home pose, with
-    all pellets and a time limit of its own, Clyde 0.05 m/s faster. The episode is terminated when the robot is caught,
-    and truncated by the time limit of a round.
+    all pellets and a time limit of its own, Clyde 0.05 m/s faster. The episode ends when the robot is caught, or at the
+    time limit of a round.
 
     ## Information
     `outcome` (`running`, `caught`, `complete`, `cleared`, `timeout`), `collected`, `lost`, `spawned`, `aborts`
@@ -105,8 +109,8 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
       house for each episode, its level drawn uniformly from the episode's seed.
     - `ghosts`: how many wander (1 to 4), or one for each: `"wander"` (Algorithm 2), `"chase"` (the robot), `"arcade"`
       (chases from afar, turns to its corner within 2.0 m), or a policy, its name or the object, asked at every tick.
-    - `observation`: one or several of `"features"` (the default), `"scan"`, `"bearings"`, `"grid"`, `"planner"`
-      (the numbers of `sim/observation/planner_features.py`), or a kind of your own (`docs/extending.md`).
+    - `observation`: one or several of `"features"` (the default), `"scan"`, `"bearings"`, `"grid"`, `"planner"` (the
+      default with `flat=True`; the numbers of `sim/observation/planner_features.py`), or a kind of your own (`docs/extending.md`).
       With `"flat"` among them all are one array.
     - `action`: `"goal"` (the default) or `"velocity"`.
     - `preset`: `robot` (as measured), `ideal` (perfect localization), or one of your own.
@@ -131,7 +135,10 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     `copy.deepcopy` or `pickle` plays the round again from its seed and decisions, and goes on as this environment does.
 
     ## Version History
-    - v0: first version. `pacman_env/PacManBotFlat-v0` (`PacManBot-v1` before 1.0) is the same game with `flat=True`.
+    - v0: first version. `pacman_env/PacManBotFlat-v0` (`PacManBot-v1` before 0.11.0) is the same game with `flat=True`.
+    - 0.13.0 changed the planner features, and with them the observation of PacManBotFlat and of its variants but
+      PacManBotFlatVelocity, from 179 to 274 numbers, without a new number in the id: models trained before cannot be
+      used. The next change of this kind gets one (`docs/environments/ids.md`).
     """  # noqa: E501
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "human"], "render_fps": RENDER_FPS}  # noqa: RUF012

@@ -79,7 +79,7 @@ IDS = {
         {"flat": True, **_FOUR},
     ),
 }
-#: Of ``FLAT_ID`` before 1.0; its spec is named ``FLAT_ID``, as another version of PacManBot would make v0 out of date.
+#: ``FLAT_ID`` before 0.11.0. Its spec has the new name: another version of PacManBot would make v0 out of date.
 FORMER_FLAT_ID = "pacman_env/PacManBot-v1"
 
 
@@ -118,7 +118,7 @@ def refuse_former_id(**_: Any) -> NoReturn:
     """The entry point of ``FORMER_FLAT_ID``."""
     from gymnasium.error import DeprecatedEnv
 
-    raise DeprecatedEnv(f"{FORMER_FLAT_ID} is {FLAT_ID} since 1.0")
+    raise DeprecatedEnv(f"{FORMER_FLAT_ID} is {FLAT_ID} since 0.11.0")
 
 
 def register_when_imported() -> None:

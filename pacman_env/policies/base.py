@@ -42,7 +42,7 @@ def check_reset(policy: Any, name: str) -> None:
     try:
         inspect.signature(policy.reset).bind("games", "config")
     except TypeError:
-        raise ValueError(f"{name}: since 1.0 a policy has reset(self, games, config), add the argument") from None
+        raise ValueError(f"{name}: since 0.11.0 a policy has reset(self, games, config), add the argument") from None
 
 
 def hold_index(situation: Situation) -> NDArray[np.int64]:

@@ -12,6 +12,8 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from ..files import install_command
+
 _KEPT_INPUTS = 256
 _SHIFTED = "?+"  # keys named by the character that they give, whatever the layout
 
@@ -30,7 +32,7 @@ class HumanWindow:
         try:
             import pygame
         except ImportError as error:
-            raise ImportError("a window needs pygame: pip install pacman_env[render]") from error
+            raise ImportError(f"a window needs pygame: {install_command('render')}") from error
         self._pygame: Any = pygame
         self._clock: Any = None  # opened with the first frame
         self._initialized = False

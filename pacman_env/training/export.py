@@ -28,7 +28,7 @@ from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOB
 from pacman_env.training.checkpoint import Facts, check_sizes, facts_path, load_network, read_facts
 from pacman_env.training.network import FORBIDDEN, EntityNetwork
 
-OPSET, IR_VERSION = 17, 8  # known to every onnxruntime since 1.13
+OPSET, IR_VERSION = 17, 8  # onnxruntime 1.13 and newer know it
 TOLERANCE = 1e-5  # between torch and the file
 #: In the order in which their weights are written; the weights of the first and the third are in two halves.
 _LAYERS = ("encode_candidate", "encode", "judge_candidate", "judge", "critic.0", "critic.2")

@@ -14,6 +14,7 @@ import pytest
 
 from pacman_env.cli.command import EXTRA_OF, Parser, guarded
 from pacman_env.cli.main import main
+from pacman_env.files import install_command
 
 
 def test_ctrl_c_while_a_parser_is_made_follows_once_it_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -69,7 +70,7 @@ def test_what_is_missing_decides_which_extra_is_named(
         raise ModuleNotFoundError(f"No module named {module!r}", name=module)
 
     assert guarded("command", fail) == 2
-    assert f"needs {module}: pip install 'pacman_env[{extra}]'" in capsys.readouterr().err
+    assert f"needs {module}: {install_command(extra)}" in capsys.readouterr().err
 
 
 def test_what_is_named_are_extras() -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from pacman_env.cli.completion import SHELLS
 from pacman_env.cli.main import main
+from pacman_env.files import install_command
 
 
 @pytest.fixture
@@ -65,4 +66,4 @@ def test_without_shtab_it_is_one_line_and_status_2(
     monkeypatch.setitem(sys.modules, "shtab", None)
     assert main(["completion", "bash"]) == 2
     out, err = capsys.readouterr()
-    assert (out, err) == ("", "pacman-env completion: needs shtab: pip install 'pacman_env[completion]'\n")
+    assert (out, err) == ("", f"pacman-env completion: needs shtab: {install_command('completion')}\n")

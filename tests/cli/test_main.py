@@ -121,7 +121,7 @@ def test_playing_without_pygame_is_one_line_and_status_2(
 ) -> None:
     monkeypatch.setitem(sys.modules, "pygame", None)
     assert main(["play"]) == 2
-    assert capsys.readouterr().err == "pacman-env play: a window needs pygame: pip install pacman_env[render]\n"
+    assert capsys.readouterr().err == f"pacman-env play: a window needs pygame: {files.install_command('render')}\n"
 
 
 def test_playing_without_a_screen_is_one_line_and_status_2() -> None:
@@ -180,7 +180,7 @@ def test_what_a_command_needs_is_one_line_and_status_2(
         monkeypatch.delitem(sys.modules, name)
     assert main(["train", "--quick"]) == 2
     assert capsys.readouterr().err == (
-        "pacman-env train: needs torch: pip install 'pacman_env[train]' (see docs/machines.md)\n"
+        f"pacman-env train: needs torch: {files.install_command('train')} (see docs/machines.md)\n"
     )
 
 

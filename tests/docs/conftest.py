@@ -21,7 +21,8 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for module in ("sphinx", "celshast", "myst_nb", "sphinx_copybutton"):
         if importlib.util.find_spec(module) is None:
             missing(f"{module} (pip install -e '.[docs]')")
-    out, build = tmp_path_factory.mktemp("site"), tmp_path_factory.mktemp("build")
+    folder = tmp_path_factory.mktemp("docs")
+    out, build = folder / "site", folder / "build"
     command = [sys.executable, "-m", "tools.site", "--out", str(out), "--build", str(build)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, ""), done.stdout + done.stderr

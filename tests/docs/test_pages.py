@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
+from pacman_env import OUTCOMES
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.registration import IDS
 from tools.site import ids, reference
@@ -38,6 +42,28 @@ def test_the_numbers_of_a_flat_row_are_numbered_as_they_lie(tmp_path: Path) -> N
 def test_sections_of_the_docstring_link_to_pages(name: str) -> None:
     assert ids.sections()[name]
     assert "`docs/" not in ids.sections()[name]
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_page_of_an_id_states_how_its_time_limit_ends(env_id: str) -> None:
+    env: Any = gym.make(env_id, settings={"time_limit_s": 5.0})
+    env.reset(seed=0)
+    drives = env.unwrapped.config.action == "velocity"
+    ended: list[str] = []
+    while not ended:
+        *_, terminated, truncated, info = env.step(env.action_space.low if drives else env.action_space.n - 1)
+        ended = ["termination"] * terminated + ["truncation"] * truncated
+    assert info["outcome"] in ("timeout", OUTCOMES.tolist().index("timeout"))
+    assert re.findall(r"time limit is a \*\*(\w+)\*\*", ids._end(env.unwrapped, "")) == ended
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_page_of_an_id_shows_arguments_for_that_id(env_id: str) -> None:
+    code = ids._arguments(env_id, ids.sections()["Arguments"]).split("```python\n")[1].split("```")[0]
+    env = eval(code, {"gymnasium": gym})
+    assert env.spec.id == env_id
+    assert env.unwrapped.config.clyde.speed_mps == 0.35
+    assert env.spec.kwargs.keys() >= IDS[env_id].kwargs.keys()
 
 
 @pytest.mark.parametrize("env_id", IDS)

@@ -49,6 +49,10 @@ def index(site: Path) -> dict[str, Any]:
     return found
 
 
+def test_build_writes_only_into_its_two_folders(site: Path) -> None:
+    assert {path.name for path in site.parent.iterdir()} == {"site", "build"}
+
+
 def test_every_page_of_the_documentation_is_on_the_site(pages: dict[Path, Page], site: Path) -> None:
     for path in (*(ROOT / "docs").rglob("*.md"), *(ROOT / "docs").rglob("*.ipynb")):
         assert site / path.relative_to(ROOT / "docs").with_suffix(".html") in pages

@@ -58,7 +58,7 @@ def test_a_policy_of_0_10_is_refused_with_what_to_do() -> None:
         def reset(self, games: np.ndarray) -> None:  # type: ignore[override]
             """Takes no configuration."""
 
-    with pytest.raises(ValueError, match=r"ghosts\[0\] = .*: since 1.0 a policy has reset\(self, games, config\)"):
+    with pytest.raises(ValueError, match=r"ghosts\[0\] = .*: since 0.11.0 a policy has reset\(self, games, config\)"):
         make(ghosts=[Former()])  # type: ignore[list-item]
 
 

@@ -27,6 +27,7 @@ from pathlib import Path
 import numpy as np
 
 from pacman_env.cli.command import ERROR_STATUS, Parser, run_command
+from pacman_env.files import install_command
 
 HERE = Path(__file__).resolve().parent
 PREFIX = Path(sys.prefix)
@@ -333,7 +334,7 @@ def _check_generators() -> None:
     if not (PREFIX / "share" / "rosidl_generator_c").is_dir():
         raise BuildError(
             f"ROS's generators are not in {PREFIX}: where ROS comes from the system, install its own packages "
-            "(ros-jazzy-nav2-msgs, ros-jazzy-irobot-create-msgs, ros-jazzy-tf2-msgs); else pip install pacman_env[ros]"
+            f"(ros-jazzy-nav2-msgs, ros-jazzy-irobot-create-msgs, ros-jazzy-tf2-msgs); else {install_command('ros')}"
         )
 
 

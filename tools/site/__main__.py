@@ -86,9 +86,12 @@ def _build(arguments: argparse.Namespace) -> int:
     build = arguments.build
     build.mkdir(parents=True, exist_ok=True)
     source = assemble(build)
+    pages = build / "html"  # myst-nb writes a folder beside it
+    shutil.rmtree(pages, ignore_errors=True)
     options = ["-q", "-E", "-W", "--keep-going", "-b", "html", "-d", str(build / "doctrees")]
-    status = build_main([*options, str(source), str(arguments.out)])
+    status = build_main([*options, str(source), str(pages)])
     if status == 0:
+        shutil.copytree(pages, arguments.out, dirs_exist_ok=True)
         print(f"written: {arguments.out / 'index.html'}")
     return status
 

@@ -62,6 +62,7 @@ def page(env_id: str, pictures: Path) -> str:
     picture = pictures / f"{file_name(env_id)}.png"
     cv2.imwrite(str(picture), cv2.cvtColor(_played(env), cv2.COLOR_RGB2BGR))
     common = sections()
+    common |= {"Episode End": _end(env, common["Episode End"]), "Arguments": _arguments(env_id, common["Arguments"])}
     text = f"# {file_name(env_id)}\n\n**{entry.purpose[:1].upper()}{entry.purpose[1:]}.**\n\n"
     text += f"![A round of {file_name(env_id)}]({picture.name})\n\n"
     if env_id == ENV_ID:
@@ -138,6 +139,22 @@ print(info)
     if kwargs:
         text += f'\nIt is `gym.make("{ENV_ID}", {as_arguments(kwargs)})`.\n'
     return text
+
+
+def _end(env: PacManBotEnv, text: str) -> str:
+    """Return the section on ends with the end that the time limit is with this id's settings."""
+    endless = ", and games are endless" if env.config.endless else ""
+    return f"With this id the time limit is a **{env.config.timeout}**{endless}.\n\n{text}"
+
+
+def _arguments(env_id: str, text: str) -> str:
+    """Return the section on arguments with this id in its example, and the arguments that the id sets."""
+    kwargs = IDS[env_id].kwargs
+    text = text.replace(ENV_ID, env_id, 1)
+    if "map" in kwargs:
+        text = text.replace('map="house", ', "", 1)
+    own = f"This id sets `{as_arguments(kwargs)}`; an argument of your own replaces the one of the same name.\n\n"
+    return (own if kwargs else "") + text
 
 
 def _actions(env: PacManBotEnv) -> str:

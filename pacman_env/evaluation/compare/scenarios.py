@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from pacman_env.cli.command import finite_number, whole_number
 from pacman_env.config import EXECUTIONS, Config, ConfigError, make_config, parse_settings, preset_names
 from pacman_env.config.validation import require
+from pacman_env.files import install_command
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy, policy_names, split_ghosts
 from pacman_env.sim.maps.assets import MapAssets, are_sent, map_assets
@@ -214,7 +215,7 @@ def load_policy(spec: str) -> Policy:
 
         checkpoint = import_module("pacman_env.training.checkpoint")  # by name: the two rooms do not import each other
     except ModuleNotFoundError as error:
-        raise ValueError(f"{spec}: needs {error.name}: pip install 'pacman_env[train]'") from None
+        raise ValueError(f"{spec}: needs {error.name}: {install_command('train')}") from None
     torch.set_num_threads(1)  # cores are for processes: threads of each would wait for one another at every decision
     policy: Policy = checkpoint.load_planner(Path(spec))
     return policy

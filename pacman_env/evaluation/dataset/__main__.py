@@ -24,7 +24,7 @@ from pacman_env.envs.core import EnvCore
 from pacman_env.envs.registration import FLAT_ID, IDS
 from pacman_env.executors.choice import add_executor_arguments, executor_of
 from pacman_env.executors.progress import bar_of
-from pacman_env.files import commit, new_folder, prepare, write_json
+from pacman_env.files import commit, install_command, new_folder, prepare, write_json
 from pacman_env.sim.observation.kinds import KINDS
 
 from .card import write_card
@@ -116,7 +116,7 @@ def _of_robot(arguments: argparse.Namespace, made: EnvArguments) -> Any:
     except ModuleNotFoundError as error:
         if error.name not in ("rclpy", "rosbags"):
             raise
-        raise ValueError(f"--bags: {error.name} is not installed: pip install 'pacman_env[ros]'") from None
+        raise ValueError(f"--bags: {error.name} is not installed: {install_command('ros')}") from None
     return RobotRounds(arguments.bags, made, arguments.namespace)
 
 

@@ -15,6 +15,7 @@ from typing import Any, TextIO
 
 from platformdirs import user_log_path
 
+from pacman_env.files import install_command
 from pacman_env.ros.discovery import join
 from pacman_env.ros.node import Stop
 from pacman_env.ros.selector.reasons import POSE_JUMPED, troubles_of
@@ -119,7 +120,7 @@ def up(
 def check(setup: GameSetup, play_on: bool = False) -> None:
     """Refuse what can be known to be wrong before anything is started."""
     if setup.web is not None and (missing := [name for name in _WEB if find_spec(name) is None]):
-        raise ValueError(f"--web needs {', '.join(missing)}: pip install 'pacman_env[web]'")
+        raise ValueError(f"--web needs {', '.join(missing)}: {install_command('web')}")
     if play_on and not setup.sim:
         raise ValueError("--play-on, --rounds: only with --sim; with a real robot a person starts each round")
     if setup.lock_step and (other := os.environ.get("RMW_IMPLEMENTATION", FAST_DDS)) not in ("", FAST_DDS):

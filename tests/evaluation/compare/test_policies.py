@@ -41,7 +41,7 @@ def test_a_file_that_is_no_checkpoint_is_refused_by_name(content: bytes | None, 
 
 def test_a_checkpoint_without_torch_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "torch", None)
-    with pytest.raises(ValueError, match=r"run\.zip: needs torch: pip install 'pacman_env\[train\]'"):
+    with pytest.raises(ValueError, match=r"run\.zip: needs torch: .*pip install"):
         load_policy("run.zip")
 
 

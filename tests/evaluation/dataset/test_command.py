@@ -16,6 +16,7 @@ from pacman_env import __version__
 from pacman_env.cli import main as command
 from pacman_env.evaluation.dataset import __main__ as dataset
 from pacman_env.evaluation.dataset.recording import Recording, record, tasks_of
+from pacman_env.files import install_command
 from pacman_env.world.maps.occupancy import load_map
 
 minari = pytest.importorskip("minari")
@@ -227,7 +228,7 @@ def test_without_the_extra_the_command_names_it(
 
     monkeypatch.setattr(dataset, "_writers", absent)
     assert command.main(["dataset", NAME, *SHORT, "--root", str(tmp_path)]) == 2
-    assert "needs minari: pip install 'pacman_env[dataset]'" in capsys.readouterr().err
+    assert f"needs minari: {install_command('dataset')}" in capsys.readouterr().err
 
 
 def _tasks(more: list[str]) -> list[Recording]:
