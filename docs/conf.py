@@ -24,7 +24,7 @@ html_copy_source = False
 html_show_sourcelink = False
 html_favicon = "_static/pacman.svg"
 html_theme_options = {
-    "description": "A TurtleBot 4 plays Pac-Man in a house: a fast, reproducible Gymnasium and PettingZoo environment.",
+    "description": "A TurtleBot 4 plays Pac-Man in a house: a reproducible Gymnasium and PettingZoo environment.",
     "light_logo": "pacman.svg",
     "dark_logo": "pacman.svg",
 }

@@ -32,7 +32,7 @@ _DRIVING = {
     "action_range": "unit",
     "reward.progress": 1.0,
 }
-#: Every id. A variant is a name, and a version counts up only where the old one is replaced.
+#: Every id. Variants differ by name; docs/environments/ids.md says when the number counts up.
 IDS = {
     ENV_ID: Registered("the robot's game on one map: every 0.5 s the agent names the goal to drive to"),
     "pacman_env/PacManBotGenerated-v0": Registered(
