@@ -85,7 +85,7 @@ def test_what_cannot_be_played_is_one_error_that_names_the_field(
 @pytest.mark.parametrize(
     ("former", "now"),
     [
-        ({"decide": "event"}, r"the argument decide is replaced since 1\.0: settings={'decisions\.when': \.\.\.}"),
+        ({"decide": "event"}, r"the argument decide is replaced since 0\.11\.0: settings={'decisions\.when': \.\.\.}"),
         ({"config": Config()}, "config is replaced since 0.11.0: settings=config"),
         ({"map": "loop", "execution": "as_built"}, "execution is replaced .*'execution.rules'"),
         ({"rewards": "separate"}, "rewards is replaced .*'zero_sum'"),

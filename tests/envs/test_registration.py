@@ -96,7 +96,7 @@ def test_the_unversioned_id_is_the_robots_game() -> None:
     ids=["make", "make_vec", "parallel", "aec"],
 )
 def test_the_former_id_is_refused_with_the_name_of_today(make: Callable[[str], Any]) -> None:
-    with pytest.raises(gym.error.DeprecatedEnv, match=rf"^{FORMER_FLAT_ID} is {FLAT_ID} since 1\.0$"):
+    with pytest.raises(gym.error.DeprecatedEnv, match=rf"^{FORMER_FLAT_ID} is {FLAT_ID} since 0\.11\.0$"):
         make(FORMER_FLAT_ID)
 
 
