@@ -6,11 +6,12 @@ the user has installed is imported, no more: names are never paths, and nothing 
 
 from __future__ import annotations
 
+import difflib
 import functools
 import importlib
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -23,6 +24,14 @@ _REFERENCE = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*(\.[^\W\d]\w*)*")
 
 class PluginError(ValueError):
     """A name that nothing is called by, or a plug-in that cannot be imported."""
+
+
+def offer(name: str, known: Iterable[str], others: str = "") -> str:
+    """Return the end of an error about an unknown name: the nearest of ``known``, or all of them if none is near."""
+    names = list(known)
+    if near := difflib.get_close_matches(name, names, n=2, cutoff=0.7):
+        return f"did you mean {' or '.join(near)}?"
+    return f"choose one of {', '.join(names)}{others and f', or {others}'}"
 
 
 class Registry(Generic[T]):
@@ -58,8 +67,7 @@ class Registry(Generic[T]):
             if _REFERENCE.fullmatch(own) and not any(known.startswith(f"{module}:") for known in self.names()):
                 message = f"module {module} cannot be imported (is it installed or on PYTHONPATH?)"
                 raise PluginError(f"{self.sort} {name!r}: {message}") from None
-            message = f"unknown {self.sort} {name!r}: choose one of {', '.join(self.names())}, or {self._others}"
-            raise PluginError(message) from None
+            raise PluginError(f"unknown {self.sort} {name!r}: {offer(name, self.names(), self._others)}") from None
         except Exception as error:  # whatever a plug-in raises while it is imported
             raise PluginError(f"{self.sort} {name!r}: {type(error).__name__}: {error}") from error
         return thing

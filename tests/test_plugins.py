@@ -60,6 +60,7 @@ def test_a_registered_name_counts_in_this_registry_alone() -> None:
 @pytest.mark.parametrize(
     ("name", "message"),
     [
+        ("thre", r"unknown thing 'thre': did you mean three\?"),
         ("five", "unknown thing 'five': choose one of one, two, bad, gone, three, or module:name"),
         (
             "no_such_module:X",

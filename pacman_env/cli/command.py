@@ -16,6 +16,7 @@ from typing import Any, NoReturn, TypeVar
 from pacman_env.cli.examples import PROG, examples_of, render
 from pacman_env.engine.interrupts import uninterrupted
 from pacman_env.files import install_command, reason
+from pacman_env.plugins import offer
 
 T = TypeVar("T", int, float)
 EXTRAS = "docs/machines.md"  # which extra has what
@@ -51,6 +52,12 @@ class Parser(argparse.ArgumentParser):
         examples = examples_of(self.prog.removeprefix(PROG).strip()) if self.prog.startswith(PROG) else []
         text = super().format_help()
         return f"{text}\nexamples:\n{render(examples)}\n" if examples else text
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Suggest the nearest choice, as argparse itself does from Python 3.14 on."""
+        if action.choices is not None and value not in action.choices:
+            known = [str(choice) for choice in action.choices]
+            raise argparse.ArgumentError(action, f"invalid choice: {value!r}: {offer(str(value), known)}")
 
     def error(self, message: str) -> NoReturn:
         self.exit(ERROR_STATUS, f"{self.prog}: {message}\n")

@@ -3,9 +3,8 @@
 import contextlib
 import logging
 import sys
-import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -22,18 +21,11 @@ class Progress:
     done: int = 0  # with a value or an error
     lost: int = 0  # how often one's worker was lost
     waiting: int = 0  # for a worker, now
-    began_s: float = field(default_factory=time.monotonic)
-
-    @property
-    def per_second(self) -> float:
-        """Tasks done per second since the executor was made, its start included."""
-        return self.done / max(time.monotonic() - self.began_s, 1e-9)
 
     def summary(self, workers: int) -> str:
-        """One line."""
+        """Return what a bar of units does not show, short enough for a line of 80 columns."""
         lost = f", {self.lost} lost" if self.lost else ""
-        counts = f"tasks: {self.done} done, {self.waiting} waiting{lost}, {self.per_second:.3g}/s"
-        return f"{counts}; {workers} {'worker' if workers == 1 else 'workers'}"
+        return f"{workers} {'worker' if workers == 1 else 'workers'}{lost}"
 
 
 @contextlib.contextmanager

@@ -94,9 +94,22 @@ def test_bad_arguments_are_one_line_and_status_2(capsys: pytest.CaptureFixture[s
 
 
 @pytest.mark.parametrize(
+    ("arguments", "meant"),
+    [(["comapre"], "compare"), (["map", "chek", "house"], "check"), (["ros", "doctr"], "doctor")],
+)
+def test_mistyped_command_is_answered_with_nearest(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], meant: str
+) -> None:
+    with pytest.raises(SystemExit):
+        main(arguments)
+    assert f"did you mean {meant}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["--map", "nowhere"], "nowhere: neither a YAML file"),
+        (["--map", "hose"], "did you mean house"),
         (["--preset", "fast"], "unknown preset 'fast'"),
         (["--execution", "slow"], "unknown execution 'slow'"),
         (["--clyde-speed", "-1"], "clyde.speed_mps"),

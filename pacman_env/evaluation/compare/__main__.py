@@ -8,6 +8,7 @@ import argparse
 import itertools
 import json
 import re
+import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +19,7 @@ from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.compare import scenarios
 from pacman_env.evaluation.compare.kept import KeptRounds
 from pacman_env.evaluation.compare.rows import make_row
-from pacman_env.evaluation.compare.table import render
+from pacman_env.evaluation.compare.table import WIDTH, render
 from pacman_env.evaluation.compare.workers import Block
 from pacman_env.executors.choice import add_executor_arguments, executor_of, without_executor
 from pacman_env.executors.progress import bar_of
@@ -79,7 +80,7 @@ def _compare(arguments: argparse.Namespace) -> None:
         rows.append(make_row(place, policy, one, result, played[first][0] if k != first else None))
     settings = f"preset {arguments.preset}, execution {arguments.execution}, seed {arguments.seed}"
     settings = ", ".join([settings, *arguments.set])
-    print(f"{settings}\n\n{render(rows)}")
+    print(f"{settings}\n\n{render(rows, shutil.get_terminal_size((WIDTH, 24)).columns)}")
     if json_path is not None:
         content = {  # all that is needed to get the rows again
             "schema": SCHEMA,

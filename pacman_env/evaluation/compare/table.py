@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from pacman_env.evaluation.compare.rows import Row
 
-_WIDTH = 136
+WIDTH = 136  # that fits all columns, unless names are long
 _NAME_WIDTH = 22
 
 _Cell = Callable[[Row], str]
@@ -29,7 +29,8 @@ def group_title(row: Row) -> str:
     return f"{row['map']}: {pellets} pellets{levels}, Clyde at {row['clyde_speed']:g} m/s, {row['episodes']} {what}"
 
 
-def render(rows: Sequence[Row]) -> str:
+def render(rows: Sequence[Row], width: int = WIDTH) -> str:
+    """Return the table of all rows; columns that do not fit into ``width`` follow below, with the policies again."""
     endless = rows[0]["kind"] == "endless"
     columns = _ENDLESS if endless else _ROUND
     header = (*columns, "difference")
@@ -39,15 +40,22 @@ def render(rows: Sequence[Row]) -> str:
     ]
     widths = [max(map(len, column)) for column in zip(header, *itertools.chain.from_iterable(cells), strict=True)]
 
-    def line(texts: Sequence[str]) -> str:
-        parts = (t.ljust(w) if k == 0 else t.rjust(w) for k, (t, w) in enumerate(zip(texts, widths, strict=True)))
-        return "  ".join(parts).rstrip()
+    bands: list[list[int]] = [[]]  # columns that stand next to each other, without the policies'
+    for column in range(1, len(header)):
+        if bands[-1] and sum(widths[k] + 2 for k in (*bands[-1], column)) + widths[0] > width:
+            bands.append([])
+        bands[-1].append(column)
+
+    def line(texts: Sequence[str], band: Sequence[int]) -> str:
+        return "  ".join([texts[0].ljust(widths[0]), *(texts[k].rjust(widths[k]) for k in band)]).rstrip()
 
     lines: list[str] = []
     for group, block in zip(groups(rows), cells, strict=True):
-        lines += [group_title(group[0]), line(header), *map(line, block), ""]
+        lines.append(group_title(group[0]))
+        for band in bands:
+            lines += [*(line(texts, band) for texts in (header, *block)), ""]
     meaning = f"{_ENDLESS_MEANING if endless else _ROUND_MEANING} {short_name(rows[0]['policy'])}, paired by seed."
-    return "\n".join([*lines, *textwrap.wrap(meaning, _WIDTH)])
+    return "\n".join([*lines, *textwrap.wrap(meaning, min(width, WIDTH))])
 
 
 def percent(rate: float, sign: str = "") -> str:

@@ -25,6 +25,7 @@ from pacman_env.envs.registration import FLAT_ID, IDS
 from pacman_env.executors.choice import add_executor_arguments, executor_of
 from pacman_env.executors.progress import bar_of
 from pacman_env.files import commit, install_command, new_folder, prepare, write_json
+from pacman_env.plugins import offer
 from pacman_env.sim.observation.kinds import KINDS
 
 from .card import write_card
@@ -73,7 +74,8 @@ def arguments_of(arguments: argparse.Namespace) -> tuple[str, dict[str, Any]]:
     """The environment's whole id, and the arguments that were given beside it, as Gymnasium takes them."""
     env_id = arguments.id if arguments.id.startswith(_PREFIX) else _PREFIX + arguments.id
     if env_id not in IDS:
-        raise ValueError(f"--id {arguments.id}: choose one of {', '.join(one.removeprefix(_PREFIX) for one in IDS)}")
+        known = [one.removeprefix(_PREFIX) for one in IDS]
+        raise ValueError(f"--id {arguments.id}: {offer(arguments.id.removeprefix(_PREFIX), known)}")
     named: dict[str, Any] = {"map": arguments.map, "settings": parse_settings(arguments.set) or None}
     named["observation"] = arguments.observation and tuple(arguments.observation)
     named["ghosts"] = arguments.ghosts and tuple(arguments.ghosts)

@@ -15,9 +15,9 @@ intervals.
   ended. Where the three do not add up to 100, pellets were lost to aborted goals.
 - **pellets**: mean share of the pellets that was collected in a round.
 - **worst tenth** of the levels (of real maps: of the maps, at least one): mean completion there, of levels with at
-  least {LEAST_ROUNDS} rounds. Two numbers: the first chooses the levels by the rounds that measure them and is too low
-  on average, the more so the fewer rounds a level has; the second chooses them by every second round, measures by the
-  others, and is too high on average. The true value lies between the averages of the two.
+  least {LEAST_ROUNDS} rounds. Two estimates, the lower one first: one chooses the levels by the rounds that measure
+  them and is too low on average, the more so the fewer rounds a level has; the other chooses them by every second
+  round, measures by the others, and is too high on average. One number is shown if both agree.
 - **s**: mean length of the completed rounds.
 - **difference**: completion of the planner minus that of the best other policy, in the same rounds, with Newcombe's
   interval for pairs; *better* or *WORSE* where the interval excludes 0. The best other is chosen in each cell by these
@@ -140,8 +140,10 @@ def _policies(cells: Iterable[CellResult]) -> str:
 
 
 def _worst(row: PolicyInCell) -> str:
-    worst = row.worst_tenth
-    return "-" if worst is None else f"{percent(worst.low)} to {percent(worst.high)}"
+    if row.worst_tenth is None:
+        return "-"
+    low, high = map(percent, sorted((row.worst_tenth.low, row.worst_tenth.high)))  # chance may have put low above high
+    return low if low == high else f"{low} to {high}"
 
 
 def _how(table: LeagueTable) -> Iterator[str]:

@@ -16,6 +16,7 @@ from pacman_env.config import Config, ConfigError, make_config
 from pacman_env.config.validation import AtLeastOne, NotNegative, convert
 from pacman_env.evaluation.compare.scenarios import Levels, Scenario, check_goals
 from pacman_env.files import shipped
+from pacman_env.plugins import offer
 
 SUITES = shipped("evaluation/suites", "eval/suites") / "leaderboard.yaml"
 PRESET, EXECUTION = "robot", "robust"
@@ -76,7 +77,7 @@ def choose_suite(path: Path, name: str) -> Suite:
     """One suite of a file; raises ValueError."""
     suites = read_suites(path)
     if name not in suites:
-        raise ValueError(f"{path}: no suite {name!r}: choose one of {', '.join(suites)}")
+        raise ValueError(f"{path}: no suite {name!r}: {offer(name, suites)}")
     return suites[name]
 
 

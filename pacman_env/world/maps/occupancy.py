@@ -20,6 +20,7 @@ import yaml
 from numpy.typing import ArrayLike, NDArray
 
 from pacman_env.files import replaced, shipped
+from pacman_env.plugins import offer
 
 Grey = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
@@ -218,8 +219,7 @@ def _find(source: str | os.PathLike[str]) -> tuple[Path, str]:
         raise MapError(f"{source}: cannot be read: {error}") from error
     if str(source).startswith("generated"):
         raise MapError(f"{source}: write a level with 'pacman-env map generate FOLDER --level N' and name its file")
-    names = ", ".join(known) or "none found"
-    raise MapError(f"{source}: neither a YAML file nor a folder nor a shipped map ({names})")
+    raise MapError(f"{source}: neither a YAML file nor a folder nor a shipped map: {offer(str(source), known)}")
 
 
 def map_name(path: Path) -> str:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from pacman_env.evaluation.compare.rows import Row, make_row
 from pacman_env.evaluation.compare.table import group_title, render, short_name
@@ -28,6 +29,15 @@ def test_every_number_is_in_its_line() -> None:
 def test_columns_are_aligned() -> None:
     lines = render(rows()).splitlines()[1:4]
     assert len({len(line) for line in lines}) == 1
+
+
+@pytest.mark.parametrize("endless", [False, True])
+def test_table_fits_a_terminal_of_80_columns(endless: bool) -> None:
+    wide, narrow = render(rows(endless=endless)).splitlines(), render(rows(endless=endless), 80).splitlines()
+    assert max(map(len, narrow)) <= 80
+    for k in range(2, 4):  # the policies' lines
+        parts = [line.split() for line in narrow if line.startswith(wide[k].split()[0])]
+        assert [parts[0][0], *(word for part in parts for word in part[1:])] == wide[k].split()
 
 
 def test_each_speed_has_its_block() -> None:

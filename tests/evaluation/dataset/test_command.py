@@ -167,7 +167,7 @@ def test_one_format_alone_is_written_where_it_is_asked_for(form: str, tmp_path: 
         (["--policy", "nobody"], "unknown policy 'nobody'"),
         (["--policy", "nowhere.onnx"], "nowhere.onnx: cannot be read"),
         (["--map", "nowhere"], "nowhere"),
-        (["--id", "PacManBot-v9"], "--id PacManBot-v9: choose one of PacManBot-v0, "),
+        (["--id", "PacManBot-v9"], "--id PacManBot-v9: did you mean PacManBot-v0"),
         (["--observation", "smell"], "unknown observation kind 'smell'"),
         (["--id", "PacManBotVelocity-v0"], "action = 'velocity': policies name goals"),
         (["--set", "colour=red"], "unknown configuration field 'colour'"),
