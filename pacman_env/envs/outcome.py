@@ -30,10 +30,12 @@ def infos(summary: Indices, numeric: bool = False) -> dict[str, NDArray[Any]]:
     """
     summary = summary.copy()
     result: dict[str, NDArray[Any]] = dict(zip(kernels.SUMMARY, summary, strict=True))
+    result["round_seed"] = result["round_seed"].view(np.uint64)  # a summary has the bits
     return result if numeric else {**result, "outcome": OUTCOMES[summary[0]]}
 
 
 def info(summary: Indices, numeric: bool = False) -> dict[str, Any]:
     """The same of the first game, as Python's numbers."""
     result = dict(zip(kernels.SUMMARY, summary[:, 0].tolist(), strict=True))
+    result["round_seed"] %= 2**64
     return result if numeric else {**result, "outcome": OUTCOMES[result["outcome"]]}

@@ -17,7 +17,8 @@ from ..policies.base import Flags, Indices
 from ..sim.maps.level_source import GeneratedMaps, LevelSource
 from .core import CoreEnv, EnvCore
 
-SEEDS = 2**63  # below this
+SEEDS = 2**63  # environments draw the seeds of their rounds below this
+_MOST = {"level": SEEDS - 1, "round_seed": 2**64 - 1}
 Seeds = int | Sequence[int | None] | None  # of many games
 Options = dict[str, Any] | None
 
@@ -178,6 +179,6 @@ def _numbers(given: Any, name: str, games: int) -> NDArray[np.uint64] | None:
     if len(each) != games:
         raise ValueError(f"options[{name!r}]: {len(each)} numbers for {games} games")
     for one in each:
-        if not isinstance(one, numbers.Integral) or isinstance(one, bool) or not 0 <= int(one) < SEEDS:
-            raise ValueError(f"options[{name!r}] = {one!r}: must be a whole number from 0 to {SEEDS - 1}")
+        if not isinstance(one, numbers.Integral) or isinstance(one, bool) or not 0 <= int(one) <= _MOST[name]:
+            raise ValueError(f"options[{name!r}] = {one!r}: must be a whole number from 0 to {_MOST[name]}")
     return np.array([int(one) for one in each], dtype=np.uint64)

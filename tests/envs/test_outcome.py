@@ -56,7 +56,7 @@ def test_the_outcome_is_named(end: int) -> None:
 def test_the_counts_are_the_games_own() -> None:
     batch = games([RUNNING, DEAD])
     batch["collected"], batch["lost"], batch["spawned"], batch["aborts"] = [1, 2], [3, 4], [5, 6], [7, 8]
-    batch["episode_seed"] = [9, 2**63 - 1]
+    batch["episode_seed"] = [9, 2**64 - 1]
     info = infos(summary(batch))
     assert {key: array.tolist() for key, array in info.items()} == {
         "outcome": ["running", "caught"],
@@ -64,7 +64,7 @@ def test_the_counts_are_the_games_own() -> None:
         "lost": [3, 4],
         "spawned": [5, 6],
         "aborts": [7, 8],
-        "round_seed": [9, 2**63 - 1],
+        "round_seed": [9, 2**64 - 1],
     }
 
 

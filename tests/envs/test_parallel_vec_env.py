@@ -344,8 +344,8 @@ def test_what_keeps_observations_from_being_stacked_is_named() -> None:
 
 def test_a_level_a_round_and_settings_can_be_asked_for() -> None:
     env = make(map="generated", settings={"num_levels": 9})
-    _, infos = env.reset(seed=0, options={"round_seed": [7, 8, 9], "level": [3, 4, 3]})
-    assert infos["round_seed"].tolist() == [7, 8, 9]
+    _, infos = env.reset(seed=0, options={"round_seed": [7, 8, 2**64 - 9], "level": [3, 4, 3]})
+    assert infos["round_seed"].tolist() == [7, 8, 2**64 - 9]
     assert infos["level"].tolist() == [3, 4, 3]
     env = make(map="loop")
     env.reset(options={"settings": {"clyde.speed_mps": 0.4}})

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 import pacman_env
-from pacman_env.config import ConfigError
+from pacman_env.config import ConfigError, make_config
+from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
-from pacman_env.envs.resets import SEEDS, ResetOptions
+from pacman_env.envs.resets import ResetOptions
+from pacman_env.episodes.rollout import episode_seeds, play
+from pacman_env.policies.registry import make_policy
+from pacman_env.sb3 import PacManBotVecEnv
+from pacman_env.sim.maps.assets import map_assets
 from tests.envs.helpers import same
 
 BAD: list[tuple[Any, str]] = [
@@ -22,8 +28,10 @@ BAD: list[tuple[Any, str]] = [
     ([1], r"options = \[1\]: must be a dictionary or None"),
     ({"round_seed": 1.5}, r"options\['round_seed'\] = 1.5: must be a whole number from 0"),
     ({"round_seed": -1}, r"options\['round_seed'\] = -1"),
+    ({"round_seed": 2**64}, r"options\['round_seed'\] = 18446744073709551616: must be .* to 18446744073709551615"),
     ({"round_seed": True}, r"options\['round_seed'\] = True"),
     ({"level": "1"}, r"options\['level'\] = '1'"),
+    ({"level": 2**63}, r"options\['level'\] = 9223372036854775808: must be a whole number"),
     ({"level": 3}, r"options\['level'\]: levels are for map='generated'"),
     ({"settings": [1]}, r"options\['settings'\] = \[1\]: must be values by the dotted names"),
     ({"settings": {"clyde.sped": 1}}, r"clyde.sped"),
@@ -52,6 +60,37 @@ def test_a_round_seed_gives_the_same_episode_again_and_draws_nothing(map: str) -
     env.reset(seed=5)
     env.reset(options={"round_seed": 1})
     assert same([env.reset()], second[:1])
+
+
+@pytest.mark.parametrize("kind", ["single", "vector", "sb3"])
+def test_round_of_comparison_ends_alike_in_environment(kind: str) -> None:
+    config = make_config(time_limit_s=60.0)
+    records, _ = play(map_assets("loop", config), config, "nearest", episode_seeds(5, 12))
+    records = records[records["seed"] >= 2**63]
+    env: Any = (
+        PacManBotEnv if kind == "single" else partial(PacManBotVecEnv if kind == "sb3" else PacManBotVectorEnv, 1)
+    )
+    env = env(map="loop", settings=config)
+    game = env.env if kind == "sb3" else env
+    ends = []
+    for record in records:
+        policy, options = make_policy("nearest"), {"round_seed": int(record["seed"])}
+        if kind == "sb3":
+            env.set_options(options)
+        env.reset(**({} if kind == "sb3" else {"options": options}))
+        policy.reset(np.ones(1, dtype=np.bool_), config)
+        assert game.situation.seed == record["seed"]
+        outcome = "running"
+        while outcome == "running":
+            action = game.action_of(policy.select(game.situation))
+            *_, infos = env.step(action[0] if kind == "single" else action)
+            outcome, collected, seed = (
+                np.ravel((infos[0] if kind == "sb3" else infos)[key])[0]
+                for key in ("outcome", "collected", "round_seed")
+            )
+        ends.append((outcome, collected, seed))
+    assert ends == [(OUTCOMES[one["end"]], one["collected"], one["seed"]) for one in records]
+    assert len(set(ends)) > 1
 
 
 def test_a_level_is_played_whatever_the_seed() -> None:
@@ -115,8 +154,8 @@ def test_settings_of_a_batch_are_for_all_its_games_until_all_are_reset() -> None
 
 def test_several_agents_take_the_same_options() -> None:
     env = pacman_env.parallel_env(map="loop")
-    _, infos = env.reset(options={"round_seed": 11, "settings": {"clyde.speed_mps": 0.4}})
-    assert infos["pacman"]["round_seed"] == 11
+    _, infos = env.reset(options={"round_seed": 2**64 - 11, "settings": {"clyde.speed_mps": 0.4}})
+    assert infos["pacman"]["round_seed"] == 2**64 - 11
     assert env.config.clyde.speed_mps == 0.4
     with pytest.raises(ValueError, match="levl"):
         env.reset(options={"levl": 1})
@@ -135,6 +174,8 @@ def test_a_seed_that_is_none_is_named() -> None:
 
 
 @given(st.one_of(st.integers(), st.floats(), st.text(), st.none(), st.booleans(), st.lists(st.integers(), max_size=4)))
+@example(2**64 - 1)
+@example([16452687389592421897, 0, 2**63])
 def test_a_number_is_taken_or_refused_by_name(given_: Any) -> None:
     try:
         taken = ResetOptions.of({"round_seed": given_}, 3).round_seed
@@ -147,7 +188,7 @@ def test_a_number_is_taken_or_refused_by_name(given_: Any) -> None:
     assert taken is not None
     each = given_ if isinstance(given_, list) else [given_] * 3
     assert taken.tolist() == each
-    assert all(0 <= one < SEEDS for one in each)
+    assert all(0 <= one < 2**64 for one in each)
 
 
 @pytest.mark.parametrize("make", [PacManBotEnv, lambda **more: PacManBotVectorEnv(2, **more), pacman_env.parallel_env])

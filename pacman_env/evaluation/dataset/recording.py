@@ -75,7 +75,7 @@ class Rounds:
 
 
 def round_seeds(seed: int, episodes: int) -> NDArray[np.uint64]:
-    """(E,) as for a comparison, cut to what environments take as ``round_seed``."""
+    """Draw the seeds (E,) as for a comparison, cut to 63 bits as environments draw them."""
     return episode_seeds(seed, episodes) % np.uint64(SEEDS)
 
 
