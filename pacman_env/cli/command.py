@@ -46,6 +46,7 @@ class Parser(argparse.ArgumentParser):
         with uninterrupted():  # argparse imports modules here when it first needs them, and a Ctrl-C then may be lost
             super().__init__(**options)
         self.register("type", Path, _path)
+        self._negative_number_matcher = re.compile(r"-\.?\d")  # argparse takes -5. and -1e3 for options
 
     def format_help(self) -> str:
         """The command's examples follow its arguments."""

@@ -3,6 +3,7 @@
 msgspec checks types and ranges; a class checks the rules between its fields. A message has field, value and rule.
 """
 
+import contextlib
 import functools
 import operator
 import re
@@ -63,7 +64,9 @@ def convert(value: object, kind: Any, name: str = "", *, strict: bool = True) ->
     ``kind`` is a type, with ``msgspec.Meta`` where it has a range; text becomes a number only if not ``strict``.
     """
     try:
-        return msgspec.convert(_plain(value), kind, strict=strict, dec_hook=lambda kind, value: kind(value))
+        return msgspec.convert(
+            _plain(value, numbers=not strict), kind, strict=strict, dec_hook=lambda kind, value: kind(value)
+        )
     except (msgspec.ValidationError, RecursionError) as error:
         raise ConfigError(_message(str(error), value, kind, name)) from None
 
@@ -89,9 +92,14 @@ class Checked:
         require(condition, self._prefix + name, operator.attrgetter(name)(self), rule)
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: Any, *, numbers: bool = False) -> Any:
+    """Turn NumPy's values and sequences into Python's, and with ``numbers`` what Python reads as one into JSON's."""
     if isinstance(value, (list, tuple)):
-        return [_plain(one) for one in value]
+        return [_plain(one, numbers=numbers) for one in value]
+    if isinstance(value, str) and numbers:
+        for kind in (int, float):
+            with contextlib.suppress(ValueError):
+                return str(kind(value))  # of .3, +60, 5. and 1_000 msgspec would refuse the text
     return value.tolist() if hasattr(value, "tolist") else value
 
 

@@ -19,6 +19,8 @@ HIGHEST_DOMAIN = 232  # of DDS, by its formula for ports
 _NAMES_S = 1.0
 _UNKNOWN_NAMESPACE, _UNKNOWN_NAME = "_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_"  # ROS's words
 NAMELESS = "a node without a name"
+#: The parser of ROS, which reads tabs between words, if PyYAML was built with it.
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
@@ -99,18 +101,22 @@ def simulated(arguments: Sequence[str]) -> bool:
     given = [text.partition(":=") for flag, text in pairs if flag in ("-p", "--param")]
     values = [value for name, _, value in given if name.rpartition(":")[2].strip() == "use_sim_time"]
     if values:
-        return values[-1].strip().lower() in ("true", "yes", "on")
+        return _is_true(values[-1].strip())
     for file in (Path(text) for flag, text in pairs if flag == "--params-file"):
         with contextlib.suppress(OSError, ValueError, yaml.YAMLError):  # ROS reports what is wrong
-            if _asks(yaml.safe_load(file.read_text())):
+            if _asks(yaml.load(file.read_text(), _LOADER)):
                 return True
     return False
+
+
+def _is_true(value: object) -> bool:
+    return str(value).lower() in ("true", "yes", "on", "y")
 
 
 def _asks(content: Any) -> bool:
     if not isinstance(content, dict):
         return False
-    return content.get("use_sim_time") is True or any(_asks(value) for value in content.values())
+    return _is_true(content.get("use_sim_time")) or any(_asks(value) for value in content.values())
 
 
 def costmaps_without(node: Any, topic: str) -> list[str]:

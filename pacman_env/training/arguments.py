@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from msgspec import Meta
 
 from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative, Number, Share, convert, kinds, require
+from pacman_env.config.yaml_files import read_yaml
 from pacman_env.files import shipped
 from pacman_env.training.lineups import LEARNED, LEAST_NODES, behaviours, checked, searches, sub_batches
 
@@ -144,10 +144,7 @@ class Arguments(Checked):
 
 def load_hyperparameters(path: Path, section: str) -> Hyperparameters:
     """A section of a YAML file; ValueError names the file and the section that do not fit."""
-    try:
-        content = yaml.safe_load(path.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ValueError(f"{path}: cannot be read: {error}") from None
+    content = read_yaml(path)
     values = content.get(section) if isinstance(content, dict) else None
     if not isinstance(values, dict):
         raise ValueError(f"{path}: no section {section!r}")
@@ -160,7 +157,7 @@ def from_values(values: dict[str, Any], where: str) -> Hyperparameters:
         unknown, missing = sorted(map(str, set(values) - set(known))), sorted(set(known) - set(values))
         raise ValueError(f"{where}: unknown {unknown}, missing {missing}")
     whole = (AtLeastOne, Count)
-    try:  # YAML 1.1 reads 1e-4 as a string
+    try:  # a number may be in quotes
         return Hyperparameters(**{n: convert(values[n], kind, n, strict=kind in whole) for n, kind in known.items()})
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None

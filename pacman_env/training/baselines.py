@@ -8,7 +8,6 @@ import numpy as np
 import sb3_contrib
 import stable_baselines3
 import torch
-import yaml
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.preprocessing import is_image_space
@@ -17,6 +16,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecFrameStack, VecNormalize
 
 from pacman_env.config import ConfigError
 from pacman_env.config.validation import AtLeastOne, Count, NotNegative, Number, Positive, Share, convert, require
+from pacman_env.config.yaml_files import read_yaml
 from pacman_env.envs.arguments import EnvArguments
 from pacman_env.episodes.statistics import wilson
 from pacman_env.game.execution import COMPLETE, DEAD
@@ -117,10 +117,7 @@ def point(model: BaseAlgorithm, decisions: int, learning_s: float, reached: dict
 
 def load_baselines(path: Path) -> dict[str, Baseline]:
     """The baselines of a file by name; a ValueError names file, section and field that are wrong."""
-    try:
-        content = yaml.safe_load(path.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
-        raise ValueError(f"{path}: cannot be read: {error}") from None
+    content = read_yaml(path)
     if not isinstance(content, dict) or not content:
         raise ValueError(f"{path}: must have baselines by name")
     try:

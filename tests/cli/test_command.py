@@ -12,9 +12,16 @@ from typing import Any
 
 import pytest
 
-from pacman_env.cli.command import EXTRA_OF, Parser, guarded
+from pacman_env.cli.command import EXTRA_OF, Parser, finite_number, guarded
 from pacman_env.cli.main import main
 from pacman_env.files import install_command
+
+
+@pytest.mark.parametrize("text", ["-5.", "-1e3", "-.5e-1", "-1_0", ".3", "+60", "5.", "1_000"])
+def test_parser_reads_numbers_that_python_reads(text: str) -> None:
+    parser = Parser(prog="command")
+    parser.add_argument("--home", nargs=2, type=finite_number())
+    assert parser.parse_args(["--home", "1", text]).home == [1.0, float(text)]
 
 
 def test_ctrl_c_while_a_parser_is_made_follows_once_it_is_made(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -59,6 +59,7 @@ def test_who_stays_on_this_machine_leaves_no_other_way_to_others() -> None:
     [
         ("-p use_sim_time:=true", True),
         ("-p use_sim_time:=false", False),
+        ("-p use_sim_time:=Y", True),
         ("--param sim_robot:use_sim_time:=True", True),
         ("-p speed:=4.0 -r __ns:=/use_sim_time", False),
         ("--params-file {file}", True),
@@ -71,6 +72,15 @@ def test_arguments_that_ask_for_simulated_time_are_known(words: str, asks: bool,
     file = tmp_path / "launch_params"
     file.write_text("/robot_15/sim_robot:\n  ros__parameters:\n    use_sim_time: true\n")
     assert simulated(["--ros-args", *words.format(file=file).split()]) is asks
+
+
+@pytest.mark.parametrize(
+    ("value", "asks"), [("\ttrue", True), (" y", True), (" On", True), (" off", False), (" no", False)]
+)
+def test_simulated_time_is_read_from_file_as_by_ros(value: str, asks: bool, tmp_path: Path) -> None:
+    file = tmp_path / "params.yaml"
+    file.write_text(f"sim_robot:\n  ros__parameters:\n    use_sim_time:{value}\n")
+    assert simulated(["--ros-args", "--params-file", str(file)]) is asks
 
 
 ROS_PROFILE, OTHER_PROFILE = PROFILES

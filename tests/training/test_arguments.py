@@ -133,6 +133,7 @@ def test_a_field_that_does_not_fit_is_named_with_file_and_section(
         (b"- headline", "no section 'headline'"),
         (b"", "no section 'headline'"),
         (b"headline: [", "cannot be read"),
+        (b"headline: {gamma: 0.9, gamma: 0.8}", "cannot be read: key 'gamma' is there twice"),
         (b"\xff\xfe\xff", "cannot be read"),
         (b"headline: !!python/object/apply:os.getcwd []", "cannot be read"),
     ],

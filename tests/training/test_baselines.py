@@ -94,7 +94,13 @@ def test_a_field_that_does_not_fit_is_named_with_file_and_section(values: Any, m
 
 @pytest.mark.parametrize(
     ("content", "message"),
-    [(b"mine: [", "cannot be read"), (b"\xff", "cannot be read"), (b"", "must have"), (b"[1]", "must have")],
+    [
+        (b"mine: [", "cannot be read"),
+        (b"mine: 1\nmine: 2", "cannot be read: key 'mine' is there twice"),
+        (b"\xff", "cannot be read"),
+        (b"", "must have"),
+        (b"[1]", "must have"),
+    ],
 )
 def test_a_file_that_is_none_is_refused(content: bytes, message: str, tmp_path: Path) -> None:
     path = tmp_path / "bad.yaml"

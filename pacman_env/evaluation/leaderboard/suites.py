@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
-import yaml
 from msgspec import Meta
 
 from pacman_env.config import Config, ConfigError, make_config
 from pacman_env.config.validation import AtLeastOne, NotNegative, convert
+from pacman_env.config.yaml_files import read_yaml
 from pacman_env.evaluation.compare.scenarios import Levels, Scenario, check_goals
 from pacman_env.files import shipped
 from pacman_env.plugins import offer
@@ -64,10 +64,7 @@ class Cell:
 
 def read_suites(path: Path) -> dict[str, Suite]:
     """The suites of a file by name; a ValueError names the file and the field that is wrong."""
-    try:
-        content = yaml.load(path.read_text(), _Loader)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
-        raise ValueError(f"{path}: cannot be read: {error}") from None
+    content = read_yaml(path)
     if not isinstance(content, dict) or not content:
         raise ValueError(f"{path}: must have suites by name")
     return {str(name): _checked(str(name), values, path) for name, values in content.items()}
@@ -126,14 +123,3 @@ def _try(field: str, changes: dict[str, Any]) -> None:
         check_goals(make_config(PRESET, EXECUTION, **changes))
     except ConfigError as error:
         raise ConfigError(f"{field}: {error}") from None
-
-
-class _Loader(yaml.SafeLoader):
-    """Of a key that is there twice YAML would keep the last."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [key.value for key, _ in node.value]
-        for number, key in enumerate(keys):
-            if key in keys[:number]:
-                raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is there twice", node.start_mark)
-        return super().construct_mapping(node, deep)

@@ -56,7 +56,7 @@ def test_the_suite_of_the_search_has_every_behaviour_and_mixture_in_16_cells() -
 
 
 def test_settings_reach_every_cell(tmp_path: Path) -> None:
-    suite = choose_suite(written(tmp_path, GOOD + "  settings: {time_limit_s: 40, refuges.spread: 0}\n"), "tiny")
+    suite = choose_suite(written(tmp_path, GOOD + "  settings: {time_limit_s: 4e1, refuges.spread: 0}\n"), "tiny")
     found = cells(suite, {})
     assert len(found) == 4
     assert {(cell.config.time_limit_s, cell.config.refuges.spread) for cell in found} == {(40.0, 0)}
