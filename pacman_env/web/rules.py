@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 from urllib.parse import quote, urlencode
-
-import yaml
 
 from pacman_env.config import Config, ConfigError, preset_names
 from pacman_env.config.described import settings
@@ -24,14 +20,13 @@ from pacman_env.sim.maps.level_source import TEST_LEVEL, TEST_LEVELS, LevelSourc
 from pacman_env.web.game import Refused
 from pacman_env.web.messages import Setup
 from pacman_env.world.maps.map_check import check_map
-from pacman_env.world.maps.occupancy import MapError, OccupancyMap, load_map, shipped_maps
+from pacman_env.world.maps.occupancy import MapError, OccupancyMap, load_map, read_map, shipped_maps
 
 GENERATED = "generated"
 #: Groups of the configuration that a form shows: others are chosen elsewhere on the page, or only learners need them.
 _GROUPS = ("robot", "localization", "nav2", "pellets", "clyde", "execution", "refuges")
 _VARIANTS = ("clyde_aware:documented", "search:alone")  # policies for measurements, not listed
 _CHOSEN_ELSEWHERE = ("clyde.speed_mps", "execution.tick_s")
-_IMAGES = ((b"\x89PNG\r\n\x1a\n", ".png"), (b"P5", ".pgm"), (b"P2", ".pgm"))
 _MOST_MAPS = 20  # uploaded
 _LONGEST_S = 3600.0  # of a round: each of its ticks is kept
 _MOST_PIXELS = 4_000_000  # of an uploaded map: 2000 x 2000
@@ -127,7 +122,12 @@ class Choices:
             raise Refused(str(error)) from error
 
     def add_map(self, name: str, text: str, image: bytes) -> dict[str, Any]:
-        loaded = _loaded(name, text, image)
+        try:
+            loaded = read_map(name, text, image)
+        except MapError as error:
+            raise Refused(str(error)) from error
+        if loaded.grey.size > _MOST_PIXELS:
+            raise Refused(f"the image of {name}: {loaded.grey.size} pixels, at most {_MOST_PIXELS}")
         if name in shipped_maps() or name == GENERATED:
             raise Refused(f"map {name!r}: a map that ships has this name")
         own = [known for known, one in self._maps.items() if not isinstance(one, str)]
@@ -142,27 +142,3 @@ class Choices:
             raise Refused(f"the map {name} cannot be played on: {error}") from error
         self._maps[name] = loaded
         return {"map": name, "words": report.render()}
-
-
-def _loaded(name: str, text: str, image: bytes) -> OccupancyMap:
-    """A map from a YAML file's text and an image's bytes; the YAML's name of the image is ignored."""
-    try:
-        keys = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise Refused(f"{name}.yaml: no YAML: {error}") from error
-    if not isinstance(keys, dict):
-        raise Refused(f"{name}.yaml: must have the keys of map_server: image, resolution, origin")
-    suffix = next((ending for start, ending in _IMAGES if image.startswith(start)), None)
-    if suffix is None:
-        raise Refused(f"the image of {name}: must be a PGM or a PNG")
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{name}.yaml"
-        try:
-            (path.parent / f"{name}{suffix}").write_bytes(image)
-            path.write_text(yaml.safe_dump(keys | {"image": f"{name}{suffix}"}))
-            loaded = load_map(path)
-        except (MapError, OSError) as error:
-            raise Refused(str(error).replace(f"{folder}/", "")) from error
-    if loaded.grey.size > _MOST_PIXELS:
-        raise Refused(f"the image of {name}: {loaded.grey.size} pixels, at most {_MOST_PIXELS}")
-    return loaded

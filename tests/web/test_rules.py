@@ -80,9 +80,11 @@ def own_map(folder: Path) -> tuple[str, bytes]:
 def test_a_map_of_ones_own_is_checked_and_can_be_chosen(tmp_path: Path) -> None:
     choices = Choices()
     text, image = own_map(tmp_path)
-    answer = choices.add_map("mine", text.replace("mine.pgm", "../../elsewhere.pgm"), image)
+    text = text.replace("mine.pgm", "../../elsewhere.pgm") + "resolution: 0.1\n"  # the first counts, as on the robot
+    answer = choices.add_map("mine", text, image)
     assert answer["map"] == "mine"
-    assert "pellets" in answer["words"]
+    assert "0.05 m per px" in answer["words"]
+    assert "resolution" in answer["words"]
     assert "mine" in choices.facts()["maps"]
     choices.prepare(Rules(map="mine"), None)
 
@@ -90,9 +92,9 @@ def test_a_map_of_ones_own_is_checked_and_can_be_chosen(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "image", "words"),
     [
-        ("mine", "a: [", b"P5", "mine.yaml: no YAML"),
-        ("mine", "just words", b"P5", "must have the keys of map_server"),
-        ("mine", "image: x.pgm", b"GIF89a", "must be a PGM or a PNG"),
+        ("mine", "a: [", b"P5", "mine.yaml: not a plain YAML file"),
+        ("mine", "just words", b"P5", "mine.yaml: "),
+        ("mine", None, b"GIF89a", "mine.yaml: key 'image'"),
         ("mine", "image: x.pgm\nresolution: 0.05\norigin: [0, 0, 0]", b"P5 nothing", "mine.yaml"),
         ("mine", "image: x.pgm\nresolution: 0\norigin: [0, 0, 0]", b"P5\n2 2\n255\nabcd", "is missing"),
         ("house", None, None, "a map that ships has this name"),

@@ -79,7 +79,7 @@ def check_map(
     free, nav2_free = map.game_free(config.pellets.free_grey), map.occupancy == 0
     cell_m2 = map.resolution**2
     areas = connected_parts(free)[1] * cell_m2
-    warnings = _image_warnings(map, free, nav2_free, config.pellets.free_grey)
+    warnings = [*map.notes, *_image_warnings(map, free, nav2_free, config.pellets.free_grey)]
     grid = None
     for wished in (None if home in (None, (0.0, 0.0)) else (*home, 0.0), None):
         with contextlib.suppress(MapError):

@@ -4,12 +4,14 @@ One image is read twice: ``occupancy`` is what Nav2's costmap gets, ``grey`` is 
 is free".
 """
 
+import contextlib
 import hashlib
 import math
 import os
 import re
 import reprlib
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -26,13 +28,17 @@ Grey = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 Pose = tuple[float, float, float]  # x, y, yaw: m and rad
 MODES = ("trinary", "scale", "raw")
-_YES, _NO = {"y", "yes", "true", "on"}, {"n", "no", "false", "off"}
+_KEYS = ("image", "resolution", "origin", "occupied_thresh", "free_thresh", "negate", "mode")
+#: What yaml-cpp, Nav2's parser, reads as a number, as a whole number, and as true or false.
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*", re.ASCII)
+_WHOLE = re.compile(r"[+-]?(0[xX][\da-fA-F]+|0[0-7]*|[1-9]\d*)\s*", re.ASCII)
+_BOOLEANS = {"y": True, "yes": True, "true": True, "on": True, "n": False, "no": False, "false": False, "off": False}
 MAX_PIXELS_PER_SIDE = 10_000
 _PNG = b"\x89PNG\r\n\x1a\n"
 _GAP = rb"(?:\s|#[^\n]*\n)+"
 _PGM_HEADER = re.compile(rb"P([25])" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,5})\s")
-#: What PyYAML is known to raise on broken input beside its own error.
-_YAML_ERRORS = (yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError, RecursionError)
+#: What PyYAML raises on broken input, in addition to its own error.
+_YAML_ERRORS = (yaml.YAMLError, ValueError, OverflowError, RecursionError)
 
 
 class MapError(ValueError):
@@ -54,6 +60,7 @@ class OccupancyMap:
     free_thresh: float = 0.196  #: at most this dark is free, 0..1; wins over ``occupied_thresh``
     negate: bool = False  #: the image's dark pixels are free
     mode: str = "trinary"  #: "trinary", "scale" or "raw"
+    notes: tuple[str, ...] = ()  #: what is odd about the YAML file, one sentence each
 
     def __post_init__(self) -> None:
         grey, occupancy = np.array(self.grey, dtype=np.uint8), np.array(self.occupancy, dtype=np.int8)
@@ -236,13 +243,29 @@ def _shipped() -> dict[str, Path]:
     return {p.stem: p for p in sorted(shipped("maps", "maps").glob("*.yaml"))}
 
 
+class _Loader(yaml.BaseLoader):
+    """Skips tabs between the words of a line, as yaml-cpp does; PyYAML refuses them."""
+
+    def scan_to_next_token(self) -> None:
+        super().scan_to_next_token()
+        while self.peek() == "\t" and (self.flow_level or self.column > 0):
+            if not self.flow_level:
+                self.allow_simple_key = False  # a tab does not indent a key
+            self.forward()
+            super().scan_to_next_token()
+
+
 def _load(path: Path, name: str) -> OccupancyMap:
-    try:
-        keys = yaml.safe_load(path.read_bytes())
-    except _YAML_ERRORS as error:
-        raise MapError(f"{path}: not a plain YAML file: {' '.join(str(error).split())}") from error
-    if not isinstance(keys, dict):
-        raise MapError(f"{path}: a map's YAML holds keys and values, this one a {type(keys).__name__}")
+    return _read(name, path, path.read_bytes(), _content)
+
+
+def read_map(name: str, text: str, image: bytes) -> OccupancyMap:
+    """Read a map as :func:`load_map` does, from the content of its two files; raises MapError."""
+    return _read(name, Path(f"{name}.yaml"), text.encode(), lambda path: image)
+
+
+def _read(name: str, path: Path, text: bytes, content: Callable[[Path], bytes]) -> OccupancyMap:
+    keys, notes = _parse(path, text)
     origin = _required(path, keys, "origin")
     if not isinstance(origin, list) or len(origin) != 3:
         raise MapError(f"{path}: key 'origin': {reprlib.repr(origin)} must be three numbers (x, y, yaw)")
@@ -254,12 +277,13 @@ def _load(path: Path, name: str) -> OccupancyMap:
         "free_thresh": _number(path, keys, "free_thresh"),
         "negate": _negate(path, keys),
         "mode": mode.lower() if isinstance(mode, str) else mode,
+        "notes": notes,
     }
     image = _required(path, keys, "image")
     if not isinstance(image, str) or not image or "\0" in image:
         raise MapError(f"{path}: key 'image': {reprlib.repr(image)} must be the name of a file")
     try:
-        pixels, opaque = _read_image(path.parent / image)
+        pixels, opaque = _pixels(content(path.parent / image))
     except ValueError as error:
         raise MapError(f"{path}: key 'image': {path.parent / image}: {error}") from error
     try:
@@ -268,50 +292,74 @@ def _load(path: Path, name: str) -> OccupancyMap:
         raise MapError(f"{path}: {error}") from error
 
 
+def _parse(path: Path, text: bytes) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Read the keys of map_server as strings and lists of strings, and note keys that are repeated.
+
+    As in yaml-cpp the first of a repeated key counts, merge keys are ordinary keys, and further documents are ignored.
+    """
+    values: dict[str, Any] = {}
+    lines: dict[str, list[int]] = {key: [] for key in _KEYS}
+    try:
+        loader = _Loader(text)
+        node = loader.get_node() if loader.check_node() else None
+        if not isinstance(node, yaml.MappingNode):
+            raise MapError(f"{path}: a map's YAML holds keys and values")
+        for key, value in node.value:
+            if isinstance(key, yaml.ScalarNode) and key.value in lines:
+                lines[key.value].append(key.start_mark.line + 1)
+                if key.value not in values:
+                    values[key.value] = loader.construct_object(value, deep=True)
+    except _YAML_ERRORS as error:
+        if isinstance(error, MapError):
+            raise
+        raise MapError(f"{path}: not a plain YAML file: {' '.join(str(error).split())}") from error
+    notes = (
+        f"key {key!r} is in lines {' and '.join(map(str, found))}: line {found[0]} counts, as for Nav2"
+        for key, found in lines.items()
+        if len(found) > 1
+    )
+    return values, tuple(notes)
+
+
 def _required(path: Path, keys: dict[Any, Any], key: str) -> Any:
     if key not in keys:
         raise MapError(f"{path}: key '{key}' is missing")
     return keys[key]
 
 
-def _number(path: Path, keys: dict[Any, Any], key: str) -> float:
-    """A finite number, also as a string: PyYAML reads ``5e-2`` as one."""
+def _number(path: Path, keys: dict[str, Any], key: str) -> float:
     value = _required(path, keys, key)
-    if isinstance(value, (str, int, float)) and not isinstance(value, bool):
-        try:
-            number = float(value)
-        except (ValueError, OverflowError):
-            number = math.nan
-        if math.isfinite(number):
-            return number
-    raise MapError(f"{path}: key '{key}': {reprlib.repr(value)} must be a finite number")
+    if isinstance(value, str) and _NUMBER.fullmatch(value) and math.isfinite(float(value)):
+        return float(value)
+    raise MapError(f"{path}: key '{key}': {reprlib.repr(value)} must be a finite decimal number")
 
 
-def _negate(path: Path, keys: dict[Any, Any]) -> bool:
-    """A whole number (0: no) or a truth value, quoted or not."""
+def _negate(path: Path, keys: dict[str, Any]) -> bool:
+    """Read a whole number (0: no) or a truth value in lower case, in upper case or capitalised."""
     value = _required(path, keys, "negate")
-    if isinstance(value, int):
-        return bool(value)
-    text = value.strip().lower() if isinstance(value, str) else ""
-    if text in (_YES | _NO):
-        return text in _YES
-    if re.fullmatch(r"[+-]?\d{1,9}", text):
-        return int(text) != 0
+    if isinstance(value, str) and _WHOLE.fullmatch(value):
+        return int(value, 16) != 0  # in whichever base it is written
+    if isinstance(value, str) and value in (value.lower(), value.upper(), value.capitalize()):
+        with contextlib.suppress(KeyError):
+            return _BOOLEANS[value.lower()]
     raise MapError(f"{path}: key 'negate': {reprlib.repr(value)} must be 0 or 1")
 
 
-def _read_image(path: Path) -> tuple[Grey, Mask | None]:
+def _content(path: Path) -> bytes:
+    try:
+        if not path.is_file():  # a device or a pipe has no end
+            raise ValueError("there is no such file")
+        return path.read_bytes()
+    except OSError as error:
+        raise ValueError(f"cannot be read: {error.strerror}") from error
+
+
+def _pixels(data: bytes) -> tuple[Grey, Mask | None]:
     """Brightness (H, W), row 0 at the top, and where it is opaque, None for an image without alpha.
 
     As GraphicsMagick does for Nav2: colour becomes grey by Rec. 601 luma, 16 bits become 8; opaque is an alpha of 255.
     OpenCV decodes PNG and BMP; it would not rescale a binary PGM with a maxval other than 255, so PGM is read here.
     """
-    try:
-        if not path.is_file():  # a device or a pipe has no end
-            raise ValueError("there is no such file")
-        data = path.read_bytes()
-    except OSError as error:
-        raise ValueError(f"cannot be read: {error.strerror}") from error
     pgm = _PGM_HEADER.match(data)
     if pgm:
         width, height = int(pgm[2]), int(pgm[3])

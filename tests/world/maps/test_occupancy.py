@@ -85,13 +85,13 @@ def test_a_missing_key_is_named(tmp_path: Path, key: str) -> None:
     assert str(path) in str(caught.value)
 
 
-NOT_A_NUMBER = ["a", None, [1], True, "-nan", math.inf, 10**400]
+NOT_A_NUMBER = ["a", None, [1], True, "-nan", math.inf, 10**400, "0x1", "1_0", "1:30", "0b1", " 0.1", "\u0660.\u0661"]
 WRONG: dict[str, list[object]] = {
     "resolution": [*NOT_A_NUMBER, 0, -0.1],
     "occupied_thresh": [*NOT_A_NUMBER, -0.1, 65],
     "free_thresh": [*NOT_A_NUMBER, -0.1, 1.01],
     "origin": [0, "0 0 0", None, [0, 0], [0, 0, 0, 0], [0, 0, "a"], [0, 0, math.nan], [0, [0], 0]],
-    "negate": ["maybe", 0.0, None, [0], ""],
+    "negate": ["maybe", 0.0, None, [0], "", "tRUE", "08", " 1", "1_0"],
     "mode": ["trinaryy", "", None, 3, ["raw"]],
     "image": ["", None, 5, ["m.pgm"], "absent.pgm", ".", "a\0b", "x" * 5000],
 }
@@ -118,9 +118,29 @@ def test_numbers_that_yaml_reads_as_strings_are_numbers(tmp_path: Path) -> None:
     assert m.negate is False
 
 
+#: How yaml-cpp 0.7.0 and 0.8.0 read what stands behind a key of a number.
+@pytest.mark.parametrize(
+    ("text", "number"),
+    [
+        *(
+            (text, 0.05)
+            for text in (".05", "5e-2", "+0.05", "'0.05'", "!!str 0.05", "0.05\t# tab", "0.05 # m", "05E-2")
+        ),
+        *(("010", 10.0), ("5.", 5.0), ("1e2", 100.0)),
+    ],
+)
+def test_number_of_map_is_that_of_yaml_cpp(tmp_path: Path, text: str, number: float) -> None:
+    path = write_map(tmp_path, [[0]], "resolution")
+    path.write_text(path.read_text() + f"resolution: {text}\n")
+    assert load_map(path).resolution == number
+
+
 @pytest.mark.parametrize(
     ("value", "negate"),
-    [(0, False), (1, True), (2, True), (True, True), (False, False), ("1", True), ("n", False), ("On", True)],
+    [
+        *((value, False) for value in (0, False, "n", "NO", "0x0", "00", "-0")),
+        *((value, True) for value in (1, 2, True, "1", "On", "010", "0X1", "+1")),
+    ],
 )
 def test_negate_is_a_number_or_a_truth_value(tmp_path: Path, value: object, negate: bool) -> None:
     assert load_map(write_map(tmp_path, [[0]], negate=value)).negate is negate
@@ -133,6 +153,7 @@ def test_negate_is_a_number_or_a_truth_value(tmp_path: Path, value: object, nega
         "- 1",
         "just words",
         "a: [",
+        'image: "\\UFFFFFFFF"',
         "\tx: 1",
         "a: !!python/object/apply:os.getcwd []",
         "a: !!bool maybe",
@@ -158,6 +179,49 @@ def test_no_yaml_gives_another_error_than_mine(tmp_path_factory: pytest.TempPath
     except MapError as error:
         message = str(error)
     assert message == "" or str(path) in message
+
+
+TEXT = "image: m.pgm\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        TEXT.replace(": ", ":\t"),
+        TEXT.replace(": ", "\t: \t").replace("\n", "\t\n").replace(", ", ",\t"),
+        TEXT.replace("\n", "\r\n"),
+        "\ufeff" + TEXT,
+        f"%YAML 1.2\n---\n{TEXT}...\n",
+        f"---\n{TEXT}---\nresolution: [0.1\n",
+        f"{TEXT}author: !someone {{? [a] : b, when: 2024-13-45}}\n",
+        "<<: {mode: raw, resolution: 1}\n" + TEXT,
+        TEXT.replace("resolution: 0.05", "d: &d {resolution: 1}\n'resolution': 0.05\n<<: *d"),
+        "{\n\t" + TEXT.replace("\n", ",\n\t") + "}",
+    ],
+    ids=lambda text: repr(text)[:20],
+)
+def test_map_is_read_as_by_yaml_cpp(tmp_path: Path, text: str) -> None:
+    path = write_map(tmp_path, [[255]])
+    path.write_bytes(text.encode())
+    m = load_map(path)
+    assert (m.resolution, m.origin, m.mode, m.notes) == (0.05, (0.0, 0.0, 0.0), "trinary", ())
+
+
+def test_first_of_repeated_keys_counts_and_is_noted(tmp_path: Path) -> None:
+    path = write_map(tmp_path, [[255]])
+    path.write_text(f"{TEXT}'resolution': 0.1\nauthor: a\nauthor: b\nresolution: [\n1]\nimage: absent.pgm\n")
+    m = load_map(path)
+    assert m.resolution == 0.05
+    assert len(m.notes) == 2
+    assert "'image' is in lines 1 and 12" in m.notes[0]
+    assert "'resolution' is in lines 2 and 7 and 10" in m.notes[1]
+
+
+def test_a_name_that_looks_like_a_number_is_an_image(tmp_path: Path) -> None:
+    (tmp_path / "2024-01-01").write_bytes(pgm([[7]]))
+    path = write_map(tmp_path, [[0]], "image")
+    path.write_text(path.read_text() + "image: 2024-01-01\n")
+    assert load_map(path).grey.tolist() == [[7]]
 
 
 def test_an_alias_bomb_makes_no_long_message(tmp_path: Path) -> None:
