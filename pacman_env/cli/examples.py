@@ -21,6 +21,7 @@ FIRST: tuple[tuple[str, str, str], ...] = (
 EXAMPLES: dict[str, tuple[Example, ...]] = {
     "map check": (
         ("map check home.yaml", "your own map"),
+        ("map check home.yaml --set pellets.free_grey=242", "a map of Cartographer, whose free cells are grey"),
         ("map check house --spacing 1.5 --json", "a shipped map with more pellets, as JSON"),
     ),
     "map list": (("map list", "the shipped maps"),),

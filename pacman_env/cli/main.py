@@ -84,6 +84,7 @@ def _add_map_group(commands: Any) -> None:
     add("--json", action="store_true", help="print the report as JSON")
     add("--home", nargs=2, type=number, default=(0.0, 0.0), metavar=("X", "Y"), help="start, m (0 0)")
     add("--spacing", type=number, default=2.0, help="pellet spacing, m (%(default)s)")
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable")
     check.set_defaults(run=_map_check)
     group.add_parser("list", help="names of the shipped maps").set_defaults(run=_map_list)
     generate = group.add_parser("generate", help="write the houses of levels as map files")
@@ -94,13 +95,13 @@ def _add_map_group(commands: Any) -> None:
 
 
 def _map_check(arguments: argparse.Namespace) -> int:
-    from pacman_env.config import make_config
+    from pacman_env.config import make_config, parse_settings
     from pacman_env.game.pellets import generate_pellets
     from pacman_env.sim.maps.assets import map_assets
     from pacman_env.world.maps.map_check import check_map
     from pacman_env.world.maps.occupancy import load_map
 
-    config = make_config().with_fields(**{"pellets.spacing_m": arguments.spacing})
+    config = make_config(**({"pellets.spacing_m": arguments.spacing} | parse_settings(arguments.set)))
     occupancy = load_map(arguments.map)
     try:
         pellets = generate_pellets(occupancy, config.pellets)

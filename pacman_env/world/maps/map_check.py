@@ -14,6 +14,7 @@ from pacman_env.world.navigation.grid import build_grid, connected_parts
 
 MIN_PART_M2 = 0.1  # smaller parts are specks of the mapping and are not counted
 SUSPICIOUS_SHARE = 0.01  # of all pixels
+UNKNOWN_GREY = 205  # of map_saver; a free_thresh of 0.196 keeps it from being free
 
 
 @dataclass(frozen=True)
@@ -119,11 +120,20 @@ def _image_warnings(
 ) -> list[str]:
     warnings = []
     unsure, blocked, cell_m2 = nav2_free & ~free & (map.grey > 0), free & ~nav2_free, map.resolution**2
-    if unsure.mean() > SUSPICIOUS_SHARE:
+    unknown, pale = unsure & (map.grey <= UNKNOWN_GREY), unsure & (map.grey > UNKNOWN_GREY)
+    thresholds = f"free to Nav2 (free_thresh {map.free_thresh:g}, mode {map.mode})"
+    if unknown.mean() > SUSPICIOUS_SHARE:
         warnings.append(
-            f"unknown loads as free: {unsure.sum() * cell_m2:.1f} m2, mostly of grey "
-            f"{int(np.median(map.grey[unsure]))}, are free to Nav2 (free_thresh {map.free_thresh:g}, mode {map.mode}), "
-            f"but not to the game, which wants brighter than {free_grey}"
+            f"unknown loads as free: {unknown.sum() * cell_m2:.1f} m2, mostly of grey "
+            f"{int(np.median(map.grey[unknown]))}, are {thresholds}, but not to the game, which wants brighter than "
+            f"{free_grey}: lower free_thresh to 0.196"
+        )
+    if pale.mean() > SUSPICIOUS_SHARE:
+        grey, least = int(np.median(map.grey[pale])), int(map.grey[pale].min())
+        warnings.append(
+            f"grey is free to Nav2 alone: {pale.sum() * cell_m2:.1f} m2, mostly of grey {grey}, are {thresholds}, but "
+            f"the game wants brighter than {free_grey}: where the robot can drive there, set "
+            f"pellets.free_grey={least - 1}; if it is unknown, free_thresh below {1 - grey / 255:.3f}"
         )
     if blocked.mean() > SUSPICIOUS_SHARE:
         warnings.append(

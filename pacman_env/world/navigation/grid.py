@@ -241,7 +241,9 @@ def build_grid(
     clearance = clearance_m(free, res)
     drivable = clearance > robot.inscribed_radius_m
     if not drivable.any():
-        raise MapError(f"{occupancy.name}: no free place wide enough for a robot of {robot.inscribed_radius_m} m")
+        wide = f"wide enough for a robot of {robot.inscribed_radius_m} m"
+        rule = f"brighter than pellets.free_grey = {pellets.free_grey}"
+        raise MapError(f"{occupancy.name}: no free place {wide}; free is {rule}")
     ox, oy, yaw = occupancy.origin
     cos, sin = math.cos(yaw), math.sin(yaw)
     if abs(yaw) < 1e-12:

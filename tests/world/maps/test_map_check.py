@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pacman_env.config import make_config
+from pacman_env.config import make_config, parse_settings
 from pacman_env.world.maps.map_check import MapReport, check_map
 from pacman_env.world.maps.occupancy import OccupancyMap
 
@@ -26,12 +26,13 @@ def picture(*lines: str, yaw: float = 0.0, **changes: object) -> OccupancyMap:
     return OccupancyMap.from_pixels("picture", pixels, 0.1, (0.0, 0.0, yaw), **changes)  # type: ignore[arg-type]
 
 
-def check(m: OccupancyMap, *cells: tuple[int, int], home: tuple[int, int] | None) -> MapReport:
+def check(m: OccupancyMap, *cells: tuple[int, int], home: tuple[int, int] | None, free_grey: str = "250") -> MapReport:
     """Pellets and home given as (column, row); pellets lie on the cell's upper left corner as in the game."""
     corners = np.array([m.cell_to_world(c - 0.5, r - 0.5) for c, r in cells], dtype=float).reshape(-1, 2)
     start = None if home is None else tuple(float(v) for v in m.cell_to_world(*home))
     ids = np.arange(len(cells))
-    return check_map(m, corners, ids, CONFIG, home=start)  # type: ignore[arg-type]
+    config = CONFIG.with_fields(**parse_settings([f"pellets.free_grey={free_grey}"]))
+    return check_map(m, corners, ids, config, home=start)  # type: ignore[arg-type]
 
 
 def warnings_with(report: MapReport, words: str) -> list[str]:
@@ -118,7 +119,7 @@ def test_a_clean_map_has_no_warnings() -> None:
 @pytest.mark.parametrize(
     ("m", "words"),
     [
-        (picture("#####", "#.22#", "#####"), "unknown loads as free: 0.0 m2"),
+        (picture("#####", "#.22#", "#####"), "pellets.free_grey=219"),
         (picture("#####", "#.??#", "#####", free_thresh=0.25), "unknown loads as free"),
         (picture("#####", "#...#", "#####", mode="raw"), "free to the game, but not to Nav2"),
         (picture("#####", "#...#", "#####", free_thresh=0.65), "free_thresh 0.65 is not below"),
@@ -130,6 +131,21 @@ def test_a_clean_map_has_no_warnings() -> None:
 )
 def test_what_is_odd_about_a_map_is_said(m: OccupancyMap, words: str) -> None:
     assert warnings_with(check(m, home=None), words)
+
+
+@pytest.mark.parametrize("free_thresh", [0.196, 0.25])
+def test_remedy_for_pale_free_cells_works(free_thresh: float) -> None:
+    """Cartographer's free cells are grey; unknown ones (205) are free to Nav2 if free_thresh is 0.25."""
+    m = picture("??????????", "?########?", *["?#222222#?"] * 5, "?########?", "??????????", free_thresh=free_thresh)
+    pale = check(m, (5, 4), home=None)
+    assert pale.home is None
+    assert bool(warnings_with(pale, "free_thresh to 0.196")) is (free_thresh > 0.196)
+    (warning,) = warnings_with(pale, "pellets.free_grey=")
+    number = warning.partition("pellets.free_grey=")[2].partition(";")[0]
+    remedied = check(m, (5, 4), home=None, free_grey=number)
+    assert remedied.home is not None
+    assert remedied.unreachable == ()
+    assert not warnings_with(remedied, "pellets.free_grey=")
 
 
 def test_a_few_unsure_pixels_are_no_reason_to_warn() -> None:
