@@ -267,7 +267,7 @@ class GameBatch(GameState):
             actions: (N,) int64 candidates, one that the mask forbids makes the robot hold; with velocity actions
                 (N, 2) float64, v in m/s and omega in rad/s.
             ghost_choices: (N, G) int64, for ghosts sent by a policy: the candidate whose place to go to, or the last
-                one to wander on; None: all wander on.
+                one to wander on; beyond it a ``ghosts.behaviour_choice`` or ``cell_choice``. None: all wander on.
             played: (N,) only these games are stepped; None: all. The results of the others' last tick stay.
 
         Raises ValueError for an invalid action or choice, and changes nothing.

@@ -60,7 +60,7 @@ class GhostArrays(NamedTuple):
     obstacles: Any = Array(np.float64, "N G 3")  # m, where they are seen
     parameters: Any = Array(PARAMETERS, "1")
     choices: Any = Array(np.int64, "N G")  # of those sent from outside
-    remembered: Any = Array(np.int16, "N t G")  # the choice at each tick of the round
+    remembered: Any = Array(np.int32, "N t G")  # the choice at each tick of the round
     behaviours: Any = Array(np.int64, "B 2")  # addresses of the kernel and of its constants
     affine: Any = Array(np.float64, "M 6")
     ghost_snap: Any = Array(np.int32, "M h w")  # nearest cell
@@ -133,6 +133,12 @@ def _send(ghost, path, i, chosen, a):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _send_to_cell(ghost, path, cell, m, a):  # type: ignore[no-untyped-def]
+    """Send a ghost to a cell of map m; it wanders on if there is no such cell."""
+    _go(ghost, path, cell if cell < a.cells.ghost_part_start[m].max() else -1, m, a.cells, a.search)
+
+
+@kernel
 def decide(table, i):  # type: ignore[no-untyped-def]
     """Where the ghosts of a game that do not just wander go now; False if a behaviour's function raised."""
     a = _arrays(table)
@@ -152,6 +158,9 @@ def decide(table, i):  # type: ignore[no-untyped-def]
             else:
                 ghosts[i, k].place = -1
                 row = count + chosen - hold - 1
+                if row >= len(behaviours):
+                    _send_to_cell(ghosts[i, k], paths[i, k], row - len(behaviours), g.level, a)
+                    row = -1
         if row >= 0 and call_range(behaviours[row, 0], table, i, row * count + k) < 0:
             return False
     return True
@@ -230,6 +239,11 @@ def behaviour_choice(hold: int, number: int) -> int:
     return hold + 1 + number
 
 
+def cell_choice(hold: int, cell: Any) -> Any:
+    """Return the choice that sends a ghost sent from outside to a cell of its map (``ClydeCells``)."""
+    return behaviour_choice(hold, len(BEHAVIOUR_NAMES)) + cell
+
+
 class Ghosts:
     def __init__(self, n: int, config: Config) -> None:
         try:
@@ -240,7 +254,8 @@ class Ghosts:
         self.state = np.zeros((n, count), dtype=GHOST)
         self.paths = np.zeros((n, count, 0), dtype=np.int32)  # (N, G, L) cells of the path that each is on
         self.obstacles = np.zeros((n, count, 3))  # where they are seen, m
-        #: Of those sent from outside: a candidate, the last one to wander on, or beyond it a :func:`behaviour_choice`.
+        #: Of those sent from outside: a candidate, the last one to wander on; beyond it a :func:`behaviour_choice`, then
+        #: a :func:`cell_choice`.
         self.choices = np.zeros((n, count), dtype=np.int64)
         self.wander_first = np.array([one.name in (WANDER, POLICY) for one in behaviours])
         self.sent_from_outside = np.array([one.name == POLICY for one in behaviours])
@@ -269,7 +284,7 @@ class Ghosts:
             return
         if choices.shape != self.choices.shape:
             raise ValueError(f"ghost choices of shape {choices.shape}: must be {self.choices.shape}")
-        most = behaviour_choice(self._hold, len(BEHAVIOUR_NAMES) - 1)
+        most = cell_choice(self._hold, self._searched[0] - 1)
         bad = np.flatnonzero(((choices < 0) | (choices > most)).any(axis=1))
         if len(bad) > 0:
             raise ValueError(
@@ -279,10 +294,12 @@ class Ghosts:
         self.compile_choices()
 
     def compile_choices(self) -> None:
-        number = int(self.choices.max()) - behaviour_choice(self._hold, 0)
-        for k in range(number + 1):
-            if self._behaviours[len(self.wander_first) + k, 0] == 0:
-                self._use(len(self.wander_first) + k, _TABLE[k])
+        if self.choices.max() <= self._hold:
+            return
+        for k, behaviour in enumerate(_TABLE):
+            row = len(self.wander_first) + k
+            if self._behaviours[row, 0] == 0 and (self.choices == behaviour_choice(self._hold, k)).any():
+                self._use(row, behaviour)
 
     def bind(self, levels: LevelStack, hold: int) -> None:
         """Use the arrays of the maps, after they have been made anew; ``hold`` is the last candidate."""
@@ -295,7 +312,7 @@ class Ghosts:
         paths[:, :, : self.paths.shape[2]] = self.paths
         self.paths = paths
 
-    def table(self, games: NDArray[Any], remembered: NDArray[np.int16], parameters: NDArray[Any]) -> Table:
+    def table(self, games: NDArray[Any], remembered: NDArray[np.int32], parameters: NDArray[Any]) -> Table:
         """What the kernels work on, with scratch memory of its own: one for each thread."""
         return Table(
             GhostArrays,
@@ -336,7 +353,7 @@ class MapGhosts:
         self._parameters["use_tf"] = 1  # the pose that is given is the one believed
         self._games = np.zeros(1, dtype=GAME)  # where the robot is; a step's number never counts
         self._games["pellets"], self._games["refuges"] = assets.pellets, assets.refuges
-        self._remembered = np.zeros((1, 1, len(self)), dtype=np.int16)
+        self._remembered = np.zeros((1, 1, len(self)), dtype=np.int32)
         self._headings = [0.0] * len(self)
         self._table = self._ghosts.table(self._games, self._remembered, self._parameters)
         state = self._ghosts.state[0]

@@ -85,7 +85,7 @@ class RoundSoFar(NamedTuple):
     began: Any  # the record that the round began with, and its first seed
     reseeded: tuple[tuple[int, int], ...]  # at which tick the rest of the round has been given which seed
     decisions: NDArray[Any]  # (T,) or (T, 2)
-    ghost_choices: NDArray[np.int16]  # (T, G); (0, G) where no ghost is sent from outside
+    ghost_choices: NDArray[np.int32]  # (T, G); (0, G) where no ghost is sent from outside
 
 
 class History:
@@ -94,7 +94,7 @@ class History:
     def __init__(self, n: int, ghosts: int, sent: bool, config: Config) -> None:
         velocity = config.action == "velocity"
         self.decisions = np.zeros((n, _ROOM, 2) if velocity else (n, _ROOM), np.float64 if velocity else np.int16)
-        self.ghost_choices = np.zeros((n, _ROOM if sent else 0, ghosts), np.int16)
+        self.ghost_choices = np.zeros((n, _ROOM if sent else 0, ghosts), np.int32)
         self.began = np.zeros(n, dtype=GAME)
         self.reseeded: dict[int, tuple[tuple[int, int], ...]] = {}  # by game, as in RoundSoFar
         self._certain = 0  # so many more ticks have room in every game

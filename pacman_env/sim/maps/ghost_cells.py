@@ -55,9 +55,11 @@ class ClydeCells:
     def cells_in(self, part: int) -> NDArray[np.int32]:
         return self.part_cells[self.part_start[part] : self.part_start[part + 1]]
 
-    def nearest(self, x: float, y: float) -> tuple[int, float]:
-        (cell,), (square,) = nearest_positions(self.position, np.array([(x, y)]))
-        return int(cell), math.sqrt(square)
+    def nearest(self, x: float, y: float, part: int | None = None) -> tuple[int, float]:
+        """Return the cell nearest to a place, m, of one part or of all, and its distance in m."""
+        cells = slice(None) if part is None else self.cells_in(part)
+        (found,), (square,) = nearest_positions(self.position[cells], np.array([(x, y)]))
+        return int(found if part is None else cells[found]), math.sqrt(square)
 
     def start_cells(self, config: ClydeConfig, part: int, places: Iterable[tuple[float, float]]) -> NDArray[np.int32]:
         """Cells where a ghost may start: ``spawn_distance_m`` from all the places, m; if none are, the farthest one."""

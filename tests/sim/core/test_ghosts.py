@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from pacman_env.config import make_config
 from pacman_env.game.execution import DEAD, RUNNING
 from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.core.ghosts import cell_choice
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.maps.ghost_cells import find_path, search_memory
 from tests.drawn import drawn
@@ -121,7 +123,7 @@ def test_from_a_pocket_there_is_no_way_so_he_wanders_there_and_pursues_no_place(
     np.testing.assert_array_equal(told.ghosts["place"][:, 0], np.where(pocket, -1, 0))
 
 
-@pytest.mark.parametrize("bad", [[[0], [-1]], [[27], [0]], [[0, 0], [0, 0]], [0, 0]])
+@pytest.mark.parametrize("bad", [[[0], [-1]], [[10**6], [0]], [[0, 0], [0, 0]], [0, 0]])
 def test_choices_that_are_none_are_refused_and_change_nothing(bad: list[Any]) -> None:
     batch, twin = (games(2, "policy") for _ in range(2))
     assert batch.hold == 23
@@ -131,6 +133,21 @@ def test_choices_that_are_none_are_refused_and_change_nothing(bad: list[Any]) ->
         one.step(np.array([1, 2]), np.array([[3], [4]]))
     np.testing.assert_array_equal(batch.games, twin.games)
     np.testing.assert_array_equal(batch.ghosts, twin.ghosts)
+
+
+def test_ghost_goes_to_any_cell_and_copies_follow() -> None:
+    batch = games(8, "policy", **HARMLESS, **{"clyde.speed_mps": 2.0})
+    cells = batch.assets.clyde.cells_in(batch.assets.clyde_part)
+    sent = np.random.default_rng(0).choice(cells, batch.n)
+    choices = cell_choice(batch.hold, sent)[:, None]
+    for _ in range(5):
+        hold(batch, choices)
+    copy = pickle.loads(pickle.dumps(batch))
+    for one in (batch, copy):
+        for _ in range(30):
+            hold(one, choices)
+        np.testing.assert_array_equal(stands_at(one), one.assets.clyde.position[sent])
+    np.testing.assert_array_equal(batch.ghosts, copy.ghosts)
 
 
 # Chase
