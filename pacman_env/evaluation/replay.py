@@ -27,6 +27,7 @@ from pacman_env.files import prepare, replaced
 from pacman_env.game.decisions import HOLD as NO_GOAL
 from pacman_env.game.decisions import LastDecision, Moment
 from pacman_env.game.execution import RUNNING
+from pacman_env.game.goals import goal_name
 from pacman_env.policies.asking import choose
 from pacman_env.policies.base import KIND_NAMES
 from pacman_env.render.frames import render_frame
@@ -96,11 +97,19 @@ class RecordedGame:
         choice = int(allowed(situation, selected, batch.hold)[0])
         if choice != self._chosen:
             why = _reason(situation, terms, choice, self._chosen, batch.alive[0])
-            goal = _goal(situation, choice, batch.pellet_slots)
+            goal = self._goal_words(situation, choice)
             number = f"round {batch.games['round'][0]}, " if batch.config.endless else ""
             self.changes.append(Change(f"{number}{situation.time_s[0]:.1f} s", goal, why))
         self._chosen = choice
         self._last.decide(NO_GOAL if choice == batch.hold else choice, moment, allowed=choice == selected[0])
+
+    def _goal_words(self, situation: Situation, candidate: int) -> str:
+        if candidate == self._batch.hold:
+            return KIND_NAMES[HOLD]
+        assets, slots = self._batch.assets_of(0), self._batch.pellet_slots
+        goal = candidate if candidate < slots else assets.pellets + candidate - slots
+        x, y = situation.position[0, candidate].tolist()
+        return f"{goal_name(assets.pellet_ids.tolist(), goal)} at ({x:.2f}, {y:.2f})"
 
     def picture(self, height: int) -> Frame:
         return render_frame(self._batch, 0, height=height, title=self.name)
@@ -169,16 +178,6 @@ def _can_be_read(film: Path) -> bool:
 
     read = [get_ffmpeg_exe(), "-v", "error", "-i", str(film), "-c", "copy", "-f", "null", "-"]
     return subprocess.run(read, stdin=subprocess.DEVNULL, capture_output=True).returncode == 0
-
-
-def _goal(situation: Situation, candidate: int, pellet_slots: int) -> str:
-    """A candidate as text: pellets and refuges are counted from 0."""
-    kind = int(situation.kind[0, candidate])
-    if kind == HOLD:
-        return KIND_NAMES[HOLD]
-    number = candidate if kind == PELLET else candidate - pellet_slots
-    x, y = situation.position[0, candidate].tolist()
-    return f"{KIND_NAMES[kind]} {number} at ({x:.2f}, {y:.2f})"
 
 
 def _reason(

@@ -22,16 +22,16 @@ class Ghost(NamedTuple):
     """A ghost's name and colours; how it moves is a behaviour."""
 
     name: str
-    light: tuple[int, int, int]  # on the light ring: red, green, blue, 0 to 255
-    marker: tuple[float, float, float]  # on the map: the same, 0 to 1
+    light: tuple[int, int, int]  # on the light ring, as in the original: red, green, blue, 0 to 255
+    colour: tuple[int, int, int]  # on every screen, bright or dark
 
 
 #: By number; the original has Clyde alone, its events know all four.
 GHOSTS = (
-    Ghost("clyde", (255, 80, 0), (1.0, 0.31, 0.0)),
-    Ghost("blinky", (255, 0, 0), (1.0, 0.0, 0.0)),
-    Ghost("pinky", (255, 60, 180), (1.0, 0.6, 0.8)),
-    Ghost("inky", (0, 0, 255), (0.0, 1.0, 1.0)),
+    Ghost("clyde", (255, 80, 0), (245, 105, 0)),
+    Ghost("blinky", (255, 0, 0), (226, 30, 40)),
+    Ghost("pinky", (255, 60, 180), (255, 60, 180)),
+    Ghost("inky", (0, 0, 255), (0, 150, 200)),
 )
 GHOST_NAMES = tuple(ghost.name for ghost in GHOSTS)
 
@@ -115,13 +115,13 @@ def arcade(view, parameters):  # type: ignore[no-untyped-def]
     return view.corner_x, view.corner_y
 
 
-WANDER, POLICY = "wander", "policy"
+WANDER, CHASE, POLICY = "wander", "chase", "policy"
 BEHAVIOURS = {
     entry.name: entry
     for entry in (
         Behaviour(WANDER, wander),
         Behaviour("arcade", arcade, ("clyde.arcade_distance_m",)),
-        Behaviour("chase", chase),
+        Behaviour(CHASE, chase),
         Behaviour(POLICY, None),
     )
 }

@@ -27,6 +27,12 @@ class Place:
     heading: float | None = None
 
 
+def goal_name(pellet_ids: Sequence[int], goal: int) -> str:
+    """Return what a goal of a map is called wherever it is shown: pellets have their ids, refuges count from 0."""
+    pellets = len(pellet_ids)
+    return f"pellet {pellet_ids[goal]}" if goal < pellets else f"refuge {goal - pellets}"
+
+
 def home_place(x: float, y: float, heading: float) -> Place:
     return Place(HOME, x, y, heading=heading)
 

@@ -14,11 +14,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..game import ghosts
+
 Image = NDArray[np.uint8]  # (H, W, 3) RGB
 Colour = tuple[int, int, int]
 
 PAC, OUTLINE, EYE, PUPIL = (255, 214, 0), (48, 42, 24), (255, 255, 255), (22, 40, 110)
-GHOSTS = ((255, 140, 26), (226, 30, 40), (255, 150, 200), (40, 190, 220))  # Clyde, Blinky, Pinky, Inky
+GHOSTS = tuple(ghost.colour for ghost in ghosts.GHOSTS)
 PLAN, BELIEF, DANGER = (25, 103, 210), (142, 36, 170), (214, 40, 40)
 PLACE, PLACE_FILL, COLLECTED = (0, 128, 110), (222, 244, 238), (160, 164, 172)
 

@@ -48,6 +48,7 @@ class Frame(msgspec.Struct, frozen=True, tag_field="kind", tag="frame"):
     baseline_collected: int = 0
     ring: Ring | None = None  # six LEDs, None: not the game's
     ghosts: Points = field(default_factory=lambda: np.zeros((0, 2)))
+    ghost_goals: Points = field(default_factory=lambda: np.zeros((0, 2)))  # where people have sent them, NaN: nowhere
     alive: Present = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))  # pellets that are there
     scores: Scores = field(default_factory=lambda: np.zeros(0))  # of the candidates, NaN: none
     plan: Points = field(default_factory=lambda: np.zeros((0, 2)))  # the path to the goal

@@ -52,6 +52,9 @@ class Game(Protocol):
     source: Literal["simulator", "ros"]
 
     def close(self) -> None: ...  # a robot stands then
+    def greet(
+        self,
+    ) -> None: ...  # a new person is the only one: what the last one chose for watching is as at the start
     def choices(self) -> dict[str, Any]: ...  # what a setup can name (docs/web_protocol.md, "choices")
     def scene(self) -> Scene: ...
     def frame(self) -> Frame | None: ...  # None: nothing is known yet

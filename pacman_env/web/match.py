@@ -16,7 +16,7 @@ from pacman_env.web import messages
 from pacman_env.web.control import DEAD_MAN_S, ROBOT, Roles, ghost_role
 from pacman_env.web.frame import Frame
 from pacman_env.web.game import News, Refused
-from pacman_env.web.played_round import Orders, PlayedRound, Recordings
+from pacman_env.web.played_round import FOLLOW, Orders, PlayedRound, Recordings
 from pacman_env.web.rules import Choices, Rules
 from pacman_env.web.simulated_view import Feedback, SimulatedView, TickClock
 
@@ -28,7 +28,7 @@ _REHEARSED = 6  # ticks: the planner plans, goals begin
 class Driving:
     def __init__(self) -> None:
         self.roles = Roles()
-        self.goals: dict[str, int | None] = {}  # candidates, by role
+        self.goals: dict[str, int | None] = {}  # by role: the robot's candidate, a ghost's cell or FOLLOW
         self.hand: tuple[float, float, float] | None = None  # velocities of the robot: v, omega, when
 
     @property
@@ -51,27 +51,55 @@ class Driving:
         role = self.roles.of(person)
         if role is None:
             raise Refused("choose a role in the tab Play first")
-        candidate = goal.candidate
-        if candidate is None:
-            if goal.x is None or goal.y is None:
-                raise Refused("goal: give a candidate, or x and y")
-            candidate = played.nearest(goal.x, goal.y)
-            if candidate is None:
-                raise Refused("no pellet or refuge within 1 m")
-        elif candidate > played.hold:
-            raise Refused(f"candidate {candidate}: there are 0 to {played.hold}")
-        self.goals[role] = None if candidate in (-1, played.hold) else candidate
+        if goal.candidate is not None and goal.candidate > played.hold:
+            raise Refused(f"candidate {goal.candidate}: there are 0 to {played.hold}")
         if role == ROBOT:
+            self.goals[role] = _robot_goal(goal, played)
             self.hand = None
+        else:
+            number = next(k for k, player in self.roles.ghosts().items() if player == person)
+            self.goals[role] = _ghost_goal(number, goal, played)
+
+    def sent(self, played: PlayedRound) -> dict[int, int | None]:
+        """Return where people send the ghosts of a round, by number, as in ``Orders``."""
+        playable = self.roles.ghosts().keys() & played.ghost_roles
+        return {number: self.goals.get(ghost_role(number)) for number in playable}
 
     def orders(self, played: PlayedRound) -> Orders:
-        orders = Orders(robot=self.plays_robot, goal=self.goals.get(ROBOT))
+        orders = Orders(robot=self.plays_robot, goal=self.goals.get(ROBOT), ghosts=self.sent(played))
         if orders.robot and self.hand is not None:
             v, omega, at_s = self.hand
             orders.velocity = (v, omega) if time.monotonic() - at_s < DEAD_MAN_S else (0.0, 0.0)
-        playable = self.roles.ghosts().keys() & played.ghost_roles
-        orders.ghosts = {number: self.goals.get(ghost_role(number)) for number in playable}
         return orders
+
+
+def _robot_goal(goal: messages.Goal, played: PlayedRound) -> int | None:
+    """Return the robot's candidate, None to hold."""
+    candidate = goal.candidate
+    if candidate is None:
+        if goal.x is None or goal.y is None:
+            raise Refused("goal: give a candidate, or x and y")
+        candidate = played.nearest(goal.x, goal.y)
+        if candidate is None:
+            raise Refused("no pellet or refuge within 1 m")
+    return None if candidate in (-1, played.hold) else candidate
+
+
+def _ghost_goal(number: int, goal: messages.Goal, played: PlayedRound) -> int | None:
+    """Return a ghost's cell or FOLLOW; None if it moves as the rules of the round say."""
+    if number not in played.ghost_roles:
+        raise Refused(f"{GHOST_NAMES[number].capitalize()} is yours from the next round on")
+    if goal.follow:
+        return FOLLOW
+    if goal.candidate in (-1, played.hold):
+        return None
+    x, y = (goal.x, goal.y) if goal.candidate is None else played.assets.goal_xy[goal.candidate].tolist()
+    if x is None or y is None:
+        raise Refused("goal: give a candidate, x and y, or follow")
+    cell = played.nearest_ghost_cell(number, x, y)
+    if cell is None:
+        raise Refused("no place within 1 m that the ghost can reach")
+    return cell
 
 
 class Match:
@@ -103,7 +131,8 @@ class Match:
         real_s = time.monotonic()
         if self.round is not None:
             self.feedback.update(real_s)
-        return self.view.frame(self.round, self._controller, real_s)
+        sent = {} if self.round is None else self.driving.sent(self.round)
+        return self.view.frame(self.round, self._controller, sent, real_s)
 
     def require_round(self) -> PlayedRound:
         if self.round is None:
@@ -221,12 +250,12 @@ class Match:
 
     def rehearse(self) -> None:
         """Some ticks of a round that is not shown: what has to be compiled is compiled now, not during a round."""
-        played = self._laid_out(None, 0)
+        played = self._laid_out(None, 0, frozenset([0]))
         for _ in range(_REHEARSED):
             played.step(Orders())
         played.why_now()
         played.lidar()
-        played.step(Orders(robot=True, velocity=(0.1, 0.0)))
+        played.step(Orders(robot=True, velocity=(0.1, 0.0), ghosts={0: FOLLOW}))
 
     def tick(self) -> None:
         with self._lock:

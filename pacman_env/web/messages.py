@@ -84,9 +84,10 @@ class Role(Message, frozen=True):
 
 
 class Goal(Message, frozen=True):
-    """A goal for one's own role: a candidate, -1 to hold, or the candidate nearest to a place."""
+    """A goal for one's own role: a candidate, -1 to hold; or a place; or, for a ghost, the robot."""
 
     candidate: Annotated[int, Meta(ge=-1, lt=65536)] | None = None
+    follow: bool = False  # the robot
     x: Number | None = None
     y: Number | None = None
 

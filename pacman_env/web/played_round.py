@@ -13,15 +13,15 @@ from pacman_env.config import Config
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.episodes.rollout import allowed
 from pacman_env.game.execution import RUNNING
-from pacman_env.game.ghosts import POLICY
+from pacman_env.game.ghosts import CHASE, POLICY
 from pacman_env.policies.asking import PolicyError, choose
 from pacman_env.policies.base import KIND_NAMES, Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.ghosts import BEHAVIOUR_NAMES, behaviour_choice
+from pacman_env.sim.core.ghosts import BEHAVIOUR_NAMES, behaviour_choice, cell_choice
 from pacman_env.sim.maps.level_source import LevelSource
 from pacman_env.sim.observation.situation import Situation
-from pacman_env.web.frame import Frame, encode_all, thinned
+from pacman_env.web.frame import Frame, Pose, encode_all, thinned
 from pacman_env.web.game import Refused
 from pacman_env.world.navigation import lidar, navigator
 
@@ -30,6 +30,8 @@ _RANGE_M = (0.15, 12.0)  # of the RPLIDAR A1
 _ONE = np.zeros(1, dtype=np.int64)
 _ALL = np.ones(1, dtype=np.bool_)
 _KEPT = 10
+_NEAR_M = 1.0  # of what is clicked, at most
+FOLLOW = -1  # in place of a ghost's cell
 
 
 @dataclass
@@ -39,7 +41,7 @@ class Orders:
     robot: bool = False  # a person plays the robot: its policy is not followed
     goal: int | None = None  # the candidate of that person; None: hold
     velocity: tuple[float, float] | None = None  # v (m/s) and omega (rad/s) by hand
-    ghosts: dict[int, int | None] = field(default_factory=dict)  # by number the ghost's candidate, None: hold
+    ghosts: dict[int, int | None] = field(default_factory=dict)  # by number the ghost's cell, or FOLLOW; None: as set
 
 
 class PlayedRound:
@@ -66,6 +68,7 @@ class PlayedRound:
         self.by_person = False
         self.placed = False  # a ghost, by a person
         self._baseline: PlayedRound | None = None
+        self._sent: Mapping[int, int | None] = {}  # ghosts, as in the last orders
         self.batch = batch = GameBatch(source, self.config, 1)
         batch.reset(_ONE, np.array([seed], dtype=np.uint64))
         for policy in (*self._policies, *self._ghosts.values()):
@@ -101,11 +104,35 @@ class PlayedRound:
         self._situation = self.batch.situation()
         self.snapshots = [self._snapshot()]
 
-    def nearest(self, x: float, y: float, within_m: float = 1.0) -> int | None:
+    @property
+    def catcher(self) -> int | None:
+        """Return the number of the ghost that has caught the robot, None if none has."""
+        number = int(self.batch.games["catcher"][0])
+        return number if self.outcome == "caught" and number >= 0 else None
+
+    def nearest(self, x: float, y: float) -> int | None:
+        """Return the candidate nearest to a place, m, that may be chosen; None if none is within 1 m."""
         places = self.assets.goal_xy
         away = np.hypot(places[:, 0] - x, places[:, 1] - y)
         away[~self._situation.mask[0, self._numbers[:-1]]] = np.inf
-        return int(away.argmin()) if away.min() <= within_m else None
+        return int(away.argmin()) if away.min() <= _NEAR_M else None
+
+    def nearest_ghost_cell(self, number: int, x: float, y: float) -> int | None:
+        """Return the cell nearest to a place, m, that a ghost can reach; None if none is within 1 m."""
+        cells, batch = self.assets.clyde, self.batch
+        here = batch.ghost_paths[0, number, batch.ghosts["path_index"][0, number]]
+        cell, away_m = cells.nearest(x, y, int(cells.part[here]))
+        return cell if away_m <= _NEAR_M else None
+
+    def ghost_goals(self, sent: Mapping[int, int | None], robot: Pose | None) -> NDArray[np.float64]:
+        """Return the places (G, 2), m, to which people have sent the ghosts, NaN for none; one may follow the robot."""
+        goals = np.full((len(self._behaviours), 2), np.nan)
+        for number, cell in sent.items():
+            if cell == FOLLOW and robot is not None:
+                goals[number] = robot[:2]
+            elif cell is not None and cell != FOLLOW:
+                goals[number] = self.assets.clyde.position[cell]
+        return goals
 
     def play_beside(self) -> None:
         """Let the policy play the same round beside the person, from the first tick on."""
@@ -130,6 +157,7 @@ class PlayedRound:
         batch, situation = self.batch, self._situation
         chosen = [self._page_number(_choice(policy, situation, self.batch.hold)) for policy in self._policies]
         sent = self._ghost_choices(orders)
+        self._sent = dict(orders.ghosts)
         self.situations.append(situation)
         goal = chosen[0]
         if orders.velocity is not None:
@@ -159,9 +187,11 @@ class PlayedRound:
             if k not in orders.ghosts:
                 choices[:, k] = _choice(policy, batch.situation(k), batch.hold)
         for k in self.ghost_roles:
-            goal = orders.ghosts.get(k)
-            if goal is not None:
-                choices[:, k] = self._numbers[min(goal, self.hold)]
+            cell = orders.ghosts.get(k)
+            if cell == FOLLOW:
+                choices[:, k] = behaviour_choice(batch.hold, BEHAVIOUR_NAMES.index(CHASE))
+            elif cell is not None:
+                choices[:, k] = cell_choice(batch.hold, cell)
             elif k not in self._ghosts and self._behaviours[k] in BEHAVIOUR_NAMES:
                 choices[:, k] = behaviour_choice(batch.hold, BEHAVIOUR_NAMES.index(self._behaviours[k]))
         return choices
@@ -170,6 +200,7 @@ class PlayedRound:
         batch, g, situation = self.batch, self.batch.games[0], self._situation
         scores = self._policies[0].scores(situation)[0][self._numbers]
         v, omega = situation.robot_velocity[0].tolist()
+        true: Pose = (float(g["x"]), float(g["y"]), float(g["heading"]))
         plan = slice(int(g["nav_at"]), int(g["nav_points"]) if g["nav_state"] == navigator.ACTIVE else 0)
         baseline = None if self._baseline is None else self._baseline.snapshots[-1]
         return Frame(
@@ -181,10 +212,11 @@ class PlayedRound:
             spawned=self.assets.pellets,
             goal=self._page_number(int(g["pursued"])) if g["pursued"] >= 0 else -1,
             over=self.over,
-            true=(float(g["x"]), float(g["y"]), float(g["heading"])),
+            true=true,
             believed=tuple(situation.robot[0].tolist()),
             velocity=(v, omega),
             ghosts=np.stack([batch.ghosts["x"][0], batch.ghosts["y"][0]], axis=1),
+            ghost_goals=self.ghost_goals(self._sent, true),
             alive=batch.alive[0, : self.assets.pellets].copy(),
             scores=np.where(np.isfinite(scores) & situation.mask[0, self._numbers], scores, np.nan),
             plan=thinned(batch.paths[0, plan].astype(float)),
@@ -271,6 +303,8 @@ class Recordings:
             "parts": np.flatnonzero(differ & ~np.concatenate([[False], differ[:-1]])).tolist(),
             "decisions": np.flatnonzero(np.diff(choices[:, 0], prepend=-1)).tolist(),
             "player": "person" if played.by_person else "policy",
+            "ghosts_played": sorted(played.ghost_roles),
+            "catcher": played.catcher,
             "policies": list(played.names),
             "second": second,
             **facts,

@@ -152,6 +152,8 @@ class Sessions:
         before = self._known.pop(key, None)
         if before is None or before.access != access:
             before = None
+            if not self.audience.viewers:
+                await in_thread(self._poll_thread, self._game.greet)
             self._guests += 1
             viewer = Viewer(f"guest-{self._guests}", access, RateLimit(self._rate, time.monotonic()))
         else:

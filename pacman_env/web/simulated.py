@@ -38,6 +38,7 @@ class SimulatedGame:
         speed: float = 1.0,  # times real time
     ) -> None:
         choices, self._news = Choices(maps, policies), News()
+        self._speed = speed
         self._lock = threading.RLock()  # of the match and what follows
         self._match = Match(rules or Rules(), choices, seed, speed, self._news, self._lock)
         self.choices, self.add_map, self.news = choices.facts, choices.add_map, self._news.after
@@ -90,6 +91,11 @@ class SimulatedGame:
                 if not stopped:
                     self._match.driving.hand = None
                 self._news.add(words=f"{'stopped' if stopped else 'released'} by {person}")
+
+    def greet(self) -> None:
+        with self._lock:
+            self._match.clock.set_speed(self._speed)
+            self._match.feedback.armed = False
 
     def leave(self, person: str) -> None:
         with self._lock:

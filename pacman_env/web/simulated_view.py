@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -10,6 +11,7 @@ from msgspec import structs
 
 from pacman_env.config import ShowConfig
 from pacman_env.game.events import FEEDBACK, LIGHTS, SOUNDS, Motion, angular_velocity
+from pacman_env.game.goals import goal_name
 from pacman_env.game.lights import LightRing
 from pacman_env.game.round import RoundController
 from pacman_env.game.sounds import SoundQueue
@@ -135,8 +137,10 @@ class SimulatedView:
         self.show(played.snapshots[-1], played.snapshots[-1])
         self.scene = scene_of(played, rules, self.scene.revision + 1)
 
-    def frame(self, played: PlayedRound | None, controller: RoundController, real_s: float) -> Frame | None:
-        """The game at a moment of real time; None: no round is prepared yet."""
+    def frame(
+        self, played: PlayedRound | None, controller: RoundController, sent: Mapping[int, int | None], real_s: float
+    ) -> Frame | None:
+        """Return the game at a moment of real time, None before the first round; ``sent``: ghosts, as in ``Orders``."""
         if self._now is None or self._before is None or played is None:
             return None
         clock, feedback, before, now = self._clock, self._feedback, self._before, self._now
@@ -152,7 +156,7 @@ class SimulatedView:
             "stopped": clock.stopped,
             "ring": feedback.ring.ring(real_s),
         }
-        key = (fields, share, before.time_s, now.time_s, feedback.turned, self.lidar)
+        key = (fields, share, before.time_s, now.time_s, feedback.turned, self.lidar, sent)
         if key != self._key:
             self._key = key
             self._number += 1
@@ -162,6 +166,7 @@ class SimulatedView:
             moved[name] = x, y, heading + feedback.turned
         if self.lidar:
             moved["scan"] = played.lidar()
+        moved["ghost_goals"] = played.ghost_goals(sent, shown.true)
         return structs.replace(shown, number=self._number, **fields, **moved)
 
 
@@ -210,6 +215,7 @@ def scene_of(played: PlayedRound, rules: Rules, revision: int) -> Scene:
         "pellets": xy[:pellets],
         "refuges": xy[pellets:],
         "candidates": xy,
+        "names": [goal_name(played.assets.pellet_ids.tolist(), goal) for goal in range(len(xy))],
         "first_refuge": pellets,
         "ghosts": [
             {"role": ghost_role(k), "behaviour": behaviour, "catch_m": config.execution.death_radius_m}

@@ -3,13 +3,13 @@
 from typing import Any
 
 from pacman_env.game.events import FEEDBACK, LIGHTS, SOUNDS
-from pacman_env.game.ghosts import GHOST_NAMES
-from pacman_env.game.lights import GHOST_COLOURS, light_colour
+from pacman_env.game.ghosts import GHOSTS
+from pacman_env.game.lights import light_colour
 from pacman_env.game.sounds import frequency_hz
 from pacman_env.web.control import ROBOT, ghost_role
 
 STATES = {
-    "menu": "Menu",
+    "menu": "In the menu",
     "returning_home": "Driving home",
     "starting": "Starting",
     "running": "Running",
@@ -27,8 +27,8 @@ CANDIDATE_KINDS = {"pellet": "Pellet", "refuge": "Refuge", "hold": "Hold"}
 
 def vocabulary() -> dict[str, Any]:
     ghosts = {
-        ghost_role(number): {"name": name.capitalize(), "colour": GHOST_COLOURS[name]}
-        for number, name in enumerate(GHOST_NAMES)
+        ghost_role(number): {"name": ghost.name.capitalize(), "colour": ghost.colour}
+        for number, ghost in enumerate(GHOSTS)
     }
     return {
         "roles": {ROBOT: {"name": "Robot", "colour": None}, **ghosts},

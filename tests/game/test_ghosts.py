@@ -32,6 +32,20 @@ def record(seed: int = 1, speed: float = 0.25) -> np.ndarray:
     return g
 
 
+def luminance(colour: tuple[int, int, int]) -> float:
+    """Return WCAG's relative luminance."""
+    shares = np.array(colour) / 255
+    linear = np.where(shares <= 0.04045, shares / 12.92, ((shares + 0.055) / 1.055) ** 2.4)
+    return float(linear @ (0.2126, 0.7152, 0.0722))
+
+
+@pytest.mark.parametrize("floor", [(255, 255, 253), (27, 34, 51)])
+def test_ghosts_stand_out_from_light_and_dark_floors(floor: tuple[int, int, int]) -> None:
+    for ghost in rule.GHOSTS:
+        low, high = sorted((luminance(ghost.colour), luminance(floor)))
+        assert (high + 0.05) / (low + 0.05) >= 3.0, ghost.name  # WCAG 1.4.11
+
+
 # Walk
 
 

@@ -56,6 +56,9 @@ class ScriptedGame:
     def close(self) -> None:
         self._called("close")
 
+    def greet(self) -> None:
+        self._called("greet")
+
     def choices(self) -> dict[str, Any]:
         if "choices" in self.fails:
             raise RuntimeError("choices is broken")

@@ -46,7 +46,7 @@ def start(visitor: Visitor, speed: float = FASTEST) -> None:
 
 def test_first_minute_of_a_newcomer(visit: Visit) -> None:
     page = visit()
-    assert page.text("state") == "Menu"
+    assert page.text("state") == "In the menu"
     assert "Press Start" in page.text("hint")
     page.press("tab-why")
     start(page, 8)
@@ -75,8 +75,14 @@ def test_pause_speed_reset(visit: Visit) -> None:
     assert page.value("state.frame.time_s") == stood
     page.press("pause")
     page.wait(f"!state.frame.paused && state.frame.time_s > {stood}")
-    page.press("reset")
+    assert page.page.is_disabled("#start")
+    assert "Reset" in page.page.get_attribute("#start", "title")
+    for button in ("reset", "setup-only"):  # each would end the round
+        page.press(button, "ask-no")
+    assert page.value("state.frame.state === 'running'")
+    page.press("reset", "ask-yes")
     page.wait("state.frame.state === 'menu'")
+    page.page.wait_for_selector("#start:enabled")
 
 
 def test_another_policy_other_ghosts_another_map(visit: Visit) -> None:
@@ -91,6 +97,11 @@ def test_another_policy_other_ghosts_another_map(visit: Visit) -> None:
     page.page.fill("#settings-search", "time_limit")
     limit = page.page.locator("#settings-list input:visible")
     assert limit.count() == 1
+    page.page.press("#settings-search", "Escape")
+    assert page.page.input_value("#settings-search") == ""
+    page.page.press("#settings-search", "Escape")
+    assert page.value("state.frame.stopped || document.activeElement.type === 'search'") is False
+    page.page.fill("#settings-search", "time_limit")
     limit.fill("33")
     limit.blur()
     assert "1 changed" in page.text("settings-count")
@@ -100,7 +111,7 @@ def test_another_policy_other_ghosts_another_map(visit: Visit) -> None:
     assert [ghost["behaviour"] for ghost in scene["ghosts"]] == ["wander", "chase"]
     assert scene["settings"] == {"time_limit_s": 33}
     page.wait("state.frame.state !== 'menu' && state.frame.ghosts.length === 2")
-    page.press("reset")
+    page.press("reset", "ask-yes")
     page.slide("clyde-speed", 0.6)
     page.wait("state.scene.clyde_speed_mps === 0.6")
     page.page.select_option("#setup-map", "generated")
@@ -257,7 +268,7 @@ def test_two_roles_from_two_browsers(visit: Visit) -> None:
     ghost.press("lease-ask")
     robot.page.click(".notice button:has-text('Hand over')")
     ghost.wait("state.people.operator === state.hello.you")
-    ghost.press("reset")
+    ghost.press("reset", "ask-yes")
     robot.wait("state.frame.state === 'menu'")
 
 

@@ -356,6 +356,20 @@ def test_control_is_free_some_time_after_the_page_went_away(
         assert other.ask("role", role="robot")["ok"]
 
 
+def test_only_a_new_person_alone_is_greeted(serve: Callable[..., WebServer]) -> None:
+    game = ScriptedGame()
+    server = serve(game)
+    with Page(server) as one, Page(server) as two:
+        assert game.calls.count(("greet",)) == 1
+    eventually(lambda: {("leave", one.name), ("leave", two.name)} <= set(game.calls))
+    with Page(server, again=one.hello["again"]) as back:
+        assert back.name == one.name
+        assert game.calls.count(("greet",)) == 1
+    eventually(lambda: game.calls.count(("leave", one.name)) == 2)
+    with Page(server):
+        assert game.calls.count(("greet",)) == 2
+
+
 def test_a_page_that_comes_back_has_its_name_control_and_role_again(serve: Callable[..., WebServer]) -> None:
     game = ScriptedGame()
     server = serve(game)

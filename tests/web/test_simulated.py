@@ -140,6 +140,12 @@ def test_pause_and_speed_hold_and_hasten_the_simulated_time(game: SimulatedGame)
     wait_for(lambda: frame(game).time_s > held.time_s or frame(game).state != "running")
 
 
+def test_newcomer_gets_the_default_speed(game: SimulatedGame) -> None:
+    game.handle("Ann", m.Speed(times=2))
+    game.greet()
+    assert frame(game).speed == 50
+
+
 def test_time_never_goes_back_within_a_round_and_frames_are_numbered_by_what_they_show(game: SimulatedGame) -> None:
     game.handle("Ann", m.Speed(times=2))  # a round that lasts long enough to be seen
     game.handle("Ann", m.Start())

@@ -6,7 +6,7 @@ import re
 from typing import get_args
 
 from pacman_env.envs.outcome import OUTCOMES
-from pacman_env.game.lights import GHOST_COLOURS
+from pacman_env.game.ghosts import GHOSTS
 from pacman_env.game.round import State
 from pacman_env.policies.base import KIND_NAMES
 from pacman_env.web.control import ROLES
@@ -24,6 +24,6 @@ def test_every_word_of_the_protocol_has_a_name() -> None:
 def test_the_pages_own_code_has_no_ghost_and_no_ghosts_colour() -> None:
     for path in STATIC.glob("*.js"):
         text = path.read_text()
-        for name, colour in GHOST_COLOURS.items():
-            assert not re.search(rf"\b{name}\b", text) or name == "clyde", path.name
-            assert str(list(colour)) not in text, path.name
+        for ghost in GHOSTS:
+            assert not re.search(rf"\b{ghost.name}\b", text) or ghost.name == "clyde", path.name
+            assert str(list(ghost.colour)) not in text, path.name

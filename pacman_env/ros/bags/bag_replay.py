@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pacman_env.config import Config
+from pacman_env.game.goals import goal_name
 from pacman_env.policies.asking import choose
 from pacman_env.policies.base import KIND_NAMES, Policy
 from pacman_env.policies.registry import make_policy
@@ -152,5 +153,4 @@ class _Replay:
         goal = self.view.goal(candidate)
         if goal is None:
             return KIND_NAMES[2]
-        kind = f"refuge {candidate - self._assets.pellets}" if goal.pellet is None else f"pellet {goal.pellet}"
-        return f"{kind} at ({goal.x:.2f}, {goal.y:.2f})"
+        return f"{goal_name(self._assets.pellet_ids.tolist(), candidate)} at ({goal.x:.2f}, {goal.y:.2f})"

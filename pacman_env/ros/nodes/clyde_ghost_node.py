@@ -183,8 +183,9 @@ class ClydeGhostNode(GameNode):
         for number, (pose, publisher) in enumerate(zip(poses, self._poses, strict=True)):
             self._view.see_ghost(number, *pose[:2], now.nanoseconds)
             publisher.publish(messages.pose_message(*pose, stamp))
-            at, colour = pose[:2], GHOSTS[number].marker
-            marker = messages.marker_message(messages.GHOSTS, number + 1, at, _DIAMETER_M, colour, stamp)
+            red, green, blue = GHOSTS[number].colour
+            colour = red / 255, green / 255, blue / 255
+            marker = messages.marker_message(messages.GHOSTS, number + 1, pose[:2], _DIAMETER_M, colour, stamp)
             self._marker.publish(marker)
         radius_m = max(nav2.clyde_keepout_m - self.config.robot.inscribed_radius_m, 0.0)
         around = [radius_m * GHOST_OBSTACLE + pose[:2] for pose in poses]  # at 0.05 m, original

@@ -111,6 +111,9 @@ class RosGame:
         self.node.destroy_node()
         rclpy.shutdown(context=self._context)
 
+    def greet(self) -> None:
+        """Do nothing: a robot is as fast as it is, and who leaves disarms it."""
+
     def choices(self) -> dict[str, Any]:
         """The policies; all else was chosen when the game was started."""
         return {"maps": [], "presets": [], "policies": policy_names(), "behaviours": [], "settings": []}

@@ -10,6 +10,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from pacman_env.config import EXECUTIONS, PRESETS, Config, differences, make_config
+from pacman_env.game.goals import goal_name
 from pacman_env.game.round import State
 from pacman_env.ros import topics
 from pacman_env.ros.messages import Position
@@ -130,6 +131,7 @@ def _facts(node: PageNode, pellets: dict[int, Position]) -> dict[str, Any]:
         "home": home if isinstance(home, list) and len(home) == 3 else [0.0, 0.0, 0.0],
         "pellets": [list(place) for place in pellets.values()],
         "candidates": candidates,
+        "names": [goal_name(game.pellet_ids, goal) for goal in range(len(candidates))],
         "refuges": candidates[first_refuge:],
         "first_refuge": first_refuge,
         "ghosts": [

@@ -2,15 +2,17 @@
 
 import { ask, isOpen, request } from "./connection.js";
 import { $, clock, make, setIcon, slider, write } from "./dom.js";
-import { dismiss, notice } from "./notices.js";
-import { inControl, me, on, shownFrame, state } from "./state.js";
+import { dismiss, notice, question } from "./notices.js";
+import { inControl, me, on, roundRuns, shownFrame, state } from "./state.js";
 
 const STOP_TIMEOUT_MS = 900;
 const STOP_TRIES = 3;
 const RESULT_MS = 10000;
 
 $("start").onclick = () => request({ do: "start" });
-$("reset").onclick = () => request({ do: "reset" });
+$("reset").onclick = async () => {
+  if (!roundRuns() || await question("Reset ends the current round. Continue?")) request({ do: "reset" });
+};
 $("pause").onclick = () => request({ do: "pause", on: !state.frame?.paused });
 const showSpeed = slider($("speed"), (times) => `×${times}`, (times) => request({ do: "speed", times }), 150);
 
@@ -23,7 +25,11 @@ function stateOf(frame) {
 
 function hintFor(frame) {
   if (frame.stopped) return "Stopped: press Release to continue.";
-  if (frame.state !== "menu" || state.story) return "";
+  if (state.story) return "";
+  const ghost = state.role.startsWith("ghost") ? state.hello.roles[state.role].name : "";
+  if (frame.state === "running") return ghost && `Catch the robot: click where ${ghost} goes.`;
+  if (frame.state !== "menu") return "";
+  if (ghost) return `Press Start: ${ghost} is to catch the robot.`;
   return state.role === "robot" ? "Press Start: you are the robot." : "Press Start: the robot collects the pellets.";
 }
 
@@ -130,17 +136,26 @@ on("frame", (frame) => {
   if (frame.state === lastState) return;
   lastState = frame.state;
   const result = { complete: "complete", dying: "caught" }[lastState];
-  if (result) showResult({ ...frame, result });
+  if (result && !state.role.startsWith("ghost")) showResult({ ...frame, result });
   if (lastState === "running") $("result").hidden = true;
 });
 on("story", (story) => {
   if (story) $("result").hidden = true;
 });
 
+// A result in words; to the person who played a ghost in that round it is the ghost's.
+function resultWords({ result, catcher, ghosts_played: played = [] }) {
+  if (!played.some((ghost) => state.role === `ghost-${ghost}`)) return state.hello.results[result] ?? result;
+  if (result !== "caught") return "It got away";
+  const by = `ghost-${catcher}`;
+  return by === state.role ? "You caught it" : `${state.hello.roles[by]?.name ?? "A ghost"} caught it`;
+}
+
 let hideResult = 0;
-export function showResult({ result, collected, spawned, time_s }) {
+export function showResult(entry) {
+  const { collected, spawned, time_s } = entry;
   const box = $("result");
-  const title = state.hello.results[result] ?? result;
+  const title = resultWords(entry);
   const text = `${collected} of ${spawned} pellets in ${clock(time_s)}`;
   if (box.textContent !== title + text) box.replaceChildren(make("strong", { text: title }), text);
   box.hidden = Boolean(state.story);

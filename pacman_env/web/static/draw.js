@@ -121,6 +121,7 @@ export function drawTop(painter, { scene, frame, poses, trail, layers, colours, 
   }
   if (pointed) painter.circle(pointed, ring + 7, { stroke: colours.goal, width: 2.5 });
   if (layers.lidar && poses.robot) drawScan(painter, frame.scan, poses.robot, colours.lidar);
+  poses.ghosts.forEach((pose, k) => drawTarget(painter, pose, frame.ghost_goals?.[k], scene.ghosts[k]?.colour, colours));
   poses.ghosts.forEach((pose, k) => {
     drawGhost(painter, pose, scene.ghosts[k] ?? {}, layers, colours, mine === `ghost-${k}`);
   });
@@ -187,6 +188,19 @@ function drawBelieved(painter, [worldX, worldY, heading], radius, stroke) {
   const [dx, dy] = [radius * Math.cos(heading), -radius * Math.sin(heading)];
   painter.circle([x, y], radius, { stroke, width: 1.8 });
   painter.line([[x + dx, y + dy], [x + 1.6 * dx, y + 1.6 * dy]], { stroke, width: 1.8 });
+}
+
+// Where a person has sent a ghost: a cross in a ring, and the straight line from the ghost.
+function drawTarget(painter, pose, goal, colour, colours) {
+  if (!goal || goal[0] === null) return;
+  const [x, y] = painter.view.toScreen(...goal);
+  const stroke = colour ? css(colour) : colours.home;
+  const size = painter.size(0.14, 8, 24);
+  painter.line([painter.view.toScreen(...pose), [x, y]], { stroke, width: 2, alpha: 0.7, dash: [2, 6], cap: "round" });
+  for (const style of [{ stroke: colours.halo, width: 6 }, { stroke, width: 3 }]) {
+    painter.circle([x, y], 1.5 * size, style);
+    for (const d of [size / 1.5, -size / 1.5]) painter.line([[x - d, y - size / 1.5], [x + d, y + size / 1.5]], style);
+  }
 }
 
 function drawGhost(painter, pose, { name, colour, catch_m: catchM }, layers, colours, mine) {

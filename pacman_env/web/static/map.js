@@ -186,7 +186,7 @@ setUpGestures($("top"), view, {
   },
   hovered: (at) => {
     const candidate = at ? candidateAt(at) : -1;
-    $("top").classList.toggle("pointing", candidate >= 0 && state.role === "robot");
+    $("top").classList.toggle("pointing", (candidate >= 0 && state.role === "robot") || state.role.startsWith("ghost"));
     if (candidate !== state.candidate) emit("candidate", (state.candidate = candidate));
   },
 });

@@ -19,6 +19,7 @@ const FORWARD_LEFT = { // of a key, as the joystick has them
 };
 const ARROWS = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowLeft: [-1, 0], ArrowRight: [1, 0] };
 
+const NEAR_PX = 24; // of the robot, which a ghost follows then
 const goTo = (place) => request({ do: "goal", ...place });
 
 function chooseOnMap({ world, candidate }) {
@@ -26,10 +27,16 @@ function chooseOnMap({ world, candidate }) {
   else if (state.placing) placeGhost(world);
   else if (state.story) return;
   else if (state.role === "robot" && candidate >= 0) goTo({ candidate });
+  else if (state.role.startsWith("ghost") && isRobot(world)) goTo({ follow: true });
   else if (state.role !== "none") goTo({ x: world[0], y: world[1] });
   else if (candidate >= 0) notice("To send the robot there, choose its role in the tab Play.", { key: "role" });
 }
 on("tap", chooseOnMap);
+
+function isRobot([x, y]) {
+  const pose = robotPose(state.frame);
+  return pose && Math.hypot(pose[0] - x, pose[1] - y) * map.view.scale < NEAR_PX;
+}
 
 async function chooseRole(role) {
   stopDriving();
@@ -79,7 +86,8 @@ function changeRole(role) {
 function showMode() {
   const { frame, role, story, scene } = state;
   const character = role === "robot" ? "the robot" : state.hello?.roles[role]?.name;
-  const playing = !story && role !== "none" ? `You are ${character}` : "";
+  const how = role.startsWith("ghost") ? ": click where to go, or the robot to follow it" : "";
+  const playing = !story && role !== "none" ? `You are ${character}${how}` : "";
   writeOrHide($("mode"), state.posing || (state.placing ? "Click where the ghost starts" : playing));
   const player = state.people.roles?.robot;
   const score = frame?.baseline && player && !story ? `${player === me() ? "you" : player} ${frame.collected}, `
@@ -160,6 +168,7 @@ for (const event of ["blur", "pagehide"]) addEventListener(event, stopDriving);
 document.addEventListener("visibilitychange", () => document.hidden && stopDriving());
 on("connection story", stopDriving);
 $("hold").onclick = () => goTo({ candidate: -1 });
+$("chase").onclick = () => goTo({ follow: true });
 $("stick-show").onclick = () => showStick($("stick").hidden);
 
 function moveStick({ clientX, clientY }) {

@@ -73,6 +73,15 @@ function showChanged() {
   write($("settings-count"), changed ? `${changed} changed` : String(rows.length));
 }
 
+// Here Escape clears the search, then leaves it, and is no STOP.
+$("settings-search").onkeydown = (event) => {
+  if (event.key !== "Escape") return;
+  event.stopPropagation();
+  event.preventDefault();
+  if (!event.target.value) event.target.blur();
+  event.target.value = "";
+  event.target.dispatchEvent(new Event("input"));
+};
 $("settings-search").oninput = ({ target }) => {
   const terms = target.value.toLowerCase().split(/\s+/);
   for (const { row, setting } of rows) {

@@ -2,9 +2,9 @@
 
 import { fetchWithToken, request } from "./connection.js";
 import { $, button, facts, make, option, slider, write } from "./dom.js";
-import { notice } from "./notices.js";
+import { notice, question } from "./notices.js";
 import { changedSettings, hasSettings, setChanged, showSettings } from "./settings.js";
-import { emit, on, state, updateControls } from "./state.js";
+import { emit, on, roundRuns, state, updateControls } from "./state.js";
 
 const SELECTS = ["map", "preset", "policy", "second"];
 const MOST_GHOSTS = 4;
@@ -107,6 +107,7 @@ function setupMessage() {
 async function apply(start) {
   const message = setupMessage();
   if (!message) return;
+  if (roundRuns() && !(await question("The new settings end the current round. Continue?"))) return;
   const close = notice("Preparing the round.", { key: "setup", stays: true });
   const answer = await request(message, SETUP_TIMEOUT_MS);
   close();

@@ -33,6 +33,8 @@ export const shownScene = () => state.story?.scene ?? state.scene;
 export const source = () => state.hello?.source ?? "simulator"; // or "ros"
 export const me = () => state.hello?.you ?? null;
 export const inControl = () => state.people.operator !== null && state.people.operator === me();
+// Whether a round would be lost by a reset.
+export const roundRuns = () => ["starting", "running"].includes(state.frame?.state);
 export const robotPose = (frame) => frame?.true ?? frame?.believed ?? null;
 
 // Why an element with these needs cannot be used now; empty if it can.
@@ -43,8 +45,9 @@ function obstacle(needs) {
     return "View only: this is a viewer's link. STOP still works.";
   }
   if (needs.includes("control") && operator && operator !== me()) return `${operator} has control. You can ask for it.`;
-  const inMenu = !state.frame || state.frame.state === "menu";
-  return needs.includes("menu") && !inMenu ? "Only in the menu: press Reset first." : "";
+  const { state: now = "menu", stopped } = state.frame ?? {};
+  if (needs.includes("menu") && now !== "menu") return "Only in the menu: press Reset first.";
+  return needs.includes("released") && stopped ? "Stopped: press Release first." : "";
 }
 
 // Disables what cannot be used now, with the reason as its title; `data-needs`: what it needs, `data-only`: the source.
@@ -69,7 +72,8 @@ export function updateControls() {
 let gameState = "";
 on("hello people connection", updateControls);
 on("frame", (frame) => {
-  if (frame.state !== gameState) updateControls();
-  gameState = frame.state;
+  const now = `${frame.state} ${frame.stopped}`;
+  if (now !== gameState) updateControls();
+  gameState = now;
 });
 updateControls();

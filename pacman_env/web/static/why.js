@@ -22,8 +22,8 @@ function nameOf(candidate) {
   if (!row) return candidate < 0 ? "nothing" : `candidate ${candidate}`;
   const { kinds } = state.hello;
   if (row.kind === "hold") return kinds.hold;
-  const first = row.kind === "refuge" ? shownScene()?.first_refuge ?? 0 : 0;
-  return `${kinds[row.kind] ?? spaced(row.kind)} ${candidate - first + 1}`;
+  const name = shownScene()?.names?.[candidate] ?? `candidate ${candidate}`;
+  return name[0].toUpperCase() + name.slice(1);
 }
 
 // The higher the better: the score, or the negative of a policy's costs, its "total".
