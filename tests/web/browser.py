@@ -94,6 +94,12 @@ class Visitor:
         for name in names:
             self.page.click(f"#{name}")
 
+    def reset(self) -> None:
+        """Press Reset, and confirm it if a round would be lost."""
+        self.press("reset")
+        if self.page.is_visible("#ask-yes"):
+            self.press("ask-yes")
+
     def slide(self, name: str, value: float) -> None:
         self.page.locator(f"#{name}").fill(str(value))
 

@@ -111,7 +111,8 @@ def test_another_policy_other_ghosts_another_map(visit: Visit) -> None:
     assert [ghost["behaviour"] for ghost in scene["ghosts"]] == ["wander", "chase"]
     assert scene["settings"] == {"time_limit_s": 33}
     page.wait("state.frame.state !== 'menu' && state.frame.ghosts.length === 2")
-    page.press("reset", "ask-yes")
+    page.reset()
+    page.wait("state.frame.state === 'menu'")
     page.slide("clyde-speed", 0.6)
     page.wait("state.scene.clyde_speed_mps === 0.6")
     page.page.select_option("#setup-map", "generated")
@@ -268,8 +269,36 @@ def test_two_roles_from_two_browsers(visit: Visit) -> None:
     ghost.press("lease-ask")
     robot.page.click(".notice button:has-text('Hand over')")
     ghost.wait("state.people.operator === state.hello.you")
-    ghost.press("reset", "ask-yes")
+    ghost.reset()
     robot.wait("state.frame.state === 'menu'")
+
+
+def test_ghost_chases_the_robot_by_clicks(visit: Visit) -> None:
+    page = visit()
+    page.press("tab-play")
+    page.page.click("[data-role=ghost-0]")
+    page.wait("state.role === 'ghost-0'")
+    assert "Clyde" in page.text("hint")
+    for speed, title in ((0.05, "It got away"), (2, "You caught it")):
+        page.press("tab-game")
+        page.slide("clyde-speed", speed)
+        page.wait(f"state.scene.clyde_speed_mps === {speed}")
+        page.press("start")
+        x, y = page.value("state.frame.ghosts[0]")
+        page.click_at(x + 0.1, y)  # no pellet is near
+        goal = page.wait("state.frame.ghost_goals[0][0] !== null && state.frame.ghost_goals[0]")
+        assert math.dist(goal, (x, y)) < 1.1
+        page.wait("state.frame.state === 'running'")
+        if title == "You caught it":
+            page.click_at(*page.value("state.frame.true.slice(0, 2)"))
+            page.wait(
+                "Math.hypot(state.frame.ghost_goals[0][0] - state.frame.true[0],"
+                " state.frame.ghost_goals[0][1] - state.frame.true[1]) < 0.01"
+            )
+        page.slide("speed", FASTEST)
+        page.wait(f"document.querySelector('#result').textContent.startsWith('{title}')")
+        page.wait("state.frame.state === 'menu'")
+        page.slide("speed", 1)
 
 
 def test_a_finished_round(visit: Visit) -> None:

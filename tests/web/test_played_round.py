@@ -15,7 +15,7 @@ from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.policies.base import BasePolicy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.observation.situation import Situation
-from pacman_env.web.played_round import Orders, PlayedRound
+from pacman_env.web.played_round import FOLLOW, Orders, PlayedRound
 from pacman_env.web.rules import Choices, Rules
 from pacman_env.web.simulated_view import between
 from tests.web.frames import decode
@@ -31,9 +31,11 @@ class Lost(BasePolicy):
         return np.full(situation.mask.shape, np.nan)
 
 
-def laid_out(seed: int = 7, ghost_roles: frozenset[int] = frozenset(), **rules: Any) -> PlayedRound:
+def laid_out(
+    seed: int = 7, ghost_roles: frozenset[int] = frozenset(), clyde_mps: float | None = None, **rules: Any
+) -> PlayedRound:
     chosen = Rules(**{"policy": "clyde_aware", "second": "nearest", "settings": SHORT, **rules})
-    config, source, ghosts = CHOICES.prepare(chosen, None)
+    config, source, ghosts = CHOICES.prepare(chosen, clyde_mps)
     return PlayedRound(config, source, ghosts, (chosen.policy, chosen.second), seed, ghost_roles)
 
 
@@ -72,11 +74,33 @@ def test_a_ghost_without_orders_moves_as_if_no_person_played_it() -> None:
 def test_a_person_sends_the_robot_and_a_ghost_where_he_clicks() -> None:
     round = laid_out(ghosts=("wander", "wander"), ghost_roles=frozenset([1]), settings={"time_limit_s": 60.0})
     goal, place = 4, round.assets.goal_xy[8]
-    played(round, Orders(robot=True, goal=goal, ghosts={1: 8}), 40)
+    played(round, Orders(robot=True, goal=goal, ghosts={1: round.nearest_ghost_cell(1, *place)}), 40)
     assert round.by_person
     assert {choice[0] for choice in round.choices} == {goal}
     ways = [math.dist(snapshot.ghosts[1], place) for snapshot in round.snapshots]
     assert ways[-1] < ways[0]
+
+
+def test_ghost_goes_to_free_cell_nearest_to_click() -> None:
+    round = laid_out(ghost_roles=frozenset([0]), clyde_mps=2.0, settings={"time_limit_s": 60.0})
+    cells = round.assets.clyde
+    own = cells.cells_in(round.assets.clyde_part)
+    away_m = np.hypot(*(cells.position[own][:, None] - round.assets.goal_xy).transpose(2, 0, 1)).min(axis=1)
+    cell = int(own[away_m.argmax()])
+    assert away_m.max() > 1.0  # from every pellet and refuge
+    x, y = cells.position[cell]
+    assert round.nearest_ghost_cell(0, x + 0.2 * cells.resolution, y) == cell
+    assert round.nearest_ghost_cell(0, 100.0, 100.0) is None
+    right = int(own[cells.position[own, 0].argmax()])
+    wall = cells.position[right] + (0.5, 0.0)
+    assert round.nearest_ghost_cell(0, *wall) == right
+    played(round, Orders(robot=True, ghosts={0: cell}), 30)
+    assert round.snapshots[-1].ghosts[0] == pytest.approx((x, y))
+    np.testing.assert_array_equal(round.snapshots[-1].ghost_goals, [(x, y)])
+    assert not round.over
+    played(round, Orders(robot=True, ghosts={0: FOLLOW}))
+    assert (round.outcome, round.catcher) == ("caught", 0)
+    np.testing.assert_array_equal(round.snapshots[-1].ghost_goals, [round.snapshots[-1].true[:2]])
 
 
 def test_a_person_who_chooses_nothing_holds() -> None:

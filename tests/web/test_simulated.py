@@ -208,6 +208,36 @@ def test_roles_are_taken_one_person_each_and_free_when_he_is_gone(game: Simulate
     game.handle("Bob", m.Role(role="robot"))
 
 
+def test_person_sends_ghost_anywhere_and_catches_the_robot(game: SimulatedGame) -> None:
+    game.handle("Ann", m.ClydeSpeed(mps=2.0))
+    game.handle("Ann", m.Role(role="robot"))
+    game.handle("Bob", m.Role(role="ghost-0"))
+    home, _ = np.split(np.array(frame(game).true), [2])
+    with pytest.raises(Refused, match="can reach"):
+        game.handle("Bob", m.Goal(x=500.0, y=0.0))
+    game.handle("Bob", m.Goal(candidate=0))
+    pellet = game.scene().facts["pellets"][0]
+    assert frame(game).ghost_goals[0] == pytest.approx(pellet, abs=0.5)
+    game.handle("Bob", m.Goal(candidate=-1))
+    assert np.isnan(frame(game).ghost_goals).all()
+    game.handle("Bob", m.Goal(follow=True))
+    assert frame(game).ghost_goals[0] == pytest.approx(home)
+    game.handle("Ann", m.Start())
+    wait(lambda: game.handle("Ann", m.Stories()))
+    story = game.handle("Ann", m.Stories())[0]
+    assert (story["result"], story["catcher"], story["ghosts_played"]) == ("caught", 0, [0])
+    assert story["link"] == ""
+
+
+def test_ghost_taken_in_a_round_obeys_from_the_next(game: SimulatedGame) -> None:
+    game.handle("Ann", m.Speed(times=1))
+    game.handle("Ann", m.Start())
+    wait(lambda: frame(game).state == "running")
+    assert game.handle("Bob", m.Role(role="ghost-0"))["words"]
+    with pytest.raises(Refused, match="next round"):
+        game.handle("Bob", m.Goal(follow=True))
+
+
 def test_a_person_plays_a_round_beside_the_policy_and_both_results_are_shown(game: SimulatedGame) -> None:
     game.handle("Ann", m.Role(role="robot"))
     game.handle("Ann", m.Speed(times=2))  # a round that lasts long enough to be seen

@@ -254,8 +254,8 @@ class Ghosts:
         self.state = np.zeros((n, count), dtype=GHOST)
         self.paths = np.zeros((n, count, 0), dtype=np.int32)  # (N, G, L) cells of the path that each is on
         self.obstacles = np.zeros((n, count, 3))  # where they are seen, m
-        #: Of those sent from outside: a candidate, the last one to wander on; beyond it a :func:`behaviour_choice`, then
-        #: a :func:`cell_choice`.
+        #: Of those sent from outside: a candidate, the last one to wander on, or beyond it a :func:`behaviour_choice`
+        #: or a :func:`cell_choice`.
         self.choices = np.zeros((n, count), dtype=np.int64)
         self.wander_first = np.array([one.name in (WANDER, POLICY) for one in behaviours])
         self.sent_from_outside = np.array([one.name == POLICY for one in behaviours])

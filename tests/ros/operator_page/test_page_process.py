@@ -185,7 +185,7 @@ def test_a_start_and_stops_by_clicks(
     deep = QoSProfile(depth=2000, reliability=topics.CMD_VEL.qos.reliability)
     dataclasses.replace(topics.CMD_VEL, qos=deep).subscription(nodes.probe.node, take)
     visitor.page.evaluate(CLICKED)
-    visitor.press("reset")
+    visitor.reset()
     visitor.wait("state.frame.state === 'menu'", "the menu")
     visitor.press("start")
     visitor.wait("state.frame.state === 'running' && state.frame.score > 0", "a pellet")
@@ -202,14 +202,14 @@ def test_a_start_and_stops_by_clicks(
     with capsys.disabled():
         figures = f"median {statistics.median(took):.3f} s, longest {max(took):.3f} s, {STOPS} stops"
         print(f"\nSTOP from click to zero velocity on the wire: {figures}")
-    visitor.press("reset")
+    visitor.reset()
     visitor.wait("state.frame.state === 'menu'")
     visitor.check()
 
 
 def test_by_arrow_keys_until_the_page_is_killed(nodes: Nodes, page: Page, visitor: Visitor) -> None:
     visitor.wait("state.frame !== null", "the game")
-    visitor.press("reset")
+    visitor.reset()
     visitor.wait("state.frame.state === 'menu'", "the menu")
     visitor.press("tab-play")
     visitor.page.click("[data-role=robot]")
