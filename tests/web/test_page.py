@@ -53,6 +53,13 @@ def test_first_minute_of_a_newcomer(visit: Visit) -> None:
     assert page.text("lease-words") == "You have control"
     page.wait("state.frame.score > 1")
     assert page.page.locator("#why-table tbody tr").count() > 3
+    rows = page.value(
+        "[...document.querySelectorAll('#why-table tbody tr')].map((row) => [row.dataset.candidate,"
+        " row.querySelector('button').textContent])"
+    )
+    pellets = [(candidate, text.split()[-1]) for candidate, text in rows if "Pellet" in text]
+    assert pellets
+    assert all(candidate == number for candidate, number in pellets)  # as in the environment and on the robot
     assert re.search(r"ppo: \w+ \d+.*clyde_aware: \w+", page.text("why-words"))
     page.slide("speed", FASTEST)
     page.wait("document.querySelectorAll('#stories li').length === 1", "the round has ended")
@@ -461,6 +468,7 @@ def test_stop_is_in_reach(visit: Visit, width: int) -> None:
     assert page.value("document.documentElement.scrollWidth") <= width
     page.page.keyboard.press("Escape")
     page.wait("state.frame.stopped")
+    assert page.page.is_disabled("#start")
     page.press("release")
     page.wait("!state.frame.stopped")
 

@@ -11,13 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from pacman_env.config import make_config
 from pacman_env.envs.pacmanbot import PacManBotEnv
+from pacman_env.evaluation.compare.scenarios import open_scenario
+from pacman_env.evaluation.replay import RecordedGame
+from pacman_env.game.goals import goal_name
 from pacman_env.policies.base import BasePolicy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.observation.situation import Situation
 from pacman_env.web.played_round import FOLLOW, Orders, PlayedRound
 from pacman_env.web.rules import Choices, Rules
-from pacman_env.web.simulated_view import between
+from pacman_env.web.simulated_view import between, scene_of
 from tests.web.frames import decode
 
 CHOICES = Choices()
@@ -181,6 +185,16 @@ def test_between_two_ticks_everything_is_between_them(share: float, tick: int) -
     assert old.time_s <= now.time_s <= new.time_s
     assert now.collected in (old.collected, new.collected)
     assert decode(old.encode()).ghosts == pytest.approx(old.ghosts, abs=1e-4)
+
+
+def test_goals_are_called_as_in_replay() -> None:
+    round = played(laid_out(settings={}), ticks=1)
+    names = scene_of(round, Rules(), 1).facts["names"]
+    config = make_config("robot")
+    game = RecordedGame(open_scenario("house", config), config, "clyde_aware", np.uint64(7), "")
+    game.step()
+    assert game.changes[0].goal.startswith(f"{names[round.choices[0][0]]} at")
+    assert [goal_name([0, 2], goal) for goal in range(3)] == ["pellet 0", "pellet 2", "refuge 0"]
 
 
 ROUND = played(laid_out())

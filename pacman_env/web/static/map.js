@@ -185,8 +185,9 @@ setUpGestures($("top"), view, {
     emit("tap", { world: view.toWorld(...at), candidate: candidateAt(at) });
   },
   hovered: (at) => {
-    const candidate = at ? candidateAt(at) : -1;
-    $("top").classList.toggle("pointing", (candidate >= 0 && state.role === "robot") || state.role.startsWith("ghost"));
+    const ghost = state.role.startsWith("ghost"); // which goes anywhere
+    const candidate = at && !ghost ? candidateAt(at) : -1;
+    $("top").classList.toggle("pointing", ghost || (candidate >= 0 && state.role === "robot"));
     if (candidate !== state.candidate) emit("candidate", (state.candidate = candidate));
   },
 });
