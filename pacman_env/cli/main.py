@@ -199,8 +199,8 @@ def _add_web(commands: Any) -> None:
     host = "address to listen on; others than this machine need a token (%(default)s)"
     add("--host", default="127.0.0.1", help=host)
     add("--port", type=whole_number(0, 65535), default=8000, help="0: any that is free (%(default)s)")
-    name = "by which the page is asked for too; repeatable"
-    add("--name", action="append", default=[], metavar="HOST", help=name)
+    name = "by which the page is requested too; behind a proxy the whole address of the page; repeatable"
+    add("--name", action="append", default=[], metavar="HOST_OR_URL", help=name)
     add("--viewers", type=whole_number(1, 1000), default=100, help="at once, at most (%(default)s)")
     add("--open", action="store_true", help="open the page in a browser of this machine")
     add = web.add_argument_group("simulated game").add_argument

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hmac
 import ipaddress
+import re
 import secrets
 import socket
 from collections.abc import Iterable
@@ -36,6 +37,47 @@ HEADERS = {
 }
 #: On a loopback address only: elsewhere a browser obeys them over https only, and logs errors.
 LOCAL_HEADERS = {"cross-origin-opener-policy": "same-origin", "cross-origin-embedder-policy": "require-corp"}
+
+
+_NAME = re.compile(
+    r"((?P<scheme>https?)://)?(?P<host>[a-z0-9._-]+|\[?[0-9a-f:]+\]?)(?P<port>:\d{1,5})?(?P<path>(/[\w.~-]+)*/?)",
+    re.ASCII | re.IGNORECASE,
+)
+_DEFAULT_PORTS = {"http": ":80", "https": ":443"}  # not in an origin
+
+
+@dataclass(frozen=True)
+class Name:
+    """A name by which the page is requested; of a proxy also the origin and the path at which the proxy shows the page."""
+
+    host: str
+    origin: str = ""
+    path: str = ""
+
+    @classmethod
+    def parse(cls, text: str) -> Name:
+        """Read a host name, or the whole address of a page behind a proxy; ValueError if it is neither."""
+        match = _NAME.fullmatch(text)
+        if match is None or (not match["scheme"] and (match["port"] or match["path"])):
+            raise ValueError(f"`name` = {text!r}: a host name, or an address such as https://robot.example/pacman/")
+        scheme, host, port = ((match[part] or "").lower() for part in ("scheme", "host", "port"))
+        name = host.strip("[]").removesuffix(".")
+        if not scheme:
+            return cls(name)
+        return cls(name, f"{scheme}://{host}{port.removesuffix(_DEFAULT_PORTS[scheme])}", match["path"].rstrip("/"))
+
+    @property
+    def netloc(self) -> str:
+        return self.origin.partition("//")[2]
+
+    @property
+    def is_local(self) -> bool:
+        return self.host == "localhost" or is_loopback(self.host)
+
+    @property
+    def url(self) -> str:
+        """The address of the page behind the proxy; empty for a host name."""
+        return f"{self.origin}{self.path}/" if self.origin else ""
 
 
 @dataclass(frozen=True)
@@ -79,7 +121,7 @@ def host_name(host: str) -> str | None:
 
 
 def names_of(host: str, address: str) -> tuple[str, ...]:
-    """The names under which a server bound to ``host``, which is ``address``, may be requested."""
+    """Return the names by which a server bound to ``host``, which is ``address``, may be requested."""
     if is_loopback(address):
         return (host, address, "localhost")
     here = socket.gethostname()
@@ -93,9 +135,13 @@ def is_same_origin(origin: str, host: str) -> bool:
 class AccessControl:
     """The middleware that refuses requests; those that pass have ``access`` in their scope, and no token any more."""
 
-    def __init__(self, application: ASGIApp, tokens: Tokens | None, names: Iterable[str], log: Log):
+    def __init__(self, application: ASGIApp, tokens: Tokens | None, names: Iterable[Name], log: Log):
         self._application, self._tokens, self._log = application, tokens, log
-        self._names = frozenset(name.lower().removesuffix(".") for name in names)  # beside the own address
+        names = tuple(names)
+        self._names = frozenset(name.host for name in names)  # beside the own address
+        self._origins = frozenset(name.origin for name in names if name.origin)
+        self._proxied = frozenset(host for name in names for host in (name.host, name.netloc) if name.origin)
+        self._paths = tuple(f"{name.path}/" for name in names if name.path)
         self._headers = HEADERS | (LOCAL_HEADERS if tokens is None else {})
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -104,6 +150,10 @@ class AccessControl:
                 MutableHeaders(scope=message).update(self._headers)
             await send(message)
 
+        for path in self._paths:
+            if scope["path"].startswith(path):  # the proxy has left it there
+                scope["path"] = scope["path"][len(path) - 1 :]
+                break
         answer, refusal = self._application, self._refusal(scope)
         if refusal is not None:
             status, words = refusal
@@ -118,8 +168,8 @@ class AccessControl:
         address = (scope.get("server") or ("", 0))[0].lower().removeprefix("::ffff:")  # IPv4 on an IPv6 socket
         if name is None or (name != address and name not in self._names):
             return 421, "a Host that is not this server's (a name of your own: --name)"
-        if len(origins) > 1 or (origins and not is_same_origin(origins[0], hosts[0])):
-            return 403, "a page of another origin"
+        if len(origins) > 1 or (origins and not self._is_own(origins[0].lower(), hosts[0].strip().lower())):
+            return 403, "a page of another origin (behind a proxy: --name with the page's whole address)"
         try:
             query = parse_qsl(scope["query_string"].decode("ascii"), keep_blank_values=True, max_num_fields=20)
         except ValueError:
@@ -135,6 +185,12 @@ class AccessControl:
             return 401, "no token, or a wrong one (use the link that was printed at the start)"
         scope["access"] = access
         return None
+
+    def _is_own(self, origin: str, host: str) -> bool:
+        if origin in self._origins:
+            return True
+        # A proxy may pass on the Host without the port: then every other server of that machine has the same Host.
+        return host not in self._proxied and is_same_origin(origin, host)
 
 
 def refusal_response(status: int, words: str) -> PlainTextResponse:

@@ -28,7 +28,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocketDisconnect
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
-from pacman_env.web.access import AccessControl, Tokens, is_loopback, names_of
+from pacman_env.web.access import AccessControl, Name, Tokens, is_loopback, names_of
 from pacman_env.web.game import Game
 from pacman_env.web.log import Log
 from pacman_env.web.messages import MOST_BYTES
@@ -67,22 +67,28 @@ class WebServer:
         host: str = "127.0.0.1",  # an address of this machine, or a name of one; 0.0.0.0: all of them
         port: int = 0,  # 0: any that is free
         *,
-        tokens: Tokens | None = None,  # None: new ones where other machines reach the address, else none
-        names: Iterable[str] = (),  # accepted as Host beside the address, such as that of a router in between
+        tokens: Tokens | None = None,  # None: new ones if other machines reach the address or a name, else none
+        names: Iterable[str] = (),  # accepted as Host beside the address; of a proxy the whole address of the page
         write: Callable[[str], None] | None = None,  # a line of the log; to stderr if not given
         limits: Limits = Limits(),
         static: Path = STATIC,
     ):
         self.host, self.port, self.address = host, port, host
         self.tokens = tokens
-        self._game, self._names, self._limits, self._static = game, tuple(names), limits, static
+        self._game, self._limits, self._static = game, limits, static
+        self._names = tuple(map(Name.parse, names))
         self._write = write or partial(print, "pacman-env web:", file=sys.stderr, flush=True)
         self._thread: threading.Thread | None = None
         self._started: Future[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = Future()
 
     @property
     def url(self) -> str:
-        return link(shown_address(self.address), self.port, self.tokens.operator if self.tokens else "")
+        return with_token(link(self.address, self.port), self.tokens.operator if self.tokens else "")
+
+    @property
+    def public_url(self) -> str:
+        """The address that others use, without a token."""
+        return next((name.url for name in self._names if name.url), link(self.address, self.port))
 
     def __enter__(self) -> WebServer:
         self.start()
@@ -95,7 +101,7 @@ class WebServer:
         """Serve from now on. Raises OSError if the address is in use, or none of this machine's."""
         bound = bind(self.host, self.port)
         self.address, self.port = bound.getsockname()[:2]
-        if self.tokens is None and not is_loopback(self.address):
+        if self.tokens is None and not (is_loopback(self.address) and all(name.is_local for name in self._names)):
             self.tokens = Tokens.new()
 
         def run() -> None:
@@ -139,7 +145,7 @@ class WebServer:
         sessions = Sessions(self._game, log, limits.viewers, limits.messages_per_s)
         routes = Routes(self._game, sessions, log, self._static, limits.body_s)
         application = Starlette(routes=[*routes.all(), WebSocketRoute("/ws", sessions.serve)])
-        names = (*names_of(self.host, self.address), *self._names)
+        names = (*map(Name, names_of(self.host, self.address)), *self._names)
         controlled = AccessControl(_bounded(application, log), self.tokens, names, log)
         connections = Connections(CONNECTIONS * limits.viewers + SPARE_CONNECTIONS, limits.headers_s)
         server = uvicorn.Server(_configuration(controlled, connections))
@@ -282,7 +288,7 @@ def serve(
     with WebServer(game, host, port, names=names, limits=limits) as server:
         before = {one: signal.signal(one, lambda *_: ended.set()) for one in (signal.SIGINT, signal.SIGTERM)}
         try:
-            print(greeting(server.address, server.port, server.tokens), flush=True)
+            print(greeting(server.public_url, server.tokens), flush=True)
             if opened is not None:
                 opened(server.url)
             while not ended.wait(_WAKE_S):
@@ -292,9 +298,13 @@ def serve(
                 signal.signal(number, handler)
 
 
-def link(address: str, port: int, token: str = "") -> str:
-    host = f"[{address}]" if ":" in address else address
-    return f"http://{host}:{port}/" + (f"?token={token}" if token else "")
+def link(address: str, port: int) -> str:
+    shown = shown_address(address)
+    return f"http://[{shown}]:{port}/" if ":" in shown else f"http://{shown}:{port}/"
+
+
+def with_token(url: str, token: str) -> str:
+    return f"{url}?token={token}" if token else url
 
 
 def own_address(family: int = socket.AF_INET) -> str | None:
@@ -325,15 +335,15 @@ def qr_code(text: str) -> str:
     return out.getvalue().rstrip("\n")
 
 
-def greeting(address: str, port: int, tokens: Tokens | None) -> str:
-    shown = shown_address(address)
+def greeting(url: str, tokens: Tokens | None) -> str:
     if tokens is None:
-        return f"The page: {link(shown, port)} (on this computer alone; Ctrl-C ends it)"
-    operator = link(shown, port, tokens.operator)
+        return f"The page: {url} (on this computer alone; Ctrl-C ends it)"
+    operator = with_token(url, tokens.operator)
+    readable = ", and the network can read it (http, not https)" if url.startswith("http:") else ""
     return (
         f"To play and run it: {operator}\n{qr_code(operator)}\n"
-        f"To view, and to STOP: {link(shown, port, tokens.viewer)}\n"
-        "Anyone with a link can use it, and the network can read it (http, not https).\nCtrl-C ends the page."
+        f"To view, and to STOP: {with_token(url, tokens.viewer)}\n"
+        f"Anyone with a link can use it{readable}.\nCtrl-C ends the page."
     )
 
 

@@ -199,7 +199,7 @@ class Audience:
     def _change_scene(self, scene: Scene) -> None:
         facts = dict(scene.facts)
         if facts.get("map"):
-            facts["map"] = {**facts["map"], "url": f"/map/{scene.revision}.png"}
+            facts["map"] = {**facts["map"], "url": f"map/{scene.revision}.png"}
         self._scene_text = as_json({**facts, "kind": "scene", "revision": scene.revision})
         self._scene = scene
         self.pictures.pop(scene.revision, None)

@@ -10,7 +10,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pacman_env.web.access import HEADERS, AccessControl, Tokens, host_name, is_loopback, is_same_origin, names_of
+from pacman_env.web.access import (
+    HEADERS,
+    AccessControl,
+    Name,
+    Tokens,
+    host_name,
+    is_loopback,
+    is_same_origin,
+    names_of,
+)
 from pacman_env.web.log import Log
 
 TOKENS = Tokens("operator-0123456789abcdef", "viewer-0123456789abcdef")
@@ -48,7 +57,7 @@ def ask(
         "headers": [(name.encode(), value.encode("latin-1")) for name, value in headers.items()],
     }
     log = Log(lines.append, (TOKENS.operator, TOKENS.viewer))
-    control = AccessControl(application, tokens, (*names_of(address, address), *names), log)
+    control = AccessControl(application, tokens, (*map(Name, names_of(address, address)), *map(Name.parse, names)), log)
     asyncio.run(control(scope, None, send))  # type: ignore[arg-type]
     assert dict(sent[0]["headers"])[b"content-security-policy"]
     return sent[0]["status"], passed, lines
@@ -120,6 +129,57 @@ def test_its_own_page_is_let_in() -> None:
         headers = {"host": f"{ADDRESS}:8000", "origin": f"{scheme}://{ADDRESS}:8000"}
         assert ask("/ws", f"token={TOKENS.operator}", "websocket", **headers)[0] == 200
     assert is_same_origin("http://LOCALHOST:1", "localhost:1")
+
+
+PROXY = "https://robot.example:8443/pacman/"
+
+
+@pytest.mark.parametrize("host", ["robot.example", "robot.example:8443", f"{ADDRESS}:8000"])  # $host, $http_host, none
+@pytest.mark.parametrize("path", ["/ws", "/pacman/ws"])
+@pytest.mark.parametrize(
+    ("origin", "status"),
+    [
+        ("https://robot.example:8443", 200),
+        ("http://evil.example:8443", 403),
+        ("https://robot.example:8444", 403),
+        ("https://robot.example.evil.example:8443", 403),
+        ("https://robot.example", 403),
+        ("https://evil.example", 403),
+        ("null", 403),
+    ],
+)
+def test_proxy_passes_its_own_pages_only(host: str, path: str, origin: str, status: int) -> None:
+    query = f"token={TOKENS.operator}"
+    answer, passed, _ = ask(path, query, "websocket", (PROXY,), host=host, origin=origin)
+    assert (answer, passed.get("path")) == (status, "/ws" if status == 200 else None)
+
+
+def test_proxy_lets_no_foreign_host_in() -> None:
+    assert ask("/pacman/", f"token={TOKENS.operator}", names=(PROXY,), host="evil.example:8443")[0] == 421
+    assert ask("/pacman/ws", names=(PROXY,), host="robot.example")[0] == 401
+    assert ask("/pacman/static/page.js", names=(PROXY,), host="robot.example")[1]["path"] == "/static/page.js"
+    assert ask("/pacmanx/static/page.js", names=(PROXY,), host="robot.example")[0] == 401
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("Robot.example.", Name("robot.example")),
+        ("2001:db8::1", Name("2001:db8::1")),
+        ("HTTPS://Robot.example:443/A/b/", Name("robot.example", "https://robot.example", "/A/b")),
+        ("http://[::1]:8080", Name("::1", "http://[::1]:8080")),
+    ],
+)
+def test_name_is_host_or_whole_address(text: str, name: Name) -> None:
+    assert Name.parse(text) == name
+
+
+@pytest.mark.parametrize(
+    "text", ["", "robot:8000", "a/b", "ftp://a/", "http://", "http://u@a/", "http://a/?b", "http://a/%2e/", "*", "a b"]
+)
+def test_name_is_refused_if_neither(text: str) -> None:
+    with pytest.raises(ValueError, match="`name`"):
+        Name.parse(text)
 
 
 def test_a_token_is_never_in_the_log(caplog: pytest.LogCaptureFixture) -> None:

@@ -85,7 +85,7 @@ def test_maps_and_rounds_are_fetched_with_the_token(serve: Callable[..., WebServ
     assert server.tokens is not None
     with Page(server) as page:
         scene = page.wait("scene")
-        where = scene["map"]["url"].removeprefix("/")
+        where = scene["map"]["url"]
         assert web.get(at(viewer_url(server), where)).content == PICTURE
         headers = {"authorization": f"Bearer {server.tokens.viewer}"}
         base = server.url.partition("?")[0]

@@ -44,7 +44,7 @@ def test_a_round_is_set_up_begun_seen_and_stopped(
         scene = [text for text in page.texts if text["kind"] == "scene"][-1]
         assert scene["map"]["name"] == "loop"
         assert begun.revision == scene["revision"]
-        assert web.get(at(server.url, scene["map"]["url"].removeprefix("/"))).content.startswith(b"\x89PNG")
+        assert web.get(at(server.url, scene["map"]["url"])).content.startswith(b"\x89PNG")
         assert page.ask("stop")["ok"]
         shown(page, lambda frame: frame.stopped)
         assert page.ask("release")["ok"]

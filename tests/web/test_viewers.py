@@ -143,7 +143,7 @@ def test_a_new_scene_comes_before_its_frames_and_the_last_pictures_are_kept() ->
         tick(there)
         things = taken(one)
         assert things[0]["revision"] == things[-1]["revision"] == revision
-        assert things[0]["map"]["url"] == f"/map/{revision}.png"
+        assert things[0]["map"]["url"] == f"map/{revision}.png"
     assert list(there.pictures) == list(range(10 - MOST_PICTURES, 10))
 
 

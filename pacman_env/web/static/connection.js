@@ -8,6 +8,26 @@ const FRAME = '{"kind":"frame"'; // its first field
 
 export const token = new URLSearchParams(location.search).get("token");
 
+// sessionStorage throws if the browser stores nothing: after a reload the server then sees another person.
+let again = ""; // restores name and role after a break
+try {
+  again = sessionStorage.again ?? "";
+} catch { /* nothing is stored */ }
+
+export function remember(key) {
+  again = key ?? again;
+  try {
+    sessionStorage.again = again;
+  } catch { /* not stored */ }
+}
+
+// The address of a path of the server, relative to the page's own: a proxy may serve it below another path.
+export function address(path) {
+  const url = new URL(path, location.href);
+  if (token) url.searchParams.set("token", token);
+  return url;
+}
+
 const pending = new Map(); // of requests without an answer: what settles them, by id
 let socket = null;
 let hooks = null;
@@ -50,11 +70,6 @@ export async function request(message, timeout_ms) {
   return null;
 }
 
-export function fetchWithToken(path, options = {}) {
-  const headers = token ? { ...options.headers, Authorization: `Bearer ${token}` } : options.headers;
-  return fetch(path, { ...options, headers });
-}
-
 function settle(id, answer) {
   pending.get(id)?.(answer);
   pending.delete(id);
@@ -63,10 +78,10 @@ function settle(id, answer) {
 function open() {
   clearTimeout(retryTimer);
   if (socket && socket.readyState <= WebSocket.OPEN) return;
-  const query = new URLSearchParams();
-  if (token) query.set("token", token);
-  if (sessionStorage.again) query.set("again", sessionStorage.again); // restores name and role after a break
-  const opened = new WebSocket(`/ws${query.size ? `?${query}` : ""}`);
+  const url = address("ws");
+  url.protocol = url.protocol.replace("http", "ws"); // browsers before 2024 refuse a relative address
+  if (again) url.searchParams.set("again", again);
+  const opened = new WebSocket(url.href);
   socket = opened;
   heard();
   opened.onopen = () => {

@@ -87,5 +87,5 @@ export const isShortcut = ({ ctrlKey, metaKey, altKey, target }) => !(ctrlKey ||
 
 // On a narrow page the panel leaves its place to the map.
 export function showMap() {
-  if (matchMedia("(max-width: 820px)").matches) document.querySelector(".panel").classList.remove("open");
+  if (matchMedia("(max-width: 820px)").matches) document.body.classList.remove("panel-open");
 }

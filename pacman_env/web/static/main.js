@@ -1,7 +1,7 @@
 // The page: messages of the server, tabs, shortcuts, and the list of what is ready.
 
 import { setUpTheme } from "./colours.js";
-import { connect, request, send } from "./connection.js";
+import { connect, remember, request, send } from "./connection.js";
 import "./controls.js";
 import { $, clock, facts, isShortcut, make, write } from "./dom.js";
 import { sounds } from "./effects.js";
@@ -47,7 +47,7 @@ function lost(reason) {
 const receive = {
   hello(message) {
     state.hello = message;
-    sessionStorage.again = message.again ?? sessionStorage.again ?? "";
+    remember(message.again);
     state.connected = true;
     emit("hello", message);
     emit("connection");
@@ -118,7 +118,6 @@ on("frame", (now) => {
 });
 
 const tabs = [...document.querySelectorAll("[role=tab]")];
-const panel = document.querySelector(".panel");
 const narrow = matchMedia("(max-width: 820px)");
 
 function chooseTab(tab, open = true) {
@@ -127,12 +126,12 @@ function chooseTab(tab, open = true) {
     one.tabIndex = one === tab ? 0 : -1;
     $(one.getAttribute("aria-controls")).hidden = one !== tab;
   }
-  panel.classList.toggle("open", open);
+  document.body.classList.toggle("panel-open", open);
   emit("tab", tab.id);
 }
 
 tabs.forEach((tab, k) => {
-  const isOpen = () => panel.classList.contains("open") && tab.getAttribute("aria-selected") === "true";
+  const isOpen = () => document.body.classList.contains("panel-open") && tab.getAttribute("aria-selected") === "true";
   tab.onclick = () => chooseTab(tab, !(narrow.matches && isOpen()));
   tab.onkeydown = ({ key }) => {
     const next = tabs.at({ ArrowRight: (k + 1) % tabs.length, ArrowLeft: k - 1, Home: 0, End: -1 }[key] ?? k);

@@ -1,6 +1,7 @@
 // The picture of a map, drawn in the page's colours: walls with round edges at every zoom.
 
-import { token } from "./connection.js";
+import { address } from "./connection.js";
+import { make } from "./dom.js";
 
 const MOST_PIXELS = 4e6;
 
@@ -17,7 +18,7 @@ export class MapPicture {
     const { width, height } = image;
     this.map = map;
     this.zoom = Math.max(1, Math.min(5, Math.floor(Math.sqrt(MOST_PIXELS / (width * height))))); // pixels a cell
-    this.#cells = new OffscreenCanvas(width, height);
+    this.#cells = make("canvas", { width, height });
     const context = this.#cells.getContext("2d", { willReadFrequently: true });
     context.drawImage(image, 0, 0);
     const pixels = context.getImageData(0, 0, width, height);
@@ -41,8 +42,7 @@ export class MapPicture {
 
   static async load(map) {
     const image = new Image();
-    const separator = map.url.includes("?") ? "&" : "?";
-    image.src = map.url + (token ? `${separator}token=${encodeURIComponent(token)}` : "");
+    image.src = address(map.url).href;
     await image.decode();
     return new MapPicture(image, map);
   }
@@ -55,7 +55,7 @@ export class MapPicture {
   }
 
   paint({ floor, wall }) {
-    const canvas = new OffscreenCanvas(this.#cells.width * this.zoom, this.#cells.height * this.zoom);
+    const canvas = make("canvas", { width: this.#cells.width * this.zoom, height: this.#cells.height * this.zoom });
     const context = canvas.getContext("2d", { willReadFrequently: true });
     context.imageSmoothingQuality = "high";
     context.drawImage(this.#cells, 0, 0, canvas.width, canvas.height);

@@ -1,6 +1,6 @@
 // The current and the next round: a form, map upload, Clyde's speed and place.
 
-import { fetchWithToken, request } from "./connection.js";
+import { address, request } from "./connection.js";
 import { $, button, facts, make, option, slider, write } from "./dom.js";
 import { notice, question } from "./notices.js";
 import { changedSettings, hasSettings, setChanged, showSettings } from "./settings.js";
@@ -81,7 +81,7 @@ function showGhosts(choices) {
       ...behaviours.map((value) => option(value)));
     select(list, behaviour);
     const remove = button("Remove", { "aria-label": `Remove ${name}`, data, hidden: choices.length === 1,
-      onclick: () => editGhosts(ghostChoices().toSpliced(k, 1)) });
+      onclick: () => editGhosts(ghostChoices().filter((_, at) => at !== k)) });
     return make("div", { class: "ghost-row" }, make("span", { class: "dot", colour }),
       make("span", { class: "ghost-name", text: name }), list, remove);
   }));
@@ -146,7 +146,7 @@ async function upload() {
   const name = $("upload-name").value.trim() || yaml.name.replace(/\.ya?ml$/i, "");
   const body = JSON.stringify({ name, yaml: await yaml.text(), image: btoa(bytes.join("")) });
   const headers = { "Content-Type": "application/json" };
-  const response = await fetchWithToken("/map", { method: "POST", headers, body });
+  const response = await fetch(address("map"), { method: "POST", headers, body });
   const answer = await response.json();
   if (!answer.ok) return answer.words || "Refused.";
   select(field("map"), answer.map);

@@ -1,6 +1,6 @@
 // Finished rounds: the list, the time line with its markers, and links that reproduce a round.
 
-import { ask, fetchWithToken, request, token } from "./connection.js";
+import { address, ask, request, token } from "./connection.js";
 import { showResult } from "./controls.js";
 import { $, button, clock, isShortcut, make, renderReleased, setIcon, write } from "./dom.js";
 import * as map from "./map.js";
@@ -33,7 +33,7 @@ async function load() {
 on("scene", (scene) => scenes.set(scene.revision, scene));
 on("hello", load);
 on("news", async (items) => {
-  const ended = items.findLast((item) => item.story)?.story;
+  const ended = items.filter((item) => item.story).at(-1)?.story;
   if (!ended) return;
   await load();
   const entry = entries.find(({ story }) => story === ended);
@@ -77,7 +77,7 @@ async function open(number, tick = 0) {
     return;
   }
   try {
-    const response = await fetchWithToken(`/story/${number}.json`);
+    const response = await fetch(address(`story/${number}.json`));
     if (!response.ok) throw new Error(await response.text());
     const frames = await response.json();
     if (!frames.length) throw new Error("it is empty");
@@ -174,7 +174,7 @@ function jump(step) {
   const { entry, index } = state.story;
   pause();
   const marks = entry.parts.length ? entry.parts : entry.decisions;
-  const tick = step > 0 ? marks.find((mark) => mark > index) : marks.findLast((mark) => mark < index);
+  const tick = step > 0 ? marks.find((mark) => mark > index) : marks.filter((mark) => mark < index).at(-1);
   if (tick === undefined) notice(step > 0 ? "No later marker." : "No earlier marker.", { key: "mark" });
   else seek(tick);
 }

@@ -58,7 +58,7 @@ def test_a_page_over_nothing_says_so_and_shows_the_game_when_it_comes(nodes: Nod
     page.wait(lambda: not page.notice(), "the notice to go")
     page.wait(lambda: page.scene().get("candidates") and page.scene()["map"], "the scene")
     scene = page.scene()
-    with urllib.request.urlopen(f"http://127.0.0.1:{page.port}{scene['map']['url']}", timeout=120) as picture:
+    with urllib.request.urlopen(f"http://127.0.0.1:{page.port}/{scene['map']['url']}", timeout=120) as picture:
         assert picture.read(8).startswith(b"\x89PNG")
     page.wait(lambda: page.ask("start")["ok"], "the start")
     page.wait(lambda: page.frame is not None and page.frame.score > 0, "a pellet")

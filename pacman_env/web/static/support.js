@@ -1,0 +1,44 @@
+// Says in plain words why the page does not start. This file is no module and in the oldest JavaScript, so that it runs
+// in browsers in which the modules do not.
+(function () {
+  "use strict";
+
+  var OLDEST = "Use Chrome or Edge 92, Firefox 98, Safari 15.4, or a newer browser.";
+  var parts = {
+    "JavaScript modules": "noModule" in document.createElement("script"),
+    "WebSocket": window.WebSocket,
+    "canvas": window.CanvasRenderingContext2D,
+    "dialog": window.HTMLDialogElement,
+    "fetch": window.fetch,
+    "ResizeObserver": window.ResizeObserver,
+    "URL": window.URL && window.URLSearchParams,
+    "Array.prototype.at": [].at
+  };
+  var missing = Object.keys(parts).filter(function (name) { return !parts[name]; });
+  var shown = false;
+
+  function show(words) {
+    if (shown) return; // the first error is the cause of the others
+    shown = true;
+    if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", write);
+    else write();
+    function write() {
+      document.getElementById("state").textContent = "Not started";
+      document.getElementById("lost").textContent = words;
+      document.getElementById("lost").hidden = false;
+    }
+  }
+
+  // Errors after the first frame are not the reason why nothing is shown.
+  function showError(words) {
+    if (!window.pacman || !window.pacman.state.frame) show("The page could not start: " + words + ". " + OLDEST);
+  }
+
+  if (missing.length) show("This browser cannot show the page, it lacks: " + missing.join(", ") + ". " + OLDEST);
+  window.addEventListener("error", function (event) {
+    var file = /^(SCRIPT|LINK)$/.test(event.target.tagName) && (event.target.src || event.target.href);
+    if (file) show("A file of the page could not be loaded: " + file + " (or a file that it needs). Reload the page.");
+    else if (event.error) showError(event.message);
+  }, true); // a file's error does not bubble
+  window.addEventListener("unhandledrejection", function (event) { showError(String(event.reason)); });
+})();
