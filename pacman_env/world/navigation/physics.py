@@ -7,6 +7,7 @@ Bodies are driven by forces, never by setting velocities: Chipmunk integrates po
 over the solver's result would push a body into the wall it touches.
 """
 
+import atexit
 import math
 import weakref
 from collections.abc import Callable
@@ -243,8 +244,7 @@ def bare_stepper(
 
     They share a space, start in directions all round and bounce, so that they keep moving.
     """
-    space = pymunk.Space()
-    space.collision_slop = _COLLISION_SLOP_M
+    space = _new_space()
     for x0, y0, x1, y1 in walls.tolist():
         space.add(pymunk.Segment(space.static_body, (x0, y0), (x1, y1), 0.0))
     for i, (x, y) in enumerate(places.tolist()):
@@ -261,6 +261,28 @@ def bare_stepper(
     return step
 
 
+def _new_space() -> pymunk.Space:
+    space = pymunk.Space()
+    space.collision_slop = _COLLISION_SLOP_M
+    _open_spaces.add(space)
+    return space
+
+
+_open_spaces: weakref.WeakSet[pymunk.Space] = weakref.WeakSet()
+
+
+@atexit.register
+def _disown_open_spaces() -> None:
+    """Cancel pymunk's destructors: those that run after its modules have been cleared raise.
+
+    Nothing is freed here, because a daemon thread may be in the middle of a step. The memory ends with the process.
+    """
+    for space in _open_spaces:
+        bodies, shapes = [space.static_body, *space.bodies], space.shapes
+        for pointer in (space._space, *(body._body for body in bodies), *(shape._shape for shape in shapes)):
+            ffi.gc(pointer, None)
+
+
 def _robot(space: pymunk.Space, radius_m: float, mass_kg: float) -> pymunk.Body:
     body = pymunk.Body(mass_kg, float("inf"))
     circle = pymunk.Circle(body, radius_m)
@@ -273,8 +295,7 @@ class _Space:
     """A pymunk space with walls and one robot, whose numbers are written to and read from rows of two arrays."""
 
     def __init__(self, walls: NDArray[np.float64], radius_m: float, mass_kg: float) -> None:
-        self.space = space = pymunk.Space()
-        space.collision_slop = _COLLISION_SLOP_M
+        self.space = space = _new_space()
         # Static segments as pymunk makes them, without an object of Python's for each.
         static, handle = space.static_body._body, space._space
         shapes = [lib.cpSegmentShapeNew(static, (x0, y0), (x1, y1), 0.0) for x0, y0, x1, y1 in walls.tolist()]

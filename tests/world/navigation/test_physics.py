@@ -1,6 +1,9 @@
 from __future__ import annotations
 
 import platform
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -210,3 +213,26 @@ def test_cells_within_half_a_cell_of_a_robots_reach_and_no_others_are_not_clear(
     inner = np.s_[1:-1, 1:-1]
     assert CLEAR[inner][away[inner] > 0.04].all()
     assert not CLEAR[away < 0.035].any()
+
+
+#: A kernel of a script keeps the script's globals, and so the spaces, until pymunk's modules have been cleared.
+GLOBAL_SPACES = """
+import numpy as np
+import pacman_env
+import numba
+from pacman_env.world.navigation.physics import Spaces, bare_stepper
+kernel = numba.njit(lambda x: x)
+kernel(1)
+walls = np.array([[-2.0, -2.0, 2.0, -2.0]])
+spaces = Spaces(4, levels=4, radius_m=0.17, mass_kg=1.0, step_s=0.05)
+for level in range(4):
+    spaces.provide(level, walls)
+stepper = bare_stepper(walls, walls[:, :2], radius_m=0.17, mass_kg=1.0, step_s=0.05, speed_mps=0.3)
+print(len(spaces))
+"""
+
+
+def test_spaces_in_globals_end_silently_with_the_interpreter() -> None:
+    root = Path(__file__).resolve().parents[3]
+    done = subprocess.run([sys.executable, "-c", GLOBAL_SPACES], cwd=root, capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "4\n", "")
