@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .arrays import Table
+from .cores import cores
 from .jit import kernel
 from .native import address_of_kernel, call_range, fetch_add, fetch_max, load, pause, replace, store
 
@@ -193,10 +194,6 @@ def _end(process: int, shared: NDArray[np.int64], wake: Sequence[Any], threads: 
     for thread in threads:
         if thread.ident is not None and thread is not threading.current_thread():  # the garbage collector's may be one
             thread.join(1.0)
-
-
-def cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 ALONE = Threads(1)

@@ -23,7 +23,7 @@ import numpy as np
 
 import pacman_env
 from pacman_env.cli.command import Parser, count, finite_number, run_command
-from pacman_env.engine.threads import cores
+from pacman_env.engine.cores import cores
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.files import prepare, write_json

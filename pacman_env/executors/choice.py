@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from pacman_env.cli.command import whole_number
-from pacman_env.engine.threads import cores
+from pacman_env.engine.cores import cores
 
 from .base import Executor, InProcess, InThreads
 

@@ -22,7 +22,7 @@ from pacman_env import __version__
 from pacman_env.cli.command import Parser, guarded
 from pacman_env.cli.options import add_options, parse_options
 from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative, Share, require
-from pacman_env.engine.threads import cores
+from pacman_env.engine.cores import cores
 from pacman_env.episodes.statistics import wilson
 from pacman_env.executors.base import Executor
 from pacman_env.executors.choice import add_executor_arguments, executor_arguments, executor_of

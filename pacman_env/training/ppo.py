@@ -25,7 +25,7 @@ from tqdm import tqdm
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, guarded
 from pacman_env.cli.options import add_options, parse_options
-from pacman_env.engine.threads import cores
+from pacman_env.engine.cores import cores
 from pacman_env.episodes.statistics import paired_difference, wilson
 from pacman_env.executors.base import Executor, InThreads
 from pacman_env.executors.choice import add_executor_arguments, executor_arguments, executor_of

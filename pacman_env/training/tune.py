@@ -21,7 +21,7 @@ from optuna.trial import FrozenTrial, TrialState, create_trial
 from pacman_env.cli.command import Parser, guarded
 from pacman_env.cli.options import add_options, parse_options
 from pacman_env.config.validation import AtLeastOne, Checked, Count
-from pacman_env.engine.threads import cores
+from pacman_env.engine.cores import cores
 from pacman_env.executors.base import Executor
 from pacman_env.executors.choice import add_executor_arguments, executor_arguments, executor_of
 from pacman_env.files import prepare, replaced

@@ -17,8 +17,9 @@ import numpy as np
 import pytest
 
 from pacman_env.engine.arrays import Array, Table, arrays_by_address
+from pacman_env.engine.cores import cores
 from pacman_env.engine.jit import kernel
-from pacman_env.engine.threads import Threads, cores
+from pacman_env.engine.threads import Threads
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from tests.waiting import PATIENCE_S
 

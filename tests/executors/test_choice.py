@@ -4,7 +4,7 @@ import argparse
 
 import pytest
 
-from pacman_env.engine.threads import cores
+from pacman_env.engine.cores import cores
 from pacman_env.executors.base import InProcess, InThreads
 from pacman_env.executors.choice import add_executor_arguments, executor_of
 from pacman_env.executors.processes import LocalProcesses

@@ -14,9 +14,9 @@ from pathlib import Path
 from numba.core import config as numba_config
 
 from ...engine.cache_folder import kernel_folder
+from ...engine.cores import cores
 from ...engine.kernel_cache import expect_help
 from ...engine.native import RANGE, address_of_kernel
-from ...engine.threads import cores
 from .ticks import play
 
 _ROOT = Path(__file__).resolve().parents[3]
