@@ -1,11 +1,14 @@
-"""Shipped data, how to install extras, the commit of the sources, and result files that are whole or absent."""
+"""User folders, shipped data, how to install extras, the commit of the sources, and result files, whole or absent."""
 
 import contextlib
+import functools
 import json
 import os
 import shlex
 import shutil
+import stat
 import tempfile
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -26,16 +29,59 @@ def install_command(extra: str) -> str:
     return f"pip install 'pacman_env[{extra}]'"  # pip completes what is installed under this name
 
 
+def user_folder(kind: str) -> Path:
+    """Return the user's folder of a kind ("cache", "log", "state"), which exists, or a temporary one without a home.
+
+    Raises OSError if there is neither.
+    """
+    import platformdirs  # here: every command imports this module
+
+    try:
+        folder = Path(getattr(platformdirs, f"user_{kind}_dir")("pacman_env"))
+        if not folder.is_absolute():  # older platformdirs: "~" stays if there is no home
+            raise RuntimeError("could not determine the home directory")
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, RuntimeError):
+        folder = temporary_folder() / kind
+        folder.mkdir(exist_ok=True)
+    return folder
+
+
+@functools.cache
+def temporary_folder() -> Path:
+    """Return this user's own folder among the temporary files; warns of it.
+
+    Raises PermissionError if another user may have made it: Numba unpickles what lies in a cache.
+    """
+    folder = Path(tempfile.gettempdir()) / f"pacman_env-{os.getuid()}"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    status = folder.lstat()
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.geteuid() or status.st_mode & 0o022:
+        raise PermissionError(f"{folder}: is not this user's alone; set HOME to a folder that can be written")
+    text = f"there is no home folder that can be written: pacman_env keeps its files in {folder}"
+    warnings.warn(f"{text}; set HOME to change it", RuntimeWarning, stacklevel=2)
+    return folder
+
+
 def commit() -> str:
-    """The commit of these sources, with "+" after it where files have changed since; "unknown" outside a repository."""
+    """Return the commit of these sources, with "+" if files have changed since; "unknown" outside their checkout.
+
+    The repository must track the package at its top: an installed package may lie inside another project's.
+    """
     import subprocess  # every command imports this module, few ask for the commit
 
-    command = ["git", "describe", "--always", "--exclude=*", "--abbrev=40", "--dirty=+"]
+    file = Path(__file__).resolve()
+    checkout, own = file.parents[1], file.relative_to(file.parents[1]).as_posix()
+    tracked = ["ls-files", "--full-name", "--error-unmatch", own]
+    described = ["describe", "--always", "--exclude=*", "--abbrev=40", "--dirty=+"]
     try:
-        done = subprocess.run(command, cwd=Path(__file__).parents[1], capture_output=True, text=True, check=True)
+        name, found = (
+            subprocess.run(["git", *words], cwd=checkout, capture_output=True, text=True, check=True).stdout.strip()
+            for words in (tracked, described)
+        )
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
-    return done.stdout.strip()
+    return found if name == own else "unknown"
 
 
 def prepare(path: Path) -> Path:

@@ -1,8 +1,14 @@
 from __future__ import annotations
 
 import os
+import pwd
 import resource
+import shutil
 import signal
+import stat
+import subprocess
+import sys
+import tempfile
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from pacman_env import files
-from pacman_env.files import commit, install_command, new_folder, prepare, reason, replaced
+from pacman_env.files import commit, install_command, new_folder, prepare, reason, replaced, user_folder
 
 
 def test_the_commit_is_that_of_the_sources_wherever_it_is_asked_for(
@@ -29,6 +35,75 @@ def test_extras_are_installed_from_the_checkout(tmp_path: Path, monkeypatch: pyt
     top.mkdir()
     (top / "pyproject.toml").touch()
     assert install_command("web") == f"cd '{top}' && pip install -e '.[web]'"
+
+
+@pytest.mark.parametrize(
+    ("place", "added", "known"),
+    [("", ".", True), (".venv/site-packages", "README", False), ("", "README", False), ("libraries", ".", False)],
+    ids=["checkout", "installed in a project", "copied into a project", "tracked below the top"],
+)
+def test_commit_is_that_of_own_checkout_alone(place: str, added: str, known: bool, tmp_path: Path) -> None:
+    package = tmp_path / place / "pacman_env"
+    package.mkdir(parents=True)
+    shutil.copy(files.__file__, package)
+    (package / "__init__.py").touch()
+    (tmp_path / "README").touch()
+    git = ["git", "-c", "user.name=a", "-c", "user.email=a@b"]
+    for words in (["init", "--quiet"], ["add", added], ["commit", "--quiet", "-m", "all"]):
+        subprocess.run([*git, *words], cwd=tmp_path, check=True)
+    code = "from pacman_env.files import commit; print(commit())"
+    done = subprocess.run([sys.executable, "-c", code], cwd=package.parent, capture_output=True, text=True, check=True)
+    head = subprocess.run(["git", "rev-parse", "HEAD"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout.strip().rstrip("+") == (head.stdout.strip() if known else "unknown")
+
+
+@pytest.fixture
+def homeless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The folder of temporary files; the user has no home."""
+    for name in ("HOME", "XDG_CACHE_HOME", "XDG_STATE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+
+    def unknown(number: int) -> None:
+        raise KeyError(f"getpwuid(): uid not found: {number}")
+
+    monkeypatch.setattr(pwd, "getpwuid", unknown)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    files.temporary_folder.cache_clear()
+    yield tmp_path
+    files.temporary_folder.cache_clear()
+
+
+def test_user_without_home_has_one_private_temporary_folder(homeless: Path) -> None:
+    with pytest.warns(RuntimeWarning) as said:
+        folders = [user_folder(kind) for kind in ("cache", "state", "cache")]
+    assert len(said) == 1
+    assert folders[0] == folders[2] != folders[1]
+    assert all(folder.is_dir() and folder.is_relative_to(homeless) for folder in folders)
+    (private,) = homeless.iterdir()
+    assert stat.S_IMODE(private.stat().st_mode) == 0o700
+
+
+def test_home_that_cannot_be_written_is_replaced(homeless: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", os.devnull)
+    with pytest.warns(RuntimeWarning):
+        assert user_folder("cache").is_relative_to(homeless)
+
+
+@pytest.mark.parametrize("kind", ["file", "link", "writable", "foreign"])
+def test_temporary_folder_of_others_is_refused(kind: str, homeless: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = homeless / f"pacman_env-{os.getuid()}"
+    if kind == "file":
+        folder.touch()
+    elif kind == "link":
+        (homeless / "prepared").mkdir(mode=0o700)
+        folder.symlink_to(homeless / "prepared")
+    else:
+        folder.mkdir()
+        folder.chmod(0o777 if kind == "writable" else 0o755)
+    if kind == "foreign":
+        monkeypatch.setattr(os, "geteuid", lambda: folder.stat().st_uid + 1)
+    with pytest.raises(OSError, match=folder.name):
+        user_folder("cache")
 
 
 def test_folders_are_created(tmp_path: Path) -> None:

@@ -28,21 +28,22 @@ def add_warm_up(commands: Any) -> None:
 
 
 def _report(robot: bool) -> int:
-    from pacman_env.engine.cache_folder import cache_dir, kernel_folder, mark
+    from pacman_env.engine.cache_folder import cache_dir, check_kept, kernel_folder, mark
 
-    if (folder := kernel_folder()) is None:
-        raise OSError(f"{cache_dir()}: cannot be written, nothing would be kept; PACMAN_ENV_CACHE names another folder")
     for name, work in (PARTS | ROBOT_PARTS if robot else PARTS).items():
         done = mark(f"warm-up-{'-'.join(name.split())}-{_compiler()}")
-        if done is not None and done.exists():
+        if done is None:
+            rule = "set PACMAN_ENV_CACHE to a folder that can be written"
+            raise OSError(f"{cache_dir()}: cannot be written, nothing would be kept; {rule}")
+        if done.exists():
             print(f"{name:<16} done before")
             continue
         began = time.monotonic()
         work()
-        if done is not None:
-            done.touch()
+        check_kept()
+        done.touch()
         print(f"{name:<16} {time.monotonic() - began:6.1f} s", flush=True)
-    print(f"kept in {folder}")
+    print(f"kept in {kernel_folder()}")
     return 0
 
 

@@ -3,18 +3,40 @@
 import functools
 import hashlib
 import os
+import warnings
 from collections.abc import Iterable
 from pathlib import Path
 
-import platformdirs
+from ..files import reason, user_folder
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _KERNEL_ROOMS = ("config", "engine", "game", "world", "sim", "heuristics")  # beside the modules of the package itself
 
 
 def cache_dir() -> Path:
-    """Folder for everything that can be computed again: $PACMAN_ENV_CACHE or the user's cache folder."""
-    return Path(os.environ.get("PACMAN_ENV_CACHE") or platformdirs.user_cache_dir("pacman_env"))
+    """Return the folder for everything that can be computed again: $PACMAN_ENV_CACHE or the user's cache folder.
+
+    Raises OSError if the user has none.
+    """
+    named = os.environ.get("PACMAN_ENV_CACHE")
+    return Path(named) if named else user_folder("cache")
+
+
+unkept: list[OSError] = []  # the first error of this process, if it could not write to the cache
+
+
+def warn_unkept(error: OSError) -> None:
+    """Warn, once in a process, that something could not be written to the cache."""
+    if not unkept:
+        unkept.append(error)
+        text = f"new compiled code and prepared maps are not kept: {reason(error)}"
+        warnings.warn(f"{text}; set PACMAN_ENV_CACHE to a folder that can be written", RuntimeWarning, stacklevel=2)
+
+
+def check_kept() -> None:
+    """Raise OSError if this process could not write something to the cache."""
+    if unkept:
+        raise OSError(f"{cache_dir()}: cannot be written, not everything is kept: {reason(unkept[0])}")
 
 
 @functools.cache
@@ -40,16 +62,20 @@ def _hash_of(paths: Iterable[Path]) -> str:
 
 @functools.cache
 def kernel_folder() -> Path | None:
-    """The folder of compiled code; None, and nothing is kept, where it cannot be written."""
-    folder = cache_dir() / "kernels"
+    """Return the folder of compiled code, which may be read-only; None, with a warning, if there can be none."""
     try:
+        folder = cache_dir() / "kernels"
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
+    except OSError as error:
+        warn_unkept(error)
         return None
-    return folder if os.access(folder, os.W_OK) else None
+    return folder
 
 
 def mark(name: str) -> Path | None:
-    """The file that marks something as compiled beforehand, from these sources; None if nothing is kept."""
+    """Return the file that marks something as compiled from these sources; None if it is not and cannot be kept."""
     folder = kernel_folder()
-    return None if folder is None else folder / f"{name}-{source_hash()}"
+    if folder is None:
+        return None
+    file = folder / f"{name}-{source_hash()}"
+    return file if file.exists() or os.access(folder, os.W_OK) else None

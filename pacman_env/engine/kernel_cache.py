@@ -23,6 +23,7 @@ from numba.core.errors import NumbaExperimentalFeatureWarning
 from numba.core.sigutils import normalize_signature
 
 from . import kernel_key
+from .cache_folder import warn_unkept
 from .interrupts import interruptible, uninterrupted
 
 KEPT_S = 30 * 86400.0  # since it was last used
@@ -59,6 +60,8 @@ class KernelCache(FunctionCache):
             return None
         try:
             kept = super().load_overload(sig, target_context)
+        except OSError:  # it cannot be read
+            return None
         except Exception:  # a damaged file may raise anything; it is written anew
             shutil.rmtree(folder, ignore_errors=True)
             return None
@@ -68,14 +71,16 @@ class KernelCache(FunctionCache):
         return kept
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep what was compiled, unless a value has changed since :meth:`find`; without room, nothing is kept."""
+        """Keep what was compiled, unless a value has changed since :meth:`find`; warns once if it cannot be written."""
         folder = self.find()
         if folder is None:
             return
         kernel_key.forget()
         if self._named() == folder:
-            with contextlib.suppress(OSError):
+            try:
                 super().save_overload(sig, data)
+            except OSError as error:
+                warn_unkept(error)
             sweep(self._root)
 
     def keeps(self, sig: Any) -> bool:

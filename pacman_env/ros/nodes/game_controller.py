@@ -12,9 +12,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from platformdirs import user_state_path
-
 from pacman_env.config import MAX_SPEED_MPS
+from pacman_env.files import user_folder
 from pacman_env.game.requests import Removals, Requests
 from pacman_env.game.round import Action, RoundController, awaits_pellets
 
@@ -80,7 +79,7 @@ class GameController(GameNode):
         domain = os.environ.get("ROS_DOMAIN_ID") or "0"
         namespace = self.get_namespace()
         name = f"{namespace.strip('/').replace('/', '-') or 'root'}-{domain}.json"
-        path = user_state_path("pacman_env") / name if where == "auto" else Path(where) if where else None
+        path = user_folder("state") / name if where == "auto" else Path(where) if where else None
         simulated = bool(self.get_parameter("use_sim_time").value)
         return StateFile(path, max_age_s, {"namespace": namespace, "domain": domain, "simulated": simulated})
 

@@ -5,8 +5,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from platformdirs import user_state_path
-
+from pacman_env.files import user_folder
 from pacman_env.ros.node import parameter
 from pacman_env.ros.nodes.state_file import StateFile
 
@@ -19,7 +18,7 @@ class SavedJump:
         where = parameter(node, "state_file", "auto", text)
         domain, namespace = os.environ.get("ROS_DOMAIN_ID") or "0", node.get_namespace()
         name = f"{namespace.strip('/').replace('/', '-') or 'root'}-{domain}-goal_selector.json"
-        path = user_state_path("pacman_env") / name if where == "auto" else Path(where) if where else None
+        path = user_folder("state") / name if where == "auto" else Path(where) if where else None
         simulated = bool(node.get_parameter("use_sim_time").value)
         self._node, self._saved = node, ""
         self._file = StateFile(path, _MAX_AGE_S, {"namespace": namespace, "domain": domain, "simulated": simulated})

@@ -111,7 +111,7 @@ class Preparation:
             if (status := process.poll()) is None:
                 continue
             self._running.remove((process, nodes))
-            words = process.stderr.read().strip() if process.stderr else ""
+            words = process.stderr.read().strip().rpartition("\n")[2] if process.stderr else ""  # after warnings
             _close(process)
             if status == BAD_START:
                 raise ValueError(words)

@@ -13,9 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TextIO
 
-from platformdirs import user_log_path
-
-from pacman_env.files import install_command
+from pacman_env.files import install_command, user_folder
 from pacman_env.ros.discovery import join
 from pacman_env.ros.node import Stop
 from pacman_env.ros.selector.reasons import POSE_JUMPED, troubles_of
@@ -88,7 +86,7 @@ def up(
             if stop.asked:
                 writer.print("stopped before anything was started")
                 return 0
-            logs = logs or user_log_path("pacman_env") / (setup.namespace.strip("/").replace("/", "-") or "root")
+            logs = logs or user_folder("log") / (setup.namespace.strip("/").replace("/", "-") or "root")
             logs.mkdir(parents=True, exist_ok=True)
             extra = dict(setup.extra)
             for name in (REFEREE, SELECTOR):

@@ -4,9 +4,11 @@ import contextlib
 import io
 import json
 import sys
+from pathlib import Path
 
 import numpy as np
 
+from pacman_env.engine.cache_folder import check_kept
 from pacman_env.policies.registry import make_policy, split_ghosts
 from pacman_env.ros.selector.rehearsal import rehearsed
 from pacman_env.ros.supervisor.game_nodes import SELECTOR, SIMULATOR, GameSetup, from_json
@@ -30,8 +32,15 @@ def rehearse(part: Part, setup: GameSetup) -> None:
         behaviours, _ = split_ghosts(config.clyde.ghosts)
         ghosts = MapGhosts(map_assets(setup.map, config), config.with_fields(**{"clyde.ghosts": behaviours}), 0)
         ghosts.rehearse(np.zeros(len(behaviours), dtype=np.int64))
-    if part.mark is not None:
-        part.mark.touch()
+    _note(part.mark)
+
+
+def _note(mark: Path | None) -> None:
+    """Mark something as prepared, unless it could not be kept."""
+    if mark is not None:
+        with contextlib.suppress(OSError):
+            check_kept()
+            mark.touch()
 
 
 def main() -> int:
@@ -48,7 +57,7 @@ def main() -> int:
                 rehearse(Part(tuple(nodes), policy), setup)
             if check and (kept := map_mark(setup)) is not None and not kept.exists():
                 map_assets(setup.map, config)
-                kept.touch()
+                _note(kept)
     except (ValueError, OSError, TypeError, ModuleNotFoundError) as error:
         print(" ".join(str(error).split()), file=sys.stderr)
         return BAD_START

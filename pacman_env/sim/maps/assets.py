@@ -2,14 +2,15 @@
 
 import collections
 import contextlib
+import errno
 import functools
 import hashlib
 import json
 import math
 import os
 import shutil
-import tempfile
 import threading
+import uuid
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import ClydeConfig, Config, RefugeConfig
-from ...engine.cache_folder import cache_dir, source_hash
+from ...engine.cache_folder import cache_dir, source_hash, warn_unkept
 from ...engine.jit import kernel
 from ...game.pellets import generate_pellets
 from ...world.maps.occupancy import MapError, OccupancyMap, load_map
@@ -288,14 +289,13 @@ KEEP_BYTES = 2 << 30  # of arrays on disk; a house takes 2 to 5 MB, the largest 
 
 def cached_arrays(key: str, names: tuple[str, ...], compute: Callable[[], Arrays]) -> Arrays:
     """The arrays ``names`` kept under ``key``, a digest of all that they depend on; else computed and kept."""
-    folder = cache_dir() / "maps" / key
     try:
+        folder = cache_dir() / "maps" / key
         # copy-on-write keeps the file and lets every process share its pages
         arrays = {n: np.asarray(np.load(folder / f"{n}.npy", mmap_mode="c", allow_pickle=False)) for n in names}
     except (OSError, ValueError, EOFError):  # the last: an empty file
         arrays = compute()
-        _store(folder, arrays)
-        _prune(folder.parent)
+        _store(key, arrays)
     else:
         with contextlib.suppress(OSError):
             os.utime(folder)  # used now: pruned last
@@ -312,15 +312,20 @@ def _prune(root: Path) -> None:
                 shutil.rmtree(folder, ignore_errors=True)
 
 
-def _store(folder: Path, arrays: Arrays) -> None:
+def _store(key: str, arrays: Arrays) -> None:
+    """Keep arrays, readable for all who can read the cache; warns once if it cannot be written."""
     temporary = None
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        temporary = tempfile.mkdtemp(dir=folder.parent, prefix=".new-")
+        folder = cache_dir() / "maps" / key
+        temporary = folder.with_name(f".new-{uuid.uuid4().hex}")  # others can read it, unlike a folder of tempfile's
+        temporary.mkdir(parents=True)
         for name, array in arrays.items():
-            np.save(Path(temporary) / f"{name}.npy", array, allow_pickle=False)
+            np.save(temporary / f"{name}.npy", array, allow_pickle=False)
         shutil.rmtree(folder, ignore_errors=True)
         os.replace(temporary, folder)
-    except OSError:
+        _prune(folder.parent)
+    except OSError as error:
         if temporary is not None:
             shutil.rmtree(temporary, ignore_errors=True)
+        if error.errno not in (errno.EEXIST, errno.ENOTEMPTY):  # another process has kept the same at this moment
+            warn_unkept(error)
