@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
@@ -128,12 +129,28 @@ def test_a_part_that_fails_is_not_marked(
     assert capsys.readouterr().err == "pacman-env warm-up: no such map\n"
 
 
+def test_part_is_not_marked_if_its_kernels_were_not_kept(
+    done: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(cache_folder, "unkept", [])
+    disk_full = OSError(errno.ENOSPC, "No space left on device")
+    with monkeypatch.context() as patched:
+        patched.setitem(warm_up.PARTS, "policies", lambda: cache_folder.warn_unkept(disk_full))
+        with pytest.warns(RuntimeWarning):
+            assert main(["warm-up"]) == 2
+    cache_folder.unkept.clear()
+    assert main(["warm-up"]) == 0
+    assert done == ["one game", "policies"]
+
+
 def test_a_cache_that_cannot_be_written_is_one_line_and_status_2(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("PACMAN_ENV_CACHE", "/dev/null/cache")
     monkeypatch.setattr(cache_folder, "kernel_folder", cache_folder.kernel_folder.__wrapped__)
-    assert main(["warm-up"]) == 2
+    monkeypatch.setattr(cache_folder, "unkept", [])
+    with pytest.warns(RuntimeWarning):
+        assert main(["warm-up"]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert err.startswith("pacman-env warm-up: /dev/null/cache: cannot be written")

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from numba import types
 
-from pacman_env.engine import jit, kernel_cache, kernel_key
+from pacman_env.engine import cache_folder, jit, kernel_cache, kernel_key
 from pacman_env.engine.kernel_cache import KernelCache
 from tests.sample_kernels import loaded, write
 
@@ -60,12 +60,16 @@ print(*compiled)
 """
 
 
-def lines(program: str, path: str, **environment: str) -> list[str]:
-    """What a process prints that has ``path`` first on its own, run from the folder that holds all others."""
-    known = {**os.environ, "PYTHONPATH": path, **environment}
-    done = subprocess.run([sys.executable, "-c", program], env=known, cwd="/", capture_output=True, text=True)
+def run(program: str, path: str, wrapper: tuple[str, ...] = (), **environment: str) -> subprocess.CompletedProcess[str]:
+    """A process that has ``path`` first on its own, run from the folder that holds all others."""
+    known, command = {**os.environ, "PYTHONPATH": path, **environment}, [*wrapper, sys.executable, "-c", program]
+    done = subprocess.run(command, env=known, cwd="/", capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    return done.stdout.splitlines()
+    return done
+
+
+def lines(program: str, path: str, **environment: str) -> list[str]:
+    return run(program, path, **environment).stdout.splitlines()
 
 
 def called(folder: Path, cache: Path) -> tuple[list[float], str]:
@@ -106,10 +110,33 @@ def test_what_an_edit_changes_is_compiled_again_and_nothing_else(
     assert called(write(tmp_path, edits), warm) == (results, compiled)
 
 
+#: Root that keeps to permissions.
+UNPRIVILEGED = ("setpriv", "--bounding-set=-dac_override", "--inh-caps=-dac_override") if os.geteuid() == 0 else ()
+
+
+@pytest.mark.skipif(UNPRIVILEGED and shutil.which("setpriv") is None, reason="root, without setpriv")
+@pytest.mark.parametrize(
+    ("edits", "compiled", "warnings"),
+    [({}, "", 0), ({"helpers.py": ("return x + by", "return x - by")}, "calls grown grown", 1)],
+    ids=["all is kept", "something is compiled"],
+)
+def test_read_only_cache_is_used(
+    edits: dict[str, tuple[str, str]], compiled: str, warnings: int, warm: Path, tmp_path: Path
+) -> None:
+    cache = shutil.copytree(warm, tmp_path / "cache")
+    path = os.pathsep.join([str(write(tmp_path / "sample", edits)), str(ROOT)])
+    for one in (cache, *cache.rglob("*")):
+        one.chmod(0o555 if one.is_dir() else 0o444)
+    done = run(CALLS, path, UNPRIVILEGED, PACMAN_ENV_CACHE=str(cache))
+    assert done.stdout.splitlines()[1] == compiled
+    assert done.stderr.count("RuntimeWarning") == warnings
+
+
 @pytest.fixture
 def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """The folder of this process's kernels."""
     monkeypatch.setattr(jit, "kernel_folder", lambda: tmp_path / "kernels")
+    monkeypatch.setattr(cache_folder, "unkept", [])
     kernel_key.forget()
     yield tmp_path / "kernels"
     kernel_key.forget()
@@ -177,7 +204,9 @@ def test_a_damaged_file_is_written_anew(pattern: str, damage: bytes, root: Path,
 
 def test_where_there_is_no_room_a_kernel_is_compiled_all_the_same(root: Path, tmp_path: Path) -> None:
     root.write_text("no folder")
-    assert constant(tmp_path / "first")(2.0) == 0.5
+    with pytest.warns(RuntimeWarning) as said:
+        assert [constant(tmp_path / name)(2.0) for name in ("first", "second")] == [0.5, 0.5]
+    assert len(said) == 1
 
 
 class _Shift(int):

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pacman_env.engine import cache_folder
 from pacman_env.sim.maps import assets as cache_module
 from pacman_env.sim.maps.assets import Arrays, cached_arrays
 
@@ -97,8 +98,16 @@ def test_a_damaged_file_is_computed_again_and_replaced(cache: Path, damage: obje
 def test_a_cache_that_cannot_be_written_is_no_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").write_text("in the way")
     monkeypatch.setenv("PACMAN_ENV_CACHE", str(tmp_path / "file"))
+    monkeypatch.setattr(cache_folder, "unkept", [])
     compute = Computed()
-    assert [int(get(compute)["a"][0, 0]) for _ in range(2)] == [1, 2]
+    with pytest.warns(RuntimeWarning) as said:
+        assert [int(get(compute)["a"][0, 0]) for _ in range(2)] == [1, 2]
+    assert len(said) == 1
+
+
+def test_arrays_can_be_read_by_whoever_can_read_the_cache(cache: Path) -> None:
+    get(Computed())
+    assert (cache / KEY).stat().st_mode == cache.stat().st_mode
 
 
 def test_an_error_while_computing_is_the_callers_and_stores_nothing(cache: Path) -> None:
