@@ -88,9 +88,10 @@ def _dataset(arguments: argparse.Namespace, given: Sequence[str]) -> None:
     env_id, named = arguments_of(arguments)
     made = EnvArguments(**{**IDS[env_id].kwargs, **named})
     parts: contextlib.AbstractContextManager[Iterator[Rounds]]
+    unchecked: dict[str, str] = {}
     if arguments.bags:
         robot = _of_robot(arguments, made)
-        made, parts = robot.arguments, contextlib.nullcontext(robot.rounds())
+        made, parts, unchecked = robot.arguments, contextlib.nullcontext(robot.rounds()), robot.unchecked
         named |= {"ghosts": made.ghosts, "settings": made.settings}
     else:
         tasks = tasks_of(arguments.policy, made, round_seeds(arguments.seed, arguments.episodes))
@@ -109,6 +110,8 @@ def _dataset(arguments: argparse.Namespace, given: Sequence[str]) -> None:
             f"{facts['unlisted']} choices were not listed among the actions, hold was played: "
             "--set observation.candidates=all lists all"
         )
+    for bag, words in unchecked.items():
+        print(f"{bag}: {words}")
     print(f"written: {folder}")
 
 
@@ -116,7 +119,7 @@ def _of_robot(arguments: argparse.Namespace, made: EnvArguments) -> Any:
     try:
         from .robot_rounds import RobotRounds
     except ModuleNotFoundError as error:
-        if error.name not in ("rclpy", "rosbags"):
+        if error.name not in ("rclpy", "rosbags", "mcap"):
             raise
         raise ValueError(f"--bags: {error.name} is not installed: {install_command('ros')}") from None
     return RobotRounds(arguments.bags, made, arguments.namespace)

@@ -41,6 +41,7 @@ class RobotRounds:
     def __init__(self, bags: Sequence[Path], arguments: EnvArguments, namespace: str | None = None) -> None:
         """``arguments`` of the environment but for what the first bag's game was played by."""
         self._bags, self._namespace = bags, namespace
+        self.unchecked: dict[str, str] = {}  # by bag that was read: why damage to its messages cannot be ruled out
         with open_bag(bags[0], namespace) as bag:
             self.arguments = _played_by(recorded_config(bag), arguments)
         self._core = EnvCore(1, self.arguments)
@@ -62,6 +63,8 @@ class RobotRounds:
                 ):
                     raise BagError(f"{path}: has other pellets, refuges or ghosts than {self._bags[0]}")
                 walk.run()
+            if bag.unchecked:
+                self.unchecked[path.name] = bag.unchecked
             yield from taken.rounds
 
 

@@ -15,11 +15,12 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StorageP
 from rosbags.typesys import Stores, get_typestore
 
 from pacman_env import __version__
+from pacman_env.ros.bags.checksums import MAGIC, ChecksummedWriter, Scan, one_line
 from pacman_env.ros.topics import GAME_STATE, Topic
 
 SUFFIX = ".unfinished"
 COMMAND = "pacman-env ros record --recover"
-MAGIC = b"\x89MCAP0\r\n"
+NO_CHECKSUM = "{} messages have no checksum: whether they are as recorded cannot be known"
 _LISTED = 8  # topics of a foreign bag that an error names
 
 
@@ -39,6 +40,7 @@ class Bag:
 
     def __init__(self, reader: Reader, path: Path, namespace: str | None) -> None:
         self._reader, self._path = reader, path
+        self.unchecked = check(path)  # why damage to its messages cannot be ruled out; empty if it can
         self.namespace = self._namespace(namespace)  # "" or "/robot_15"
         self.duration_s = reader.duration / 1e9
 
@@ -81,7 +83,10 @@ class Bag:
 
 @contextlib.contextmanager
 def open_bag(path: Path, namespace: str | None = None) -> Iterator[Bag]:
-    """The game of one robot, or of the only one, in a bag's folder or in its .mcap or .db3 file."""
+    """The game of one robot, or of the only one, in a bag's folder or in its .mcap or .db3 file.
+
+    Raises BagError if the bag cannot be read, or differs from its checksums.
+    """
     try:
         reader = Reader(path)
         reader.open()
@@ -95,9 +100,26 @@ def open_bag(path: Path, namespace: str | None = None) -> Iterator[Bag]:
         reader.close()
 
 
+def check(path: Path) -> str:
+    """Raise BagError if a file differs from its checksums; return what cannot be checked, empty if nothing."""
+    unchecked = 0
+    files = [file for file in mcap_files(path) if file.suffix == ".mcap"]
+    for file in files:
+        with file.open("rb") as stream:
+            scan = Scan(stream)
+            for _ in scan.records():
+                pass
+        if problems := scan.problems() or ["bytes outside its messages"] * scan.altered:
+            remedy = f"{COMMAND} {shlex.quote(str(path))} makes a bag of the rest"
+            raise BagError(f"{path}: damaged: {'; '.join(problems)}; {remedy}")
+        unchecked += scan.unchecked
+    return "" if files and not unchecked else NO_CHECKSUM.format(unchecked or "all")
+
+
 def new_bag(folder: Path, **more: str) -> Writer:
-    """A compressed MCAP bag with its writer's version; ``folder`` must not exist."""
+    """A compressed MCAP bag with checksums and its writer's version; ``folder`` must not exist."""
     writer = Writer(folder, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP)
+    writer.STORAGE_PLUGINS = {StoragePlugin.MCAP: ChecksummedWriter}
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     for name, value in {"pacman_env": __version__, **more}.items():
         writer.set_custom_data(name, value)
@@ -167,7 +189,3 @@ def mcap_files(bag: Path) -> list[Path]:
 
 def _recovery(bag: Path) -> str:
     return f"{COMMAND} {shlex.quote(str(bag))} makes a whole bag of what there is"
-
-
-def one_line(error: Exception) -> str:
-    return " ".join(str(error).split()) or repr(error)

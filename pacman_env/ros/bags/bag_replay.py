@@ -47,6 +47,7 @@ class ReplayReport:
     rounds: int = 0
     statuses: dict[str, int] = field(default_factory=dict)
     bad_messages: dict[str, int] = field(default_factory=dict)
+    unchecked: str = ""  # why damage to the bag's messages cannot be ruled out
     decisions: int = 0
     same: int = 0
     unknown: int = 0  # decisions without a record of where the robot was sent
@@ -63,6 +64,8 @@ class ReplayReport:
             f"{self.bag}: {self.namespace or '/'}, {self.duration_s:.1f} s, rounds {self.rounds}, {statuses}",
             f"{self.policy} on {self.map}: {self.decisions} decisions, {same}",
         ]
+        if self.unchecked:
+            lines.append(self.unchecked)
         if self.decision_ms:
             lines.append("decision: {:.2f} ms at 50 %, {:.2f} ms at 99 %, {:.2f} ms at most".format(*self.decision_ms))
         for one in self.otherwise[:_LISTED]:
@@ -87,7 +90,7 @@ def replay_bag(path: Path, map: str, policy: str, namespace: str | None = None) 
     with open_bag(path, namespace) as bag:
         config = recorded_config(bag)
         assets = map_assets(occupancy, config)
-        report = ReplayReport(str(path), bag.namespace, map, policy, bag.duration_s)
+        report = ReplayReport(str(path), bag.namespace, map, policy, bag.duration_s, unchecked=bag.unchecked)
         replay = _Replay(assets, config, chooser, report)
         walk = Walk(bag, assets, config, replay)
         replay.view = walk.view

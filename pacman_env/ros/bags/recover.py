@@ -1,34 +1,33 @@
-"""``pacman-env ros record --recover``: a whole bag of an MCAP file without index and end, whose last chunk may be cut.
+"""``pacman-env ros record --recover``: a whole bag of an MCAP file that has no index and end, or is damaged.
 
-Every message before that is written to a new bag with index and ``metadata.yaml``; the file is not changed."""
+The messages of all chunks that pass their checksums are written to a new bag with index and ``metadata.yaml``, the rest
+is reported; the file is not changed."""
 
 import contextlib
 import os
 import shutil
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from mcap.exceptions import EndOfFile, RecordLengthLimitExceeded
-from mcap.records import Channel, DataEnd, Header, McapRecord, Message, Schema
-from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Header, McapRecord, Message, Schema
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.metadata import parse_qos
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from pacman_env.ros.bags.bag import (
-    MAGIC,
+    NO_CHECKSUM,
     SUFFIX,
     BagError,
+    check,
     is_being_recorded,
     mcap_files,
     new_bag,
-    one_line,
     unfinished_around,
     unfinished_folder,
 )
+from pacman_env.ros.bags.checksums import MAGIC, Scan
 
 
 @dataclass(frozen=True)
@@ -37,13 +36,15 @@ class Recovered:
     source: Path  # the MCAP file, as it was left
     messages: int
     duration_s: float
-    lost_bytes: int  # of the file, behind the last that could be read
-    why: str  # reading ended there; empty if at the end of the file
+    found: Scan  # in the source
 
     def render(self) -> str:
         text = f"{self.out}: {self.messages} messages, {self.duration_s:.1f} s, recovered from {self.source}"
-        lost = f"; its last {self.lost_bytes} bytes cannot be read: {self.why}" if self.why else ""
-        return f"{text}{lost}; that is left as it was, delete it when this one is good"
+        lost = self.found.problems()
+        parts = [text, *([f"lost: {', '.join(lost)}"] if lost else [])]
+        if self.found.unchecked:
+            parts.append(NO_CHECKSUM.format(self.found.unchecked))
+        return "; ".join([*parts, "that is left as it was, delete it when this one is good"])
 
 
 def recover(bag: Path, out: Path | None = None) -> Recovered:
@@ -58,8 +59,8 @@ def recover(bag: Path, out: Path | None = None) -> Recovered:
         out = left.with_name(left.name.removesuffix(SUFFIX)) if left else bag.with_name(f"{bag.stem}_recovered")
     if out.exists():
         raise FileExistsError(f"{out}: exists already, a bag is not overwritten")
-    if left is None and _is_whole(bag):
-        raise BagError(f"{bag}: is whole already, there is nothing to recover")
+    if left is None:
+        _refuse_whole(bag)
     temporary = out.absolute().with_name(f".{out.name}.{os.getpid()}")
     temporary.mkdir(parents=True)
     try:
@@ -71,7 +72,7 @@ def recover(bag: Path, out: Path | None = None) -> Recovered:
     finally:
         with contextlib.suppress(OSError):
             shutil.rmtree(temporary)
-    return Recovered(out, source, copied.messages, copied.duration_s, copied.lost_bytes, copied.why)
+    return Recovered(out, source, copied.messages, copied.duration_s, copied.found)
 
 
 def _mcap_of(bag: Path) -> Path:
@@ -85,80 +86,78 @@ def _mcap_of(bag: Path) -> Path:
     return found[0]
 
 
-def _is_whole(bag: Path) -> bool:
+def _refuse_whole(bag: Path) -> None:
+    """Raise BagError if there is nothing to recover."""
     try:
         with Reader(bag) as reader:
             for _ in reader.messages():
                 pass
+        unchecked = check(bag)
     except Exception:  # whatever broken bytes lead to
-        return False
-    return True
+        return
+    found = f"can be read to its end, but {unchecked}" if unchecked else "is whole already"
+    raise BagError(f"{bag}: {found}, there is nothing to recover")
 
 
 class _Copy:
-    """Every message that can be read, written as a whole bag."""
+    """Every message that can be used, written as a whole bag."""
 
     def __init__(self, source: Path, file: BinaryIO, folder: Path) -> None:
-        self.messages, self.why = 0, ""
-        self._source, self._file = source, file
-        self._size, self._good = os.fstat(file.fileno()).st_size, 0  # bytes in all, and those that could be read
+        self.messages = 0
+        self._source = source
+        self._check_beginning(file)
+        self.found = Scan(file)
         self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
         self._connections: dict[int, Any] = {}  # by channel
         self._same: dict[tuple[Any, ...], Any] = {}  # by what makes a connection one
-        self._check_beginning()
+        self._check(self.found.summary())  # the chunk that has them may be damaged
         self._writer = new_bag(folder, recovered_from=source.name)
         with self._writer:
-            for record in self._records():
-                self._write(record)
-            self.lost_bytes = 0 if self.why == "" else self._size - self._good
+            for checked, records in self.found.records():
+                try:
+                    self._check(records)
+                except BagError:
+                    raise
+                except Exception as error:  # whatever broken bytes lead to
+                    self.found.reject(error)
+                    continue
+                self._writer.storage.checked &= checked
+                for record in records:
+                    self._write(record)
             if not self.messages:
-                because = f": {self.why}" if self.why else ""
+                because = "".join(f": {problem}" for problem in self.found.problems()[:1])
                 raise BagError(f"{source}: not one whole message in it, nothing to recover{because}")
         self.duration_s = (self._writer.max_timestamp - self._writer.min_timestamp) / 1e9
 
-    def _check_beginning(self) -> None:
-        begin = self._file.read(len(MAGIC))
-        self._file.seek(0)
+    def _check_beginning(self, file: BinaryIO) -> None:
+        begin = file.read(len(MAGIC))
         if not begin:
             raise BagError(f"{self._source}: is empty, nothing to recover")
         if begin != MAGIC[: len(begin)]:
             raise BagError(f"{self._source}: is no MCAP file")
 
-    def _records(self) -> Iterator[McapRecord]:
-        """What can be read, up to the end of the messages; then ``why`` is the reason of an early end."""
-        try:
-            for record in StreamReader(self._file, validate_crcs=True, record_size_limit=self._size).records:
-                if isinstance(record, DataEnd):
-                    self._good = self._size
-                    return
-                self._check(record)
-                yield record
-                self._good = self._file.tell()
-        except BagError:
-            raise
-        except (EndOfFile, RecordLengthLimitExceeded):
-            if self._file.tell() > self._good or not self.messages:
-                self.why = "cut off"
-        except Exception as error:  # whatever broken bytes lead to
-            self.why = f"damaged: {one_line(error)}"
-
-    def _check(self, record: McapRecord) -> None:
-        """Raise if a record makes no sense; nothing is written then."""
-        if isinstance(record, Header) and record.profile != "ros2":
-            raise BagError(f"{self._source}: not recorded by ROS 2, but with profile {record.profile!r}")
-        if isinstance(record, Channel):
-            schema = self._schemas[record.schema_id]
-            _digest(schema.name, schema.encoding, schema.data)
-            _qos(record)
-        if isinstance(record, Message) and record.channel_id not in self._connections:
-            raise ValueError(f"a message of channel {record.channel_id}, which is not there")
+    def _check(self, records: list[McapRecord]) -> None:
+        """Raise if a record makes no sense; nothing of its chunk is used then."""
+        schemas = self._schemas | {one.id: one for one in records if isinstance(one, Schema)}
+        channels = self._channels | {one.id: one for one in records if isinstance(one, Channel)}
+        for record in records:
+            if isinstance(record, Header) and record.profile != "ros2":
+                raise BagError(f"{self._source}: not recorded by ROS 2, but with profile {record.profile!r}")
+            if isinstance(record, Channel):
+                schema = schemas[record.schema_id]
+                _digest(schema.name, schema.encoding, schema.data)
+                _qos(record)
+            if isinstance(record, Message) and record.channel_id not in channels:
+                raise ValueError(f"a message of channel {record.channel_id}, which is not there")
+        self._schemas, self._channels = schemas, channels
 
     def _write(self, record: McapRecord) -> None:
-        if isinstance(record, Schema):
-            self._schemas[record.id] = record
-        elif isinstance(record, Channel):
+        if isinstance(record, Channel):
             self._connect(record)
         elif isinstance(record, Message):
+            if record.channel_id not in self._connections:
+                self._connect(self._channels[record.channel_id])
             self._writer.write(self._connections[record.channel_id], record.log_time, record.data)
             self.messages += 1
 

@@ -221,7 +221,7 @@ def check_cut(file: Path, length: int, zeros: bool) -> None:
     if expected:
         assert said == expected, length
         assert report is not None
-        assert report.lost_bytes <= len(content) - chunks[0][0]
+        assert report.found.lost_bytes <= len(content) - chunks[0][0]
     else:
         assert isinstance(said, str), length
         assert said.startswith("/cut.mcap: ")
@@ -349,8 +349,8 @@ def test_what_cannot_be_recovered_is_one_line_and_leaves_nothing(tmp_path: Path)
         "ros1.mcap": "not recorded by ROS 2, but with profile 'ros1'",
         "no_mcap": "no .mcap file in it",
         "two": "several .mcap files in it, name one: a.mcap",
-        "whole": "is whole already",
-        "whole/whole.mcap": "is whole already",
+        "whole": "nothing to recover",
+        "whole/whole.mcap": "nothing to recover",
     }.items():
         with pytest.raises(BagError) as caught:
             recover(tmp_path / name)

@@ -1,0 +1,107 @@
+"""Recordings that are damaged in any of their chunks: nothing altered is read, and what is lost is reported."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("rosbags")
+pytest.importorskip("mcap")
+
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from mcap.records import Chunk, MessageIndex
+from mcap.stream_reader import StreamReader
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from pacman_env.ros.bags.bag import BagError, new_bag, open_bag
+from pacman_env.ros.bags.recover import recover
+from tests.ros.bags.test_recover import chunks_of, raw_messages, recovered
+
+STRING = "std_msgs/msg/String"
+
+
+def write(writer: Writer) -> Path:
+    """Write a bag of three chunks."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with writer:
+        names = ("/game_state", "/game_command")
+        one, other = (writer.add_connection(name, STRING, typestore=store) for name in names)
+        for number in range(3):
+            for k in range(20):
+                data = store.serialize_cdr(store.types[STRING](data=f"word {number} {k}"), STRING)
+                writer.write((one, other)[k % 2], 100 * number + k, data)
+            writer.storage.close_chunk()
+    return Path(writer.path)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(new_bag(tmp_path_factory.mktemp("games") / "first"))
+
+
+def data_of(file: Path) -> list[tuple[int, int]]:
+    """Where the compressed data of each chunk begins and ends."""
+    with file.open("rb") as stream:
+        records = StreamReader(stream, emit_chunks=True).records
+        return [(stream.tell() - len(one.data), stream.tell()) for one in records if isinstance(one, Chunk)]
+
+
+def data_end(file: Path) -> int:
+    """Where a recorder that was killed leaves the file."""
+    with file.open("rb") as stream:
+        ends = [
+            stream.tell() for one in StreamReader(stream, emit_chunks=True).records if isinstance(one, MessageIndex)
+        ]
+    return ends[-1]
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 2), st.floats(0, 1, exclude_max=True), st.lists(st.integers(0, 511), max_size=3), st.booleans())
+def test_damage_in_a_chunk_is_reported_and_drops_it(
+    recorded: Path, number: int, share: float, bits: list[int], finished: bool
+) -> None:
+    """Flip up to three bits, or zero 64 bytes."""
+    whole, chunks = recorded / "first.mcap", chunks_of(recorded / "first.mcap")
+    content, (begin, end) = bytearray(whole.read_bytes()), data_of(whole)[number]
+    at = begin + int(share * (end - begin))
+    for bit in bits:
+        content[min(at + bit // 8, end - 1)] ^= 1 << bit % 8
+    if not bits:
+        stop = min(at + 64, end)
+        content[at:stop] = bytes(stop - at)
+    assume(content != whole.read_bytes())
+    if finished:
+        file = recorded.parent / "damaged.mcap"
+        file.write_bytes(content)
+        with pytest.raises(BagError, match="damaged: "), open_bag(file):
+            pass
+    said, report = recovered(bytes(content) if finished else bytes(content[: data_end(whole)]), by_ros=False)
+    if report is None:  # the channels are in the first chunk and, if it is finished, at the end of a file
+        assert (number, finished) == (0, False)
+    elif damages := report.found.damaged:
+        assert [(one.chunk, one.messages) for one in damages] == [(number + 1, len(chunks[number][1]))]
+        del chunks[number]
+    assert report is None or said == [message for _, messages in chunks for message in messages]
+
+
+def test_recording_without_checksums_stays_unchecked(recorded: Path, tmp_path: Path) -> None:
+    old = write(Writer(tmp_path / "game", version=9, storage_plugin=StoragePlugin.MCAP))
+    count = len(raw_messages(old))
+    with open_bag(old) as before, open_bag(recorded) as new:
+        assert (str(count) in before.unchecked, new.unchecked) == (True, "")
+    with pytest.raises(BagError, match=str(count)):  # not "is whole"
+        recover(old)
+    (tmp_path / "cut.mcap").write_bytes((old / "game.mcap").read_bytes()[:-50])
+    report = recover(tmp_path / "cut.mcap")
+    assert report.found.unchecked == count
+    with open_bag(report.out) as bag:
+        assert bag.unchecked == before.unchecked
+    content = bytearray((report.out / "cut_recovered.mcap").read_bytes())
+    content[1000] ^= 1
+    (tmp_path / "later.mcap").write_bytes(content)
+    with pytest.raises(BagError, match="damaged: "), open_bag(tmp_path / "later.mcap"):
+        pass
