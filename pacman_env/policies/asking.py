@@ -59,6 +59,12 @@ def checked_scores(policy: Policy, scores: Any, situation: Situation) -> NDArray
     return array
 
 
+def scores(policy: Policy, situation: Situation) -> NDArray[np.float64]:
+    """(N, C) the policy's scores, to be shown; raises PolicyError if they are none, or a user's ``scores`` fails."""
+    with what_users_raise(type(policy), name_of(policy)):
+        return checked_scores(policy, policy.scores(situation), situation)
+
+
 def name_of(policy: Policy) -> str:
     """What errors call it: the place of a user's class as ``module:Class``, else its name."""
     kind = type(policy)

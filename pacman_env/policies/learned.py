@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pacman_env.policies.asking import PolicyError
 from pacman_env.policies.base import BasePolicy, Explanation
 from pacman_env.policies.metadata import read_planner
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
@@ -77,10 +78,17 @@ class LearnedPlanner(BasePolicy):
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """The network itself: logits (B, C), -1e8 where ``mask`` (B, C) forbids, and values (B,).
 
-        ``candidates`` (B, C, F) and ``whole`` (B, H) are as ``planner_features`` gives them.
+        ``candidates`` (B, C, F) and ``whole`` (B, H) are as ``planner_features`` gives them. Raises PolicyError if the
+        network does not run, or gives another shape.
         """
         inputs = {"candidates": candidates, "globals": whole, "mask": mask}
-        logits, values = self._session.run(list(_NODES["outputs"]), inputs)
+        try:
+            logits, values = self._session.run(list(_NODES["outputs"]), inputs)
+        except Exception as error:  # onnxruntime's errors have no base class of their own
+            raise PolicyError(f"policy {self.name!r}: {self.path} does not run: {error}") from None
+        if (logits.shape, values.shape) != (mask.shape, mask.shape[:1]):
+            found, expected = (logits.shape, values.shape), (mask.shape, mask.shape[:1])
+            raise PolicyError(f"policy {self.name!r}: {self.path}: outputs: found {found}, expected {expected}")
         return logits, values
 
     def _judge(self, situation: Situation) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]:
@@ -98,7 +106,7 @@ class LearnedPlanner(BasePolicy):
             allowed = mask.nonzero()[0]
             if len(allowed) > 0:
                 found, value = self.run(candidates[None, i, allowed], whole[None, i], mask[None, allowed])
-                logits[i, allowed] = np.where(found[0] > _FORBIDDEN, found[0], -np.inf)
+                logits[i, allowed] = np.where(found[0] <= _FORBIDDEN, -np.inf, found[0])  # NaN stays
                 values[i] = value[0]
         return logits, values, candidates
 

@@ -165,7 +165,7 @@ def _alerts(node: PageNode) -> list[dict[str, Any]]:
     alerts = [
         {
             "kind": kind,
-            "words": kind if kind in (POSE_LOST, NO_ODOMETRY) else troubles[kind][:300],
+            "words": kind if kind in (POSE_LOST, NO_ODOMETRY) else troubles[kind],
             "remedy": remedy,
             "asks": kind == POSE_JUMPED,
         }

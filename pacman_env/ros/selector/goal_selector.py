@@ -136,7 +136,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
 
     def _use_loaded(self, parameters: list[Parameter]) -> None:
         if self._loaded is not None and self._pursuit is not None:
-            self._pursuit.selection.spec, self._pursuit.selection.policy = self._loaded
+            self._pursuit.selection.use(*self._loaded)
             self.get_logger().info(f"policy {self._loaded[0]}")
         self._loaded = None
 

@@ -12,6 +12,7 @@ from std_msgs.msg import Int32, String
 
 from pacman_env.game.execution import CANCELED
 from pacman_env.game.goals import ExecutorAction, Place
+from pacman_env.policies.asking import PolicyError, name_of, scores, what_users_raise
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import costmaps_without
 from pacman_env.ros.messages import Position, twist_message
@@ -23,6 +24,7 @@ from pacman_env.ros.selector.nav2_failures import error_words
 from pacman_env.ros.selector.navigation_client import NavigationClient
 from pacman_env.ros.selector.saved_jump import SavedJump
 from pacman_env.ros.selector.selection import Selection
+from pacman_env.sim.observation.situation import Situation
 
 _STOPPED = "stopped by the operator"
 _REPEAT_S = 2.0  # of wall time, however fast the game's clock runs: a referee needs as long to restart
@@ -190,14 +192,20 @@ class Pursuit:
         selection.decide(now, self._do)
         if selection.decision is None:
             return
-        situation, chosen = selection.decision
+        try:
+            self._explain(*selection.decision, now - self._executor.began_s)
+        except PolicyError as error:  # the choice is followed all the same
+            self._node.once.warning("no scores", f"{error}; its scores are not shown")
+
+    def _explain(self, situation: Situation, chosen: int, round_s: float) -> None:
+        policy = self.selection.policy
         if self._out[topics.SCORES.name].get_subscription_count() > 0:
-            scores = selection.policy.scores(situation)
-            markers = goal_scores.score_markers(situation, scores, chosen, self._stamp())
+            markers = goal_scores.score_markers(situation, scores(policy, situation), chosen, self._stamp())
             self._out[topics.SCORES.name].publish(markers)
         if self._out[topics.WHY.name].get_subscription_count() > 0:
-            round_s = now - self._executor.began_s
-            self._publish_json(topics.WHY, goal_scores.reasons(selection.policy, situation, chosen, round_s))
+            with what_users_raise(type(policy), name_of(policy)):
+                why = goal_scores.reasons(policy, situation, chosen, round_s)
+            self._publish_json(topics.WHY, why)
 
     def _repeat(self) -> None:
         """Report again what is unacknowledged; continue where an answer was lost."""

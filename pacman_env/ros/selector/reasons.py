@@ -3,11 +3,14 @@
 from collections.abc import Mapping
 from typing import Any
 
+from pacman_env.ros.supervisor.terminal import plain
+
 POSE_LOST = "pose lost"
 NO_ODOMETRY = "no odometry"
 POSE_JUMPED = "pose jumped"
 OTHER_MAP = "another map"
 NAV2_FAILS = "Nav2 fails"
+POLICY_FAILS = "policy fails"
 #: What a person has to do something about, and what that is.
 REMEDIES: Mapping[str, str] = {
     NO_ODOMETRY: "create3_republisher may have stopped; on the robot: sudo systemctl restart turtlebot4",
@@ -15,13 +18,20 @@ REMEDIES: Mapping[str, str] = {
     POSE_JUMPED: "look where the robot is: set its pose (page, RViz), or continue as it is (page, key c)",
     OTHER_MAP: "start localization or the game again, with the other's map",
     NAV2_FAILS: "see Nav2's log by the code; 1xx: controller, 2xx: planner, TF_ERROR: see tf to base",
+    POLICY_FAILS: "correct the policy, or play with another one (--policy); the game goes on when it answers",
 }
 
 
+_LONGEST = 300  # characters of a trouble's words
+
+
 def troubles_of(condition: Mapping[str, Any]) -> dict[str, str]:
-    """The words for each trouble in a goal selector's diagnostics, by its kind; of another project's, none."""
+    """Return the words for each trouble in a goal selector's diagnostics, by kind: terminal, page and doctor show these.
+
+    Another project's diagnostics have none.
+    """
     troubles, texts = condition.get("troubles"), condition.get("trouble_texts")
     if not isinstance(troubles, Mapping):
         return {}
     known = texts if isinstance(texts, Mapping) else {}
-    return {str(kind): str(known.get(kind, kind)) for kind in troubles}
+    return {str(kind): plain(str(known.get(kind, kind)), _LONGEST) for kind in troubles}

@@ -3,7 +3,7 @@
 import numpy as np
 
 from pacman_env.config import Config
-from pacman_env.policies.asking import choose, name_of, reset, what_users_raise
+from pacman_env.policies.asking import choose, reset, scores
 from pacman_env.policies.base import Policy
 from pacman_env.sim.observation.robot_view import RobotView
 
@@ -12,8 +12,7 @@ def rehearsed(policy: Policy, view: RobotView, config: Config) -> Policy:
     """The same policy, or ValueError, TypeError if it does not run."""
     situation, first = view.rehearsal(), np.ones(1, np.bool_)
     reset(policy, first, config)
-    with what_users_raise(type(policy), name_of(policy)):
-        policy.scores(situation)
+    scores(policy, situation)
     choose(policy, situation)
     reset(policy, first, config)
     view.off_the_map(0.0, 0.0)

@@ -18,7 +18,8 @@ from pacman_env.game.execution import ABORTED, REJECTED
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.game.goal_executor import GoalExecutor
 from pacman_env.game.goals import ExecutorAction, home_place
-from pacman_env.policies.asking import PolicyError, choose
+from pacman_env.policies.asking import PolicyError, choose, name_of, reset
+from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.ros import topics
 from pacman_env.ros.grid import grid_of, map_differences
@@ -27,13 +28,15 @@ from pacman_env.ros.selector.believed_pose import Belief, BelievedPose
 from pacman_env.ros.selector.goal_scores import decision_times
 from pacman_env.ros.selector.nav2_failures import Nav2Failures
 from pacman_env.ros.selector.pose_watch import PoseLimits, PoseWatch
-from pacman_env.ros.selector.reasons import NAV2_FAILS
+from pacman_env.ros.selector.reasons import NAV2_FAILS, POLICY_FAILS
 from pacman_env.ros.selector.rehearsal import rehearsed
 from pacman_env.ros.surroundings import current
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.robot_view import RobotView, Seen
 from pacman_env.sim.observation.situation import Situation
 from pacman_env.world.maps.occupancy import OccupancyMap
+
+SLOW_S = 1.0  # a choice that takes longer is not followed: the robot and the ghosts are elsewhere by then
 
 
 class Troubles(Protocol):
@@ -70,7 +73,8 @@ class Selection:
         made = make_policy(policy)  # what cannot be used is refused before anything is compiled
         self.view = RobotView(map_assets(map, config, home), config)
         self.executor = GoalExecutor(config, self.view.goals, None if home is None else home_place(*home))
-        self.spec, self.policy = policy, rehearsed(made, self.view, config)
+        self._fresh = False  # the policy has been reset for this round
+        self.use(policy, rehearsed(made, self.view, config))
         self.decision: tuple[Situation, int] | None = None  # if the policy was asked last: what it saw and chose
         self._believed = BelievedPose(limits.timeout_s)
         self._watch = PoseWatch(self._believed, limits)
@@ -81,6 +85,11 @@ class Selection:
         self._times_ms: deque[float] = deque(maxlen=1000)
         self._last = LastDecision(config)
         self._ended = {"aborted": 0, "rejected": 0}
+
+    def use(self, spec: str, policy: Policy) -> None:
+        """Play with a policy that was rehearsed."""
+        self.spec, self.policy = spec, policy
+        self._troubles.over(POLICY_FAILS)
 
     # The game's messages
 
@@ -95,7 +104,7 @@ class Selection:
         word = word_of(message, topics.COMMAND_WORDS)
         if word == "reset_round" or (word == "enable" and self.executor.task != "play"):
             self.view.begin()
-            self.policy.reset(np.ones(1, np.bool_), self._config)
+            self._fresh = False
             self._last.forget()
             self._nav2.forget()
         self._believe(now)
@@ -225,12 +234,13 @@ class Selection:
         due = self._last.due(moment)
         if due:
             try:
-                chosen = int(choose(self.policy, situation)[0])
+                chosen = self._ask(situation)
             except PolicyError as error:  # the robot stands, and the node goes on: it may work at the next tick
-                self._warn("policy fails", f"{error}; the robot holds")
+                self._report(POLICY_FAILS, f"{error}; the robot holds")
                 self._last.decide(HOLD, moment, allowed=False)
                 do(self.executor.choose(None, now))
                 return
+            self._report(POLICY_FAILS, "")
             allowed = bool(situation.mask[0, chosen])
             self._last.decide(HOLD if chosen == self.view.hold else chosen, moment, allowed)
         choice = self._last.choice
@@ -238,6 +248,17 @@ class Selection:
         if due:
             self._times_ms.append(1000 * (self._perf_counter() - began))
             self.decision = situation, chosen
+
+    def _ask(self, situation: Situation) -> int:
+        """The candidate that the policy chooses; PolicyError if it fails, or takes too long."""
+        began = self._perf_counter()
+        if not self._fresh:
+            reset(self.policy, np.ones(1, np.bool_), self._config)
+            self._fresh = True
+        chosen = int(choose(self.policy, situation)[0])
+        if self._perf_counter() - began > SLOW_S:
+            raise PolicyError(f"policy {name_of(self.policy)!r}: takes more than {SLOW_S:g} s to choose")
+        return chosen
 
     def on_rejected(self, number: int, now: float) -> list[ExecutorAction]:
         self._ended["rejected"] += number == self.executor.sent.number

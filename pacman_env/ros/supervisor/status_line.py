@@ -116,8 +116,9 @@ class StatusLine(Observer):
     @property
     def troubles(self) -> dict[str, str]:
         """Nodes that do not respond, and what the goal selector reports, with their words; none that is over."""
-        found = {**self.unresponsive.troubles, **troubles_of(self.condition)}
-        return {plain(kind, LONGEST_WORD): plain(text, LONGEST_WORD) for kind, text in found.items()}
+        silent = {kind: plain(text, LONGEST_WORD) for kind, text in self.unresponsive.troubles.items()}
+        found = {**silent, **troubles_of(self.condition)}
+        return {plain(kind, LONGEST_WORD): text for kind, text in found.items()}
 
     def others(self) -> str:
         """Which game is here already, or publishes the time, as far as it is discovered; empty if there is none."""

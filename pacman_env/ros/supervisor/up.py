@@ -16,7 +16,7 @@ from typing import Any, TextIO
 from pacman_env.files import install_command, user_folder
 from pacman_env.ros.discovery import join
 from pacman_env.ros.node import Stop
-from pacman_env.ros.selector.reasons import POSE_JUMPED, troubles_of
+from pacman_env.ros.selector.reasons import POLICY_FAILS, POSE_JUMPED, REMEDIES, troubles_of
 from pacman_env.ros.supervisor import game_nodes, nav2
 from pacman_env.ros.supervisor.checks.check import count
 from pacman_env.ros.supervisor.game_lock import GameLock
@@ -50,6 +50,11 @@ DISCOVERY_S = 1.0  # of other games, before anything is started
 GOING_S = 8.0  # a game that is just being stopped is waited for so long
 NEXT_ROUND_S = 2.0  # in the menu, where round follows round
 FAST_DDS = "rmw_fastrtps_cpp"
+#: Troubles that the line has no room for, with what to do about them here; the words of others change every second.
+REPORTED = {
+    POSE_JUMPED: "set the robot's pose, or c to continue as it is",
+    POLICY_FAILS: REMEDIES[POLICY_FAILS],
+}
 KEYS = {"s": START_GAME, "r": RESET_GAME, "c": CONTINUE}
 _WEB = ("starlette", "uvicorn", "websockets")  # what the page's server needs
 _BACKLOG = 20  # messages
@@ -164,7 +169,7 @@ class _Play:
     wanted: list[Service] = field(default_factory=list)  # to be called as soon as they are there
     compiling: Callable[[], str] = lambda: ""  # what is compiled now
     menu_s: float | None = None  # since when the game is in the menu, wall time
-    jump: str = ""  # of the pose, reported last
+    reported: dict[str, str] = field(default_factory=dict)  # troubles, by kind
 
     def play(self, rounds: int | None = None) -> int:
         played, running = 0, False
@@ -196,7 +201,7 @@ class _Play:
                         break
                     self.wanted.append(START_GAME)
                 self._handle_keys()
-                self._report_jump()
+                self._report_troubles()
                 self._call_services()
                 self._restart_unresponsive()
                 if SELECTOR in processes.tend():
@@ -247,10 +252,13 @@ class _Play:
                 operator.request(False, "ros up")
                 self.writer.print("released")
 
-    def _report_jump(self) -> None:
-        before, self.jump = self.jump, troubles_of(self.status_line.condition).get(POSE_JUMPED, "")
-        if self.jump and self.jump != before:
-            self.writer.print(f"{self.jump}: set the robot's pose, or c to continue as it is")
+    def _report_troubles(self) -> None:
+        """Print what a person has to do something about, once, as page and doctor show it."""
+        troubles = troubles_of(self.status_line.condition)
+        before, self.reported = self.reported, {kind: troubles[kind] for kind in REPORTED if kind in troubles}
+        for kind, words in self.reported.items():
+            if words != before.get(kind):
+                self.writer.print(f"{words}: {REPORTED[kind]}")
 
     def _call_services(self) -> None:
         for service in list(self.wanted):
