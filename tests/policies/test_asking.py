@@ -12,6 +12,7 @@ import pytest
 from pacman_env.config import make_config
 from pacman_env.policies.asking import PolicyError, choose, reset
 from pacman_env.policies.base import BasePolicy
+from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.observation.situation import Situation
 from tests.policies.contract import random_situation
@@ -83,6 +84,19 @@ def test_nan_is_refused_where_the_candidate_may_be_chosen(situation: Situation) 
     with pytest.raises(PolicyError, match=message):
         choose(Answers(scores_with(np.nan, situation, True)), situation)
     choose(Answers(scores_with(np.nan, situation, False)), situation)
+
+
+class NanPlanner(LearnedPlanner):
+    def run(self, candidates: Any, whole: Any, mask: Any) -> Any:
+        return np.full(mask.shape, np.nan, np.float32), np.zeros(len(mask), np.float32)
+
+
+def test_learned_planner_that_fails_is_refused(situation: Situation) -> None:
+    with pytest.raises(PolicyError, match="is NaN"):  # and not taken for a choice to hold
+        choose(NanPlanner(), situation)
+    features = np.zeros((1, 3, 2), np.float32), np.zeros((1, 2), np.float32)
+    with pytest.raises(PolicyError, match="'ppo'"):
+        LearnedPlanner().run(*features, np.ones((1, 3), np.bool_))
 
 
 @pytest.mark.parametrize(

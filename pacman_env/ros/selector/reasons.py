@@ -26,7 +26,7 @@ _LONGEST = 300  # characters of a trouble's words
 
 
 def troubles_of(condition: Mapping[str, Any]) -> dict[str, str]:
-    """Return the words for each trouble in a goal selector's diagnostics, by kind: terminal, page and doctor show these.
+    """Return the words that terminal, page and doctor show for each trouble in a goal selector's diagnostics, by kind.
 
     Another project's diagnostics have none.
     """

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,10 +19,12 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from std_msgs.msg import Header
 
+from pacman_env.policies.learned import PRETRAINED
 from pacman_env.ros import topics
 from pacman_env.ros.messages import pose_message
 from pacman_env.ros.selector.goal_selector import main
 from pacman_env.ros.supervisor.game_nodes import SELECTOR
+from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
 from tests.ros.selector_game import FAR_AWAY, Game, house, number_at, pellet, slot_of
 
 REPEATED_S = 6.0  # in which an unanswered word is said three times
@@ -181,6 +186,36 @@ def test_what_cannot_be_used_is_said_at_the_start(
     said = capfd.readouterr().err
     assert complaint in said
     assert "Traceback" not in said
+
+
+def test_planner_of_another_shape_is_refused_with_both(
+    domain: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    onnx = pytest.importorskip("onnx")
+    make, kinds = onnx.helper, onnx.TensorProto
+    values = lambda name, kind, *shape: make.make_tensor_value_info(name, kind, shape)  # noqa: E731
+    graph = make.make_graph(
+        [
+            make.make_node("ReduceMax", ["candidates"], ["logits"], axes=[2], keepdims=0),
+            make.make_node("ReduceMax", ["globals"], ["values"], axes=[1], keepdims=0),
+        ],
+        "other",
+        [
+            values("candidates", kinds.FLOAT, "games", "count", 5),
+            values("globals", kinds.FLOAT, "games", 3),
+            values("mask", kinds.BOOL, "games", "count"),
+        ],
+        [values("logits", kinds.FLOAT, "games", "count"), values("values", kinds.FLOAT, "games")],
+    )
+    model = make.make_model(graph, opset_imports=[make.make_opsetid("", 13)], ir_version=8).SerializeToString()
+    file = tmp_path / "other.onnx"
+    file.write_bytes(model)
+    metadata = json.loads(PRETRAINED.with_suffix(".json").read_text())
+    file.with_suffix(".json").write_text(json.dumps(metadata | {"sha256": hashlib.sha256(model).hexdigest()}))
+    assert main(["--ros-args", "-p", "map_yaml:=house", "-p", f"policy:={file}"]) == 2
+    said = capfd.readouterr().err
+    assert str(file) in said
+    assert ("(None, None, 5)" in said, f"(None, None, {len(CANDIDATE_FEATURES)})" in said) == (True, True)
 
 
 def test_home_is_where_the_robot_leaves_the_menu_after_its_pose_was_set_and_not_the_click(game: Game) -> None:
