@@ -28,7 +28,7 @@ from pacman_env.game.decisions import HOLD as NO_GOAL
 from pacman_env.game.decisions import LastDecision, Moment
 from pacman_env.game.execution import RUNNING
 from pacman_env.game.goals import goal_name
-from pacman_env.policies.asking import choose
+from pacman_env.policies.asking import choose, reset
 from pacman_env.policies.base import KIND_NAMES
 from pacman_env.render.frames import render_frame
 from pacman_env.sim.maps.level_source import LevelSource
@@ -87,7 +87,7 @@ class RecordedGame:
     def _forget(self) -> None:
         """A round begins, for the robot's policy and for those of the ghosts."""
         for policy in (self._policy, *self._ghosts.values()):
-            policy.reset(np.ones(1, dtype=np.bool_), self._batch.config)
+            reset(policy, np.ones(1, dtype=np.bool_), self._batch.config)
 
     def _decide(self, moment: Moment) -> None:
         batch = self._batch

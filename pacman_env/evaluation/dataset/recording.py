@@ -22,7 +22,7 @@ from pacman_env.evaluation.compare.scenarios import load_policy
 from pacman_env.evaluation.compare.shipping import contents, kept
 from pacman_env.executors.base import Executor
 from pacman_env.game.execution import RUNNING
-from pacman_env.policies.asking import choose
+from pacman_env.policies.asking import choose, reset
 from pacman_env.sim.maps.level_source import FixedMap
 from pacman_env.world.maps.occupancy import load_map, shipped_maps
 
@@ -172,7 +172,7 @@ class _Recorder:
     def play(self) -> Rounds:
         core, n = self._core, self._core.batch.n
         core.reset(np.arange(n), self._seeds[:n])
-        self._policy.reset(np.ones(n, dtype=np.bool_), core.config)
+        reset(self._policy, np.ones(n, dtype=np.bool_), core.config)
         over = np.zeros(n, dtype=np.bool_)
         seen, done = [self._look()], list[_Done]()
         while (self._round >= 0).any():
@@ -183,7 +183,7 @@ class _Recorder:
                 self._began[again], self._unlisted[again] = len(done), 0
             begun = np.isin(np.arange(n), again) | (core.batch.completed_s > 0)
             if begun.any():
-                self._policy.reset(begun, core.config)
+                reset(self._policy, begun, core.config)
             seen.append(self._look())
             over = self._end(done[-1], over, len(done))
         return self._collected(seen, done)

@@ -10,7 +10,7 @@ import numpy as np
 
 from pacman_env.config import Config
 from pacman_env.game.goals import goal_name
-from pacman_env.policies.asking import choose
+from pacman_env.policies.asking import choose, reset
 from pacman_env.policies.base import KIND_NAMES, Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.ros.bags.bag import BagError, open_bag
@@ -113,7 +113,7 @@ class _Replay:
         self._differs: tuple[str, str] | None = None
 
     def begin(self, at_s: float) -> None:
-        self._policy.reset(np.ones(1, dtype=np.bool_), self._config)
+        reset(self._policy, np.ones(1, dtype=np.bool_), self._config)
         self._differs = None
 
     def report(self, at_s: float, status: str) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pacman_env.config import MAX_SPEED_MPS
 from pacman_env.game.ghosts import GHOSTS
-from pacman_env.policies.asking import PolicyError, choose
+from pacman_env.policies.asking import PolicyError, choose, reset
 from pacman_env.policies.registry import split_ghosts
 from pacman_env.sim.core.ghosts import MapGhosts
 from pacman_env.sim.maps.assets import map_assets
@@ -82,7 +82,7 @@ class ClydeGhostNode(GameNode):
             self._began_round_s, self._owed_s = self.now_s(), 0.0
             self._view.begin()
             for policy in self._policies.values():
-                policy.reset(np.ones(1, np.bool_), self.config)
+                reset(policy, np.ones(1, np.bool_), self.config)
         if state == "returning_home" != self._state:
             self._costmap.request(self._places())  # they are no danger on the return home and must not block it
         if state == "starting" != self._state and self._robot is not None:
