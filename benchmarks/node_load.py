@@ -28,7 +28,7 @@ LIGHT_NODES = ("pellet_manager", "audio_node", "game_light_node", "game_event_ma
 def measure(map_source: str, policy: str, seconds: float, domain: int, composed: bool) -> dict[str, Any]:
     """All figures of ``seconds`` of running rounds; RuntimeError for a game that does not come to run."""
     from pacman_env.ros.discovery import join
-    from pacman_env.ros.supervisor.game_nodes import REFEREE, SELECTOR, SIMULATOR, STOP_ORDER, WAIT, GameSetup
+    from pacman_env.ros.supervisor.game_nodes import MOVERS, REFEREE, SELECTOR, SIMULATOR, WAIT, GameSetup
     from pacman_env.ros.supervisor.operator import StatusLine
     from pacman_env.ros.supervisor.processes import ProcessGroup
     from pacman_env.ros.supervisor.up import check
@@ -73,7 +73,7 @@ def measure(map_source: str, policy: str, seconds: float, domain: int, composed:
                 nodes[name] = {"cpu_percent": 100.0 * spent / lasted, **used}
             decisions = status_line.condition.get("decisions", {})
         finally:
-            processes.stop(STOP_ORDER)
+            processes.stop(MOVERS, (SIMULATOR,))
             status_line.close()
     return {
         "map": setup.map,

@@ -62,10 +62,10 @@ PROCESSES = {
 NODES = tuple(name for name in PROCESSES if name not in (NAV2, PAGE, LOCK_STEP, COMPOSED))
 #: Those that only subscribe, publish and respond.
 GAME = tuple(name for name in NODES if name not in (SIMULATOR, WAIT, SELECTOR))
-#: What moves the robot stops first, then the lights, then the others.
-STOP_ORDER = (SELECTOR, COMPOSED, "game_event_mapper", "game_light_node", PAGE, "audio_node", REFEREE)
-#: Those of them that move the robot.
-MOVERS = STOP_ORDER[:3]
+#: What moves the robot: it stops first.
+MOVERS = (SELECTOR, COMPOSED, "game_event_mapper")
+#: The order in lock-step, before all others. Processes stop together, between the movers and the simulated robot.
+STOP_ORDER = (*MOVERS, "game_light_node", PAGE, "audio_node", REFEREE)
 
 QUIET = ("--disable-external-lib-logs",)  # what a node prints is kept once, by the process that started it
 

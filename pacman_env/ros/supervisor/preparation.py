@@ -95,8 +95,8 @@ class Preparation:
         return f"compiling (once): {', '.join(names)}" if names else ""
 
     def close(self) -> None:
+        end({", ".join(nodes): process for process, nodes in self._running}, 2.0)
         for process, _ in self._running:
-            end(process, 2.0)
             _close(process)
         self._running.clear()
 

@@ -1,4 +1,4 @@
-"""The nodes of a game as processes: started in order, started again when they die, stopped one after another."""
+"""The nodes of a game as processes: started in order, started again when they die, stopped in three groups."""
 
 import contextlib
 import os
@@ -7,9 +7,10 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from . import child
 from .shared_memory import remove_unused
@@ -155,20 +156,26 @@ class ProcessGroup:
 
     def stop(
         self,
-        order: Sequence[str] = (),
-        between: Callable[[str], None] = lambda name: None,
-        before: Callable[[str, int], None] = lambda name, left: None,
+        first: Collection[str] = (),
+        last: Collection[str] = (),
+        between: Callable[[], object] = lambda: None,
+        before: Callable[[Sequence[str]], object] = lambda names: None,
     ) -> list[str]:
-        """Stop all, those of ``order`` first, the others against the order of their start; the names of the killed."""
-        names = [name for name in order if name in self._members]
-        names += [name for name in reversed(self._members) if name not in names]
+        """Stop all: together those of ``first``, after which ``between`` is called, then the others, then ``last``.
+
+        Return the names of those that had to be killed.
+        """
         killed = []
-        for number, name in enumerate(names, 1):  # several that leave at once can deadlock inside the middleware
-            before(name, len(names) - number)
-            process = self._members.pop(name).process
-            if process is not None and process.poll() is None and end(process, PATIENCE_S):
-                killed.append(name)
-            between(name)
+        others = [name for name in self._members if name not in (*first, *last)]
+        for names in (first, others, last):
+            members = [self._members.pop(name) for name in names if name in self._members]
+            found = {member.name: member.process for member in members}
+            running = {name: process for name, process in found.items() if process and process.poll() is None}
+            if running:
+                before(tuple(running))
+                killed += end(running, PATIENCE_S)
+            if members and names is first:
+                between()
         return killed
 
     def _log(self, name: str) -> Path:
@@ -188,13 +195,17 @@ class ProcessGroup:
         member.due_s, member.started_s = None, time.monotonic()
 
 
-def end(process: subprocess.Popen[bytes] | subprocess.Popen[str], patience_s: float) -> bool:
-    """Ask a process to end; True if it did not in time, and was killed."""
-    process.terminate()
-    try:
-        process.wait(patience_s)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-        return True
-    return False
+def end(processes: Mapping[str, subprocess.Popen[Any]], patience_s: float) -> list[str]:
+    """Ask processes to end, all at once; return the names of those that did not in time, and were killed."""
+    deadline = time.monotonic() + patience_s
+    for process in processes.values():
+        process.terminate()
+    killed = []
+    for name, process in processes.items():
+        try:
+            process.wait(max(0.0, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+            killed.append(name)
+    return killed

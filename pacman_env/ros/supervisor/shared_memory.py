@@ -29,9 +29,11 @@ def remove_unused() -> list[str]:
             if found := _NAMES.match(path.name):
                 families.setdefault(found[1], []).append(path)
     removed: list[str] = []
-    if families:
+    locked = _locked()
+    loose = [files for files in families.values() if locked.isdisjoint(map(_identity, files))]
+    if loose:
         used = set(_used())
-        for files in families.values():
+        for files in loose:
             if used.isdisjoint(map(str, files)):
                 removed += _remove(files)
     return sorted(removed)
@@ -45,6 +47,21 @@ def tidied() -> Iterator[None]:
         yield
     finally:
         remove_unused()
+
+
+def _identity(path: Path) -> str:
+    """Return device and inode as the kernel's list of locks has them; empty if the file is gone."""
+    with contextlib.suppress(OSError):
+        status = path.stat()
+        return f"{os.major(status.st_dev):02x}:{os.minor(status.st_dev):02x}:{status.st_ino}"
+    return ""
+
+
+def _locked() -> set[str]:
+    """Return what processes of this PID namespace have locked; it is found much sooner than what they have mapped."""
+    with contextlib.suppress(OSError):
+        return {word for line in _lines(Path("/proc/locks")) for word in line.split() if word.count(":") == 2}
+    return set()
 
 
 def _used() -> Iterator[str]:

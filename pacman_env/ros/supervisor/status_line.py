@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 
 from pacman_env.config import MAX_SPEED_MPS
@@ -76,6 +77,7 @@ class StatusLine(Observer):
         self.operator = OperatorStop(self, obeys=False)
         self.unresponsive = Unresponsive(self)
         self._cmd_vel: Any = None
+        self._cancel: Any = None
         self._requests: dict[str, tuple[Any, float]] = {}  # futures and when they were made, by the service's name
         self._callers: dict[str, Any] = {}
 
@@ -181,18 +183,22 @@ class StatusLine(Observer):
             self._requests[service.name] = self.call(service), time.monotonic()
         return False
 
-    def halt(self) -> None:
-        """Cancel every goal that Nav2 pursues, whichever node sent it, and command zero velocity."""
-        client = topics.NAVIGATE_TO_POSE.cancel_client(self)
-        end = time.monotonic() + HALT_S
-        if self.spin_until(client.service_is_ready, HALT_S):
-            answer = client.call_async(client.srv_type.Request())  # all zero: every goal
-            self.spin_until(answer.done, end - time.monotonic())
-        self.destroy_client(client)
+    def prepare_halt(self) -> None:
+        """Make what ``halt`` needs, so that it is discovered meanwhile."""
         if self._cmd_vel is None:
             self._cmd_vel = topics.CMD_VEL.publisher(self)
+            self._cancel = topics.NAVIGATE_TO_POSE.cancel_client(self)
+
+    def halt(self) -> None:
+        """Cancel every goal that Nav2 pursues, whichever node sent it, and command zero velocity."""
+        self.prepare_halt()
+        end = time.monotonic() + HALT_S
+        if self.spin_until(self._cancel.service_is_ready, HALT_S):
+            answer = self._cancel.call_async(self._cancel.srv_type.Request())  # all zero: every goal
+            self.spin_until(answer.done, end - time.monotonic())
+        self.spin_until(self._cmd_vel.get_subscription_count, end - time.monotonic())
         self._cmd_vel.publish(topics.CMD_VEL.type())
-        self.spin(0.05)
+        self._cmd_vel.wait_for_all_acked(Duration(seconds=max(0.0, end - time.monotonic())))
 
     def _on_value(self, name: str, message: Any) -> None:
         try:

@@ -7,7 +7,7 @@ import os
 import shlex
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -30,7 +30,7 @@ from pacman_env.ros.supervisor.game_nodes import (
     PROCESSES,
     REFEREE,
     SELECTOR,
-    STOP_ORDER,
+    SIMULATOR,
     WAIT,
     GameSetup,
 )
@@ -300,16 +300,13 @@ class _Play:
 
     def _stop_all(self) -> list[str]:
         self.lock.stopping()
-        last_mover = next((name for name in reversed(MOVERS) if name in self.processes), None)
 
-        def before(name: str, left: int) -> None:
-            more = f", then {left} more" if left else ""
-            self.writer.wait(f"stopping {name}{more}", at_once=True)
+        def before(names: Sequence[str]) -> None:
+            self.writer.wait(f"stopping {', '.join(names)}", at_once=True)
 
         self.writer.print("stopping: robot, lights, game")
-        killed = self.processes.stop(
-            STOP_ORDER, lambda name: self.status_line.halt() if name == last_mover else None, before
-        )
+        self.status_line.prepare_halt()
+        killed = self.processes.stop(MOVERS, (SIMULATOR,), self.status_line.halt, before)
         if killed:
             self.writer.print(f"did not stop and had to be killed: {', '.join(killed)}")
         self.writer.print("stopped")
