@@ -11,6 +11,7 @@ import textwrap
 import time
 from pathlib import Path
 from unittest import mock
+from xml.etree import ElementTree
 
 import pytest
 
@@ -29,6 +30,7 @@ from pacman_env.ros.discovery import (
 pytest.importorskip("rclpy")
 
 from pacman_env.ros import topics
+from pacman_env.ros.node import LAST_MESSAGES_S
 from tests.ros.network import on_the_network, two_machines, why_not
 from tests.ros.system import Probe, System
 
@@ -110,6 +112,15 @@ def test_transports_and_profiles_that_the_user_has_chosen_stay(
     avoid_shared_memory(environment)
     assert environment.get(TRANSPORTS) == transports
     assert environment.get(ROS_PROFILE) == (file and file.format(**names))
+
+
+def test_own_profile_has_last_messages_acknowledged_in_time() -> None:
+    """A writer asks for acknowledgements once per heartbeat; the end of a node waits for them."""
+    root = ElementTree.parse(OWN.format(package=Path(ros.__file__).parent)).getroot()
+    name = {"dds": "http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"}
+    (period,) = root.findall("dds:data_writer[@is_default_profile='true']/dds:times/dds:heartbeatPeriod", name)
+    seconds, nanoseconds = (float(part.text or "nan") for part in period)
+    assert 0.0 < seconds + nanoseconds * 1e-9 < LAST_MESSAGES_S / 10.0
 
 
 def test_the_doctor_shows_no_profile_that_the_user_has_not_named() -> None:

@@ -22,6 +22,7 @@ MANY = 5  # deaths ...
 SOON_S = 60.0  # ... within this time: starting it again does not help
 BAD_START = 2  # exit status of a node that refuses its arguments (``node.py``)
 AT_REST_S = 20.0  # a process that runs for less long may still be starting
+_END_POLL_S = 0.01
 RESTARTS = 3  # of a process that does not respond ...
 RESTARTS_S = 600.0  # ... within this time: another one does not help
 _LOG_END = 2000  # bytes of a log that are searched for the reason of a death
@@ -132,38 +133,43 @@ class ProcessGroup:
         dead, now = [], time.monotonic()
         for member in self._members.values():
             name = member.name
-            if member.process is None:
-                if member.due_s is not None and now >= member.due_s and not self.held(name):
-                    remove_unused()
-                    self._launch(member, "ab" if member.deaths else "wb")
-            elif (status := member.process.poll()) is not None:
+            if member.process is not None and (status := member.process.poll()) is not None:
                 dead.append(name)
                 member.process = None
-                member.deaths = [when for when in member.deaths if now - when < SOON_S] + [now]
-                ended, hopeless = self._end_of(member, status)
-                if hopeless and name not in self.spare:
-                    raise Lost(f"{name} {ended}")
-                if hopeless:
-                    member.due_s = None
-                    self.report(f"{name} {ended}; it is given up, the rest goes on")
-                else:
-                    pause = min(SLOW_START_S, 2.0 ** (len(member.deaths) - 1))
-                    member.due_s = now + pause
-                    if not member.ended_by_us:
-                        self.report(f"{name} {ended}; again in {pause:.0f} s")
-                member.ended_by_us = False
+                self._bury(member, status, now)
+            if member.process is None and member.due_s is not None and now >= member.due_s and not self.held(name):
+                remove_unused()
+                self._launch(member, "ab" if member.deaths else "wb")
         return dead
+
+    def _bury(self, member: Member, status: int, now: float) -> None:
+        """Report a death and decide when the member is started again: after its first death at once."""
+        name = member.name
+        member.deaths = [when for when in member.deaths if now - when < SOON_S] + [now]
+        ended, hopeless = self._end_of(member, status)
+        if hopeless and name not in self.spare:
+            raise Lost(f"{name} {ended}")
+        if hopeless:
+            member.due_s = None
+            self.report(f"{name} {ended}; it is given up, the rest goes on")
+        else:
+            many = len(member.deaths) > 1
+            pause = min(SLOW_START_S, 2.0 ** (len(member.deaths) - 1)) if many else 0.0
+            member.due_s = now + pause
+            if not member.ended_by_us:
+                self.report(f"{name} {ended}; again {f'in {pause:.0f} s' if many else 'at once'}")
+        member.ended_by_us = False
 
     def stop(
         self,
         first: Collection[str] = (),
         last: Collection[str] = (),
         between: Callable[[], object] = lambda: None,
-        before: Callable[[Sequence[str]], object] = lambda names: None,
+        waiting: Callable[[Sequence[str]], object] = lambda names: None,
     ) -> list[str]:
         """Stop all: together those of ``first``, after which ``between`` is called, then the others, then ``last``.
 
-        Return the names of those that had to be killed.
+        ``waiting`` is called with the names of those that are being stopped; return those that had to be killed.
         """
         killed = []
         others = [name for name in self._members if name not in (*first, *last)]
@@ -171,9 +177,10 @@ class ProcessGroup:
             members = [self._members.pop(name) for name in names if name in self._members]
             found = {member.name: member.process for member in members}
             running = {name: process for name, process in found.items() if process and process.poll() is None}
-            if running:
-                before(tuple(running))
-                killed += end(running, PATIENCE_S)
+            killed += end(running, PATIENCE_S, waiting)
+            for name, process in running.items():
+                if process.returncode == -signal.SIGALRM:
+                    self.report(f"{name} did not leave the middleware, its log is {self._log(name)}")
             if members and names is first:
                 between()
         return killed
@@ -195,17 +202,27 @@ class ProcessGroup:
         member.due_s, member.started_s = None, time.monotonic()
 
 
-def end(processes: Mapping[str, subprocess.Popen[Any]], patience_s: float) -> list[str]:
-    """Ask processes to end, all at once; return the names of those that did not in time, and were killed."""
+def end(
+    processes: Mapping[str, subprocess.Popen[Any]],
+    patience_s: float,
+    waiting: Callable[[Sequence[str]], object] = lambda names: None,
+) -> list[str]:
+    """Ask processes to end, all at once, and return the names of those that did not in time, and were killed.
+
+    ``waiting`` is called with the names of those that still run, whenever these are fewer.
+    """
     deadline = time.monotonic() + patience_s
     for process in processes.values():
         process.terminate()
-    killed = []
-    for name, process in processes.items():
-        try:
-            process.wait(max(0.0, deadline - time.monotonic()))
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-            killed.append(name)
-    return killed
+    left: list[str] = []
+    while running := [name for name, process in processes.items() if process.poll() is None]:
+        if running != left:
+            waiting(running)
+        left = running
+        if time.monotonic() > deadline:
+            break
+        time.sleep(_END_POLL_S)
+    for name in running:
+        processes[name].kill()
+        processes[name].wait()
+    return running

@@ -60,7 +60,7 @@ def _identity(path: Path) -> str:
 def _locked() -> set[str]:
     """Return what processes of this PID namespace have locked; it is found much sooner than what they have mapped."""
     with contextlib.suppress(OSError):
-        return {word for line in _lines(Path("/proc/locks")) for word in line.split() if word.count(":") == 2}
+        return set(re.findall(r"\w+:\w+:\d+", Path("/proc/locks").read_text()))
     return set()
 
 
@@ -69,14 +69,10 @@ def _used() -> Iterator[str]:
     for folder in Path("/proc").iterdir():
         if folder.name.isdigit():
             with contextlib.suppress(OSError):  # it has just ended, or is another user's
-                yield from (line[line.index("/") :] for line in _lines(folder / "maps") if f" {FOLDER}/" in line)
+                yield from re.findall(f" ({FOLDER}/.*)", (folder / "maps").read_text(errors="replace"))
                 for file in (folder / "fd").iterdir():
                     with contextlib.suppress(OSError):
                         yield str(file.readlink())
-
-
-def _lines(path: Path) -> list[str]:
-    return path.read_text(errors="replace").splitlines()
 
 
 def _remove(files: list[Path]) -> list[str]:

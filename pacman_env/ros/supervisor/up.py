@@ -2,7 +2,9 @@
 
 A node starts when what it needs is compiled; the game waits for the robot's pose; at the end the robot stops first."""
 
+import atexit
 import contextlib
+import gc
 import os
 import shlex
 import sys
@@ -73,6 +75,7 @@ def up(
 
     In the main thread. ``rounds`` are begun by themselves, as all are with ``play_on``.
     """
+    atexit.register(gc.freeze)  # the end of the interpreter would go through all objects, several times
     writer = LineWriter(out or sys.stdout)
     with Stop() as stop:
         number = join(domain, setup.sim)
@@ -301,12 +304,12 @@ class _Play:
     def _stop_all(self) -> list[str]:
         self.lock.stopping()
 
-        def before(names: Sequence[str]) -> None:
+        def waiting(names: Sequence[str]) -> None:
             self.writer.wait(f"stopping {', '.join(names)}", at_once=True)
 
         self.writer.print("stopping: robot, lights, game")
         self.status_line.prepare_halt()
-        killed = self.processes.stop(MOVERS, (SIMULATOR,), self.status_line.halt, before)
+        killed = self.processes.stop(MOVERS, (SIMULATOR,), self.status_line.halt, waiting)
         if killed:
             self.writer.print(f"did not stop and had to be killed: {', '.join(killed)}")
         self.writer.print("stopped")

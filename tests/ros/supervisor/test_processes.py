@@ -25,10 +25,21 @@ signal.signal(signal.SIGTERM, stop)
 print("ready", flush=True)
 time.sleep(600)
 """
+#: It ends only once both nodes of this kind have been asked to.
+MEETS = GOOD.replace(
+    "    open(sys",
+    """    import pathlib
+    own = __spec__.name.rpartition(".")[2]
+    pathlib.Path(sys.argv[1] + own + ".asked").touch()
+    while not all(pathlib.Path(f"{sys.argv[1]}{name}.asked").exists() for name in ("waits", "waits_too")):
+        time.sleep(0.01)
+    open(sys""",
+)
 NODES = {
     "first": GOOD,
     "second": GOOD,
-    "third": GOOD,
+    "waits": MEETS,
+    "waits_too": MEETS,
     "done": "",
     "refuses": "import sys; print('refuses: no such map', file=sys.stderr); sys.exit(2)",
     "dies": "raise RuntimeError('out of luck')",
@@ -75,16 +86,19 @@ def ready(group: ProcessGroup, *names: str) -> None:
         wait_for(lambda name=name: group.last_words(name).startswith("ready"), f"{name} ready")
 
 
-def test_nodes_stop_one_after_another_the_named_ones_first_then_the_last_started(
-    group: ProcessGroup, folder: Path
-) -> None:
+def test_nodes_stop_together_after_the_first_and_before_the_last(group: ProcessGroup, folder: Path) -> None:
+    """The two nodes between the first and the last end only when both have been asked to."""
     order = folder / "order"
-    for name in ("first", "second", "third"):
+    names = ("first", "waits", "waits_too", "second")
+    for name in names:
         group.start(name)
-    ready(group, "first", "second", "third")
-    between: list[str] = []
-    assert group.stop(["second", "absent"], between.append) == []
-    assert order.read_text().split() == between == ["second", "third", "first"]
+    ready(group, *names)
+    told: list[str] = []
+    between = lambda: told.append(order.read_text())  # noqa: E731
+    assert group.stop(["second", "absent"], ["first"], between) == []
+    assert told == ["second\n"]
+    ended = order.read_text().split()
+    assert (ended[0], set(ended[1:3]), ended[3:]) == ("second", {"waits", "waits_too"}, ["first"])
 
 
 def test_a_node_that_ignores_the_end_is_killed_and_named(group: ProcessGroup, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -103,7 +117,7 @@ def test_a_dead_node_is_started_again_and_its_reason_is_said(
     assert process is not None
     process.kill()
     wait_for(lambda: group.tend() == ["first"], "the death is seen")
-    assert said == [f"first was killed (SIGKILL), its log is {folder / 'first.log'}; again in 1 s"], (
+    assert said == [f"first was killed (SIGKILL), its log is {folder / 'first.log'}; again at once"], (
         "ready is no reason"
     )
     wait_for(lambda: group.tend() == [] and group._members["first"].process is not None, "started again")
@@ -132,7 +146,7 @@ def test_the_reason_of_a_death_is_an_error_of_the_same_life(group: ProcessGroup,
     group.start("twice")
     wait_for(lambda: group.tend() == ["twice"], "the first death")
     log = folder / "twice.log"
-    assert said == [f"twice was killed (SIGSEGV): Fatal Python error: Segmentation fault ({log}); again in 1 s"]
+    assert said == [f"twice was killed (SIGSEGV): Fatal Python error: Segmentation fault ({log}); again at once"]
     wait_for(lambda: group.tend() == ["twice"], "the second death")
     assert said[1:] == [f"twice ended with status 3, its log is {log}; again in 2 s"]
 
