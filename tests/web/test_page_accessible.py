@@ -28,7 +28,8 @@ OLDER = """
 for (const [owner, names] of [
   [Array.prototype, 'findLast findLastIndex toSorted toReversed toSpliced with'], [Array, 'fromAsync'],
   [Object, 'hasOwn groupBy'], [Map, 'groupBy'], [Promise, 'withResolvers try'], [URL, 'canParse parse'],
-  [URLSearchParams.prototype, 'size'], [AbortSignal, 'any timeout'], [window, 'OffscreenCanvas structuredClone Iterator'],
+  [URLSearchParams.prototype, 'size'], [AbortSignal, 'any timeout'],
+  [window, 'OffscreenCanvas structuredClone Iterator'],
 ]) for (const name of names.split(' ')) delete owner[name];
 for (const name of ['localStorage', 'sessionStorage']) Object.defineProperty(window, name, {get() {
   throw new DOMException('denied', 'SecurityError');

@@ -41,7 +41,9 @@ def proxied(request: pytest.FixtureRequest) -> Iterator[tuple[WebServer, str]]:
         server = stack.enter_context(WebServer(ScriptedGame(), names=[PAGE], static=STATIC, write=lambda _: None))
         lines = location[1].replace("127.0.0.1:8000", f"127.0.0.1:{server.port}{path}")
         lines = lines.replace("}", f"proxy_set_header Host {host}; }}") if host else lines
-        folders = "".join(f"{name}_temp_path {folder}/{name};" for name in ("client_body", "proxy", "fastcgi", "uwsgi", "scgi"))
+        folders = "".join(
+            f"{name}_temp_path {folder}/{name};" for name in ("client_body", "proxy", "fastcgi", "uwsgi", "scgi")
+        )
         (folder / "nginx.conf").write_text(
             f"daemon off; pid {folder}/pid; error_log {folder}/errors; events {{}}\n"
             f"http {{ {folders} server {{ listen unix:{folder}/socket;\n{lines} }} }}"

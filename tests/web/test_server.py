@@ -361,11 +361,11 @@ def test_only_a_new_person_alone_is_greeted(serve: Callable[..., WebServer]) -> 
     server = serve(game)
     with Page(server) as one, Page(server) as two:
         assert game.calls.count(("greet",)) == 1
-    eventually(lambda: {("leave", one.name), ("leave", two.name)} <= set(game.calls))
+    wait_for(lambda: {("leave", one.name), ("leave", two.name)} <= set(game.calls))
     with Page(server, again=one.hello["again"]) as back:
         assert back.name == one.name
         assert game.calls.count(("greet",)) == 1
-    eventually(lambda: game.calls.count(("leave", one.name)) == 2)
+    wait_for(lambda: game.calls.count(("leave", one.name)) == 2)
     with Page(server):
         assert game.calls.count(("greet",)) == 2
 

@@ -223,7 +223,7 @@ def test_person_sends_ghost_anywhere_and_catches_the_robot(game: SimulatedGame) 
     game.handle("Bob", m.Goal(follow=True))
     assert frame(game).ghost_goals[0] == pytest.approx(home)
     game.handle("Ann", m.Start())
-    wait(lambda: game.handle("Ann", m.Stories()))
+    wait_for(lambda: game.handle("Ann", m.Stories()))
     story = game.handle("Ann", m.Stories())[0]
     assert (story["result"], story["catcher"], story["ghosts_played"]) == ("caught", 0, [0])
     assert story["link"] == ""
@@ -232,7 +232,7 @@ def test_person_sends_ghost_anywhere_and_catches_the_robot(game: SimulatedGame) 
 def test_ghost_taken_in_a_round_obeys_from_the_next(game: SimulatedGame) -> None:
     game.handle("Ann", m.Speed(times=1))
     game.handle("Ann", m.Start())
-    wait(lambda: frame(game).state == "running")
+    wait_for(lambda: frame(game).state == "running")
     assert game.handle("Bob", m.Role(role="ghost-0"))["words"]
     with pytest.raises(Refused, match="next round"):
         game.handle("Bob", m.Goal(follow=True))

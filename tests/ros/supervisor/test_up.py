@@ -66,7 +66,8 @@ def broken_game(tmp_path: Path) -> list[str]:
     broken.mkdir()
     (broken / "sitecustomize.py").write_text(BROKEN)
     code = (
-        "import sys; from pacman_env.ros.supervisor import processes; processes.SLOW_START_S, processes.SOON_S = 0.0, 300.0; "
+        "import sys; from pacman_env.ros.supervisor import processes; "
+        "processes.SLOW_START_S, processes.SOON_S = 0.0, 300.0; "
         "from pacman_env.cli.main import main; sys.exit(main(sys.argv[1:]))"
     )
     words = ["ros", "up", "--map", "house", "--policy", "nearest", "--sim", "--logs", str(tmp_path / "logs")]
