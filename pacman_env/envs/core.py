@@ -1,6 +1,7 @@
 """The common core of the environments: the games, the ghosts' policies, observations, rewards, infos."""
 
 import functools
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -314,7 +315,7 @@ class CoreEnv:
     @spec.setter
     def spec(self, spec: Any) -> None:
         if spec is not None:
-            spec.kwargs = _as_json(spec.kwargs)
+            spec.kwargs = as_json(spec.kwargs)
         self._spec = spec
 
     @property
@@ -382,12 +383,14 @@ class CoreEnv:
         return tuple(render_frame(core.batch, i) for core in cores for i in range(core.batch.n))
 
 
-def _as_json(value: Any) -> Any:
-    """Plain data as JSON gives it back, a configuration as settings; what JSON does not know as it is."""
+def as_json(value: Any) -> Any:
+    """Return plain data as JSON gives it back, a configuration as settings, a path as text, and all else unchanged."""
     if isinstance(value, Config):
         value = value.as_settings()
+    if isinstance(value, os.PathLike):
+        value = os.fspath(value)
     if isinstance(value, Mapping):
-        return {key: _as_json(one) for key, one in value.items()}
+        return {key: as_json(one) for key, one in value.items()}
     if isinstance(value, (np.ndarray, np.generic)):
         value = value.tolist()
-    return [_as_json(one) for one in value] if isinstance(value, (list, tuple)) else value
+    return [as_json(one) for one in value] if isinstance(value, (list, tuple)) else value

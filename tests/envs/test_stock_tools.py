@@ -21,6 +21,7 @@ import pacman_env
 from pacman_env.config import make_config
 from pacman_env.envs.registration import FLAT_ID
 from pacman_env.sb3 import PacManBotVecEnv
+from pacman_env.world.maps.occupancy import map_file
 from tests.envs.helpers import ID, QUICK, same
 
 
@@ -55,10 +56,11 @@ def test_a_specification_in_json_is_the_same_specification(env_id: str) -> None:
             {"flat": True, "settings": {"observation.kinds": ("scan",), "clyde.ghosts": np.array(["chase", "wander"])}},
         ),
         (ID, {"settings": make_config("ideal", "as_built", **{"clyde.ghosts": ("chase",)})}),
+        (ID, {"map": map_file("maze")}),
     ],
 )
 def test_an_environment_made_from_its_specification_in_json_plays_the_same(env_id: str, arguments: Any) -> None:
-    env = gym.make(env_id, map="loop", **arguments)
+    env = gym.make(env_id, **{"map": "loop", **arguments})
     assert env.spec is not None
     spec = EnvSpec.from_json(env.spec.to_json())
     assert spec == env.spec

@@ -33,7 +33,7 @@ from .recording import Recording, Rounds, outcomes, recorded, round_seeds, tasks
 
 FORMATS = ("minari", "parquet")
 _PREFIX = "pacman_env/"
-_NAME = re.compile(r"(?:[-\w]+/)*[-\w]+-v\d+")  # as Minari's
+_NAME = re.compile(r"(?:[-\w]+/)*[-\w]+-v\d+")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -127,12 +127,28 @@ def _of_robot(arguments: argparse.Namespace, made: EnvArguments) -> Any:
 
 def _folder(arguments: argparse.Namespace) -> Path:
     """Where the data set goes; raises ValueError before the work, not after it."""
-    if not _NAME.fullmatch(arguments.name):
-        raise ValueError(f"{arguments.name}: a data set's name is such as pacman-env/lookahead-v0")
+    if not _is_name(arguments.name, "minari" in arguments.format):
+        rule = (
+            "must be as pacman-env/lookahead-v0: letters, digits, - and _, with a version; a namespace has two or more"
+        )
+        raise ValueError(f"name = {arguments.name!r}: {rule}, and none is called data")
     folder: Path = arguments.root / arguments.name
     if folder.exists():
         raise ValueError(f"{folder}: is there already")
     return prepare(folder)
+
+
+def _is_name(name: str, for_minari: bool) -> bool:
+    """Tell whether a folder of this name, and for Minari a data set, can be found again."""
+    if not _NAME.fullmatch(name) or "data" in name.split("/"):  # Minari takes every folder with a "data" for a data set
+        return False
+    if not for_minari:
+        return True
+    from minari.dataset.minari_dataset import gen_dataset_id, parse_dataset_id
+
+    with contextlib.suppress(ValueError):
+        return gen_dataset_id(*parse_dataset_id(name)) == name
+    return False
 
 
 def _facts(arguments: argparse.Namespace, given: Sequence[str], env_id: str, core: EnvCore) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from h5py import h5d, h5g, h5p, h5s, h5t
 from minari.dataset.minari_storage import MinariStorage
 from numpy.typing import NDArray
 
+from pacman_env.envs.core import as_json
 from pacman_env.sim.observation.kinds import MASK
 
 from .recording import Rounds, outcomes
@@ -111,5 +112,5 @@ class MinariFiles:
 def spec_of(env_id: str, arguments: dict[str, Any]) -> EnvSpec:
     """Gymnasium's spec of an environment with these arguments, by which a reader makes it again."""
     spec = copy.deepcopy(gym.spec(env_id))
-    spec.kwargs.update(arguments)
+    spec.kwargs.update(as_json(arguments))
     return spec

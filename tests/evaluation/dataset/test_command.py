@@ -14,14 +14,18 @@ import pytest
 
 from pacman_env import __version__
 from pacman_env.cli import main as command
+from pacman_env.config import make_config
+from pacman_env.envs.arguments import EnvArguments
+from pacman_env.envs.core import EnvCore
 from pacman_env.evaluation.dataset import __main__ as dataset
-from pacman_env.evaluation.dataset.recording import Recording, record, tasks_of
+from pacman_env.evaluation.dataset.recording import Recording, record, round_seeds, tasks_of
 from pacman_env.files import install_command
-from pacman_env.world.maps.occupancy import load_map
+from pacman_env.world.maps.occupancy import load_map, map_file
 
 minari = pytest.importorskip("minari")
 pytest.importorskip("pyarrow")
 pandas = pytest.importorskip("pandas")
+minari_files = pytest.importorskip("pacman_env.evaluation.dataset.minari_files")
 
 NAME = "pacman-env/short-v0"
 SHORT = ["--map", "loop", "--set", "time_limit_s=40", "--set", "pellets.spacing_m=3", "--policy", "nearest"]
@@ -183,12 +187,37 @@ def test_bad_arguments_are_one_line_and_leave_nothing(
     assert not [path for path in tmp_path.rglob("*") if path.is_file() or path.name.startswith(".")]
 
 
-@pytest.mark.parametrize("name", ["nothing", "../out-v0", "/out-v0", "a/b"])
+@pytest.mark.parametrize(
+    "name", ["nothing", "../out-v0", "/out-v0", "a/b", "x/a-v0", "_/a-v0", "xx/a-v00", "xx/a-v\u0660", "data/a-v0"]
+)
 def test_a_name_that_minari_does_not_take_is_refused(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert dataset.main([name, "--root", str(tmp_path)]) == 2
-    assert "a data set's name is such as pacman-env/lookahead-v0" in capsys.readouterr().err
+    assert dataset.main([name, *SHORT, "--episodes", "1", "--root", str(tmp_path)]) == 2
+    assert name in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["a-v0", "xx/y/a-v1", "__/--v0", "xx/a-v0-v12"])
+def test_minari_lists_what_was_written(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    assert dataset.main([name, *SHORT, "--episodes", "1", "--format", "minari", "--root", str(tmp_path)]) == 0
+    assert list(minari.list_local_datasets()) == [name]
+    assert minari.load_dataset(name).total_episodes == 1
+
+
+def test_environment_of_map_file_is_recovered(tmp_path: Path) -> None:
+    arguments = {"map": map_file("loop"), "settings": make_config("ideal", time_limit_s=40.0)}
+    core = EnvCore(1, EnvArguments(**arguments))
+    spaces = core.observation_space, core.action_space
+    facts = {"dataset_id": NAME, "algorithm_name": "nearest"}
+    with minari_files.MinariFiles(
+        tmp_path, minari_files.spec_of("pacman_env/PacManBot-v0", arguments), spaces, facts
+    ) as files:
+        files.write(record(Recording("nearest", EnvArguments(**arguments), round_seeds(0, 1))))
+    env = minari.MinariDataset(tmp_path / "data").recover_environment()
+    assert env.unwrapped.config == core.config
+    assert env.unwrapped.batch.source.first.occupancy.hash == load_map("loop").hash
 
 
 def test_a_data_set_that_is_there_already_is_not_touched(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
