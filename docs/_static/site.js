@@ -1,3 +1,12 @@
+// Long names in tables may break after punctuation and between the words of CamelCase; site.css says on which screens.
+function addBreaks() {
+  for (const { firstChild: text } of document.querySelectorAll("td code.literal .pre")) {
+    const parts = text.data.replace(/[_./:,=-](?=\w\w)|[a-z0-9](?=[A-Z])/g, "$&\n").split("\n");
+    text.replaceWith(...parts.flatMap((part, k) => (k ? [document.createElement("wbr"), part] : part)));
+  }
+}
+addEventListener("DOMContentLoaded", addBreaks);
+
 // What scrolls sideways can be reached and scrolled by keyboard.
 function reachable() {
   for (const box of document.querySelectorAll(".highlight pre, .table-wrapper")) {
