@@ -28,9 +28,10 @@ _RECORDS = (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 _LISTED = 5  # damaged chunks
 
 
-class ChecksummedWriter(McapWriter):  # type: ignore[misc]
+class ChecksummedWriter(McapWriter):
     """Write an MCAP file with the checksums that rosbags leaves out."""
 
+    bio: BinaryIO
     checked = True  # False: the next chunks get no checksum, as their messages come from a chunk without one
 
     def close_chunk(self) -> None:

@@ -20,6 +20,7 @@ from pacman_env.policies.registry import make_policy
 from pacman_env.ros.node import GameNode, accept_integers, parameter, run
 from pacman_env.ros.selector.pose_watch import PoseLimits
 from pacman_env.ros.selector.pursuit import Pursuit
+from pacman_env.ros.selector.reasons import POLICY_FAILS
 from pacman_env.ros.selector.rehearsal import rehearsed
 from pacman_env.ros.selector.saved_jump import SavedJump
 from pacman_env.ros.selector.selection import Selection
@@ -136,7 +137,8 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
 
     def _use_loaded(self, parameters: list[Parameter]) -> None:
         if self._loaded is not None and self._pursuit is not None:
-            self._pursuit.selection.use(*self._loaded)
+            self._pursuit.selection.spec, self._pursuit.selection.policy = self._loaded
+            self.once.over(POLICY_FAILS)
             self.get_logger().info(f"policy {self._loaded[0]}")
         self._loaded = None
 

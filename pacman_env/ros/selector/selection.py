@@ -74,7 +74,7 @@ class Selection:
         self.view = RobotView(map_assets(map, config, home), config)
         self.executor = GoalExecutor(config, self.view.goals, None if home is None else home_place(*home))
         self._fresh = False  # the policy has been reset for this round
-        self.use(policy, rehearsed(made, self.view, config))
+        self.spec, self.policy = policy, rehearsed(made, self.view, config)
         self.decision: tuple[Situation, int] | None = None  # if the policy was asked last: what it saw and chose
         self._believed = BelievedPose(limits.timeout_s)
         self._watch = PoseWatch(self._believed, limits)
@@ -85,11 +85,6 @@ class Selection:
         self._times_ms: deque[float] = deque(maxlen=1000)
         self._last = LastDecision(config)
         self._ended = {"aborted": 0, "rejected": 0}
-
-    def use(self, spec: str, policy: Policy) -> None:
-        """Play with a policy that was rehearsed."""
-        self.spec, self.policy = spec, policy
-        self._troubles.over(POLICY_FAILS)
 
     # The game's messages
 
@@ -234,7 +229,8 @@ class Selection:
         due = self._last.due(moment)
         if due:
             try:
-                chosen = self._ask(situation)
+                chosen = _asked(self.policy, situation, None if self._fresh else self._config, self._perf_counter)
+                self._fresh = True
             except PolicyError as error:  # the robot stands, and the node goes on: it may work at the next tick
                 self._report(POLICY_FAILS, f"{error}; the robot holds")
                 self._last.decide(HOLD, moment, allowed=False)
@@ -248,17 +244,6 @@ class Selection:
         if due:
             self._times_ms.append(1000 * (self._perf_counter() - began))
             self.decision = situation, chosen
-
-    def _ask(self, situation: Situation) -> int:
-        """The candidate that the policy chooses; PolicyError if it fails, or takes too long."""
-        began = self._perf_counter()
-        if not self._fresh:
-            reset(self.policy, np.ones(1, np.bool_), self._config)
-            self._fresh = True
-        chosen = int(choose(self.policy, situation)[0])
-        if self._perf_counter() - began > SLOW_S:
-            raise PolicyError(f"policy {name_of(self.policy)!r}: takes more than {SLOW_S:g} s to choose")
-        return chosen
 
     def on_rejected(self, number: int, now: float) -> list[ExecutorAction]:
         self._ended["rejected"] += number == self.executor.sent.number
@@ -321,6 +306,17 @@ class Selection:
             "goals_aborted": self._ended["aborted"],
             "decisions": decision_times(self._times_ms),
         }
+
+
+def _asked(policy: Policy, situation: Situation, begins: Config | None, clock_s: Callable[[], float]) -> int:
+    """The candidate that a policy chooses, at first in a round that ``begins``; PolicyError if it fails or is slow."""
+    began_s = clock_s()
+    if begins is not None:
+        reset(policy, np.ones(1, np.bool_), begins)
+    chosen = int(choose(policy, situation)[0])
+    if clock_s() - began_s > SLOW_S:
+        raise PolicyError(f"policy {name_of(policy)!r}: takes more than {SLOW_S:g} s to choose")
+    return chosen
 
 
 def _listed(numbers: Sequence[int]) -> str:
