@@ -49,11 +49,19 @@ def files_of(process: int) -> set[str]:
 
 
 @pytest.fixture
-def talk(domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str, int], Any]]:
-    """Starts processes that talk over shared memory, in a domain that no other process is in."""
+def own_domain(domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """A domain in which there is no other process, this one included: nobody else maps what is made in it."""
     pytest.importorskip("rclpy")
     from tests.ros.system import free_domain
 
+    with free_domain() as number:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
+        yield number
+
+
+@pytest.fixture
+def talk(own_domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str, int], Any]]:
+    """Starts processes that talk over shared memory."""
     for name in PROFILES:
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv(TRANSPORTS, "DEFAULT")
@@ -64,12 +72,10 @@ def talk(domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str
         started.append(subprocess.Popen(words, stdout=subprocess.PIPE, text=True))
         return started[-1]
 
-    with free_domain() as number:
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
-        yield start
-        for process in started:
-            process.kill()
-            process.communicate()
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
 
 
 @contextlib.contextmanager
