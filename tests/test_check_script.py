@@ -15,6 +15,8 @@ from pathlib import Path
 import psutil
 import pytest
 
+from tests.waiting import PATIENCE_S
+
 ROOT = Path(__file__).resolve().parents[1]
 PROGRAM = """#!/bin/bash
 # usage: NAME, as one of these programs
@@ -155,5 +157,5 @@ def test_so_many_cores_are_kept_busy_until_the_tests_are_over(
     (tests,) = called(checkout, "python -m pytest -n")
     assert "busy" not in tests
     assert tests.endswith(" -x") == ("-x" in options)
-    psutil.wait_procs([psutil.Process(pid) for pid in pids if psutil.pid_exists(pid)], timeout=60)
+    psutil.wait_procs([psutil.Process(pid) for pid in pids if psutil.pid_exists(pid)], timeout=PATIENCE_S)
     assert not any(psutil.pid_exists(pid) for pid in pids)

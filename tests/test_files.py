@@ -163,7 +163,7 @@ def test_a_pipe_is_written_to_and_stays_a_pipe(tmp_path: Path) -> None:
     reader.start()
     with replaced(prepare(pipe)) as temporary:
         temporary.write_text("all of it")
-    reader.join(timeout=10)
+    reader.join()
     assert read == ["all of it"]
     assert pipe.is_fifo()
     assert list(tmp_path.iterdir()) == [pipe]

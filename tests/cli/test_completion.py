@@ -47,7 +47,7 @@ def test_bash_completes_commands_options_and_files(
     ask += 'words=(pacman-env "$@"); "$(complete -p pacman-env | sed -E "s/.*-F (\\S+).*/\\1/")" '
     ask += 'pacman-env "${words[-1]}" "${words[-2]}"; printf "%s\\n" "${COMPREPLY[@]}"'
     command = ["bash", "-c", ask, "bash", str(scripts["bash"]), *words]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
     assert set(done.stdout.split()) - {"-h", "--help"} == offered
 
@@ -56,7 +56,7 @@ def test_bash_completes_commands_options_and_files(
 def test_a_shell_can_read_its_script(scripts: dict[str, Path], shell: str, option: str) -> None:
     if shutil.which(shell) is None:
         pytest.skip(f"no {shell}")
-    done = subprocess.run([shell, option, scripts[shell]], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([shell, option, scripts[shell]], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
 
 

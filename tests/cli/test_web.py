@@ -16,6 +16,7 @@ import pytest
 
 from pacman_env import __version__
 from pacman_env.cli.main import main
+from tests.waiting import PATIENCE_S
 
 pytest.importorskip("starlette")
 
@@ -35,10 +36,10 @@ def test_it_prints_where_the_page_is_serves_it_and_ends_by_ctrl_c(server: subpro
     found = re.search(r"http://127\.0\.0\.1:\d+/", said)
     assert found, said
     assert "token" not in said  # on this machine alone none is needed
-    with urllib.request.urlopen(f"{found[0]}health", timeout=60) as answer:
+    with urllib.request.urlopen(f"{found[0]}health", timeout=PATIENCE_S) as answer:
         assert json.load(answer) == {"ok": True, "version": __version__}
     server.send_signal(signal.SIGINT)
-    _, errors = server.communicate(timeout=120)
+    _, errors = server.communicate(timeout=PATIENCE_S)
     assert server.returncode == 0
     assert "Traceback" not in errors
 

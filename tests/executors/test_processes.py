@@ -15,6 +15,7 @@ from pacman_env.executors.base import Executor
 from pacman_env.executors.processes import LocalProcesses
 from tests.executors import functions
 from tests.executors.contract import ProcessesContract
+from tests.waiting import PATIENCE_S
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +31,7 @@ class TestLocalProcesses(ProcessesContract):
 
     @pytest.fixture
     def limited(self) -> Iterator[Executor]:
-        with LocalProcesses(2, limit_s=3.0) as made:
+        with LocalProcesses(2, limit_s=10.0) as made:
             yield made
 
 
@@ -58,4 +59,4 @@ def test_no_process_is_left_by_a_parent_that_is_killed(tmp_path: Path) -> None:
         numbers = {int(parent.stdout.readline()) for _ in range(8)}
         workers = [psutil.Process(number) for number in numbers]
         parent.kill()
-    assert psutil.wait_procs(workers, timeout=60)[1] == []
+    assert psutil.wait_procs(workers, timeout=PATIENCE_S)[1] == []
