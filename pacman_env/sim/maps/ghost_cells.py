@@ -57,9 +57,9 @@ class ClydeCells:
 
     def nearest(self, x: float, y: float, part: int | None = None) -> tuple[int, float]:
         """Return the cell nearest to a place, m, of one part or of all, and its distance in m."""
-        cells = slice(None) if part is None else self.cells_in(part)
+        cells = np.arange(len(self.position)) if part is None else self.cells_in(part)
         (found,), (square,) = nearest_positions(self.position[cells], np.array([(x, y)]))
-        return int(found if part is None else cells[found]), math.sqrt(square)
+        return int(cells[found]), math.sqrt(square)
 
     def start_cells(self, config: ClydeConfig, part: int, places: Iterable[tuple[float, float]]) -> NDArray[np.int32]:
         """Cells where a ghost may start: ``spawn_distance_m`` from all the places, m; if none are, the farthest one."""
