@@ -12,6 +12,8 @@ from typing import Any
 
 import yaml
 
+from pacman_env.files import user_folder
+
 from .supervisor.game_nodes import SIMULATOR
 
 COSTMAPS = ("local_costmap", "global_costmap")  # names of nodes
@@ -42,6 +44,7 @@ def join(domain: int | None, this_machine: bool) -> int:
     number = domain_of(os.environ.get("ROS_DOMAIN_ID", "") if domain is None else str(domain))
     os.environ["ROS_DOMAIN_ID"] = str(number)
     avoid_shared_memory()
+    provide_log_folder()
     if this_machine:
         stay_on_this_machine()
     return number
@@ -53,6 +56,15 @@ def stay_on_this_machine(environment: MutableMapping[str, str] | None = None) ->
     environment[_RANGE] = "LOCALHOST"
     for name in BEYOND:
         environment.pop(name, None)
+
+
+def provide_log_folder() -> None:
+    """Name a folder for ROS's own logs if the user has no home: ROS makes no node without one."""
+    if not any(os.environ.get(name) for name in ("ROS_LOG_DIR", "ROS_HOME")):
+        try:
+            Path(os.environ["HOME"], ".ros", "log").mkdir(parents=True, exist_ok=True)  # as ROS does
+        except (KeyError, OSError):
+            os.environ["ROS_LOG_DIR"] = str(user_folder("log") / "ros")
 
 
 def avoid_shared_memory(environment: MutableMapping[str, str] | None = None) -> None:

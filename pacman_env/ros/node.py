@@ -32,7 +32,7 @@ from rclpy.utilities import remove_ros_args
 from pacman_env.config import EXECUTIONS, PRESETS, Config, differences, make_config, parse_settings
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 
-from .discovery import avoid_shared_memory, simulated, stay_on_this_machine
+from .discovery import avoid_shared_memory, provide_log_folder, simulated, stay_on_this_machine
 from .messages import BadMessage
 from .standstill import STOOD_STILL, Standstill, lease_s
 from .supervisor.game_nodes import QUIET, module_of
@@ -336,6 +336,7 @@ def run_together(makes: Iterable[Callable[[], BaseNode]], name: str, arguments: 
             if simulated(arguments):
                 stay_on_this_machine()
             avoid_shared_memory()
+            provide_log_folder()
             longest_s = lease_s()
             # ROS's own signal handlers would end the context before the last messages.
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)

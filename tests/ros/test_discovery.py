@@ -130,6 +130,16 @@ def test_the_doctor_shows_no_profile_that_the_user_has_not_named() -> None:
         assert users_environment() == {"HOME": "/h", TRANSPORTS: "UDPv4"}
 
 
+@pytest.mark.parametrize("home", [{}, {"HOME": os.devnull}])
+def test_ros_logs_without_home(home: dict[str, str], tmp_path: Path) -> None:
+    known = {name: value for name, value in os.environ.items() if name not in ("HOME", "ROS_LOG_DIR")}
+    code = "from pacman_env.ros.discovery import join; import rclpy; join(0, True); rclpy.init(); rclpy.shutdown()"
+    known |= {"XDG_STATE_HOME": str(tmp_path), **home}
+    done = subprocess.run([sys.executable, "-c", code], env=known, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert any(path.is_file() for path in tmp_path.rglob("*"))
+
+
 def ports(process: int) -> set[str]:
     """In shared memory, that a process reads and has locked: not those of others, to which it only writes."""
     found = set()
