@@ -210,7 +210,7 @@ def _add_web(commands: Any) -> None:
     add("--policy", default="ppo", help="the policy: a name or an .onnx file (%(default)s)")
     add("--second", default="clyde_aware", help="the policy that is asked beside it (%(default)s)")
     add("--ghosts", nargs="+", default=["wander"], metavar="BEHAVIOUR", help="of each ghost (wander)")
-    add("--seed", type=whole_number(0), help="of the first round; the others follow from it (random)")
+    add("--seed", type=whole_number(0, 2**53 - 1), help="of the first round; the others follow from it (random)")
     add("--speed", type=finite_number(1, 50), default=1.0, help="times real time, 1 to 50 (%(default)s)")
     add("--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable")
     add = web.add_argument_group("game of ROS nodes").add_argument

@@ -68,7 +68,7 @@ def _add_up(group: Any) -> None:
     add("--nav2", nargs="?", const="bringup", default="", metavar="WHAT", help=real)
     in_step = "with --sim: all nodes in one process, and simulated time waits until each message has been handled"
     add("--lock-step", action="store_true", help=in_step)
-    add("--seed", type=whole_number(0), default=0, metavar="S", help="of a lock-step game (%(default)s)")
+    add("--seed", type=whole_number(0, 2**31 - 1), default=0, metavar="S", help="of a lock-step game (%(default)s)")
     one = "all nodes but the robot's and the goal selector in one process: half the memory"
     add("--composed", action="store_true", help=one)
     add("--preset", default="robot", help="what every node plays by: robot or ideal (%(default)s)")

@@ -50,6 +50,7 @@ def test_warnings_leave_the_status_0(room: Path, capsys: pytest.CaptureFixture[s
     [
         (["nowhere"], "nowhere: neither a YAML file"),
         (["ROOM", "--spacing", "0"], "pellets.spacing_m"),
+        (["ROOM", "--set", "pellets.spacing_m=0"], "pellets.spacing_m"),
         (["ROOM", "--spacing", "0.001"], "room: pellets.spacing_m = 0.001: below the map's resolution"),
         (["BROKEN"], "key 'image' is missing"),
     ],
@@ -66,7 +67,9 @@ def test_an_error_is_one_line_and_status_2(
     assert words in err
     assert err.startswith("pacman-env map check: ")
     assert err.count("\n") == 1
-    assert err.endswith(" (see docs/maps.md)\n") is ("--spacing" not in arguments)  # which is about no file
+    assert err.endswith(" (see docs/maps.md)\n") is {"--spacing", "--set"}.isdisjoint(
+        arguments
+    )  # which is about no file
 
 
 @pytest.mark.parametrize(
@@ -80,6 +83,8 @@ def test_an_error_is_one_line_and_status_2(
         ["map", "check", "x", "--spacing", "two"],
         ["play", "house"],
         ["play", "--seed", "-1"],
+        ["web", "--seed", "9007199254740992"],  # a browser would round it
+        ["ros", "up", "--seed", "2147483648"],  # a parameter of the ghosts' node
         ["play", "--speed", "fast"],
         ["play", "--fps", "inf"],
     ],
