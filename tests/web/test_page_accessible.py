@@ -150,7 +150,8 @@ def test_forced_colours_keep_what_colours_mean(visit: Visit) -> None:
     assert [tab for tab, own in zip(TABS, tabs, strict=True) if tabs.count(own) == 1] == ["show"]
     page.page.click('[data-what="light"][data-word="pellet"]')
     page.wait("state.frame.ring?.some((led) => led.some(Boolean))")
-    assert page.value(colour.format("#ring i")) == page.value("`rgb(${state.frame.ring[0].join(', ')})`")
+    lamp, led = page.value(f"[{colour.format('#ring i')}, `rgb(${{state.frame.ring[0].join(', ')}})`]")
+    assert lamp == led
     page.press("tab-play")
     dots = [page.value(colour.format(f"#roles li:nth-child({k}) .dot")) for k in (1, 2)]
     assert dots[1] == page.value("`rgb(${state.hello.roles['ghost-0'].colour.join(', ')})`") != dots[0]
@@ -224,6 +225,6 @@ def test_page_says_why_it_does_not_start(
     if file is not None:
         page.page.route(f"**/static/{file[0]}", lambda route: route.fulfill(**file[1]))
     page.open(ready=False)
-    page.until(lambda: named in page.text("lost"), "what is missing")
-    assert page.page.is_visible("#lost")
+    page.page.wait_for_selector("#unsupported")
+    assert named in page.text("unsupported")
     assert page.text("state") != "Connecting"

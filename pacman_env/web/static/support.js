@@ -23,9 +23,13 @@
     if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", write);
     else write();
     function write() {
+      var box = document.createElement("div"); // of its own: others write to #lost
+      box.id = "unsupported";
+      box.className = "lost";
+      box.setAttribute("role", "alert");
+      box.textContent = words;
+      document.body.appendChild(box);
       document.getElementById("state").textContent = "Not started";
-      document.getElementById("lost").textContent = words;
-      document.getElementById("lost").hidden = false;
     }
   }
 
