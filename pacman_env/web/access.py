@@ -48,7 +48,7 @@ _DEFAULT_PORTS = {"http": ":80", "https": ":443"}  # not in an origin
 
 @dataclass(frozen=True)
 class Name:
-    """A name by which the page is requested; of a proxy also the page's origin and path there."""
+    """A name by which the page is requested; of a proxy also the origin and path at which the proxy shows the page."""
 
     host: str
     origin: str = ""

@@ -31,9 +31,8 @@ PAGES = (
 
 
 #: Words of names in tables that are on two lines.
-CUT = """() => [...document.querySelectorAll('td code .pre')].flatMap((name) => [
-  ...name.childNodes
-]).filter((piece) => {
+CUT = """() => [...document.querySelectorAll('td code .pre')].flatMap((name) => [...name.childNodes])
+.filter((piece) => {
   const range = document.createRange();
   range.selectNode(piece);
   return /^[\\w."-]+$/.test(piece.data) && range.getClientRects().length > 1;
