@@ -57,7 +57,7 @@ class ClydeCells:
 
     def nearest(self, x: float, y: float, part: int | None = None) -> tuple[int, float]:
         """Return the cell nearest to a place, m, of one part or of all, and its distance in m."""
-        cells = np.arange(len(self.position)) if part is None else self.cells_in(part)
+        cells = np.arange(len(self.part)) if part is None else self.cells_in(part)
         (found,), (square,) = nearest_positions(self.position[cells], np.array([(x, y)]))
         return int(cells[found]), math.sqrt(square)
 
