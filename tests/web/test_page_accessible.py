@@ -57,7 +57,6 @@ NEWER = (
 def test_axe_finds_nothing(visit: Visit, axe: str, width: int, scheme: str) -> None:
     page = visit(color_scheme=scheme, viewport={"width": width, "height": 844})
     page.page.evaluate(axe)
-    page.slide("speed", 10)
     found = {}
     for tab in TABS:
         page.press(f"tab-{tab}")

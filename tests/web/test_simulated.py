@@ -94,7 +94,7 @@ def test_a_story_is_a_list_of_frames(game: SimulatedGame) -> None:
 
 
 def test_stop_holds_at_once_until_the_release(game: SimulatedGame) -> None:
-    game.handle("Ann", m.Speed(times=2))  # a round that lasts long enough to be seen
+    game.handle("Ann", m.Speed(times=1))  # a round that lasts long enough to be seen
     game.handle("Ann", m.Start())
     wait_for(lambda: frame(game).state == "running" and frame(game).time_s > 1)
     game.stop("Eve")
@@ -126,7 +126,7 @@ def test_stop_does_not_wait_for_what_takes_long(game: SimulatedGame, monkeypatch
 
 
 def test_pause_and_speed_hold_and_hasten_the_simulated_time(game: SimulatedGame) -> None:
-    game.handle("Ann", m.Speed(times=2))  # a round that lasts long enough to be seen
+    game.handle("Ann", m.Speed(times=1))  # a round that lasts long enough to be seen
     game.handle("Ann", m.Start())
     wait_for(lambda: frame(game).state == "running")
     game.handle("Ann", m.Pause(on=True))
@@ -147,7 +147,7 @@ def test_newcomer_gets_the_default_speed(game: SimulatedGame) -> None:
 
 
 def test_time_never_goes_back_within_a_round_and_frames_are_numbered_by_what_they_show(game: SimulatedGame) -> None:
-    game.handle("Ann", m.Speed(times=2))  # a round that lasts long enough to be seen
+    game.handle("Ann", m.Speed(times=1))  # a round that lasts long enough to be seen
     game.handle("Ann", m.Start())
     wait_for(lambda: frame(game).state == "running")
     before = frame(game)
@@ -166,7 +166,7 @@ def test_clyde_is_placed_in_the_menu_alone(game: SimulatedGame) -> None:
     assert game.scene().facts["link"] == ""
     with pytest.raises(Refused, match="no ghost 2"):
         game.handle("Ann", m.PlaceClyde(x=0.0, y=0.0, ghost=2))
-    game.handle("Ann", m.Speed(times=2))  # a round that lasts long enough to be seen
+    game.handle("Ann", m.Speed(times=1))  # a round that lasts long enough to be seen
     game.handle("Ann", m.Start())
     wait_for(lambda: frame(game).state == "running")
     with pytest.raises(Refused, match="in the menu"):
@@ -240,7 +240,7 @@ def test_ghost_taken_in_a_round_obeys_from_the_next(game: SimulatedGame) -> None
 
 def test_a_person_plays_a_round_beside_the_policy_and_both_results_are_shown(game: SimulatedGame) -> None:
     game.handle("Ann", m.Role(role="robot"))
-    game.handle("Ann", m.Speed(times=2))  # a round that lasts long enough to be seen
+    game.handle("Ann", m.Speed(times=1))  # a round that lasts long enough to be seen
     game.handle("Ann", m.Start())
     wait_for(lambda: frame(game).state == "running")
     assert frame(game).baseline is not None
@@ -259,7 +259,7 @@ def test_a_person_plays_a_round_beside_the_policy_and_both_results_are_shown(gam
 
 def test_a_robot_driven_by_hand_stands_without_further_messages(game: SimulatedGame) -> None:
     game.handle("Ann", m.Setup(settings={}))
-    game.handle("Ann", m.Speed(times=2))
+    game.handle("Ann", m.Speed(times=1))
     game.handle("Ann", m.Role(role="robot"))
     game.handle("Ann", m.Start())
     wait_for(lambda: frame(game).state == "running")
