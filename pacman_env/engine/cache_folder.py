@@ -1,5 +1,6 @@
 """The folder of what can be computed again, and of compiled code in it; imports no compiler."""
 
+import contextlib
 import functools
 import hashlib
 import os
@@ -7,7 +8,7 @@ import warnings
 from collections.abc import Iterable
 from pathlib import Path
 
-from ..files import reason, user_folder
+from ..files import user_folder
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _KERNEL_ROOMS = ("config", "engine", "game", "world", "sim", "heuristics")  # beside the modules of the package itself
@@ -29,14 +30,17 @@ def warn_unkept(error: OSError) -> None:
     """Warn, once in a process, that something could not be written to the cache."""
     if not unkept:
         unkept.append(error)
-        text = f"new compiled code and prepared maps are not kept: {reason(error)}"
+        cause = error.strerror or str(error)
+        with contextlib.suppress(OSError):  # no folder at all, which the error says
+            cause = f"{cache_dir()}: {cause}"
+        text = f"new compiled code and prepared maps are not kept: {cause}"
         warnings.warn(f"{text}; set PACMAN_ENV_CACHE to a folder that can be written", RuntimeWarning, stacklevel=2)
 
 
 def check_kept() -> None:
     """Raise OSError if this process could not write something to the cache."""
     if unkept:
-        raise OSError(f"{cache_dir()}: cannot be written, not everything is kept: {reason(unkept[0])}")
+        raise OSError(f"{cache_dir()}: not everything could be kept: {unkept[0].strerror or unkept[0]}")
 
 
 @functools.cache
