@@ -15,6 +15,7 @@ import httpx
 import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import unix_connect
+from websockets.typing import Origin
 
 from pacman_env.web.routes import MOST_UPLOAD, STATIC
 from pacman_env.web.server import WebServer
@@ -68,8 +69,8 @@ def test_page_works_behind_nginx(proxied: tuple[WebServer, str]) -> None:
         assert answer.json()["words"].startswith("no map"), "nginx has passed it on"
         assert web.get("").status_code == 401
     address = f"{PAGE.replace('https', 'ws')}ws?token={server.tokens.operator}"
-    with unix_connect(socket, address, origin=ORIGIN) as page:
-        assert json.loads(page.recv())["kind"] == "hello"
+    with unix_connect(socket, address, origin=Origin(ORIGIN)) as socket_page:
+        assert json.loads(socket_page.recv())["kind"] == "hello"
     for origin in ("https://robot.example", "http://robot.example:8443", "https://evil.example:8443", "null"):
         with pytest.raises(InvalidStatus, match="403"):
-            unix_connect(socket, address, origin=origin)
+            unix_connect(socket, address, origin=Origin(origin))
