@@ -24,13 +24,15 @@ def reward_and_end(games: NDArray[Any], over_before: Flags, config: RewardConfig
 
 
 def infos(summary: Indices, numeric: bool = False) -> dict[str, NDArray[Any]]:
-    """New arrays (N,) from a batch's ``summary`` (6, N), by the names ``kernels.SUMMARY``.
+    """Return new arrays (N,) from a batch's ``summary`` (6, N), by the names ``kernels.SUMMARY``.
 
-    ``outcome`` is a word (object), or with ``numeric`` the number of its place in ``OUTCOMES``.
+    ``outcome`` is a word (object), or with ``numeric`` the number of its place in ``OUTCOMES``. ``round_seed`` is int64
+    as all numbers, or uint64 if one of the seeds needs it, which was then given as an option of a reset.
     """
     summary = summary.copy()
     result: dict[str, NDArray[Any]] = dict(zip(kernels.SUMMARY, summary, strict=True))
-    result["round_seed"] = result["round_seed"].view(np.uint64)  # a summary has the bits
+    if (result["round_seed"] < 0).any():  # a summary has the bits
+        result["round_seed"] = result["round_seed"].view(np.uint64)
     return result if numeric else {**result, "outcome": OUTCOMES[summary[0]]}
 
 

@@ -75,7 +75,8 @@ def test_the_docstrings_numbers_are_those_of_the_configuration() -> None:
         f"At every decision ({c.execution.tick_s} s)",
         f"(pymunk, {round(1 / c.physics_step_s)} Hz)",
         f"capped at {columns.FAR_M:.0f} m",
-        f"{r.pellet:+.0f} for each pellet collected, {r.tick} for the time, {r.death:.0f} when Clyde catches",
+        f"{r.pellet:+.0f} for each pellet collected, {r.tick} every {c.execution.tick_s} s",
+        f"{r.death:.0f} when Clyde catches",
         f"{r.completion:+.0f} when the round is complete, {r.timeout:.0f} at the time limit",
         f"at least {c.clyde.spawn_distance_m} m away",
         f"within {c.execution.death_radius_m} m of Clyde",
@@ -91,7 +92,7 @@ def test_the_docstrings_numbers_are_those_of_the_configuration() -> None:
         f"Clyde {c.clyde.speed_step_mps} m/s faster",
         f"to its corner within {c.clyde.arcade_distance_m} m",
         f"0 to {TEST_LEVEL - 1:,} to train, {TEST_LEVEL:,} to {TEST_LEVEL + TEST_LEVELS - 1:,} to test",
-        f"Truncation: {c.time_limit_s:.0f} s (`time_limit_s`)",
+        f"Time limit of {c.time_limit_s:.0f} s (`time_limit_s`",
         "`outcome` (" + ", ".join(f"`{outcome}`" for outcome in OUTCOMES) + ")",
     ):
         assert sentence in text

@@ -218,7 +218,7 @@ def test_ten_thousand_malformed_messages_change_nothing(serve: Callable[..., Web
         assert page.ask("ping")["ok"]
         assert sum(text["kind"] == "refused" for text in page.texts) == 10_000
     assert (game.handled, lines) == ([], [])
-    assert {call[0] for call in game.calls} <= {"watch", "leave"}
+    assert {call[0] for call in game.calls} <= {"greet", "watch", "leave"}
 
 
 def test_bytes_are_refused_with_words(serve: Callable[..., WebServer]) -> None:

@@ -147,7 +147,7 @@ def test_a_map_of_ones_own(visit: Visit, tmp_path: Path) -> None:
     image.write_bytes(b"P5\n3 3\n255\n" + bytes(9))
     page.page.set_input_files("#upload-files", [yaml, image])
     page.press("upload-send")
-    page.wait("!/pellets|Checking/.test(document.querySelector('#upload-words').textContent)", "it is refused")
+    page.wait("/cannot be played/.test(document.querySelector('#upload-words').textContent)", "it is refused")
 
 
 def test_place_clyde(visit: Visit) -> None:

@@ -19,7 +19,7 @@ from websockets.typing import Origin
 
 from pacman_env.web.routes import MOST_UPLOAD, STATIC
 from pacman_env.web.server import WebServer
-from tests.web.pages import eventually
+from tests.waiting import wait_for
 from tests.web.scripted_game import ScriptedGame
 
 NGINX = shutil.which("nginx") or shutil.which("nginx", path="/usr/sbin")
@@ -52,7 +52,7 @@ def proxied(request: pytest.FixtureRequest) -> Iterator[tuple[WebServer, str]]:
         command = [str(NGINX), "-p", str(folder), "-c", f"{folder}/nginx.conf", "-e", f"{folder}/errors"]
         nginx = stack.enter_context(subprocess.Popen(command))
         stack.callback(nginx.terminate)
-        eventually((folder / "socket").exists)
+        wait_for((folder / "socket").exists)
         yield server, f"{folder}/socket"
 
 

@@ -144,11 +144,9 @@ def _is_name(name: str, for_minari: bool) -> bool:
         return False
     if not for_minari:
         return True
-    from minari.dataset.minari_dataset import gen_dataset_id, parse_dataset_id
+    from .minari_files import is_dataset_id
 
-    with contextlib.suppress(ValueError):
-        return gen_dataset_id(*parse_dataset_id(name)) == name
-    return False
+    return is_dataset_id(name)
 
 
 def _facts(arguments: argparse.Namespace, given: Sequence[str], env_id: str, core: EnvCore) -> dict[str, Any]:

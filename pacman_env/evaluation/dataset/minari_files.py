@@ -17,6 +17,7 @@ import minari
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from h5py import h5d, h5g, h5p, h5s, h5t
+from minari.dataset.minari_dataset import gen_dataset_id, parse_dataset_id
 from minari.dataset.minari_storage import MinariStorage
 from numpy.typing import NDArray
 
@@ -26,6 +27,14 @@ from pacman_env.sim.observation.kinds import MASK
 from .recording import Rounds, outcomes
 
 _ROUND_BYTES, _FILE_BYTES = 2**14, 2**21  # more than HDF5 takes beside the arrays
+
+
+def is_dataset_id(name: str) -> bool:
+    """Tell whether Minari takes a name, and gives the same one back."""
+    try:
+        return gen_dataset_id(*parse_dataset_id(name)) == name
+    except ValueError:
+        return False
 
 
 class MinariFiles:

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +15,7 @@ from pacman_env.world.navigation.grid import build_grid, connected_parts
 
 MIN_PART_M2 = 0.1  # smaller parts are specks of the mapping and are not counted
 SUSPICIOUS_SHARE = 0.01  # of all pixels
-UNKNOWN_GREY = 205  # of map_saver; a free_thresh of 0.196 keeps it from being free
+UNKNOWN_GREY = 216  # unknown cells are 205 or 216 at most; brighter ones are Cartographer's free cells
 
 
 @dataclass(frozen=True)
@@ -123,10 +124,11 @@ def _image_warnings(
     unknown, pale = unsure & (map.grey <= UNKNOWN_GREY), unsure & (map.grey > UNKNOWN_GREY)
     thresholds = f"free to Nav2 (free_thresh {map.free_thresh:g}, mode {map.mode})"
     if unknown.mean() > SUSPICIOUS_SHARE:
+        limit = math.ceil(round(1000 * (1 - int(map.grey[unknown].max()) / 255), 6)) - 1
         warnings.append(
             f"unknown loads as free: {unknown.sum() * cell_m2:.1f} m2, mostly of grey "
             f"{int(np.median(map.grey[unknown]))}, are {thresholds}, but not to the game, which wants brighter than "
-            f"{free_grey}: lower free_thresh to 0.196"
+            f"{free_grey}: lower free_thresh to {limit / 1000:g}"
         )
     if pale.mean() > SUSPICIOUS_SHARE:
         grey, least = int(np.median(map.grey[pale])), int(map.grey[pale].min())
