@@ -197,7 +197,7 @@ class RewardConfig(Checked, group="reward"):
     tick: Number = -0.002
     timeout: Number = -5.0
     #: Per metre by which the path to the nearest pellet left has become shorter, as a potential (Ng, Harada, Russell
-    #: 1999), which leaves the best policy as it is under the learner's own gamma and without truncations; 0: none.
+    #: 1999), which does not change the best policy under the learner's own gamma and without truncations; 0: none.
     progress: Number = 0.0
 
 

@@ -21,7 +21,7 @@ def _quotas(system: Path) -> list[float]:
     Version 1 has a hierarchy for each controller, version 2 one for all; a machine may mount both.
     """
     limits = []
-    with contextlib.suppress(OSError, ValueError):  # another system, or files that nobody has documented
+    with contextlib.suppress(OSError, ValueError):  # another system, or undocumented files
         lines = (system / "proc/self/cgroup").read_text().splitlines()
         groups = {name: path for _, names, path in (line.split(":", 2) for line in lines) for name in names.split(",")}
         for line in (system / "proc/self/mountinfo").read_text().splitlines():

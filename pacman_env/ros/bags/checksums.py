@@ -180,7 +180,7 @@ class Scan:
         return crc not in (0, _crc(self._file, begin, self.size - _BEHIND_CRC - 4))
 
     def _contents(self, place: int) -> Iterator[tuple[int, bytes]]:
-        """Yield the opcode and all bytes of each record up to the footer; raise EndOfFile for one that is cut off."""
+        """Yield the opcode and all bytes of each record up to the footer; raise EndOfFile if one is cut off."""
         self._file.seek(place)
         while head := self._file.read(_HEAD.size):
             if len(head) < _HEAD.size:
@@ -200,7 +200,7 @@ def _parsed(content: bytes) -> Any:
 
 
 def _summary_of(file: BinaryIO, size: int) -> tuple[int, int]:
-    """Where the summary begins, and its checksum."""
+    """Return the first byte of the summary, and its checksum."""
     file.seek(size - _FOOTER.size)
     begin, _, crc = _FOOTER.unpack(file.read())
     return begin, crc

@@ -18,7 +18,7 @@ REMEDIES: Mapping[str, str] = {
     POSE_JUMPED: "look where the robot is: set its pose (page, RViz), or continue as it is (page, key c)",
     OTHER_MAP: "start localization or the game again, with the other's map",
     NAV2_FAILS: "see Nav2's log by the code; 1xx: controller, 2xx: planner, TF_ERROR: see tf to base",
-    POLICY_FAILS: "correct the policy, or play with another one (--policy); the game goes on when it answers",
+    POLICY_FAILS: "correct the policy, or play with another one (--policy); the game continues when it answers",
 }
 
 

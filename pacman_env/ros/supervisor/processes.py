@@ -167,9 +167,9 @@ class ProcessGroup:
         between: Callable[[], object] = lambda: None,
         waiting: Callable[[Sequence[str]], object] = lambda names: None,
     ) -> list[str]:
-        """Stop all: together those of ``first``, after which ``between`` is called, then the others, then ``last``.
+        """Stop the members of ``first`` together, call ``between``, stop all others together, then ``last``.
 
-        ``waiting`` is called with the names of those that are being stopped; return those that had to be killed.
+        Calls ``waiting`` with the names of the members that are still running. Returns the names of killed members.
         """
         killed = []
         others = [name for name in self._members if name not in (*first, *last)]
@@ -207,9 +207,9 @@ def end(
     patience_s: float,
     waiting: Callable[[Sequence[str]], object] = lambda names: None,
 ) -> list[str]:
-    """Ask processes to end, all at once, and return the names of those that did not in time, and were killed.
+    """Ask processes to end, all at once; kill those that do not end in time, and return their names.
 
-    ``waiting`` is called with the names of those that still run, whenever these are fewer.
+    Calls ``waiting`` with the names of the processes that are still running, whenever one has ended.
     """
     deadline = time.monotonic() + patience_s
     for process in processes.values():

@@ -83,9 +83,9 @@ function open() {
   if (again) url.searchParams.set("again", again);
   const opened = new WebSocket(url.href);
   socket = opened;
-  heard();
+  noteMessage();
   opened.onopen = () => {
-    heard();
+    noteMessage();
     endReason = "";
     hooks.opened();
   };
@@ -93,13 +93,13 @@ function open() {
   opened.onclose = ({ reason }) => socket === opened && closed(reason);
 }
 
-function heard() {
+function noteMessage() {
   received = performance.now();
   pinged = 0;
 }
 
 function receive(data) {
-  heard();
+  noteMessage();
   retries = 0;
   if (data.startsWith(FRAME)) {
     hooks.frame(data);
@@ -122,7 +122,7 @@ function reconnect(wait_ms) {
   retryTimer = setTimeout(open, wait_ms);
 }
 
-// A silent connection is tried with pings, and closed if none is answered: a page that was busy has heard nothing.
+// A silent connection is tried with pings, and closed if none is answered: a page that was busy has received nothing.
 function checkSilence() {
   const now = performance.now();
   if (now - received > SILENT_MS / 2) {

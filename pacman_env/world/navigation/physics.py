@@ -273,7 +273,7 @@ _open_spaces: weakref.WeakSet[pymunk.Space] = weakref.WeakSet()
 
 @atexit.register
 def _disown_open_spaces() -> None:
-    """Cancel pymunk's destructors: those that run after its modules have been cleared raise.
+    """Cancel pymunk's destructors, which raise if they run after pymunk's modules have been cleared.
 
     Nothing is freed here, because a daemon thread may be in the middle of a step. The memory ends with the process.
     """
