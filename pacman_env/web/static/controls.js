@@ -33,7 +33,7 @@ function hintFor(frame) {
   return state.role === "robot" ? "Press Start: you are the robot." : "Press Start: the robot collects the pellets.";
 }
 
-on("frame story", () => {
+on("frame story role", () => {
   const frame = shownFrame();
   if (!frame) return;
   const live = state.frame ?? frame;

@@ -95,7 +95,7 @@ function showMode() {
   writeOrHide($("duel"), score);
 }
 on("people hello scene connection", showRoles);
-on("frame placing story", showMode);
+on("frame placing story role", showMode);
 
 // Compares a round that a person has played with the policy's.
 export function compareWithPolicy(entry) {
