@@ -26,10 +26,15 @@ class PluginError(ValueError):
     """A name that nothing is called by, or a plug-in that cannot be imported."""
 
 
+def nearest_names(name: str, known: Iterable[str]) -> list[str]:
+    """Return at most two of ``known`` that may have been meant, the nearest first."""
+    return difflib.get_close_matches(name, known, n=2, cutoff=0.7)
+
+
 def offer(name: str, known: Iterable[str], others: str = "") -> str:
     """Return the end of an error about an unknown name: the nearest of ``known``, or all of them if none is near."""
     names = list(known)
-    if near := difflib.get_close_matches(name, names, n=2, cutoff=0.7):
+    if near := nearest_names(name, names):
         return f"did you mean {' or '.join(near)}?"
     return f"choose one of {', '.join(names)}{others and f', or {others}'}"
 

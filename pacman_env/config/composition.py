@@ -1,7 +1,6 @@
 """One complete configuration: the groups together, the checks between them, changes by dotted name, and presets."""
 
 import dataclasses
-import difflib
 import hashlib
 import json
 import operator
@@ -10,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, Self
 
-from ..plugins import PluginError, Registry
+from ..plugins import PluginError, Registry, nearest_names
 from . import sections
 from .validation import AtLeastOne, Checked, ConfigError, Count, Number, Positive, convert, kinds, require
 
@@ -155,7 +154,7 @@ def kind_of(name: str) -> Any:
     """The type of a field, or the class of a group, by its dotted name; a ConfigError names the nearest ones."""
     if name in FIELDS:
         return FIELDS[name]
-    close = difflib.get_close_matches(name, FIELDS, n=2, cutoff=0.7)
+    close = nearest_names(name, FIELDS)
     close = close or [field for field in FIELDS if field.rpartition(".")[2] == name]
     meant = f": did you mean {' or '.join(close)}?" if close else ""
     raise ConfigError(f"unknown configuration field {name!r}{meant}")
