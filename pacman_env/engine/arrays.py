@@ -82,7 +82,7 @@ def _checks(kind: type[tuple[Any, ...]]) -> tuple[list[Any], dict[Any, int]]:
 class Table:
     """Addresses and shapes of ``arrays``, one after the other, at an ``address``, for :func:`arrays_by_address`."""
 
-    def __init__(self, kind: type[tuple[Any, ...]], **arrays: Any) -> None:
+    def __init__(self, kind: type[tuple[Any, ...]], /, **arrays: Any) -> None:
         """Raises TypeError for names or arrays that the named tuple ``kind`` does not declare."""
         fields = kind._fields  # type: ignore[attr-defined]
         if set(fields) != arrays.keys():
@@ -144,13 +144,19 @@ def arrays_by_address(kind: type[tuple[Any, ...]]) -> Callable[[int], Any]:
     return arrays
 
 
-_REALS = types.Array(types.float64, 1, "C")
+def _vector_at(scalar: Any) -> Callable[[int, int], Any]:
+    """A function for kernels: from an address and a length to an array of ``scalar``."""
+    made = types.Array(scalar, 1, "C")
+
+    @operation(made, types.int64, None)
+    def vector_at(context, builder, signature, address, length):  # type: ignore[no-untyped-def]
+        count = context.cast(builder, length, signature.args[1], types.int64)
+        return _array_at(context, builder, made, address, [count])
+
+    return vector_at
 
 
-@operation(_REALS, types.int64, None)
-def reals_at(context, builder, signature, address, length):  # type: ignore[no-untyped-def]
-    count = context.cast(builder, length, signature.args[1], types.int64)
-    return _array_at(context, builder, _REALS, address, [count])
+reals_at, floats_at, bytes_at = (_vector_at(scalar) for scalar in (types.float64, types.float32, types.int8))
 
 
 class Layout:

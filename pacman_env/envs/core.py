@@ -15,9 +15,12 @@ from ..config import Config, ConfigError
 from ..game.execution import RUNNING
 from ..policies.base import Flags, Floats, Indices
 from ..sim.core import compile_ahead
-from ..sim.core.batch import GameBatch
+from ..engine.pipeline import Pipeline
+from ..sim.core.batch import ALL_TICKS, GameBatch
 from ..sim.core.parameters import drawn_values
-from ..sim.observation.kinds import FLAT, MASK, Observer
+from ..sim.observation.kinds import FLAT, MASK
+from ..sim.observation.observer import Observer
+from ..sim.observation.planner_features import NEEDS_MAPS
 from ..sim.observation.situation import MISSING, Situation, at_places
 from . import outcome
 from .arguments import EnvArguments, check_render_mode
@@ -25,6 +28,19 @@ from .outcome import Ends
 from .spaces import OBSERVATION, action_space, observation_space, velocities
 
 _NONE_OVER = np.zeros(0, dtype=np.bool_)
+
+
+class _Calls:
+    """The calls of a step with one observer: ``step`` plays and observes, ``look`` observes.
+
+    Actions stand for candidates as the observation before, that of ``last``, lists them.
+    """
+
+    def __init__(self, batch: GameBatch, observer: Observer, last: Observer, actions: NDArray[np.int64]) -> None:
+        look = [batch.situation_stage(observer.situation), *observer.stages()]
+        choices = [batch.choice_stage(actions, last.situation.mask, last.list)] if batch.config.action == "goal" else []
+        self.look = Pipeline(look, batch.threads)
+        self.step = Pipeline([*choices, batch.tick_stage(), *look], batch.threads)
 
 
 class EnvCore:
@@ -54,8 +70,10 @@ class EnvCore:
         if self.ghost_agents and not ghost_agents:
             raise ConfigError(f"clyde.ghosts[{self.ghost_agents[0]}] = 'policy': give the policy object in ghosts")
         self.batch = GameBatch(arguments.make_source(self.config), self.config, n, num_threads)
-        self._observer = Observer(self.batch)
-        self.candidates = self.batch.candidates if self._observer.nearest is None else self._observer.nearest.count
+        #: Without copies two, in turn: what the step before has returned stays as it is.
+        self._observers = [Observer(self.batch) for _ in range(1 if copy else 2)]
+        nearest = self._observer.nearest
+        self.candidates = self.batch.candidates if nearest is None else nearest.count
         self._mask_in_info = self.config.observation.mask == "info"
         self._mask_beside = self.config.observation.mask == "beside"
         if (self._mask_beside or self._mask_in_info) and self.config.action != "goal":
@@ -63,10 +81,12 @@ class EnvCore:
         beside = self.candidates if self._mask_beside else None
         self.observation_space = observation_space(self._observer.parts, beside)  # of the robot's agent
         self.action_space = action_space(self.batch, self.candidates)
-        self.latest: Situation | None = None
+        self.begun = False  # a first round
         self._copies = copy
-        self._reused: list[Situation | None] = [None, None]
-        self.listed: Indices | None = None  # (N, C) candidate that an action stands for; None: its own
+        self._shown: Situation | None = None  # the situation as it was given away since the last step
+        self._actions = np.zeros(n, dtype=np.int64)
+        self._calls: list[_Calls] = []  # for each observer
+        self._made_for = -1, -1  # revisions of the arrays that the calls work on
         self.elapsed_s = np.zeros(n)  # simulated, in the last step
         self._most_steps = max_episode_steps
         self._steps = np.zeros(n, dtype=np.int64)  # of each episode
@@ -79,27 +99,34 @@ class EnvCore:
         self._by_event = self.config.decisions.when == "event"
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without situations, which are made anew: the maps in them take a thousand times the room of the games."""
-        return {**self.__dict__, "latest": self.latest is not None, "_reused": [None, None], "listed": None}
+        """Without what is made again."""
+        return {**self.__dict__, "_shown": None, "_calls": [], "_made_for": (-1, -1)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state, latest=None)
-        if state["latest"]:
-            self._update_situation()
+        self.__dict__.update(state)
+        if self.begun:
+            self._maps_changed(np.arange(self.batch.n))
+            self._look()
+
+    @property
+    def _observer(self) -> Observer:
+        """What the observation of now is in."""
+        return self._observers[0]
 
     def require_reset(self, running: bool = False) -> None:
         """Raise ResetNeeded before the first reset, or with ``running`` where every episode is over."""
-        if self.latest is None:
+        if not self.begun:
             raise gym.error.ResetNeeded("call reset() first")
         if running and self.batch.games["end"][0] != RUNNING and (self.batch.games["end"] != RUNNING).all():
             raise gym.error.ResetNeeded("the episode is over: call reset()")
 
     @property
     def situation(self) -> Situation:
-        """As the robot's policy sees it now."""
-        if self.latest is None:
-            raise gym.error.ResetNeeded("call reset() first")
-        return self.latest
+        """As the robot's policy sees it now; it stays as it is."""
+        self.require_reset()
+        if self._shown is None:
+            self._shown = self._observer.situation.copy()
+        return self._shown
 
     def ghost_observation_space(self) -> spaces.Dict | spaces.Box:
         """Of a ghost's agent."""
@@ -118,7 +145,50 @@ class EnvCore:
             games[index] = True
             for policy in self._policies.values():
                 policy.reset(games, self.config)
-        self._update_situation(index if in_step else None)
+        self._maps_changed(index)
+        if not in_step:
+            self._take_turns()
+        self._look(index if in_step else None)
+        self.begun = True
+
+    def _maps_changed(self, index: Indices) -> None:
+        """Prepare for the maps that the games ``index`` (M,) are on now."""
+        for observer in self._observers:
+            observer.maps_changed(index)
+
+    def _make_calls(self) -> None:
+        """Make the calls of a step anew, if arrays that they work on have been replaced."""
+        made_for = self.batch.revision, self.batch.levels.version
+        if made_for != self._made_for:
+            last = self._observers[-1]
+            self._calls = []
+            for observer in self._observers:
+                self._calls.append(_Calls(self.batch, observer, last, self._actions))
+                last = observer
+            self._made_for = self.batch.revision, self.batch.levels.version
+
+    def _look(self, index: Indices | None = None) -> None:
+        """Observe all games anew, or those in ``index`` alone."""
+        self._make_calls()
+        calls, observer = self._calls[0], self._observer
+        while (calls.look.run(self.batch.n) if index is None else calls.look.run_some(index)) < 0:
+            observer.maps_wanted()
+        self._seen(index)
+
+    def _seen(self, index: Indices | None = None) -> None:
+        """What follows when the situations have been written anew."""
+        self._observer.finish(index)
+        self._shown = None
+        if self._path_counts:
+            alive = self.batch.alive  # (N, P)
+            lengths = np.where(alive, self._observer.situation.path_robot[:, : alive.shape[1]], np.inf).min(axis=1)
+            self._path_left = np.where(np.isfinite(lengths), lengths, 0.0)
+
+    def _take_turns(self) -> None:
+        """The next observation goes to the other arrays, if there are two sets."""
+        if len(self._observers) > 1:
+            self._observers.reverse()
+            self._calls.reverse()
 
     @functools.cached_property
     def _ghost_observer(self) -> Observer:
@@ -126,24 +196,15 @@ class EnvCore:
         config = replace(self.config.observation, kinds=("features",))
         return Observer(self.batch, config, ghost=True)
 
-    def _update_situation(self, index: Indices | None = None) -> None:
-        """Of all games, in new or reused arrays; or of the games ``index`` in the arrays of the last one."""
-        if index is not None:
-            self.latest = self.batch.situation(again=self.latest, index=index)
-        else:
-            self._reused.reverse()
-            self.latest = self._reused[0] = self.batch.situation(again=self._reused[0])
-            if self._copies:
-                self._reused[0] = None
-        self.listed = self._observer.listed(self.latest)
-        if self._path_counts:
-            alive = self.batch.alive  # (N, P)
-            lengths = np.where(alive, self.latest.path_robot[:, : alive.shape[1]], np.inf).min(axis=1)
-            self._path_left = np.where(np.isfinite(lengths), lengths, 0.0)
+    @property
+    def listed(self) -> Indices | None:
+        """(N, K) the candidates that actions stand for now; None: their own."""
+        return self._observer.listed
 
     def masks(self) -> Flags:
         """(N, C) which actions are allowed now."""
-        return self.situation.mask.copy() if self.listed is None else self.listed != MISSING
+        self.require_reset()
+        return self._observer.allowed != 0
 
     def actions_of(self, candidates: NDArray[Any]) -> tuple[NDArray[Any], Flags]:
         """(N,) the actions that stand for candidates, hold where none does, and where one does."""
@@ -158,14 +219,58 @@ class EnvCore:
 
         Kinds that are made of the games themselves, such as a scan, are those of the games.
         """
-        self.latest, self.listed = situation, self._observer.listed(situation)
+        self._observer.look_at(situation)
+        self._shown, self.begun = situation, True
         return self.observe()
 
     def _chosen(self, actions: NDArray[Any]) -> tuple[NDArray[Any], Flags]:
         """The candidates that checked actions stand for, hold where they are forbidden, and where that is."""
         if self.listed is None:
-            return actions, ~self.situation.mask[np.arange(self.batch.n), actions]
+            return actions, self._observer.situation.mask[np.arange(self.batch.n), actions] == 0
         return at_places(self.listed, actions, self.batch.hold)
+
+    @property
+    def _in_one_call(self) -> bool:
+        """Whether nothing but kernels is asked between the actions and the observation."""
+        by_python = self._policies or self.ghost_agents or self.config.endless or self.batch.after_physics_step
+        return not by_python
+
+    def _play_in_one_call(self, actions: NDArray[Any]) -> None:
+        batch = self.batch
+        if self.config.action == "velocity":
+            batch.arrays["velocities"][:] = velocities(actions, self.config)
+        else:
+            self._actions[:] = actions
+        batch.begin_decisions()
+        batch.prepare_ticks(watch=self._by_event, most=ALL_TICKS if self._by_event else 1)
+        self._take_turns()
+        self._make_calls()
+        result = self._calls[0].step.run(batch.n)
+        if result:
+            self._play_on(result)
+        self._seen()
+
+    def _play_on(self, result: int) -> None:
+        """Bring a step to its end in which a kernel has asked for something, or a ghost's function has raised."""
+        batch = self.batch
+        batch.resume(max(result, 1) if result <= NEEDS_MAPS else result)
+        while self._calls[0].look.run(batch.n) < 0:
+            self._observer.maps_wanted()
+
+    def _play_by_steps(self, actions: NDArray[Any], given: Mapping[int, Indices]) -> None:
+        batch = self.batch
+        plays = ~self.cut if self.ghost_agents and self.cut.any() else None
+        if self._by_event:
+            choose = functools.partial(self._ghost_choices, {}) if self._policies else None
+            batch.step_until_due(*self._chosen(actions), choose)
+        else:
+            if self.config.action == "velocity":
+                actions = velocities(actions, self.config)
+            elif self.listed is not None:
+                actions, _ = self._chosen(actions)
+            batch.step(actions, self._ghost_choices(given), plays)
+        self._take_turns()
+        self._look()
 
     def step(self, actions: NDArray[Any], ghost_choices: Mapping[int, Indices] | None = None) -> Ends:
         """One decision; games that were over get no reward.
@@ -175,24 +280,18 @@ class EnvCore:
         """
         self.require_reset()
         batch, path_before = self.batch, self._path_left
-        plays = ~self.cut if self.ghost_agents and self.cut.any() else None
         if self._path_counts or self.ghost_agents:
             over = batch.games["end"] != RUNNING
-            self._was_over = over if plays is None else over | self.cut
-        if self._by_event:
-            choose = functools.partial(self._ghost_choices, {}) if self._policies else None
-            batch.step_until_due(*self._chosen(actions), choose)
-            self.elapsed_s = batch.elapsed_s.copy()
+            self._was_over = over | self.cut if self.ghost_agents else over
+        if self._in_one_call:
+            self._play_in_one_call(actions)
         else:
-            if self.config.action == "velocity":
-                actions = velocities(actions, self.config)
-            elif self.listed is not None:
-                actions, _ = self._chosen(actions)
-            batch.step(actions, self._ghost_choices(ghost_choices or {}), plays)
-        self._update_situation()
+            self._play_by_steps(actions, ghost_choices or {})
+        if self._by_event:
+            self.elapsed_s = batch.elapsed_s.copy()
         reward, terminated, truncated = batch.reward.copy(), batch.terminated.copy(), batch.truncated.copy()
-        if plays is not None:
-            reward[~plays] = 0.0
+        if self.ghost_agents and self.cut.any():
+            reward[self.cut] = 0.0
         if self.config.timeout == "termination":
             terminated, truncated = terminated | truncated, np.zeros_like(truncated)
         if self._path_counts:
@@ -226,22 +325,27 @@ class EnvCore:
         reward = outcome.reward_and_end(self.batch.games, self._was_over, self.config.ghost_reward)[0]
         return reward + self.config.ghost_reward.progress * self._nearer if self._path_counts else reward
 
-    def observe(self) -> Any:
-        """Of the robot's agent: one array (N, ...) per key, or one array where observations are flat."""
-        seen = self._observer.observe(self.situation, self.listed)
-        return self._laid_out(seen, self.masks() if self._mask_beside else None)
+    def observe(self, copy: bool | None = None) -> Any:
+        """Of the robot's agent: one array (N, ...) per key, or one array where observations are flat.
 
-    def observe_ghost(self, situation: Situation) -> tuple[Any, Flags, Indices | None]:
-        """Of a ghost's agent in its situation, laid out alike; its mask (N, C) and ``listed``, as the robot's."""
-        listed = self._ghost_observer.listed(situation)
-        seen = self._ghost_observer.observe(situation, listed)
-        mask = situation.mask if listed is None else listed != MISSING
-        return self._laid_out(seen, mask if self._mask_beside else None), mask, listed
+        Without ``copy`` (None: as the environment was made) the arrays are written again by a later step.
+        """
+        return self._laid_out(self._observer, self._copies if copy is None else copy)
 
-    @staticmethod
-    def _laid_out(seen: Mapping[str, NDArray[Any]], mask: Flags | None) -> Any:
+    def observe_ghost(self, number: int) -> tuple[Any, Flags, Indices | None]:
+        """Of a ghost's agent, laid out alike; its mask (N, C) and ``listed``, as the robot's."""
+        observer = self._ghost_observer
+        stages = [self.batch.situation_stage(observer.situation, number), *observer.stages()]
+        Pipeline(stages, self.batch.threads).run(self.batch.n)
+        listed = None if observer.listed is None else observer.listed.copy()
+        return self._laid_out(observer, True), observer.allowed != 0, listed
+
+    def _laid_out(self, observer: Observer, copy: bool) -> Any:
+        seen = observer.result
+        if copy:
+            seen = {key: array.copy() for key, array in seen.items()}
         observation = seen.get(FLAT, seen)
-        return observation if mask is None else {OBSERVATION: observation, MASK: mask.astype(np.int8)}
+        return {OBSERVATION: observation, MASK: observer.allowed.copy()} if self._mask_beside else observation
 
     def info_of_game(self) -> dict[str, Any]:
         """The infos of the only game, as Python's numbers."""
@@ -331,7 +435,7 @@ class CoreEnv:
     @property
     def started(self) -> bool:
         """Whether a first round has begun."""
-        return self._core.latest is not None
+        return self._core.begun
 
     def _core_by(self, settings: Mapping[str, Any]) -> EnvCore:
         """That of this environment, or another one if it plays by other settings beside the arguments."""

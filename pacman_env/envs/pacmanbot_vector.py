@@ -239,7 +239,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         """Last observation and info of the games that have just ended."""
         if not self.reports_all:
             return {"final_info": self._infos(ended)}
-        final = {"final_obs": self._last_of(ended, self._core.observe()), "final_info": self._infos(ended)}
+        final = {"final_obs": self._last_of(ended, self._core.observe(copy=False)), "final_info": self._infos(ended)}
         return final | {f"_{name}": self._mask(ended) for name in final}
 
 

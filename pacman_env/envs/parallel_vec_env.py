@@ -78,7 +78,7 @@ class SeveralAgents(CoreEnv):
         core = self._core
         observed: Observations = {PACMAN: core.observe()}
         for name, number in self._ghosts.items():
-            seen, mask, listed = core.observe_ghost(self.batch.situation(number))
+            seen, mask, listed = core.observe_ghost(number)
             observed[name], self._ghost_masks[name], self._ghost_listed[name] = seen, mask, listed
         return observed
 

@@ -80,6 +80,7 @@ class Outlook:
         config = levels.config
         self._addresses = np.zeros(len(levels), dtype=np.int64)
         self._known: list[Any] = [None] * len(levels)
+        self._levels = weakref.ref(levels)
         self._rules = np.concatenate([rules(config, Lags()), rules(config, Lags(death_margin_m=0.0))])
         self._classes = np.zeros((len(BELIEVED), 2), dtype=np.int64)
         self._constants = {}
@@ -91,14 +92,23 @@ class Outlook:
         self._tables: list[Table] = []  # of each thread: what behaviours and the outlook work on
         self._places: list[NDArray[np.int64]] = []
 
-    def memory(
-        self, levels: "LevelStack", slots: NDArray[np.int32], ghosts: int, threads: int
-    ) -> list[NDArray[np.int64]]:
-        """Of so many threads the address (1,) of the table of OutlookArrays; the maps in ``slots`` are made ready."""
+    def make_ready(self, levels: "LevelStack", slots: NDArray[np.integer[Any]]) -> None:
+        """Make the coarse maps of the maps in ``slots``, if they are not there."""
         for slot in set(slots.tolist()):
             assets = levels.assets(slot)
-            if self._known[slot] is not assets:
+            if self._known[slot] is not assets or not self._addresses[slot]:
                 self._known[slot], self._addresses[slot] = assets, _coarse_table(assets).address
+
+    def forget_changed(self, levels: "LevelStack", slots: NDArray[np.integer[Any]]) -> None:
+        """Forget the coarse maps of ``slots`` with another map than before."""
+        for slot in set(slots.tolist()):
+            if self._known[slot] is not levels.assets(slot):
+                self._known[slot], self._addresses[slot] = None, 0
+
+    def memory(self, ghosts: int, threads: int) -> list[NDArray[np.int64]]:
+        """Of so many threads the address (1,) of the table of OutlookArrays."""
+        levels = self._levels()
+        assert levels is not None
         goals = levels.arrays["goal_xy"].shape[1]
         fits = self._memory and self._memory[0].ghosts.shape[1] == ghosts and len(self._memory[0].bit) == goals
         if not fits:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ...config import MAX_SPEED_MPS, Config, ConfigError
 from ...engine.arrays import Table, zeros
 from ...engine.bucket_queue import SearchArrays
+from ...engine.pipeline import Stage
 from ...engine.threads import Threads
 from ...game.execution import COMPLETE
 from ...game.round import clyde_speed_mps
@@ -25,7 +26,7 @@ from .ghosts import spawn_ghost
 from .parameters import GAME, KEPT_FROM_ROUND_TO_ROUND, batch_parameters, draw_episodes, next_seeds, reward_record
 from .state import GameLevels, GameState, History, RoundSoFar
 
-_ALL_TICKS = 2**62
+ALL_TICKS = 2**62
 
 
 def check_velocities(actions: NDArray[Any]) -> None:
@@ -69,9 +70,8 @@ class GameBatch(GameState):
         self._longest = 1 + max(int(self._parameters[0][name]) for name in ("longest", "threat_longest"))
         #: Called after each physics step, if it is set.
         self.after_physics_step: Callable[[], None] | None = None
-        #: Features are written together with a situation (1.3 times the decisions of one game).
-        self.shows_features = False
-        self._request = np.zeros(1, dtype=situation_kernel.REQUEST)
+        #: Grows when arrays that stages work on are replaced: pipelines of them are to be made anew.
+        self.revision = 0
         self._awake = self.arrays["last_decision"]["awake"]
         self._version = -1
         self._bind()
@@ -99,12 +99,11 @@ class GameBatch(GameState):
         started = [i for i in range(self.n) if self._levels.slots[i] >= 0]
         rounds = [self._history.so_far(i, int(self.games["tick"][i]), int(levels[i])) for i in started]
         made_from = self.source, self.config, self.n, self.threads.number
-        return {"made_from": made_from, "rounds": rounds, "shows_features": self.shows_features}
+        return {"made_from": made_from, "rounds": rounds}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Play every round again, so that the copy is the same down to the solver's memory of contacts."""
         self.__init__(*state["made_from"])  # type: ignore[misc]
-        self.shows_features = state["shows_features"]
         self._replay(state["rounds"])
         if state["rounds"]:
             self.situation()  # which summarizes the games
@@ -197,7 +196,7 @@ class GameBatch(GameState):
         self._ghosts.bind(self.levels, self.hold)
         shared = {"obstacles": self.obstacles, "parameters": self._parameters, "goal_xy": self.levels.arrays["goal_xy"]}
         self._rules = kernels.RuleArrays(**self.rules, **shared)
-        self._view_table: Table | None = None
+        self._view: tuple[NDArray[Any], Table] | None = None
         self._forget_tables()
 
     def reset(
@@ -324,7 +323,7 @@ class GameBatch(GameState):
         while True:
             if choose_for_ghosts is not None:
                 self._ghosts.send(choose_for_ghosts())
-            self._advance(watch=True, most=1 if by_ticks else _ALL_TICKS, fresh=fresh)
+            self._advance(watch=True, most=1 if by_ticks else ALL_TICKS, fresh=fresh)
             self._follow_completed_rounds()
             fresh = False
             if not self._awake.any():
@@ -332,35 +331,55 @@ class GameBatch(GameState):
 
     def _advance(self, *, watch: bool = False, most: int = 1, fresh: bool = True) -> None:
         """Ticks, but for what follows a completed round."""
-        if self._history.make_room(self.games, 1 if most == 1 else self._longest):
-            self._forget_tables()
-        control = self._control
-        control["fresh"][0], control["watch"][0], control["ticks"][0] = fresh, watch, most
+        self.prepare_ticks(watch=watch, most=most, fresh=fresh)
         if self.after_physics_step is not None:
             for step in range(1, self.substeps + 1):
-                control["until"][0] = step
+                self._control["until"][0] = step
                 self._play(resume=step > 1)
                 self.after_physics_step()
-        control["until"][0] = self.substeps + 1
+        self._control["until"][0] = self.substeps + 1
         self._play(resume=self.after_physics_step is not None)
 
     def _play(self, *, resume: bool) -> None:
         """Advance all games; those that come near a wall are given spaces."""
         self._control["resume"][0] = resume
+        job, tables = self.tick_stage()
+        self.resume(self.threads.run(job, tables, self.n))
+
+    def tick_stage(self) -> Stage:
+        """What plays the games, after :meth:`prepare_ticks`; other results than 0 are for :meth:`resume`."""
         while len(self._tables) < self.threads.number:
             self._ghost_tables.append(self._ghosts.table(self.games, self._history.ghost_choices, self._parameters))
             self._tables.append(self._tick_table(self._ghost_tables[-1]))
-        while waiting := self.threads.run(ticks.play, self._tables, self.n):
+        return ticks.play, self._tables
+
+    def resume(self, waiting: int) -> None:
+        """Go on until no game waits for a space; raises again what a ghost's function has raised."""
+        while waiting:
             if waiting < 0:
                 self.games["stage"] = ticks.BEGIN
                 self._ghosts.raise_again(self._ghost_tables[0].address, -1 - waiting)
             for i in np.flatnonzero(self.games["stage"] == ticks.MOVE).tolist():
                 self.spaces.provide(self._levels.slots[i], self.assets_of(i).grid.walls)
             self._control["resume"][0] = 1
+            waiting = self.threads.run(ticks.play, self._tables, self.n)
+
+    def begin_decisions(self) -> None:
+        """Wake all games for a tick; ghosts that are sent from outside wander on."""
+        self._awake.fill(ticks.ONE_TICK)
+        self._ghosts.send(None)
+
+    def prepare_ticks(self, *, watch: bool = False, most: int = 1, fresh: bool = True) -> None:
+        """Set what the next call of the tick stage is for."""
+        if self._history.make_room(self.games, 1 if most == 1 else self._longest):
+            self._forget_tables()
+        control = self._control
+        control["fresh"][0], control["watch"][0], control["ticks"][0] = fresh, watch, most
+        control["until"][0], control["resume"][0] = self.substeps + 1, 0
 
     def _forget_tables(self) -> None:
-        self._tables.clear()
-        self._ghost_tables.clear()
+        self._tables, self._ghost_tables = [], []
+        self.revision += 1
 
     def _tick_table(self, ghosts: Table) -> Table:
         stack = self.levels
@@ -404,30 +423,39 @@ class GameBatch(GameState):
         kernels.see_ghosts(self.games[game], self.ghosts[game], self.obstacles[game])
         return float(cells[cell, 0]), float(cells[cell, 1])
 
-    def situation(
-        self, player: int = -1, again: Situation | None = None, index: NDArray[np.int64] | None = None
-    ) -> Situation:
-        """What a policy sees now, the robot's or (``player`` k) that of ghost k.
-
-        The arrays are new, or those of a situation that this batch has given before and that is written ``again``; of
-        that only the games ``index``, if the others are as they were.
-        """
-        lengths = self.n, self.candidates, self.ghosts.shape[1]
-        situation = Situation.empty(*lengths, self.levels, self.threads) if again is None else again
-        if self._view_table is None:
-            self._view_table = Table(
-                situation_kernel.ViewArrays,
-                rules=self._rules,
-                ghosts=self.ghosts,
-                ghost_paths=self._ghosts.paths,
-                request=self._request,
-                summary=self.summary,
-                **self.levels.arrays_for(situation_kernel.ViewArrays),
-            )
-        situation_kernel.direct(self._request, situation, player, self.shows_features)
-        if index is None:
-            self.threads.run(situation_kernel.write_situations, [self._view_table], self.n)
-        else:
-            for i in index.tolist():
-                situation_kernel.write_situations(self._view_table.address, i, i + 1)
+    def situation(self, player: int = -1) -> Situation:
+        """What a policy sees now, the robot's or (``player`` k) that of ghost k, in new arrays."""
+        situation = Situation.empty(self.n, self.candidates, self.ghosts.shape[1], self.levels, self.threads)
+        if self._view is None:
+            request = np.zeros(1, dtype=situation_kernel.REQUEST)
+            self._view = request, self._view_table(request)
+        request, table = self._view
+        situation_kernel.direct(request, situation, player)
+        self.threads.run(situation_kernel.write_situations, [table], self.n)
         return situation
+
+    def situation_stage(self, situation: Situation, player: int = -1) -> Stage:
+        """What writes a situation of this batch anew, and with it ``summary``."""
+        request = np.zeros(1, dtype=situation_kernel.REQUEST)
+        situation_kernel.direct(request, situation, player)
+        return situation_kernel.write_situations, [self._view_table(request)]
+
+    def choice_stage(self, actions: NDArray[np.int64], mask: NDArray[np.bool_], listed: NDArray[np.int64]) -> Stage:
+        """What turns actions (N,) into choices of the candidates allowed by ``mask`` (N, C).
+
+        ``listed`` (N, K) are the candidates that actions stand for; K = 0: the actions are candidates. After a choice
+        that is forbidden the next decision is due after a tick.
+        """
+        own = {name: self.arrays[name] for name in ("last_decision", "choices")}
+        return ticks.choose, [Table(ticks.ChoiceArrays, **own, actions=actions, mask=mask, listed=listed)]
+
+    def _view_table(self, request: NDArray[Any]) -> Table:
+        return Table(
+            situation_kernel.ViewArrays,
+            rules=self._rules,
+            ghosts=self.ghosts,
+            ghost_paths=self._ghosts.paths,
+            request=request,
+            summary=self.summary,
+            **self.levels.arrays_for(situation_kernel.ViewArrays),
+        )

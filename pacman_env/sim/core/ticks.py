@@ -76,8 +76,34 @@ class TickArrays(NamedTuple):
     truncated: Any = Array(np.bool_, "N")
 
 
-_arrays = arrays_by_address(TickArrays)
+class ChoiceArrays(NamedTuple):
+    actions: Any = Array(np.int64, "N")
+    mask: Any = Array(np.bool_, "N C")
+    listed: Any = Array(np.int64, "N k")  # candidates that actions stand for, -1: none; k = 0: themselves
+    choices: Any = Array(np.int64, "N")
+    last_decision: Any = Array(LAST_DECISION, "N")
+
+
+_arrays, _choice_arrays = arrays_by_address(TickArrays), arrays_by_address(ChoiceArrays)
 BEGIN, _STEP, MOVE = range(3)  # stages of a tick: it begins, a physics step does, its body is to be moved
+
+
+@kernel
+def choose(table, first, last):  # type: ignore[no-untyped-def]
+    """Choices of games by their actions; a place of the list where no candidate is makes the robot hold."""
+    a = _choice_arrays(table)
+    candidates = a.mask.shape[1]
+    for i in range(first, last):
+        chosen = a.actions[i]
+        allowed = True
+        if a.listed.shape[1] > 0:
+            chosen = a.listed[i, chosen]
+            allowed = chosen >= 0
+        else:
+            allowed = a.mask[i, chosen]
+        a.choices[i] = chosen if chosen >= 0 else candidates - 1
+        a.last_decision[i].awake = UNTIL_DUE if allowed else ONE_TICK
+    return 0
 
 
 @kernel

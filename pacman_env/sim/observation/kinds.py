@@ -1,20 +1,28 @@
-"""The kinds of observation: one object per kind, found by name, and the observations that several kinds make up."""
+"""The kinds of observation: one object per kind, found by name; ``observer.py`` puts them together."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...config import ConfigError, ObservationConfig
-from ...plugins import PluginError, Registry
+from ...config import ObservationConfig
+from ...engine.pipeline import Stage
+from ...plugins import Registry
 from ...world.navigation import lidar
 from ..core.batch import GameBatch
-from .planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, MOST, planner_features
+from .planner_features import (
+    CANDIDATE_FEATURES,
+    GLOBAL_FEATURES,
+    MOST,
+    maps_changed,
+    maps_wanted,
+    planner_features,
+    planner_stage,
+)
 from .raster import CHANNELS, raster_all
 from .robot_features import (
     COLUMNS,
@@ -22,12 +30,12 @@ from .robot_features import (
     PELLET_BEARING_COLUMNS,
     Columns,
     Observation,
-    Scale,
     features,
+    features_stage,
     ghost_bearings,
     pellet_bearings,
 )
-from .situation import Nearest, Situation, in_order, nearest_candidates
+from .situation import Situation
 
 _BELIEF_MARGIN_M = 2.0  # how far a believed pose may lie outside the played part of the map ...
 _BELIEF_MARGIN_SIGMAS = 9  # ... or this many standard deviations: a draw of 53 bits is off by 8.6 at most
@@ -85,11 +93,21 @@ class _Kind:
     name: str
     parts: Callable[[GameBatch], dict[str, ObservationPart]]
     fill: Callable[[GameBatch, Situation], Observation]
-    #: As ``fill``, with rows of the candidates in (N, K) alone, others are 0; None: rows cost nothing.
-    fill_listed: Callable[[GameBatch, Situation, NDArray[np.int64]], Observation] | None = None
 
     def __call__(self) -> _Kind:
         return self  # where other packages have a class
+
+
+@dataclass
+class CompiledKind(_Kind):
+    """A kind that a kernel fills, in the same call as the ticks of a step."""
+
+    #: From a batch, its situation, the candidates wanted (N, C) and the kind's arrays: the stage that fills these.
+    stage: Callable[[GameBatch, Situation, NDArray[np.bool_], Observation], Stage]
+    #: Called after games have changed to the maps in these slots.
+    maps_changed: Callable[[Situation, NDArray[np.int64]], None] | None = None
+    #: Called where the stage returns less than 0, which then runs again.
+    maps_wanted: Callable[[Situation], None] | None = None
 
 
 def _table_part(
@@ -123,9 +141,16 @@ def _planner_parts(batch: GameBatch) -> dict[str, ObservationPart]:
     }
 
 
-def _planner(batch: GameBatch, situation: Situation, listed: NDArray[np.int64] | None = None) -> Observation:
-    candidates, whole = planner_features(situation, batch.config.robot.speed_mps, listed)
+def _planner(batch: GameBatch, situation: Situation) -> Observation:
+    candidates, whole = planner_features(situation, batch.config.robot.speed_mps)
     return {"planner_candidates": candidates, "planner_globals": whole}
+
+
+def _planner_stage(
+    batch: GameBatch, situation: Situation, wanted: NDArray[np.bool_], arrays: Observation
+) -> Stage:
+    filled = arrays["planner_candidates"], arrays["planner_globals"]
+    return planner_stage(situation, batch.config.robot.speed_mps, wanted, *filled)
 
 
 def _bearing_parts(batch: GameBatch) -> dict[str, ObservationPart]:
@@ -173,9 +198,12 @@ def _grid(batch: GameBatch, situation: Situation) -> Observation:
     return {"grid": images}
 
 
-FEATURES = _Kind("features", _feature_parts, _features)
+FEATURES = CompiledKind(
+    "features", _feature_parts, _features, lambda batch, situation, wanted, arrays: features_stage(situation, arrays)
+)
+PLANNER = CompiledKind("planner", _planner_parts, _planner, _planner_stage, maps_changed, maps_wanted)
 SCAN, BEARINGS = _Kind("scan", _scan_parts, _scan), _Kind("bearings", _bearing_parts, _bearings)
-GRID, PLANNER = _Kind("grid", _grid_parts, _grid), _Kind("planner", _planner_parts, _planner, _planner)
+GRID = _Kind("grid", _grid_parts, _grid)
 #: Kinds as classes, made without arguments; other packages add theirs as entry points.
 KINDS: Registry[Callable[[], ObservationKind]] = Registry(
     "observation kind",
@@ -190,99 +218,3 @@ def kinds_shown(config: ObservationConfig, action: str) -> list[str]:
     kinds = set(config.kinds)
     steers = action == "velocity" and bool(kinds & {FEATURES.name, PLANNER.name})
     return sorted(kinds | ({BEARINGS.name} if steers or SCAN.name in kinds else set()))
-
-
-class Observer:
-    """Builds the observations of one batch; ``parts`` are the arrays of one game by key (flat: ``FLAT`` alone)."""
-
-    def __init__(self, batch: GameBatch, config: ObservationConfig | None = None, *, ghost: bool = False) -> None:
-        """``config`` replaces the batch's own; a ``ghost`` chooses candidates always. Raises ConfigError."""
-        self._batch = batch
-        self._config = config = batch.config.observation if config is None else config
-        self.nearest = (
-            Nearest(config.nearest_pellets, config.nearest_refuges) if config.candidates == "nearest" else None
-        )
-        action = "goal" if ghost else batch.config.action
-        self._masked = action == "goal" and config.mask == "observation"
-        if self.nearest and action != "goal":
-            raise ConfigError("observation.candidates = 'nearest': velocities choose no candidate")
-        try:
-            self._kinds = [KINDS.find(name)() for name in kinds_shown(config, action)]
-        except PluginError as error:
-            raise ConfigError(f"observation.kinds = {config.kinds!r}: {error}") from None
-        found: dict[str, ObservationPart] = {MASK: mask_part(batch)} if self._masked else {}
-        for kind in self._kinds:
-            for key, part in kind.parts(batch).items():
-                if key in found:
-                    raise ConfigError(f"observation kind {kind.name!r}: {key!r} is in the observation already")
-                found[key] = part
-        batch.shows_features |= any(kind is FEATURES for kind in self._kinds)
-        self._by_candidate = {key for key, part in found.items() if part.by_candidate}
-        if self.nearest:
-            found = {key: _listed(part, self.nearest.count) for key, part in found.items()}
-        self._scales: dict[str, Callable[[NDArray[Any]], NDArray[Any]]] = {}
-        if config.normalize:
-            self._scales = {key: self._scale(key, part) for key, part in found.items() if key != MASK}
-            unit: dict[str, Any] = {"low": -1.0, "high": 1.0, "dtype": np.float32}
-            found = {key: part if key == MASK else part._replace(**unit) for key, part in found.items()}
-        self.parts = {FLAT: self._flattened(found)} if config.flat else found
-
-    def listed(self, situation: Situation) -> NDArray[np.int64] | None:
-        """(N, K) the candidates in their order here; None: all, by their numbers."""
-        return None if self.nearest is None else nearest_candidates(situation, self.nearest)
-
-    def observe(self, situation: Situation, listed: NDArray[np.int64] | None = None) -> Observation:
-        """Observations of all games, one new array (N, ...) per key, of the batch's own situation as it is now.
-
-        ``listed`` is the result of :meth:`listed`, if that is known.
-        """
-        observation: Observation = {MASK: situation.mask.astype(np.int8)} if self._masked else {}
-        if listed is None:
-            listed = self.listed(situation)
-        for kind in self._kinds:
-            fill_listed = kind.fill_listed if isinstance(kind, _Kind) else None
-            if listed is None or fill_listed is None:
-                observation |= kind.fill(self._batch, situation)
-            else:
-                observation |= fill_listed(self._batch, situation, listed)
-        if listed is not None:
-            for key in self._by_candidate:
-                observation[key] = in_order(observation[key], listed)
-        observation = {key: self._scales[key](a) if key in self._scales else a for key, a in observation.items()}
-        if not self._config.flat:
-            return observation
-        rows = [array.reshape(len(array), -1) for array in observation.values()]
-        return {FLAT: np.concatenate(rows, axis=1, dtype=np.float32)}
-
-    def _scale(self, key: str, part: ObservationPart) -> Callable[[NDArray[Any]], NDArray[Any]]:
-        if part.columns:
-            return Scale(part.columns, self._batch.config.time_limit_s)
-        low, high = np.asarray(part.low, dtype=np.float32), np.asarray(part.high, dtype=np.float32)
-        if part.dtype == np.uint8 or not (np.isfinite(low).all() and np.isfinite(high).all()):
-            raise ConfigError(f"observation.normalize: {key!r} has no bounds to divide by, or is a picture")
-        middle, half = (low + high) / 2, np.maximum((high - low) / 2, np.float32(1e-6))
-        return partial(_within_1, middle=middle, half=half)
-
-    def _flattened(self, parts: Mapping[str, ObservationPart]) -> ObservationPart:
-        for key, part in parts.items():
-            if part.dtype == np.uint8:
-                raise ConfigError(f"observation.flat: {key!r} is a picture, which is not laid out as numbers in a row")
-        ends = [
-            (np.broadcast_to(p.low, p.shape).ravel(), np.broadcast_to(p.high, p.shape).ravel()) for p in parts.values()
-        ]
-        low, high = (np.concatenate(side).astype(np.float32) for side in zip(*ends, strict=True))
-        return ObservationPart(low, high, low.shape, np.float32)
-
-
-def _listed(part: ObservationPart, count: int) -> ObservationPart:
-    """A part with so many candidates, some of which may be missing: 0."""
-    if not part.by_candidate:
-        return part
-    shape = (count, *part.shape[1:])
-    low = np.minimum(np.broadcast_to(part.low, part.shape)[:1], 0)
-    high = np.maximum(np.broadcast_to(part.high, part.shape)[:1], 0)
-    return part._replace(low=np.broadcast_to(low, shape), high=np.broadcast_to(high, shape), shape=shape)
-
-
-def _within_1(array: NDArray[Any], middle: NDArray[Any], half: NDArray[Any]) -> NDArray[np.float32]:
-    return np.clip((array - middle) / half, -1.0, 1.0).astype(np.float32)

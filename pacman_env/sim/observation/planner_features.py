@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ...engine.arrays import Array, Table, arrays_by_address
 from ...engine.jit import kernel
+from ...engine.pipeline import Stage
 from ...game.behaviour_belief import ARCADE, CHASES, OTHER, comes
 from ...game.goal_cost import TOTAL, ScorerParameters, is_threatening, score_situation
 from ...world.navigation.grid import cell_of
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from ..maps.level_stack import LevelStack
 
 VERSION = 4
+NEEDS_MAPS = -(2**40)  # of a stage: maps are to be made ready, and the stage is to run again
 FAR_M = 20.0
 MOST = 5.0  # of any feature, up or down
 _AROUND_M = 2.5  # pellets within this path length are around a place
@@ -72,27 +74,55 @@ def planner_features(
 
     ``listed``: (N, K) the candidates that are wanted, or ``MISSING``; rows of others are 0. None: all.
     """
-    seen = prediction.seen_arrays(situation, robot_speed_mps)
-    assert situation.maps is not None
-    memory = _memory(situation)
+    maps_wanted(situation)
     candidates = np.empty((*situation.mask.shape, len(CANDIDATE_FEATURES)), dtype=np.float32)
     whole = np.empty((len(candidates), len(GLOBAL_FEATURES)), dtype=np.float32)
     wanted = np.ascontiguousarray(situation.mask if listed is None else among(situation.mask, listed))
-    arrays = {"seen": seen, "wanted": wanted, "candidates": candidates, "whole": whole}
-    tables = [Table(_FillArrays, outlook=own, **arrays) for own in memory]
-    situation.threads.run(_fill, tables, len(candidates))
+    job, tables = planner_stage(situation, robot_speed_mps, wanted, candidates, whole)
+    situation.threads.run(job, tables, len(candidates))
     return candidates, whole
 
 
-def _memory(situation: Situation) -> list[NDArray[np.int64]]:
-    """Of each thread, its address; maps are made ready where a ghost comes for the robot."""
+def planner_stage(
+    situation: Situation,
+    robot_speed_mps: float,
+    wanted: NDArray[np.bool_],
+    candidates: NDArray[np.float32],
+    whole: NDArray[np.float32],
+) -> Stage:
+    """What fills the features of candidates that are ``wanted`` (N, C) from a situation.
+
+    Where a ghost is believed to come for the robot on a map that :func:`maps_wanted` has not made ready since it was
+    put into its slot, the stage returns ``NEEDS_MAPS``.
+    """
+    seen = prediction.seen_arrays(situation, robot_speed_mps)
+    arrays = {"seen": seen, "wanted": wanted, "candidates": candidates, "whole": whole}
+    memory = _outlook_of(situation).memory(situation.ghosts.shape[1], situation.threads.number)
+    return _fill, [Table(_FillArrays, outlook=own, **arrays) for own in memory]
+
+
+def _outlook_of(situation: Situation) -> outlook.Outlook:
     levels = situation.maps
     assert levels is not None
     own = _outlooks.get(levels)
     if own is None:
         own = _outlooks[levels] = outlook.Outlook(levels)
+    return own
+
+
+def maps_changed(situation: Situation, slots: NDArray[np.integer[Any]]) -> None:
+    """Make the maps in ``slots`` ready for the prediction, and forget those that were there before."""
+    assert situation.maps is not None
+    situation.maps.find_coarse_steps(slots)
+    _outlook_of(situation).forget_changed(situation.maps, slots)
+
+
+def maps_wanted(situation: Situation) -> None:
+    """Make the maps ready on which a ghost comes for the robot."""
+    if situation.maps is None:
+        raise ValueError("the situation has no maps to look ahead on")
     hunted = comes(situation.belief.T).any(axis=0)
-    return own.memory(levels, situation.level[hunted], situation.belief.shape[1], situation.threads.number)
+    _outlook_of(situation).make_ready(situation.maps, situation.level[hunted])
 
 
 @kernel
@@ -142,6 +172,8 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
         prediction.meet(s, maps, i, wanted, request, room, True, meetings)
         coming = outlook.coming(s, i)
         if coming > 0:
+            if memory.coarse[s.level[i]] == 0:
+                return NEEDS_MAPS
             outlook.look_ahead(s, i, wanted, memory, hunts)
         left_s = max(memory.rules[0].limit_s - s.time_s[i], 0.0)
         whole[i, 11], whole[i, 12], whole[i, 13] = min(left_s / 200.0, 5.0), math.exp(-left_s / 30.0), coming

@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.arrays import Array, Layout, Table, address, arrays_by_address
+from ...engine.arrays import Array, Table, address, arrays_by_address, zeros
 from ...engine.jit import kernel
+from ...engine.pipeline import Stage
 from ...world.navigation.grid import cell_of
 from ...world.navigation.paths import AT_GOAL, NO_STEP
 from .situation import HOLD, MISSING, PELLET, REFUGE, Nearest, Situation, nearest_candidates
@@ -77,12 +78,11 @@ class FeatureArrays(NamedTuple):
 
 
 class _FillArrays(NamedTuple):
-    request: Any = Array(np.int64, "5")  # as write_features takes them
+    situation: Any = Array(np.int64, "4")  # address of its block, and the three lengths
+    seen: Any = FeatureArrays
 
 
-LAYOUT = Layout(FeatureArrays)
-_ROOM, _WRITTEN = "_room", "_features"  # where a situation keeps the block; likewise, until it is used
-_fill_arrays, _situation, _features = arrays_by_address(_FillArrays), situation_layout.arrays, LAYOUT.arrays
+_fill_arrays, _situation = arrays_by_address(_FillArrays), situation_layout.arrays
 
 
 def observe(situation: Situation) -> Observation:
@@ -94,16 +94,23 @@ def features(situation: Situation) -> Observation:
 
     Rows of candidates that the mask forbids keep their kind and are 0 otherwise.
     """
-    block, *lengths = situation.block()
-    seen = situation.__dict__.pop(_WRITTEN, None)
-    if seen is None:
-        seen = LAYOUT.new(*lengths)
-        table = Table(_FillArrays, request=np.array([address(block), *lengths, address(seen)]))
-        situation.threads.run(_fill, [table], lengths[0])
-    found = LAYOUT.views(seen, *lengths)
-    if lengths[2] == 1:
+    n, candidates, ghosts = situation.block()[1:]
+    found = zeros(FeatureArrays, FeatureArrays._fields, N=n, C=candidates, G=ghosts)
+    job, tables = features_stage(situation, found)
+    situation.threads.run(job, tables, n)
+    if ghosts == 1:
         del found["ghosts"]
     return found
+
+
+def features_stage(situation: Situation, arrays: Observation) -> Stage:
+    """What fills the arrays of :func:`features` from a situation; with one ghost ``ghosts`` may be missing."""
+    block, *lengths = situation.block()
+    ghosts = arrays.get("ghosts")
+    if ghosts is None:
+        ghosts = np.zeros((lengths[0], lengths[2], len(GHOST_COLUMNS)), dtype=np.float32)
+    seen = FeatureArrays(**{name: arrays[name] for name in FeatureArrays._fields if name != "ghosts"}, ghosts=ghosts)
+    return write_features, [Table(_FillArrays, situation=np.array([address(block), *lengths]), seen=seen)]
 
 
 @kernel
@@ -117,26 +124,11 @@ def in_robot_frame(dx, dy, cos, sin, limit):  # type: ignore[no-untyped-def]
     return _cap(dx * cos + dy * sin, limit), _cap(dy * cos - dx * sin, limit)
 
 
-def room_for_features(situation: Situation) -> NDArray[np.uint8]:
-    """A block that :func:`write_features` may fill; the next call of :func:`features` uses it."""
-    _, *lengths = situation.block()
-    seen: NDArray[np.uint8] | None = situation.__dict__.get(_ROOM)
-    if seen is None:
-        seen = situation.__dict__[_ROOM] = LAYOUT.new(*lengths)
-    situation.__dict__[_WRITTEN] = seen
-    return seen
-
-
 @kernel
-def _fill(table, first, last):  # type: ignore[no-untyped-def]
-    request = _fill_arrays(table).request
-    write_features(request[0], request[1], request[2], request[3], request[4], first, last)
-    return 0
-
-
-@kernel
-def write_features(block, n, count, others, seen, first, last):  # type: ignore[no-untyped-def]
-    f, s = _features(seen, n, count, others), _situation(block, n, count, others)
+def write_features(table, first, last):  # type: ignore[no-untyped-def]
+    a = _fill_arrays(table)
+    block, n, count, others = a.situation
+    f, s = a.seen, _situation(block, n, count, others)
     robot, clyde, candidates, ghosts = f.robot, f.clyde, f.candidates, f.ghosts
     for i in range(first, last):
         x, y = s.robot[i, 0], s.robot[i, 1]
@@ -181,6 +173,7 @@ def write_features(block, n, count, others, seen, first, last):  # type: ignore[
             ghosts[i, k, 2], ghosts[i, k, 3] = in_robot_frame(vx, vy, ch, sh, FAST_MPS)
             ghosts[i, k, 4] = min(math.sqrt(dx * dx + dy * dy), FAR_M)
             ghosts[i, k, 5] = min(s.ghosts[i, k, 4], FAST_MPS)
+    return 0
 
 
 _AHEAD_CM = 50  # of the path: far enough for a direction, near enough not to cut a corner
@@ -284,25 +277,21 @@ _PLACE_M = 50.0  # of the map's frame, whose origin is anywhere
 TIME = "time"  # of the round: its share of the time limit
 
 
-class Scale:
-    """Of an array whose last axis has these columns; a unit's first words count, one without a scale is a KeyError."""
+def unit_scale(columns: Columns, time_limit_s: float) -> NDArray[np.float32]:
+    """(2, F) how columns are scaled by their units, for ``rows.py``: what a value is divided by, and c of a soft scale.
 
-    def __init__(self, columns: Columns, time_limit_s: float) -> None:
-        self._soft = np.zeros(len(columns), dtype=np.float32)
-        self._by = np.ones(len(columns), dtype=np.float32)
-        for k, (name, _, _, words) in enumerate(columns):
-            unit = words.partition(",")[0].partition(" since")[0]
-            if name == TIME:
-                self._by[k] = time_limit_s
-            elif words == "m, map frame":
-                self._by[k] = _PLACE_M
-            elif unit in _SOFT:
-                self._soft[k] = _SOFT[unit]
-            else:
-                self._by[k] = _LINEAR[unit]
-
-    def __call__(self, array: NDArray[np.float32]) -> NDArray[np.float32]:
-        linear = np.clip(array / self._by, -1.0, 1.0)
-        with np.errstate(invalid="ignore"):  # 0 / 0 where it does not count
-            soft = array / (np.abs(array) + self._soft)
-        return np.where(self._soft > 0, soft, linear).astype(np.float32)
+    A unit's first words count; one without a scale is a KeyError.
+    """
+    by, soft = np.ones((2, len(columns)), dtype=np.float32)
+    soft[:] = 0.0
+    for k, (name, _, _, words) in enumerate(columns):
+        unit = words.partition(",")[0].partition(" since")[0]
+        if name == TIME:
+            by[k] = time_limit_s
+        elif words == "m, map frame":
+            by[k] = _PLACE_M
+        elif unit in _SOFT:
+            soft[k] = _SOFT[unit]
+        else:
+            by[k] = _LINEAR[unit]
+    return np.stack([by, soft])

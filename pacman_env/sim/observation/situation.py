@@ -87,6 +87,13 @@ class Situation:
         arrays = {name: getattr(self, name)[index] for name in LAYOUT.fields}
         return Situation(**arrays, maps=self.maps, threads=self.threads)
 
+    def copy(self) -> Situation:
+        """Return the same in arrays of its own."""
+        block, *lengths = self.block()
+        copied = type(self).__new__(type(self))
+        copied.__dict__.update(_block=(block.copy(), *lengths), maps=self.maps, threads=self.threads)
+        return copied
+
     def block(self) -> tuple[NDArray[np.uint8], int, int, int]:
         """The block of memory that the arrays are in, and what it is for: situations, candidates, ghosts.
 
@@ -158,32 +165,37 @@ def nearest_candidates(situation: Situation, nearest: Nearest) -> NDArray[np.int
 @kernel
 def _list(kind, mask, path, current, pellets, refuges, order):  # type: ignore[no-untyped-def]
     for i in range(len(kind)):
-        order[i, :] = MISSING
-        now = current[i]
-        for c in range(kind.shape[1]):
-            if kind[i, c] == HOLD:
-                order[i, pellets + refuges] = c
-                continue
-            if not mask[i, c]:
-                continue
-            first, room = (0, pellets) if kind[i, c] == PELLET else (pellets, refuges)
-            place = room  # insertion into what is sorted already
-            while place > 0:
-                other = order[i, first + place - 1]
-                if other != MISSING and path[i, other] <= path[i, c]:
-                    break
-                place -= 1
-            for k in range(room - 1, place, -1):
-                order[i, first + k] = order[i, first + k - 1]
-            if place < room:
-                order[i, first + place] = c
-        if now >= 0 and mask[i, now] and kind[i, now] != HOLD:
-            first, room = (0, pellets) if kind[i, now] == PELLET else (pellets, refuges)
-            listed = False
-            for k in range(room):
-                listed |= order[i, first + k] == now
-            if not listed and room > 0:
-                order[i, first + room - 1] = now
+        list_nearest(kind[i], mask[i], path[i], current[i], pellets, refuges, order[i])
+
+
+@kernel
+def list_nearest(kind, mask, path, now, pellets, refuges, order):  # type: ignore[no-untyped-def]
+    """Fill in the list (K,) of one situation, whose candidates are (C,); ``now``: the one pursued, -1: none."""
+    order[:] = MISSING
+    for c in range(len(kind)):
+        if kind[c] == HOLD:
+            order[pellets + refuges] = c
+            continue
+        if not mask[c]:
+            continue
+        first, room = (0, pellets) if kind[c] == PELLET else (pellets, refuges)
+        place = room  # insertion into what is sorted already
+        while place > 0:
+            other = order[first + place - 1]
+            if other != MISSING and path[other] <= path[c]:
+                break
+            place -= 1
+        for k in range(room - 1, place, -1):
+            order[first + k] = order[first + k - 1]
+        if place < room:
+            order[first + place] = c
+    if now >= 0 and mask[now] and kind[now] != HOLD:
+        first, room = (0, pellets) if kind[now] == PELLET else (pellets, refuges)
+        listed = False
+        for k in range(room):
+            listed |= order[first + k] == now
+        if not listed and room > 0:
+            order[first + room - 1] = now
 
 
 def among(mask: NDArray[np.bool_], listed: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -201,11 +213,3 @@ def at_places(
     chosen = np.take_along_axis(listed, places[:, None], axis=1)[:, 0]
     missing = chosen == MISSING
     return np.where(missing, hold, chosen), missing
-
-
-def in_order(array: NDArray, order: NDArray[np.int64]) -> NDArray:
-    """(N, K, ...) the rows of an array (N, C, ...) as listed; 0 where one is missing."""
-    there = order != MISSING
-    rows = np.take_along_axis(array, np.where(there, order, 0).reshape(order.shape + (1,) * (array.ndim - 2)), axis=1)
-    rows[~there] = 0
-    return rows

@@ -6,15 +6,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.arrays import Array, arrays_by_address
+from ...engine.arrays import Array, address, arrays_by_address
 from ...engine.jit import kernel
-from ...engine.native import address_of
 from ...world.navigation.grid import cell_of
 from ...world.navigation.localization import wrap
 from ...world.navigation.paths import UNREACHABLE_CM
 from ..core.kernels import RuleArrays, allowed, believed, nearest, summarize
 from ..core.parameters import GHOST
-from .robot_features import room_for_features, write_features
 from .situation import HOLD, LAYOUT, PELLET, REFUGE, Situation
 
 
@@ -33,7 +31,6 @@ REQUEST = np.dtype(
         ("candidates", np.int64),
         ("ghosts", np.int64),
         ("player", np.int64),  # the robot (-1) or that ghost
-        ("features", np.int64),  # address of the features' block; 0: none are written
     ]
 )
 
@@ -52,22 +49,13 @@ class ViewArrays(NamedTuple):
     ghost_part: Any = Array(np.int32, "M k")
 
 
-_NO_FEATURES = np.zeros(0, dtype=np.uint8)
 _arrays, _situation = arrays_by_address(ViewArrays), LAYOUT.arrays
 
 
-def direct(request: NDArray[Any], situation: Situation, player: int, features: bool = False) -> None:
+def direct(request: NDArray[Any], situation: Situation, player: int) -> None:
     """The situation that :func:`write_situations` fills next, of the robot's policy (-1) or of ghost ``player``."""
     block, *lengths = situation.block()
-    _aim(request, block, room_for_features(situation) if features else _NO_FEATURES, *lengths, player)
-
-
-@kernel
-def _aim(request, block, features, n, candidates, ghosts, player):  # type: ignore[no-untyped-def]
-    """In a kernel, which finds addresses in half of the time (4 % of a step of one game)."""
-    v = request[0]
-    v.block, v.games, v.candidates, v.ghosts, v.player = address_of(block), n, candidates, ghosts, player
-    v.features = address_of(features) if len(features) > 0 else 0
+    request[0] = (address(block), *lengths, player)
 
 
 @kernel
@@ -154,6 +142,4 @@ def write_situations(table, first, last):  # type: ignore[no-untyped-def]
                     for goal in range(g.pellets + g.refuges):
                         c = goal if goal < g.pellets else slots + goal - g.pellets
                         s.path_clyde[i, c] = min(s.path_clyde[i, c], _metres(there, goal, length_cm))
-    if request.features != 0:
-        write_features(request.block, request.games, request.candidates, request.ghosts, request.features, first, last)
     return 0

@@ -1,0 +1,62 @@
+"""Several kernels over the same games in one call, game after game, so that Python is asked once a step."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .arrays import Array, Table, arrays_by_address
+from .jit import kernel
+from .native import address_of_kernel, call_range
+from .threads import Threads
+
+#: A kernel ``(table, first, last) -> int64``, and its table for each thread, or one for all.
+Stage = tuple[Any, Sequence[Table]]
+
+
+class _StageArrays(NamedTuple):
+    stages: Any = Array(np.int64, "s 2")  # addresses of each kernel and of its table
+
+
+_arrays = arrays_by_address(_StageArrays)
+
+
+@kernel
+def run_stages(table, first, last):  # type: ignore[no-untyped-def]
+    """Run the stages one after the other; the first result other than 0 ends the run and is returned."""
+    stages = _arrays(table).stages
+    for k in range(len(stages)):
+        result = call_range(stages[k, 0], stages[k, 1], first, last)
+        if result != 0:
+            return result
+    return 0
+
+
+class Pipeline:
+    """Stages that :meth:`run` works through for all games, :meth:`run_some` for chosen ones.
+
+    The kernels are called by their addresses: each is compiled once, whatever it is combined with. The tables are kept
+    as long as the pipeline; one whose arrays were replaced needs a new pipeline.
+    """
+
+    def __init__(self, stages: Sequence[Stage], threads: Threads) -> None:
+        self._threads = threads
+        self._kept = [list(tables) for _, tables in stages]
+        functions = [address_of_kernel(job) for job, _ in stages]
+        self._tables = []
+        for me in range(threads.number):
+            own = [tables[me % len(tables)].address for tables in self._kept]
+            numbers = np.array([functions, own], dtype=np.int64).T
+            self._tables.append(Table(_StageArrays, stages=np.ascontiguousarray(numbers)))
+
+    def run(self, count: int) -> int:
+        """Work on the games from 0 to ``count``; returns 0, or what :meth:`Threads.run` makes of other results."""
+        return self._threads.run(run_stages, self._tables, count)
+
+    def run_some(self, index: NDArray[np.int64]) -> int:
+        """Work on the games ``index`` (M,) alone, in this thread; returns the last result other than 0, or 0."""
+        address, result = self._tables[0].address, 0
+        for i in index.tolist():
+            result = run_stages(address, i, i + 1) or result
+        return result
