@@ -12,10 +12,10 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from ..config import Config, ConfigError
+from ..engine.pipeline import Pipeline
 from ..game.execution import RUNNING
 from ..policies.base import Flags, Floats, Indices
 from ..sim.core import compile_ahead
-from ..engine.pipeline import Pipeline
 from ..sim.core.batch import ALL_TICKS, GameBatch
 from ..sim.core.parameters import drawn_values
 from ..sim.observation.kinds import FLAT, MASK
@@ -28,19 +28,6 @@ from .outcome import Ends
 from .spaces import OBSERVATION, action_space, observation_space, velocities
 
 _NONE_OVER = np.zeros(0, dtype=np.bool_)
-
-
-class _Calls:
-    """The calls of a step with one observer: ``step`` plays and observes, ``look`` observes.
-
-    Actions stand for candidates as the observation before, that of ``last``, lists them.
-    """
-
-    def __init__(self, batch: GameBatch, observer: Observer, last: Observer, actions: NDArray[np.int64]) -> None:
-        look = [batch.situation_stage(observer.situation), *observer.stages()]
-        choices = [batch.choice_stage(actions, last.situation.mask, last.list)] if batch.config.action == "goal" else []
-        self.look = Pipeline(look, batch.threads)
-        self.step = Pipeline([*choices, batch.tick_stage(), *look], batch.threads)
 
 
 class EnvCore:
@@ -85,8 +72,7 @@ class EnvCore:
         self._copies = copy
         self._shown: Situation | None = None  # the situation as it was given away since the last step
         self._actions = np.zeros(n, dtype=np.int64)
-        self._calls: list[_Calls] = []  # for each observer
-        self._made_for = -1, -1  # revisions of the arrays that the calls work on
+        self._calls: dict[Observer, tuple[tuple[int, int], Pipeline]] = {}  # with what they are made for
         self.elapsed_s = np.zeros(n)  # simulated, in the last step
         self._most_steps = max_episode_steps
         self._steps = np.zeros(n, dtype=np.int64)  # of each episode
@@ -100,7 +86,7 @@ class EnvCore:
 
     def __getstate__(self) -> dict[str, Any]:
         """Without what is made again."""
-        return {**self.__dict__, "_shown": None, "_calls": [], "_made_for": (-1, -1)}
+        return {**self.__dict__, "_shown": None, "_calls": {}}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -156,28 +142,34 @@ class EnvCore:
         for observer in self._observers:
             observer.maps_changed(index)
 
-    def _make_calls(self) -> None:
-        """Make the calls of a step anew, if arrays that they work on have been replaced."""
-        made_for = self.batch.revision, self.batch.levels.version
-        if made_for != self._made_for:
-            last = self._observers[-1]
-            self._calls = []
-            for observer in self._observers:
-                self._calls.append(_Calls(self.batch, observer, last, self._actions))
-                last = observer
-            self._made_for = self.batch.revision, self.batch.levels.version
+    def _step_call(self) -> Pipeline:
+        """The one call of a step, made anew if arrays that it works on have been replaced.
+
+        Actions stand for candidates as the observation before lists them.
+        """
+        batch, observer, last = self.batch, self._observer, self._observers[-1]
+        made_for = batch.revision, batch.levels.version
+        known = self._calls.get(observer)
+        if known is None or known[0] != made_for:
+            stages = [batch.situation_stage(observer.situation), *observer.stages()]
+            if self.config.action == "goal":
+                stages = [
+                    batch.choice_stage(self._actions, last.situation.mask, last.list),
+                    batch.tick_stage(),
+                    *stages,
+                ]
+            else:
+                stages = [batch.tick_stage(), *stages]
+            known = self._calls[observer] = (batch.revision, batch.levels.version), Pipeline(stages, batch.threads)
+        return known[1]
 
     def _look(self, index: Indices | None = None) -> None:
         """Observe all games anew, or those in ``index`` alone."""
-        self._make_calls()
-        calls, observer = self._calls[0], self._observer
-        while (calls.look.run(self.batch.n) if index is None else calls.look.run_some(index)) < 0:
-            observer.maps_wanted()
-        self._seen(index)
+        self._observer.observe(index=index)
+        self._seen()
 
-    def _seen(self, index: Indices | None = None) -> None:
-        """What follows when the situations have been written anew."""
-        self._observer.finish(index)
+    def _seen(self) -> None:
+        """Keep what is asked of the new situations."""
         self._shown = None
         if self._path_counts:
             alive = self.batch.alive  # (N, P)
@@ -188,7 +180,6 @@ class EnvCore:
         """The next observation goes to the other arrays, if there are two sets."""
         if len(self._observers) > 1:
             self._observers.reverse()
-            self._calls.reverse()
 
     @functools.cached_property
     def _ghost_observer(self) -> Observer:
@@ -244,18 +235,13 @@ class EnvCore:
         batch.begin_decisions()
         batch.prepare_ticks(watch=self._by_event, most=ALL_TICKS if self._by_event else 1)
         self._take_turns()
-        self._make_calls()
-        result = self._calls[0].step.run(batch.n)
-        if result:
-            self._play_on(result)
+        result = self._step_call().run(batch.n)
+        if result:  # a game waits for a space, a map is to be prepared, or a ghost's function has raised
+            batch.resume(max(result, 1) if result <= NEEDS_MAPS else result)
+            self._observer.observe()
+        else:
+            self._observer.finish()
         self._seen()
-
-    def _play_on(self, result: int) -> None:
-        """Bring a step to its end in which a kernel has asked for something, or a ghost's function has raised."""
-        batch = self.batch
-        batch.resume(max(result, 1) if result <= NEEDS_MAPS else result)
-        while self._calls[0].look.run(batch.n) < 0:
-            self._observer.maps_wanted()
 
     def _play_by_steps(self, actions: NDArray[Any], given: Mapping[int, Indices]) -> None:
         batch = self.batch
@@ -335,8 +321,7 @@ class EnvCore:
     def observe_ghost(self, number: int) -> tuple[Any, Flags, Indices | None]:
         """Of a ghost's agent, laid out alike; its mask (N, C) and ``listed``, as the robot's."""
         observer = self._ghost_observer
-        stages = [self.batch.situation_stage(observer.situation, number), *observer.stages()]
-        Pipeline(stages, self.batch.threads).run(self.batch.n)
+        observer.observe(number)
         listed = None if observer.listed is None else observer.listed.copy()
         return self._laid_out(observer, True), observer.allowed != 0, listed
 

@@ -13,7 +13,7 @@ from pacman_env.envs import spaces as env_spaces
 from pacman_env.envs.spaces import action_space
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.kinds import Observer
+from pacman_env.sim.observation.observer import Observer
 from pacman_env.sim.observation.robot_features import CANDIDATE_COLUMNS, ROBOT_COLUMNS, observe
 from pacman_env.world.maps.occupancy import OccupancyMap, shipped_maps
 

@@ -16,7 +16,8 @@ from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.registration import ENV_ID, IDS
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.maps.level_source import FixedMap
-from pacman_env.sim.observation.kinds import MASK, ObservationPart, Observer
+from pacman_env.sim.observation.kinds import MASK, ObservationPart
+from pacman_env.sim.observation.observer import Observer
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
 from tools.common import table
 from tools.reference import as_arguments, number

@@ -146,9 +146,7 @@ def _planner(batch: GameBatch, situation: Situation) -> Observation:
     return {"planner_candidates": candidates, "planner_globals": whole}
 
 
-def _planner_stage(
-    batch: GameBatch, situation: Situation, wanted: NDArray[np.bool_], arrays: Observation
-) -> Stage:
+def _planner_stage(batch: GameBatch, situation: Situation, wanted: NDArray[np.bool_], arrays: Observation) -> Stage:
     filled = arrays["planner_candidates"], arrays["planner_globals"]
     return planner_stage(situation, batch.config.robot.speed_mps, wanted, *filled)
 

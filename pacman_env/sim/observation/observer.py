@@ -60,6 +60,7 @@ class Observer:
             found = {key: part if key == MASK else part._replace(**unit) for key, part in found.items()}
         self.parts = {FLAT: _flattened(found)} if config.flat else found
         self._compiled = [kind for kind in self._kinds if isinstance(kind, CompiledKind)]
+        self._looks: dict[int, tuple[tuple[int, int], Pipeline]] = {}  # by player, with what they are made for
         self._filled = [kind for kind in self._kinds if not isinstance(kind, CompiledKind)]
 
     def __getstate__(self) -> tuple[Any, ...]:
@@ -125,12 +126,28 @@ class Observer:
         made = (kind.stage(self._batch, self.situation, self._wanted, self._raw) for kind in self._compiled)
         return [self._list_stage, *made, *([] if self._filled else self._row_stages)]
 
-    def finish(self, index: NDArray[np.int64] | None = None) -> None:
-        """Fill in the kinds that Python makes and lay the observation out, after the stages; None: of all games."""
+    def observe(self, player: int = -1, index: NDArray[np.int64] | None = None) -> Observation:
+        """Observe the batch's games as the robot (-1) or a ghost sees them now, or only the games ``index`` (M,).
+
+        Returns ``result``.
+        """
+        made_for = self._batch.revision, self._batch.levels.version
+        if self._looks.get(player, (None,))[0] != made_for:
+            stages = [self._batch.situation_stage(self.situation, player), *self.stages()]
+            made_for = self._batch.revision, self._batch.levels.version
+            self._looks[player] = made_for, Pipeline(stages, self._batch.threads)
+        look = self._looks[player][1]
+        while (look.run(self._batch.n) if index is None else look.run_some(index)) < 0:
+            self.maps_wanted()
+        return self.finish()
+
+    def finish(self) -> Observation:
+        """Fill in the kinds that Python makes and lay the observation out, after the stages; returns ``result``."""
         if self._filled:
             for kind in self._filled:
                 self._fill(kind, self.situation)
             self._lay_out.run(self._batch.n)
+        return self.result
 
     def look_at(self, situation: Situation) -> None:
         """Make the observation of as many situations from elsewhere; ``situation`` is a copy of them then."""
@@ -167,8 +184,13 @@ class Observer:
         s, nearest = self.situation, self.nearest or Nearest(0, 0)
         table = Table(
             CandidateArrays,
-            **{"kind": s.kind, "mask": s.mask, "path_robot": s.path_robot, "current": s.current},
-            **{"listed": self.list, "wanted": self._wanted, "allowed": self.allowed},
+            kind=s.kind,
+            mask=s.mask,
+            path_robot=s.path_robot,
+            current=s.current,
+            listed=self.list,
+            wanted=self._wanted,
+            allowed=self.allowed,
             room=np.array([nearest.pellets, nearest.refuges], dtype=np.int64),
         )
         return list_candidates, [table]
@@ -218,9 +240,7 @@ def _flattened(parts: Mapping[str, ObservationPart]) -> ObservationPart:
     for key, part in parts.items():
         if part.dtype == np.uint8:
             raise ConfigError(f"observation.flat: {key!r} is a picture, which is not laid out as numbers in a row")
-    ends = [
-        (np.broadcast_to(p.low, p.shape).ravel(), np.broadcast_to(p.high, p.shape).ravel()) for p in parts.values()
-    ]
+    ends = [(np.broadcast_to(p.low, p.shape).ravel(), np.broadcast_to(p.high, p.shape).ravel()) for p in parts.values()]
     low, high = (np.concatenate(side).astype(np.float32) for side in zip(*ends, strict=True))
     return ObservationPart(low, high, low.shape, np.float32)
 

@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.arrays import Array, Table, address, arrays_by_address, zeros
+from ...engine.arrays import Array, Table, arrays_by_address, zeros
 from ...engine.jit import kernel
+from ...engine.native import address_of
 from ...engine.pipeline import Stage
 from ...world.navigation.grid import cell_of
 from ...world.navigation.paths import AT_GOAL, NO_STEP
@@ -78,7 +79,8 @@ class FeatureArrays(NamedTuple):
 
 
 class _FillArrays(NamedTuple):
-    situation: Any = Array(np.int64, "4")  # address of its block, and the three lengths
+    block: Any = Array(np.uint8, "b")  # the situations'
+    lengths: Any = Array(np.int64, "3")
     seen: Any = FeatureArrays
 
 
@@ -110,7 +112,7 @@ def features_stage(situation: Situation, arrays: Observation) -> Stage:
     if ghosts is None:
         ghosts = np.zeros((lengths[0], lengths[2], len(GHOST_COLUMNS)), dtype=np.float32)
     seen = FeatureArrays(**{name: arrays[name] for name in FeatureArrays._fields if name != "ghosts"}, ghosts=ghosts)
-    return write_features, [Table(_FillArrays, situation=np.array([address(block), *lengths]), seen=seen)]
+    return write_features, [Table(_FillArrays, block=block, lengths=np.array(lengths), seen=seen)]
 
 
 @kernel
@@ -127,8 +129,8 @@ def in_robot_frame(dx, dy, cos, sin, limit):  # type: ignore[no-untyped-def]
 @kernel
 def write_features(table, first, last):  # type: ignore[no-untyped-def]
     a = _fill_arrays(table)
-    block, n, count, others = a.situation
-    f, s = a.seen, _situation(block, n, count, others)
+    n, count, others = a.lengths
+    f, s = a.seen, _situation(address_of(a.block), n, count, others)
     robot, clyde, candidates, ghosts = f.robot, f.clyde, f.candidates, f.ghosts
     for i in range(first, last):
         x, y = s.robot[i, 0], s.robot[i, 1]

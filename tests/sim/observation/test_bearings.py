@@ -16,12 +16,13 @@ from pacman_env.sim.observation.robot_features import (
     FAST_MPS,
     GHOST_BEARING_COLUMNS,
     PELLET_BEARING_COLUMNS,
-    Scale,
     ghost_bearings,
     pellet_bearings,
 )
 from pacman_env.sim.observation.situation import PELLET, Situation
 from pacman_env.world.maps.occupancy import OccupancyMap
+
+from .scaling import scaled_by
 
 CANNOT_REACH = {"pellets.reachable_only": False}
 
@@ -136,7 +137,7 @@ def test_values_are_cut_at_their_bounds_and_what_is_here_is_ahead() -> None:
 
 @pytest.mark.parametrize("columns", [PELLET_BEARING_COLUMNS, GHOST_BEARING_COLUMNS])
 def test_directions_are_not_scaled_and_lengths_are_within_1(columns: tuple[tuple[str, float, float, str], ...]) -> None:
-    scaled = Scale(columns, 600.0)(np.array([[high for _, _, high, _ in columns]], dtype=np.float32))[0]
+    scaled = scaled_by(columns, 600.0, np.array([[high for _, _, high, _ in columns]], dtype=np.float32))[0]
     assert (scaled <= 1.0).all()
     for (name, *_), value in zip(columns, scaled.tolist(), strict=True):
         assert value == 1.0 or name in ("distance", "path_robot"), name

@@ -12,7 +12,7 @@ from pacman_env.config import make_config
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.maps.level_source import GeneratedMaps
-from pacman_env.sim.observation.kinds import Observer
+from pacman_env.sim.observation.observer import Observer
 from pacman_env.sim.observation.raster import CHANNELS
 
 KINDS = ("features", "scan", "grid")
@@ -31,7 +31,13 @@ def observed(kinds: tuple[str, ...], n: int = 3, steps: int = 12, **settings: An
     velocity = config.action == "velocity"
     for _ in range(steps):
         batch.step(np.tile([0.2, 0.3], (n, 1)) if velocity else np.zeros(n, dtype=np.int64))
-    return Observer(batch).observe(batch.situation())
+    return observed_now(batch)
+
+
+def observed_now(batch: GameBatch) -> dict[str, np.ndarray]:
+    observer = Observer(batch)
+    observer.maps_changed(np.arange(batch.n))
+    return observer.observe()
 
 
 @pytest.mark.parametrize("action", ["goal", "velocity"])
@@ -74,15 +80,15 @@ def test_the_scan_is_taken_from_the_true_pose_and_the_picture_from_the_believed_
     assert (lost["robot"] != sure["robot"]).any()
 
 
-def test_observations_are_new_arrays_at_each_call() -> None:
-    config = make_config(**{"observation.kinds": KINDS})
+@pytest.mark.parametrize("settings", [{}, {"observation.candidates": "nearest", "observation.flat": True}], ids=str)
+def test_a_situation_from_elsewhere_is_seen_as_the_games_own(settings: dict[str, Any]) -> None:
+    config = make_config(**{"observation.kinds": ("features", "planner"), **settings})
     batch = GameBatch(map_assets("maze", config), config, 2)
     batch.reset(np.arange(2), np.arange(2, dtype=np.uint64))
-    observer, situation = Observer(batch), batch.situation()
-    first, second = observer.observe(situation), observer.observe(situation)
-    for key in first:
-        np.testing.assert_array_equal(first[key], second[key])
-        assert not np.shares_memory(first[key], second[key])
+    own, other = observed_now(batch), Observer(batch)
+    other.look_at(batch.situation())
+    for key, array in own.items():
+        np.testing.assert_array_equal(array, other.result[key])
 
 
 def test_whoever_steers_is_told_where_to_and_bearings_can_be_asked_for() -> None:

@@ -17,7 +17,6 @@ from pacman_env.sim.observation.situation import (
     REFUGE,
     Nearest,
     Situation,
-    in_order,
     nearest_candidates,
 )
 
@@ -62,10 +61,3 @@ def test_the_candidate_that_is_pursued_is_listed_however_far_it_is(situation: Si
     several = allowed.sum(axis=1) >= 2
     assert several.any()
     assert (order[several, 1] == situation.current[several]).all()
-
-
-def test_rows_follow_the_order_and_are_0_where_nobody_is() -> None:
-    array = np.arange(1, 13, dtype=np.float32).reshape(2, 3, 2)
-    order = np.array([[2, 0], [MISSING, 1]])
-    assert in_order(array, order).tolist() == [[[5, 6], [1, 2]], [[0, 0], [9, 10]]]
-    assert in_order(array[..., 0], order).tolist() == [[5, 1], [0, 9]]
