@@ -21,6 +21,7 @@ from ..sim.core.parameters import drawn_values
 from ..sim.observation.kinds import FLAT, MASK
 from ..sim.observation.observer import Observer
 from ..sim.observation.planner_features import NEEDS_MAPS
+from ..sim.observation.robot_features import Observation
 from ..sim.observation.situation import MISSING, Situation, at_places
 from . import outcome
 from .arguments import EnvArguments, check_render_mode
@@ -230,9 +231,10 @@ class EnvCore:
         batch = self.batch
         if self.config.action == "velocity":
             batch.arrays["velocities"][:] = velocities(actions, self.config)
+            batch.wake()
         else:
             self._actions[:] = actions
-        batch.begin_decisions()
+        batch.send_no_ghosts()
         batch.prepare_ticks(watch=self._by_event, most=ALL_TICKS if self._by_event else 1)
         self._take_turns()
         result = self._step_call().run(batch.n)
@@ -316,21 +318,25 @@ class EnvCore:
 
         Without ``copy`` (None: as the environment was made) the arrays are written again by a later step.
         """
-        return self._laid_out(self._observer, self._copies if copy is None else copy)
+        observer = self._observer
+        return self._laid_out(observer.result, observer.allowed, self._copies if copy is None else copy)
+
+    def observe_game(self) -> Any:
+        """Of the only game: one array per key, or one array."""
+        return self._laid_out(*self._observer.first_game, True)
 
     def observe_ghost(self, number: int) -> tuple[Any, Flags, Indices | None]:
         """Of a ghost's agent, laid out alike; its mask (N, C) and ``listed``, as the robot's."""
         observer = self._ghost_observer
         observer.observe(number)
         listed = None if observer.listed is None else observer.listed.copy()
-        return self._laid_out(observer, True), observer.allowed != 0, listed
+        return self._laid_out(observer.result, observer.allowed, True), observer.allowed != 0, listed
 
-    def _laid_out(self, observer: Observer, copy: bool) -> Any:
-        seen = observer.result
+    def _laid_out(self, seen: Observation, allowed: NDArray[np.int8], copy: bool) -> Any:
         if copy:
             seen = {key: array.copy() for key, array in seen.items()}
         observation = seen.get(FLAT, seen)
-        return {OBSERVATION: observation, MASK: observer.allowed.copy()} if self._mask_beside else observation
+        return {OBSERVATION: observation, MASK: allowed.copy()} if self._mask_beside else observation
 
     def info_of_game(self) -> dict[str, Any]:
         """The infos of the only game, as Python's numbers."""

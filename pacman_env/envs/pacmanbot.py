@@ -185,4 +185,4 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
         return self._core.masks()[0]
 
     def _observed(self) -> tuple[Observation, dict[str, Any]]:
-        return self._core.of_game(self._core.observe(), 0), self._core.info_of_game()
+        return self._core.observe_game(), self._core.info_of_game()

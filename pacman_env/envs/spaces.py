@@ -68,7 +68,8 @@ def velocities(actions: NDArray[np.float64], config: Config) -> NDArray[np.float
 
 def checked_action(space: spaces.Space[Any], action: Any, agent: str = "") -> Any:
     """An action of one game as an int64, or as two float64 (v, omega) of any size; ValueError outside of the space."""
-    if type(action) is int and isinstance(space, spaces.Discrete) and space.start <= action < space.start + space.n:
+    whole = type(action) is int or isinstance(action, np.integer)
+    if whole and isinstance(space, spaces.Discrete) and space.start <= action < space.start + space.n:
         return np.int64(action)
     if isinstance(space, spaces.Box):
         velocities = np.asarray(action)

@@ -364,9 +364,12 @@ class GameBatch(GameState):
             self._control["resume"][0] = 1
             waiting = self.threads.run(ticks.play, self._tables, self.n)
 
-    def begin_decisions(self) -> None:
-        """Wake all games for a tick; ghosts that are sent from outside wander on."""
+    def wake(self) -> None:
+        """Wake all games for a tick, where no :meth:`choice_stage` does."""
         self._awake.fill(ticks.ONE_TICK)
+
+    def send_no_ghosts(self) -> None:
+        """Let ghosts that are sent from outside wander on."""
         self._ghosts.send(None)
 
     def prepare_ticks(self, *, watch: bool = False, most: int = 1, fresh: bool = True) -> None:

@@ -113,6 +113,11 @@ class Observer:
         shown = self._raw | ({MASK: self.allowed} if self._masked else {})
         return {key: self._made(key, part) if self._changes(key) else shown[key] for key, part in self.parts.items()}
 
+    @cached_property
+    def first_game(self) -> tuple[Observation, NDArray[np.int8]]:
+        """``result`` and ``allowed`` of the first game."""
+        return {key: array[0] for key, array in self.result.items()}, self.allowed[0]
+
     def _made(self, key: str, part: ObservationPart) -> NDArray[Any]:
         return np.zeros((self._batch.n, *part.shape), np.float32 if self._config.normalize else part.dtype)
 
