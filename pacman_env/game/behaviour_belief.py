@@ -1,53 +1,59 @@
 """What a ghost is believed to do, from its moves: probabilities of the table's behaviours, and of any other.
 
-A move is compared with what each behaviour would have done. ``wander`` moves anywhere, but does not turn round on its
-way; ``chase`` comes nearer to the robot by path; ``arcade`` does so from afar and goes to its corner when it is near.
-A ghost that is sent from outside is none of them: it may turn and stand. One move is less evidence than its frequency
-says, since a ghost that wanders keeps its direction for seconds.
+A move is compared with what each behaviour would have done. ``chase`` comes nearer to the robot by path; ``arcade`` does
+so from afar and goes to its corner when it is near. ``wander`` goes to one of the map's places, which are equally
+likely, and does not turn round on its way: where the ways to the places that it may be going to part, the share that it
+goes on with is the likelihood of the move. On the only way to all of them a move towards the robot says nothing, however
+long the way is. A ghost that is sent from outside is none of them: it may turn and stand.
 """
 
 BELIEVED = ("wander", "arcade", "chase", "other")
 WANDERS, ARCADE, CHASES, OTHER = range(len(BELIEVED))
 COMES = 0.5  # probability above which a ghost is taken to come for the robot
 PRIOR = (0.55, 0.15, 0.2, 0.1)
+ANY_PLACE = -1  # all bits
 _FORGOTTEN = 0.005  # of the belief at each move: a ghost may change what it does
-#: How much likelier a move is of a ghost that has a target, by the share of the move that went towards the target.
-#: A ghost that wanders goes so far towards it in 45 % of its moves (`house`), which persist: 1.8, not 2.2.
+#: Likelihood of a move of a ghost that has a target, by the share of the move that went towards the target: 0.98 to 1.0,
+#: 0.0 to 0.02 and 0.0 as measured (`house` and generated houses), less sure here as the robot's place is a belief.
 _TOWARDS_FROM, _ACROSS_FROM = 0.5, 0.0
-_TOWARDS, _ACROSS, _AWAY = 1.8, 0.5, 0.05
-_TURN_WANDERING, _TURN_CHASING = 0.15, 0.7  # turning round, against a ghost that is sent from outside
-_ON_OTHER = 0.87  # a move that did not turn round, likewise
+_TOWARDS, _ACROSS, _AWAY = 0.95, 0.035, 0.015
+_NEW_TARGET = 0.08  # of a move that leads to none of the places that a wanderer was going to, as measured
+#: Likelihood of turning round: of wandering, of having a target, of being sent from outside; and of not turning.
+_TURN_WANDERING, _TURN_CHASING, _TURN_OTHER, _ON_OTHER = 0.02, 0.09, 0.13, 0.87
 _STANDS = (0.02, 0.5, 0.1, 0.5)  # standing, for each behaviour
+_ARRIVED = (0.02, 0.5, 0.5, 0.5)  # standing beside the robot: a chaser may not come nearer
+ARRIVED_M = 1.0
 
 
 def evidence(share):  # type: ignore[no-untyped-def]
-    """How much likelier a move is if the ghost has the target that it approached by this share of the move's length."""
+    """How likely a move is if the ghost has the target that it approached by this share of the move's length."""
     if share >= _TOWARDS_FROM:
         return _TOWARDS
     return _ACROSS if share >= _ACROSS_FROM else _AWAY
 
 
-def update_belief(belief, robot_share, corner_share, near, turned):  # type: ignore[no-untyped-def]
+def update_belief(belief, places_share, robot_share, corner_share, near, turned):  # type: ignore[no-untyped-def]
     """Update ``belief``, probabilities in the order of ``BELIEVED``, after a move.
 
     Args:
+        places_share: of the places that it may have been going to, those that it came nearer to; 0: none.
         robot_share: length by which its path to the robot got shorter, of the length of the move.
         corner_share: likewise of the path to its corner.
         near: the robot was nearer than the distance at which ``arcade`` turns away.
         turned: the move went against the one before.
     """
-    wander, other, chase = 1.0, 1.0, evidence(robot_share)
+    chase = evidence(robot_share)
     arcade = evidence(corner_share) if near else chase
     if turned:
-        wander, chase = wander * _TURN_WANDERING, chase * _TURN_CHASING  # arcade turns wherever it comes near
+        weigh(belief, (_TURN_WANDERING, arcade, chase * _TURN_CHASING, _TURN_OTHER))  # arcade turns where it comes near
     else:
-        other *= _ON_OTHER
-    weigh(belief, (wander, arcade, chase, other))
+        wander = (1.0 - _NEW_TARGET) * places_share if places_share > 0.0 else _NEW_TARGET
+        weigh(belief, (wander, arcade, chase, _ON_OTHER * wander))
 
 
-def update_standing(belief):  # type: ignore[no-untyped-def]
-    """Update ``belief`` of a ghost that did not move."""
-    weigh(belief, _STANDS)
+def update_standing(belief, robot_m):  # type: ignore[no-untyped-def]
+    """Update ``belief`` of a ghost that did not move, so far from the robot, m."""
+    weigh(belief, _ARRIVED if robot_m <= ARRIVED_M else _STANDS)
 
 
 def weigh(belief, likelihoods):  # type: ignore[no-untyped-def]
@@ -76,3 +82,4 @@ def forget(ghost):  # type: ignore[no-untyped-def]
     for k in range(len(PRIOR)):
         ghost.belief[k] = PRIOR[k]
     ghost.seen_cell = -1
+    ghost.places = ANY_PLACE

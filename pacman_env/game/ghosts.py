@@ -58,6 +58,7 @@ GHOST_FIELDS = [
     ("seen_cell", np.int32),  # drivable cell, -1: not seen yet
     ("robot_cell", np.int32),  # of the robot
     ("seen_tick", np.int32),
+    ("places", np.int64),  # those that it may be going to if it wanders, a bit each
 ]
 
 

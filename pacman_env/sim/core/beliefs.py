@@ -12,10 +12,12 @@ import numpy as np
 
 from ...engine.arrays import Array
 from ...engine.jit import kernel
-from ...game.behaviour_belief import forget, update_belief, update_standing
+from ...game.behaviour_belief import ANY_PLACE, forget, update_belief, update_standing
 from ...world.navigation.grid import cell_of
 
 _MOVED_M = 0.2  # a shorter move says little on a grid: it is added to the next one
+_NEARER = 0.5  # of a move: so much nearer it comes to a place that it is going to
+_PLACES = 64
 _STANDS_TICKS = 3
 _STANDS_SHARE = 0.2  # of what its speed allows
 
@@ -42,6 +44,29 @@ def apart_cm(a, b):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def places_left(before, now, moved_m, places):  # type: ignore[no-untyped-def]
+    """Of the ``places`` (bits) that a ghost may have been going to, the share that it came nearer to, and these.
+
+    ``before`` and ``now`` are the lengths of its paths to all goals, at most 64 of which count. Where it came nearer to
+    none, the share is 0 and the places are all those that it comes nearer to now.
+    """
+    count, going, left, ahead = min(len(before), _PLACES), 0, np.int64(0), np.int64(0)
+    for k in range(count):
+        goal, bit = k * len(before) // count, np.int64(1) << k
+        nearer = np.int32(before[goal]) - np.int32(now[goal]) >= _NEARER * 100.0 * moved_m
+        ahead |= bit if nearer else 0
+        going += (places & bit) != 0
+    left = places & ahead
+    if left == 0:
+        return 0.0, ahead if ahead != 0 else np.int64(ANY_PLACE)
+    staying, rest = 0, left
+    while rest != 0:
+        rest &= rest - 1
+        staying += 1
+    return staying / going, left
+
+
+@kernel
 def watch(ghosts, paths, robot, tick, level, maps, arcade_m, tick_s):  # type: ignore[no-untyped-def]
     """Update what is believed of a game's ghosts (G,); ``robot`` is the place (x, y), m, that it believes to be at."""
     snap, length_cm = maps.snap[level], maps.length_cm[level]
@@ -57,7 +82,7 @@ def watch(ghosts, paths, robot, tick, level, maps, arcade_m, tick_s):  # type: i
             ticks = tick - ghost.seen_tick
             if moved < _MOVED_M:
                 if ticks >= _STANDS_TICKS and moved < _STANDS_SHARE * ghost.speed * ticks * tick_s:
-                    update_standing(ghost.belief)
+                    update_standing(ghost.belief, math.sqrt((ghost.x - robot[0]) ** 2 + (ghost.y - robot[1]) ** 2))
                     ghost.seen_tick = tick
                 continue
             before, now, target = length_cm[ghost.seen_cell], length_cm[cell], length_cm[ghost.robot_cell]
@@ -67,7 +92,8 @@ def watch(ghosts, paths, robot, tick, level, maps, arcade_m, tick_s):  # type: i
                 target = length_cm[corner]
                 corner_share = 0.01 * (apart_cm(before, target) - apart_cm(now, target)) / moved
             turned = dx * ghost.seen_vx + dy * ghost.seen_vy < -0.5 * moved * ghost.speed
-            update_belief(ghost.belief, robot_share, corner_share, near, turned)
+            places_share, ghost.places = places_left(before, now, moved, ghost.places)
+            update_belief(ghost.belief, places_share, robot_share, corner_share, near, turned)
         ghost.seen_x, ghost.seen_y, ghost.seen_vx, ghost.seen_vy = ghost.x, ghost.y, ghost.vx, ghost.vy
         ghost.seen_m = math.sqrt((ghost.x - robot[0]) ** 2 + (ghost.y - robot[1]) ** 2)
         ghost.seen_cell, ghost.robot_cell, ghost.seen_tick = cell, here, tick
