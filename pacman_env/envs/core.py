@@ -149,7 +149,7 @@ class EnvCore:
         Actions stand for candidates as the observation before lists them.
         """
         batch, observer, last = self.batch, self._observer, self._observers[-1]
-        made_for = batch.revision, batch.levels.version
+        made_for = batch.revision, batch.levels.most_goals
         known = self._calls.get(observer)
         if known is None or known[0] != made_for:
             stages = [batch.situation_stage(observer.situation), *observer.stages()]
@@ -161,7 +161,7 @@ class EnvCore:
                 ]
             else:
                 stages = [batch.tick_stage(), *stages]
-            known = self._calls[observer] = (batch.revision, batch.levels.version), Pipeline(stages, batch.threads)
+            known = self._calls[observer] = (batch.revision, batch.levels.most_goals), Pipeline(stages, batch.threads)
         return known[1]
 
     def _look(self, index: Indices | None = None) -> None:

@@ -1,10 +1,10 @@
 """What a ghost is believed to do, from its moves: probabilities of the table's behaviours, and of any other.
 
-A move is compared with what each behaviour would have done. ``chase`` comes nearer to the robot by path; ``arcade`` does
-so from afar and goes to its corner when it is near. ``wander`` goes to one of the map's places, which are equally
-likely, and does not turn round on its way: where the ways to the places that it may be going to part, the share that it
-goes on with is the likelihood of the move. On the only way to all of them a move towards the robot says nothing, however
-long the way is. A ghost that is sent from outside is none of them: it may turn and stand.
+A move is compared with what each behaviour would have done. ``chase`` comes nearer to the robot by path; ``arcade``
+does so from afar and goes to its corner when it is near. ``wander`` goes to one of the map's places, which are equally
+likely, and does not turn round on its way: where the ways to the places that it may be going to part, the share that
+it goes on with is the likelihood of the move. On the only way to all of them a move towards the robot says nothing,
+however long the way is. A ghost that is sent from outside is none of them: it may turn and stand.
 """
 
 BELIEVED = ("wander", "arcade", "chase", "other")
@@ -13,7 +13,7 @@ COMES = 0.5  # probability above which a ghost is taken to come for the robot
 PRIOR = (0.55, 0.15, 0.2, 0.1)
 ANY_PLACE = -1  # all bits
 _FORGOTTEN = 0.005  # of the belief at each move: a ghost may change what it does
-#: Likelihood of a move of a ghost that has a target, by the share of the move that went towards the target: 0.98 to 1.0,
+#: Likelihood of a move of a ghost that has a target, by the share of it that went towards the target: 0.98 to 1.0,
 #: 0.0 to 0.02 and 0.0 as measured (`house` and generated houses), less sure here as the robot's place is a belief.
 _TOWARDS_FROM, _ACROSS_FROM = 0.5, 0.0
 _TOWARDS, _ACROSS, _AWAY = 0.95, 0.035, 0.015

@@ -16,7 +16,7 @@ from pacman_env.game.execution import COMPLETE
 from pacman_env.game.ghosts import POLICY
 from pacman_env.policies.base import Policy
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.assets import MapAssets
+from pacman_env.sim.maps.level import Level
 from pacman_env.sim.maps.level_source import TEST_LEVEL, GeneratedMaps
 from pacman_env.training.arguments import Arguments
 from pacman_env.training.fragments import use_device
@@ -32,9 +32,9 @@ class _KeptLevels(GeneratedMaps):
 
     def __init__(self, config: Config, start_level: int, num_levels: int) -> None:
         super().__init__(config, start_level, num_levels)
-        self._kept: dict[int, MapAssets] = {}
+        self._kept: dict[int, Level] = {}
 
-    def prepare(self, level: int) -> MapAssets:
+    def prepare(self, level: int) -> Level:
         if level not in self._kept:
             self._kept[level] = super().prepare(level)
         return self._kept[level]

@@ -228,14 +228,10 @@ class PlayedRound:
         """(R,) the scan at the robot's true pose, m, NaN: nothing met; without noise."""
         pose = self.snapshots[-1].true
         assert pose is not None
-        levels, ranges, zeros = self.batch.levels, np.zeros((1, _RAYS), dtype=np.float32), np.zeros(1, np.int32)
-        level = np.ascontiguousarray(self.batch.games["level"][:1])
-        maps = lidar.Maps(
-            levels.arrays["affine"], levels.arrays["clearance_cm"], levels.arrays["shape"], levels.resolution
-        )
-        robots = lidar.Robots(level, np.array([pose]), zeros.astype(np.uint64), zeros)
-        lidar.scan(maps, robots, lidar.Sensor(*_RANGE_M, 0.0), ranges)
-        return np.where(ranges[0] >= _RANGE_M[1], np.nan, ranges[0].astype(float))
+        grid, ranges = self.assets.grid, np.zeros(_RAYS, dtype=np.float32)
+        moment, sensor = (np.uint64(0), np.int32(0)), lidar.Sensor(*_RANGE_M, 0.0)
+        lidar.scan(grid.affine, grid.clearance_cm, grid.resolution, np.array(pose), moment, sensor, ranges)
+        return np.where(ranges >= _RANGE_M[1], np.nan, ranges.astype(float))
 
     def why(self, tick: int) -> dict[str, Any]:
         """The terms of the candidates at a tick: the policies are asked again, from the first tick on."""

@@ -11,14 +11,15 @@ import pytest
 from pacman_env.config import make_config
 from pacman_env.policies.base import Policy
 from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.maps.level_stack import LevelStack
+from pacman_env.sim.maps.level import Level
+from pacman_env.sim.maps.level_slots import LevelSlots
 from pacman_env.sim.observation.situation import HOLD, PELLET, REFUGE, Situation
 
 
 @cache
-def house() -> LevelStack:
+def house() -> LevelSlots:
     config = make_config()
-    return LevelStack(map_assets("house", config), config)
+    return LevelSlots.only(Level(map_assets("house", config), config))
 
 
 def random_situation(seed: int, games: int, pellets: int = 8, refuges: int = 3, allowed: float = 0.7) -> Situation:
@@ -35,7 +36,7 @@ def random_situation(seed: int, games: int, pellets: int = 8, refuges: int = 3, 
     position[:, -1] = robot[:, :2]
     mask = rng.random((games, candidates)) < allowed
     mask[:, -1] = True
-    assets = house().assets(0)
+    assets = house().level(0).assets
     goal = rng.integers(0, assets.pellets + assets.refuges, (games, candidates)).astype(np.int32)
     goal[:, -1] = -1
     return Situation(

@@ -51,7 +51,8 @@ def with_goals(assets: MapAssets, cells: NDArray[np.int64]) -> MapAssets:
     goal_cell = np.concatenate([assets.goal_cell[: assets.pellets], cells]).astype(np.int32)
     goal_xy = np.concatenate([assets.goal_xy[: assets.pellets], assets.cell_xy[cells].astype(np.float64)])
     fields: dict[str, Any] = path_fields(assets.grid, goal_cell)
-    return dataclasses.replace(assets, goal_xy=goal_xy, goal_cell=goal_cell, **fields)
+    apart_m = np.zeros(len(goal_xy), dtype=np.float32)  # for planner features, which nobody asks for
+    return dataclasses.replace(assets, goal_xy=goal_xy, goal_cell=goal_cell, goal_apart_m=apart_m, **fields)
 
 
 def drive_to_random_goals(source: str, goals: int, seed: int, preset: str = "ideal") -> Trials:

@@ -23,7 +23,8 @@ from pacman_env.config.validation import require
 from pacman_env.files import install_command
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy, policy_names, split_ghosts
-from pacman_env.sim.maps.assets import MapAssets, are_sent, map_assets
+from pacman_env.sim.maps.assets import MapAssets, map_assets
+from pacman_env.sim.maps.level import Level
 from pacman_env.sim.maps.level_source import TEST_LEVEL, FixedMap, GeneratedMaps, LevelSource, prepare_level
 from pacman_env.world.maps.occupancy import OccupancyMap
 
@@ -52,17 +53,17 @@ Scenario = str | Levels
 class _KeptMaps(GeneratedMaps):
     @property
     def first(self) -> MapAssets:
-        return self.prepare(self.start_level)
+        return self.prepare(self.start_level).assets
 
-    def prepare(self, level: int) -> MapAssets:
-        # In these the configurations of a comparison differ, and they do not matter to a map; of ghosts that do not
-        # only wander, not how many they are or what they do.
-        ghosts = ("chase",) if are_sent(self._config.clyde) else ("wander",)
-        changes = {"clyde.speed_mps": 0.0, "clyde.ghosts": ghosts, "endless": False}
+    def prepare(self, level: int) -> Level:
+        # In these the configurations of a comparison differ, and they do not matter to a map.
+        changes = {"clyde.speed_mps": 0.0, "clyde.ghosts": ("wander",), "endless": False}
         return _prepared(level, self._config.with_fields(**changes))
 
 
-_prepared = functools.lru_cache(maxsize=_KEPT_LEVELS)(prepare_level)
+@functools.lru_cache(maxsize=_KEPT_LEVELS)
+def _prepared(level: int, config: Config) -> Level:
+    return Level(prepare_level(level, config), config)
 
 
 def open_scenario(scenario: Scenario | OccupancyMap, config: Config) -> LevelSource:

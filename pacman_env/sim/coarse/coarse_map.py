@@ -11,11 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.arrays import Array
+from ...engine.arrays import Array, Table, arrays_by_address
 from ...engine.bucket_queue import clear, new_queue, pop, push
 from ...engine.jit import kernel
 from ...world.navigation.paths import AT_GOAL, NO_STEP
 from ..maps.assets import MapAssets
+from ..maps.level import COARSE_MAP, Level
 
 BLOCK_M = 0.2
 MOST_BLOCKS = 3000  # of the ghosts: the tables from each to each are 4 bytes a pair
@@ -46,6 +47,7 @@ class CoarseArrays(NamedTuple):
     ghost_corner: Any = Array(np.int32, "4")  # block of each ghost's corner
 
 
+coarse_arrays = arrays_by_address(CoarseArrays)
 _maps: "weakref.WeakKeyDictionary[MapAssets, CoarseArrays]" = weakref.WeakKeyDictionary()
 _making = threading.Lock()  # threads that play on one map have one of it
 
@@ -57,6 +59,12 @@ def coarse_map(assets: MapAssets) -> CoarseArrays:
         if made is None:
             made = _maps[assets] = _build(assets)
     return made
+
+
+def add_coarse_map(level: Level) -> None:
+    """Let kernels find the blocks of a level's map."""
+    if not level.has(COARSE_MAP):
+        level.add(COARSE_MAP, Table(CoarseArrays, **coarse_map(level.assets)._asdict()))
 
 
 def _build(assets: MapAssets) -> CoarseArrays:

@@ -5,20 +5,20 @@ react, then to the nearest other goals. Ghosts that wander are not in it; ``obse
 """
 
 import math
-import threading
-import weakref
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...config import Config
 from ...engine.arrays import Array, Table, arrays_by_address
 from ...engine.jit import kernel
 from ...engine.native import address_of
 from ...game.behaviour_belief import ARCADE, BELIEVED, CHASES, WANDERS, comes, taken_for
 from ...game.ghosts import BEHAVIOURS
+from ..maps.level import COARSE_MAP
 from ..observation.situation import PELLET
-from .coarse_map import CoarseArrays, coarse_map
+from .coarse_map import coarse_arrays
 from .model import (
     GHOST,
     MOST_PELLETS,
@@ -38,10 +38,6 @@ from .model import (
     rules,
 )
 
-if TYPE_CHECKING:
-    from ..maps.assets import MapAssets
-    from ..maps.level_stack import LevelStack
-
 _FAR_S, _STAY_S, _AFTER_S = 30.0, 6.0, 8.0  # played at most on the way to a candidate, holding, after arriving
 _WAYS = 4  # goals tried after arriving
 _FAR_M = 10.0
@@ -57,7 +53,6 @@ COLUMNS = 7
 class OutlookArrays(NamedTuple):
     """Of one thread: scratch memory, and what does not change."""
 
-    coarse: Any = Array(np.int64, "S")  # addresses of the tables of the maps in the stack's slots
     rules: Any = Array(RULES, "2")  # those that count, and with the bare radius of death
     robots: Any = Array(_ROBOT, "3")  # at the beginning, on the way, after it
     ghosts: Any = Array(GHOST, "3 g")
@@ -68,19 +63,10 @@ class OutlookArrays(NamedTuple):
     behaviours_table: Any = Array(np.int64, "t")  # the same as a table
 
 
-_coarse_arrays = arrays_by_address(CoarseArrays)
-_tables: "weakref.WeakKeyDictionary[Any, Table]" = weakref.WeakKeyDictionary()  # by assets
-_making = threading.Lock()
-
-
 class Outlook:
-    """The outlook's memory for the maps of a stack."""
+    """The outlook's memory under a configuration."""
 
-    def __init__(self, levels: "LevelStack") -> None:
-        config = levels.config
-        self._addresses = np.zeros(len(levels), dtype=np.int64)
-        self._known: list[Any] = [None] * len(levels)
-        self._levels = weakref.ref(levels)
+    def __init__(self, config: Config) -> None:
         self._rules = np.concatenate([rules(config, Lags()), rules(config, Lags(death_margin_m=0.0))])
         self._classes = np.zeros((len(BELIEVED), 2), dtype=np.int64)
         self._constants = {}
@@ -92,24 +78,8 @@ class Outlook:
         self._tables: list[Table] = []  # of each thread: what behaviours and the outlook work on
         self._places: list[NDArray[np.int64]] = []
 
-    def make_ready(self, levels: "LevelStack", slots: NDArray[np.integer[Any]]) -> None:
-        """Make the coarse maps of the maps in ``slots``, if they are not there."""
-        for slot in set(slots.tolist()):
-            assets = levels.assets(slot)
-            if self._known[slot] is not assets or not self._addresses[slot]:
-                self._known[slot], self._addresses[slot] = assets, _coarse_table(assets).address
-
-    def forget_changed(self, levels: "LevelStack", slots: NDArray[np.integer[Any]]) -> None:
-        """Forget the coarse maps of ``slots`` with another map than before."""
-        for slot in set(slots.tolist()):
-            if self._known[slot] is not levels.assets(slot):
-                self._known[slot], self._addresses[slot] = None, 0
-
-    def memory(self, ghosts: int, threads: int) -> list[NDArray[np.int64]]:
-        """Of so many threads the address (1,) of the table of OutlookArrays."""
-        levels = self._levels()
-        assert levels is not None
-        goals = levels.arrays["goal_xy"].shape[1]
+    def memory(self, goals: int, ghosts: int, threads: int) -> list[NDArray[np.int64]]:
+        """Of each thread, the address (1,) of its table of OutlookArrays, for levels of at most so many goals."""
         fits = self._memory and self._memory[0].ghosts.shape[1] == ghosts and len(self._memory[0].bit) == goals
         if not fits:
             self._memory, self._tables, self._places = [], [], []
@@ -118,7 +88,6 @@ class Outlook:
             table = Table(BehaviourArrays, **own._asdict())
             self._memory.append(
                 OutlookArrays(
-                    coarse=self._addresses,
                     rules=self._rules.copy(),
                     robots=np.zeros(3, dtype=ROBOT),
                     ghosts=np.zeros((3, ghosts), dtype=GHOST),
@@ -133,15 +102,6 @@ class Outlook:
             self._tables += [table, whole]
             self._places.append(np.array([whole.address]))
         return self._places[:threads]
-
-
-def _coarse_table(assets: "MapAssets") -> Table:
-    """Kept as long as the map: a second one that replaced it in another thread would free what its kernels read."""
-    with _making:
-        table = _tables.get(assets)
-        if table is None:
-            table = _tables[assets] = Table(CoarseArrays, **coarse_map(assets)._asdict())
-    return table
 
 
 outlook_arrays = arrays_by_address(OutlookArrays)
@@ -202,10 +162,10 @@ def _list_ways(robot, model, goals):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def look_ahead(s, i, wanted, a, result):  # type: ignore[no-untyped-def]
+def look_ahead(s, i, level, wanted, a, result):  # type: ignore[no-untyped-def]
     """Fill in the rows of situation i of ``s``, (C, COLUMNS), of candidates that are ``wanted``, (C,); others are 0."""
     result[:] = 0.0
-    m = _coarse_arrays(a.coarse[s.level[i]])
+    m = coarse_arrays(level.later[COARSE_MAP])
     bit = a.bit[: len(m.goal_xy)]
     model = Model(m, a.rules, address_of(a.behaviours_table), bit)
     robots, numbers = a.robots, a.rules[0]

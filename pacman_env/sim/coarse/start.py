@@ -35,7 +35,7 @@ def start(
     s = situation
     if s.maps is None:
         raise ValueError("the situation has no maps to plan on")
-    assets = s.maps.assets(int(s.level[i]))
+    assets = s.maps.level(int(s.level[i])).assets
     bit = np.full(len(assets.goal_xy), -1, dtype=np.int8)
     pellets = np.flatnonzero(s.mask[i] & (s.kind[i] == PELLET) & np.isfinite(s.path_robot[i]) & (s.goal[i] >= 0))
     pellets = pellets[np.argsort(s.path_robot[i, pellets], kind="stable")][:MOST_PELLETS]

@@ -58,9 +58,9 @@ class GameBatch(GameState):
         if self.threads.number > n:  # the others would only wait, and each has scratch memory
             self.threads = Threads(n)
         self._levels = GameLevels(source, config, n, self.threads)
-        self.levels, self.spaces = self._levels.stack, self._levels.spaces
+        self.levels, self.spaces = self._levels.levels, self._levels.spaces
         self._history = History(n, self.ghosts.shape[1], bool(self._ghosts.sent_from_outside.any()), config)
-        self._parameters = batch_parameters(config, self.levels.resolution, self.pellet_slots, self.refuge_slots)
+        self._parameters = batch_parameters(config, source.first.grid.resolution, self.pellet_slots, self.refuge_slots)
         self._rewards = reward_record(config.reward, config.decisions.discount_per_s**config.execution.tick_s)
         self._controls = np.zeros(1, dtype=ticks.CONTROL)
         #: A view (1,) of each field: a number is written through it in a fifth of the time.
@@ -73,8 +73,10 @@ class GameBatch(GameState):
         #: Grows when arrays that stages work on are replaced: pipelines of them are to be made anew.
         self.revision = 0
         self._awake = self.arrays["last_decision"]["awake"]
-        self._version = -1
-        self._bind()
+        self._ghosts.bind(self.levels, self.hold)
+        shared = {"obstacles": self.obstacles, "parameters": self._parameters, "levels": self.levels.addresses}
+        self._rules = kernels.RuleArrays(**self.rules, **shared)
+        self._view: tuple[NDArray[Any], Table] | None = None
 
     @property
     def assets(self) -> MapAssets:
@@ -125,7 +127,7 @@ class GameBatch(GameState):
                 index = np.array([r.game for r in begin])
                 awake[index] = ticks.ONE_TICK
                 if len(self.levels) > 1:
-                    self._change_levels(index, np.array([r.level for r in begin]))
+                    self._levels.change(index, np.array([r.level for r in begin]))
                 began = np.array([r.began for r in begin], dtype=GAME)
                 self._start(index, np.ascontiguousarray(began["seed"]), began)
             for r in rounds:
@@ -174,7 +176,7 @@ class GameBatch(GameState):
         rounds = [self._history.so_far(i, ticks, level)._replace(game=k) for i, ticks, level, k in of_each]
         copies = clones.Copies(self, games)
         if len(target.levels) > 1:
-            target._change_levels(into, levels)
+            target._levels.change(into, levels)
         target._levels.enter(into, copies.games)
         target._replay([r for r, touch in zip(rounds, copies.games["touch"], strict=True) if touch])
         copies.games["level"] = [target._levels.slots[i] for i in into.tolist()]
@@ -189,16 +191,6 @@ class GameBatch(GameState):
             for r, seed in zip(rounds, seeds.tolist(), strict=True):
                 target._history.reseeded[r.game] = (*r.reseeded, (len(r.decisions), seed))
 
-    def _bind(self) -> None:
-        if self._version == self.levels.version:
-            return
-        self._version = self.levels.version
-        self._ghosts.bind(self.levels, self.hold)
-        shared = {"obstacles": self.obstacles, "parameters": self._parameters, "goal_xy": self.levels.arrays["goal_xy"]}
-        self._rules = kernels.RuleArrays(**self.rules, **shared)
-        self._view: tuple[NDArray[Any], Table] | None = None
-        self._forget_tables()
-
     def reset(
         self, index: NDArray[np.int64], seeds: NDArray[np.uint64], levels: NDArray[np.int64] | None = None
     ) -> None:
@@ -211,25 +203,20 @@ class GameBatch(GameState):
         seeds = np.asarray(seeds, dtype=np.uint64)
         fresh = draw_episodes(seeds, self.config)
         if len(self.levels) > 1:
-            self._change_levels(index, self.source.levels_of(seeds) if levels is None else levels)
+            self._levels.change(index, self.source.levels_of(seeds) if levels is None else levels)
         self._start(index, seeds, fresh)
-
-    def _change_levels(self, index: NDArray[np.int64], levels: NDArray[np.int64]) -> None:
-        self._levels.change(index, levels)
-        self._bind()
 
     def _start(self, index: NDArray[np.int64], seeds: NDArray[np.uint64], fresh: NDArray[Any]) -> None:
         """Begin a round; ``fresh`` holds what goes on from the round before, or the episode's parameters."""
         self._history.begin(index, seeds, fresh)
         self._levels.enter(index, fresh)
-        maps, ghosts = self.levels.arrays, self._ghosts
-        kernels.reset_robots(self.games, index, seeds, fresh, maps["home"])
+        ghosts, levels = self._ghosts, self.levels.addresses
+        kernels.reset_robots(self.games, index, seeds, fresh, levels)
         self.alive[index] = np.arange(self.pellet_slots) < self.games["pellets"][index, None]
         self.rules["waits"][index] = self.rules["aborts"][index] = 0
-        starts = maps["spawn_cells"], maps["spawn_count"], maps["ghost_xy"]
         use_tf = int(self._parameters["use_tf"][0])
         kernels.reset_ghosts(
-            self.games, index, ghosts.state, ghosts.paths, ghosts.obstacles, ghosts.wander_first, starts, use_tf
+            self.games, index, ghosts.state, ghosts.paths, ghosts.obstacles, ghosts.wander_first, levels, use_tf
         )
 
     def _follow_completed_rounds(self) -> None:
@@ -385,10 +372,9 @@ class GameBatch(GameState):
         self.revision += 1
 
     def _tick_table(self, ghosts: Table) -> Table:
-        stack = self.levels
         remembered = zeros(ticks.TickArrays, ("decisions", "driven"), N=self.n, t=0)
         remembered["driven" if self.config.action == "velocity" else "decisions"] = self._history.decisions
-        search = detour_memory(stack.arrays["cell_xy"].shape[1], stack.longest_way_cm, stack.resolution)
+        search = detour_memory(self.levels.sizes.cells, self.levels.sizes.longest_cm, self.source.first.grid.resolution)
         return Table(
             ticks.TickArrays,
             rules=self._rules,
@@ -399,7 +385,6 @@ class GameBatch(GameState):
             control=self._controls,
             **remembered,
             **self.arrays,
-            **stack.arrays_for(ticks.TickArrays),
         )
 
     def _set_actions(self, actions: NDArray[Any]) -> None:
@@ -460,5 +445,4 @@ class GameBatch(GameState):
             ghost_paths=self._ghosts.paths,
             request=request,
             summary=self.summary,
-            **self.levels.arrays_for(situation_kernel.ViewArrays),
         )

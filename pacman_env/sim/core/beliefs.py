@@ -6,29 +6,19 @@ lies beyond a or b it is exact.
 """
 
 import math
-from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...engine.arrays import Array
 from ...engine.jit import kernel
 from ...game.behaviour_belief import ANY_PLACE, forget, update_belief, update_standing
 from ...world.navigation.grid import cell_of
+from ..maps.level import level_arrays
 
 _MOVED_M = 0.2  # a shorter move says little on a grid: it is added to the next one
 _NEARER = 0.5  # of a move: so much nearer it comes to a place that it is going to
 _PLACES = 64
 _STANDS_TICKS = 3
 _STANDS_SHARE = 0.2  # of what its speed allows
-
-
-class WatchArrays(NamedTuple):
-    affine: Any = Array(np.float64, "M 6")
-    snap: Any = Array(np.int32, "M h w")
-    length_cm: Any = Array(np.uint16, "M k g")
-    ghost_drive: Any = Array(np.int32, "M k")  # drivable cell under each of the ghosts'
-    corner_drive: Any = Array(np.int32, "M 4")  # drivable cell of each ghost's corner
-
 
 #: For Python.
 forget_ghost = kernel(forget)
@@ -67,15 +57,19 @@ def places_left(before, now, moved_m, places):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def watch(ghosts, paths, robot, tick, level, maps, arcade_m, tick_s):  # type: ignore[no-untyped-def]
-    """Update what is believed of a game's ghosts (G,); ``robot`` is the place (x, y), m, that it believes to be at."""
-    snap, length_cm = maps.snap[level], maps.length_cm[level]
-    column, row = cell_of(maps.affine[level], snap.shape[0], snap.shape[1], robot[0], robot[1])
+def watch(ghosts, paths, robot, tick, level, arcade_m, tick_s):  # type: ignore[no-untyped-def]
+    """Update what is believed of a game's ghosts (G,).
+
+    ``robot`` is the place (x, y), m, that it believes to be at, ``level`` the address of a level.
+    """
+    a = level_arrays(level)
+    snap, length_cm = a.snap, a.length_cm
+    column, row = cell_of(a.affine, snap.shape[0], snap.shape[1], robot[0], robot[1])
     here = snap[row, column]
     for k in range(len(ghosts)):
         ghost = ghosts[k]
-        cell = maps.ghost_drive[level, paths[k, ghost.path_index]]
-        corner = maps.corner_drive[level, k]
+        cell = a.ghost_drive[paths[k, ghost.path_index]]
+        corner = a.corner_drive[k]
         if ghost.seen_cell >= 0 and cell >= 0 and ghost.robot_cell >= 0 and corner >= 0:
             dx, dy = ghost.x - ghost.seen_x, ghost.y - ghost.seen_y
             moved = math.sqrt(dx * dx + dy * dy)

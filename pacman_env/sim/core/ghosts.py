@@ -33,8 +33,8 @@ from ...world.navigation.grid import cell_of
 from ...world.navigation.localization import Pose
 from ..maps.assets import MapAssets
 from ..maps.ghost_cells import find_path, search_memory
-from ..maps.level_stack import LevelStack
-from .beliefs import WatchArrays
+from ..maps.level import Level, level_arrays
+from ..maps.level_slots import LevelSlots
 from .beliefs import watch as watch_ghosts
 from .kernels import believed, see_ghosts
 from .parameters import GAME, GHOST, PARAMETERS, batch_parameters
@@ -42,13 +42,6 @@ from .parameters import GAME, GHOST, PARAMETERS, batch_parameters
 _TABLE = tuple(entry for entry in BEHAVIOURS.values() if entry.target is not None)
 BEHAVIOUR_NAMES = tuple(entry.name for entry in _TABLE)
 _FROM_OUTSIDE = -1  # in place of the address of a behaviour's kernel
-
-
-class CellArrays(NamedTuple):
-    ghost_graph: Any = Array(np.int32, "M k 16")  # the search's view of a cell
-    ghost_part: Any = Array(np.int32, "M k")
-    ghost_part_start: Any = Array(np.int64, "M p")
-    ghost_part_cells: Any = Array(np.int32, "M k")
 
 
 class GhostArrays(NamedTuple):
@@ -62,13 +55,7 @@ class GhostArrays(NamedTuple):
     choices: Any = Array(np.int64, "N G")  # of those sent from outside
     remembered: Any = Array(np.int32, "N t G")  # the choice at each tick of the round
     behaviours: Any = Array(np.int64, "B 2")  # addresses of the kernel and of its constants
-    affine: Any = Array(np.float64, "M 6")
-    ghost_snap: Any = Array(np.int32, "M h w")  # nearest cell
-    ghost_place: Any = Array(np.int32, "M g")  # cell of each goal
-    ghost_corner: Any = Array(np.int32, "M 4")  # cell of each corner
-    ghost_xy: Any = Array(np.float64, "M k 2")  # m, of the cells
-    cells: Any = CellArrays
-    watched: Any = WatchArrays
+    levels: Any = Array(np.int64, "L")  # addresses
     search: Any = SearchArrays
 
 
@@ -76,13 +63,12 @@ _arrays = arrays_by_address(GhostArrays)
 
 
 @kernel
-def wander_on(ghost, path, m, cells, search):  # type: ignore[no-untyped-def]
+def wander_on(ghost, path, level, search):  # type: ignore[no-untyped-def]
     """Algorithm 2: draw a target and take the shortest path there, at the end of the path."""
-    graph, part, part_start, part_cells = cells
     node, queue = search
     here = path[ghost.path_index]
-    target = choose_target(ghost, here, part[m], part_start[m], part_cells[m])
-    ghost.path_length = find_path(np.int64(here), np.int64(target), graph[m], node, queue, path)
+    target = choose_target(ghost, here, level.ghost_part, level.ghost_part_start, level.ghost_part_cells)
+    ghost.path_length = find_path(np.int64(here), np.int64(target), level.ghost_graph, node, queue, path)
     ghost.path_index = 0
     ghost.path_offset = 0.0
     if ghost.path_length == 0:  # cannot happen within a part; it stays where it is
@@ -91,19 +77,19 @@ def wander_on(ghost, path, m, cells, search):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def head_for(ghost, path, target, m, cells, search):  # type: ignore[no-untyped-def]
+def head_for(ghost, path, target, level, search):  # type: ignore[no-untyped-def]
     """Turn to another cell at once: on to the next cell of its path, from there the shortest one, if there is any."""
-    graph, part, _, _ = cells
+    part = level.ghost_part
     node, queue = search
     here = path[ghost.path_index]
-    if path[ghost.path_length - 1] == target or part[m, here] != part[m, target]:
+    if path[ghost.path_length - 1] == target or part[here] != part[target]:
         return
     kept = 0
     following = here
     if ghost.path_offset > 0.0:
         kept = 1
         following = path[ghost.path_index + 1]
-    count = find_path(np.int64(following), np.int64(target), graph[m], node, queue, path[kept:])
+    count = find_path(np.int64(following), np.int64(target), level.ghost_graph, node, queue, path[kept:])
     if count > 0:
         path[0] = here
         ghost.path_index = 0
@@ -111,31 +97,25 @@ def head_for(ghost, path, target, m, cells, search):  # type: ignore[no-untyped-
 
 
 @kernel
-def _go(ghost, path, target, m, cells, search):  # type: ignore[no-untyped-def]
+def _go(ghost, path, target, level, search):  # type: ignore[no-untyped-def]
     """To a cell, or wander on without one (-1) or a path to it."""
-    part = cells[1]
-    ghost.wanders = target < 0 or part[m, path[ghost.path_index]] != part[m, target]
+    part = level.ghost_part
+    ghost.wanders = target < 0 or part[path[ghost.path_index]] != part[target]
     if not ghost.wanders:
-        head_for(ghost, path, target, m, cells, search)
+        head_for(ghost, path, target, level, search)
 
 
 @kernel
-def _send(ghost, path, i, chosen, a):  # type: ignore[no-untyped-def]
+def _send(ghost, path, i, chosen, level, a):  # type: ignore[no-untyped-def]
     """Send a ghost of game i to a candidate of the robot's; the last candidate is to wander on."""
     g, p = a.games[i], a.parameters[0]
     goal = chosen if chosen < p.pellet_slots else g.pellets + chosen - p.pellet_slots
     target = -1
     hold = p.pellet_slots + p.refuge_slots
     if chosen < hold and goal < g.pellets + g.refuges and (chosen >= p.pellet_slots or chosen < g.pellets):
-        target = a.ghost_place[g.level, goal]
-    _go(ghost, path, target, g.level, a.cells, a.search)
+        target = level.ghost_place[goal]
+    _go(ghost, path, target, level, a.search)
     ghost.place = -1 if ghost.wanders else chosen
-
-
-@kernel
-def _send_to_cell(ghost, path, cell, m, a):  # type: ignore[no-untyped-def]
-    """Send a ghost to a cell of map m; it wanders on if there is no such cell."""
-    _go(ghost, path, cell if cell < a.cells.ghost_part_start[m].max() else -1, m, a.cells, a.search)
 
 
 @kernel
@@ -144,6 +124,7 @@ def decide(table, i):  # type: ignore[no-untyped-def]
     a = _arrays(table)
     ghosts, paths, behaviours = a.ghosts, a.paths, a.behaviours
     g, p = a.games[i], a.parameters[0]
+    level = level_arrays(a.levels[g.level])
     count = ghosts.shape[1]
     hold = p.pellet_slots + p.refuge_slots
     for k in range(count):
@@ -154,12 +135,13 @@ def decide(table, i):  # type: ignore[no-untyped-def]
             chosen = a.choices[i, k]
             a.remembered[i, g.tick, k] = chosen
             if chosen <= hold:
-                _send(ghosts[i, k], paths[i, k], i, chosen, a)
+                _send(ghosts[i, k], paths[i, k], i, chosen, level, a)
             else:
                 ghosts[i, k].place = -1
                 row = count + chosen - hold - 1
                 if row >= len(behaviours):
-                    _send_to_cell(ghosts[i, k], paths[i, k], row - len(behaviours), g.level, a)
+                    cell = row - len(behaviours)  # it wanders on if there is no such cell
+                    _go(ghosts[i, k], paths[i, k], cell if cell < len(level.ghost_part) else -1, level, a.search)
                     row = -1
         if row >= 0 and call_range(behaviours[row, 0], table, i, row * count + k) < 0:
             return False
@@ -172,13 +154,14 @@ def move(table, i):  # type: ignore[no-untyped-def]
     a = _arrays(table)
     ghosts, paths = a.ghosts, a.paths
     g, p = a.games[i], a.parameters[0]
+    level = level_arrays(a.levels[g.level])
     count = ghosts.shape[1]
     for k in range(count):
-        walk(ghosts[i, k], paths[i, k], a.ghost_xy[g.level], p.clyde_period)
+        walk(ghosts[i, k], paths[i, k], level.ghost_xy, p.clyde_period)
     see_ghosts(g, ghosts[i], a.obstacles[i])
     for k in range(count):
         if ghosts[i, k].wanders & at_target(ghosts[i, k]):
-            wander_on(ghosts[i, k], paths[i, k], g.level, a.cells, a.search)
+            wander_on(ghosts[i, k], paths[i, k], level, a.search)
 
 
 @kernel
@@ -187,7 +170,7 @@ def watch(table, i):  # type: ignore[no-untyped-def]
     a = _arrays(table)
     g, p = a.games[i], a.parameters[0]
     bx, by, _ = believed(g, p.use_tf)
-    watch_ghosts(a.ghosts[i], a.paths[i], (bx, by), g.tick, g.level, a.watched, p.arcade_m, p.tick_s)
+    watch_ghosts(a.ghosts[i], a.paths[i], (bx, by), g.tick, a.levels[g.level], p.arcade_m, p.tick_s)
 
 
 def _target(view, constants):  # type: ignore[no-untyped-def]
@@ -200,21 +183,20 @@ _CONSTANTS = 0  # likewise the number of its constants
 def _follow_behaviour(table, i, which):  # type: ignore[no-untyped-def]
     """Let a ghost of game i decide where it goes; ``which``: the behaviour's row times the ghosts plus its number."""
     a = _arrays(table)
-    snap, position = a.ghost_snap, a.ghost_xy
     row, number = divmod(which, a.ghosts.shape[1])
     constants = reals_at(a.behaviours[row, 1], _CONSTANTS)
     g, p = a.games[i], a.parameters[0]
-    m, ghost = g.level, a.ghosts[i, number]
+    level, ghost = level_arrays(a.levels[g.level]), a.ghosts[i, number]
     bx, by, heading = believed(g, p.use_tf)
-    own_corner = a.ghost_corner[m, number]
-    corner_x, corner_y = position[m, own_corner]
+    corner_x, corner_y = level.ghost_xy[level.ghost_corner[number]]
     view = GhostView(number, ghost.x, ghost.y, ghost.vx, ghost.vy, bx, by, heading, corner_x, corner_y)
     x, y = _target(view, to_fixed_tuple(constants, _CONSTANTS))
     target = -1
     if math.isfinite(x) and math.isfinite(y):
-        column, row = cell_of(a.affine[m], snap.shape[1], snap.shape[2], x, y)
-        target = snap[m, row, column]
-    _go(ghost, a.paths[i, number], target, m, a.cells, a.search)
+        rows, columns = level.ghost_snap.shape
+        column, row = cell_of(level.affine, rows, columns, x, y)
+        target = level.ghost_snap[row, column]
+    _go(ghost, a.paths[i, number], target, level, a.search)
     return 0
 
 
@@ -284,7 +266,7 @@ class Ghosts:
             return
         if choices.shape != self.choices.shape:
             raise ValueError(f"ghost choices of shape {choices.shape}: must be {self.choices.shape}")
-        most = cell_choice(self._hold, self._searched[0] - 1)
+        most = cell_choice(self._hold, self._levels.sizes.ghost_cells - 1)
         bad = np.flatnonzero(((choices < 0) | (choices > most)).any(axis=1))
         if len(bad) > 0:
             raise ValueError(
@@ -301,16 +283,11 @@ class Ghosts:
             if self._behaviours[row, 0] == 0 and (self.choices == behaviour_choice(self._hold, k)).any():
                 self._use(row, behaviour)
 
-    def bind(self, levels: LevelStack, hold: int) -> None:
-        """Use the arrays of the maps, after they have been made anew; ``hold`` is the last candidate."""
-        self._hold = hold
-        self._maps = levels.arrays_for(GhostArrays)
-        self._searched = self._maps["ghost_xy"].shape[1], levels.longest_ghost_way
+    def bind(self, levels: LevelSlots, hold: int) -> None:
+        """Let the ghosts walk on these levels; ``hold`` is the last candidate."""
+        self._levels, self._hold = levels, hold
         # A ghost that turns round between two cells walks on to the second one first.
-        room = max(levels.longest_ghost_way + 1, self.paths.shape[2])
-        paths = np.zeros((*self.state.shape, room), dtype=np.int32)
-        paths[:, :, : self.paths.shape[2]] = self.paths
-        self.paths = paths
+        self.paths = np.zeros((*self.state.shape, levels.sizes.longest_ghost_way + 1), dtype=np.int32)
 
     def table(self, games: NDArray[Any], remembered: NDArray[np.int32], parameters: NDArray[Any]) -> Table:
         """What the kernels work on, with scratch memory of its own: one for each thread."""
@@ -324,8 +301,8 @@ class Ghosts:
             choices=self.choices,
             remembered=remembered,
             behaviours=self._behaviours,
-            search=SearchArrays(*search_memory(*self._searched)),
-            **self._maps,
+            levels=self._levels.addresses,
+            search=SearchArrays(*search_memory(self._levels.sizes.ghost_cells, self._levels.sizes.longest_ghost_way)),
         )
 
     def raise_again(self, table: int, game: int) -> None:
@@ -348,7 +325,7 @@ class MapGhosts:
         self.cells = assets.clyde
         self._assets, self._config = assets, config
         self._ghosts = Ghosts(1, config)
-        self._ghosts.bind(LevelStack(assets, config), assets.pellets + assets.refuges)
+        self._ghosts.bind(LevelSlots.only(Level(assets, config)), assets.pellets + assets.refuges)
         self._parameters = batch_parameters(config, assets.grid.resolution, assets.pellets, assets.refuges)
         self._parameters["use_tf"] = 1  # the pose that is given is the one believed
         self._games = np.zeros(1, dtype=GAME)  # where the robot is; a step's number never counts

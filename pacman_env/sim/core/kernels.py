@@ -28,6 +28,7 @@ from ...rng import LOCALIZATION, NAVIGATION, below, stream
 from ...world.navigation import localization, navigator
 from ...world.navigation.controller import drive_wheels, limit, refresh_heading
 from ...world.navigation.physics import move, place
+from ..maps.level import level_arrays
 from .parameters import GAME, PARAMETERS
 
 _LONG_AGO = -9
@@ -35,7 +36,7 @@ SUMMARY = ("outcome", "collected", "lost", "spawned", "aborts", "round_seed")  #
 
 
 class RuleArrays(NamedTuple):
-    """What the rules work on: N games, C candidates, P pellets, G ghosts, M maps."""
+    """What the rules work on: N games, C candidates, P pellets, G ghosts, L slots for levels."""
 
     games: Any = Array(GAME, "N")
     alive: Any = Array(np.bool_, "N P")  # the pellet is there
@@ -43,7 +44,7 @@ class RuleArrays(NamedTuple):
     aborts: Any = Array(np.int64, "N C")  # of the goal in this round
     obstacles: Any = Array(np.float64, "N G 3")  # x, y, keep-out radius of the ghosts, m
     parameters: Any = Array(PARAMETERS, "1")
-    goal_xy: Any = Array(np.float64, "M g 2")  # m
+    levels: Any = Array(np.int64, "L")  # addresses of their arrays (``maps/level.py``)
 
 
 @kernel
@@ -74,41 +75,46 @@ def see_ghosts(g, ghosts, obstacles):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def reset_robots(games, index, seeds, fresh, home):  # type: ignore[no-untyped-def]
-    """Begin rounds in the games ``index`` (M,) at ``home``, by level; ``fresh`` (M,) are their first records."""
-    for k in range(len(index)):
-        i = index[k]
-        games[i] = fresh[k]
-        g = games[i]
-        g.seed = seeds[k]
-        g.localization_stream = stream(g.seed, LOCALIZATION)
-        g.nav_stream = stream(g.seed, NAVIGATION)
-        g.x, g.y, g.heading = home[g.level, 0], home[g.level, 1], home[g.level, 2]
-        place(g, g.x, g.y)
-        g.nav_goal = -1
-        g.nav_next = -1
-        g.nav_no_path_step = _LONG_AGO
-        g.nav_no_control_step = _LONG_AGO
-        g.nav_stuck_step = _LONG_AGO
-        g.nav_clear_step = _LONG_AGO
-        g.pursued = NO_CHOICE
-        g.catcher = -1
-        g.spawned = g.pellets
-        localization.update(g, np.int64(0))
+def reset_robot(g, home):  # type: ignore[no-untyped-def]
+    """Begin the round of a game's record, which has a seed, at ``home``."""
+    g.localization_stream = stream(g.seed, LOCALIZATION)
+    g.nav_stream = stream(g.seed, NAVIGATION)
+    g.x, g.y, g.heading = home[0], home[1], home[2]
+    place(g, g.x, g.y)
+    g.nav_goal = -1
+    g.nav_next = -1
+    g.nav_no_path_step = _LONG_AGO
+    g.nav_no_control_step = _LONG_AGO
+    g.nav_stuck_step = _LONG_AGO
+    g.nav_clear_step = _LONG_AGO
+    g.pursued = NO_CHOICE
+    g.catcher = -1
+    g.spawned = g.pellets
+    localization.update(g, np.int64(0))
 
 
 @kernel
-def reset_ghosts(games, index, ghosts, paths, obstacles, wander_first, starts, use_tf):  # type: ignore[no-untyped-def]
-    """Put the ghosts of the games ``index`` on cells drawn from ``starts``: cells, counts, positions, by level."""
-    cells, counts, ghost_xy = starts
+def reset_robots(games, index, seeds, fresh, levels):  # type: ignore[no-untyped-def]
+    """Begin rounds in the games ``index`` (M,); ``fresh`` (M,) are their first records."""
+    for k in range(len(index)):
+        i = index[k]
+        games[i] = fresh[k]
+        games[i].seed = seeds[k]
+        reset_robot(games[i], level_arrays(levels[games[i].level]).home)
+
+
+@kernel
+def reset_ghosts(games, index, ghosts, paths, obstacles, wander_first, levels, use_tf):  # type: ignore[no-untyped-def]
+    """Put the ghosts of the games ``index`` on cells drawn from those to spawn on."""
     for i in index:
         g = games[i]
+        level = level_arrays(levels[g.level])
         for n in range(ghosts.shape[1]):
             ghost = ghosts[i, n]
             ghost.speed = g.clyde_speed
             ghost.wanders = wander_first[n]
-            ghost.stream, pick = below(ghost_stream(g.seed, n), counts[g.level])
-            spawn(ghost, cells[g.level, pick], paths[i, n], ghost_xy[g.level])
+            ghost.stream, pick = below(ghost_stream(g.seed, n), len(level.spawn_cells))
+            spawn(ghost, level.spawn_cells[pick], paths[i, n], level.ghost_xy)
         see_ghosts(g, ghosts[i], obstacles[i])
         bx, by, _ = believed(g, use_tf)
         _, g.distance = nearest(bx, by, obstacles[i])
@@ -130,7 +136,7 @@ def follow(a, i, event, value, x, y):  # type: ignore[no-untyped-def]
     g = a.games[i]
     before = g.collected
     navigating = g.nav_state == navigator.ACTIVE or g.nav_next >= 0
-    board = Board(a.goal_xy[g.level], a.obstacles[i], a.alive[i], a.waits[i], a.aborts[i])
+    board = Board(level_arrays(a.levels[g.level]).goal_xy, a.obstacles[i], a.alive[i], a.waits[i], a.aborts[i])
     action = transition(g, event, value, (x, y), g.step, navigating, board, a.parameters[0])
     g.score += g.collected - before
     g.tick_pellets += g.collected - before
@@ -252,20 +258,19 @@ def due(g, chosen, last, p):  # type: ignore[no-untyped-def]
 def step_robot(state, by_hand, cells, nav, search, spaces):  # type: ignore[no-untyped-def]
     """One physics step of the only robot, without a game; False if it needs a space before it moves.
 
-    ``nav`` are the planner's arrays of the only map, (1, ...).
+    ``nav`` are the planner's arrays of its map.
     """
     games, paths, obstacles, parameters, plan_end = state
     clearance, clear = cells
     g, p = games[0], parameters[0]
     i = np.int64(0)  # of the type that the ticks' numbers have: a constant would have everything compiled once more
-    affine, snap, neighbours, cell_xy, length_cm, next_step = nav
+    affine = nav[0]
     if not g.stage:
         if navigator.plan_due(g, g.step):
-            here = (affine[0], snap[0], neighbours[0], cell_xy[0], length_cm[0], next_step[0])
-            navigator.plan(g, i, paths, obstacles[0], p, plan_end[0], here, search)
+            navigator.plan(g, i, paths, obstacles[0], p, plan_end, nav, search)
         refresh_heading(g)
-        drive(g, i, paths, p, by_hand, affine[0], clearance)
-    g.stage = not move(g, i, g.level, affine[0], clear, p, spaces)
+        drive(g, i, paths, p, by_hand, affine, clearance)
+    g.stage = not move(g, i, g.level, affine, clear, p, spaces)
     if not g.stage:
         sense(g, p)
     return g.stage == 0

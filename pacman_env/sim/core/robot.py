@@ -65,13 +65,12 @@ class SimulatedRobot:
         self._paths = np.zeros((1, PATH_POINTS, 2), dtype=np.float32)
         self._obstacles = np.zeros((1, 0, 3))
         # Two goals have a place: the one driven to, and the one that is to replace it.
-        self._length_cm = np.full((1, cells, 2), UNREACHABLE_CM, dtype=np.uint16)
-        self._next_step = np.full((1, 2, cells), NO_STEP, dtype=np.int16)
-        self._plan_end = np.zeros((1, 2, 2))
+        self._length_cm = np.full((cells, 2), UNREACHABLE_CM, dtype=np.uint16)
+        self._next_step = np.full((2, cells), NO_STEP, dtype=np.int16)
+        self._plan_end = np.zeros((2, 2))
         cell_xy = np.stack(grid.to_world(*grid.cell.T), axis=1).astype(np.float32)
         neighbours = np.ascontiguousarray(grid.neighbours[:, ::2])
-        fixed = (array[None] for array in (grid.affine, grid.snap, neighbours, cell_xy))
-        self._nav = (*fixed, self._length_cm, self._next_step)
+        self._nav = grid.affine, grid.snap, neighbours, cell_xy, self._length_cm, self._next_step
         self._longest_cm = 0
         self._search = SearchArrays(*detour_memory(cells, self._longest_cm, grid.resolution))
         self._velocity = (0.0, 0.0, _LONG_AGO)  # v, omega, step it came
@@ -81,9 +80,9 @@ class SimulatedRobot:
         x, y, heading = grid.home.tolist()
         self._odometry = Odometry((x, y, heading), OdometryErrors(config.robot, seed) if drifts else None)
         self._slips_until = -1  # step
-        seeds = np.array([seed], dtype=np.uint64)
-        first, fresh = np.zeros(1, dtype=np.int64), draw_episodes(seeds, config)
-        kernels.reset_robots(self._games, first, seeds, fresh, grid.home[None])
+        self._games[:] = draw_episodes(np.array([seed], dtype=np.uint64), config)
+        self._games["seed"] = seed
+        kernels.reset_robot(self._g, grid.home)
         self._g["clyde_x"], self._g["clyde_y"] = _FAR_M, _FAR_M
         self.localizing = localized
 
@@ -156,12 +155,9 @@ class SimulatedRobot:
         """
         kinds, grid = self.config.observation, self.grid
         ranges = np.empty(kinds.scan_rays, dtype=np.float32)
-        shape = np.array([grid.shape], np.int32)
-        maps = lidar.Maps(grid.affine[None], grid.clearance_cm[None], shape, grid.resolution)
-        tick = np.array([self.steps], np.int32)
-        robots = lidar.Robots(np.zeros(1, np.int32), np.array([pose or self.pose]), self._games["seed"], tick)
         sensor = lidar.Sensor(kinds.scan_minimum_m, kinds.scan_maximum_m, kinds.scan_noise)
-        lidar.scan(maps, robots, sensor, ranges[None])
+        moment = self._g["seed"], np.int32(self.steps)
+        lidar.scan(grid.affine, grid.clearance_cm, grid.resolution, np.array(pose or self.pose), moment, sensor, ranges)
         return ranges
 
     def distance_m(self, slot: int) -> float | None:
@@ -170,7 +166,7 @@ class SimulatedRobot:
         if belief is None:
             return None
         column, row = self.grid.to_cell(belief[0], belief[1])
-        length = int(self._length_cm[0, self.grid.snap[row, column], slot])
+        length = int(self._length_cm[self.grid.snap[row, column], slot])
         return None if length == UNREACHABLE_CM else 0.01 * length
 
     def why_aborted(self) -> str:
@@ -194,19 +190,19 @@ class SimulatedRobot:
         grid, tolerance = self.grid, self.config.nav2.unreachable_tolerance_m
         slot = 1 - max(int(self._g["nav_goal"]), 0) if self._g["nav_state"] == navigator.ACTIVE else 0
         cell = int(grid.cells_under(np.array([[x, y]]))[0])
-        self._plan_end[0, slot] = x, y
+        self._plan_end[slot] = x, y
         if cell < 0:
             cell = grid.nearest_cell(x, y, tolerance)
             if cell >= 0:
-                self._plan_end[0, slot] = grid.to_world(*grid.cell[cell].tolist())
+                self._plan_end[slot] = grid.to_world(*grid.cell[cell].tolist())
         if cell < 0:
-            self._length_cm[0, :, slot], self._next_step[0, slot] = UNREACHABLE_CM, NO_STEP
+            self._length_cm[:, slot], self._next_step[slot] = UNREACHABLE_CM, NO_STEP
         else:
             if len(self._fields_kept) >= _FIELDS_KEPT and cell not in self._fields_kept:
                 self._fields = grid.path_fields()
                 self._fields_kept.clear()
             self._fields_kept.add(cell)
-            self._length_cm[0, :, slot], self._next_step[0, slot] = length_cm, _ = self._fields.to(cell)
+            self._length_cm[:, slot], self._next_step[slot] = length_cm, _ = self._fields.to(cell)
             longest = int(length_cm[length_cm != UNREACHABLE_CM].max(initial=0))
             if longest > self._longest_cm:
                 self._longest_cm = longest

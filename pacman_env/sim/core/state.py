@@ -11,8 +11,8 @@ from ...engine.threads import Threads
 from ...game.decisions import Moment
 from ...world.navigation.physics import Spaces
 from ..maps.assets import MapAssets
+from ..maps.level_slots import LevelSlots
 from ..maps.level_source import LevelSource
-from ..maps.level_stack import LevelStack
 from ..maps.levels_ahead import LevelsAhead
 from . import kernels
 from .ghosts import Ghosts
@@ -147,31 +147,33 @@ _NONE = -1  # in place of a slot, before the first round
 class GameLevels:
     def __init__(self, source: LevelSource, config: Config, n: int, threads: Threads) -> None:
         self.source = source
-        self.stack = LevelStack(source.first, config, source.slots(n))
+        self.levels = LevelSlots(source.slots(n), source.sizes(), config)
+        if len(self.levels) == 1:
+            self.levels.put(0, 0, source.prepare(0))
         robot = config.robot
         body = {"radius_m": robot.radius_m, "mass_kg": robot.mass_kg, "step_s": config.physics_step_s}
-        self.spaces = Spaces(n, len(self.stack), **body)
+        self.spaces = Spaces(n, len(self.levels), **body)
         self.slots = [_NONE] * n
         self._ahead: LevelsAhead | None = None
         self._threads = threads.number
 
     def assets_of(self, game: int) -> MapAssets:
         slot = self.slots[game]
-        return self.source.first if slot == _NONE else self.stack.assets(slot)
+        return self.source.first if slot == _NONE else self.levels.level(slot).assets
 
     def expect(self, seeds: NDArray[np.uint64]) -> None:
         levels = dict.fromkeys(self.source.levels_of(seeds).tolist())
-        self._prepare_ahead([level for level in levels if not self.stack.has(level)])
+        self._prepare_ahead([level for level in levels if not self.levels.has(level)])
 
     def _prepare_ahead(self, levels: list[int]) -> None:
-        if self._ahead is None and len(self.stack) > 1 and self._threads > 1:
+        if self._ahead is None and len(self.levels) > 1 and self._threads > 1:
             self._ahead = LevelsAhead(self.source, self._threads, min(len(self.slots), _MOST_AHEAD))
         if self._ahead is not None:
             self._ahead.ask(levels)
 
     def change(self, index: NDArray[np.int64], levels: NDArray[np.int64]) -> None:
         """Put each of the games ``index`` (M,) on another of ``levels`` (M,); a MapError changes nothing."""
-        missing = [level for level in dict.fromkeys(levels.tolist()) if not self.stack.has(level)]
+        missing = [level for level in dict.fromkeys(levels.tolist()) if not self.levels.has(level)]
         if len(missing) > 1:
             self._prepare_ahead(missing)
         prepare = self.source.prepare if self._ahead is None else self._ahead.take
@@ -179,10 +181,10 @@ class GameLevels:
         self.spaces.leave(index)
         for i in index.tolist():
             if self.slots[i] != _NONE:
-                self.stack.release(self.slots[i])
+                self.levels.release(self.slots[i])
         for i, level in zip(index.tolist(), levels.tolist(), strict=True):
-            known = self.stack.has(level)
-            self.slots[i] = self.stack.take(level, lambda number: prepared.get(number) or self.source.prepare(number))
+            known = self.levels.has(level)
+            self.slots[i] = self.levels.take(level, lambda number: prepared.get(number) or self.source.prepare(number))
             if not known:
                 self.spaces.forget(self.slots[i])
 
@@ -191,7 +193,7 @@ class GameLevels:
         for k, i in enumerate(index.tolist()):
             if self.slots[i] == _NONE:
                 self.slots[i] = 0
-            assets = self.stack.assets(self.slots[i])
+            assets = self.levels.level(self.slots[i]).assets
             records[k]["level"] = self.slots[i]
             records[k]["pellets"], records[k]["refuges"] = assets.pellets, assets.refuges
         self.spaces.leave(index)

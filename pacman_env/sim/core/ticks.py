@@ -13,6 +13,7 @@ from ...world.navigation import navigator
 from ...world.navigation.controller import refresh_heading
 from ...world.navigation.physics import move as move_body
 from ...world.navigation.planner import PATH_POINTS
+from ..maps.level import level_arrays
 from . import ghosts, kernels
 from .parameters import LAST_DECISION, REWARDS
 
@@ -28,18 +29,6 @@ CONTROL = np.dtype(
         ("until", np.int64),  # physics steps to do of a tick; one more than it has: to its end
     ]
 )
-
-
-class MapArrays(NamedTuple):
-    affine: Any = Array(np.float64, "M 6")
-    clearance_cm: Any = Array(np.uint8, "M h w")
-    clear: Any = Array(np.bool_, "M h w")
-    plan_end: Any = Array(np.float64, "M g 2")  # m
-    snap: Any = Array(np.int32, "M h w")
-    neighbours: Any = Array(np.int32, "M k 8")
-    cell_xy: Any = Array(np.float32, "M k 2")  # m
-    length_cm: Any = Array(np.uint16, "M k g")
-    next_step: Any = Array(np.int16, "M g k")
 
 
 class SpaceArrays(NamedTuple):
@@ -58,7 +47,6 @@ class TickArrays(NamedTuple):
     """What :func:`play` works on. Of choices and velocities only the actions are remembered, the other has no ticks."""
 
     rules: Any = kernels.RuleArrays
-    maps: Any = MapArrays
     spaces: Any = SpaceArrays
     search: Any = SearchArrays
     ghosts: Any = Array(np.int64, "n")  # the numbers of the ghosts' table
@@ -113,7 +101,7 @@ def play(table, first, last):  # type: ignore[no-untyped-def]
     Returns how many wait for a space, in the stage ``MOVE``; -1 - i if the function of a ghost of game i raised.
     """
     a = _arrays(table)
-    rules, maps, paths, control, choices = a.rules, a.maps, a.paths, a.control[0], a.choices
+    rules, paths, control, choices = a.rules, a.paths, a.control[0], a.choices
     games, p, ghost_table = rules.games, rules.parameters[0], address_of(a.ghosts)
     waiting = 0
     for i in range(first, last):
@@ -130,9 +118,9 @@ def play(table, first, last):  # type: ignore[no-untyped-def]
                 g.tick_rounds = 0
                 d.awake = ASLEEP
         if control.resume or d.awake:
-            m = g.level
-            cells = (maps.affine[m], maps.snap[m], maps.neighbours[m], maps.cell_xy[m])
-            here = (*cells, maps.length_cm[m], maps.next_step[m])
+            level = level_arrays(rules.levels[g.level])
+            cells = (level.affine, level.snap, level.neighbours, level.cell_xy)
+            here = (*cells, level.length_cm, level.next_step)
             for _ in range(control.ticks):
                 if g.stage == BEGIN:
                     g.tick_pellets = 0
@@ -154,17 +142,17 @@ def play(table, first, last):  # type: ignore[no-untyped-def]
                         if g.step % p.clyde_steps == 0:
                             ghosts.move(ghost_table, i)
                         if navigator.plan_due(g, g.step):
-                            navigator.plan(g, i, paths, rules.obstacles[i], p, maps.plan_end[m], here, a.search)
+                            navigator.plan(g, i, paths, rules.obstacles[i], p, level.plan_end, here, a.search)
                         if g.substep == 0:  # the pose was already copied when the tick before ended
                             refresh_heading(g)
                         else:
                             kernels.sense(g, p)
-                        kernels.drive(g, i, paths, p, control.by_hand, maps.affine[m], maps.clearance_cm[m])
+                        kernels.drive(g, i, paths, p, control.by_hand, level.affine, level.clearance_cm)
                         by_goal = not (p.velocity_actions or control.by_hand)
                         if g.nav_result != navigator.NO_RESULT and by_goal and not kernels.apply_result(rules, i):
                             break
                         g.stage = MOVE
-                    if not move_body(g, i, m, maps.affine[m], maps.clear[m], p, a.spaces):
+                    if not move_body(g, i, g.level, level.affine, level.clear, p, a.spaces):
                         waiting += 1
                         break
                     g.stage = _STEP

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...config import ClydeConfig, Config, RefugeConfig
+from ...config import Config, RefugeConfig
 from ...engine.cache_folder import cache_dir, source_hash, warn_unkept
 from ...engine.jit import kernel
 from ...game.pellets import generate_pellets
@@ -41,10 +41,6 @@ class GhostTargets(NamedTuple):
 
     snap: NDArray[np.int32]  # (H, W) of the drive grid: the nearest cell
     place: NDArray[np.int32]  # (G,) the cell nearest to each goal, -1: too far away
-
-
-def are_sent(config: ClydeConfig) -> bool:
-    return any(behaviour != "wander" for behaviour in config.ghosts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,10 +132,7 @@ def map_assets(source: MapSource, config: Config, home: tuple[float, float, floa
 
 def prepare_map(occupancy: OccupancyMap, config: Config, home: tuple[float, float, float] | None = None) -> MapAssets:
     """As :func:`map_assets`, for a map that is played on once: nothing is kept; threads may prepare different maps."""
-    assets = _build(occupancy, config, None if home is None else _pose(home, occupancy.name), None)
-    if are_sent(config.clyde):
-        _ = assets.ghost_targets  # computed now, not while the map is played on
-    return assets
+    return _build(occupancy, config, None if home is None else _pose(home, occupancy.name), None)
 
 
 def _pose(home: tuple[float, float, float], name: str) -> tuple[float, float, float]:

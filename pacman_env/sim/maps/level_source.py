@@ -16,11 +16,15 @@ from numpy.typing import NDArray
 
 from ...config import Config, ConfigError
 from ...rng import LEVEL
+from ...world.maps.house_survey import MAX_PIXELS
 from ...world.maps.houses import MAX_EXTENT_M, draw_house
 from ...world.maps.occupancy import MapError
+from ...world.navigation.paths import UNREACHABLE_CM
 from ..core.parameters import draw_below
 from .assets import MapAssets, map_assets, prepare_map
 from .ghost_cells import nearest_positions
+from .level import Level
+from .level_slots import Sizes
 
 
 class LevelSource(Protocol):
@@ -30,7 +34,8 @@ class LevelSource(Protocol):
     def pellet_slots(self, config: Config) -> int: ...  # most pellets on any of the maps
     def refuge_slots(self, config: Config) -> int: ...  # most refuges on any of the maps
     def levels_of(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]: ...  # (M,) of the episode with each seed
-    def prepare(self, level: int) -> MapAssets: ...
+    def sizes(self) -> Sizes: ...  # of the largest map
+    def prepare(self, level: int) -> Level: ...
     def extent(self) -> tuple[tuple[float, float], tuple[float, float]]: ...  # of x and y of robots and ghosts, m
 
 
@@ -63,8 +68,15 @@ class FixedMap:
     def levels_of(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]:
         return np.zeros(len(seeds), dtype=np.int64)
 
-    def prepare(self, level: int) -> MapAssets:
-        return self.first
+    @functools.cached_property
+    def _level(self) -> Level:
+        return Level(self.first, self._config)
+
+    def sizes(self) -> Sizes:
+        return Sizes.of(self._level)
+
+    def prepare(self, level: int) -> Level:
+        return self._level
 
     def extent(self) -> tuple[tuple[float, float], tuple[float, float]]:
         grid = self.first.grid
@@ -78,6 +90,7 @@ class FixedMap:
 TEST_LEVEL = 1_000_000  # the first of the test levels
 TEST_LEVELS = 1000
 _ATTEMPTS = 60
+_LONGEST_GHOST_WAY = 4096  # cells; of the first 80 levels it is 863 at most
 _SPARE_SLOTS = 64  # maps kept beyond those being played on, if all levels can then be kept
 _NEAR_M, _NEAR_SHARE = 0.5, 0.75  # the ghosts come so near to so many of the pellets
 _PELLETS = (4, 16)  # of a house at a spacing of 2 m
@@ -159,8 +172,12 @@ class GeneratedMaps:
     def describe_levels(self) -> str:
         return f"{self.start_level} to {self.start_level + self.num_levels - 1}"
 
-    def prepare(self, level: int) -> MapAssets:
-        return self.first if level == self.start_level else prepare_level(level, self._config, self.scale)
+    def sizes(self) -> Sizes:
+        return Sizes(MAX_PIXELS**2, UNREACHABLE_CM, MAX_PIXELS**2, _LONGEST_GHOST_WAY)
+
+    def prepare(self, level: int) -> Level:
+        assets = self.first if level == self.start_level else prepare_level(level, self._config, self.scale)
+        return Level(assets, self._config)
 
     def extent(self) -> tuple[tuple[float, float], tuple[float, float]]:
         most = self.scale * MAX_EXTENT_M  # of the largest house there can be
@@ -229,6 +246,8 @@ def _objection(assets: MapAssets, config: Config, scale: int) -> str:
         return f"{assets.pellets} pellets"
     if config.pellets.reachable_only and len(assets.dropped_ids) > 0:
         return f"{len(assets.dropped_ids)} pellets out of reach"
+    if assets.clyde.longest > _LONGEST_GHOST_WAY:
+        return f"a path of ghosts of up to {assets.clyde.longest} cells"
     reached = assets.clyde.position[assets.clyde.cells_in(assets.clyde_part)]
     _, squares = nearest_positions(reached, assets.goal_xy[: assets.pellets])
     near = np.count_nonzero(squares <= _NEAR_M**2)

@@ -12,7 +12,7 @@ from concurrent.futures import Future
 from queue import SimpleQueue
 from typing import Any
 
-from .assets import MapAssets
+from .level import Level
 from .level_source import LevelSource
 
 _WAIT_S = 10.0  # for the level begun, when the interpreter ends: a thread must not be cut off inside OpenCV
@@ -34,7 +34,7 @@ class LevelsAhead:
 
     def _begin(self) -> None:
         self._lock = threading.Lock()
-        self._asked: collections.OrderedDict[int, Future[MapAssets]] = collections.OrderedDict()
+        self._asked: collections.OrderedDict[int, Future[Level]] = collections.OrderedDict()
         self._workers = _Workers()
         self._end = weakref.finalize(self, self._workers.stop)
 
@@ -55,13 +55,13 @@ class LevelsAhead:
             while len(self._asked) + len(new) > self._most:
                 self._asked.popitem(last=False)[1].cancel()
             for level in new:
-                future: Future[MapAssets] = Future()
+                future: Future[Level] = Future()
                 self._asked[level] = future
                 self._workers.jobs.put((level, future))
             if new:
                 self._workers.start(self._source, self._threads)
 
-    def take(self, level: int) -> MapAssets:
+    def take(self, level: int) -> Level:
         """The level, no longer kept here; one that no thread has begun with is prepared by the caller's."""
         with self._lock:
             future = self._asked.get(level)
@@ -92,7 +92,7 @@ class _Workers:
     """The threads and what they share; nothing of it refers to the object that they work for."""
 
     def __init__(self) -> None:
-        self.jobs: SimpleQueue[tuple[int, Future[MapAssets]] | None] = SimpleQueue()
+        self.jobs: SimpleQueue[tuple[int, Future[Level]] | None] = SimpleQueue()
         self.busy: list[threading.RLock] = []  # of each thread, held while it prepares a level
         self._threads: list[threading.Thread] = []
         self._stopped = False

@@ -23,7 +23,7 @@ from .planner_features import (
     planner_features,
     planner_stage,
 )
-from .raster import CHANNELS, raster_all
+from .raster import CHANNELS, raster_all, scan_all
 from .robot_features import (
     COLUMNS,
     GHOST_BEARING_COLUMNS,
@@ -170,13 +170,13 @@ def _scan_parts(batch: GameBatch) -> dict[str, ObservationPart]:
 
 
 def _scan(batch: GameBatch, situation: Situation) -> Observation:
-    config, games, arrays = batch.config.observation, batch.games, batch.levels.arrays
+    config, games = batch.config.observation, batch.games
     ranges = np.empty((batch.n, config.scan_rays), dtype=np.float32)
     pose = np.stack([games["x"], games["y"], games["heading"]], axis=1)
     level, seed, tick = (np.ascontiguousarray(games[name]) for name in ("level", "seed", "tick"))
-    maps = lidar.Maps(arrays["affine"], arrays["clearance_cm"], arrays["shape"], batch.levels.resolution)
+    resolution = batch.assets.grid.resolution
     sensor = lidar.Sensor(config.scan_minimum_m, config.scan_maximum_m, config.scan_noise)
-    lidar.scan(maps, lidar.Robots(level, pose, seed, tick), sensor, ranges)
+    scan_all(batch.levels.addresses, level, (pose, seed, tick), resolution, sensor, ranges)
     return {"scan": ranges}
 
 
@@ -186,13 +186,13 @@ def _grid_parts(batch: GameBatch) -> dict[str, ObservationPart]:
 
 
 def _grid(batch: GameBatch, situation: Situation) -> Observation:
-    config, arrays = batch.config.observation, batch.levels.arrays
+    config = batch.config.observation
     images = np.empty((batch.n, config.grid_pixels, config.grid_pixels, CHANNELS), dtype=np.uint8)
     level = np.ascontiguousarray(batch.games["level"])
-    maps = arrays["affine"], arrays["clearance_cm"], arrays["shape"], level
     ghosts = np.ascontiguousarray(situation.ghosts[:, :, :2])
     lengths = config.grid_pixel_m, batch.config.robot.radius_m
-    raster_all(maps, situation.robot, situation.position, batch.alive, ghosts, *lengths, images)
+    pellets = situation.position, batch.alive
+    raster_all(batch.levels.addresses, level, situation.robot, pellets, ghosts, lengths, images)
     return {"grid": images}
 
 

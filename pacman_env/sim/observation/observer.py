@@ -136,10 +136,10 @@ class Observer:
 
         Returns ``result``.
         """
-        made_for = self._batch.revision, self._batch.levels.version
+        made_for = self._batch.revision, self._batch.levels.most_goals
         if self._looks.get(player, (None,))[0] != made_for:
             stages = [self._batch.situation_stage(self.situation, player), *self.stages()]
-            made_for = self._batch.revision, self._batch.levels.version
+            made_for = self._batch.revision, self._batch.levels.most_goals
             self._looks[player] = made_for, Pipeline(stages, self._batch.threads)
         look = self._looks[player][1]
         while (look.run(self._batch.n) if index is None else look.run_some(index)) < 0:

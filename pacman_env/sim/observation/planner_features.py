@@ -21,12 +21,14 @@ from ...game.goal_cost import TOTAL, ScorerParameters, is_threatening, score_sit
 from ...world.navigation.grid import cell_of
 from ...world.navigation.paths import UNREACHABLE_CM
 from ..coarse import outlook
+from ..coarse.coarse_map import add_coarse_map
 from ..core.beliefs import apart_cm
+from ..maps.level import COARSE_MAP, level_arrays
 from . import prediction
 from .situation import HOLD, PELLET, REFUGE, Situation, among
 
 if TYPE_CHECKING:
-    from ..maps.level_stack import LevelStack
+    from ..maps.level_slots import LevelSlots
 
 VERSION = 4
 NEEDS_MAPS = -(2**40)  # of a stage: maps are to be made ready, and the stage is to run again
@@ -64,7 +66,7 @@ class _FillArrays(NamedTuple):
 
 
 _arrays = arrays_by_address(_FillArrays)
-_outlooks: "weakref.WeakKeyDictionary[LevelStack, outlook.Outlook]" = weakref.WeakKeyDictionary()
+_outlooks: "weakref.WeakKeyDictionary[LevelSlots, outlook.Outlook]" = weakref.WeakKeyDictionary()
 
 
 def planner_features(
@@ -97,7 +99,9 @@ def planner_stage(
     """
     seen = prediction.seen_arrays(situation, robot_speed_mps)
     arrays = {"seen": seen, "wanted": wanted, "candidates": candidates, "whole": whole}
-    memory = _outlook_of(situation).memory(situation.ghosts.shape[1], situation.threads.number)
+    assert situation.maps is not None
+    most = situation.maps.most_goals
+    memory = _outlook_of(situation).memory(most, situation.ghosts.shape[1], situation.threads.number)
     return _fill, [Table(_FillArrays, outlook=own, **arrays) for own in memory]
 
 
@@ -106,15 +110,15 @@ def _outlook_of(situation: Situation) -> outlook.Outlook:
     assert levels is not None
     own = _outlooks.get(levels)
     if own is None:
-        own = _outlooks[levels] = outlook.Outlook(levels)
+        own = _outlooks[levels] = outlook.Outlook(levels.config)
     return own
 
 
 def maps_changed(situation: Situation, slots: NDArray[np.integer[Any]]) -> None:
-    """Make the maps in ``slots`` ready for the prediction, and forget those that were there before."""
+    """Make the maps in ``slots`` ready for the prediction."""
     assert situation.maps is not None
-    situation.maps.find_coarse_steps(slots)
-    _outlook_of(situation).forget_changed(situation.maps, slots)
+    for level in situation.maps.levels(slots):
+        level.add_coarse_steps()
 
 
 def maps_wanted(situation: Situation) -> None:
@@ -122,14 +126,14 @@ def maps_wanted(situation: Situation) -> None:
     if situation.maps is None:
         raise ValueError("the situation has no maps to look ahead on")
     hunted = comes(situation.belief.T).any(axis=0)
-    _outlook_of(situation).make_ready(situation.maps, situation.level[hunted])
+    for level in situation.maps.levels(situation.level[hunted]) if hunted.any() else ():
+        add_coarse_map(level)
 
 
 @kernel
-def _describe_ghosts(s, i, maps, tokens):  # type: ignore[no-untyped-def]
+def _describe_ghosts(s, i, level, tokens):  # type: ignore[no-untyped-def]
     """Fill in the tokens of the nearest ghosts, one behind the other."""
-    m = s.level[i]
-    snap, length_cm, affine = maps.snap[m], maps.length_cm[m], maps.affine[m]
+    snap, length_cm, affine = level.snap, level.length_cm, level.affine
     x, y = s.robot[i, 0], s.robot[i, 1]
     column, row = cell_of(affine, snap.shape[0], snap.shape[1], x, y)
     here = snap[row, column]
@@ -161,24 +165,25 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
     a = _arrays(table)
     candidates, whole, request = a.candidates, a.whole, a.seen.request[0]
     memory = outlook.outlook_arrays(a.outlook[0])
-    s, maps = prediction.seen_by(a.seen)
-    room = prediction.room_to_meet(maps.coarse_steps, s.mask.shape[1])
+    s = prediction.seen_by(a.seen)
+    room = prediction.room_to_meet(request.goals, s.mask.shape[1])
     meetings = np.empty((s.mask.shape[1], prediction.COLUMNS), np.float32)
     terms = np.empty((s.mask.shape[1], 6))
     hunts = np.zeros((s.mask.shape[1], outlook.COLUMNS), np.float32)
     whole[first:last] = 0.0
     for i in range(first, last):
         wanted = a.wanted[i]
-        prediction.meet(s, maps, i, wanted, request, room, True, meetings)
+        level = level_arrays(a.seen.levels[s.level[i]])
+        prediction.meet(s, level, i, wanted, request.robot_speed, room, True, meetings)
         coming = outlook.coming(s, i)
         if coming > 0:
-            if memory.coarse[s.level[i]] == 0:
+            if level.later[COARSE_MAP] == 0:
                 return NEEDS_MAPS
-            outlook.look_ahead(s, i, wanted, memory, hunts)
+            outlook.look_ahead(s, i, level, wanted, memory, hunts)
         left_s = max(memory.rules[0].limit_s - s.time_s[i], 0.0)
         whole[i, 11], whole[i, 12], whole[i, 13] = min(left_s / 200.0, 5.0), math.exp(-left_s / 30.0), coming
-        _describe_ghosts(s, i, maps, whole[i, _FIRST_TOKEN:])
-        length_cm, goal_cell = maps.length_cm[s.level[i]], maps.goal_cell[s.level[i]]
+        _describe_ghosts(s, i, level, whole[i, _FIRST_TOKEN:])
+        length_cm, goal_cell = level.length_cm, level.goal_cell
         x, y = s.robot[i, 0], s.robot[i, 1]
         cx, cy = s.clyde[i, 0], s.clyde[i, 1]
         d = math.sqrt((cx - x) ** 2 + (cy - y) ** 2)
@@ -248,6 +253,6 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
             f[18] = nearest / 5.0 if others > 0 else 0.0
             f[19] = total / others / 5.0 if others > 0 else 0.0
             f[20] = min(around / 4.0, MOST)
-            f[21] = min(maps.goal_apart_m[s.level[i], g], 1.0)
+            f[21] = min(level.goal_apart_m[g], 1.0)
             f[22] = min(terms[c, TOTAL], FAR_M) / 5.0 if is_pellet else 0.0
     return 0

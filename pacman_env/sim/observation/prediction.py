@@ -15,7 +15,8 @@ from ...engine.jit import kernel, prefetch
 from ...engine.native import address_of
 from ...engine.simd import WIDTH, all_of, load, lower, minus, plus, roots, store, times, where_below
 from ...world.navigation.grid import cell_of
-from ...world.navigation.paths import ARRIVED, LENGTHS, NO_WAY, coarse_step, tile_index
+from ...world.navigation.paths import ARRIVED, LENGTHS, NO_WAY, TILE, coarse_step, tile_index
+from ..maps.level import COARSE_STEPS, level_arrays, steps_of_level
 from .situation import LAYOUT, Situation
 
 STEP_S = 0.5  # between the instants
@@ -33,28 +34,15 @@ REQUEST = np.dtype(
         ("games", np.int64),  # the lengths of the situation's block
         ("candidates", np.int64),
         ("ghosts", np.int64),
-        ("maps", np.int64),  # address of a table of MapArrays
-        ("across", np.int64),  # tiles that lie side by side
+        ("goals", np.int64),  # most of any level
         ("robot_speed", np.float64),  # m/s
     ]
 )
 
 
-class MapArrays(NamedTuple):
-    """What walkers walk on, of M maps; the last three are read by ``planner_features.py``."""
-
-    affine: Any = Array(np.float64, "M 6")
-    snap: Any = Array(np.int32, "M h w")
-    cell_xy: Any = Array(np.float32, "M k 2")  # m
-    coarse_steps: Any = Array(np.uint8, "M t g")
-    goal_count: Any = Array(np.int32, "M")
-    length_cm: Any = Array(np.uint16, "M k g")
-    goal_cell: Any = Array(np.int32, "M g")
-    goal_apart_m: Any = Array(np.float32, "M g")
-
-
 class SeenArrays(NamedTuple):
     block: Any = Array(np.uint8, "b")  # the situations'
+    levels: Any = Array(np.int64, "L")  # addresses of the levels in the slots
     request: Any = Array(REQUEST, "1")
 
 
@@ -63,7 +51,7 @@ class _EncounterArrays(NamedTuple):
     result: Any = Array(np.float32, "N C 8")
 
 
-_arrays, _maps, _situation = arrays_by_address(_EncounterArrays), arrays_by_address(MapArrays), LAYOUT.arrays
+_arrays, _situation = arrays_by_address(_EncounterArrays), LAYOUT.arrays
 _BLOCK = (STEPS + _AHEAD) * WIDTH  # numbers of a block of walkers: an instant of all of them, then the next
 
 #: Columns of :func:`encounters`.
@@ -87,16 +75,17 @@ def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float
 def seen_arrays(situation: Situation, robot_speed_mps: float) -> SeenArrays:
     if situation.maps is None:
         raise ValueError("the situation has no maps to look ahead on")
-    across = situation.maps.find_coarse_steps(situation.level)
+    for level in situation.maps.levels(situation.level):
+        level.add_coarse_steps()
     block, *lengths = situation.block()
-    values = *lengths, situation.maps.table(MapArrays).address, across, robot_speed_mps
-    return SeenArrays(block, np.array([values], dtype=REQUEST))
+    request = np.array([(*lengths, situation.maps.most_goals, robot_speed_mps)], dtype=REQUEST)
+    return SeenArrays(block, situation.maps.addresses, request)
 
 
 @kernel
 def seen_by(seen):  # type: ignore[no-untyped-def]
     r = seen.request[0]
-    return _situation(address_of(seen.block), r.games, r.candidates, r.ghosts), _maps(r.maps)
+    return _situation(address_of(seen.block), r.games, r.candidates, r.ghosts)
 
 
 @kernel
@@ -274,6 +263,12 @@ def _turned(affine, x, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _steps(level):  # type: ignore[no-untyped-def]
+    """The coarse steps of a level, and how many tiles lie side by side."""
+    return steps_of_level(level.later[COARSE_STEPS]).coarse_steps, (level.snap.shape[1] + TILE - 1) // TILE
+
+
+@kernel
 def _drivable_cell(affine, snap, cell_xy, x, y):  # type: ignore[no-untyped-def]
     rows, columns = snap.shape
     column, row = cell_of(affine, rows, columns, x, y)
@@ -304,29 +299,28 @@ def _paths(count):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def room_to_meet(steps, candidates):  # type: ignore[no-untyped-def]
+def room_to_meet(goals, candidates):  # type: ignore[no-untyped-def]
     """Scratch memory of :func:`meet`: the ghost's paths, the robot's, walkers, sums."""
-    ghost, most = steps.shape[2] + 1, max(steps.shape[2] + 1, candidates)
+    ghost, most = goals + 1, max(goals + 1, candidates)
     starts, cells, targets = np.empty((most, 3)), np.empty((most, 2), np.int32), np.empty(most, np.int32)
     walkers = _Walkers(starts, cells, targets, np.empty(most), np.empty(most, np.int32))
     return _paths(ghost), _paths(candidates), walkers, np.empty(6 * WIDTH, np.float32)
 
 
 @kernel
-def _meet_ghost(s, maps, i, k, across, room, count, result):  # type: ignore[no-untyped-def]
+def _meet_ghost(s, level, i, k, room, count, result):  # type: ignore[no-untyped-def]
     """Compare the robot's ``count`` paths with those of ghost k, or (-1) of the nearest one; fill in rows of result."""
     paths, own, walkers, sums = room
-    m = s.level[i]
-    affine, steps = maps.affine[m], maps.coarse_steps[m]
+    affine, (steps, across) = level.affine, _steps(level)
     per_m = math.sqrt(affine[0] ** 2 + affine[3] ** 2)  # cells
     x, y, vx, vy = s.clyde[i, 0], s.clyde[i, 1], s.clyde_velocity[i, 0], s.clyde_velocity[i, 1]
     ghost_speed = s.clyde_speed[i]
     if k >= 0:
         x, y, vx, vy, ghost_speed = s.ghosts[i, k]
-    cell = _drivable_cell(affine, maps.snap[m], maps.cell_xy[m], x, y)
+    cell = _drivable_cell(affine, level.snap, level.cell_xy, x, y)
     ghost = _in_cells(affine, x, y), cell, _turned(affine, vx, vy)
     stretch, first = ghost_speed * STEP_S * per_m, _FIRST_M * per_m
-    used = _ghost_paths(steps, across, ghost, stretch, first, maps.goal_count[m], walkers, paths)
+    used = _ghost_paths(steps, across, ghost, stretch, first, len(level.goal_xy), walkers, paths)
     for block in range(-(-count // WIDTH)):
         _compare(own, block * _BLOCK, paths, used, per_m, sums)
         for j in range(min(count - block * WIDTH, WIDTH)):
@@ -345,21 +339,19 @@ def _meet_ghost(s, maps, i, k, across, room, count, result):  # type: ignore[no-
 
 
 @kernel
-def meet(s, maps, i, wanted, request, room, every, result):  # type: ignore[no-untyped-def]
+def meet(s, level, i, wanted, speed, room, every, result):  # type: ignore[no-untyped-def]
     """The encounters of situation i of ``s``, with the nearest or with ``every`` ghost: fill in its rows, (C, COLUMNS).
 
-    Rows are of the candidates that are ``wanted``, (C,), others are 0.
+    Rows are of the candidates that are ``wanted``, (C,), others are 0; ``speed``: the robot's, m/s.
 
     Of several ghosts: probabilities that any of them does so, the mean of the one whose mean is least.
     """
-    across, speed = request.across, request.robot_speed
     _, own, walkers, _ = room
-    m = s.level[i]
-    affine, steps = maps.affine[m], maps.coarse_steps[m]
+    affine, (steps, across) = level.affine, _steps(level)
     per_m = math.sqrt(affine[0] ** 2 + affine[3] ** 2)  # cells
     place = _in_cells(affine, s.clyde[i, 0], s.clyde[i, 1])
     robot = _in_cells(affine, s.robot[i, 0], s.robot[i, 1])
-    cell = _drivable_cell(affine, maps.snap[m], maps.cell_xy[m], s.robot[i, 0], s.robot[i, 1])
+    cell = _drivable_cell(affine, level.snap, level.cell_xy, s.robot[i, 0], s.robot[i, 1])
     x, y = _turned(affine, math.cos(s.robot[i, 2]), math.sin(s.robot[i, 2]))
     heading = x / per_m, y / per_m
     starts, count = walkers.starts, 0
@@ -379,16 +371,17 @@ def meet(s, maps, i, wanted, request, room, every, result):  # type: ignore[no-u
     _walk(steps, across, np.int64(count), np.int64(0), speed * STEP_S * per_m, walkers, own.x, own.y)
     if every and s.ghosts.shape[1] > 1:
         for k in range(s.ghosts.shape[1]):
-            _meet_ghost(s, maps, i, np.int64(k), across, room, np.int64(count), result)
+            _meet_ghost(s, level, i, np.int64(k), room, np.int64(count), result)
     else:
-        _meet_ghost(s, maps, i, np.int64(-1), across, room, np.int64(count), result)
+        _meet_ghost(s, level, i, np.int64(-1), room, np.int64(count), result)
 
 
 @kernel
 def _encounters(table, first, last):  # type: ignore[no-untyped-def]
     a = _arrays(table)
-    s, maps = seen_by(a.seen)
-    room = room_to_meet(maps.coarse_steps, a.result.shape[1])
+    s = seen_by(a.seen)
+    room = room_to_meet(a.seen.request[0].goals, a.result.shape[1])
     for i in range(first, last):
-        meet(s, maps, i, s.mask[i], a.seen.request[0], room, False, a.result[i])
+        level = level_arrays(a.seen.levels[s.level[i]])
+        meet(s, level, i, s.mask[i], a.seen.request[0].robot_speed, room, False, a.result[i])
     return 0

@@ -5,6 +5,8 @@ import math
 import numpy as np
 
 from ...engine.jit import kernel
+from ...world.navigation.lidar import scan
+from ..maps.level import level_arrays
 
 WALLS, PELLETS, GHOSTS, ROBOT = 0, 1, 2, 3  # channels
 CHANNELS = 4
@@ -63,28 +65,44 @@ def _pixel(dx, dy, view):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def raster_all(maps, pose, pellet_xy, pellet_there, ghosts, pixel_m, radius_m, images):  # type: ignore[no-untyped-def]
-    """Fill ``images`` (N, S, S, 4) uint8, 0 or 255, with the surroundings of N robots at ``pose`` (N, 3), as believed.
+def raster(grid, pose, pellets, ghosts, lengths_m, image):  # type: ignore[no-untyped-def]
+    """Fill ``image`` (S, S, 4) uint8, 0 or 255, with the surroundings of a robot at ``pose`` (3,), as believed.
 
-    The robot is in the middle, row 0 is ahead of it and column 0 to its left. ``maps``: affine (L, 6) world to cell,
-    clearance_cm (L, H, W) uint8, 0 is not free, shape (L, 2), beyond which all is wall, level (N,) of each robot.
-    Pellets (N, P or more, 2) m, with ``pellet_there`` (N, P), and ghosts (N, G, 2) are not drawn where not finite.
+    The robot is in the middle, row 0 is ahead of it and column 0 to its left. ``grid``: affine (6,) world to cell,
+    clearance_cm (H, W) uint8, 0 is not free. ``pellets``: places (P or more, 2) m, and which (P,) are there;
+    they and ghosts (G, 2) are not drawn where not finite. ``lengths_m``: of a pixel, and the robot's radius.
     """
-    affine, clearance_cm, shape, level = maps
+    pellet_xy, pellet_there = pellets
+    pixel_m, radius_m = lengths_m
     pixels_per_m = 1.0 / pixel_m
-    middle = 0.5 * images.shape[1]
-    for i in range(len(pose)):
-        m, image = level[i], images[i]
-        x, y, heading = pose[i, 0], pose[i, 1], pose[i, 2]
-        cos, sin = math.cos(heading), math.sin(heading)
-        free = clearance_cm[m, : shape[m, 0], : shape[m, 1]]
-        _walls(affine[m], free, x, y, cos * pixel_m, sin * pixel_m, image)
-        view = cos, sin, pixels_per_m, middle
-        for k in range(pellet_there.shape[1]):
-            if pellet_there[i, k]:
-                row, column = _pixel(pellet_xy[i, k, 0] - x, pellet_xy[i, k, 1] - y, view)
-                _disc(image, np.int64(PELLETS), row, column, PELLET_RADIUS_M * pixels_per_m)
-        for k in range(ghosts.shape[1]):
-            row, column = _pixel(ghosts[i, k, 0] - x, ghosts[i, k, 1] - y, view)
-            _disc(image, np.int64(GHOSTS), row, column, radius_m * pixels_per_m)
-        _disc(image, np.int64(ROBOT), middle, middle, radius_m * pixels_per_m)
+    middle = 0.5 * len(image)
+    x, y, heading = pose[0], pose[1], pose[2]
+    cos, sin = math.cos(heading), math.sin(heading)
+    _walls(grid[0], grid[1], x, y, cos * pixel_m, sin * pixel_m, image)
+    view = cos, sin, pixels_per_m, middle
+    for k in range(len(pellet_there)):
+        if pellet_there[k]:
+            row, column = _pixel(pellet_xy[k, 0] - x, pellet_xy[k, 1] - y, view)
+            _disc(image, np.int64(PELLETS), row, column, PELLET_RADIUS_M * pixels_per_m)
+    for k in range(len(ghosts)):
+        row, column = _pixel(ghosts[k, 0] - x, ghosts[k, 1] - y, view)
+        _disc(image, np.int64(GHOSTS), row, column, radius_m * pixels_per_m)
+    _disc(image, np.int64(ROBOT), middle, middle, radius_m * pixels_per_m)
+
+
+@kernel
+def raster_all(levels, level, pose, pellets, ghosts, lengths_m, images):  # type: ignore[no-untyped-def]
+    """:func:`raster` of N games; ``levels`` are the addresses of the levels in their slots, ``level`` (N,) slots."""
+    for i in range(len(images)):
+        a = level_arrays(levels[level[i]])
+        here = pellets[0][i], pellets[1][i]
+        raster((a.affine, a.clearance_cm), pose[i], here, ghosts[i], lengths_m, images[i])
+
+
+@kernel
+def scan_all(levels, level, robots, resolution, sensor, ranges):  # type: ignore[no-untyped-def]
+    """Fill ``ranges`` (N, R) with each robot's scan; ``robots``: poses (N, 3), seeds and ticks (N,)."""
+    poses, seeds, ticks = robots
+    for i in range(len(ranges)):
+        a = level_arrays(levels[level[i]])
+        scan(a.affine, a.clearance_cm, resolution, poses[i], (seeds[i], ticks[i]), sensor, ranges[i])

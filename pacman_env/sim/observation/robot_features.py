@@ -15,6 +15,7 @@ from ...engine.native import address_of
 from ...engine.pipeline import Stage
 from ...world.navigation.grid import cell_of
 from ...world.navigation.paths import AT_GOAL, NO_STEP
+from ..maps.level import level_arrays
 from .situation import HOLD, MISSING, PELLET, REFUGE, Nearest, Situation, nearest_candidates
 from .situation import LAYOUT as situation_layout
 
@@ -202,11 +203,10 @@ def pellet_bearings(situation: Situation, count: int) -> NDArray[np.float32]:
     """(N, ``count``, 7) float32, as :func:`nearest_candidates` orders them; ValueError for a situation without maps."""
     if situation.maps is None:
         raise ValueError("the situation has no maps to plan a path on")
-    s, a = situation, situation.maps.arrays
+    s, levels = situation, situation.maps.addresses
     result = np.zeros((len(s), count, len(PELLET_BEARING_COLUMNS)), dtype=np.float32)
     order = nearest_candidates(s, Nearest(count, 0))
-    maps = a["affine"], a["snap"], a["cell_xy"], a["length_cm"], a["next_step"]
-    _fill_pellets(s.robot, s.position, s.path_robot, s.goal, s.level, order, maps, result)
+    _fill_pellets(s.robot, s.position, s.path_robot, s.goal, s.level, order, levels, result)
     return result
 
 
@@ -227,16 +227,14 @@ def _bearing(dx, dy, cos, sin):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _fill_pellets(robot, position, path, goals, level, order, maps, out):  # type: ignore[no-untyped-def]
-    affines, snaps, cell_xys, lengths, next_steps = maps
-    _, rows, columns = snaps.shape
+def _fill_pellets(robot, position, path, goals, level, order, levels, out):  # type: ignore[no-untyped-def]
     for i in range(len(robot)):
-        m = level[i]
-        length_cm, next_step, cell_xy = lengths[m], next_steps[m], cell_xys[m]
+        a = level_arrays(levels[level[i]])
+        length_cm, next_step, cell_xy = a.length_cm, a.next_step, a.cell_xy
         x, y = robot[i, 0], robot[i, 1]
         cos, sin = math.cos(robot[i, 2]), math.sin(robot[i, 2])
-        column, row = cell_of(affines[m], rows, columns, x, y)
-        here = snaps[m, row, column]
+        column, row = cell_of(a.affine, a.snap.shape[0], a.snap.shape[1], x, y)
+        here = a.snap[row, column]
         for k in range(out.shape[1]):
             c = order[i, k]
             if c == MISSING:

@@ -16,10 +16,11 @@ from ...game.goals import Goals, Place
 from ...game.pellets import generate_pellets
 from ...world.navigation.grid import cell_of
 from ..core import kernels
-from ..core.beliefs import WatchArrays, forget_ghost, watch
+from ..core.beliefs import forget_ghost, watch
 from ..core.parameters import GHOST, batch_parameters
 from ..maps.assets import MapAssets
-from ..maps.level_stack import LevelStack
+from ..maps.level import Level
+from ..maps.level_slots import LevelSlots
 from .situation import Situation
 from .situation_kernel import REQUEST, ViewArrays, direct, write_situations
 
@@ -50,15 +51,15 @@ class Seen:
 class RobotView:
     """One game on a map prepared under ``config``, as its robot sees it; candidates are numbered as in a simulation.
 
-    ``seed`` is that of the rounds, for policies that draw; ``levels`` is the map stacked before.
+    ``seed`` is that of the rounds, for policies that draw; ``levels`` has the map, if it is known already.
     """
 
-    def __init__(self, assets: MapAssets, config: Config, seed: int = 0, levels: LevelStack | None = None) -> None:
+    def __init__(self, assets: MapAssets, config: Config, seed: int = 0, levels: LevelSlots | None = None) -> None:
         self.assets = assets
         self.hold = assets.pellets + assets.refuges
         self.clyde_speed_mps = config.clyde.speed_mps
         self._config = config
-        self._levels = levels or LevelStack(assets, config)
+        self._levels = levels or LevelSlots.only(Level(assets, config))
         self._parameters = batch_parameters(config, assets.grid.resolution, assets.pellets, assets.refuges)
         self._parameters["use_tf"] = 1  # the pose that is given is the one believed, wherever it comes from
         pellets = generate_pellets(assets.occupancy, config.pellets)
@@ -82,17 +83,15 @@ class RobotView:
         self._stamp_ns: list[int | None] = [None] * count
         self._seen_s: float | None = None
         self._request = np.zeros(1, dtype=REQUEST)
-        self._watched = WatchArrays(**self._levels.arrays_for(WatchArrays))
         self._view_table = Table(
             ViewArrays,
             rules=kernels.RuleArrays(
-                **rules, obstacles=self._obstacles, parameters=self._parameters, goal_xy=self._levels.arrays["goal_xy"]
+                **rules, obstacles=self._obstacles, parameters=self._parameters, levels=self._levels.addresses
             ),
             ghosts=self._ghosts,
             ghost_paths=self._cells,
             request=self._request,
             summary=np.zeros((len(kernels.SUMMARY), 1), dtype=np.int64),
-            **self._levels.arrays_for(ViewArrays),
         )
 
     def begin(self) -> None:
@@ -216,6 +215,6 @@ class RobotView:
         g["distance"] = distance
         if 0 < passed_s < math.inf:
             p = self._parameters[0]
-            where = (x, y), int(g["tick"]), 0
-            watch(self._ghosts[0], self._cells[0], *where, self._watched, float(p["arcade_m"]), float(p["tick_s"]))
+            where = (x, y), int(g["tick"]), int(self._levels.addresses[0])
+            watch(self._ghosts[0], self._cells[0], *where, float(p["arcade_m"]), float(p["tick_s"]))
         self._seen_s = seen.time_s

@@ -23,7 +23,7 @@ from ...engine.threads import ALONE, Threads
 from ...game.behaviour_belief import BELIEVED
 
 if TYPE_CHECKING:
-    from ..maps.level_stack import LevelStack
+    from ..maps.level_slots import LevelSlots
 
 PELLET, REFUGE, HOLD = 0, 1, 2
 _BELIEF = f"N G {len(BELIEVED)}"  # by name, as Sphinx reads no f-string in an annotation
@@ -59,7 +59,7 @@ class Situation:
     belief: Annotated[NDArray[np.float64], _BELIEF]  # what each ghost does (game/behaviour_belief.py)
     goal: Annotated[NDArray[np.int32], "N C"]  # number of the candidate among the map's goals, -1: none
     level: Annotated[NDArray[np.int32], "N"]  # slot of the map in ``maps``
-    maps: LevelStack | None = None  # the maps themselves, for policies that plan on them; None if unknown
+    maps: LevelSlots | None = None  # the maps themselves, for policies that plan on them; None if unknown
     threads: Threads = ALONE  # that may work on what is made of the situations
 
     def __len__(self) -> int:
@@ -109,7 +109,7 @@ class Situation:
 
     @classmethod
     def empty(
-        cls, n: int, candidates: int, ghosts: int = 1, maps: LevelStack | None = None, threads: Threads = ALONE
+        cls, n: int, candidates: int, ghosts: int = 1, maps: LevelSlots | None = None, threads: Threads = ALONE
     ) -> Situation:
         """Arrays for n situations, not yet filled."""
         situation = cls.__new__(cls)
@@ -120,7 +120,7 @@ class Situation:
 
 
 def _declared() -> dict[str, Array]:
-    hints = get_type_hints(Situation, localns={"LevelStack": object}, include_extras=True)
+    hints = get_type_hints(Situation, localns={"LevelSlots": object}, include_extras=True)
     shapes = {name: hint for name, hint in hints.items() if get_origin(hint) is Annotated}
     return {name: Array(_scalar(hint.__origin__), *hint.__metadata__) for name, hint in shapes.items()}
 

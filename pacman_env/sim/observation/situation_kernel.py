@@ -13,6 +13,7 @@ from ...world.navigation.localization import wrap
 from ...world.navigation.paths import UNREACHABLE_CM
 from ..core.kernels import RuleArrays, allowed, believed, nearest, summarize
 from ..core.parameters import GHOST
+from ..maps.level import level_arrays
 from .situation import HOLD, LAYOUT, PELLET, REFUGE, Situation
 
 
@@ -41,12 +42,6 @@ class ViewArrays(NamedTuple):
     ghost_paths: Any = Array(np.int32, "N G l")  # cells of the path that each is on
     request: Any = Array(REQUEST, "1")
     summary: Any = Array(np.int64, "6 N")  # kernels.SUMMARY
-    affine: Any = Array(np.float64, "M 6")
-    snap: Any = Array(np.int32, "M h w")
-    length_cm: Any = Array(np.uint16, "M k g")
-    ghost_drive: Any = Array(np.int32, "M k")  # drivable cell under each of the ghosts'
-    ghost_place: Any = Array(np.int32, "M g")  # the ghosts' cell of each goal
-    ghost_part: Any = Array(np.int32, "M k")
 
 
 _arrays, _situation = arrays_by_address(ViewArrays), LAYOUT.arrays
@@ -66,12 +61,11 @@ def write_situations(table, first, last):  # type: ignore[no-untyped-def]
     s = _situation(request.block, request.games, request.candidates, request.ghosts)
     player = request.player
     slots, hold = p.pellet_slots, p.pellet_slots + p.refuge_slots
-    _, rows, columns = a.snap.shape
     for i in range(first, last):
         g = rules.games[i]
         summarize(g, i, a.summary)
-        goal_xy, length_cm = rules.goal_xy[g.level], a.length_cm[g.level]
-        drive, place = a.ghost_drive[g.level], a.ghost_place[g.level]
+        level = level_arrays(rules.levels[g.level])
+        goal_xy, length_cm, drive, place = level.goal_xy, level.length_cm, level.ghost_drive, level.ghost_place
         bx, by, bh = believed(g, p.use_tf)
         s.robot[i, 0], s.robot[i, 1], s.robot[i, 2] = bx, by, wrap(bh)
         s.robot_velocity[i, 0] = 0.5 * (g.left + g.right)
@@ -102,8 +96,8 @@ def write_situations(table, first, last):  # type: ignore[no-untyped-def]
         s.tick[i] = g.tick
         s.level[i] = g.level
         s.pellets_left[i] = g.spawned - g.collected - g.lost
-        column, row = cell_of(a.affine[g.level], rows, columns, bx, by)
-        here = a.snap[g.level, row, column]
+        column, row = cell_of(level.affine, level.snap.shape[0], level.snap.shape[1], bx, by)
+        here = level.snap[row, column]
         ghost_cell = ghost_paths[i, lead, ghosts[i, lead].path_index]
         there = drive[ghost_cell]
         for c in range(hold + 1):
@@ -125,7 +119,7 @@ def write_situations(table, first, last):  # type: ignore[no-untyped-def]
             else:
                 s.mask[i, c] = c == hold
                 if goal >= 0 and place[goal] >= 0:  # it exists, and the ghost can get there
-                    s.mask[i, c] = a.ghost_part[g.level, place[goal]] == a.ghost_part[g.level, ghost_cell]
+                    s.mask[i, c] = level.ghost_part[place[goal]] == level.ghost_part[ghost_cell]
             s.goal[i, c] = goal
             if goal < 0:
                 s.position[i, c, 0], s.position[i, c, 1] = bx, by

@@ -5,7 +5,7 @@ Only what the map holds is seen: no ray ends at anything that moves.
 
 import math
 from statistics import NormalDist
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -64,24 +64,6 @@ def _walk(clearance_cm, x, y, ux, uy, t, limit):  # type: ignore[no-untyped-def]
     return t
 
 
-class Maps(NamedTuple):
-    """L drive grids, padded to one size."""
-
-    affine: Any  # (L, 6) world to cell
-    clearance_cm: Any  # (L, H, W) uint8; 0 is not free
-    shape: Any  # (L, 2) int32: rows and columns of each; what lies beyond is not read
-    resolution: float  # m per cell, at least 0.01
-
-
-class Robots(NamedTuple):
-    """N robots, each on one of the maps."""
-
-    level: Any  # (N,) int32, in [0, L)
-    pose: Any  # (N, 3) x, y, heading in m and rad, any finite numbers
-    seed: Any  # (N,) uint64, of the round
-    tick: Any  # (N,) int32
-
-
 class Sensor(NamedTuple):
     """The lidar's limits, and the standard deviation of its noise as a part of the range."""
 
@@ -91,7 +73,18 @@ class Sensor(NamedTuple):
 
 
 @kernel
-def _scan_one(affine, clearance_cm, resolution, pose, noise, sensor, ranges):  # type: ignore[no-untyped-def]
+def scan(affine, clearance_cm, resolution, pose, moment, sensor, ranges):  # type: ignore[no-untyped-def]
+    """Fill ``ranges`` (R,) float32, m, as seen from ``pose`` (3,), any finite numbers, m and rad.
+
+    Ray k points at heading + 2 pi k / R: 0 is ahead, counter-clockwise, as in sensor_msgs/LaserScan. A ray that finds
+    nothing within the maximum or leaves the grid reads the maximum; all do for a robot off the grid. Other ranges are
+    cut to the limits, get normal noise (of 1024 steps, at most 3.3 standard deviations) and are cut again.
+    Noise is a function of ``moment``, the round's seed and the tick, and of k alone.
+
+    The grid: ``affine`` (6,) from m to cells, ``clearance_cm`` (H, W) uint8, 0 is not free; ``resolution`` is m per
+    cell, at least 0.01.
+    """
+    noise = stream(stream(moment[0], LIDAR), moment[1])
     rows, columns = clearance_cm.shape
     rays = len(ranges)
     minimum, maximum = sensor.minimum_m, sensor.maximum_m
@@ -121,19 +114,3 @@ def _scan_one(affine, clearance_cm, resolution, pose, noise, sensor, ranges):  #
             length = max(cells * resolution, minimum)
             z = _NORMAL[mix(noise + _GAMMA * np.uint64(k + 1)) >> _S54]
             ranges[k] = min(max(length + sensor.noise * length * z, minimum), maximum)
-
-
-@kernel
-def scan(maps, robots, sensor, ranges):  # type: ignore[no-untyped-def]
-    """Fill ``ranges`` (N, R) float32, m.
-
-    Ray k points at heading + 2 pi k / R: 0 is ahead, counter-clockwise, as in sensor_msgs/LaserScan. A ray that finds
-    nothing within the maximum or leaves the grid reads the maximum; all do for a robot off the grid. Other ranges are
-    cut to the limits, get normal noise (of 1024 steps, at most 3.3 standard deviations) and are cut again.
-    Noise is a function of seed, tick and k alone.
-    """
-    for i in range(len(ranges)):
-        m = robots.level[i]
-        clearance_cm = maps.clearance_cm[m, : maps.shape[m, 0], : maps.shape[m, 1]]
-        noise = stream(stream(robots.seed[i], LIDAR), robots.tick[i])
-        _scan_one(maps.affine[m], clearance_cm, maps.resolution, robots.pose[i], noise, sensor, ranges[i])

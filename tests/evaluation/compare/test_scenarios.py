@@ -72,7 +72,7 @@ def test_levels_are_drawn_and_prepared_as_an_environment_does() -> None:
     seeds = episode_seeds(1, 20)
     np.testing.assert_array_equal(ours.levels_of(seeds), theirs.levels_of(seeds))
     for level in (TEST_LEVEL, TEST_LEVEL + 1):
-        assert ours.prepare(level).occupancy.hash == theirs.prepare(level).occupancy.hash
+        assert ours.prepare(level).assets.occupancy.hash == theirs.prepare(level).assets.occupancy.hash
     assert ours.first.occupancy.hash == theirs.first.occupancy.hash
 
 
@@ -83,17 +83,17 @@ def test_a_level_is_prepared_once_for_all_of_clydes_speeds_but_not_for_other_pel
         open_scenario(LEVELS, config).prepare(TEST_LEVEL)
     assert sources._prepared.cache_info().misses == 1
     denser = open_scenario(LEVELS, LEVELS_CONFIG.with_fields(**{"pellets.spacing_m": 1.5})).prepare(TEST_LEVEL)
-    assert denser.pellets > open_scenario(LEVELS, LEVELS_CONFIG).prepare(TEST_LEVEL).pellets
+    assert denser.assets.pellets > open_scenario(LEVELS, LEVELS_CONFIG).prepare(TEST_LEVEL).assets.pellets
 
 
-def test_a_level_is_prepared_once_for_all_ghosts_that_do_not_only_wander_and_is_that_of_an_environment() -> None:
+def test_level_is_prepared_once_for_all_ghosts_as_environments_prepare_it() -> None:
     sources._prepared.cache_clear()
-    for ghosts in (("chase",), ("arcade", "chase"), ("wander", "arcade", "chase", "wander")):
+    for ghosts in (("wander",), ("chase",), ("arcade", "chase"), ("wander", "arcade", "chase", "wander")):
         config = LEVELS_CONFIG.with_fields(**{"clyde.ghosts": ghosts})
-        ours = open_scenario(LEVELS, config).prepare(TEST_LEVEL)
+        ours = open_scenario(LEVELS, config).prepare(TEST_LEVEL).assets
         assert "ghost_targets" in vars(ours)  # computed beforehand, not while games are played
     assert sources._prepared.cache_info().misses == 1
-    theirs = GeneratedMaps.named("generated:test", config, None, LEVELS.count).prepare(TEST_LEVEL)
+    theirs = GeneratedMaps.named("generated:test", config, None, LEVELS.count).prepare(TEST_LEVEL).assets
     assert ours.occupancy.hash == theirs.occupancy.hash
     for name, array in ours.ghost_targets._asdict().items():
         np.testing.assert_array_equal(array, getattr(theirs.ghost_targets, name))

@@ -13,9 +13,9 @@ import pytest
 
 from pacman_env.config import Config
 from pacman_env.game.behaviour_belief import BELIEVED
-from pacman_env.sim.coarse import outlook
+from pacman_env.sim.coarse import coarse_map
 from pacman_env.sim.maps.assets import MapAssets, map_assets
-from pacman_env.sim.maps.level_stack import LevelStack
+from pacman_env.sim.maps.level import COARSE_MAP, Level
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
 from pacman_env.sim.observation.situation import HOLD, Situation
 from tests.sim.coarse.games import config_of, situation_of
@@ -106,21 +106,19 @@ def test_the_order_of_ghosts_does_not_matter_to_their_tokens() -> None:
 def test_threads_that_play_on_a_new_map_at_once_read_the_same_table_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """A second table would replace the first, whose memory is freed while a kernel reads it."""
     config = config_of("chase")
-    assets = replace(map_assets("loop", config))  # a map that nothing has been made of
-    both, made = threading.Barrier(2), outlook.coarse_map
+    level = Level(replace(map_assets("loop", config)), config)  # of a map that nothing has been made of
+    both, made = threading.Barrier(2), coarse_map.coarse_map
 
     def slowly(assets: MapAssets) -> Any:
         time.sleep(0.1)
         return made(assets)
 
     def address() -> int:
-        levels = LevelStack(assets, config)
-        own = outlook.Outlook(levels)
         both.wait()
-        own.memory(levels, np.zeros(1, np.int32), 1, 1)
-        return int(own._addresses[0])
+        coarse_map.add_coarse_map(level)
+        return int(level.arrays["later"][COARSE_MAP])
 
-    monkeypatch.setattr(outlook, "coarse_map", slowly)
+    monkeypatch.setattr(coarse_map, "coarse_map", slowly)
     with ThreadPoolExecutor(2) as pool:
         first, second = (pool.submit(address) for _ in range(2))
     assert first.result() == second.result()

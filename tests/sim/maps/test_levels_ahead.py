@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from pacman_env.config import make_config
-from pacman_env.sim.maps.assets import MapAssets
+from pacman_env.sim.maps.level import Level
 from pacman_env.sim.maps.level_source import GeneratedMaps, prepare_level
 from pacman_env.sim.maps.levels_ahead import LevelsAhead
 from pacman_env.world.maps.occupancy import MapError
@@ -35,7 +35,7 @@ class Source(GeneratedMaps):
         self.go, self.begun = threading.Event(), threading.Semaphore(0)
         self.prepared: list[tuple[int, int]] = []  # level, thread
 
-    def prepare(self, level: int) -> MapAssets:
+    def prepare(self, level: int) -> Level:
         self.prepared.append((level, threading.get_ident()))
         self.begun.release()
         assert self.go.wait(PATIENCE_S)
@@ -65,7 +65,7 @@ def test_levels_prepared_on_threads_are_those_prepared_directly(threads: int) ->
     ahead = LevelsAhead(GeneratedMaps(CONFIG, 0, 1000), threads)
     ahead.ask(range(40, 52))
     for level in [*range(40, 52), 77]:
-        assert same(ahead.take(level), prepare_level(level, CONFIG))
+        assert same(ahead.take(level).assets, prepare_level(level, CONFIG))
     ahead.close()
 
 
@@ -84,7 +84,7 @@ def test_levels_are_prepared_once_in_the_order_they_were_asked_for() -> None:
 
 def test_a_level_that_no_thread_has_begun_with_is_prepared_by_who_takes_it() -> None:
     class Asked(Source):
-        def prepare(self, level: int) -> MapAssets:
+        def prepare(self, level: int) -> Level:
             if threading.get_ident() == here:
                 self.go.set()  # the thread that prepares level 1 goes on only now
             return super().prepare(level)
@@ -206,7 +206,7 @@ def test_a_copy_prepares_the_same_levels(again: Callable[[LevelsAhead], LevelsAh
     other = again(ahead)
     assert not other._asked
     other.ask([41])
-    assert same(other.take(41), ahead.take(41))
+    assert same(other.take(41).assets, ahead.take(41).assets)
     ahead.close()
     other.close()
 
@@ -237,11 +237,11 @@ ahead.ask(range(40, 60))
 child = os.fork()
 if child == 0:
     ahead.ask([41, 42])
-    names = [ahead.take(level).occupancy.name for level in (45, 41, 42)]
+    names = [ahead.take(level).assets.occupancy.name for level in (45, 41, 42)]
     print(*names, threading.active_count(), flush=True)
     os._exit(0)
 assert os.waitpid(child, 0)[1] == 0
-print(ahead.take(59).occupancy.name)
+print(ahead.take(59).assets.occupancy.name)
 """)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.split() == ["generated-45", "generated-41", "generated-42", "3", "generated-59"]
@@ -265,7 +265,7 @@ child = os.fork()
 if child == 0:
     os._exit(0)
 assert os.waitpid(child, 0)[1] == 0
-print(ahead.take(40).occupancy.name)
+print(ahead.take(40).assets.occupancy.name)
 """)
     assert (done.returncode, done.stdout, done.stderr) == (0, "generated-40\n", "")
 
@@ -291,6 +291,6 @@ try:
     ahead.take(40)
 except KeyboardInterrupt:
     interrupted.set()
-    print(ahead.take(40).occupancy.name)
+    print(ahead.take(40).assets.occupancy.name)
 """)
     assert (done.returncode, done.stdout, done.stderr) == (0, "generated-40\n", "")

@@ -13,7 +13,8 @@ from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.maps.level_source import GeneratedMaps
 from pacman_env.sim.observation.observer import Observer
-from pacman_env.sim.observation.raster import CHANNELS
+from pacman_env.sim.observation.raster import CHANNELS, raster
+from pacman_env.world.navigation import lidar
 
 KINDS = ("features", "scan", "grid")
 SUBSETS = [kinds for count in (1, 2, 3) for kinds in itertools.combinations(KINDS, count)]
@@ -68,6 +69,29 @@ def test_a_game_sees_the_same_alone_and_among_others() -> None:
     together, alone = observed(KINDS, n=5), observed(KINDS, n=1)
     for key, array in alone.items():
         np.testing.assert_array_equal(array[0], together[key][0])
+
+
+def test_robots_of_a_batch_see_each_its_own_map() -> None:
+    config = make_config(**{"observation.kinds": ("scan", "grid"), "observation.scan_noise": 0.0})
+    batch = GameBatch(GeneratedMaps(config, 0, 3), config, 3)
+    batch.reset(np.arange(3), np.arange(3, dtype=np.uint64), np.array([2, 0, 1]))
+    batch.step(np.zeros(3, dtype=np.int64))
+    situation, (scan, grid) = (
+        batch.situation(),
+        (Observer(batch).observe(batch.situation())[k] for k in ("scan", "grid")),
+    )
+    kinds, g = config.observation, batch.games
+    for i in range(3):
+        own, pose = batch.assets_of(i).grid, np.array([g["x"][i], g["y"][i], g["heading"][i]])
+        ranges, image = np.empty_like(scan[i]), np.empty_like(grid[i])
+        sensor = lidar.Sensor(kinds.scan_minimum_m, kinds.scan_maximum_m, 0.0)
+        lidar.scan(own.affine, own.clearance_cm, own.resolution, pose, (g["seed"][i], g["tick"][i]), sensor, ranges)
+        np.testing.assert_array_equal(scan[i], ranges)
+        pellets = situation.position[i], batch.alive[i]
+        lengths = kinds.grid_pixel_m, config.robot.radius_m
+        ghosts = np.ascontiguousarray(situation.ghosts[i, :, :2])
+        raster((own.affine, own.clearance_cm), situation.robot[i], pellets, ghosts, lengths, image)
+        np.testing.assert_array_equal(grid[i], image)
 
 
 def test_the_scan_is_taken_from_the_true_pose_and_the_picture_from_the_believed_one() -> None:

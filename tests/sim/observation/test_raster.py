@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pacman_env.config import Nav2Config, PelletConfig, RobotConfig
-from pacman_env.sim.observation.raster import GHOSTS, PELLET_RADIUS_M, PELLETS, ROBOT, WALLS, raster_all
+from pacman_env.sim.observation.raster import GHOSTS, PELLET_RADIUS_M, PELLETS, ROBOT, WALLS, raster
 from pacman_env.world.navigation.grid import DriveGrid, build_grid
 from tests.drawn import drawn
 
@@ -43,15 +43,14 @@ def picture(
 ) -> np.ndarray:
     """One picture, between two more that must not be touched."""
     images = np.full((3, size, size, 4), 7, np.uint8)
-    raster_all(
-        (grid.affine[None], grid.clearance_cm[None], np.array([grid.shape], np.int32), np.zeros(1, np.int32)),
-        np.array([pose]),
-        np.array(pellets, np.float64).reshape(1, -1, 2),
-        np.array(there if there is not None else [True] * len(pellets), np.bool_).reshape(1, -1),
-        np.array(ghosts, np.float64).reshape(1, -1, 2),
-        pixel_m,
-        RADIUS_M,
-        images[1:2],
+    shown = np.array(there if there is not None else [True] * len(pellets), np.bool_)
+    raster(
+        (grid.affine, grid.clearance_cm),
+        np.array(pose),
+        (np.array(pellets, np.float64).reshape(-1, 2), shown),
+        np.array(ghosts, np.float64).reshape(-1, 2),
+        (pixel_m, RADIUS_M),
+        images[1],
     )
     assert (images[[0, 2]] == 7).all()
     assert set(np.unique(images[1])) <= {0, 255}
@@ -167,25 +166,3 @@ def test_any_finite_pose_is_drawn(
 ) -> None:
     image = picture(grid, pose, pellets=[ghost, (pose[0], pose[1])], ghosts=[ghost], size=16)
     assert image[8, 8, PELLETS] == image[8, 8, ROBOT] == 255
-
-
-# Batches
-
-
-def test_robots_of_a_batch_see_each_its_own_map(grid: DriveGrid) -> None:
-    other = build_grid(drawn(ROOM, origin=(0.3, -0.2, 0.9)), RobotConfig(), Nav2Config(), PelletConfig())
-    rng = np.random.default_rng(3)
-    level = np.array([1, 0, 1, 1], np.int32)
-    pose = rng.uniform(0, 3, (4, 3))
-    pellets, there, ghosts = rng.uniform(0, 4, (4, 9, 2)), rng.random((4, 9)) < 0.5, rng.uniform(0, 4, (4, 2, 2))
-    images = np.empty((4, SIZE, SIZE, 4), np.uint8)
-    maps = (
-        np.stack([grid.affine, other.affine]),
-        np.stack([grid.clearance_cm, other.clearance_cm]),
-        np.array([grid.shape, other.shape], np.int32),
-        level,
-    )
-    raster_all(maps, pose, pellets, there, ghosts, PIXEL_M, RADIUS_M, images)
-    for i, m in enumerate(level):
-        alone = picture((grid, other)[m], tuple(pose[i]), list(pellets[i]), list(ghosts[i]), there=list(there[i]))
-        np.testing.assert_array_equal(images[i], alone)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pacman_env.config import Nav2Config, PelletConfig, RobotConfig
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 from pacman_env.world.navigation.grid import DriveGrid, build_grid, clearance_m
-from pacman_env.world.navigation.lidar import Maps, Robots, Sensor, scan
+from pacman_env.world.navigation.lidar import Sensor, scan
 from tests.drawn import box, drawn
 
 MINIMUM, MAXIMUM = 0.15, 12.0
@@ -51,11 +51,10 @@ def ranges_at(
     minimum: float = MINIMUM,
     maximum: float = MAXIMUM,
 ) -> np.ndarray:
-    ranges = np.full((1, rays), np.nan, np.float32)
-    maps = Maps(affine[None], clearance_cm[None], np.array([clearance_cm.shape], np.int32), RESOLUTION)
-    robots = Robots(np.zeros(1, np.int32), np.array([pose]), np.array([seed], np.uint64), np.array([tick], np.int32))
-    scan(maps, robots, Sensor(minimum, maximum, noise), ranges)
-    return ranges[0]
+    ranges = np.full(rays, np.nan, np.float32)
+    moment = np.uint64(seed), np.int32(tick)
+    scan(affine, clearance_cm, RESOLUTION, np.array(pose), moment, Sensor(minimum, maximum, noise), ranges)
+    return ranges
 
 
 def slow_ranges(
@@ -204,33 +203,3 @@ def test_noise_leaves_the_bounds_standing() -> None:
     ranges = ranges_at(grid.affine, grid.clearance_cm, (3.5, 2.5, 0.0), noise=0.5, minimum=1.0, maximum=3.2)
     assert ranges.min() == 1.0
     assert ranges.max() == np.float32(3.2)
-
-
-# Batches
-
-
-def test_robots_of_a_batch_scan_each_its_own_map() -> None:
-    grids = [grid_of(drawn(box(12, 8))), grid_of(drawn(ROOMS, origin=(-1.2, -1.7, 0.7)))]
-    shape = np.max([g.shape for g in grids], axis=0)
-    affine = np.stack([g.affine for g in grids])
-    clearance_cm = np.full((2, *shape), 100, np.uint8)  # what lies beyond a map is not looked at
-    shapes = np.array([g.shape for g in grids], np.int32)
-    for level, g in zip(clearance_cm, grids, strict=True):
-        level[: g.shape[0], : g.shape[1]] = g.clearance_cm
-    level = np.array([1, 0, 1], np.int32)
-    pose = np.array([free_poses(grids[m], 5 + m, 1)[0] for m in level])
-    seeds, ticks = np.array([4, 5, 6], np.uint64), np.array([0, 3, 9], np.int32)
-    ranges = np.empty((3, 90), np.float32)
-    maps, robots = Maps(affine, clearance_cm, shapes, RESOLUTION), Robots(level, pose, seeds, ticks)
-    scan(maps, robots, Sensor(MINIMUM, MAXIMUM, 0.01), ranges)
-    for i, m in enumerate(level):
-        alone = ranges_at(
-            grids[m].affine,
-            grids[m].clearance_cm,
-            tuple(pose[i]),
-            rays=90,
-            noise=0.01,
-            seed=int(seeds[i]),
-            tick=int(ticks[i]),
-        )
-        np.testing.assert_array_equal(ranges[i], alone)

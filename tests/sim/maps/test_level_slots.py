@@ -1,19 +1,21 @@
-"""The stack of maps: levels come and go, slots are used again, and no game's level disturbs another's."""
+"""Slots for levels: levels come and go, slots are used again, and no game's level disturbs another's."""
 
 from __future__ import annotations
 
+import pickle
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
+from numba import njit
 
 from pacman_env.config import Config, make_config
 from pacman_env.game.execution import RUNNING
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.assets import MapAssets
+from pacman_env.sim.maps.level import Level, level_arrays
+from pacman_env.sim.maps.level_slots import LevelSlots, Sizes
 from pacman_env.sim.maps.level_source import GeneratedMaps, prepare_level
-from pacman_env.sim.maps.level_stack import LevelStack
 from pacman_env.world.maps.occupancy import MapError
 
 CONFIG = make_config()
@@ -21,108 +23,101 @@ QUICK: dict[str, Any] = {"time_limit_s": 8.0, "execution.pickup_radius_m": 0.6, 
 
 
 @cache
-def level(number: int) -> MapAssets:
-    return prepare_level(number, CONFIG)
+def level(number: int) -> Level:
+    return Level(prepare_level(number, CONFIG), CONFIG)
 
 
-def holds(stack: LevelStack, slot: int, number: int) -> bool:
-    """The slot's rows are the level's arrays."""
-    assets, arrays = level(number), stack.arrays
-    pairs = [
-        (arrays["cell_xy"], assets.cell_xy),
-        (arrays["length_cm"], assets.length_cm),
-        (arrays["next_step"], assets.next_step),
-        (arrays["clearance_cm"], assets.grid.clearance_cm),
-        (arrays["snap"], assets.grid.snap),
-        (arrays["goal_xy"], assets.goal_xy),
-        (arrays["ghost_xy"], assets.clyde.position),
-        (arrays["ghost_graph"], assets.clyde.graph),
-        (arrays["spawn_cells"], assets.spawn_cells),
-    ]
-    rows = [(stacked[slot][tuple(slice(n) for n in array.shape)], array) for stacked, array in pairs]
-    return stack.assets(slot) is assets and all(np.array_equal(row, array) for row, array in rows)
+def slots_for(count: int) -> LevelSlots:
+    return LevelSlots(count, GeneratedMaps(CONFIG, 0, 100).sizes(), CONFIG)
 
 
-def by_size() -> list[int]:
-    return sorted(range(12), key=lambda number: len(level(number).cell_xy))
+def holds(slots: LevelSlots, slot: int, number: int) -> bool:
+    """Kernels find the level's own arrays by the slot's address."""
+    found, own = _read(slots.addresses[slot]), level(number)
+    same = all(np.array_equal(array, own.arrays[name]) for name, array in zip(found._fields, found, strict=True))
+    return slots.level(slot) is own and slots.numbers[slot] == number and same
 
 
-def test_one_map_for_all_is_stacked_without_a_copy() -> None:
-    stack = LevelStack(level(0), CONFIG)
-    assert len(stack) == 1
-    assert np.shares_memory(stack.arrays["length_cm"], level(0).length_cm)
-    assert holds(stack, 0, 0)
+@njit
+def _read(address: int) -> Any:
+    return level_arrays(address)
+
+
+def test_the_arrays_of_a_level_are_those_of_its_map_without_a_copy() -> None:
+    slots = LevelSlots.only(level(0))
+    assert len(slots) == 1
+    assert holds(slots, 0, 0)
+    assets, arrays = level(0).assets, level(0).arrays
+    for name, array in (
+        ("length_cm", assets.length_cm),
+        ("snap", assets.grid.snap),
+        ("ghost_graph", assets.clyde.graph),
+    ):
+        assert np.shares_memory(arrays[name], array)
 
 
 def test_a_level_is_taken_once_and_kept_until_its_slot_is_needed() -> None:
-    stack, prepared = LevelStack(level(0), CONFIG, slots=3), []
+    slots, prepared = slots_for(3), []
 
-    def prepare(number: int) -> MapAssets:
+    def prepare(number: int) -> Level:
         prepared.append(number)
         return level(number)
 
-    assert [stack.take(number, prepare) for number in (0, 1, 0, 2)] == [0, 1, 0, 2]
+    assert [slots.take(number, prepare) for number in (0, 1, 0, 2)] == [0, 1, 0, 2]
     assert prepared == [0, 1, 2]
-    stack.release(1)  # nobody plays on level 1 now, but it stays
-    assert stack.has(1)
-    assert stack.take(1, prepare) == 1
-    stack.release(1)
-    stack.release(0)
-    assert stack.take(3, prepare) == 1  # one game is still on level 0
-    assert (stack.has(1), stack.has(0)) == (False, True)
-    stack.release(0)
-    stack.release(2)
-    assert stack.take(4, prepare) == 0 or stack.take(5, prepare) == 0
+    slots.release(1)  # nobody plays on level 1 now, but it stays
+    assert slots.has(1)
+    assert slots.take(1, prepare) == 1
+    slots.release(1)
+    slots.release(0)
+    assert slots.take(3, prepare) == 1  # one game is still on level 0
+    assert (slots.has(1), slots.has(0)) == (False, True)
+    assert all(holds(slots, slot, number) for slot, number in ((0, 0), (1, 3), (2, 2)))
+    slots.release(0)
+    slots.release(2)
+    assert slots.take(4, prepare) == 0 or slots.take(5, prepare) == 0
     assert prepared[:4] == [0, 1, 2, 3]
-    np.testing.assert_array_equal(stack.numbers >= 0, True)
+    np.testing.assert_array_equal(slots.numbers >= 0, True)
 
 
 def test_of_the_free_slots_the_one_longest_unused_is_given_up() -> None:
-    stack = LevelStack(level(0), CONFIG, slots=3)
+    slots = slots_for(3)
     for number in (0, 1, 2):
-        stack.release(stack.take(number, level))
-    stack.release(stack.take(0, level))
-    stack.take(3, level)
-    assert [stack.has(number) for number in range(4)] == [True, False, True, True]
+        slots.release(slots.take(number, level))
+    slots.release(slots.take(0, level))
+    slots.take(3, level)
+    assert [slots.has(number) for number in range(4)] == [True, False, True, True]
 
 
-def test_arrays_grow_for_larger_levels_and_keep_the_smaller_ones() -> None:
-    order = by_size()
-    stack, versions = LevelStack(level(order[0]), CONFIG, slots=12), set()
-    for taken, number in enumerate(order):
-        assert stack.take(number, level) == taken
-        versions.add(stack.version)
-        assert all(holds(stack, slot, other) for slot, other in enumerate(order[: taken + 1]))
-    assert len(versions) > 1  # it grew, and those who look know
-    assert stack.longest_way_cm >= max(level(n).length_cm[level(n).length_cm != 65535].max() for n in order)
+def test_no_level_exceeds_the_sizes_of_its_source() -> None:
+    sizes = GeneratedMaps(CONFIG, 0, 100).sizes()
+    for number in range(12):
+        assert all(own <= most for own, most in zip(Sizes.of(level(number)), sizes, strict=True))
 
 
-def test_beyond_a_smaller_level_in_a_larger_ones_slot_lies_what_lies_at_its_edge() -> None:
-    order = by_size()
-    stack = LevelStack(level(order[0]), CONFIG, slots=2)
-    for number in (order[-1], order[-2], order[0]):
-        slot = stack.take(number, level)
-        stack.release(slot)
-    assert slot == 0  # where the largest was
-    grid = level(order[0]).grid
-    for name, array in (("snap", grid.snap), ("clearance_cm", grid.clearance_cm)):
-        stacked = stack.arrays[name][slot]
-        beyond = [(0, room - n) for room, n in zip(stacked.shape, array.shape, strict=True)]
-        np.testing.assert_array_equal(stacked, np.pad(array, beyond, mode="edge"))
+def test_kernels_find_the_arrays_of_a_copy() -> None:
+    slots = slots_for(2)
+    slots.take(0, level)
+    other = pickle.loads(pickle.dumps(slots))
+    del slots
+    found = _read(other.addresses[0])
+    assert found.length_cm.ctypes.data == other.level(0).arrays["length_cm"].ctypes.data
+    np.testing.assert_array_equal(found.length_cm, level(0).arrays["length_cm"])
+    assert other.level(0).address != level(0).address
 
 
 def test_a_level_that_cannot_be_prepared_changes_nothing() -> None:
-    stack = LevelStack(level(0), CONFIG, slots=2)
-    stack.take(0, level)
-    stack.release(stack.take(1, level))
+    slots = slots_for(2)
+    slots.take(0, level)
+    slots.release(slots.take(1, level))
 
-    def fails(number: int) -> MapAssets:
+    def fails(number: int) -> Level:
         raise MapError(f"level {number}")
 
     with pytest.raises(MapError, match="level 2"):
-        stack.take(2, fails)
-    assert holds(stack, 0, 0)
-    assert stack.has(1)
+        slots.take(2, fails)
+    assert holds(slots, 0, 0)
+    assert slots.has(1)
 
 
 # Game i of a batch is the same game alone, each on its own level

@@ -1,0 +1,124 @@
+"""One level: everything that kernels read of a prepared map, each array as it is, found by one address."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...config import Config
+from ...engine.arrays import Array, Table, arrays_by_address
+from ...world.navigation.paths import coarse_steps
+from ...world.navigation.physics import clear_cells
+from .assets import MapAssets
+
+COARSE_STEPS, COARSE_MAP = range(2)  # places in ``LevelArrays.later``
+
+
+class LevelArrays(NamedTuple):
+    """K drivable cells, C cells of the ghosts, G goals; the drive grid's rows H and columns W."""
+
+    affine: Any = Array(np.float64, "6")  # from m to cells
+    home: Any = Array(np.float64, "3")  # m, m, rad
+    snap: Any = Array(np.int32, "H W")  # nearest drivable cell
+    clearance_cm: Any = Array(np.uint8, "H W")
+    clear: Any = Array(np.bool_, "H W")  # a robot there touches no wall
+    neighbours: Any = Array(np.int32, "K 8")  # -1: not allowed
+    cell_xy: Any = Array(np.float32, "K 2")  # m
+    length_cm: Any = Array(np.uint16, "K G")  # path to each goal
+    next_step: Any = Array(np.int16, "G K")  # next cell on it, as a difference of numbers
+    goal_xy: Any = Array(np.float64, "G 2")  # m
+    goal_cell: Any = Array(np.int32, "G")
+    goal_apart_m: Any = Array(np.float32, "G")  # how near a ghost can come
+    plan_end: Any = Array(np.float64, "G 2")  # m
+    spawn_cells: Any = Array(np.int32, "k")  # that ghosts may start from
+    ghost_graph: Any = Array(np.int32, "C 16")  # the search's view of a cell
+    ghost_part: Any = Array(np.int32, "C")
+    ghost_part_start: Any = Array(np.int64, "k")
+    ghost_part_cells: Any = Array(np.int32, "C")
+    ghost_xy: Any = Array(np.float64, "C 2")  # m
+    ghost_drive: Any = Array(np.int32, "C")  # drivable cell under each, -1: none
+    ghost_snap: Any = Array(np.int32, "H W")  # nearest cell of the ghosts' in the robot's area
+    ghost_place: Any = Array(np.int32, "G")  # cell of the ghosts' nearest to each goal, -1: too far away
+    ghost_corner: Any = Array(np.int32, "4")  # cell of each ghost's corner
+    corner_drive: Any = Array(np.int32, "4")  # drivable cell there
+    later: Any = Array(np.int64, "2")  # addresses of tables that are made when they are needed; 0: not yet
+
+
+class CoarseSteps(NamedTuple):
+    """What ``prediction.py`` walks along; 64 cells of a tile follow one another."""
+
+    coarse_steps: Any = Array(np.uint8, "t G")
+
+
+level_arrays = arrays_by_address(LevelArrays)
+steps_of_level = arrays_by_address(CoarseSteps)
+
+
+class Level:
+    """A map prepared under a configuration; kernels find its arrays at ``address`` as long as this object lives."""
+
+    def __init__(self, assets: MapAssets, config: Config) -> None:
+        self.assets, self.config = assets, config
+        self.longest_cm = int((assets.length_cm + np.uint16(1)).max()) - 1  # UNREACHABLE_CM becomes 0
+        self.longest_ghost_way = assets.clyde.longest  # cells
+        self._later: dict[int, Table] = {}
+        self._table = Table(LevelArrays, **_arrays(assets, config), later=np.zeros(2, dtype=np.int64))
+        self.address, self.arrays = self._table.address, self._table.arrays
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Level":
+        """Nothing of a level ever changes."""
+        return self
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_later": {}, "_table": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._table = Table(LevelArrays, **{**self.arrays, "later": np.zeros(2, dtype=np.int64)})
+        self.address, self.arrays = self._table.address, self._table.arrays
+
+    def has(self, place: int) -> bool:
+        return place in self._later
+
+    def add(self, place: int, table: Table) -> None:
+        """Let kernels find a table, which is kept as long as the level."""
+        self.arrays["later"][place] = self._later.setdefault(place, table).address  # another thread may be as far
+
+    def add_coarse_steps(self) -> None:
+        if not self.has(COARSE_STEPS):
+            found = coarse_steps(self.assets.next_step, self.assets.grid.cell, self.assets.grid.shape)
+            self.add(COARSE_STEPS, Table(CoarseSteps, coarse_steps=found.reshape(-1, found.shape[-1])))
+
+
+def _arrays(assets: MapAssets, config: Config) -> dict[str, Any]:
+    grid, clyde = assets.grid, assets.clyde
+    # NavFn moves a goal that the robot cannot come near to the nearest place where it can be.
+    nearest = assets.cell_xy[assets.goal_cell].astype(np.float64)
+    off = np.hypot(*(nearest - assets.goal_xy).T)
+    moved = (assets.goal_cell >= 0) & (off > config.execution.pickup_radius_m)
+    arrays = {
+        "affine": grid.affine,
+        "home": grid.home,
+        "snap": grid.snap,
+        "clearance_cm": grid.clearance_cm,
+        "clear": clear_cells(grid.walls, grid.affine, grid.shape, grid.resolution, config.robot.radius_m),
+        "neighbours": grid.neighbours[:, ::2],  # the 8 around a cell
+        "cell_xy": assets.cell_xy,
+        "length_cm": assets.length_cm,
+        "next_step": assets.next_step,
+        "goal_xy": assets.goal_xy,
+        "goal_cell": assets.goal_cell,
+        "goal_apart_m": assets.goal_apart_m,
+        "plan_end": np.where(moved[:, None], nearest, assets.goal_xy),
+        "spawn_cells": assets.spawn_cells,
+        "ghost_graph": clyde.graph,
+        "ghost_part": clyde.part,
+        "ghost_part_start": clyde.part_start,
+        "ghost_part_cells": clyde.part_cells,
+        "ghost_xy": clyde.position,
+        "ghost_drive": assets.clyde_drive,
+        "ghost_snap": assets.ghost_targets.snap,
+        "ghost_place": assets.ghost_targets.place,
+        "ghost_corner": assets.ghost_corner,
+        "corner_drive": assets.clyde_drive[assets.ghost_corner],
+    }
+    return {name: np.asarray(array, order="C") for name, array in arrays.items()}

@@ -1,0 +1,96 @@
+"""The levels that a batch's games are on: a game names a slot, and a slot holds the address of a level's arrays."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...config import Config
+from ...engine.arrays import address
+from .level import Level
+
+
+class Sizes(NamedTuple):
+    """What no level of a source exceeds; scratch memory is made for it."""
+
+    cells: int  # drivable
+    longest_cm: int  # path to a goal
+    ghost_cells: int
+    longest_ghost_way: int  # cells
+
+    @classmethod
+    def of(cls, level: Level) -> "Sizes":
+        cells, ghost_cells = len(level.arrays["cell_xy"]), len(level.arrays["ghost_xy"])
+        return cls(cells, level.longest_cm, ghost_cells, level.longest_ghost_way)
+
+
+class LevelSlots:
+    """S slots; a level stays in its slot while a game is played on it, and until another level needs the slot.
+
+    Attributes:
+        most_goals: of any level so far.
+        addresses: (S,) int64, of each level's arrays (``LevelArrays``); kernels read it.
+        numbers: (S,) int64, of the levels; -1: none yet.
+    """
+
+    def __init__(self, slots: int, sizes: Sizes, config: Config) -> None:
+        self.sizes, self.config = sizes, config
+        self.addresses = np.zeros(slots, dtype=np.int64)
+        self.numbers = np.full(slots, -1, dtype=np.int64)
+        self._levels: list[Level | None] = [None] * slots
+        self._users = np.zeros(slots, dtype=np.int64)
+        self._last_use = np.zeros(slots, dtype=np.int64)
+        self._clock = 0
+        self.most_goals = 0
+
+    @classmethod
+    def only(cls, level: Level) -> "LevelSlots":
+        """One slot with that level, number 0, in it."""
+        slots = cls(1, Sizes.of(level), level.config)
+        slots.put(0, 0, level)
+        return slots
+
+    def __len__(self) -> int:
+        return len(self.addresses)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self.addresses = np.array([0 if level is None else level.address for level in self._levels], dtype=np.int64)
+
+    @property
+    def address(self) -> int:
+        """Where ``addresses`` lies."""
+        return address(self.addresses)
+
+    def level(self, slot: int) -> Level:
+        level = self._levels[slot]
+        assert level is not None
+        return level
+
+    def levels(self, slots: NDArray[np.int32]) -> set[Level]:
+        """The levels in these slots (M,)."""
+        return {self.level(slot) for slot in (range(1) if len(self) == 1 else set(slots.tolist()))}
+
+    def has(self, level: int) -> bool:
+        return bool((self.numbers == level).any())
+
+    def take(self, level: int, prepare: Callable[[int], Level]) -> int:
+        """A slot with that level, held until :meth:`release`; ``prepare`` is called if no slot has it."""
+        self._clock += 1
+        if self.has(level):
+            slot = int((self.numbers == level).argmax())
+        else:
+            free = np.flatnonzero(self._users == 0)
+            slot = int(free[self._last_use[free].argmin()])
+            self.put(slot, level, prepare(level))
+        self._users[slot] += 1
+        self._last_use[slot] = self._clock
+        return slot
+
+    def release(self, slot: int) -> None:
+        self._users[slot] -= 1
+
+    def put(self, slot: int, number: int, level: Level) -> None:
+        self._levels[slot], self.addresses[slot], self.numbers[slot] = level, level.address, number
+        self.most_goals = max(self.most_goals, len(level.arrays["goal_xy"]))
