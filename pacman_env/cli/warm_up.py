@@ -24,10 +24,12 @@ _KINDS = ("features", "planner", "scan", "grid")
 def add_warm_up(commands: Any) -> None:
     parser = commands.add_parser("warm-up", help="compile beforehand, where the first use would (images, new machines)")
     parser.add_argument("--robot", action="store_true", help="also what the ROS nodes need; ROS is not imported")
-    parser.set_defaults(run=lambda arguments: _report(arguments.robot))
+    houses = "also prepare the first N generated houses to train in, and as many of the 200 to test in"
+    parser.add_argument("--houses", type=int, default=0, metavar="N", help=houses)
+    parser.set_defaults(run=lambda arguments: _report(arguments.robot, arguments.houses))
 
 
-def _report(robot: bool) -> int:
+def _report(robot: bool, houses: int) -> int:
     from pacman_env.engine.cache_folder import cache_dir, check_kept, kernel_folder, mark
 
     for name, work in (PARTS | ROBOT_PARTS if robot else PARTS).items():
@@ -44,7 +46,26 @@ def _report(robot: bool) -> int:
         done.touch()
         print(f"{name:<16} {time.monotonic() - began:6.1f} s", flush=True)
     print(f"kept in {kernel_folder()}")
+    if houses:
+        _prepare_houses(houses)
+        check_kept()
     return 0
+
+
+def _prepare_houses(count: int) -> None:
+    """Prepare those that are not kept yet, with a line of progress on a terminal."""
+    from pacman_env.config import make_config
+    from pacman_env.sim.maps.level_source import TEST_LEVEL, TEST_SET, GeneratedMaps
+
+    config, began = make_config(), time.monotonic()
+    train, test = GeneratedMaps(config, 0, count), GeneratedMaps(config, TEST_LEVEL, min(count, TEST_SET))
+    levels = [(maps, maps.start_level + k) for maps in (train, test) for k in range(maps.num_levels)]
+    for done, (maps, level) in enumerate(levels):
+        if sys.stdout.isatty():
+            print(f"\r{done:,} of {len(levels):,} houses", end="\r", flush=True)
+        if not maps.files.has(level):
+            maps.prepare(level)
+    print(f"{len(levels):,} houses{time.monotonic() - began:13.1f} s")
 
 
 def _compiler() -> str:

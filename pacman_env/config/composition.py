@@ -56,7 +56,9 @@ class Config(Checked):
     max_cycles: AtLeastOne | None = None  # environments with several agents: truncation after so many decisions
     zero_sum: bool = True  # ghosts that are agents share the negative of the robot's reward; False: ghost_reward
     start_level: Count | None = None  # first of the generated houses that are played; None: the first of the split
-    num_levels: Count | None = None  # so many generated houses are played; 0 or None: all of the split
+    #: So many generated houses are played; 0: all of the split. None: from start_level on all of them, without it the
+    #: prepared ones, 1,000 to train in and 200 to test in.
+    num_levels: Count | None = None
     #: x, y (m) and heading (rad) of the home pose on a map that is not generated; None: (0, 0, 0) where the robot can
     #: stand there, else the roomiest place of the largest part.
     home: tuple[Number, Number, Number] | None = None

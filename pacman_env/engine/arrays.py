@@ -88,7 +88,7 @@ class Table:
         if set(fields) != arrays.keys():
             missing, unknown = sorted(set(fields) - arrays.keys()), sorted(arrays.keys() - set(fields))
             raise TypeError(f"{kind.__name__}: missing arrays {missing}, unknown arrays {unknown}")
-        self.arrays = arrays
+        self.__dict__["arrays"] = arrays
         numbers: list[int] = []
         checks, fixed = _checks(kind)
         lengths = dict(fixed)
@@ -101,6 +101,36 @@ class Table:
             numbers += [address(array), *shape]
         self.numbers = np.array(numbers, dtype=np.int64)
         self.address = address(self.numbers)
+
+    @classmethod
+    def of_memory(cls, kind: type[tuple[Any, ...]], numbers: NDArray[np.int64], memory: NDArray[np.uint8]) -> "Table":
+        """Make the table whose ``numbers`` are offsets in ``memory`` in place of addresses."""
+        table = cls.__new__(cls)
+        table._memory = kind, numbers, memory
+        table.numbers = numbers.copy()
+        table.numbers[list(_places(kind).values())] += address(memory)
+        table.address = address(table.numbers)
+        return table
+
+    @functools.cached_property
+    def arrays(self) -> dict[str, Any]:
+        """The arrays by name."""
+        return {name: self.array(name) for name in declared(self._memory[0])}
+
+    def array(self, name: str) -> NDArray[Any]:
+        if "arrays" in self.__dict__:
+            return self.arrays[name]
+        kind, numbers, memory = self._memory
+        dtype, axes = declared(kind)[name]
+        offset, *shape = numbers[(at := _places(kind)[name]) : at + 1 + len(axes)].tolist()
+        return np.ndarray(shape, dtype, memory, offset)
+
+
+@functools.cache
+def _places(kind: type[tuple[Any, ...]]) -> dict[str, int]:
+    """Where the address of each array is among the numbers of a table."""
+    sizes = [1 + len(axes) for _, axes in declared(kind).values()]
+    return dict(zip(declared(kind), np.cumsum([0, *sizes[:-1]]).tolist(), strict=True))
 
 
 def zeros(kind: type[tuple[Any, ...]], names: Iterable[str], **lengths: int) -> dict[str, NDArray[Any]]:

@@ -19,7 +19,7 @@ from pacman_env.sim.observation.situation import HOLD, PELLET, REFUGE, Situation
 @cache
 def house() -> LevelSlots:
     config = make_config()
-    return LevelSlots.only(Level(map_assets("house", config), config))
+    return LevelSlots.only(Level.of(map_assets("house", config), config), config)
 
 
 def random_situation(seed: int, games: int, pellets: int = 8, refuges: int = 3, allowed: float = 0.7) -> Situation:

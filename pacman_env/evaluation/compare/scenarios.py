@@ -63,7 +63,7 @@ class _KeptMaps(GeneratedMaps):
 
 @functools.lru_cache(maxsize=_KEPT_LEVELS)
 def _prepared(level: int, config: Config) -> Level:
-    return Level(prepare_level(level, config), config)
+    return Level.of(prepare_level(level, config), config)
 
 
 def open_scenario(scenario: Scenario | OccupancyMap, config: Config) -> LevelSource:

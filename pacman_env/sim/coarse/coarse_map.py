@@ -61,10 +61,13 @@ def coarse_map(assets: MapAssets) -> CoarseArrays:
     return made
 
 
-def add_coarse_map(level: Level) -> None:
-    """Let kernels find the blocks of a level's map."""
-    if not level.has(COARSE_MAP):
+def coarse_map_of(level: Level) -> CoarseArrays:
+    """The blocks of a level's map, where kernels find them from now on."""
+    if level.find(COARSE_MAP) is None:
         level.add(COARSE_MAP, Table(CoarseArrays, **coarse_map(level.assets)._asdict()))
+    found = level.find(COARSE_MAP)
+    assert found is not None
+    return CoarseArrays(**found.arrays)
 
 
 def _build(assets: MapAssets) -> CoarseArrays:

@@ -9,7 +9,7 @@ from ...config import Config
 from ...engine.jit import kernel
 from ...rng import POLICY, stream
 from ..observation.situation import PELLET, Situation
-from .coarse_map import coarse_map
+from .coarse_map import coarse_map_of
 from .model import GHOST, MOST_PELLETS, NOWHERE, ROBOT, Behaviours, Lags, Model, begin, put_ghost, put_robot, rules
 
 _LEAVE_M = 0.05
@@ -35,8 +35,8 @@ def start(
     s = situation
     if s.maps is None:
         raise ValueError("the situation has no maps to plan on")
-    assets = s.maps.level(int(s.level[i])).assets
-    bit = np.full(len(assets.goal_xy), -1, dtype=np.int8)
+    level = s.maps.level(int(s.level[i]))
+    bit = np.full(level.facts.pellets + level.facts.refuges, -1, dtype=np.int8)
     pellets = np.flatnonzero(s.mask[i] & (s.kind[i] == PELLET) & np.isfinite(s.path_robot[i]) & (s.goal[i] >= 0))
     pellets = pellets[np.argsort(s.path_robot[i, pellets], kind="stable")][:MOST_PELLETS]
     bit[s.goal[i, pellets]] = np.arange(len(pellets))
@@ -44,7 +44,7 @@ def start(
     # A ghost that is nearer than the margin has not caught the robot yet.
     apart = float(np.hypot(*(s.ghosts[i, :, :2] - s.robot[i, :2]).T).min())
     numbers["death_m"] = max(config.execution.death_radius_m, min(float(numbers["death_m"][0]), apart - _LEAVE_M))
-    model = Model(coarse_map(assets), numbers, behaviours.table.address, bit)
+    model = Model(coarse_map_of(level), numbers, behaviours.table.address, bit)
     own, ghosts = np.zeros(1, dtype=ROBOT if robot is None else robot), np.zeros(s.ghosts.shape[1], dtype=GHOST)
     own["time_s"] = s.time_s[i]
     own["pellets"] = (1 << len(pellets)) - 1
@@ -54,7 +54,7 @@ def start(
     if current >= 0 and s.mask[i, current] and np.isfinite(s.path_robot[i, current]):
         goal, left_m = int(goals[current]), float(s.path_robot[i, current])
     _put(own, ghosts, model, s.robot[i], s.ghosts[i], np.int64(goal), left_m)
-    return Start(own, ghosts, goals, model, assets.pellets)
+    return Start(own, ghosts, goals, model, level.facts.pellets)
 
 
 def draw_futures(ghosts: NDArray[Any], seed: int, tick: int, number: int) -> None:

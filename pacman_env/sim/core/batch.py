@@ -347,7 +347,7 @@ class GameBatch(GameState):
                 self.games["stage"] = ticks.BEGIN
                 self._ghosts.raise_again(self._ghost_tables[0].address, -1 - waiting)
             for i in np.flatnonzero(self.games["stage"] == ticks.MOVE).tolist():
-                self.spaces.provide(self._levels.slots[i], self.assets_of(i).grid.walls)
+                self.spaces.provide(self._levels.slots[i], self._levels.walls_of(i))
             self._control["resume"][0] = 1
             waiting = self.threads.run(ticks.play, self._tables, self.n)
 
@@ -400,7 +400,7 @@ class GameBatch(GameState):
         """Depth of the deepest overlap of a robot with a wall now, m, 0 without any."""
         radius, places = self.config.robot.radius_m, self.bodies[:, :2]
         near = np.flatnonzero(self.games["touch"] > 0).tolist()  # elsewhere no wall is within reach
-        depths = (overlap_m(self.assets_of(i).grid.walls, places[i : i + 1], radius)[0] for i in near)
+        depths = (overlap_m(self._levels.walls_of(i), places[i : i + 1], radius)[0] for i in near)
         return max([0.0, *map(float, depths)])
 
     def place_ghost(self, game: int, number: int, x: float, y: float) -> tuple[float, float]:

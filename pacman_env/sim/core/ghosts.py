@@ -325,7 +325,7 @@ class MapGhosts:
         self.cells = assets.clyde
         self._assets, self._config = assets, config
         self._ghosts = Ghosts(1, config)
-        self._ghosts.bind(LevelSlots.only(Level(assets, config)), assets.pellets + assets.refuges)
+        self._ghosts.bind(LevelSlots.only(Level.of(assets, config), config), assets.pellets + assets.refuges)
         self._parameters = batch_parameters(config, assets.grid.resolution, assets.pellets, assets.refuges)
         self._parameters["use_tf"] = 1  # the pose that is given is the one believed
         self._games = np.zeros(1, dtype=GAME)  # where the robot is; a step's number never counts

@@ -161,6 +161,10 @@ class GameLevels:
         slot = self.slots[game]
         return self.source.first if slot == _NONE else self.levels.level(slot).assets
 
+    def walls_of(self, game: int) -> NDArray[np.float64]:
+        """(S, 4) of the map that a running game is played on, m."""
+        return self.levels.level(self.slots[game]).walls
+
     def expect(self, seeds: NDArray[np.uint64]) -> None:
         levels = dict.fromkeys(self.source.levels_of(seeds).tolist())
         self._prepare_ahead([level for level in levels if not self.levels.has(level)])
@@ -193,7 +197,7 @@ class GameLevels:
         for k, i in enumerate(index.tolist()):
             if self.slots[i] == _NONE:
                 self.slots[i] = 0
-            assets = self.levels.level(self.slots[i]).assets
+            facts = self.levels.level(self.slots[i]).facts
             records[k]["level"] = self.slots[i]
-            records[k]["pellets"], records[k]["refuges"] = assets.pellets, assets.refuges
+            records[k]["pellets"], records[k]["refuges"] = facts.pellets, facts.refuges
         self.spaces.leave(index)

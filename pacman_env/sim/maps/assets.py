@@ -95,19 +95,22 @@ _assets: collections.OrderedDict[str, MapAssets] = collections.OrderedDict()
 _lock = threading.Lock()
 
 
-def _key(occupancy: OccupancyMap, config: Config, home: tuple[float, float, float] | None) -> str:
+def configuration_key(config: Config) -> str:
+    """A text of the settings that change how a map is prepared, and of the sources that prepare it."""
     relevant = {
-        "map": occupancy.hash,
         "inscribed": config.robot.inscribed_radius_m,
         "inflation": [config.nav2.inflation_radius_m, config.nav2.inflation_scale],
         "tolerance": [config.nav2.unreachable_tolerance_m, config.execution.pickup_radius_m],
         "pellets": asdict(config.pellets),
         "clyde": [config.clyde.clearance_m, config.clyde.spawn, config.clyde.spawn_distance_m],
         "refuges": asdict(config.refuges),
-        "home": home,
         "code": source_hash(),
     }
-    return hashlib.sha256(json.dumps(relevant, sort_keys=True).encode()).hexdigest()[:32]
+    return json.dumps(relevant, sort_keys=True)
+
+
+def _key(occupancy: OccupancyMap, config: Config, home: tuple[float, float, float] | None) -> str:
+    return hashlib.sha256(f"{occupancy.hash} {home} {configuration_key(config)}".encode()).hexdigest()[:32]
 
 
 def map_assets(source: MapSource, config: Config, home: tuple[float, float, float] | None = None) -> MapAssets:
@@ -295,13 +298,14 @@ def cached_arrays(key: str, names: tuple[str, ...], compute: Callable[[], Arrays
     return arrays
 
 
-def _prune(root: Path) -> None:
+def prune(root: Path, keep_bytes: int) -> None:
+    """Remove the folders that were written longest ago, beyond so many bytes; the newest stays."""
     with contextlib.suppress(OSError):
         folders = sorted((f for f in root.iterdir() if f.is_dir()), key=lambda f: f.stat().st_mtime, reverse=True)
         total = 0
         for folder in folders:
             total += sum(file.stat().st_size for file in folder.iterdir())
-            if total > KEEP_BYTES and folder is not folders[0]:
+            if total > keep_bytes and folder is not folders[0]:
                 shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -316,7 +320,7 @@ def _store(key: str, arrays: Arrays) -> None:
             np.save(temporary / f"{name}.npy", array, allow_pickle=False)
         shutil.rmtree(folder, ignore_errors=True)
         os.replace(temporary, folder)
-        _prune(folder.parent)
+        prune(folder.parent, KEEP_BYTES)
     except OSError as error:
         if temporary is not None:
             shutil.rmtree(temporary, ignore_errors=True)

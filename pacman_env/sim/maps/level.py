@@ -1,8 +1,11 @@
 """One level: everything that kernels read of a prepared map, each array as it is, found by one address."""
 
+import functools
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...config import Config
 from ...engine.arrays import Array, Table, arrays_by_address
@@ -53,40 +56,78 @@ level_arrays = arrays_by_address(LevelArrays)
 steps_of_level = arrays_by_address(CoarseSteps)
 
 
-class Level:
-    """A map prepared under a configuration; kernels find its arrays at ``address`` as long as this object lives."""
+class Facts(NamedTuple):
+    """What Python asks about a level."""
 
-    def __init__(self, assets: MapAssets, config: Config) -> None:
-        self.assets, self.config = assets, config
-        self.longest_cm = int((assets.length_cm + np.uint16(1)).max()) - 1  # UNREACHABLE_CM becomes 0
-        self.longest_ghost_way = assets.clyde.longest  # cells
+    pellets: int
+    refuges: int
+    cells: int  # drivable
+    longest_cm: int  # path to a goal
+    ghost_cells: int
+    longest_ghost_way: int  # cells
+
+
+class Level:
+    """A map prepared under a configuration; kernels find its arrays at ``address`` as long as this object lives.
+
+    Nothing of the arrays changes but ``later``.
+    """
+
+    def __init__(
+        self, table: Table, walls: NDArray[np.float64], facts: Facts, prepare: Callable[[], MapAssets]
+    ) -> None:
+        """``walls`` are (S, 4) in m; ``prepare`` makes the whole map when it is asked for."""
+        self.table, self.walls, self.facts, self._prepare = table, walls, facts, prepare
         self._later: dict[int, Table] = {}
-        self._table = Table(LevelArrays, **_arrays(assets, config), later=np.zeros(2, dtype=np.int64))
-        self.address, self.arrays = self._table.address, self._table.arrays
+
+    @classmethod
+    def of(cls, assets: MapAssets, config: Config) -> "Level":
+        longest_cm = int((assets.length_cm + np.uint16(1)).max()) - 1  # UNREACHABLE_CM becomes 0
+        ghost_cells, longest = len(assets.clyde.part), assets.clyde.longest
+        facts = Facts(assets.pellets, assets.refuges, len(assets.cell_xy), longest_cm, ghost_cells, longest)
+        table = Table(LevelArrays, **_arrays(assets, config), later=np.zeros(2, dtype=np.int64))
+        return cls(table, assets.grid.walls, facts, functools.partial(_given, assets))
+
+    @property
+    def address(self) -> int:
+        return self.table.address
+
+    @property
+    def arrays(self) -> dict[str, Any]:
+        """By name, as :class:`LevelArrays` declares them."""
+        return self.table.arrays
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Level":
-        """Nothing of a level ever changes."""
         return self
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_later": {}, "_table": None}
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _again, (self.arrays, self.walls, self.facts, self._prepare)
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._table = Table(LevelArrays, **{**self.arrays, "later": np.zeros(2, dtype=np.int64)})
-        self.address, self.arrays = self._table.address, self._table.arrays
+    @functools.cached_property
+    def assets(self) -> MapAssets:
+        """The whole map, for pictures and what else no kernel reads; one that was loaded is prepared here (30 ms)."""
+        return self._prepare()
 
-    def has(self, place: int) -> bool:
-        return place in self._later
+    def find(self, place: int) -> Table | None:
+        """Return a table that was added; None if there is none."""
+        return self._later.get(place)
 
     def add(self, place: int, table: Table) -> None:
         """Let kernels find a table, which is kept as long as the level."""
-        self.arrays["later"][place] = self._later.setdefault(place, table).address  # another thread may be as far
+        self.table.array("later")[place] = self._later.setdefault(place, table).address  # another thread may be as far
 
     def add_coarse_steps(self) -> None:
-        if not self.has(COARSE_STEPS):
+        if self.find(COARSE_STEPS) is None:
             found = coarse_steps(self.assets.next_step, self.assets.grid.cell, self.assets.grid.shape)
             self.add(COARSE_STEPS, Table(CoarseSteps, coarse_steps=found.reshape(-1, found.shape[-1])))
+
+
+def _again(arrays: dict[str, Any], *others: Any) -> Level:
+    return Level(Table(LevelArrays, **{**arrays, "later": np.zeros(2, dtype=np.int64)}), *others)
+
+
+def _given(assets: MapAssets) -> MapAssets:
+    return assets
 
 
 def _arrays(assets: MapAssets, config: Config) -> dict[str, Any]:

@@ -21,8 +21,7 @@ class Sizes(NamedTuple):
 
     @classmethod
     def of(cls, level: Level) -> "Sizes":
-        cells, ghost_cells = len(level.arrays["cell_xy"]), len(level.arrays["ghost_xy"])
-        return cls(cells, level.longest_cm, ghost_cells, level.longest_ghost_way)
+        return cls(*level.facts[2:])
 
 
 class LevelSlots:
@@ -45,9 +44,9 @@ class LevelSlots:
         self.most_goals = 0
 
     @classmethod
-    def only(cls, level: Level) -> "LevelSlots":
+    def only(cls, level: Level, config: Config) -> "LevelSlots":
         """One slot with that level, number 0, in it."""
-        slots = cls(1, Sizes.of(level), level.config)
+        slots = cls(1, Sizes.of(level), config)
         slots.put(0, 0, level)
         return slots
 
@@ -93,4 +92,4 @@ class LevelSlots:
 
     def put(self, slot: int, number: int, level: Level) -> None:
         self._levels[slot], self.addresses[slot], self.numbers[slot] = level, level.address, number
-        self.most_goals = max(self.most_goals, len(level.arrays["goal_xy"]))
+        self.most_goals = max(self.most_goals, level.facts.pellets + level.facts.refuges)

@@ -24,6 +24,7 @@ from ..core.parameters import draw_below
 from .assets import MapAssets, map_assets, prepare_map
 from .ghost_cells import nearest_positions
 from .level import Level
+from .level_files import LevelFiles
 from .level_slots import Sizes
 
 
@@ -70,7 +71,7 @@ class FixedMap:
 
     @functools.cached_property
     def _level(self) -> Level:
-        return Level(self.first, self._config)
+        return Level.of(self.first, self._config)
 
     def sizes(self) -> Sizes:
         return Sizes.of(self._level)
@@ -89,6 +90,9 @@ class FixedMap:
 
 TEST_LEVEL = 1_000_000  # the first of the test levels
 TEST_LEVELS = 1000
+#: Houses that are drawn from if no setting says which ones; they are kept on disk.
+TRAIN_SET, TEST_SET = 1000, 200
+_MOST_KEPT = 20_000  # of a larger set than that
 _ATTEMPTS = 60
 _LONGEST_GHOST_WAY = 4096  # cells; of the first 80 levels it is 863 at most
 _SPARE_SLOTS = 64  # maps kept beyond those being played on, if all levels can then be kept
@@ -100,18 +104,24 @@ WIDE = 2  # times as long and as wide
 class GeneratedMaps:
     """The levels from ``start_level`` on, ``num_levels`` of them; all lengths ``scale`` times those of the house."""
 
-    def __init__(self, config: Config, start_level: int, num_levels: int, scale: int = 1) -> None:
+    def __init__(
+        self, config: Config, start_level: int, num_levels: int, scale: int = 1, room: int | None = None
+    ) -> None:
+        """``room``: so many levels can be asked for by number; None: those that are drawn."""
         if start_level < 0:
             raise ConfigError(f"start_level = {start_level}: must be at least 0")
         if num_levels < 1:
             raise ConfigError(f"num_levels = {num_levels}: must be at least 1")
         self._config, self.start_level, self.num_levels, self.scale = config, start_level, num_levels, scale
+        self._room = num_levels if room is None else room
 
     @classmethod
     def named(
         cls, name: str, config: Config, start_level: int | None = None, num_levels: int | None = None
     ) -> GeneratedMaps:
         """By the name of a split; levels None: the configuration's; ``num_levels`` 0: all. Raises ConfigError.
+
+        If neither says which, levels are drawn from the set of the split.
 
         ``generated:3,17,90`` and ``generated:wide:3,17,90`` are these levels.
         """
@@ -128,25 +138,27 @@ class GeneratedMaps:
             if number is not None and (not isinstance(number, numbers.Integral) or isinstance(number, bool)):
                 raise ConfigError(f"{field_name} = {number!r}: must be a whole number")
         splits = {
-            "generated": (0, TEST_LEVEL),
-            "generated:train": (0, TEST_LEVEL),
-            "generated:wide": (0, TEST_LEVEL),
-            "generated:test": (TEST_LEVEL, TEST_LEVELS),
+            "generated": (0, TEST_LEVEL, TRAIN_SET),
+            "generated:train": (0, TEST_LEVEL, TRAIN_SET),
+            "generated:wide": (0, TEST_LEVEL, TRAIN_SET),
+            "generated:test": (TEST_LEVEL, TEST_LEVELS, TEST_SET),
         }
         if name not in splits:
             raise ConfigError(f"map = {name!r}: choose one of {', '.join(splits)}")
-        first, count = splits[name]
+        first, count, usual = splits[name]
         start = first if start_level is None else start_level
         if not first <= start < first + count:
             raise ConfigError(f"start_level = {start}: {name} has the levels {first} to {first + count - 1}")
         room = first + count - start
         if num_levels is not None and not 0 <= num_levels <= room:
             raise ConfigError(f"num_levels = {num_levels}: {name} has {room} levels from {start} on")
-        return cls(config, int(start), int(num_levels or room), WIDE if name == "generated:wide" else 1)
+        drawn = usual if start_level is None and num_levels is None else num_levels or room
+        scale = WIDE if name == "generated:wide" else 1
+        return cls(config, int(start), int(drawn), scale, room if num_levels is None else None)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the first map, which is prepared again when it is asked for."""
-        return {name: value for name, value in self.__dict__.items() if name != "first"}
+        """Without the first map, which is prepared again when it is asked for, and where this process keeps files."""
+        return {name: value for name, value in self.__dict__.items() if name not in ("first", "files")}
 
     @functools.cached_property
     def first(self) -> MapAssets:
@@ -167,17 +179,33 @@ class GeneratedMaps:
 
     def has(self, levels: NDArray[np.int64]) -> NDArray[np.bool_]:
         """(M,) which of these levels (M,) are played."""
-        return (levels >= self.start_level) & (levels < self.start_level + self.num_levels)
+        return (levels >= self.start_level) & (levels < self.start_level + self._room)
 
     def describe_levels(self) -> str:
-        return f"{self.start_level} to {self.start_level + self.num_levels - 1}"
+        return f"{self.start_level} to {self.start_level + self._room - 1}"
 
     def sizes(self) -> Sizes:
         return Sizes(MAX_PIXELS**2, UNREACHABLE_CM, MAX_PIXELS**2, _LONGEST_GHOST_WAY)
 
     def prepare(self, level: int) -> Level:
-        assets = self.first if level == self.start_level else prepare_level(level, self._config, self.scale)
-        return Level(assets, self._config)
+        """Return a level, by its file if it is one of the set and was prepared before."""
+        prepare = functools.partial(prepare_level, level, self._config, self.scale)
+        found = self.files.load(level, prepare) if self._is_kept(level) else None
+        if found is None:
+            found = Level.of(self.first if level == self.start_level else prepare(), self._config)
+            if self._is_kept(level):
+                self.files.keep(level, found)
+        return found
+
+    @functools.cached_property
+    def files(self) -> LevelFiles:
+        return LevelFiles(self._config, self.scale)
+
+    def _is_kept(self, level: int) -> bool:
+        """A level of the set, or of a larger one that is played."""
+        first = TEST_LEVEL if level >= TEST_LEVEL else 0
+        own = self.num_levels if self.start_level == first and self.num_levels <= _MOST_KEPT else 0
+        return level - first < max(own, TEST_SET if first else TRAIN_SET)
 
     def extent(self) -> tuple[tuple[float, float], tuple[float, float]]:
         most = self.scale * MAX_EXTENT_M  # of the largest house there can be

@@ -59,7 +59,7 @@ class RobotView:
         self.hold = assets.pellets + assets.refuges
         self.clyde_speed_mps = config.clyde.speed_mps
         self._config = config
-        self._levels = levels or LevelSlots.only(Level(assets, config))
+        self._levels = levels or LevelSlots.only(Level.of(assets, config), config)
         self._parameters = batch_parameters(config, assets.grid.resolution, assets.pellets, assets.refuges)
         self._parameters["use_tf"] = 1  # the pose that is given is the one believed, wherever it comes from
         pellets = generate_pellets(assets.occupancy, config.pellets)

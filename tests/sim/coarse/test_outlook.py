@@ -106,7 +106,7 @@ def test_the_order_of_ghosts_does_not_matter_to_their_tokens() -> None:
 def test_threads_that_play_on_a_new_map_at_once_read_the_same_table_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """A second table would replace the first, whose memory is freed while a kernel reads it."""
     config = config_of("chase")
-    level = Level(replace(map_assets("loop", config)), config)  # of a map that nothing has been made of
+    level = Level.of(replace(map_assets("loop", config)), config)  # of a map that nothing has been made of
     both, made = threading.Barrier(2), coarse_map.coarse_map
 
     def slowly(assets: MapAssets) -> Any:
@@ -115,7 +115,7 @@ def test_threads_that_play_on_a_new_map_at_once_read_the_same_table_of_it(monkey
 
     def address() -> int:
         both.wait()
-        coarse_map.add_coarse_map(level)
+        coarse_map.coarse_map_of(level)
         return int(level.arrays["later"][COARSE_MAP])
 
     monkeypatch.setattr(coarse_map, "coarse_map", slowly)

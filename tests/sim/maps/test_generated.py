@@ -19,6 +19,8 @@ from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.sim.maps.level_source import (
     TEST_LEVEL,
     TEST_LEVELS,
+    TEST_SET,
+    TRAIN_SET,
     WIDE,
     GeneratedMaps,
     most_pellets,
@@ -34,13 +36,14 @@ CONFIG = make_config()
 @pytest.mark.parametrize(
     ("name", "start", "count", "first", "number"),
     [
-        ("generated", None, None, 0, TEST_LEVEL),
+        ("generated", None, None, 0, TRAIN_SET),
         ("generated:train", None, 0, 0, TEST_LEVEL),
         ("generated", 500, None, 500, TEST_LEVEL - 500),
         ("generated", 7, 3, 7, 3),
         ("generated", TEST_LEVEL - 1, 1, TEST_LEVEL - 1, 1),
         ("generated:wide", 7, 3, 7, 3),
-        ("generated:test", None, None, TEST_LEVEL, TEST_LEVELS),
+        ("generated:test", None, None, TEST_LEVEL, TEST_SET),
+        ("generated:test", None, 0, TEST_LEVEL, TEST_LEVELS),
         ("generated:test", TEST_LEVEL + 10, 20, TEST_LEVEL + 10, 20),
         ("generated", np.int64(7), np.int32(3), 7, 3),
     ],

@@ -24,7 +24,7 @@ QUICK: dict[str, Any] = {"time_limit_s": 8.0, "execution.pickup_radius_m": 0.6, 
 
 @cache
 def level(number: int) -> Level:
-    return Level(prepare_level(number, CONFIG), CONFIG)
+    return Level.of(prepare_level(number, CONFIG), CONFIG)
 
 
 def slots_for(count: int) -> LevelSlots:
@@ -44,7 +44,7 @@ def _read(address: int) -> Any:
 
 
 def test_the_arrays_of_a_level_are_those_of_its_map_without_a_copy() -> None:
-    slots = LevelSlots.only(level(0))
+    slots = LevelSlots.only(level(0), CONFIG)
     assert len(slots) == 1
     assert holds(slots, 0, 0)
     assets, arrays = level(0).assets, level(0).arrays

@@ -1,0 +1,129 @@
+"""Prepared houses on disk: one file a level, whose arrays are used where the file is mapped, nothing is copied.
+
+A file is a head (format, key, facts, offset and shape of each array, which the sources declare) and the arrays as they
+lie in memory. Files of one configuration and of these sources are in one folder, named by the key; a file is written
+once, as a whole, and processes share its pages.
+"""
+
+import contextlib
+import functools
+import hashlib
+import mmap
+import os
+import uuid
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...config import Config
+from ...engine.arrays import Table, declared
+from ...engine.cache_folder import cache_dir, warn_unkept
+from ..coarse.coarse_map import CoarseArrays, coarse_map_of
+from .assets import KEEP_BYTES, MapAssets, configuration_key, prune
+from .level import COARSE_MAP, COARSE_STEPS, CoarseSteps, Facts, Level, LevelArrays
+
+_FORMAT = b"pacman_env level 1\n"
+_ALIGNMENT = 64
+_OWN = -1  # in place of a place
+_LATER = {COARSE_STEPS: CoarseSteps, COARSE_MAP: CoarseArrays}
+_KINDS: dict[int, Any] = {_OWN: LevelArrays, **_LATER}
+_HEAD = np.dtype(
+    [
+        ("format", f"S{len(_FORMAT)}"),
+        ("key", "S64"),
+        ("bytes", np.int64),  # of the file
+        ("facts", np.int64, len(Facts._fields)),
+        ("walls", np.int64),  # how many; they come first
+        *(
+            (str(place), np.int64, sum(1 + len(a.axes) for a in declared(kind).values()))
+            for place, kind in _KINDS.items()
+        ),
+    ]
+)
+
+
+class LevelFiles:
+    """The files of the houses of a configuration, all lengths ``scale`` times those of the house."""
+
+    def __init__(self, config: Config, scale: int) -> None:
+        numbers = {"scale": scale, "radius": config.robot.radius_m, "format": str(_HEAD)}
+        self.key = hashlib.sha256(f"{configuration_key(config)}{numbers}".encode()).hexdigest()[:32]
+
+    @functools.cached_property
+    def _folder(self) -> Path:
+        return cache_dir() / "houses" / self.key
+
+    def load(self, level: int, prepare: Callable[[], MapAssets]) -> Level | None:
+        """Return a level by its file; None if there is none, or none that is whole and of this kind."""
+        try:
+            with open(self._path(level), "rb") as file:
+                mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)  # kernels take arrays that can be written
+            return _read(np.frombuffer(mapped, dtype=np.uint8), f"{self.key}-{level}", prepare)
+        except (OSError, ValueError, TypeError):  # the last: it is shorter than its head
+            return None
+
+    def keep(self, number: int, level: Level) -> None:
+        """Write a level's file; warns once if the cache cannot be written."""
+        level.add_coarse_steps()
+        coarse_map_of(level)
+        temporary = None
+        try:
+            path = self._path(number)
+            if not path.parent.is_dir():
+                path.parent.mkdir(parents=True, exist_ok=True)
+                prune(path.parent.parent, KEEP_BYTES)
+            temporary = path.with_name(f".new-{uuid.uuid4().hex}")
+            _write(temporary, f"{self.key}-{number}", level)
+            os.replace(temporary, path)
+        except OSError as error:
+            if temporary is not None:
+                with contextlib.suppress(OSError):
+                    temporary.unlink()
+            warn_unkept(error)
+
+    def has(self, level: int) -> bool:
+        with contextlib.suppress(OSError):
+            return self._path(level).is_file()
+        return False
+
+    def _path(self, level: int) -> Path:
+        return self._folder / f"{level}.level"
+
+
+def _write(path: Path, key: str, level: Level) -> None:
+    head = np.zeros(1, dtype=_HEAD)
+    arrays: list[NDArray[Any]] = [level.walls]
+    at = _padded(_HEAD.itemsize) + _padded(level.walls.nbytes)
+    for place in _KINDS:
+        table = level.table if place == _OWN else level.find(place)
+        assert table is not None
+        numbers: list[int] = []
+        for array in table.arrays.values():
+            numbers += [at, *array.shape]
+            arrays.append(array)
+            at += _padded(array.nbytes)
+        head[str(place)] = numbers
+    head["format"], head["key"], head["bytes"] = _FORMAT, key.encode(), at
+    head["facts"], head["walls"] = level.facts, len(level.walls)
+    with open(path, "wb") as file:
+        for array in (head, *arrays):
+            file.write(array.tobytes().ljust(_padded(array.nbytes), b"\0"))
+
+
+def _padded(size: int) -> int:
+    return -(-size // _ALIGNMENT) * _ALIGNMENT
+
+
+def _read(memory: NDArray[np.uint8], key: str, prepare: Callable[[], MapAssets]) -> Level:
+    head = np.ndarray(1, _HEAD, memory)[0]
+    if (head["format"], head["key"], head["bytes"]) != (_FORMAT, key.encode(), len(memory)):
+        raise ValueError("another kind of file, or not all of it")
+    tables = {place: Table.of_memory(kind, head[str(place)], memory) for place, kind in _KINDS.items()}
+    walls: NDArray[np.float64] = np.ndarray((int(head["walls"]), 4), np.float64, memory, _padded(_HEAD.itemsize))
+    level = Level(tables[_OWN], walls, Facts(*head["facts"].tolist()), prepare)
+    for place in _LATER:
+        level.add(place, tables[place])
+    return level

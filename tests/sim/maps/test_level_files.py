@@ -1,0 +1,202 @@
+"""Houses on disk: a level by its file is the level that was prepared, and no broken file is played on."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pacman_env.config import Config, make_config
+from pacman_env.engine import cache_folder
+from pacman_env.sim.coarse.coarse_map import coarse_map_of
+from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.maps import level_source
+from pacman_env.sim.maps.assets import MapAssets
+from pacman_env.sim.maps.level import COARSE_MAP, COARSE_STEPS, Level
+from pacman_env.sim.maps.level_source import TEST_LEVEL, TEST_SET, TRAIN_SET, GeneratedMaps, prepare_level
+
+CONFIG = make_config()
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cache without houses; compiled code is found where it always is."""
+    kernels = cache_folder.kernel_folder()
+    monkeypatch.setenv("PACMAN_ENV_CACHE", str(tmp_path))
+    monkeypatch.setattr(cache_folder, "unkept", [])
+    assert kernels == cache_folder.kernel_folder()
+    return tmp_path
+
+
+@pytest.fixture
+def prepared(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """The levels that were prepared, not loaded."""
+    found: list[int] = []
+
+    def counted(level: int, config: Config, scale: int = 1) -> MapAssets:
+        found.append(level)
+        return prepare_level(level, config, scale)
+
+    monkeypatch.setattr(level_source, "prepare_level", counted)
+    return found
+
+
+def files(cache: Path) -> list[Path]:
+    return sorted((cache / "houses").rglob("*.level"))
+
+
+def everything(level: Level) -> dict[str, Any]:
+    steps = level.find(COARSE_STEPS)
+    assert steps is not None
+    found = {name: array for name, array in level.arrays.items() if name != "later"}
+    return found | steps.arrays | {f"coarse {k}": v for k, v in coarse_map_of(level)._asdict().items()}
+
+
+def same(one: Level, other: Level) -> bool:
+    arrays, others = everything(one), everything(other)
+    assert arrays.keys() == others.keys()
+    equal = all(
+        array.dtype == others[name].dtype and np.array_equal(array, others[name]) for name, array in arrays.items()
+    )
+    return equal and one.facts == other.facts and np.array_equal(one.walls, other.walls)
+
+
+@pytest.mark.parametrize(("level", "scale"), [(3, 1), (TEST_LEVEL + 1, 1), (5, 2)])
+def test_stored_level_equals_prepared_one(level: int, scale: int, cache: Path, prepared: list[int]) -> None:
+    config = make_config(**{"pellets.spacing_m": 2.0 * scale})
+    maps = GeneratedMaps(config, level // TEST_LEVEL * TEST_LEVEL, 100, scale)
+    first = maps.prepare(level)
+    assert len(files(cache)) == 1
+    second = maps.prepare(level)
+    assert prepared == [level]
+    assert second.find(COARSE_MAP) is not None
+    assert same(first, second)
+    assert second.assets.occupancy.hash == first.assets.occupancy.hash
+
+
+def test_games_on_stored_levels_are_those_on_prepared_ones() -> None:
+    config = make_config(**{"num_levels": 4, "clyde.ghosts": ("wander", "chase"), "time_limit_s": 30.0})
+    played = []
+    for _ in range(2):  # the first time the levels are prepared
+        batch = GameBatch(GeneratedMaps(config, 0, 4), config, 4)
+        batch.reset(np.arange(4), np.arange(4, dtype=np.uint64) + 7)
+        for k in range(40):
+            batch.step(np.full(4, k // 10, dtype=np.int64))
+        played.append((batch.games.copy(), batch.situation()))
+    (games, situation), (again, other) = played
+    for name in games.dtype.names or ():  # between the fields lies anything
+        np.testing.assert_array_equal(games[name], again[name])
+    for name in ("position", "path_robot", "path_clyde", "mask", "belief"):
+        np.testing.assert_array_equal(getattr(situation, name), getattr(other, name))
+
+
+def _shorten(file: Path) -> None:
+    os.truncate(file, file.stat().st_size - 1)
+
+
+def _empty(file: Path) -> None:
+    os.truncate(file, 0)
+
+
+def _change_head(file: Path) -> None:
+    content = bytearray(file.read_bytes())
+    content[3] ^= 1
+    file.write_bytes(content)
+
+
+def _exchange(file: Path) -> None:
+    """The file of another level."""
+    other = GeneratedMaps(CONFIG, 0, 100)
+    other.prepare(8)
+    os.replace(file.with_name("8.level"), file)
+
+
+@pytest.mark.parametrize("damage", [_shorten, _empty, _change_head, _exchange])
+def test_damaged_file_is_prepared_again(damage: Callable[[Path], None], cache: Path, prepared: list[int]) -> None:
+    maps = GeneratedMaps(CONFIG, 0, 100)
+    first = maps.prepare(7)
+    damage(files(cache)[0])
+    assert same(maps.prepare(7), first)
+    assert prepared.count(7) == 2
+    assert same(maps.prepare(7), first)
+    assert prepared.count(7) == 2
+
+
+def test_other_settings_have_other_files(cache: Path, prepared: list[int]) -> None:
+    for changes in ({}, {"refuges.nooks": 1}, {"robot.radius_m": 0.16}, {"clyde.speed_mps": 0.3}):
+        GeneratedMaps(CONFIG.with_fields(**changes), 0, 100).prepare(1)
+    assert len(files(cache)) == len(prepared) == 3  # the speed is no part of a house
+
+
+def test_endless_houses_are_not_kept(cache: Path, prepared: list[int]) -> None:
+    maps = GeneratedMaps.named("generated", CONFIG, None, 0)
+    for _ in range(2):
+        maps.prepare(123_456)
+    assert prepared == [123_456, 123_456]
+    assert not files(cache)
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root writes everywhere")
+def test_read_only_cache_is_used(cache: Path, prepared: list[int]) -> None:
+    maps = GeneratedMaps(CONFIG, 0, 100)
+    first, folder = maps.prepare(1), files(cache)[0].parent
+    folder.chmod(0o500)
+    try:
+        assert same(maps.prepare(1), first)
+        with pytest.warns(RuntimeWarning):
+            maps.prepare(2)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # once in a process
+            maps.prepare(2)
+    finally:
+        folder.chmod(0o700)
+    assert prepared == [1, 2, 2]
+
+
+def test_cache_that_cannot_be_made_is_done_without(cache: Path, prepared: list[int]) -> None:
+    (cache / "houses").write_text("in the way")
+    maps = GeneratedMaps(CONFIG, 0, 100)
+    with pytest.warns(RuntimeWarning):
+        first = maps.prepare(1)
+    assert same(maps.prepare(1), first)
+    assert prepared == [1, 1]
+
+
+def test_processes_prepare_one_level_at_once(cache: Path, prepared: list[int]) -> None:
+    script = """
+from pacman_env.config import make_config
+from pacman_env.sim.maps.level_source import GeneratedMaps
+print(GeneratedMaps(make_config(), 0, 100).prepare(4).assets.occupancy.hash)
+"""
+    environment = {**os.environ, "PACMAN_ENV_CACHE": str(cache)}
+    (cache / "kernels").symlink_to(str(cache_folder.kernel_folder()))
+    both = [
+        subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, env=environment)
+        for _ in range(2)
+    ]
+    hashes = {one.communicate()[0] for one in both}
+    assert [one.returncode for one in both] == [0, 0]
+    assert len(hashes) == 1
+    assert [file.name for file in (cache / "houses").rglob("*") if file.is_file()] == ["4.level"]
+    own = Level.of(prepare_level(4, CONFIG), CONFIG)
+    own.add_coarse_steps()
+    assert same(GeneratedMaps(CONFIG, 0, 100).prepare(4), own)
+    assert not prepared
+
+
+def test_levels_are_drawn_from_the_set_unless_settings_say_otherwise() -> None:
+    seeds = np.arange(20_000, dtype=np.uint64)
+    for name, first, count in (("generated", 0, TRAIN_SET), ("generated:test", TEST_LEVEL, TEST_SET)):
+        drawn = GeneratedMaps.named(name, CONFIG).levels_of(seeds)
+        assert set(drawn.tolist()) == set(range(first, first + count))
+    assert GeneratedMaps.named("generated", CONFIG, None, 0).num_levels == TEST_LEVEL
+    assert GeneratedMaps.named("generated", CONFIG, 17).num_levels == TEST_LEVEL - 17
+    assert GeneratedMaps.named("generated", CONFIG, None, 5000).num_levels == 5000
+    assert GeneratedMaps.named("generated", CONFIG).has(np.array([5, 5000, TEST_LEVEL])).tolist() == [True, True, False]
