@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...engine.arrays import Array, Table, arrays_by_address
-from ...engine.bucket_queue import clear, new_queue, pop, push
 from ...engine.jit import kernel
 from ...world.navigation.paths import AT_GOAL, NO_STEP
 from ..maps.assets import MapAssets
@@ -25,6 +24,9 @@ _AHEAD_M = 0.35  # the stretch of a path that the robot turns to before it drive
 _BESIDE_M = 0.7  # a ghost so near, straight, may reach the robot wherever its path leads
 _PULL_CM = 5  # a next block is so much nearer to the goal at least
 _MM = 1000.0
+_FAR = 2**30  # mm
+_TARGETS = 64  # searched for at once
+_TIED = -1  # in place of a next block: there are several as good
 _LONGEST = 65_535
 
 
@@ -88,10 +90,10 @@ def _build(assets: MapAssets) -> CoarseArrays:
             break
         edge *= math.sqrt(1.05 * len(ghost_place) / MOST_BLOCKS)
     start, ends = joined_blocks(ghost_block, near, len(ghost_place))
-    lengths_m, ghost_next = between_all(pixel[ghost_place], start, ends, clyde.resolution)
-    beside = _beside(assets.cell_xy[place].astype(np.float64), clyde.position[cells[ghost_place]], lengths_m)
+    lengths, ghost_next = between_all(pixel[ghost_place], start, ends, clyde.resolution)
+    beside = _beside(assets.cell_xy[place].astype(np.float64), clyde.position[cells[ghost_place]], lengths)
     targets = assets.ghost_targets
-    unit_m = max(float(lengths_m.max()), 1.0) / _LONGEST  # all blocks are connected
+    unit_m = max(float(np.float32(lengths.max() / _MM)), 1.0) / _LONGEST  # all blocks are connected
     return CoarseArrays(
         affine=grid.affine,
         robot_block=block[grid.snap],
@@ -102,7 +104,7 @@ def _build(assets: MapAssets) -> CoarseArrays:
         goal_xy=assets.goal_xy,
         ghost_block=ghost_block[number[targets.snap]],
         ghost_xy=clyde.position[cells[ghost_place]],
-        ghost_length=_in_units(lengths_m, unit_m),
+        ghost_length=_in_units(lengths, unit_m),
         unit_m=np.array([unit_m]),
         ghost_next=ghost_next,
         ghost_beside=beside,
@@ -110,22 +112,21 @@ def _build(assets: MapAssets) -> CoarseArrays:
     )
 
 
-def _in_units(lengths_m: NDArray[np.float32], unit_m: float) -> NDArray[np.uint16]:
-    """Rounded up, in the memory of the lengths, of which there is no second array: a robot's computer has little."""
-    lengths_m /= np.float32(unit_m)
-    lengths_m -= np.float32(1e-3)
-    np.minimum(np.ceil(lengths_m, out=lengths_m), _LONGEST, out=lengths_m)
-    count = len(lengths_m)
-    _narrow(lengths_m.reshape(-1), lengths_m.reshape(-1).view(np.uint16))
-    lengths_m.resize((count * count + 1) // 2, refcheck=False)
-    return lengths_m.view(np.uint16)[: count * count].reshape(count, count)
+def _in_units(length: NDArray[np.int32], unit_m: float) -> NDArray[np.uint16]:
+    """Round lengths in mm up to units, in their own memory: a robot's computer has little."""
+    units = (np.arange(length.max() + 1) / _MM).astype(np.float32) / np.float32(unit_m) - np.float32(1e-3)
+    narrow = length.reshape(-1).view(np.uint16)
+    _narrow(length.reshape(-1), np.minimum(np.ceil(units), _LONGEST).astype(np.uint16), narrow)
+    count = len(length)
+    length.resize((count * count + 1) // 2, refcheck=False)
+    return length.view(np.uint16)[: count * count].reshape(count, count)
 
 
 @kernel
-def _narrow(wide, narrow):  # type: ignore[no-untyped-def]
-    """Of the same memory: an element is written where those before it were read."""
+def _narrow(wide, units, narrow):  # type: ignore[no-untyped-def]
+    """Look numbers up, in the same memory: an element is written after those before it were read."""
     for k in range(len(wide)):
-        narrow[k] = np.uint16(wide[k])
+        narrow[k] = units[wide[k]]
 
 
 def blocks_of(
@@ -143,8 +144,12 @@ def blocks_of(
     middle = np.stack([np.bincount(block, weights=cell[:, k], minlength=count) / sizes for k in (0, 1)], axis=1)
     # In the open the places are as far apart as the squares, which makes lengths there exact.
     off = np.hypot(*(cell - middle[block]).T)
-    order = np.lexsort((off, block))
-    return block, order[np.searchsorted(block[order], np.arange(count))]
+    least = np.full(count, np.inf)
+    np.minimum.at(least, block, off)
+    place = np.empty(count, dtype=np.int64)
+    nearest = np.flatnonzero(off == least[block])[::-1]  # the first of equal ones is written last
+    place[block[nearest]] = nearest
+    return block, place
 
 
 @kernel
@@ -176,55 +181,129 @@ def joined_blocks(
     block: NDArray[np.int32], neighbours: NDArray[np.int32], count: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Blocks that a step of a cell joins: ``ends[start[a] : start[a + 1]]`` are those beside block a."""
-    here = np.broadcast_to(block[:, None], neighbours.shape)[neighbours >= 0].astype(np.int64)
-    there = block[neighbours[neighbours >= 0]]
-    pairs = np.unique((here * count + there)[here != there])
-    return np.searchsorted(pairs // count, np.arange(count + 1)), pairs % count
+    joined = np.zeros((count, count), dtype=np.bool_)
+    joined[
+        np.broadcast_to(block[:, None], neighbours.shape), np.where(neighbours >= 0, block[neighbours], block[:, None])
+    ] = True
+    np.fill_diagonal(joined, False)
+    return np.append(0, np.cumsum(joined.sum(axis=1))), np.nonzero(joined)[1]
 
 
 def between_all(
     pixel: NDArray[np.int32], start: NDArray[np.int64], ends: NDArray[np.int64], resolution: float
-) -> tuple[NDArray[np.float32], NDArray[np.int16]]:
-    """Lengths (A, A) in m and next blocks (A, A), by target, of ghosts; ``pixel`` (A, 2) are the blocks' places."""
+) -> tuple[NDArray[np.int32], NDArray[np.int16]]:
+    """Return lengths (A, A) in mm and next blocks (A, A), by target, of ghosts.
+
+    ``pixel`` (A, 2) are the places of the blocks, ``start`` and ``ends`` the blocks that are joined.
+    """
     count = len(pixel)
     here = np.repeat(np.arange(count), np.diff(start))
     apart = np.sort(np.abs(pixel[here] - pixel[ends]), axis=1)
     # A ghost goes to 8 neighbours: straight and diagonal steps.
     steps = (apart[:, 1] - apart[:, 0]) + math.sqrt(2.0) * apart[:, 0]
-    cost = np.ceil(steps * resolution * _MM).astype(np.int64)
-    queue = new_queue(int(cost.max(initial=1)) * count + 1, len(ends) + 1)
-    length, following = np.full((count, count), np.inf, np.float32), np.full((count, count), -1, np.int16)
-    _search_all(start, ends, cost, queue, length, following)
+    cost = np.ceil(steps * resolution * _MM).astype(np.int32)
+    length, following = np.empty((count, count), np.int32), np.empty((count, count), np.int16)
+    _search_all(start, ends, cost, length, following)
+    target, block = np.divmod(np.flatnonzero(following == _TIED), count)
+    order = np.argsort(length[target, block])
+    _settle_ties(target[order], block[order], start, ends, cost, length, following)
     return length, following
 
 
 @kernel
-def _search_all(start, ends, cost, queue, length, following):  # type: ignore[no-untyped-def]
-    """Dijkstra's algorithm from every block; an edge costs the same both ways, so lengths are symmetric."""
+def _search_all(start, ends, cost, length, following):  # type: ignore[no-untyped-def]
+    """Find the lengths to some targets at once, which lie side by side in ``least``, and the next blocks by them."""
     count = len(start) - 1
-    least = np.empty(count, np.int64)
-    done = np.empty(count, np.bool_)
-    for target in range(count):
-        least[:] = 2**62
-        done[:] = False
-        clear(queue)
-        least[target] = 0
-        following[target, target] = target
-        push(queue, np.int64(0), np.int32(target))
-        while True:
-            u = pop(queue)
-            if u < 0:
-                break
-            if done[u]:
+    least, before = np.empty((count, _TARGETS), np.int32), np.empty((count, _TARGETS), np.int32)
+    dearest = np.empty(_TARGETS, np.int32)
+    for first in range(0, count, _TARGETS):
+        targets = min(_TARGETS, count - first)
+        _search(first, targets, start, ends, cost, least)
+        for v in range(count):
+            before[v] = v  # of the target itself
+            dearest[:] = 0
+            for e in range(start[v], start[v + 1]):
+                _compare(np.int32(ends[e]), cost[e], least[ends[e]], least[v], before[v], dearest)
+        for k in range(targets):
+            for v in range(count):
+                length[first + k, v] = least[v, k]
+                following[first + k, v] = before[v, k]
+
+
+@kernel
+def _search(first, targets, start, ends, cost, least):  # type: ignore[no-untyped-def]
+    """Take blocks in rising and falling order in turn, and only if their lengths have changed, until none does."""
+    count = len(start) - 1
+    least[:] = _FAR
+    changed = np.zeros(count, np.bool_)
+    for k in range(targets):
+        least[first + k, k] = 0
+        changed[first + k] = True
+    left, sweep = targets, 0
+    while left > 0:
+        for i in range(count):
+            u = i if sweep % 2 == 0 else count - 1 - i
+            if not changed[u]:
                 continue
-            done[u] = True
-            length[target, u] = least[u] / _MM
+            changed[u] = False
+            left -= 1
             for e in range(start[u], start[u + 1]):
-                v, new = ends[e], least[u] + cost[e]
-                if new < least[v]:
-                    least[v] = new
-                    following[target, v] = u
-                    push(queue, new, np.int32(v))
+                v = ends[e]
+                if _lower(least[v], least[u], cost[e]) and not changed[v]:
+                    changed[v] = True
+                    left += 1
+        sweep += 1
+
+
+@kernel
+def _lower(there, here, cost):  # type: ignore[no-untyped-def]
+    """Lower lengths to those by way of ``here``; return whether one was lowered."""
+    found = np.int32(0)
+    for k in range(_TARGETS):
+        new = np.int32(here[k] + cost)
+        found |= np.int32(new < there[k])
+        there[k] = min(new, there[k])
+    return found != 0
+
+
+@kernel
+def _compare(block, cost, here, there, before, dearest):  # type: ignore[no-untyped-def]
+    """Of the blocks before one on shortest paths, keep the one nearest to the target: the one with the dearest step."""
+    for k in range(_TARGETS):
+        step = np.int32(cost if here[k] + cost == there[k] else -1)
+        before[k] = np.int32(_TIED) if step == dearest[k] else block if step > dearest[k] else before[k]
+        dearest[k] = max(step, dearest[k])
+
+
+@kernel
+def _settle_ties(targets, blocks, start, ends, cost, length, following):  # type: ignore[no-untyped-def]
+    """Choose as Dijkstra's algorithm from the target does whose queue gives the newest of equal entries first.
+
+    The pairs of target and block come by rising length, so that the next blocks of all nearer blocks are known.
+    """
+    for i in range(len(targets)):
+        t, v = targets[i], blocks[i]
+        best, dearest = -1, np.int32(0)
+        for e in range(start[v], start[v + 1]):
+            u = ends[e]
+            if length[t, u] + cost[e] != length[t, v] or cost[e] < dearest:
+                continue
+            if cost[e] > dearest or _is_settled_first(u, best, length[t], following[t]):
+                best, dearest = u, cost[e]
+        following[t, v] = best
+
+
+@kernel
+def _is_settled_first(a, b, length, following):  # type: ignore[no-untyped-def]
+    """Return whether the queue gave block a before block b, which is as far from the target."""
+    first = True
+    while True:
+        before_a, before_b = np.int64(following[a]), np.int64(following[b])
+        if before_a == before_b:  # their entries were made in the order of their numbers
+            return (a > b) == first
+        if length[before_a] != length[before_b]:
+            return (length[before_a] > length[before_b]) == first
+        a, b, first = before_a, before_b, not first
 
 
 @kernel
@@ -242,6 +321,7 @@ def _ways(place, block, length_cm, next_step, cell_xy, ahead):  # type: ignore[n
             own = np.int64(length_cm[cell, g])
             length[b, g] = 0.01 * own
             x, y = cell_xy[cell, 0], cell_xy[cell, 1]
+            end = cell
             walked = 0
             while next_step[g, cell] != AT_GOAL:
                 cell += next_step[g, cell]
@@ -251,9 +331,10 @@ def _ways(place, block, length_cm, next_step, cell_xy, ahead):  # type: ignore[n
                 if following[b, g] == NO_BLOCK and other != b and nearer:
                     following[b, g] = other
                 if walked <= ahead:
-                    heading[b, g] = math.atan2(cell_xy[cell, 1] - y, cell_xy[cell, 0] - x)
+                    end = cell
                 elif following[b, g] != NO_BLOCK:
                     break
+            heading[b, g] = math.atan2(cell_xy[end, 1] - y, cell_xy[end, 0] - x)
     return length, following, heading
 
 
@@ -264,16 +345,19 @@ def _beside(place, ghost_place, length):  # type: ignore[no-untyped-def]
     A robot near a wall can be reached from both sides, and which one a ghost takes can change with a centimetre.
     """
     beside = np.zeros((len(place), 2), np.int32)
+    near = np.empty(len(ghost_place), np.int32)
     for b in range(len(place)):
-        nearest, least = 0, np.inf
+        nearest, least, count = 0, np.inf, 0
         for a in range(len(ghost_place)):
             square = (ghost_place[a, 0] - place[b, 0]) ** 2 + (ghost_place[a, 1] - place[b, 1]) ** 2
-            if square < least:
-                nearest, least = a, square
+            if square <= max(least, _BESIDE_M * _BESIDE_M):
+                near[count] = a
+                count += square <= _BESIDE_M * _BESIDE_M
+                if square < least:
+                    nearest, least = a, square
         other = nearest
-        for a in range(len(ghost_place)):
-            square = (ghost_place[a, 0] - place[b, 0]) ** 2 + (ghost_place[a, 1] - place[b, 1]) ** 2
-            if square <= _BESIDE_M * _BESIDE_M and length[nearest, a] > length[nearest, other]:
+        for a in near[:count]:
+            if length[nearest, a] > length[nearest, other]:
                 other = a
         beside[b, 0], beside[b, 1] = nearest, other
     return beside
