@@ -80,9 +80,9 @@ def _build(assets: MapAssets) -> CoarseArrays:
         place, block, assets.length_cm, assets.next_step, assets.cell_xy, round(_AHEAD_M / grid.resolution)
     )
     cells = clyde.cells_in(assets.clyde_part)
-    number = np.full(len(clyde.position), -1, dtype=np.int32)
+    number = np.full(len(clyde.position) + 1, -1, dtype=np.int32)  # the last one for cells that are not there, -1
     number[cells] = np.arange(len(cells))
-    near = np.where(clyde.neighbours[cells] >= 0, number[clyde.neighbours[cells]], -1).astype(np.int32)
+    near = number[clyde.neighbours[cells]]
     pixel = np.ascontiguousarray(clyde.pixel[cells])
     while True:
         ghost_block, ghost_place = blocks_of(pixel, near, edge)
@@ -182,11 +182,19 @@ def joined_blocks(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Blocks that a step of a cell joins: ``ends[start[a] : start[a + 1]]`` are those beside block a."""
     joined = np.zeros((count, count), dtype=np.bool_)
-    joined[
-        np.broadcast_to(block[:, None], neighbours.shape), np.where(neighbours >= 0, block[neighbours], block[:, None])
-    ] = True
+    _join(block, neighbours, joined)
     np.fill_diagonal(joined, False)
-    return np.append(0, np.cumsum(joined.sum(axis=1))), np.nonzero(joined)[1]
+    here, there = np.divmod(np.flatnonzero(joined), count)
+    return np.searchsorted(here, np.arange(count + 1)), there
+
+
+@kernel
+def _join(block, neighbours, joined):  # type: ignore[no-untyped-def]
+    """Set ``joined`` (B, B) for the blocks of each cell and of its neighbours, itself among them."""
+    for k in range(len(block)):
+        for d in range(neighbours.shape[1]):
+            if neighbours[k, d] >= 0:
+                joined[block[k], block[neighbours[k, d]]] = True
 
 
 def between_all(
@@ -347,14 +355,18 @@ def _beside(place, ghost_place, length):  # type: ignore[no-untyped-def]
     beside = np.zeros((len(place), 2), np.int32)
     near = np.empty(len(ghost_place), np.int32)
     for b in range(len(place)):
+        x, y = place[b]
         nearest, least, count = 0, np.inf, 0
+        within = np.inf  # the farthest that counts
         for a in range(len(ghost_place)):
-            square = (ghost_place[a, 0] - place[b, 0]) ** 2 + (ghost_place[a, 1] - place[b, 1]) ** 2
-            if square <= max(least, _BESIDE_M * _BESIDE_M):
-                near[count] = a
-                count += square <= _BESIDE_M * _BESIDE_M
-                if square < least:
-                    nearest, least = a, square
+            square = (ghost_place[a, 0] - x) ** 2 + (ghost_place[a, 1] - y) ** 2
+            if square > within:
+                continue
+            near[count] = a
+            count += square <= _BESIDE_M * _BESIDE_M
+            if square < least:
+                nearest, least = a, square
+                within = max(least, _BESIDE_M * _BESIDE_M)
         other = nearest
         for a in near[:count]:
             if length[nearest, a] > length[nearest, other]:

@@ -86,7 +86,7 @@ class MapAssets:
         """(4,) cell of each ghost's corner in the robot's area."""
         cells = self.clyde.cells_in(self.clyde_part)
         position = self.clyde.position[cells]
-        low, high = position.min(axis=0), position.max(axis=0)
+        low, high = (np.array([end(position[:, 0]), end(position[:, 1])]) for end in (np.min, np.max))
         corners = (low + high) / 2 + np.array(_CORNERS) * (high - low) / 2
         return cells[nearest_positions(position, corners)[0]].astype(np.int32)
 
