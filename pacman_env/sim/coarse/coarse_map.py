@@ -139,17 +139,26 @@ def blocks_of(
     squares = np.floor(cell / edge).astype(np.int64)
     square = squares[:, 1] * (squares[:, 0].max() + 1) + squares[:, 0]
     block = _connected(square, neighbours)
-    count = int(block.max()) + 1
-    sizes = np.bincount(block, minlength=count)
-    middle = np.stack([np.bincount(block, weights=cell[:, k], minlength=count) / sizes for k in (0, 1)], axis=1)
-    # In the open the places are as far apart as the squares, which makes lengths there exact.
-    off = np.hypot(*(cell - middle[block]).T)
-    least = np.full(count, np.inf)
-    np.minimum.at(least, block, off)
-    place = np.empty(count, dtype=np.int64)
-    nearest = np.flatnonzero(off == least[block])[::-1]  # the first of equal ones is written last
-    place[block[nearest]] = nearest
-    return block, place
+    return block, _places(cell, block, block.max() + 1)
+
+
+@kernel
+def _places(cell, block, count):  # type: ignore[no-untyped-def]
+    """Return (B,) the cell nearest to the middle of each block, the first of equal ones.
+
+    In the open the places are as far apart as the squares, which makes lengths there exact.
+    """
+    middle, size = np.zeros((count, 2)), np.zeros(count)
+    for k in range(len(block)):
+        middle[block[k]] += cell[k]
+        size[block[k]] += 1
+    place, least = np.zeros(count, np.int64), np.full(count, np.inf)
+    for k in range(len(block)):
+        b = block[k]
+        off = math.hypot(cell[k, 0] - middle[b, 0] / size[b], cell[k, 1] - middle[b, 1] / size[b])
+        if off < least[b]:
+            place[b], least[b] = k, off
+    return place
 
 
 @kernel
@@ -226,7 +235,11 @@ def _search_all(start, ends, cost, length, following):  # type: ignore[no-untype
     dearest = np.empty(_TARGETS, np.int32)
     for first in range(0, count, _TARGETS):
         targets = min(_TARGETS, count - first)
-        _search(first, targets, start, ends, cost, least)
+        least[:] = _FAR
+        least[:first, :targets] = length[:first, first : first + targets]  # the way back is as long
+        for k in range(targets):
+            least[first + k, k] = 0
+        _search(first, start, ends, cost, least)
         for v in range(count):
             before[v] = v  # of the target itself
             dearest[:] = 0
@@ -239,15 +252,11 @@ def _search_all(start, ends, cost, length, following):  # type: ignore[no-untype
 
 
 @kernel
-def _search(first, targets, start, ends, cost, least):  # type: ignore[no-untyped-def]
-    """Take blocks in rising and falling order in turn, and only if their lengths have changed, until none does."""
+def _search(first, start, ends, cost, least):  # type: ignore[no-untyped-def]
+    """Lower the lengths of blocks from ``first`` on: sweep up and down over those that have changed until none does."""
     count = len(start) - 1
-    least[:] = _FAR
-    changed = np.zeros(count, np.bool_)
-    for k in range(targets):
-        least[first + k, k] = 0
-        changed[first + k] = True
-    left, sweep = targets, 0
+    changed = np.ones(count, np.bool_)
+    left, sweep = count, 0
     while left > 0:
         for i in range(count):
             u = i if sweep % 2 == 0 else count - 1 - i
@@ -255,8 +264,10 @@ def _search(first, targets, start, ends, cost, least):  # type: ignore[no-untype
                 continue
             changed[u] = False
             left -= 1
-            for e in range(start[u], start[u + 1]):
+            for e in range(start[u + 1] - 1, start[u] - 1, -1):
                 v = ends[e]
+                if v < first:
+                    break
                 if _lower(least[v], least[u], cost[e]) and not changed[v]:
                     changed[v] = True
                     left += 1
@@ -353,13 +364,14 @@ def _beside(place, ghost_place, length):  # type: ignore[no-untyped-def]
     A robot near a wall can be reached from both sides, and which one a ghost takes can change with a centimetre.
     """
     beside = np.zeros((len(place), 2), np.int32)
-    near = np.empty(len(ghost_place), np.int32)
+    squares, near = np.empty(len(ghost_place)), np.empty(len(ghost_place), np.int32)
     for b in range(len(place)):
         x, y = place[b]
         nearest, least, count = 0, np.inf, 0
         within = np.inf  # the farthest that counts
         for a in range(len(ghost_place)):
-            square = (ghost_place[a, 0] - x) ** 2 + (ghost_place[a, 1] - y) ** 2
+            squares[a] = (ghost_place[a, 0] - x) ** 2 + (ghost_place[a, 1] - y) ** 2
+        for a, square in enumerate(squares):
             if square > within:
                 continue
             near[count] = a
