@@ -148,14 +148,16 @@ def _places(cell, block, count):  # type: ignore[no-untyped-def]
 
     In the open the places are as far apart as the squares, which makes lengths there exact.
     """
-    middle, size = np.zeros((count, 2)), np.zeros(count)
+    column, row, size = np.zeros(count), np.zeros(count), np.zeros(count)
     for k in range(len(block)):
-        middle[block[k]] += cell[k]
+        column[block[k]] += cell[k, 0]
+        row[block[k]] += cell[k, 1]
         size[block[k]] += 1
+    column, row = column / size, row / size
     place, least = np.zeros(count, np.int64), np.full(count, np.inf)
     for k in range(len(block)):
         b = block[k]
-        off = math.hypot(cell[k, 0] - middle[b, 0] / size[b], cell[k, 1] - middle[b, 1] / size[b])
+        off = math.hypot(cell[k, 0] - column[b], cell[k, 1] - row[b])
         if off < least[b]:
             place[b], least[b] = k, off
     return place
@@ -215,9 +217,9 @@ def between_all(
     """
     count = len(pixel)
     here = np.repeat(np.arange(count), np.diff(start))
-    apart = np.sort(np.abs(pixel[here] - pixel[ends]), axis=1)
+    across, up = np.abs(pixel[here] - pixel[ends]).T
     # A ghost goes to 8 neighbours: straight and diagonal steps.
-    steps = (apart[:, 1] - apart[:, 0]) + math.sqrt(2.0) * apart[:, 0]
+    steps = np.abs(across - up) + math.sqrt(2.0) * np.minimum(across, up)
     cost = np.ceil(steps * resolution * _MM).astype(np.int32)
     length, following = np.empty((count, count), np.int32), np.empty((count, count), np.int16)
     _search_all(start, ends, cost, length, following)
