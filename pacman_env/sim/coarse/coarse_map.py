@@ -8,6 +8,7 @@ import threading
 import weakref
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -222,7 +223,9 @@ def between_all(
     steps = np.abs(across - up) + math.sqrt(2.0) * np.minimum(across, up)
     cost = np.ceil(steps * resolution * _MM).astype(np.int32)
     length, following = np.empty((count, count), np.int32), np.empty((count, count), np.int16)
-    _search_all(start, ends, cost, length, following)
+    _find_lengths(start, ends, cost, length)
+    _find_next(start, ends, cost, length, following)
+    following = cv2.transpose(following)
     target, block = np.divmod(np.flatnonzero(following == _TIED), count)
     order = np.argsort(length[target, block])
     _settle_ties(target[order], block[order], start, ends, cost, length, following)
@@ -230,27 +233,19 @@ def between_all(
 
 
 @kernel
-def _search_all(start, ends, cost, length, following):  # type: ignore[no-untyped-def]
-    """Find the lengths to some targets at once, which lie side by side in ``least``, and the next blocks by them."""
-    count = len(start) - 1
-    least, before = np.empty((count, _TARGETS), np.int32), np.empty((count, _TARGETS), np.int32)
-    dearest = np.empty(_TARGETS, np.int32)
+def _find_lengths(start, ends, cost, length):  # type: ignore[no-untyped-def]
+    """Fill ``length`` (A, A) with the shortest paths to some targets at once, side by side in ``least``."""
+    count = len(length)
+    least = np.empty((count, _TARGETS), np.int32)
     for first in range(0, count, _TARGETS):
         targets = min(_TARGETS, count - first)
         least[:] = _FAR
-        least[:first, :targets] = length[:first, first : first + targets]  # the way back is as long
         for k in range(targets):
             least[first + k, k] = 0
+            for v in range(first):
+                least[v, k] = length[first + k, v]  # the way back, which is as long
         _search(first, start, ends, cost, least)
-        for v in range(count):
-            before[v] = v  # of the target itself
-            dearest[:] = 0
-            for e in range(start[v], start[v + 1]):
-                _compare(np.int32(ends[e]), cost[e], least[ends[e]], least[v], before[v], dearest)
-        for k in range(targets):
-            for v in range(count):
-                length[first + k, v] = least[v, k]
-                following[first + k, v] = before[v, k]
+        length[:, first : first + targets] = least[:, :targets]
 
 
 @kernel
@@ -288,9 +283,21 @@ def _lower(there, here, cost):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _find_next(start, ends, cost, length, following):  # type: ignore[no-untyped-def]
+    """Fill ``following`` (A, A), by block and target, or say that two next blocks are as good."""
+    before, dearest = np.empty(len(length), np.int32), np.empty(len(length), np.int32)
+    for v in range(len(length)):
+        before[:] = v  # of the target itself
+        dearest[:] = 0
+        for e in range(start[v], start[v + 1]):
+            _compare(np.int32(ends[e]), cost[e], length[ends[e]], length[v], before, dearest)
+        following[v] = before
+
+
+@kernel
 def _compare(block, cost, here, there, before, dearest):  # type: ignore[no-untyped-def]
     """Of the blocks before one on shortest paths, keep the one nearest to the target: the one with the dearest step."""
-    for k in range(_TARGETS):
+    for k in range(len(here)):
         step = np.int32(cost if here[k] + cost == there[k] else -1)
         before[k] = np.int32(_TIED) if step == dearest[k] else block if step > dearest[k] else before[k]
         dearest[k] = max(step, dearest[k])
