@@ -341,13 +341,15 @@ def _ways(place, block, length_cm, next_step, cell_xy, ahead):  # type: ignore[n
     length = np.full((blocks, goals), np.inf, np.float32)
     following = np.full((blocks, goals), NO_BLOCK, np.int32)
     heading = np.zeros((blocks, goals), np.float32)
-    for b in range(blocks):
-        for g in range(goals):
+    left_cm = np.empty(blocks, np.int32)
+    for g in range(goals):
+        for b in range(blocks):
+            left_cm[b] = length_cm[place[b], g]
+        for b in range(blocks):
             cell = place[b]
             if next_step[g, cell] == NO_STEP:
                 continue
-            own = np.int64(length_cm[cell, g])
-            length[b, g] = 0.01 * own
+            length[b, g] = 0.01 * left_cm[b]
             x, y = cell_xy[cell, 0], cell_xy[cell, 1]
             end = cell
             walked = 0
@@ -355,7 +357,7 @@ def _ways(place, block, length_cm, next_step, cell_xy, ahead):  # type: ignore[n
                 cell += next_step[g, cell]
                 walked += 1
                 other = block[cell]
-                nearer = np.int64(length_cm[place[other], g]) <= own - _PULL_CM
+                nearer = left_cm[other] <= left_cm[b] - _PULL_CM
                 if following[b, g] == NO_BLOCK and other != b and nearer:
                     following[b, g] = other
                 if walked <= ahead:

@@ -73,12 +73,9 @@ class MapAssets:
     @functools.cached_property
     def ghost_targets(self) -> GhostTargets:
         cells = self.clyde.cells_in(self.clyde_part)
-        position = self.clyde.position[cells]
-        column, row, inside = self.grid.locate(position)
-        number = np.full(self.grid.shape, -1, dtype=np.int32)
-        number[row[inside], column[inside]] = cells[inside]
-        nearest, square = nearest_positions(position, self.goal_xy)
+        nearest, square = nearest_positions(self.clyde.position[cells], self.goal_xy)
         place = np.where(square <= _NEAR_M**2, cells[nearest], -1)
+        number = _numbers_on(self.grid, self.clyde, self.clyde_part)
         return GhostTargets(nearest_numbers(number)[0], place.astype(np.int32))
 
     @functools.cached_property
@@ -263,24 +260,29 @@ def _come_nearer(nearest, length_cm, roomy):  # type: ignore[no-untyped-def]
     return farthest
 
 
+def _numbers_on(grid: DriveGrid, clyde: ClydeCells, part: int) -> NDArray[np.int32]:
+    """Return (H, W) the number of the ghosts' cell of that part in each cell of the grid, -1: none."""
+    number = np.full(grid.shape, -1, dtype=np.int32)
+    _put(number, grid.affine, clyde.position, clyde.cells_in(part))
+    return number
+
+
 @kernel
-def _strike_out(away, affine, position, cells):  # type: ignore[no-untyped-def]
-    rows, columns = away.shape
+def _put(number, affine, position, cells):  # type: ignore[no-untyped-def]
+    rows, columns = number.shape
     for k in cells:
         x, y = position[k]
         column = math.floor(affine[0] * x + affine[1] * y + affine[2])
         row = math.floor(affine[3] * x + affine[4] * y + affine[5])
         if 0 <= column < columns and 0 <= row < rows:
-            away[row, column] = False
+            number[row, column] = k
 
 
 def _nooks(grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig) -> list[int]:
     """The cell farthest from ghosts in each of the largest patches that they cannot come near."""
     if config.nooks == 0:
         return []
-    away = np.ones(grid.shape, dtype=np.bool_)
-    _strike_out(away, grid.affine, clyde.position, clyde.cells_in(part))
-    distance = clearance_m(away, grid.resolution)
+    distance = clearance_m(_numbers_on(grid, clyde, part) < 0, grid.resolution)
     # A ghost's positions and cell centres can be half a cell's diagonal apart.
     safe = (distance >= config.nook_clearance_m + grid.resolution * math.sqrt(0.5)) & (grid.cell_id >= 0)
     labels, areas = connected_parts(safe)
