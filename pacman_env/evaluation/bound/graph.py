@@ -59,7 +59,7 @@ def build_graph(assets: MapAssets, most_pairs: int = MOST_PAIRS) -> Graph:
     low = np.minimum(grid.cell.min(axis=0), place.min(axis=0))
     robot_cell, ghost_cell = (np.ascontiguousarray(one - low).astype(np.int32) for one in (grid.cell, place))
     edge = LEAST_EDGE_M / grid.resolution
-    ways = grid.neighbours[:, ::2]
+    ways = grid.neighbours
     while True:
         robot_block, robot_place = blocks_of(robot_cell, ways, edge)
         ghost_block, ghost_place = blocks_of(ghost_cell, near, edge)

@@ -76,7 +76,7 @@ def coarse_map_of(level: Level) -> CoarseArrays:
 def _build(assets: MapAssets) -> CoarseArrays:
     grid, clyde = assets.grid, assets.clyde
     edge = BLOCK_M / grid.resolution
-    block, place = blocks_of(grid.cell, grid.neighbours[:, ::2], edge)
+    block, place = blocks_of(grid.cell, grid.neighbours, edge)
     length, following, heading = _ways(
         place, block, assets.length_cm, assets.next_step, assets.cell_xy, round(_AHEAD_M / grid.resolution)
     )

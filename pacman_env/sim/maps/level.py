@@ -142,7 +142,7 @@ def _arrays(assets: MapAssets, config: Config) -> dict[str, Any]:
         "snap": grid.snap,
         "clearance_cm": grid.clearance_cm,
         "clear": clear_cells(grid.walls, grid.affine, grid.shape, grid.resolution, config.robot.radius_m),
-        "neighbours": grid.neighbours[:, ::2],  # the 8 around a cell
+        "neighbours": grid.neighbours,
         "cell_xy": assets.cell_xy,
         "length_cm": assets.length_cm,
         "next_step": assets.next_step,

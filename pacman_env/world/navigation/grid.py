@@ -59,7 +59,7 @@ class DriveGrid:
 
     @functools.cached_property
     def neighbours(self) -> NDArray[np.int32]:
-        """(K, 16) number of the drivable cell that each step leads to, -1: not allowed."""
+        """(K, 8) number of the drivable cell that a step to each neighbour leads to, -1: not allowed."""
         return neighbour_table(self.cell_id, self.cell)
 
     def locate(self, position: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
@@ -105,7 +105,7 @@ class DriveGrid:
         return cells, (cells >= 0) & (offset <= enough)
 
     def path_fields(self) -> PathFields:
-        return PathFields(self.neighbours, self.cell, navfn_weights(self.cost, self.cell), self.resolution)
+        return PathFields(self.cell, navfn_weights(self.cost, self.cell), self.resolution)
 
 
 @kernel

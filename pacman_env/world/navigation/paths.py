@@ -21,13 +21,15 @@ NO_STEP = -32768  # in a next-step field: no path
 _HALF_TURN = np.array([(1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1)], dtype=np.int64)
 STEPS16 = np.concatenate([_HALF_TURN, -_HALF_TURN])
 
+#: Bits of directions.
+_STRAIGHT, _DIAGONAL, _KNIGHTS = 0x1111, 0x4444, 0xAAAA
+
 _START = 16  # in place of a direction: the path begins at this cell
 _SETTLED = 32  # added to a cell's direction once its cost is final
 _PAD = 2  # no step leads further
 #: By the direction come by, the steps that can be the best on open floor, in rising order.
 _ONWARDS = np.sort((np.arange(16)[:, None] + (-1, 0, 1)) % 16, axis=1)
 _EXACT_BELOW = 65536.0  # the rounding of costs up to this is small beside what a detour costs
-_BATCH = 32  # cells whose steps are tried together
 #: One place of the picture: all that a search reads and writes there lies together.
 _PLACE = np.dtype(
     [
@@ -42,38 +44,33 @@ _PLACE = np.dtype(
 
 
 @kernel
-def _between(dc, dr):  # type: ignore[no-untyped-def]
-    """The two cells that must be drivable for a step: column and row of one, of the other, from where it starts."""
-    if abs(dc) == 2:
-        return dc // 2, 0, dc // 2, dr
-    if abs(dr) == 2:
-        return 0, dr // 2, dc, dr // 2
-    return dc, 0, 0, dr
+def _allowed(free):  # type: ignore[no-untyped-def]
+    """Of the directions that lead to drivable cells, a bit each, those that are steps.
+
+    A diagonal step needs both cells beside it (no corner cutting), a knight's move the two cells it passes between.
+    """
+    turns = free | free << 16
+    by_one, by_two = turns >> 1 & turns >> 15, turns >> 2 & turns >> 14
+    return free & (_STRAIGHT | _DIAGONAL & by_two | _KNIGHTS & by_one)
 
 
 @kernel
 def neighbour_table(cell_id, cell):  # type: ignore[no-untyped-def]
-    """Number of the cell that each of STEPS16 leads to, int32 (K, 16); -1: not allowed.
-
-    A diagonal step needs both cells beside it (no corner cutting), a knight's move the two cells it passes between.
-    """
+    """Number of the cell that a step to each of the 8 neighbours leads to, int32 (K, 8); -1: not allowed."""
     rows, columns = cell_id.shape
-    width = columns + 2 * _PAD
-    number = np.full((rows + 2 * _PAD) * width, -1, np.int32)
-    for column, row in cell:
-        number[(row + _PAD) * width + column + _PAD] = cell_id[row, column]
-    there = np.empty((16, 3), np.int64)
-    for d in range(16):
-        dc, dr = STEPS16[d]
-        c0, r0, c1, r1 = _between(dc, dr)
-        there[d, 0], there[d, 1], there[d, 2] = dr * width + dc, r0 * width + c0, r1 * width + c1
-    table = np.empty((len(cell), 16), np.int32)
+    number = np.full((rows + 2, columns + 2), -1, np.int32)
+    number[1:-1, 1:-1] = cell_id
+    table = np.empty((len(cell), 8), np.int32)
     for k in range(len(cell)):
-        here = (cell[k, 1] + _PAD) * width + cell[k, 0] + _PAD
-        for d in range(16):
-            v = number[np.uintp(here + there[d, 0])]
-            free = min(number[np.uintp(here + there[d, 1])], number[np.uintp(here + there[d, 2])]) >= 0
-            table[k, d] = v if free else -1
+        column, row = cell[k]
+        free = 0
+        for d in range(8):
+            table[k, d] = number[row + 1 + STEPS16[2 * d, 1], column + 1 + STEPS16[2 * d, 0]]
+            free |= (table[k, d] >= 0) << 2 * d
+        allowed = _allowed(free)
+        for d in range(8):
+            if not allowed >> 2 * d & 1:
+                table[k, d] = -1
     return table
 
 
@@ -83,12 +80,10 @@ class PathFields:
     Label-setting Dijkstra in buckets one cell wide: no step costs less than a cell, so the labels inside a bucket
     cannot improve one another. Steps that cannot be the best are not tried: on open floor, where a cell and the 24
     around it have weight 1, a path that leaves by another direction than the one it came by or those next to it is a
-    detour. ``neighbours`` are (K, 16), ``cell`` (K, 2) column, row, ``weight`` (K,) at least 1.
+    detour. ``cell`` (K, 2) are column and row, ``weight`` (K,) at least 1.
     """
 
-    def __init__(
-        self, neighbours: NDArray[np.int32], cell: NDArray[np.int32], weight: NDArray[np.float32], resolution: float
-    ) -> None:
+    def __init__(self, cell: NDArray[np.int32], weight: NDArray[np.float32], resolution: float) -> None:
         columns, rows = (int(cell[:, k].max()) + 1 + 2 * _PAD for k in (0, 1))
         steps = np.append(STEPS16, [(0, 0)], axis=0)  # the last: _START
         length = step_lengths(steps)
@@ -96,14 +91,15 @@ class PathFields:
         picture = np.zeros((rows, columns), dtype=_PLACE)
         number = np.full(rows * columns, -1, dtype=np.int32)
         light = np.zeros((rows, columns), dtype=np.uint8)
-        _lay_out(neighbours, cell, weight, picture, number, light)
+        offset = steps[:, 1] * columns + steps[:, 0]
+        self._at = (cell[:, 1] + _PAD) * columns + cell[:, 0] + _PAD  # of each cell in the picture
+        _lay_out(self._at, weight, offset, picture.ravel(), number, light.ravel())
         picture["open"] = cv2.erode(light, np.ones((5, 5), np.uint8))
         self._fields: dict[int, tuple[NDArray[np.uint16], NDArray[np.int16]]] = {}
-        self._cell, self._columns = cell, columns
         self._places = (
             picture.ravel(),
             number,
-            steps[:, 1] * columns + steps[:, 0],
+            offset,
             length,
             np.float32(0.5) * length,
             length * np.float32(resolution),
@@ -117,31 +113,28 @@ class PathFields:
         """``length_cm`` and ``next_step`` (K,) of one goal cell, read-only; cell k + next_step[k] follows cell k."""
         known = self._fields.get(goal)
         if known is None:
-            count = len(self._cell)
+            count = len(self._at)
             known = np.empty(count, dtype=np.uint16), np.empty(count, dtype=np.int16)
-            column, row = self._cell[goal] + _PAD
-            _search(row * self._columns + column, self._places, self._queue)
-            _read_out(self._places, *known)
+            _search(self._at[goal], self._places, self._queue)
+            _read_out(self._places, self._at, *known)
             self._fields[goal] = known
         return known
 
 
 @kernel
-def _lay_out(neighbours, cell, weight, picture, number, light):  # type: ignore[no-untyped-def]
-    """Put the cells into a picture of places, their numbers into a flat one, into a third whether their weight is 1."""
-    for row in range(len(picture)):
-        for column in range(picture.shape[1]):
-            picture[row, column].cost = picture[row, column].weight = np.inf
-    for k in range(len(cell)):
-        column, row = cell[k, 0] + _PAD, cell[k, 1] + _PAD
-        place = picture[row, column]
-        place.weight = weight[k]
-        light[row, column] = weight[k] == 1.0
-        bits = 0
+def _lay_out(at, weight, offset, picture, number, light):  # type: ignore[no-untyped-def]
+    """Put the cells into a picture of places, their numbers into another, into a third whether their weight is 1."""
+    for place in picture:
+        place.cost = place.weight = np.inf
+    for k in range(len(at)):
+        number[at[k]] = k
+        picture[at[k]].weight = weight[k]
+        light[at[k]] = weight[k] == 1.0
+    for i in at:
+        free = 0
         for d in range(16):
-            bits |= (neighbours[k, d] >= 0) << d
-        place.allowed = bits
-        number[row * picture.shape[1] + column] = k
+            free |= (number[np.uintp(i + offset[d])] >= 0) << d
+        picture[i].allowed = _allowed(free)
 
 
 @kernel
@@ -153,8 +146,6 @@ def _search(start, places, queue):  # type: ignore[no-untyped-def]
     """
     place, _, offset, length, half, metres_of = places
     head, entry = queue
-    batch = np.empty(_BATCH, np.uint32)
-    better = np.empty(_BATCH, np.uint16)  # steps that may lead to a cheaper path, a bit each
     mask = len(head) - 1
     head[:] = -1
     place[start].cost = 0.0
@@ -175,69 +166,54 @@ def _search(start, places, queue):  # type: ignore[no-untyped-def]
         head[bucket & mask] = -1  # nothing enters the bucket that is being emptied
         empty = 0
         while e >= 0:
-            # Three short loops, so that iterations wait for memory at the same time. Unsigned numbers spare the test
-            # for an index that counts from the end.
-            n = np.uintp(0)
-            while e >= 0 and n < _BATCH:
-                u = np.uintp(entry[np.uintp(e)])
-                e = np.int64(entry[np.uintp(e + 1)])
-                batch[n] = u
-                came = place[u].came
-                n += np.uintp(came < _SETTLED)
-                place[u].came = came | _SETTLED
-            for i in range(n):
-                u = np.uintp(batch[i])
-                a = np.uintp(place[u].came & (_SETTLED - 1))
-                here, weight = place[u].cost, place[u].weight
-                place[u].metres = place[np.uintp(np.int64(u) - offset[a])].metres + metres_of[a]
-                found = np.uint64(0)
-                if place[u].open and a != _START and here < _EXACT_BELOW:
-                    for j in range(3):
-                        d = np.uintp(_ONWARDS[a, j])
-                        v = np.uintp(np.int64(u) + offset[d])
-                        found |= np.uint64(here + length[d] < place[v].cost) << d
-                else:
-                    for j in range(16):
-                        d = np.uintp(j)
-                        v = np.uintp(np.int64(u) + offset[d])
-                        found |= np.uint64(here + half[d] * (weight + place[v].weight) < place[v].cost) << d
-                    found &= np.uint64(place[u].allowed)
-                better[i] = found
-            for i in range(n):
-                found = np.uint64(better[i])
-                u = np.uintp(batch[i])
-                here, weight = place[u].cost, place[u].weight
-                while found:
-                    d = np.uintp(lowest_bit(found))
-                    found &= found - np.uint64(1)
+            u = np.uintp(entry[np.uintp(e)])  # unsigned numbers spare the test for an index that counts from the end
+            e = np.int64(entry[np.uintp(e + 1)])
+            a = np.uintp(place[u].came)
+            if a >= _SETTLED:
+                continue
+            place[u].came = a | _SETTLED
+            here, weight = place[u].cost, place[u].weight
+            place[u].metres = place[np.uintp(np.int64(u) - offset[a])].metres + metres_of[a]
+            found = np.uint64(0)  # steps that lead to a cheaper path, a bit each
+            if place[u].open and a != _START and here < _EXACT_BELOW:
+                for j in range(3):
+                    d = np.uintp(_ONWARDS[a, j])
                     v = np.uintp(np.int64(u) + offset[d])
-                    new = here + half[d] * (weight + place[v].weight)
-                    if new < place[v].cost:
-                        place[v].cost = new
-                        place[v].came = d
-                        slot = np.uintp(np.int64(new) & mask)
-                        entry[np.uintp(used)] = v
-                        entry[np.uintp(used + 1)] = head[slot]
-                        head[slot] = used
-                        used += 2
+                    found |= np.uint64(here + length[d] < place[v].cost) << d
+            else:
+                for j in range(16):
+                    d = np.uintp(j)
+                    v = np.uintp(np.int64(u) + offset[d])
+                    found |= np.uint64(here + half[d] * (weight + place[v].weight) < place[v].cost) << d
+                found &= np.uint64(place[u].allowed)
+            while found:
+                d = np.uintp(lowest_bit(found))
+                found &= found - np.uint64(1)
+                v = np.uintp(np.int64(u) + offset[d])
+                new = here + half[d] * (weight + place[v].weight)
+                place[v].cost = new
+                place[v].came = d
+                slot = np.uintp(np.int64(new) & mask)
+                entry[np.uintp(used)] = v
+                entry[np.uintp(used + 1)] = head[slot]
+                head[slot] = used
+                used += 2
         bucket += 1
 
 
 @kernel
-def _read_out(places, length_cm, next_step):  # type: ignore[no-untyped-def]
+def _read_out(places, at, length_cm, next_step):  # type: ignore[no-untyped-def]
     """Fill ``length_cm`` (K,) and ``next_step`` (K,) from the places and clear them for the next search."""
     place, number, offset = places[0], places[1], places[2]
-    for i in range(len(place)):
-        k = number[i]
-        if k < 0:
-            continue
-        came = place[i].came
+    for k in range(len(at)):
+        i = np.uintp(at[k])
+        came = np.uintp(place[i].came)
         if came < _SETTLED:
             length_cm[k] = UNREACHABLE_CM
             next_step[k] = NO_STEP
         else:
             length_cm[k] = min(int(place[i].metres * 100.0 + 0.5), UNREACHABLE_CM - 1)
-            next_step[k] = number[i - offset[came - _SETTLED]] - k  # AT_GOAL where the path begins
+            next_step[k] = number[np.int64(i) - offset[came - np.uintp(_SETTLED)]] - k  # AT_GOAL: the path begins here
         place[i].came = 0
         place[i].cost = np.inf
 

@@ -32,12 +32,10 @@ def numbered(free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return cell_id, np.stack([columns, rows], axis=1).astype(np.int32)
 
 
-def field(free: np.ndarray, cost: np.ndarray, goal: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Lengths (cm), next steps, cells and neighbours for one goal cell."""
-    cell_id, cell = numbered(free)
-    neighbours = neighbour_table(cell_id, cell)
-    length_cm, next_step = PathFields(neighbours, cell, navfn_weights(cost, cell), RESOLUTION).to(goal)
-    return length_cm, next_step, cell, neighbours
+def field(free: np.ndarray, cost: np.ndarray, goal: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lengths (cm), next steps and cells for one goal cell."""
+    cell = numbered(free)[1]
+    return *PathFields(cell, navfn_weights(cost, cell), RESOLUTION).to(goal), cell
 
 
 def random_map(seed: int, share_free: float = 0.75) -> tuple[np.ndarray, np.ndarray]:
@@ -89,7 +87,7 @@ def dijkstra(free: np.ndarray, cost: np.ndarray, goal: tuple[int, int]) -> dict[
 def test_following_the_steps_costs_what_dijkstras_algorithm_says(seed: int) -> None:
     free, cost = random_map(seed)
     free[0, 0] = True
-    length_cm, next_step, cell, _ = field(free, cost, 0)
+    length_cm, next_step, cell = field(free, cost, 0)
     expected = dijkstra(free, cost, (0, 0))
     weight = (50.0 + 0.8 * cost) / 50.0
     for k, (c, r) in enumerate(cell.tolist()):
@@ -109,7 +107,7 @@ def test_a_way_has_the_length_promised_and_cuts_no_corner(seed: int, share_free:
     free, cost = random_map(seed, share_free)
     free[5, 5] = True
     goal = int(numbered(free)[0][5, 5])
-    length_cm, next_step, cell, _ = field(free, cost, goal)
+    length_cm, next_step, cell = field(free, cost, goal)
     for k in np.flatnonzero(length_cm != UNREACHABLE_CM).tolist():
         way = cell[walk(next_step, k)]
         assert way[-1].tolist() == [5, 5]
@@ -123,7 +121,7 @@ def test_a_way_has_the_length_promised_and_cuts_no_corner(seed: int, share_free:
 def in_buckets(free: np.ndarray, cost: np.ndarray, goal: int) -> tuple[np.ndarray, np.ndarray]:
     """Costs and next steps of Dijkstra's algorithm that tries all steps, last in first out in buckets of one cell."""
     cell_id, cell = numbered(free)
-    neighbours, weight = neighbour_table(cell_id, cell), navfn_weights(cost, cell)
+    weight = navfn_weights(cost, cell)
     best = np.full(len(cell), np.inf, np.float32)
     next_step = np.full(len(cell), NO_STEP)
     best[goal], next_step[goal] = 0.0, AT_GOAL
@@ -134,8 +132,11 @@ def in_buckets(free: np.ndarray, cost: np.ndarray, goal: int) -> tuple[np.ndarra
             if u in settled:
                 continue
             settled.add(u)
-            for d in np.flatnonzero(neighbours[u] >= 0):
-                v = int(neighbours[u, d])
+            c, r = cell[u].tolist()
+            for d, (dc, dr) in enumerate(STEPS16.tolist()):
+                if not may_step(free, c, r, dc, dr):
+                    continue
+                v = int(cell_id[r + dr, c + dc])
                 new = best[u] + np.float32(0.5) * LENGTHS[d] * (weight[u] + weight[v])
                 if new < best[v]:
                     best[v], next_step[v] = new, u - v
@@ -167,15 +168,15 @@ def test_far_from_the_goal_where_costs_are_coarse_all_steps_are_tried() -> None:
     free, cost = np.zeros((3, 30000), np.bool_), np.full((3, 30000), 252, np.uint8)
     free[1] = True
     cost[:, 20000:] = 0
-    length_cm, next_step, _, _ = field(free, cost, 0)
+    length_cm, next_step, _ = field(free, cost, 0)
     assert (next_step[1:] == -1).all()  # the last ones cost more than 100 000
     assert length_cm[-1] == UNREACHABLE_CM - 1
 
 
 def test_a_field_is_computed_once_and_the_next_goal_starts_afresh() -> None:
     free, cost = random_map(5, 0.9)
-    cell_id, cell = numbered(free)
-    fields = PathFields(neighbour_table(cell_id, cell), cell, navfn_weights(cost, cell), RESOLUTION)
+    cell = numbered(free)[1]
+    fields = PathFields(cell, navfn_weights(cost, cell), RESOLUTION)
     goals = [3, len(cell) - 1, 3, 120]
     found = [fields.to(goal) for goal in goals]
     assert found[2][0] is found[0][0]
@@ -192,7 +193,7 @@ def test_the_neighbour_table_holds_exactly_the_allowed_steps(seed: int) -> None:
     cell_id, cell = numbered(free)
     table = neighbour_table(cell_id, cell)
     for k, (c, r) in enumerate(cell.tolist()):
-        for d, (dc, dr) in enumerate(STEPS16.tolist()):
+        for d, (dc, dr) in enumerate(STEPS16[::2].tolist()):
             expected = cell_id[r + dr, c + dc] if may_step(free, c, r, dc, dr) else -1
             assert table[k, d] == expected
 
@@ -206,7 +207,7 @@ def test_the_opposite_of_a_direction_is_half_a_turn_further() -> None:
 def test_on_an_empty_floor_a_way_is_at_most_2_75_percent_longer_than_a_straight_line() -> None:
     free = np.ones((101, 101), np.bool_)
     goal = 50 * 101 + 50
-    length_cm, _, cell, _ = field(free, np.zeros(free.shape, np.uint8), goal)
+    length_cm, _, cell = field(free, np.zeros(free.shape, np.uint8), goal)
     straight = np.hypot(*(cell - 50).T) * RESOLUTION * 100
     assert (length_cm >= straight - 0.51).all()
     assert (length_cm <= 1.0275 * straight + 0.51).all()
@@ -218,7 +219,7 @@ def test_costs_bend_a_way_and_its_length_stays_in_metres() -> None:
     cost[1:, 8:13] = 30  # the way round over row 0 is 3.3 cells longer, straight on costs 2.4 more
     assert field(free, cost, goal)[0][start] <= 104
     cost[1:, 8:13] = 252  # straight on costs 20 more
-    length_cm, next_step, cell, _ = field(free, cost, goal)
+    length_cm, next_step, cell = field(free, cost, goal)
     way = cell[walk(next_step, start)]
     assert cost[way[:, 1], way[:, 0]].sum() == 0
     assert length_cm[start] == pytest.approx(np.hypot(*np.diff(way, axis=0).T).sum() * 5, abs=0.51)
@@ -228,7 +229,7 @@ def test_costs_bend_a_way_and_its_length_stays_in_metres() -> None:
 def test_a_sealed_room_is_marked_unreachable_and_the_goal_as_reached() -> None:
     free = np.ones((12, 12), np.bool_)
     free[:, 6] = False
-    length_cm, next_step, cell, _ = field(free, np.zeros(free.shape, np.uint8), 0)
+    length_cm, next_step, cell = field(free, np.zeros(free.shape, np.uint8), 0)
     beyond = cell[:, 0] > 6
     assert (length_cm[beyond] == UNREACHABLE_CM).all()
     assert (next_step[beyond] == NO_STEP).all()
