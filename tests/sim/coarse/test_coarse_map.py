@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from pacman_env.config import make_config
-from pacman_env.sim.coarse.coarse_map import NO_BLOCK, coarse_map
+from pacman_env.sim.coarse.coarse_map import NO_BLOCK, between_all, coarse_map, joined_blocks
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.maps.ghost_cells import find_path, search_memory
 
@@ -90,3 +94,56 @@ def test_a_robots_blocks_keep_the_lengths_of_the_planners_paths() -> None:
 def test_it_is_made_once_per_map() -> None:
     assets = map_assets("house", make_config())
     assert coarse_map(assets) is coarse_map(assets)
+
+
+def from_each(
+    pixel: np.ndarray, start: np.ndarray, ends: np.ndarray, resolution: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lengths (mm) and next blocks by the textbook; of equally near blocks the last one put aside comes first."""
+    length, following = np.zeros((2, len(pixel), len(pixel)), np.int64)
+    for target in range(len(pixel)):
+        least, waiting, settled = {target: 0}, {0: [target]}, set()
+        following[target, target] = target
+        while waiting:
+            key = min(waiting)
+            u = waiting[key].pop()
+            if not waiting[key]:
+                del waiting[key]
+            if u in settled:
+                continue
+            settled.add(u)
+            length[target, u] = key
+            for v in ends[start[u] : start[u + 1]].tolist():
+                short, long = sorted(np.abs(pixel[u] - pixel[v]).tolist())
+                new = key + math.ceil(((long - short) + math.sqrt(2.0) * short) * resolution * 1000.0)
+                if new < least.get(v, math.inf):
+                    least[v] = new
+                    following[target, v] = u
+                    waiting.setdefault(new, []).append(v)
+    return length, following
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10**6), st.floats(0.6, 1.0), st.integers(1, 3))
+def test_ways_between_blocks_are_those_of_dijkstras_algorithm(seed: int, share_free: float, apart: int) -> None:
+    rng = np.random.default_rng(seed)
+    free = rng.random((12, 13)) < share_free
+    free[:, 6] = True
+    number = np.full((14, 15), -1)
+    number[1:-1, 1:-1][free] = np.arange(free.sum())
+    row, column = np.nonzero(number >= 0)
+    around = [(r, c) for r in (-1, 0, 1) for c in (-1, 0, 1) if (r, c) != (0, 0)]
+    neighbours = np.stack([number[row + r, column + c] for r, c in around], axis=1)
+    part = np.arange(len(row))
+    for _ in row:  # the least number in each connected part
+        part = np.minimum(part, np.where(neighbours >= 0, part[neighbours], len(row)).min(axis=1))
+    cells = np.flatnonzero(part == part[number[1, 7]])
+    renumbered = np.full(len(row) + 1, -1)
+    renumbered[cells] = np.arange(len(cells))
+    # Places that are not on a lattice: lengths are seldom equal. On one: often.
+    moved = rng.integers(0, 2, (len(cells), 2)) if seed % 2 else 0
+    pixel = (apart * 2 * np.stack([column, row], axis=1)[cells] + moved).astype(np.int32)
+    joined = joined_blocks(np.arange(len(cells), dtype=np.int32), renumbered[neighbours[cells]], len(cells))
+    found = between_all(pixel, *joined, 0.05)
+    for have, expected in zip(found, from_each(pixel, *joined, 0.05), strict=True):
+        np.testing.assert_array_equal(have, expected)
