@@ -72,7 +72,7 @@ def build_graph(assets: MapAssets, most_pairs: int = MOST_PAIRS) -> Graph:
     )
     first, move_to, kind = _moves(*joined_blocks(robot_block, ways, len(robot_place)), robot_square)
     start, ends = joined_blocks(ghost_block, near, len(ghost_place))
-    length, following = between_all(ghost_square.astype(np.int32), start, ends, edge * clyde.resolution)
+    length, column, joined = between_all(ghost_square.astype(np.int32), start, ends, edge * clyde.resolution)
     xy = assets.cell_xy.astype(np.float64)
     ghost_xy = clyde.position[cells]
     corners = _ends(robot_cell, robot_block, robot_place)
@@ -93,7 +93,7 @@ def build_graph(assets: MapAssets, most_pairs: int = MOST_PAIRS) -> Graph:
         move_to=move_to,
         move_kind=kind,
         ghost_length=(length / 1000.0).astype(np.float32),
-        ghost_next=following,
+        ghost_next=joined[np.arange(len(joined)), column],
         reach_m=reach,
         snap=snap_block[robot_place],
         sides=xy[corners],

@@ -19,7 +19,7 @@ from ..maps.assets import MapAssets
 from ..maps.level import COARSE_MAP, Level
 
 BLOCK_M = 0.2
-MOST_BLOCKS = 3000  # of the ghosts: the tables from each to each are 4 bytes a pair
+MOST_BLOCKS = 3000  # of the ghosts: the tables from each to each are 3 bytes a pair
 NO_BLOCK = -1  # in ``robot_next``: none before the goal
 _AHEAD_M = 0.35  # the stretch of a path that the robot turns to before it drives (world/navigation/controller.py)
 _BESIDE_M = 0.7  # a ghost so near, straight, may reach the robot wherever its path leads
@@ -27,7 +27,7 @@ _PULL_CM = 5  # a next block is so much nearer to the goal at least
 _MM = 1000.0
 _FAR = 2**30  # mm
 _TARGETS = 64  # searched for at once
-_TIED = -1  # in place of a next block: there are several as good
+_TIED = 255  # in place of a next block: there are several as good
 _LONGEST = 65_535
 
 
@@ -45,7 +45,8 @@ class CoarseArrays(NamedTuple):
     ghost_xy: Any = Array(np.float64, "A 2")  # m
     ghost_length: Any = Array(np.uint16, "A A")  # path between blocks, in units of ``unit_m``
     unit_m: Any = Array(np.float64, "1")
-    ghost_next: Any = Array(np.int16, "A A")  # [target, block]: the block that follows on the way to the target
+    ghost_joined: Any = Array(np.int16, "A N")  # a block and those that are joined to it
+    ghost_next: Any = Array(np.uint8, "A A")  # [target, block]: which of these follows on the way to the target
     ghost_beside: Any = Array(np.int32, "B 2")  # blocks that are nearest to a robot's block, on both sides of a wall
     ghost_corner: Any = Array(np.int32, "4")  # block of each ghost's corner
 
@@ -91,7 +92,7 @@ def _build(assets: MapAssets) -> CoarseArrays:
             break
         edge *= math.sqrt(1.05 * len(ghost_place) / MOST_BLOCKS)
     start, ends = joined_blocks(ghost_block, near, len(ghost_place))
-    lengths, ghost_next = between_all(pixel[ghost_place], start, ends, clyde.resolution)
+    lengths, ghost_next, joined = between_all(pixel[ghost_place], start, ends, clyde.resolution)
     beside = _beside(assets.cell_xy[place].astype(np.float64), clyde.position[cells[ghost_place]], lengths)
     targets = assets.ghost_targets
     unit_m = max(float(np.float32(lengths.max() / _MM)), 1.0) / _LONGEST  # all blocks are connected
@@ -107,6 +108,7 @@ def _build(assets: MapAssets) -> CoarseArrays:
         ghost_xy=clyde.position[cells[ghost_place]],
         ghost_length=_in_units(lengths, unit_m),
         unit_m=np.array([unit_m]),
+        ghost_joined=joined,
         ghost_next=ghost_next,
         ghost_beside=beside,
         ghost_corner=ghost_block[number[assets.ghost_corner]],
@@ -211,25 +213,28 @@ def _join(block, neighbours, joined):  # type: ignore[no-untyped-def]
 
 def between_all(
     pixel: NDArray[np.int32], start: NDArray[np.int64], ends: NDArray[np.int64], resolution: float
-) -> tuple[NDArray[np.int32], NDArray[np.int16]]:
-    """Return lengths (A, A) in mm and next blocks (A, A), by target, of ghosts.
+) -> tuple[NDArray[np.int32], NDArray[np.uint8], NDArray[np.int16]]:
+    """Return lengths in mm (A, A), next blocks [target, block] (A, A) as columns of a table, and the table (A, N).
 
-    ``pixel`` (A, 2) are the places of the blocks, ``start`` and ``ends`` the blocks that are joined.
+    ``pixel`` (A, 2) are the places of the blocks, ``start`` and ``ends`` the blocks that are joined. The first column
+    of the table is the block itself.
     """
     count = len(pixel)
     here = np.repeat(np.arange(count), np.diff(start))
+    joined = np.repeat(np.arange(count, dtype=np.int16)[:, None], 1 + np.diff(start).max(initial=0), axis=1)
+    joined[here, 1 + np.arange(len(ends)) - start[here]] = ends
     across, up = np.abs(pixel[here] - pixel[ends]).T
     # A ghost goes to 8 neighbours: straight and diagonal steps.
     steps = np.abs(across - up) + math.sqrt(2.0) * np.minimum(across, up)
     cost = np.ceil(steps * resolution * _MM).astype(np.int32)
-    length, following = np.empty((count, count), np.int32), np.empty((count, count), np.int16)
+    length, following = np.empty((count, count), np.int32), np.empty((count, count), np.uint8)
     _find_lengths(start, ends, cost, length)
     _find_next(start, ends, cost, length, following)
     following = cv2.transpose(following)
     target, block = np.divmod(np.flatnonzero(following == _TIED), count)
     order = np.argsort(length[target, block])
-    _settle_ties(target[order], block[order], start, ends, cost, length, following)
-    return length, following
+    _settle_ties(target[order], block[order], start, cost, length, joined, following)
+    return length, following, joined
 
 
 @kernel
@@ -287,51 +292,57 @@ def _find_next(start, ends, cost, length, following):  # type: ignore[no-untyped
     """Fill ``following`` (A, A), by block and target, or say that two next blocks are as good."""
     before, dearest = np.empty(len(length), np.int32), np.empty(len(length), np.int32)
     for v in range(len(length)):
-        before[:] = v  # of the target itself
+        before[:] = 0  # of the target itself
         dearest[:] = 0
         for e in range(start[v], start[v + 1]):
-            _compare(np.int32(ends[e]), cost[e], length[ends[e]], length[v], before, dearest)
+            _compare(np.int32(1 + e - start[v]), cost[e], length[ends[e]], length[v], before, dearest)
         following[v] = before
 
 
 @kernel
-def _compare(block, cost, here, there, before, dearest):  # type: ignore[no-untyped-def]
+def _compare(column, cost, here, there, before, dearest):  # type: ignore[no-untyped-def]
     """Of the blocks before one on shortest paths, keep the one nearest to the target: the one with the dearest step."""
     for k in range(len(here)):
         step = np.int32(cost if here[k] + cost == there[k] else -1)
-        before[k] = np.int32(_TIED) if step == dearest[k] else block if step > dearest[k] else before[k]
+        before[k] = np.int32(_TIED) if step == dearest[k] else column if step > dearest[k] else before[k]
         dearest[k] = max(step, dearest[k])
 
 
 @kernel
-def _settle_ties(targets, blocks, start, ends, cost, length, following):  # type: ignore[no-untyped-def]
+def _settle_ties(targets, blocks, start, cost, length, joined, following):  # type: ignore[no-untyped-def]
     """Choose as Dijkstra's algorithm from the target does whose queue gives the newest of equal entries first.
 
     The pairs of target and block come by rising length, so that the next blocks of all nearer blocks are known.
     """
     for i in range(len(targets)):
         t, v = targets[i], blocks[i]
-        best, dearest = -1, np.int32(0)
-        for e in range(start[v], start[v + 1]):
-            u = ends[e]
-            if length[t, u] + cost[e] != length[t, v] or cost[e] < dearest:
+        best, dearest = 0, np.int32(0)
+        for n in range(1, 1 + start[v + 1] - start[v]):
+            u, step = joined[v, n], cost[start[v] + n - 1]
+            if length[t, u] + step != length[t, v] or step < dearest:
                 continue
-            if cost[e] > dearest or _is_settled_first(u, best, length[t], following[t]):
-                best, dearest = u, cost[e]
+            if step > dearest or _is_settled_first(u, joined[v, best], length[t], joined, following[t]):
+                best, dearest = n, step
         following[t, v] = best
 
 
 @kernel
-def _is_settled_first(a, b, length, following):  # type: ignore[no-untyped-def]
+def _is_settled_first(a, b, length, joined, following):  # type: ignore[no-untyped-def]
     """Return whether the queue gave block a before block b, which is as far from the target."""
     first = True
     while True:
-        before_a, before_b = np.int64(following[a]), np.int64(following[b])
+        before_a, before_b = joined[a, following[a]], joined[b, following[b]]
         if before_a == before_b:  # their entries were made in the order of their numbers
             return (a > b) == first
         if length[before_a] != length[before_b]:
             return (length[before_a] > length[before_b]) == first
         a, b, first = before_a, before_b, not first
+
+
+@kernel
+def next_block(m, target, block):  # type: ignore[no-untyped-def]
+    """Return the block that follows a block of the ghosts on the way to the target, which is another one."""
+    return np.int32(m.ghost_joined[block, m.ghost_next[target, block]])
 
 
 @kernel

@@ -22,7 +22,7 @@ from ...engine.native import address_of_kernel, call_range
 from ...game.ghosts import BEHAVIOURS, WANDER, Behaviour, GhostView
 from ...rng import below
 from ...world.navigation.grid import cell_of
-from .coarse_map import NO_BLOCK, CoarseArrays
+from .coarse_map import NO_BLOCK, CoarseArrays, next_block
 
 _BESIDE_M = 0.6  # blocks farther apart are not joined by a step
 NOWHERE, UNCHANGED = -1, -2  # goals: none; no other than the one driven to
@@ -206,7 +206,7 @@ def put_ghost(ghost, number, model, x, y, speed):  # type: ignore[no-untyped-def
     least = (x - ax) ** 2 + (y - ay) ** 2
     for b in range(len(m.ghost_xy)):
         length = m.ghost_length[block, b] * m.unit_m[0]
-        if b == block or length > _BESIDE_M or m.ghost_next[b, block] != b:
+        if b == block or length > _BESIDE_M or next_block(m, b, block) != b:
             continue
         dx, dy = m.ghost_xy[b, 0] - ax, m.ghost_xy[b, 1] - ay
         share = min(max(((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy), 0.0), 1.0)
@@ -346,7 +346,7 @@ def _walk(ghost, m, seconds):  # type: ignore[no-untyped-def]
                 if ghost.wanders:
                     ghost.target = -1  # arrived: the next step draws another
                 break
-            ghost.towards = np.int32(m.ghost_next[target, ghost.block])
+            ghost.towards = next_block(m, target, ghost.block)
             ghost.offset_m = 0.0
         length = m.ghost_length[ghost.block, ghost.towards] * unit
         if ghost.offset_m + move < length:

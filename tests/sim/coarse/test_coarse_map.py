@@ -55,7 +55,7 @@ def test_a_ghosts_next_block_is_nearer_and_beside() -> None:
     found = coarse_map(map_assets("house", make_config()))
     count = len(found.ghost_xy)
     target, block = np.random.default_rng(2).integers(count, size=(2, 3000))
-    following = found.ghost_next[target, block]
+    following = found.ghost_joined[block, found.ghost_next[target, block]]
     length = found.ghost_length * found.unit_m
     step = length[block, following]
     np.testing.assert_allclose(length[target, following] + step, length[target, block], atol=3e-3)
@@ -144,6 +144,7 @@ def test_ways_between_blocks_are_those_of_dijkstras_algorithm(seed: int, share_f
     moved = rng.integers(0, 2, (len(cells), 2)) if seed % 2 else 0
     pixel = (apart * 2 * np.stack([column, row], axis=1)[cells] + moved).astype(np.int32)
     joined = joined_blocks(np.arange(len(cells), dtype=np.int32), renumbered[neighbours[cells]], len(cells))
-    found = between_all(pixel, *joined, 0.05)
-    for have, expected in zip(found, from_each(pixel, *joined, 0.05), strict=True):
-        np.testing.assert_array_equal(have, expected)
+    length, column, table = between_all(pixel, *joined, 0.05)
+    expected_length, expected_next = from_each(pixel, *joined, 0.05)
+    np.testing.assert_array_equal(length, expected_length)
+    np.testing.assert_array_equal(table[np.arange(len(table)), column], expected_next)
