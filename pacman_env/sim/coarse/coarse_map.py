@@ -153,14 +153,14 @@ def _places(cell, block, count):  # type: ignore[no-untyped-def]
     """
     column, row, size = np.zeros(count), np.zeros(count), np.zeros(count)
     for k in range(len(block)):
-        column[block[k]] += cell[k, 0]
-        row[block[k]] += cell[k, 1]
-        size[block[k]] += 1
-    column, row = column / size, row / size
+        b = block[k]
+        column[b] += cell[k, 0]
+        row[b] += cell[k, 1]
+        size[b] += 1
     place, least = np.zeros(count, np.int64), np.full(count, np.inf)
     for k in range(len(block)):
         b = block[k]
-        off = math.hypot(cell[k, 0] - column[b], cell[k, 1] - row[b])
+        off = math.hypot(cell[k, 0] - column[b] / size[b], cell[k, 1] - row[b] / size[b])
         if off < least[b]:
             place[b], least[b] = k, off
     return place
@@ -244,13 +244,17 @@ def _find_lengths(start, ends, cost, length):  # type: ignore[no-untyped-def]
     least = np.empty((count, _TARGETS), np.int32)
     for first in range(0, count, _TARGETS):
         targets = min(_TARGETS, count - first)
-        least[:] = _FAR
+        for v in range(count):
+            for k in range(_TARGETS):
+                least[v, k] = _FAR
         for k in range(targets):
             least[first + k, k] = 0
             for v in range(first):
                 least[v, k] = length[first + k, v]  # the way back, which is as long
         _search(first, start, ends, cost, least)
-        length[:, first : first + targets] = least[:, :targets]
+        for v in range(count):
+            for k in range(targets):
+                length[v, first + k] = least[v, k]
 
 
 @kernel
@@ -292,11 +296,12 @@ def _find_next(start, ends, cost, length, following):  # type: ignore[no-untyped
     """Fill ``following`` (A, A), by block and target, or say that two next blocks are as good."""
     before, dearest = np.empty(len(length), np.int32), np.empty(len(length), np.int32)
     for v in range(len(length)):
-        before[:] = 0  # of the target itself
-        dearest[:] = 0
+        for k in range(len(length)):
+            before[k] = dearest[k] = 0  # which is right for the target itself
         for e in range(start[v], start[v + 1]):
             _compare(np.int32(1 + e - start[v]), cost[e], length[ends[e]], length[v], before, dearest)
-        following[v] = before
+        for k in range(len(length)):
+            following[v, k] = before[k]
 
 
 @kernel

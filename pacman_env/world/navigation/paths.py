@@ -59,7 +59,8 @@ def neighbour_table(cell_id, cell):  # type: ignore[no-untyped-def]
     """Number of the cell that a step to each of the 8 neighbours leads to, int32 (K, 8); -1: not allowed."""
     rows, columns = cell_id.shape
     number = np.full((rows + 2, columns + 2), -1, np.int32)
-    number[1:-1, 1:-1] = cell_id
+    for column, row in cell:
+        number[row + 1, column + 1] = cell_id[row, column]
     table = np.empty((len(cell), 8), np.int32)
     for k in range(len(cell)):
         column, row = cell[k]
