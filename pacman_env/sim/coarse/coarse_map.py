@@ -116,20 +116,18 @@ def _build(assets: MapAssets) -> CoarseArrays:
 
 
 def _in_units(length: NDArray[np.int32], unit_m: float) -> NDArray[np.uint16]:
-    """Round lengths in mm up to units, in their own memory: a robot's computer has little."""
+    """Round lengths in mm up to units."""
     units = (np.arange(length.max() + 1) / _MM).astype(np.float32) / np.float32(unit_m) - np.float32(1e-3)
-    narrow = length.reshape(-1).view(np.uint16)
-    _narrow(length.reshape(-1), np.minimum(np.ceil(units), _LONGEST).astype(np.uint16), narrow)
-    count = len(length)
-    length.resize((count * count + 1) // 2, refcheck=False)
-    return length.view(np.uint16)[: count * count].reshape(count, count)
+    return np.asarray(_look_up(length, np.minimum(np.ceil(units), _LONGEST).astype(np.uint16)))
 
 
 @kernel
-def _narrow(wide, units, narrow):  # type: ignore[no-untyped-def]
-    """Look numbers up, in the same memory: an element is written after those before it were read."""
-    for k in range(len(wide)):
-        narrow[k] = units[wide[k]]
+def _look_up(numbers, table):  # type: ignore[no-untyped-def]
+    found = np.empty(numbers.shape, table.dtype)
+    for i in range(len(numbers)):
+        for k in range(numbers.shape[1]):
+            found[i, k] = table[numbers[i, k]]
+    return found
 
 
 def blocks_of(
@@ -293,24 +291,22 @@ def _lower(there, here, cost):  # type: ignore[no-untyped-def]
 
 @kernel
 def _find_next(start, ends, cost, length, following):  # type: ignore[no-untyped-def]
-    """Fill ``following`` (A, A), by block and target, or say that two next blocks are as good."""
+    """Fill ``following`` (A, A), by block and target; _TIED: two next blocks are as good.
+
+    Of the blocks before one on shortest paths it is the one nearest to the target: the one with the dearest step.
+    """
     before, dearest = np.empty(len(length), np.int32), np.empty(len(length), np.int32)
     for v in range(len(length)):
         for k in range(len(length)):
             before[k] = dearest[k] = 0  # which is right for the target itself
         for e in range(start[v], start[v + 1]):
-            _compare(np.int32(1 + e - start[v]), cost[e], length[ends[e]], length[v], before, dearest)
+            here, there, column = length[ends[e]], length[v], np.int32(1 + e - start[v])
+            for k in range(len(length)):
+                step = np.int32(cost[e] if here[k] + cost[e] == there[k] else -1)
+                before[k] = np.int32(_TIED) if step == dearest[k] else column if step > dearest[k] else before[k]
+                dearest[k] = max(step, dearest[k])
         for k in range(len(length)):
             following[v, k] = before[k]
-
-
-@kernel
-def _compare(column, cost, here, there, before, dearest):  # type: ignore[no-untyped-def]
-    """Of the blocks before one on shortest paths, keep the one nearest to the target: the one with the dearest step."""
-    for k in range(len(here)):
-        step = np.int32(cost if here[k] + cost == there[k] else -1)
-        before[k] = np.int32(_TIED) if step == dearest[k] else column if step > dearest[k] else before[k]
-        dearest[k] = max(step, dearest[k])
 
 
 @kernel
