@@ -32,18 +32,20 @@ _LONGEST = 65_535
 
 
 class CoarseArrays(NamedTuple):
-    """B blocks of the robot, A blocks of the ghosts, G goals; ``h`` and ``w`` as the drive grid's."""
+    """B blocks of the robot, A blocks of the ghosts, G goals."""
 
     affine: Any = Array(np.float64, "6")  # from m to the drive grid's cells
-    robot_block: Any = Array(np.int32, "h w")  # of the nearest drivable cell
+    snap: Any = Array(np.int32, "H W")  # the drive grid's nearest drivable cell
+    ghost_snap: Any = Array(np.int32, "H W")  # nearest cell of the ghosts' in the robot's area
+    robot_block: Any = Array(np.int32, "k")  # of each drivable cell
     robot_xy: Any = Array(np.float64, "B 2")  # m
     robot_length: Any = Array(np.float32, "B G")  # m, path to each goal; inf: none
     robot_next: Any = Array(np.int32, "B G")  # the block that follows on the path, NO_BLOCK: none before the goal
     robot_heading: Any = Array(np.float32, "B G")  # rad, of the path's first stretch
     goal_xy: Any = Array(np.float64, "G 2")  # m
-    ghost_block: Any = Array(np.int32, "h w")  # of the ghosts' nearest cell in the robot's area
+    ghost_block: Any = Array(np.int32, "c")  # of each of their cells in the robot's area, else -1
     ghost_xy: Any = Array(np.float64, "A 2")  # m
-    ghost_length: Any = Array(np.uint16, "A A")  # path between blocks, in units of ``unit_m``
+    ghost_length: Any = Array(np.uint16, "p")  # path between blocks, in units of ``unit_m``, see ``units_between``
     unit_m: Any = Array(np.float64, "1")
     ghost_joined: Any = Array(np.int16, "A N")  # a block and those that are joined to it
     ghost_next: Any = Array(np.uint8, "A A")  # [target, block]: which of these follows on the way to the target
@@ -95,16 +97,20 @@ def _build(assets: MapAssets) -> CoarseArrays:
     lengths, ghost_next, joined = between_all(pixel[ghost_place], start, ends, clyde.resolution)
     beside = _beside(assets.cell_xy[place].astype(np.float64), clyde.position[cells[ghost_place]], lengths)
     targets = assets.ghost_targets
+    blocks = np.full(len(clyde.position), -1, dtype=np.int32)
+    blocks[cells] = ghost_block
     unit_m = max(float(np.float32(lengths.max() / _MM)), 1.0) / _LONGEST  # all blocks are connected
     return CoarseArrays(
         affine=grid.affine,
-        robot_block=block[grid.snap],
+        snap=grid.snap,
+        ghost_snap=targets.snap,
+        robot_block=block,
         robot_xy=assets.cell_xy[place].astype(np.float64),
         robot_length=length,
         robot_next=following,
         robot_heading=heading,
         goal_xy=assets.goal_xy,
-        ghost_block=ghost_block[number[targets.snap]],
+        ghost_block=blocks,
         ghost_xy=clyde.position[cells[ghost_place]],
         ghost_length=_in_units(lengths, unit_m),
         unit_m=np.array([unit_m]),
@@ -123,11 +129,22 @@ def _in_units(length: NDArray[np.int32], unit_m: float) -> NDArray[np.uint16]:
 
 @kernel
 def _look_up(numbers, table):  # type: ignore[no-untyped-def]
-    found = np.empty(numbers.shape, table.dtype)
-    for i in range(len(numbers)):
-        for k in range(numbers.shape[1]):
-            found[i, k] = table[numbers[i, k]]
+    """Return what the table has for the lower triangle of ``numbers`` (A, A), row by row."""
+    count = len(numbers)
+    found = np.empty(count * (count + 1) // 2, table.dtype)
+    at = 0
+    for i in range(count):
+        for k in range(i + 1):
+            found[at] = table[numbers[i, k]]
+            at += 1
     return found
+
+
+@kernel
+def units_between(m, a, b):  # type: ignore[no-untyped-def]
+    """Return the path between two blocks of the ghosts, as long both ways, in units of ``unit_m``."""
+    high, low = np.int64(max(a, b)), np.int64(min(a, b))
+    return m.ghost_length[high * (high + 1) // 2 + low]
 
 
 def blocks_of(

@@ -22,7 +22,7 @@ from ...engine.native import address_of_kernel, call_range
 from ...game.ghosts import BEHAVIOURS, WANDER, Behaviour, GhostView
 from ...rng import below
 from ...world.navigation.grid import cell_of
-from .coarse_map import NO_BLOCK, CoarseArrays, next_block
+from .coarse_map import NO_BLOCK, CoarseArrays, next_block, units_between
 
 _BESIDE_M = 0.6  # blocks farther apart are not joined by a step
 NOWHERE, UNCHANGED = -1, -2  # goals: none; no other than the one driven to
@@ -186,8 +186,8 @@ class Model(NamedTuple):
 def put_robot(robot, model, x, y, heading):  # type: ignore[no-untyped-def]
     """Place a robot that stands and has no goal."""
     m = model.map
-    column, row = cell_of(m.affine, m.robot_block.shape[0], m.robot_block.shape[1], x, y)
-    robot.block = m.robot_block[row, column]
+    column, row = cell_of(m.affine, m.snap.shape[0], m.snap.shape[1], x, y)
+    robot.block = m.robot_block[m.snap[row, column]]
     robot.goal, robot.then, robot.reached = NOWHERE, UNCHANGED, False
     robot.then_s, robot.wait_s, robot.left_m = 0.0, 0.0, 0.0
     robot.heading, robot.x, robot.y = heading, x, y
@@ -195,17 +195,24 @@ def put_robot(robot, model, x, y, heading):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _ghost_block(m, x, y):  # type: ignore[no-untyped-def]
+    """The ghosts' block nearest to a place."""
+    column, row = cell_of(m.affine, m.snap.shape[0], m.snap.shape[1], x, y)
+    return m.ghost_block[m.ghost_snap[row, column]]
+
+
+@kernel
 def put_ghost(ghost, number, model, x, y, speed):  # type: ignore[no-untyped-def]
     """Place ghost ``number``, on the way between the two blocks that it is nearest to."""
     m = model.map
-    column, row = cell_of(m.affine, m.ghost_block.shape[0], m.ghost_block.shape[1], x, y)
-    block = m.ghost_block[row, column]
+    block = _ghost_block(m, x, y)
     ghost.block, ghost.towards, ghost.target, ghost.number = block, block, -1, number
     ghost.offset_m, ghost.speed, ghost.x, ghost.y = 0.0, speed, x, y
     ax, ay = m.ghost_xy[block, 0], m.ghost_xy[block, 1]
     least = (x - ax) ** 2 + (y - ay) ** 2
-    for b in range(len(m.ghost_xy)):
-        length = m.ghost_length[block, b] * m.unit_m[0]
+    for n in range(1, m.ghost_joined.shape[1]):
+        b = m.ghost_joined[block, n]
+        length = units_between(m, block, b) * m.unit_m[0]
         if b == block or length > _BESIDE_M or next_block(m, b, block) != b:
             continue
         dx, dy = m.ghost_xy[b, 0] - ax, m.ghost_xy[b, 1] - ay
@@ -325,8 +332,7 @@ def _decide(ghost, robot, model):  # type: ignore[no-untyped-def]
     x, y = a.targets[k, 0], a.targets[k, 1]
     if not (math.isfinite(x) and math.isfinite(y)):
         return -1
-    column, row = cell_of(m.affine, m.ghost_block.shape[0], m.ghost_block.shape[1], x, y)
-    return np.int64(m.ghost_block[row, column])
+    return np.int64(_ghost_block(m, x, y))
 
 
 @kernel
@@ -334,8 +340,8 @@ def _walk(ghost, m, seconds):  # type: ignore[no-untyped-def]
     """Move a ghost along the shortest path to its target."""
     x, y, target, unit = ghost.x, ghost.y, ghost.target, m.unit_m[0]
     if ghost.towards != ghost.block:
-        length = m.ghost_length[ghost.block, ghost.towards] * unit
-        back, on = m.ghost_length[target, ghost.block] * unit, m.ghost_length[target, ghost.towards] * unit
+        length = units_between(m, ghost.block, ghost.towards) * unit
+        back, on = units_between(m, target, ghost.block) * unit, units_between(m, target, ghost.towards) * unit
         if back + ghost.offset_m < on + length - ghost.offset_m:  # it turns round
             ghost.block, ghost.towards, ghost.offset_m = ghost.towards, ghost.block, length - ghost.offset_m
     move = ghost.speed * seconds
@@ -348,7 +354,7 @@ def _walk(ghost, m, seconds):  # type: ignore[no-untyped-def]
                 break
             ghost.towards = next_block(m, target, ghost.block)
             ghost.offset_m = 0.0
-        length = m.ghost_length[ghost.block, ghost.towards] * unit
+        length = units_between(m, ghost.block, ghost.towards) * unit
         if ghost.offset_m + move < length:
             ghost.offset_m += move
             share = ghost.offset_m / length
@@ -422,8 +428,8 @@ def lead_m(robot, ghosts, m):  # type: ignore[no-untyped-def]
         rest = math.hypot(m.ghost_xy[here, 0] - robot.x, m.ghost_xy[here, 1] - robot.y)
         for k in range(len(ghosts)):
             ghost = ghosts[k]
-            on = m.ghost_length[ghost.block, ghost.towards] * unit - ghost.offset_m
-            there, back = m.ghost_length[here, ghost.towards] * unit, m.ghost_length[here, ghost.block] * unit
+            on = units_between(m, ghost.block, ghost.towards) * unit - ghost.offset_m
+            there, back = units_between(m, here, ghost.towards) * unit, units_between(m, here, ghost.block) * unit
             ahead = min(there + on, back + ghost.offset_m)
             least = min(least, ahead + rest)
     return least

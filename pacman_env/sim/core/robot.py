@@ -69,7 +69,7 @@ class SimulatedRobot:
         self._next_step = np.full((2, cells), NO_STEP, dtype=np.int16)
         self._plan_end = np.zeros((2, 2))
         cell_xy = np.stack(grid.to_world(*grid.cell.T), axis=1).astype(np.float32)
-        self._nav = grid.affine, grid.snap, grid.neighbours, cell_xy, self._length_cm, self._next_step
+        self._nav = grid.affine, grid.snap, grid.steps, cell_xy, self._length_cm, self._next_step
         self._longest_cm = 0
         self._search = SearchArrays(*detour_memory(cells, self._longest_cm, grid.resolution))
         self._velocity = (0.0, 0.0, _LONG_AGO)  # v, omega, step it came

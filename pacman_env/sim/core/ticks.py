@@ -119,7 +119,7 @@ def play(table, first, last):  # type: ignore[no-untyped-def]
                 d.awake = ASLEEP
         if control.resume or d.awake:
             level = level_arrays(rules.levels[g.level])
-            cells = (level.affine, level.snap, level.neighbours, level.cell_xy)
+            cells = (level.affine, level.snap, level.steps, level.cell_xy)
             here = (*cells, level.length_cm, level.next_step)
             for _ in range(control.ticks):
                 if g.stage == BEGIN:

@@ -24,7 +24,7 @@ class LevelArrays(NamedTuple):
     snap: Any = Array(np.int32, "H W")  # nearest drivable cell
     clearance_cm: Any = Array(np.uint8, "H W")
     clear: Any = Array(np.bool_, "H W")  # a robot there touches no wall
-    neighbours: Any = Array(np.int32, "K 8")  # -1: not allowed
+    steps: Any = Array(np.uint8, "K")  # a bit for each neighbour that may be driven to
     cell_xy: Any = Array(np.float32, "K 2")  # m
     length_cm: Any = Array(np.uint16, "K G")  # path to each goal
     next_step: Any = Array(np.int16, "G K")  # next cell on it, as a difference of numbers
@@ -142,7 +142,7 @@ def _arrays(assets: MapAssets, config: Config) -> dict[str, Any]:
         "snap": grid.snap,
         "clearance_cm": grid.clearance_cm,
         "clear": clear_cells(grid.walls, grid.affine, grid.shape, grid.resolution, config.robot.radius_m),
-        "neighbours": grid.neighbours,
+        "steps": grid.steps,
         "cell_xy": assets.cell_xy,
         "length_cm": assets.length_cm,
         "next_step": assets.next_step,

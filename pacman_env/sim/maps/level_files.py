@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
-from ...engine.arrays import Table, declared
+from ...engine.arrays import Table, address, declared
 from ...engine.cache_folder import cache_dir, warn_unkept
 from ..coarse.coarse_map import CoarseArrays, coarse_map_of
 from .assets import KEEP_BYTES, MapAssets, configuration_key, prune
@@ -96,15 +96,18 @@ class LevelFiles:
 def _write(path: Path, key: str, level: Level) -> None:
     head = np.zeros(1, dtype=_HEAD)
     arrays: list[NDArray[Any]] = [level.walls]
+    known: dict[tuple[int, int], int] = {}  # where an array that several tables have is
     at = _padded(_HEAD.itemsize) + _padded(level.walls.nbytes)
     for place in _KINDS:
         table = level.table if place == _OWN else level.find(place)
         assert table is not None
         numbers: list[int] = []
         for array in table.arrays.values():
-            numbers += [at, *array.shape]
-            arrays.append(array)
-            at += _padded(array.nbytes)
+            place_of = known.setdefault((address(array), array.nbytes), at)
+            numbers += [place_of, *array.shape]
+            if place_of == at:
+                arrays.append(array)
+                at += _padded(array.nbytes)
         head[str(place)] = numbers
     head["format"], head["key"], head["bytes"] = _FORMAT, key.encode(), at
     head["facts"], head["walls"] = level.facts, len(level.walls)

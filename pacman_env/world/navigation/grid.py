@@ -62,6 +62,11 @@ class DriveGrid:
         """(K, 8) number of the drivable cell that a step to each neighbour leads to, -1: not allowed."""
         return neighbour_table(self.cell_id, self.cell)
 
+    @property
+    def steps(self) -> NDArray[np.uint8]:
+        """(K,) a bit for each of the 8 neighbours that the robot may drive to."""
+        return np.packbits(self.neighbours >= 0, axis=1, bitorder="little").ravel()
+
     def locate(self, position: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
         """Column and row of each position (M, 2), and whether that lies on the grid."""
         columns, rows = _apply(self.affine, position[:, 0], position[:, 1])

@@ -108,8 +108,8 @@ def plan(g, i, paths, obstacles, p, goal_xy, nav, search):  # type: ignore[no-un
         _start_goal(g, bx, by, step)
         g.nav_plan_step = step
     if g.nav_state == ACTIVE and step >= g.nav_plan_step:
-        affine, snap, neighbours, cell_xy, length_cm, next_step = nav
-        fields = Fields(affine, snap, neighbours, cell_xy, length_cm, next_step, goal_xy)
+        affine, snap, steps, cell_xy, length_cm, next_step = nav
+        fields = Fields(affine, snap, steps, cell_xy, length_cm, next_step, goal_xy)
         write_plan(g, paths[i], bx, by, obstacles, p, fields, search)
         g.nav_plan_step = step + p.plan_steps
         if g.nav_points > 0:

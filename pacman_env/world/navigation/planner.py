@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...engine.bucket_queue import Queue, clear, new_queue, pop, push
 from ...engine.jit import kernel
 from .grid import cell_of
-from .paths import AT_GOAL, NO_STEP, UNREACHABLE_CM
+from .paths import AT_GOAL, NO_STEP, STEPS16, UNREACHABLE_CM
 
 PATH_POINTS = 64
 _PATH_METRES = 1.2  # how far ahead a plan is written out: MAX_BLIND_M until the next one, and control's distance ahead
@@ -31,7 +31,7 @@ class Fields(NamedTuple):
 
     affine: Any  # (6,) world to cell
     snap: Any  # (H, W) number of the nearest drivable cell
-    neighbours: Any  # (K, 8), -1: not allowed
+    steps: Any  # (K,) uint8, a bit for each of the 8 neighbours that may be driven to
     cell_xy: Any  # (K, 2) m
     length_cm: Any  # (K, M)
     next_step: Any  # (M, K)
@@ -165,9 +165,13 @@ def _detour(g, path, start, obstacles, clear_cm, p, fields, search):  # type: ig
         if goal_blocked and abs(cell_xy[u, 0] - gx) <= tolerance and abs(cell_xy[u, 1] - gy) <= tolerance:
             reached = u
             break
+        column, row = cell_of(fields.affine, fields.snap.shape[0], fields.snap.shape[1], cell_xy[u, 0], cell_xy[u, 1])
+        allowed = fields.steps[u]
         for d in range(8):
-            v = fields.neighbours[u, d]
-            if v < 0 or _keepout_violated(cell_xy[v, 0], cell_xy[v, 1], obstacles):
+            if not allowed >> d & 1:
+                continue
+            v = fields.snap[row + STEPS16[2 * d, 1], column + STEPS16[2 * d, 0]]
+            if _keepout_violated(cell_xy[v, 0], cell_xy[v, 1], obstacles):
                 continue
             new = node[u, 0] + (diagonal if d % 2 else straight)
             if node[v, 2] == stamp and node[v, 0] <= new:
