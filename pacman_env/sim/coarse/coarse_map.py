@@ -67,13 +67,12 @@ def coarse_map(assets: MapAssets) -> CoarseArrays:
     return made
 
 
-def coarse_map_of(level: Level) -> CoarseArrays:
-    """The blocks of a level's map, where kernels find them from now on."""
-    if level.find(COARSE_MAP) is None:
-        level.add(COARSE_MAP, Table(CoarseArrays, **coarse_map(level.assets)._asdict()))
+def add_coarse_map(level: Level) -> Table:
+    """Return the table of the blocks of a level's map, where kernels find it from now on."""
     found = level.find(COARSE_MAP)
-    assert found is not None
-    return CoarseArrays(**found.arrays)
+    if found is None:
+        found = level.add(COARSE_MAP, Table(CoarseArrays, **coarse_map(level.assets)._asdict()))
+    return found
 
 
 def _build(assets: MapAssets) -> CoarseArrays:

@@ -9,7 +9,7 @@ from ...config import Config
 from ...engine.jit import kernel
 from ...rng import POLICY, stream
 from ..observation.situation import PELLET, Situation
-from .coarse_map import coarse_map_of
+from .coarse_map import CoarseArrays, add_coarse_map
 from .model import GHOST, MOST_PELLETS, NOWHERE, ROBOT, Behaviours, Lags, Model, begin, put_ghost, put_robot, rules
 
 _LEAVE_M = 0.05
@@ -44,7 +44,7 @@ def start(
     # A ghost that is nearer than the margin has not caught the robot yet.
     apart = float(np.hypot(*(s.ghosts[i, :, :2] - s.robot[i, :2]).T).min())
     numbers["death_m"] = max(config.execution.death_radius_m, min(float(numbers["death_m"][0]), apart - _LEAVE_M))
-    model = Model(coarse_map_of(level), numbers, behaviours.table.address, bit)
+    model = Model(CoarseArrays(**add_coarse_map(level).arrays), numbers, behaviours.table.address, bit)
     own, ghosts = np.zeros(1, dtype=ROBOT if robot is None else robot), np.zeros(s.ghosts.shape[1], dtype=GHOST)
     own["time_s"] = s.time_s[i]
     own["pellets"] = (1 << len(pellets)) - 1

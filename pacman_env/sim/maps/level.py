@@ -112,9 +112,11 @@ class Level:
         """Return a table that was added; None if there is none."""
         return self._later.get(place)
 
-    def add(self, place: int, table: Table) -> None:
-        """Let kernels find a table, which is kept as long as the level."""
-        self.table.array("later")[place] = self._later.setdefault(place, table).address  # another thread may be as far
+    def add(self, place: int, table: Table) -> Table:
+        """Let kernels find a table, which is kept as long as the level; return the one that they find."""
+        kept = self._later.setdefault(place, table)  # another thread may be as far
+        self.table.array("later")[place] = kept.address
+        return kept
 
     def add_coarse_steps(self) -> None:
         if self.find(COARSE_STEPS) is None:

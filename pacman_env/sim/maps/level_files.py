@@ -21,12 +21,13 @@ from numpy.typing import NDArray
 from ...config import Config
 from ...engine.arrays import Table, address, declared
 from ...engine.cache_folder import cache_dir, warn_unkept
-from ..coarse.coarse_map import CoarseArrays, coarse_map_of
-from .assets import KEEP_BYTES, MapAssets, configuration_key, prune
+from ..coarse.coarse_map import CoarseArrays, add_coarse_map
+from .assets import MapAssets, configuration_key, prune
 from .level import COARSE_MAP, COARSE_STEPS, CoarseSteps, Facts, Level, LevelArrays
 
 _FORMAT = b"pacman_env level 1\n"
 _ALIGNMENT = 64
+_KEEP_BYTES = 12 << 30  # of all sets; a house takes 5 MB
 _OWN = -1  # in place of a place
 _LATER = {COARSE_STEPS: CoarseSteps, COARSE_MAP: CoarseArrays}
 _KINDS: dict[int, Any] = {_OWN: LevelArrays, **_LATER}
@@ -54,7 +55,10 @@ class LevelFiles:
 
     @functools.cached_property
     def _folder(self) -> Path:
-        return cache_dir() / "houses" / self.key
+        folder = cache_dir() / "houses" / self.key
+        with contextlib.suppress(OSError):
+            os.utime(folder)  # used now: pruned last
+        return folder
 
     def load(self, level: int, prepare: Callable[[], MapAssets]) -> Level | None:
         """Return a level by its file; None if there is none, or none that is whole and of this kind."""
@@ -68,13 +72,13 @@ class LevelFiles:
     def keep(self, number: int, level: Level) -> None:
         """Write a level's file; warns once if the cache cannot be written."""
         level.add_coarse_steps()
-        coarse_map_of(level)
+        add_coarse_map(level)
         temporary = None
         try:
             path = self._path(number)
             if not path.parent.is_dir():
                 path.parent.mkdir(parents=True, exist_ok=True)
-                prune(path.parent.parent, KEEP_BYTES)
+                prune(path.parent.parent, _KEEP_BYTES)
             temporary = path.with_name(f".new-{uuid.uuid4().hex}")
             _write(temporary, f"{self.key}-{number}", level)
             os.replace(temporary, path)

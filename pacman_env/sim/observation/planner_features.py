@@ -21,7 +21,7 @@ from ...game.goal_cost import TOTAL, ScorerParameters, is_threatening, score_sit
 from ...world.navigation.grid import cell_of
 from ...world.navigation.paths import UNREACHABLE_CM
 from ..coarse import outlook
-from ..coarse.coarse_map import coarse_map_of
+from ..coarse.coarse_map import add_coarse_map
 from ..core.beliefs import apart_cm
 from ..maps.level import COARSE_MAP, level_arrays
 from . import prediction
@@ -127,7 +127,7 @@ def maps_wanted(situation: Situation) -> None:
         raise ValueError("the situation has no maps to look ahead on")
     hunted = comes(situation.belief.T).any(axis=0)
     for level in situation.maps.levels(situation.level[hunted]) if hunted.any() else ():
-        coarse_map_of(level)
+        add_coarse_map(level)
 
 
 @kernel

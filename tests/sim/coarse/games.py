@@ -8,6 +8,7 @@ import numpy as np
 
 from pacman_env.config import Config, make_config
 from pacman_env.game.ghosts import Behaviour, find_behaviour
+from pacman_env.sim.coarse.coarse_map import CoarseArrays
 from pacman_env.sim.coarse.model import Behaviours, Lags
 from pacman_env.sim.coarse.start import Start, draw_futures, start
 from pacman_env.sim.core.batch import GameBatch
@@ -35,3 +36,11 @@ def started(
     found = start(situation, i, config, kept, Lags())
     draw_futures(found.ghosts, int(situation.seed[i]), int(situation.tick[i]), 0)
     return found, kept
+
+
+def lengths_of(blocks: CoarseArrays) -> np.ndarray:
+    """(A, A) path between blocks of the ghosts, m."""
+    count = len(blocks.ghost_xy)
+    length = np.zeros((count, count))
+    length[np.tril_indices(count)] = blocks.ghost_length * blocks.unit_m[0]
+    return np.maximum(length, length.T)

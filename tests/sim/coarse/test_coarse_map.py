@@ -13,16 +13,16 @@ from pacman_env.config import make_config
 from pacman_env.sim.coarse.coarse_map import NO_BLOCK, between_all, coarse_map, joined_blocks
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.maps.ghost_cells import find_path, search_memory
+from tests.sim.coarse.games import lengths_of
 
 MAPS = ("house", "maze")
 
 
 @pytest.mark.parametrize("name", MAPS)
-def test_lengths_are_symmetric_and_no_shorter_than_the_straight_line(name: str) -> None:
+def test_lengths_are_no_shorter_than_the_straight_line(name: str) -> None:
     found = coarse_map(map_assets(name, make_config()))
-    length, place = found.ghost_length * found.unit_m, found.ghost_xy
+    length, place = lengths_of(found), found.ghost_xy
     assert np.isfinite(length).all()
-    np.testing.assert_array_equal(length, length.T)
     assert (np.diag(length) == 0).all()
     straight = np.hypot(*(place[:, None] - place[None]).transpose(2, 0, 1))
     assert (length >= straight - 1e-4).all()
@@ -31,7 +31,7 @@ def test_lengths_are_symmetric_and_no_shorter_than_the_straight_line(name: str) 
 @pytest.mark.parametrize("name", MAPS)
 def test_lengths_obey_the_triangle_inequality(name: str) -> None:
     found = coarse_map(map_assets(name, make_config()))
-    length = found.ghost_length * found.unit_m
+    length = lengths_of(found)
     a, b, c = np.random.default_rng(0).integers(len(length), size=(3, 2000))
     assert (length[a, c] <= length[a, b] + length[b, c] + 2 * found.unit_m).all()
 
@@ -41,12 +41,12 @@ def test_lengths_are_those_of_the_ghosts_own_paths() -> None:
     found, cells = coarse_map(assets), assets.clyde
     node, queue = search_memory(len(cells.position), cells.longest)
     path = np.zeros(cells.longest + 1, np.int32)
-    errors = []
+    errors, length = [], lengths_of(found)
     for a, b in np.random.default_rng(1).integers(len(found.ghost_xy), size=(60, 2)):
         ends = (np.int64(cells.nearest(*found.ghost_xy[k].tolist())[0]) for k in (a, b))
         count = find_path(*ends, cells.graph, node, queue, path)
         exact = np.hypot(*np.diff(cells.position[path[:count]], axis=0).T).sum()
-        errors.append(found.ghost_length[a, b] * found.unit_m[0] - exact)
+        errors.append(length[a, b] - exact)
     assert np.abs(errors).max() < 0.5
     assert abs(np.mean(errors)) < 0.15
 
@@ -56,7 +56,7 @@ def test_a_ghosts_next_block_is_nearer_and_beside() -> None:
     count = len(found.ghost_xy)
     target, block = np.random.default_rng(2).integers(count, size=(2, 3000))
     following = found.ghost_joined[block, found.ghost_next[target, block]]
-    length = found.ghost_length * found.unit_m
+    length = lengths_of(found)
     step = length[block, following]
     np.testing.assert_allclose(length[target, following] + step, length[target, block], atol=3e-3)
     assert (step < 0.6).all()
@@ -85,9 +85,8 @@ def test_the_robots_next_blocks_lead_to_every_goal(name: str) -> None:
 def test_a_robots_blocks_keep_the_lengths_of_the_planners_paths() -> None:
     assets = map_assets("house", make_config())
     found = coarse_map(assets)
-    column, row = assets.grid.cell.T
     exact = 0.01 * assets.length_cm.astype(np.float64)
-    apart = np.abs(found.robot_length[found.robot_block[row, column]] - exact)
+    apart = np.abs(found.robot_length[found.robot_block] - exact)
     assert np.percentile(apart, 99) < 0.3
 
 

@@ -17,7 +17,7 @@ from pacman_env.game.ghosts import Behaviour, GhostView, find_behaviour
 from pacman_env.sim.coarse import model
 from pacman_env.sim.coarse.model import NOWHERE, Lags, choose, lead_m, play, step
 from pacman_env.sim.coarse.start import Start, draw_futures
-from tests.sim.coarse.games import config_of, situation_of, started
+from tests.sim.coarse.games import config_of, lengths_of, situation_of, started
 
 
 @kernel
@@ -179,7 +179,7 @@ def test_a_ghost_behind_a_wall_beside_the_robot_is_near() -> None:
     config = config_of("chase")
     game, _kept = started(config, situation_of(config))
     m = game.model.map
-    both = np.flatnonzero(m.ghost_length[m.ghost_beside[:, 0], m.ghost_beside[:, 1]] * m.unit_m > 2.0)
+    both = np.flatnonzero(lengths_of(m)[m.ghost_beside[:, 0], m.ghost_beside[:, 1]] > 2.0)
     assert len(both) > 0
     for block in both[:20]:
         game.robot["block"] = block

@@ -115,7 +115,7 @@ def test_threads_that_play_on_a_new_map_at_once_read_the_same_table_of_it(monkey
 
     def address() -> int:
         both.wait()
-        coarse_map.coarse_map_of(level)
+        coarse_map.add_coarse_map(level)
         return int(level.arrays["later"][COARSE_MAP])
 
     monkeypatch.setattr(coarse_map, "coarse_map", slowly)

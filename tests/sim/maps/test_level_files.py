@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -13,13 +14,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pacman_env.cli.warm_up import _prepare_houses
 from pacman_env.config import Config, make_config
 from pacman_env.engine import cache_folder
-from pacman_env.sim.coarse.coarse_map import coarse_map_of
+from pacman_env.sim.coarse.coarse_map import add_coarse_map
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps import level_source
+from pacman_env.sim.maps import level_files, level_source
 from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.sim.maps.level import COARSE_MAP, COARSE_STEPS, Level
+from pacman_env.sim.maps.level_files import LevelFiles
 from pacman_env.sim.maps.level_source import TEST_LEVEL, TEST_SET, TRAIN_SET, GeneratedMaps, prepare_level
 
 CONFIG = make_config()
@@ -56,7 +59,7 @@ def everything(level: Level) -> dict[str, Any]:
     steps = level.find(COARSE_STEPS)
     assert steps is not None
     found = {name: array for name, array in level.arrays.items() if name != "later"}
-    return found | steps.arrays | {f"coarse {k}": v for k, v in coarse_map_of(level)._asdict().items()}
+    return found | steps.arrays | {f"coarse {k}": v for k, v in add_coarse_map(level).arrays.items()}
 
 
 def same(one: Level, other: Level) -> bool:
@@ -167,6 +170,27 @@ def test_cache_that_cannot_be_made_is_done_without(cache: Path, prepared: list[i
         first = maps.prepare(1)
     assert same(maps.prepare(1), first)
     assert prepared == [1, 1]
+
+
+def test_sets_used_longest_ago_are_removed(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(level_files, "_KEEP_BYTES", 15 << 20)  # of two or three houses
+    for radius in (0.17, 0.171, 0.172, 0.173):
+        GeneratedMaps(CONFIG.with_fields(**{"robot.radius_m": radius}), 0, 100).prepare(1)
+        time.sleep(0.02)
+    kept = {file.parent.name for file in files(cache)}
+    assert LevelFiles(CONFIG.with_fields(**{"robot.radius_m": 0.173}), 1).key in kept
+    assert LevelFiles(CONFIG.with_fields(**{"robot.radius_m": 0.17}), 1).key not in kept
+
+
+def test_warm_up_prepares_what_is_not_kept(
+    cache: Path, prepared: list[int], capsys: pytest.CaptureFixture[str]
+) -> None:
+    _prepare_houses(2)
+    assert prepared == [0, 1, TEST_LEVEL, TEST_LEVEL + 1]
+    _prepare_houses(2)
+    assert len(prepared) == 4
+    assert len(files(cache)) == 4
+    assert capsys.readouterr().out.count("4 houses") == 2
 
 
 def test_processes_prepare_one_level_at_once(cache: Path, prepared: list[int]) -> None:
