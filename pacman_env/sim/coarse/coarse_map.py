@@ -29,6 +29,7 @@ _FAR = 2**30  # mm
 _TARGETS = 64  # searched for at once
 _TIED = 255  # in place of a next block: there are several as good
 _LONGEST = 65_535
+_HALF = 16  # numbers that half a byte has room for
 
 
 class CoarseArrays(NamedTuple):
@@ -48,7 +49,7 @@ class CoarseArrays(NamedTuple):
     ghost_length: Any = Array(np.uint16, "p")  # path between blocks, in units of ``unit_m``, see ``units_between``
     unit_m: Any = Array(np.float64, "1")
     ghost_joined: Any = Array(np.int16, "A N")  # a block and those that are joined to it
-    ghost_next: Any = Array(np.uint8, "A A")  # [target, block]: which of these follows on the way to the target
+    ghost_next: Any = Array(np.uint8, "q")  # which of these follows on the way to a target, see ``next_block``
     ghost_beside: Any = Array(np.int32, "B 2")  # blocks that are nearest to a robot's block, on both sides of a wall
     ghost_corner: Any = Array(np.int32, "4")  # block of each ghost's corner
 
@@ -114,7 +115,7 @@ def _build(assets: MapAssets) -> CoarseArrays:
         ghost_length=_in_units(lengths, unit_m),
         unit_m=np.array([unit_m]),
         ghost_joined=joined,
-        ghost_next=ghost_next,
+        ghost_next=packed(ghost_next, joined.shape[1]),
         ghost_beside=beside,
         ghost_corner=ghost_block[number[assets.ghost_corner]],
     )
@@ -356,10 +357,21 @@ def _is_settled_first(a, b, length, joined, following):  # type: ignore[no-untyp
         a, b, first = before_a, before_b, not first
 
 
+def packed(numbers: NDArray[np.uint8], most: int) -> NDArray[np.uint8]:
+    """Return numbers below ``most`` in a row, two in a byte if they have room: the first in its lower half."""
+    if most > _HALF:
+        return numbers.reshape(-1)
+    even = np.append(numbers, np.zeros(numbers.size % 2, np.uint8))
+    return even[::2] | even[1::2] << 4
+
+
 @kernel
 def next_block(m, target, block):  # type: ignore[no-untyped-def]
     """Return the block that follows a block of the ghosts on the way to the target, which is another one."""
-    return np.int32(m.ghost_joined[block, m.ghost_next[target, block]])
+    pair = np.int64(target) * len(m.ghost_joined) + block
+    if m.ghost_joined.shape[1] <= _HALF:
+        return np.int32(m.ghost_joined[block, m.ghost_next[pair >> 1] >> ((pair & 1) << 2) & (_HALF - 1)])
+    return np.int32(m.ghost_joined[block, m.ghost_next[pair]])
 
 
 @kernel

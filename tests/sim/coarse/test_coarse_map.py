@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pacman_env.config import make_config
-from pacman_env.sim.coarse.coarse_map import NO_BLOCK, between_all, coarse_map, joined_blocks
+from pacman_env.sim.coarse.coarse_map import NO_BLOCK, between_all, coarse_map, joined_blocks, next_block, packed
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.maps.ghost_cells import find_path, search_memory
 from tests.sim.coarse.games import lengths_of
@@ -55,11 +57,20 @@ def test_a_ghosts_next_block_is_nearer_and_beside() -> None:
     found = coarse_map(map_assets("house", make_config()))
     count = len(found.ghost_xy)
     target, block = np.random.default_rng(2).integers(count, size=(2, 3000))
-    following = found.ghost_joined[block, found.ghost_next[target, block]]
+    following = np.array([next_block(found, *pair) for pair in zip(target, block, strict=True)])
     length = lengths_of(found)
     step = length[block, following]
     np.testing.assert_allclose(length[target, following] + step, length[target, block], atol=3e-3)
     assert (step < 0.6).all()
+
+
+@pytest.mark.parametrize("most", [3, 16, 17, 40])
+def test_next_blocks_are_found_however_many_are_joined(most: int) -> None:
+    rng = np.random.default_rng(most)
+    joined, following = rng.integers(0, 99, (5, most)), rng.integers(0, most, (5, 5)).astype(np.uint8)
+    blocks = SimpleNamespace(ghost_joined=joined, ghost_next=packed(following, most))
+    for target, block in itertools.product(range(5), repeat=2):
+        assert next_block.py_func(blocks, target, block) == joined[block, following[target, block]]
 
 
 @pytest.mark.parametrize("name", MAPS)
