@@ -12,7 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pacman_env.config import make_config
-from pacman_env.sim.coarse.coarse_map import NO_BLOCK, between_all, coarse_map, joined_blocks, next_block, packed
+from pacman_env.sim.coarse.coarse_map import (
+    NO_BLOCK,
+    between_all,
+    blocks_of,
+    coarse_map,
+    joined_blocks,
+    next_block,
+    packed,
+)
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.maps.ghost_cells import find_path, search_memory
 from tests.sim.coarse.games import lengths_of
@@ -104,6 +112,21 @@ def test_a_robots_blocks_keep_the_lengths_of_the_planners_paths() -> None:
 def test_it_is_made_once_per_map() -> None:
     assets = map_assets("house", make_config())
     assert coarse_map(assets) is coarse_map(assets)
+
+
+@pytest.mark.parametrize("edge", [3.0, 4.0, 5.7])
+def test_blocks_have_their_place_in_the_middle_and_join_by_steps(edge: float) -> None:
+    grid = map_assets("maze", make_config()).grid
+    block, place = blocks_of(grid.cell, grid.neighbours, edge)
+    for b in range(0, len(place), 7):
+        cells = np.flatnonzero(block == b)
+        assert (np.floor(grid.cell[cells] / edge) == np.floor(grid.cell[place[b]] / edge)).all()
+        off = np.hypot(*(grid.cell[cells] - grid.cell[cells].mean(axis=0)).T)
+        assert place[b] == cells[off.argmin()]
+    start, ends = joined_blocks(block, grid.neighbours, len(place))
+    for b in range(0, len(place), 7):
+        beside = grid.neighbours[block == b]
+        assert ends[start[b] : start[b + 1]].tolist() == sorted(set(block[beside[beside >= 0]].tolist()) - {b})
 
 
 def from_each(
