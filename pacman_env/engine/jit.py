@@ -13,6 +13,7 @@ from numba.core import cgutils
 from numba.core import types as numba_types
 
 from .cache_folder import kernel_folder
+from .callees import Callee
 from .kernel_cache import KernelCache, take_turns
 from .native import operation
 
@@ -32,8 +33,11 @@ def kernel(function: F, cached: bool = True) -> F:
     compiled: F = numba.njit(error_model="numpy", forceinline=True, nogil=True, no_cfunc_wrapper=True)(
         _with_rules_compiled(function)
     )
-    folder = kernel_folder() if cached else None
-    if folder is not None and not numba_config.DISABLE_JIT:
+    if numba_config.DISABLE_JIT:
+        return compiled
+    callee = Callee(typing.cast(Any, compiled))
+    compiled.get_call_template, compiled.get_overload = callee.get_call_template, callee.get_overload  # type: ignore[attr-defined]
+    if cached and (folder := kernel_folder()) is not None:
         compiled._cache = KernelCache(typing.cast(Any, compiled), folder)  # type: ignore[attr-defined]
         take_turns(compiled)
     return compiled

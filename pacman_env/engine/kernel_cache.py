@@ -24,6 +24,7 @@ from numba.core.sigutils import normalize_signature
 
 from . import kernel_key
 from .cache_folder import warn_unkept
+from .callees import calls_remembered
 from .interrupts import interruptible, uninterrupted
 
 KEPT_S = 30 * 86400.0  # since it was last used
@@ -151,10 +152,10 @@ _helped = False  # the other process compiles for this one
 def take_turns(kernel: Any) -> None:
     """Let one process at a time compile ``kernel``, a dispatcher of Numba's with a :class:`KernelCache`.
 
-    Numba's lock of the process comes first, kernels that a kernel calls after it: no circle of waiting processes.
+    Numba's lock of the process comes first, and a kernel's callees need no lock: no circle of waiting processes.
     """
     load, compile_alone = kernel._cache.load_overload, kernel.compile
-    turns: list[contextlib.ExitStack] = []  # several where one overload of a kernel calls another
+    turns: list[contextlib.ExitStack] = []  # one at most, under Numba's lock
 
     def load_or_wait(signature: Any, context: Any) -> Any:
         kept = load(signature, context)
@@ -172,6 +173,7 @@ def take_turns(kernel: Any) -> None:
             turn.enter_context(warnings.catch_warnings())
             # A record that begins with another's fields is passed in its place.
             warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
+            turn.enter_context(calls_remembered(kernel.typingctx))
             collects = gc.isenabled()
             gc.disable()  # it would examine the compiler's many objects again and again: 5 to 7 % of the time
             try:

@@ -15,7 +15,7 @@ from pacman_env.engine import jit, kernel_cache
 from tests.waiting import PATIENCE_S
 
 ROOT = Path(__file__).resolve().parents[2]
-#: Two kernels, one of which calls the other. Its process says when it compiles, and may be made to wait there.
+#: A kernel and one that is a part of it. Their process says when it compiles, and may be made to wait there.
 KERNELS = """
 import sys, threading, time
 from pathlib import Path
@@ -104,7 +104,7 @@ def test_one_process_compiles_and_the_other_says_that_it_waits_and_takes_what_is
     second = started(folder, "outer")
     assert says_that_it_waits(second)
     (folder / "pause").unlink()
-    assert ended(first) == (["2", OUTER], "")
+    assert ended(first) == (["1", OUTER], "")
     assert ended(second) == (["0", OUTER], "")  # its one line has been read
 
 
@@ -115,7 +115,7 @@ def test_a_killed_process_holds_up_nobody(folder: Path) -> None:
     (folder / "pause").unlink()
     first.kill()
     first.communicate()
-    assert ended(second)[0] == ["2", OUTER]
+    assert ended(second)[0] == ["1", OUTER]
 
 
 def test_threads_of_two_processes_that_need_the_kernels_in_another_order_all_come_to_an_end(folder: Path) -> None:
@@ -128,7 +128,7 @@ def test_threads_of_two_processes_that_need_the_kernels_in_another_order_all_com
 def test_where_nothing_can_be_kept_each_process_compiles_and_nobody_waits(folder: Path) -> None:
     processes = [started(folder, "outer", cache="/dev/null/cache") for _ in range(2)]
     for printed, said in map(ended, processes):
-        assert printed == ["2", OUTER]
+        assert printed == ["1", OUTER]
         assert said.count("RuntimeWarning") == 1
 
 

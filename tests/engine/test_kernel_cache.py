@@ -83,7 +83,7 @@ def called(folder: Path, cache: Path) -> tuple[list[float], str]:
 def warm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A cache in which the kernels of the sample are, that lay in a folder which is gone."""
     folder = tmp_path_factory.mktemp("kept")
-    assert called(write(folder / "checkout"), folder / "cache") == (RESULTS, "calls constant grown grown of_pair")
+    assert called(write(folder / "checkout"), folder / "cache") == (RESULTS, "calls constant of_pair")
     shutil.rmtree(folder / "checkout")
     return folder / "cache"
 
@@ -98,8 +98,8 @@ def test_a_package_that_lies_elsewhere_and_is_edited_where_no_kernel_reaches_com
 @pytest.mark.parametrize(
     ("edits", "results", "compiled"),
     [
-        ({"values.py": ("RADIUS = 0.25", "RADIUS = 0.5")}, [1.0, 6.0, 2.0], "calls constant grown grown"),
-        ({"helpers.py": ("return x + by", "return x - by")}, [0.5, -0.5, 2.0], "calls grown grown"),
+        ({"values.py": ("RADIUS = 0.25", "RADIUS = 0.5")}, [1.0, 6.0, 2.0], "calls constant"),
+        ({"helpers.py": ("return x + by", "return x - by")}, [0.5, -0.5, 2.0], "calls"),
         ({"kernels.py": ("x * values", "x / values")}, [8.0, 5.5, 2.0], "constant"),
         ({"values.py": ("left: float\n    right: float", "right: float\n    left: float")}, RESULTS, "of_pair"),
     ],
@@ -117,7 +117,7 @@ UNPRIVILEGED = ("setpriv", "--bounding-set=-dac_override", "--inh-caps=-dac_over
 @pytest.mark.skipif(UNPRIVILEGED and shutil.which("setpriv") is None, reason="root, without setpriv")
 @pytest.mark.parametrize(
     ("edits", "compiled", "warnings"),
-    [({}, "", 0), ({"helpers.py": ("return x + by", "return x * by")}, "calls grown grown", 1)],
+    [({}, "", 0), ({"helpers.py": ("return x + by", "return x * by")}, "calls", 1)],
     ids=["all is kept", "something is compiled"],
 )
 def test_read_only_cache_is_used(

@@ -1,0 +1,87 @@
+"""Kernels that other kernels call: typed and lowered once in a process, optimized and compiled only with their callers.
+
+All kernels are inlined. Machine code of a callee, its wrapper for Python and its file in the cache would be made for
+nothing; a first start takes 0.7 of its processor time without them.
+"""
+
+import contextlib
+from collections.abc import Iterator
+from types import BuiltinFunctionType
+from typing import Any
+
+from numba.core import types
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
+from numba.core.dispatcher import Dispatcher, _FunctionCompiler
+from numba.core.typing import make_concrete_template
+
+
+class _Library(JITCodeLibrary):
+    """The simplified functions of a callee and of those that it calls, for the libraries of its callers."""
+
+    def finalize(self) -> None:
+        self._raise_if_finalized()
+        for library in dict.fromkeys(self._linking_libraries):
+            self._final_module.link_in(library._get_module_for_linking(), preserve=True)
+        self._finalized = True
+
+
+class _CalleeCompiler(Compiler):
+    def compile_extra(self, func: Any) -> Any:
+        self.state.library = _Library(self.state.targetctx.codegen(), func.__qualname__)
+        return super().compile_extra(func)
+
+    def define_pipelines(self) -> Any:
+        # Not earlier: NumPy's functions are compiled again for a caller whose flags differ.
+        self.state.flags.no_compile = self.state.flags.no_cpython_wrapper = True
+        return super().define_pipelines()
+
+
+class Callee:
+    """A kernel as Numba sees it in its callers."""
+
+    def __init__(self, kernel: Dispatcher) -> None:
+        self._name, self._context = kernel.py_func.__name__, kernel.targetctx
+        self._compiler = _FunctionCompiler(
+            *(kernel.py_func, kernel.targetdescr, kernel.targetoptions, kernel.locals, _CalleeCompiler)
+        )
+        self._signatures: dict[tuple[types.Type, ...], Any] = {}
+
+    def get_call_template(self, given: Any, named: Any) -> Any:
+        parameters, kinds = self._compiler.fold_argument_types(given, named)
+        if (kinds := tuple(kinds)) not in self._signatures:
+            made = self._compiler.compile(kinds, None)
+            self._context.insert_user_function(self.get_overload(kinds), made.fndesc, [made.library])
+            self._signatures[kinds] = made.signature
+        template = make_concrete_template(self._name, key=self._name, signatures=[*self._signatures.values()])
+        return template, parameters, kinds, {}
+
+    def get_overload(self, kinds: Any) -> Any:
+        """What the target context knows the machine code by."""
+        return self, tuple(kinds)
+
+
+_known_calls: dict[Any, Any] = {}
+
+
+@contextlib.contextmanager
+def calls_remembered(context: Any) -> Iterator[None]:
+    """Type each call of a built-in function with the same types of arguments once: a sixth of the compiler's time."""
+    resolve = context.resolve_function_type
+
+    def remembered(function: Any, given: Any, named: Any) -> Any:
+        if named or not isinstance(function, types.Function | BuiltinFunctionType):
+            return resolve(function, given, named)
+        call = function, tuple(given)
+        if call not in _known_calls:
+            _known_calls[call] = resolve(function, given, named)
+        return _known_calls[call]
+
+    outermost = "resolve_function_type" not in vars(context)
+    if outermost:
+        context.resolve_function_type = remembered
+    try:
+        yield
+    finally:
+        if outermost:
+            del context.resolve_function_type
