@@ -13,6 +13,7 @@ from numba.core import types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.dispatcher import Dispatcher, _FunctionCompiler
+from numba.core.targetconfig import ConfigStack
 from numba.core.typing import make_concrete_template
 
 
@@ -45,43 +46,41 @@ class Callee:
         self._compiler = _FunctionCompiler(
             *(kernel.py_func, kernel.targetdescr, kernel.targetoptions, kernel.locals, _CalleeCompiler)
         )
-        self._signatures: dict[tuple[types.Type, ...], Any] = {}
+        self._signatures: dict[Any, Any] = {}
 
     def get_call_template(self, given: Any, named: Any) -> Any:
         parameters, kinds = self._compiler.fold_argument_types(given, named)
-        if (kinds := tuple(kinds)) not in self._signatures:
-            made = self._compiler.compile(kinds, None)
-            self._context.insert_user_function(self.get_overload(kinds), made.fndesc, [made.library])
-            self._signatures[kinds] = made.signature
+        if (key := self.get_overload(kinds)) not in self._signatures:
+            made = self._compiler.compile(tuple(kinds), None)
+            self._context.insert_user_function(key, made.fndesc, [made.library])
+            self._signatures[key] = made.signature
         template = make_concrete_template(self._name, key=self._name, signatures=[*self._signatures.values()])
         return template, parameters, kinds, {}
 
     def get_overload(self, kinds: Any) -> Any:
-        """What the target context knows the machine code by."""
-        return self, tuple(kinds)
-
-
-_known_calls: dict[Any, Any] = {}
+        """What the target context knows the machine code by, for the caller that is compiled now."""
+        return self, tuple(kinds), ConfigStack().top().nrt
 
 
 @contextlib.contextmanager
 def calls_remembered(context: Any) -> Iterator[None]:
     """Type each call of a built-in function with the same types of arguments once: a sixth of the compiler's time."""
     resolve = context.resolve_function_type
+    if "resolve_function_type" in vars(context):  # by the kernel that this one is compiled for
+        yield
+        return
+    known: dict[Any, Any] = {}  # for this kernel alone: what Numba knows of a call is of the last one that it has typed
 
     def remembered(function: Any, given: Any, named: Any) -> Any:
         if named or not isinstance(function, types.Function | BuiltinFunctionType):
             return resolve(function, given, named)
         call = function, tuple(given)
-        if call not in _known_calls:
-            _known_calls[call] = resolve(function, given, named)
-        return _known_calls[call]
+        if call not in known:
+            known[call] = resolve(function, given, named)
+        return known[call]
 
-    outermost = "resolve_function_type" not in vars(context)
-    if outermost:
-        context.resolve_function_type = remembered
+    context.resolve_function_type = remembered
     try:
         yield
     finally:
-        if outermost:
-            del context.resolve_function_type
+        del context.resolve_function_type

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .arrays import Array, Table, arrays_by_address
-from .jit import kernel
+from .jit import table_kernel
 from .native import address_of_kernel, call_range
 from .threads import Threads
 
@@ -22,7 +22,7 @@ class _StageArrays(NamedTuple):
 _arrays = arrays_by_address(_StageArrays)
 
 
-@kernel
+@table_kernel
 def run_stages(table, first, last):  # type: ignore[no-untyped-def]
     """Run the stages one after the other; the first result other than 0 ends the run and is returned."""
     stages = _arrays(table).stages

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...engine.arrays import Array, arrays_by_address
 from ...engine.bucket_queue import SearchArrays
-from ...engine.jit import kernel
+from ...engine.jit import table_kernel
 from ...engine.native import address_of
 from ...game.execution import RUNNING, TIMEOUT
 from ...world.navigation import navigator
@@ -76,7 +76,7 @@ _arrays, _choice_arrays = arrays_by_address(TickArrays), arrays_by_address(Choic
 BEGIN, _STEP, MOVE = range(3)  # stages of a tick: it begins, a physics step does, its body is to be moved
 
 
-@kernel
+@table_kernel
 def choose(table, first, last):  # type: ignore[no-untyped-def]
     """Choices of games by their actions; a place of the list where no candidate is makes the robot hold."""
     a = _choice_arrays(table)
@@ -94,7 +94,7 @@ def choose(table, first, last):  # type: ignore[no-untyped-def]
     return 0
 
 
-@kernel
+@table_kernel
 def play(table, first, last):  # type: ignore[no-untyped-def]
     """Ticks of the games from ``first`` to ``last`` under ``control``; those that have ended or sleep stand still.
 

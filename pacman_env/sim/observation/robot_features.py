@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...engine.arrays import Array, Table, arrays_by_address, zeros
-from ...engine.jit import kernel
+from ...engine.jit import kernel, table_kernel
 from ...engine.native import address_of
 from ...engine.pipeline import Stage
 from ...world.navigation.grid import cell_of
@@ -127,7 +127,7 @@ def in_robot_frame(dx, dy, cos, sin, limit):  # type: ignore[no-untyped-def]
     return _cap(dx * cos + dy * sin, limit), _cap(dy * cos - dx * sin, limit)
 
 
-@kernel
+@table_kernel
 def write_features(table, first, last):  # type: ignore[no-untyped-def]
     a = _fill_arrays(table)
     n, count, others = a.lengths

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...engine.arrays import Array, arrays_by_address, bytes_at, floats_at
-from ...engine.jit import kernel
+from ...engine.jit import kernel, table_kernel
 from .situation import MISSING, list_nearest
 
 #: How a value is scaled: not at all; by the unit of its column; to [-1, 1] between its bounds.
@@ -53,7 +53,7 @@ class RowArrays(NamedTuple):
 _candidates, _rows = arrays_by_address(CandidateArrays), arrays_by_address(RowArrays)
 
 
-@kernel
+@table_kernel
 def list_candidates(table, first, last):  # type: ignore[no-untyped-def]
     a = _candidates(table)
     count = a.listed.shape[1]
@@ -83,7 +83,7 @@ def _scaled(value, scale, first, second):  # type: ignore[no-untyped-def]
     return value
 
 
-@kernel
+@table_kernel
 def write_rows(table, first, last):  # type: ignore[no-untyped-def]
     a = _rows(table)
     for i in range(first, last):

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...engine.arrays import Array, address, arrays_by_address
-from ...engine.jit import kernel
+from ...engine.jit import kernel, table_kernel
 from ...world.navigation.grid import cell_of
 from ...world.navigation.localization import wrap
 from ...world.navigation.paths import UNREACHABLE_CM
@@ -53,7 +53,7 @@ def direct(request: NDArray[Any], situation: Situation, player: int) -> None:
     request[0] = (address(block), *lengths, player)
 
 
-@kernel
+@table_kernel
 def write_situations(table, first, last):  # type: ignore[no-untyped-def]
     a = _arrays(table)
     rules, ghosts, ghost_paths, request = a.rules, a.ghosts, a.ghost_paths, a.request[0]
