@@ -12,7 +12,7 @@ from typing import Any
 from numba.core import types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
-from numba.core.dispatcher import Dispatcher, _FunctionCompiler
+from numba.core.dispatcher import _FunctionCompiler  # type: ignore[attr-defined]
 from numba.core.targetconfig import ConfigStack
 from numba.core.typing import make_concrete_template
 
@@ -41,7 +41,7 @@ class _CalleeCompiler(Compiler):
 class Callee:
     """A kernel as Numba sees it in its callers."""
 
-    def __init__(self, kernel: Dispatcher) -> None:
+    def __init__(self, kernel: Any) -> None:
         self._name, self._context = kernel.py_func.__name__, kernel.targetctx
         self._compiler = _FunctionCompiler(
             *(kernel.py_func, kernel.targetdescr, kernel.targetoptions, kernel.locals, _CalleeCompiler)

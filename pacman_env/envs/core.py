@@ -155,7 +155,7 @@ class EnvCore:
             stages = [batch.situation_stage(observer.situation), *observer.stages()]
             if self.config.action == "goal":
                 stages = [
-                    batch.choice_stage(self._actions, last.situation.mask, last.list),
+                    batch.choice_stage(self._actions, last.situation.mask, last.order),
                     batch.tick_stage(),
                     *stages,
                 ]

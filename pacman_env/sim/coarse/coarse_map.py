@@ -362,7 +362,7 @@ def packed(numbers: NDArray[np.uint8], most: int) -> NDArray[np.uint8]:
     if most > _HALF:
         return numbers.reshape(-1)
     even = np.append(numbers, np.zeros(numbers.size % 2, np.uint8))
-    return even[::2] | even[1::2] << 4
+    return np.asarray(even[::2] | even[1::2] << 4, dtype=np.uint8)
 
 
 @kernel
@@ -426,7 +426,7 @@ def _beside(place, ghost_place, length):  # type: ignore[no-untyped-def]
             if square > within:
                 continue
             near[count] = a
-            count += square <= _BESIDE_M * _BESIDE_M
+            count += int(square <= _BESIDE_M * _BESIDE_M)
             if square < least:
                 nearest, least = a, square
                 within = max(least, _BESIDE_M * _BESIDE_M)

@@ -27,7 +27,8 @@ def begin() -> subprocess.Popen[bytes] | None:
     """Start the other process once, if the ticks are not kept yet and there is a core for it."""
     if kernel_folder() is None or numba_config.DISABLE_JIT or cores() < 2 or not sys.executable:
         return None
-    if (folder := play._cache.find()) is None or play._cache.keeps(RANGE):
+    kept = play._cache  # type: ignore[attr-defined]
+    if (folder := kept.find()) is None or kept.keeps(RANGE):
         return None
     try:
         (folder / "compiled-ahead").mkdir(parents=True)

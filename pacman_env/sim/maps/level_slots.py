@@ -67,7 +67,7 @@ class LevelSlots:
         assert level is not None
         return level
 
-    def levels(self, slots: NDArray[np.int32]) -> set[Level]:
+    def levels(self, slots: NDArray[np.integer[Any]]) -> set[Level]:
         """The levels in these slots (M,)."""
         return {self.level(slot) for slot in (range(1) if len(self) == 1 else set(slots.tolist()))}
 

@@ -77,14 +77,14 @@ class Observer:
         return Situation.empty(batch.n, batch.candidates, batch.ghosts.shape[1], batch.levels, batch.threads)
 
     @cached_property
-    def list(self) -> NDArray[np.int64]:
+    def order(self) -> NDArray[np.int64]:
         """As ``listed``; (N, 0): all, by their numbers."""
         return np.full((self._batch.n, self.nearest.count if self.nearest else 0), MISSING, dtype=np.int64)
 
     @property
     def listed(self) -> NDArray[np.int64] | None:
         """(N, K) the candidates in their order now; None: all, by their numbers."""
-        return self.list if self.nearest else None
+        return self.order if self.nearest else None
 
     @cached_property
     def allowed(self) -> NDArray[np.int8]:
@@ -193,7 +193,7 @@ class Observer:
             mask=s.mask,
             path_robot=s.path_robot,
             current=s.current,
-            listed=self.list,
+            listed=self.order,
             wanted=self._wanted,
             allowed=self.allowed,
             room=np.array([nearest.pellets, nearest.refuges], dtype=np.int64),
@@ -220,7 +220,7 @@ class Observer:
                 scales.append(numbers)
             at += width if self._config.flat else 0
         first, second = np.concatenate(scales, axis=1)
-        table = Table(RowArrays, parts=np.array(parts, dtype=PART), listed=self.list, first=first, second=second)
+        table = Table(RowArrays, parts=np.array(parts, dtype=PART), listed=self.order, first=first, second=second)
         return [(write_rows, [table])] if parts else []
 
     def _scale(self, key: str, part: ObservationPart) -> tuple[int, NDArray[np.float32]]:
