@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ...config import Config
 from ...engine.arrays import Table, address, declared
-from ...engine.cache_folder import cache_dir, warn_unkept
+from ...engine.cache_folder import cache_dir, check_kept, warn_unkept
 from ..coarse.coarse_map import CoarseArrays, add_coarse_map
 from .assets import MapAssets, configuration_key, prune
 from .level import COARSE_MAP, COARSE_STEPS, CoarseSteps, Facts, Level, LevelArrays
@@ -69,12 +69,13 @@ class LevelFiles:
         except (OSError, ValueError, TypeError):  # the last: it is shorter than its head
             return None
 
-    def keep(self, number: int, level: Level) -> None:
-        """Write a level's file; warns once if the cache cannot be written."""
-        level.add_coarse_steps()
-        add_coarse_map(level)
+    def keep(self, number: int, level: Level) -> bool:
+        """Write a level's file and return True; warns once if the cache cannot be written."""
         temporary = None
         try:
+            check_kept()  # what could not be written once is not tried again
+            level.add_coarse_steps()
+            add_coarse_map(level)
             path = self._path(number)
             if not path.parent.is_dir():
                 path.parent.mkdir(parents=True, exist_ok=True)
@@ -87,6 +88,8 @@ class LevelFiles:
                 with contextlib.suppress(OSError):
                     temporary.unlink()
             warn_unkept(error)
+            return False
+        return True
 
     def has(self, level: int) -> bool:
         with contextlib.suppress(OSError):

@@ -193,8 +193,8 @@ class GeneratedMaps:
         found = self.files.load(level, prepare) if self._is_kept(level) else None
         if found is None:
             found = Level.of(self.first if level == self.start_level else prepare(), self._config)
-            if self._is_kept(level):
-                self.files.keep(level, found)
+            if self._is_kept(level) and self.files.keep(level, found):
+                found = self.files.load(level, prepare) or found  # which takes half of the memory
         return found
 
     @functools.cached_property

@@ -55,7 +55,13 @@ def files(cache: Path) -> list[Path]:
     return sorted((cache / "houses").rglob("*.level"))
 
 
+def fresh(level: int, config: Config = CONFIG, scale: int = 1) -> Level:
+    """The level without a file."""
+    return Level.of(prepare_level(level, config, scale), config)
+
+
 def everything(level: Level) -> dict[str, Any]:
+    level.add_coarse_steps()
     steps = level.find(COARSE_STEPS)
     assert steps is not None
     found = {name: array for name, array in level.arrays.items() if name != "later"}
@@ -75,13 +81,15 @@ def same(one: Level, other: Level) -> bool:
 def test_stored_level_equals_prepared_one(level: int, scale: int, cache: Path, prepared: list[int]) -> None:
     config = make_config(**{"pellets.spacing_m": 2.0 * scale})
     maps = GeneratedMaps(config, level // TEST_LEVEL * TEST_LEVEL, 100, scale)
-    first = maps.prepare(level)
+    first, own = maps.prepare(level), fresh(level, config, scale)
     assert len(files(cache)) == 1
     second = maps.prepare(level)
     assert prepared == [level]
     assert second.find(COARSE_MAP) is not None
-    assert same(first, second)
-    assert second.assets.occupancy.hash == first.assets.occupancy.hash
+    assert second.find(COARSE_STEPS) is not None
+    assert same(first, own)
+    assert same(second, own)
+    assert second.assets.occupancy.hash == own.assets.occupancy.hash
 
 
 def test_games_on_stored_levels_are_those_on_prepared_ones() -> None:
@@ -124,7 +132,8 @@ def _exchange(file: Path) -> None:
 @pytest.mark.parametrize("damage", [_shorten, _empty, _change_head, _exchange])
 def test_damaged_file_is_prepared_again(damage: Callable[[Path], None], cache: Path, prepared: list[int]) -> None:
     maps = GeneratedMaps(CONFIG, 0, 100)
-    first = maps.prepare(7)
+    first = fresh(7)
+    maps.prepare(7)
     damage(files(cache)[0])
     assert same(maps.prepare(7), first)
     assert prepared.count(7) == 2
@@ -209,9 +218,7 @@ print(GeneratedMaps(make_config(), 0, 100).prepare(4).assets.occupancy.hash)
     assert [one.returncode for one in both] == [0, 0]
     assert len(hashes) == 1
     assert [file.name for file in (cache / "houses").rglob("*") if file.is_file()] == ["4.level"]
-    own = Level.of(prepare_level(4, CONFIG), CONFIG)
-    own.add_coarse_steps()
-    assert same(GeneratedMaps(CONFIG, 0, 100).prepare(4), own)
+    assert same(GeneratedMaps(CONFIG, 0, 100).prepare(4), fresh(4))
     assert not prepared
 
 
