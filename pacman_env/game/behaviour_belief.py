@@ -13,13 +13,14 @@ COMES = 0.5  # probability above which a ghost is taken to come for the robot
 PRIOR = (0.55, 0.15, 0.2, 0.1)
 ANY_PLACE = -1  # all bits
 _FORGOTTEN = 0.005  # of the belief at each move: a ghost may change what it does
-#: Likelihood of a move of a ghost that has a target, by the share of it that went towards the target: 0.98 to 1.0,
-#: 0.0 to 0.02 and 0.0 as measured (`house` and generated houses), less sure here as the robot's place is a belief.
+#: Likelihood of a move of a ghost that has a target, by the share of it that went towards the target. Measured: 0.98 to
+#: 1.0, 0.0 to 0.02 and 0.0; but moves across follow one another where the robot's believed place jumps or the ghost
+#: goes round something, so that one says little.
 _TOWARDS_FROM, _ACROSS_FROM = 0.5, 0.0
-_TOWARDS, _ACROSS, _AWAY = 0.95, 0.035, 0.015
+_TOWARDS, _ACROSS, _AWAY = 0.95, 0.5, 0.02
 _NEW_TARGET = 0.08  # of a move that leads to none of the places that a wanderer was going to, as measured
-#: Likelihood of turning round: of wandering, of having a target, of being sent from outside; and of not turning.
-_TURN_WANDERING, _TURN_CHASING, _TURN_OTHER, _ON_OTHER = 0.02, 0.09, 0.13, 0.87
+#: Likelihood of turning round: of wandering, chasing, arcade far from the robot, being sent; of the last not to turn.
+_TURN_WANDERING, _TURN_CHASING, _TURN_ARCADE, _TURN_OTHER, _ON_OTHER = 0.02, 0.09, 0.5, 0.13, 0.87
 _STANDS = (0.02, 0.5, 0.1, 0.5)  # standing, for each behaviour
 _ARRIVED = (0.02, 0.5, 0.5, 0.5)  # standing beside the robot: a chaser may not come nearer
 ARRIVED_M = 1.0
@@ -45,7 +46,8 @@ def update_belief(belief, places_share, robot_share, corner_share, near, turned)
     chase = evidence(robot_share)
     arcade = evidence(corner_share) if near else chase
     if turned:
-        weigh(belief, (_TURN_WANDERING, arcade, chase * _TURN_CHASING, _TURN_OTHER))  # arcade turns where it comes near
+        arcade *= 1.0 if near else _TURN_ARCADE  # it turns wherever it comes near, and back again
+        weigh(belief, (_TURN_WANDERING, arcade, chase * _TURN_CHASING, _TURN_OTHER))
     else:
         wander = (1.0 - _NEW_TARGET) * places_share if places_share > 0.0 else _NEW_TARGET
         weigh(belief, (wander, arcade, chase, _ON_OTHER * wander))
