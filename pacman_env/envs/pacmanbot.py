@@ -24,7 +24,7 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     wanders there. At every decision (0.5 s) the agent names the goal that the robot's navigator drives to; physics
     (pymunk, 20 Hz), navigation (a stand-in for Nav2) and localization (AMCL's belief) do the rest. Naming the goal
     already pursued continues it. There can be up to four ghosts, other kinds of observation and action, rounds
-    without end, and a new house for every episode: see the arguments. `docs/environments/pacmanbot.md` has examples.
+    without end, and another house for every episode: see the arguments. `docs/environments/pacmanbot.md` has examples.
 
     ## Action Space
     `Discrete(C)`: the index of a candidate goal. Candidates are, in this order,
@@ -105,8 +105,8 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     gymnasium.make("pacman_env/PacManBot-v0", map="house", preset="robot",
                    settings={"clyde.speed_mps": 0.35}, render_mode="rgb_array")
     ```
-    - `map`: a shipped map's name, a map_server YAML file, an `OccupancyMap`; `"generated"` or `"generated:test"`: a new
-      house for each episode, its level drawn uniformly from the episode's seed.
+    - `map`: a shipped map's name, a map_server YAML file, an `OccupancyMap`; `"generated"` or `"generated:test"`: one of
+      1,000 or 200 generated houses for each episode, its level drawn uniformly from the episode's seed.
     - `ghosts`: how many wander (1 to 4), or one for each: `"wander"` (Algorithm 2), `"chase"` (the robot), `"arcade"`
       (chases from afar, turns to its corner within 2.0 m), or a policy, its name or the object, asked at every tick.
     - `observation`: one or several of `"features"` (the default), `"scan"`, `"bearings"`, `"grid"`, `"planner"` (the
@@ -126,7 +126,7 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     is a tick, or lasts until something is to be decided), `observation.candidates` (all of the map, or the nearest),
     `observation.normalize`, `observation.mask` (where the mask is), `observation.numeric_info`, `timeout` (truncation
     or termination), `action_range`, `endless`, `start_level` and `num_levels` (which of the
-    generated houses: 0 to 999,999 to train, 1,000,000 to 1,000,999 to test), `home`.
+    generated houses: of 0 to 999,999 to train, of 1,000,000 to 1,000,999 to test; `num_levels` 0: all), `home`.
 
     ## Reset
     `reset(seed=..., options=...)`: `options` may hold, for the episode that begins, `round_seed` (as in
@@ -139,6 +139,9 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     - 0.13.0 changed the planner features, and with them the observation of PacManBotFlat and of its variants but
       PacManBotFlatVelocity, from 179 to 274 numbers, without a new number in the id: models trained before cannot be
       used. The next change of this kind gets one (`docs/environments/ids.md`).
+    - 0.17.0 estimates better what a ghost does, which two planner features and those of ghosts that hunt the robot are
+      made of, and `map="generated"` draws from 1,000 houses instead of 1,000,000 (`num_levels=0`: all). Columns, spaces
+      and rules are as before; models trained before play as well.
     """  # noqa: E501
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "human"], "render_fps": RENDER_FPS}  # noqa: RUF012
