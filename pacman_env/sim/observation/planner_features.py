@@ -25,6 +25,16 @@ from ..coarse.coarse_map import add_coarse_map
 from ..core.beliefs import apart_cm
 from ..maps.level import COARSE_MAP, level_arrays
 from . import prediction
+from .planner_columns import (
+    CANDIDATE_FEATURES,
+    FAR_M,
+    GHOST_TOKENS,
+    GLOBAL_FEATURES,
+    MOST,
+    CandidateColumn,
+    GlobalColumn,
+    TokenColumn,
+)
 from .situation import HOLD, PELLET, REFUGE, Situation, among
 
 if TYPE_CHECKING:
@@ -32,29 +42,10 @@ if TYPE_CHECKING:
 
 VERSION = 4
 NEEDS_MAPS = -(2**40)  # of a stage: maps are to be made ready, and the stage is to run again
-FAR_M = 20.0
-MOST = 5.0  # of any feature, up or down
 _AROUND_M = 2.5  # pellets within this path length are around a place
 _SCORER = ScorerParameters()  # the handcrafted one, as deployed
 
-CANDIDATE_FEATURES = (
-    *("is_pellet", "is_refuge", "is_hold", "is_current"),
-    *("path_robot", "nearness_robot", "path_clyde", "nearness_clyde", "time_margin", "clyde_distance"),
-    *("caught_soon", "caught", "approached", "closest_mean", "closest_least"),  # prediction.py, and the next three
-    *("turn_cosine", "towards_clyde", "standing_clearance"),
-    *("nearest_pellet", "mean_pellet", "pellets_around", "clyde_apart", "handcrafted_cost", "beyond_nearest"),
-    *("hunted", "hunted_caught", "hunted_arrives", "hunted_closest", "hunted_lead"),  # by ghosts that come for it
-    *("hunted_collected", "hunted_ways_on", "hunted_lead_after"),
-)
-GHOST_TOKENS = 4  # the nearest ghosts, from the nearest on
-_TOKEN = ("there", "distance", "near", "path", "towards", "speed", "arcade", "chase", "other")
-GLOBAL_FEATURES = (
-    *("clyde_distance", "clyde_near", "closing_speed", "clyde_speed", "v", "omega"),
-    *("pellets_left", "last_pellet", "clyde_towards", "pose_age", "nearest_way"),
-    *("time_left", "time_short", "coming"),
-    *(f"ghost_{k}_{name}" for k in range(GHOST_TOKENS) for name in _TOKEN),
-)
-_FIRST_TOKEN, _COLUMNS = GLOBAL_FEATURES.index("ghost_0_there"), len(_TOKEN)
+_TOKENS, _TOKEN = len(GlobalColumn), len(TokenColumn)  # where they begin; columns of one
 
 
 class _FillArrays(NamedTuple):
@@ -151,13 +142,113 @@ def _describe_ghosts(s, i, level, tokens):  # type: ignore[no-untyped-def]
         column, row = cell_of(affine, snap.shape[0], snap.shape[1], gx, gy)
         there = snap[row, column]
         v = math.sqrt(vx * vx + vy * vy)
-        t = tokens[k * _COLUMNS : (k + 1) * _COLUMNS]
-        t[0], t[1], t[2] = 1.0, min(best, FAR_M) / 5.0, math.exp(-best)
+        t = tokens[k * _TOKEN : (k + 1) * _TOKEN]
+        t[TokenColumn.THERE] = 1.0
+        t[TokenColumn.DISTANCE], t[TokenColumn.NEAR] = min(best, FAR_M) / 5.0, math.exp(-best)
         path = max(0.01 * apart_cm(length_cm[here], length_cm[there]), best)
-        t[3] = min(path, FAR_M) / 5.0
-        t[4] = (vx * (x - gx) + vy * (y - gy)) / (v * best) if v * best > 1e-6 else 0.0
-        t[5] = min(speed / 0.5, 4.0)
-        t[6], t[7], t[8] = s.belief[i, nearest, ARCADE], s.belief[i, nearest, CHASES], s.belief[i, nearest, OTHER]
+        t[TokenColumn.PATH] = min(path, FAR_M) / 5.0
+        t[TokenColumn.TOWARDS] = (vx * (x - gx) + vy * (y - gy)) / (v * best) if v * best > 1e-6 else 0.0
+        t[TokenColumn.SPEED] = min(speed / 0.5, 4.0)
+        belief = s.belief[i, nearest]
+        t[TokenColumn.ARCADE], t[TokenColumn.CHASE], t[TokenColumn.OTHER] = (
+            belief[ARCADE],
+            belief[CHASES],
+            belief[OTHER],
+        )
+
+
+@kernel
+def _describe_round(s, i, clyde_m, shortest, limit_s, coming, row):  # type: ignore[no-untyped-def]
+    """Fill in the columns of the situation; ``shortest`` is the length of the way to the nearest pellet."""
+    left_s = max(limit_s - s.time_s[i], 0.0)
+    row[GlobalColumn.TIME_LEFT], row[GlobalColumn.TIME_SHORT] = min(left_s / 200.0, 5.0), math.exp(-left_s / 30.0)
+    row[GlobalColumn.COMING] = coming
+    row[GlobalColumn.CLYDE_DISTANCE], row[GlobalColumn.CLYDE_NEAR] = min(clyde_m, FAR_M) / 5.0, math.exp(-clyde_m)
+    row[GlobalColumn.CLOSING_SPEED] = min(max(s.closing_speed[i] / 0.5, -2.0), 2.0)
+    row[GlobalColumn.CLYDE_SPEED] = min(s.clyde_speed[i] / 0.5, 4.0)
+    row[GlobalColumn.V] = min(max(s.robot_velocity[i, 0] / 0.3, -MOST), MOST)
+    row[GlobalColumn.OMEGA] = min(max(s.robot_velocity[i, 1] / 2.0, -MOST), MOST)
+    row[GlobalColumn.PELLETS_LEFT] = min(s.pellets_left[i], 32) / 8.0
+    row[GlobalColumn.LAST_PELLET] = s.pellets_left[i] == 1
+    vx, vy = s.clyde_velocity[i, 0], s.clyde_velocity[i, 1]
+    v = math.sqrt(vx * vx + vy * vy)
+    dx, dy = s.robot[i, 0] - s.clyde[i, 0], s.robot[i, 1] - s.clyde[i, 1]
+    row[GlobalColumn.CLYDE_TOWARDS] = (vx * dx + vy * dy) / (v * clyde_m) if v * clyde_m > 1e-6 else 0.0
+    row[GlobalColumn.POSE_AGE] = min(s.pose_age_s[i], 10.0) / 5.0
+    row[GlobalColumn.NEAREST_WAY] = min(shortest, FAR_M) / 5.0
+
+
+@kernel
+def _shortest_way(s, i):  # type: ignore[no-untyped-def]
+    """Path length to the nearest pellet that may be chosen, m; 0: there is none."""
+    shortest = np.inf
+    for c in range(s.mask.shape[1]):
+        if s.mask[i, c] and s.kind[i, c] == PELLET:
+            shortest = min(shortest, s.path_robot[i, c])
+    return shortest if math.isfinite(shortest) else 0.0
+
+
+@kernel
+def _describe_ways(s, i, c, clyde_m, shortest, robot_speed, f):  # type: ignore[no-untyped-def]
+    """Fill in what a candidate is, and how far the robot and ghosts are from it."""
+    f[CandidateColumn.IS_PELLET], f[CandidateColumn.IS_REFUGE] = s.kind[i, c] == PELLET, s.kind[i, c] == REFUGE
+    f[CandidateColumn.IS_HOLD], f[CandidateColumn.IS_CURRENT] = s.kind[i, c] == HOLD, c == s.current[i]
+    own, other = min(s.path_robot[i, c], FAR_M), min(s.path_clyde[i, c], FAR_M)
+    if s.kind[i, c] == HOLD:
+        other = min(clyde_m, FAR_M)
+    f[CandidateColumn.PATH_ROBOT], f[CandidateColumn.NEARNESS_ROBOT] = own / 5.0, math.exp(-own / 2.0)
+    f[CandidateColumn.BEYOND_NEAREST] = min(max(s.path_robot[i, c] - shortest, -FAR_M), FAR_M) / 5.0
+    f[CandidateColumn.PATH_CLYDE], f[CandidateColumn.NEARNESS_CLYDE] = other / 5.0, math.exp(-other / 2.0)
+    margin_s = other / max(s.clyde_speed[i], 0.05) - own / robot_speed
+    f[CandidateColumn.TIME_MARGIN] = min(max(margin_s / 20.0, -2.0), 2.0)
+    dx, dy = s.position[i, c, 0] - s.clyde[i, 0], s.position[i, c, 1] - s.clyde[i, 1]
+    f[CandidateColumn.CLYDE_DISTANCE] = min(math.sqrt(dx * dx + dy * dy), FAR_M) / 5.0
+
+
+@kernel
+def _describe_meeting(m, f):  # type: ignore[no-untyped-def]
+    f[CandidateColumn.CAUGHT_SOON], f[CandidateColumn.CAUGHT] = m[prediction.CAUGHT_SOON], m[prediction.CAUGHT]
+    f[CandidateColumn.APPROACHED] = m[prediction.APPROACHED]
+    f[CandidateColumn.CLOSEST_MEAN] = min(m[prediction.CLOSEST_MEAN], 10.0) / 3.0
+    f[CandidateColumn.CLOSEST_LEAST] = min(m[prediction.CLOSEST], 10.0) / 3.0
+    f[CandidateColumn.TURN_COSINE] = m[prediction.TURN_COSINE]
+    f[CandidateColumn.TOWARDS_CLYDE] = m[prediction.TOWARDS_CLYDE]
+    f[CandidateColumn.STANDING_CLEARANCE] = min(m[prediction.STANDING], 10.0) / 3.0
+
+
+@kernel
+def _describe_hunt(h, f):  # type: ignore[no-untyped-def]
+    f[CandidateColumn.HUNTED], f[CandidateColumn.HUNTED_CAUGHT] = 1.0, h[outlook.CAUGHT]
+    f[CandidateColumn.HUNTED_ARRIVES] = h[outlook.ARRIVES_S] / 15.0
+    f[CandidateColumn.HUNTED_CLOSEST] = min(h[outlook.CLOSEST_M], 5.0) / 3.0
+    f[CandidateColumn.HUNTED_LEAD] = h[outlook.LEAD_M] / 5.0
+    f[CandidateColumn.HUNTED_COLLECTED] = min(h[outlook.COLLECTED] / 3.0, MOST)
+    f[CandidateColumn.HUNTED_WAYS_ON] = h[outlook.WAYS_ON]
+    f[CandidateColumn.HUNTED_LEAD_AFTER] = h[outlook.LEAD_AFTER_M] / 5.0
+
+
+@kernel
+def _describe_place(s, i, c, level, cost, f):  # type: ignore[no-untyped-def]
+    """Fill in how a candidate lies to the pellets and ghosts' cells; nothing of one without a place on the grid."""
+    g = s.goal[i, c]
+    if g < 0 or level.goal_cell[g] < 0:
+        return
+    lengths = level.length_cm[level.goal_cell[g]]
+    nearest, total, others, around = FAR_M, 0.0, 0, 0
+    for k in range(s.mask.shape[1]):
+        if s.kind[i, k] != PELLET or not s.mask[i, k] or k == c or s.goal[i, k] < 0:
+            continue
+        cm = lengths[s.goal[i, k]]
+        metres = FAR_M if cm == UNREACHABLE_CM else min(cm * 0.01, FAR_M)
+        nearest = min(nearest, metres)
+        total += metres
+        others += 1
+        around += metres <= _AROUND_M
+    f[CandidateColumn.NEAREST_PELLET] = nearest / 5.0 if others > 0 else 0.0
+    f[CandidateColumn.MEAN_PELLET] = total / others / 5.0 if others > 0 else 0.0
+    f[CandidateColumn.PELLETS_AROUND] = min(around / 4.0, MOST)
+    f[CandidateColumn.CLYDE_APART] = min(level.goal_apart_m[g], 1.0)
+    f[CandidateColumn.HANDCRAFTED_COST] = min(cost, FAR_M) / 5.0 if s.kind[i, c] == PELLET else 0.0
 
 
 @kernel
@@ -180,79 +271,20 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
             if level.later[COARSE_MAP] == 0:
                 return NEEDS_MAPS
             outlook.look_ahead(s, i, level, wanted, memory, hunts)
-        left_s = max(memory.rules[0].limit_s - s.time_s[i], 0.0)
-        whole[i, 11], whole[i, 12], whole[i, 13] = min(left_s / 200.0, 5.0), math.exp(-left_s / 30.0), coming
-        _describe_ghosts(s, i, level, whole[i, _FIRST_TOKEN:])
-        length_cm, goal_cell = level.length_cm, level.goal_cell
-        x, y = s.robot[i, 0], s.robot[i, 1]
-        cx, cy = s.clyde[i, 0], s.clyde[i, 1]
-        d = math.sqrt((cx - x) ** 2 + (cy - y) ** 2)
-        whole[i, 0] = min(d, FAR_M) / 5.0
-        whole[i, 1] = math.exp(-d)
-        whole[i, 2] = min(max(s.closing_speed[i] / 0.5, -2.0), 2.0)
-        whole[i, 3] = min(s.clyde_speed[i] / 0.5, 4.0)
-        whole[i, 4] = min(max(s.robot_velocity[i, 0] / 0.3, -MOST), MOST)
-        whole[i, 5] = min(max(s.robot_velocity[i, 1] / 2.0, -MOST), MOST)
-        whole[i, 6] = min(s.pellets_left[i], 32) / 8.0
-        whole[i, 7] = s.pellets_left[i] == 1
-        vx, vy = s.clyde_velocity[i, 0], s.clyde_velocity[i, 1]
-        v = math.sqrt(vx * vx + vy * vy)
-        whole[i, 8] = (vx * (x - cx) + vy * (y - cy)) / (v * d) if v * d > 1e-6 else 0.0
-        whole[i, 9] = min(s.pose_age_s[i], 10.0) / 5.0
-        shortest = np.inf  # path length to a pellet that may be chosen
-        for c in range(s.mask.shape[1]):
-            if s.mask[i, c] and s.kind[i, c] == PELLET:
-                shortest = min(shortest, s.path_robot[i, c])
-        shortest = shortest if math.isfinite(shortest) else 0.0
-        whole[i, 10] = min(shortest, FAR_M) / 5.0
-        threatened = is_threatening(d, s.closing_speed[i], False, _SCORER)
+        clyde_m = math.sqrt((s.clyde[i, 0] - s.robot[i, 0]) ** 2 + (s.clyde[i, 1] - s.robot[i, 1]) ** 2)
+        shortest = _shortest_way(s, i)
+        _describe_round(s, i, clyde_m, shortest, memory.rules[0].limit_s, coming, whole[i])
+        _describe_ghosts(s, i, level, whole[i, _TOKENS:])
+        threatened = is_threatening(clyde_m, s.closing_speed[i], False, _SCORER)
         score_situation(s.robot[i], s.clyde[i], s.position[i], threatened, False, _SCORER, terms)
-        count = s.mask.shape[1]
-        for c in range(count):
+        for c in range(s.mask.shape[1]):
             f = candidates[i, c]
             f[:] = 0.0
             if not wanted[c]:
                 continue
-            is_pellet = s.kind[i, c] == PELLET
-            f[0], f[1], f[2] = is_pellet, s.kind[i, c] == REFUGE, s.kind[i, c] == HOLD
-            f[3] = c == s.current[i]
-            own, other = min(s.path_robot[i, c], FAR_M), min(s.path_clyde[i, c], FAR_M)
-            if s.kind[i, c] == HOLD:
-                other = min(d, FAR_M)
-            f[4], f[5] = own / 5.0, math.exp(-own / 2.0)
-            f[23] = min(max(s.path_robot[i, c] - shortest, -FAR_M), FAR_M) / 5.0
-            f[6], f[7] = other / 5.0, math.exp(-other / 2.0)
-            f[8] = min(max((other / max(s.clyde_speed[i], 0.05) - own / request.robot_speed) / 20.0, -2.0), 2.0)
-            px, py = s.position[i, c, 0], s.position[i, c, 1]
-            f[9] = min(math.sqrt((px - cx) ** 2 + (py - cy) ** 2), FAR_M) / 5.0
-            for k in range(3):
-                f[10 + k] = meetings[c, k]
-            f[13] = min(meetings[c, 3], 10.0) / 3.0
-            f[14] = min(meetings[c, 4], 10.0) / 3.0
-            f[15], f[16], f[17] = meetings[c, 5], meetings[c, 6], min(meetings[c, 7], 10.0) / 3.0
+            _describe_ways(s, i, c, clyde_m, shortest, request.robot_speed, f)
+            _describe_meeting(meetings[c], f)
             if coming > 0:
-                h = hunts[c]
-                f[24], f[25], f[26] = 1.0, h[outlook.CAUGHT], h[outlook.ARRIVES_S] / 15.0
-                f[27], f[28] = min(h[outlook.CLOSEST_M], 5.0) / 3.0, h[outlook.LEAD_M] / 5.0
-                f[29], f[30] = min(h[outlook.COLLECTED] / 3.0, MOST), h[outlook.WAYS_ON]
-                f[31] = h[outlook.LEAD_AFTER_M] / 5.0
-            g = s.goal[i, c]
-            if g < 0 or goal_cell[g] < 0:
-                continue
-            here = goal_cell[g]
-            nearest, total, others, around = FAR_M, 0.0, 0, 0
-            for k in range(count):
-                if s.kind[i, k] != PELLET or not s.mask[i, k] or k == c or s.goal[i, k] < 0:
-                    continue
-                cm = length_cm[here, s.goal[i, k]]
-                metres = FAR_M if cm == UNREACHABLE_CM else min(cm * 0.01, FAR_M)
-                nearest = min(nearest, metres)
-                total += metres
-                others += 1
-                around += metres <= _AROUND_M
-            f[18] = nearest / 5.0 if others > 0 else 0.0
-            f[19] = total / others / 5.0 if others > 0 else 0.0
-            f[20] = min(around / 4.0, MOST)
-            f[21] = min(level.goal_apart_m[g], 1.0)
-            f[22] = min(terms[c, TOTAL], FAR_M) / 5.0 if is_pellet else 0.0
+                _describe_hunt(hunts[c], f)
+            _describe_place(s, i, c, level, terms[c, TOTAL], f)
     return 0
