@@ -1,7 +1,9 @@
-"""The speed of this version beside another: ``python -m benchmarks.versions ../before``, a checkout of that one.
+"""Compare the speed of this version and another: ``python -m benchmarks.versions ../before``, a checkout of that one.
 
-Both run their throughput benchmark in turns, in processes of their own, with the packages of this Python. A ratio is
-the median over the rounds; more than 1 is faster than the other.
+All rows of this checkout's ``pacman-env benchmark`` are measured in turns with the code of both, in processes of their
+own, with the packages of this Python, in processor time. A ratio is the median over the turns; more than 1 means that
+this version makes more decisions per second, or takes fewer seconds. Bare Chipmunk, whose ratio should be 1, shows how
+steady the machine was.
 """
 
 import argparse
@@ -17,62 +19,60 @@ from typing import Any
 from benchmarks.harness import ROOT, benchmark, in_checkout, median_and_range, turns
 from pacman_env.cli.command import finite_number
 
-#: Figures of the throughput benchmark; earlier versions lack some.
-_FIGURES = {
-    "generated houses": "generated_decisions_per_s_64",
-    "a new house per episode": "new_house_per_episode",
-    "64 houses": "houses_64",
-    "planner's features": "features_64",
-    "by events": "event_decisions_per_s_64",
-    "ratio to bare at 64": "bare_ratio_64",
-}
+PROGRAM = ROOT / "pacman_env" / "evaluation" / "benchmark.py"
 
 
-def benchmark_module(root: Path) -> str:
-    """The throughput benchmark of a checkout, as ``python -m`` names it; older versions have it elsewhere."""
-    for module in ("pacman_env.evaluation.benchmark", "eval.benchmarks.throughput", "eval.benchmark"):
-        if (root / module.replace(".", "/")).with_suffix(".py").is_file():
-            return module
-    raise ValueError(f"{root}: no checkout, pacman_env/evaluation/benchmark.py is not there")
-
-
-def measure(root: Path, map_source: str, seconds: float) -> dict[str, Any]:
-    module = benchmark_module(root)
+def measure(root: Path, *options: str) -> dict[str, Any]:
+    """Return the figures that this checkout's program measures with the code of a checkout."""
+    if not (root / "pacman_env").is_dir():
+        raise ValueError(f"{root}: no checkout, pacman_env is not there")
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "figures.json"
-        options = ["--map", map_source, "--rounds", "3", "--seconds", str(seconds), "--json", str(file)]
-        done = subprocess.run(**in_checkout(root, "-m", module, *options), capture_output=True)
+        # -P: the folder of the program is not searched for modules
+        command = in_checkout(root, "-P", str(PROGRAM), "--rounds", "1", "--json", str(file), *options)
+        done = subprocess.run(**command, capture_output=True)
         if done.returncode != 0:
-            raise ValueError(f"{module} in {root} failed: {done.stderr.strip()}")
+            raise ValueError(f"{PROGRAM.name} on {root} failed: {done.stderr.strip()}")
         return dict(json.loads(file.read_text()))
 
 
 def ratios(here: Sequence[dict[str, Any]], there: Sequence[dict[str, Any]]) -> dict[str, list[float]]:
-    """Per figure, this version's over the other's in each round."""
-    pairs = list(zip(here, there, strict=True))
-    sizes = here[0]["decisions_per_s"]
-    result = {f"N = {n}": [a["decisions_per_s"][n] / b["decisions_per_s"][n] for a, b in pairs] for n in sizes}
-    known = [(name, key) for name, key in _FIGURES.items() if all(key in a and key in b for a, b in pairs)]
-    result |= {name: [a[key] / b[key] for a, b in pairs] for name, key in known}
-    if all("threads" in b for _, b in pairs):
-        threads = [n for n in here[0]["threads"] if n != "1" and all(n in b["threads"] for _, b in pairs)]
-        result |= {f"{n} threads at 1,024": [a["threads"][n] / b["threads"][n] for a, b in pairs] for n in threads}
-    return result
+    """Return by row how many times as fast this version is in each turn; rows that either lacks are left out."""
+    pairs = [(a["rows"], b["rows"]) for a, b in zip(here, there, strict=True)]
+    found: dict[str, list[float]] = {}
+    for name in pairs[0][0]:
+        if all("decisions_per_s" in side.get(name, {}) for pair in pairs for side in pair):
+            found[name] = [a[name]["decisions_per_s"] / b[name]["decisions_per_s"] for a, b in pairs]
+        elif all("cpu_s" in side.get(name, {}) for pair in pairs for side in pair):
+            found[name] = [b[name]["cpu_s"] / a[name]["cpu_s"] for a, b in pairs]
+    return found
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
     roots = ROOT, arguments.checkout.resolve()
     map_source = str(Path(arguments.map).resolve()) if Path(arguments.map).exists() else arguments.map
+    options = ["--map", map_source, "--only", arguments.only]
     for root in roots[::-1]:  # compiled and prepared before anything counts
-        measure(root, map_source, 0.1)
-    rounds = turns(arguments.rounds, *(partial(measure, root, map_source, arguments.seconds) for root in roots))
-    here, there = zip(*rounds, strict=True)
-    versions = f"version {here[0]['version']} beside {there[0]['version']}"
-    print(f"map {here[0]['map']}: {versions}, {arguments.rounds} rounds")
+        measure(root, *options, "--seconds", "0.1")
+    options += [f"--{name}" for name in ("first-start", "training") if getattr(arguments, name.replace("-", "_"))]
+    measures = [partial(measure, root, *options, "--seconds", str(arguments.seconds)) for root in roots]
+    here, there = zip(*turns(arguments.rounds, *measures), strict=True)
+    print(
+        "{version} and {other}, Python {python}, {cores} x {processor}, {date},".format(
+            **here[0], other=there[0]["version"]
+        ),
+        f"map {arguments.map}, {arguments.rounds} turns, processor time\n",
+    )
+    print("| What | here | there | here / there, median | range |\n|---|---|---|---|---|")
     found = ratios(here, there)
     for name, values in found.items():
-        print("  {}: {:.2f} ({:.2f} to {:.2f})".format(name, *median_and_range(values)))
-    return {"beside": there[0]["version"], "ratios": found}
+        key = "decisions_per_s" if "decisions_per_s" in here[0]["rows"][name] else "cpu_s"
+        key, form = ("decisions_per_s", ",.0f") if "decisions_per_s" in here[0]["rows"][name] else ("cpu_s", ".1f")
+        medians = (median_and_range([one["rows"][name][key] for one in side])[0] for side in (here, there))
+        cells = " | ".join(format(value, form) for value in medians)
+        middle, low, high = median_and_range(values)
+        print(f"| {name} | {cells} | {middle:.2f} | {low:.2f} to {high:.2f} |")
+    return {"beside": there[0]["version"], "ratios": found, "here": here, "there": there}
 
 
 main = benchmark(
@@ -81,7 +81,10 @@ main = benchmark(
     run,
     "--rounds",
     ("checkout", {"type": Path, "help": "folder of the other version"}),
-    ("--seconds", {"type": finite_number(0), "default": 3.0, "help": "roughly what each figure may take"}),
+    ("--seconds", {"type": finite_number(0), "default": 1.0, "help": "of processor time, per row and turn"}),
+    ("--only", {"default": "", "metavar": "TEXT", "help": "rows whose name contains this"}),
+    ("--first-start", {"action": "store_true", "help": "also starts on an empty cache: minutes"}),
+    ("--training", {"action": "store_true", "help": "also a short training (extra train)"}),
 )
 
 if __name__ == "__main__":

@@ -1,230 +1,299 @@
-"""The speed of the environments: ``pacman-env benchmark``.
+"""Measure the speed of the environments as learners use them: ``pacman-env benchmark``.
 
-Decisions per second of the native vector environment at 64 and 1,024 games and of the unwrapped single environment;
-in the same run, in turns with it, bare Chipmunk stepping of the same bodies among the same walls, as decisions that
-cost nothing but physics; what a second ``gymnasium.make`` of the same map costs, and what a generated house for each
-episode costs; decisions by events (``PacManBotFlat-v0``), with the time that they simulate; 64 houses at once, and 64
-games with the planner's features. All of that in one thread. Then 1,024 games with 1, 2, 4 ... threads, and a new
-house for each episode of 64 games, whose houses two threads prepare while they are played.
-Machines are noisy: the ratio is the median over rounds of figures measured one after the other.
+Each row of the table is an environment id, made as a learner makes it: by ``gymnasium.make``, by ``gymnasium.make_vec``
+with the native vector environment, or as the wrapper for Stable-Baselines3. Rates are decisions and simulated seconds
+per second of processor time of this process, in one thread, resets included; choosing counts only for ``ppo``. Random
+actions are drawn among the allowed ones. Bare Chipmunk steps the bodies of 64 games among the same walls and does
+nothing else. All rows are measured in turns, and the table shows the median over the rounds.
 """
 
 import argparse
+import gc
+import json
+import os
 import platform
+import re
+import resource
+import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Sequence
-from functools import partial
+from dataclasses import dataclass, field
+from datetime import date
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
 
+# This file also runs as a script on the code of another checkout (benchmarks/versions.py), so it imports little.
 import pacman_env
 from pacman_env.cli.command import Parser, count, finite_number, run_command
-from pacman_env.engine.cores import cores
-from pacman_env.envs.pacmanbot import PacManBotEnv
-from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.files import prepare, write_json
+from pacman_env.policies.registry import make_policy
+from pacman_env.sim.maps import level_source
 from pacman_env.world.navigation.physics import bare_stepper
 
-HELD = 20  # decisions for which a random action is held: about what a planner does
+HELD = 20  # decisions for which a random action is held where each lasts a tick: about what a planner does
 ROUNDS = 9
+BARE = "bare Chipmunk, 64 bodies"
+TRAINED = 65_536  # decisions of the short training
+#: Houses that are prepared before a row on generated houses; 0: an older version, which keeps none.
+HOUSES: int = getattr(level_source, "TRAIN_SET", 0)
+Rates = tuple[float, float]  # decisions and simulated seconds per second of processor time
 
 
-def vector_rate(env: PacManBotVectorEnv, rng: np.random.Generator, steps: int) -> float:
-    """Decisions per second over ``steps`` steps with random goals, each held for a while."""
-    choices = rng.integers(0, env.batch.candidates, size=(steps // HELD + 1, env.num_envs))
-    began = time.perf_counter()
-    for k in range(steps):
-        env.step(choices[k // HELD])
-    return steps * env.num_envs / (time.perf_counter() - began)
+@dataclass(frozen=True)
+class Row:
+    """One environment of the table, the number of its games, and who chooses."""
+
+    env: str
+    made: str  # "make", "make_vec" or "sb3"
+    games: int
+    policy: str = "random"
+    arguments: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """Return what the table shows and ``--only`` searches."""
+        more = "".join(f", {value}" for value in self.arguments.values())
+        return f"{self.env}{more}, {self.made}, N = {self.games}, {self.policy}"
 
 
-def single_rate(env: PacManBotEnv, rng: np.random.Generator, steps: int) -> float:
-    """Decisions per second of the unwrapped single environment, resets included."""
-    choices = rng.integers(0, env.batch.candidates, size=steps // HELD + 1).tolist()
-    began = time.perf_counter()
-    for k in range(steps):
-        _, _, terminated, truncated, _ = env.step(choices[k // HELD])
-        if terminated or truncated:
-            env.reset()
-    return steps / (time.perf_counter() - began)
+_BOT, _FLAT, _GENERATED = "PacManBot-v0", "PacManBotFlat-v0", "PacManBotFlatGenerated-v0"
+ROWS = (
+    Row(_BOT, "make", 1),
+    Row(_BOT, "make_vec", 64),
+    Row(_BOT, "make_vec", 1024),
+    Row(_BOT, "sb3", 64),
+    Row(_BOT, "make_vec", 64, arguments={"observation": "planner"}),
+    Row(_BOT, "make_vec", 64, policy="ppo"),
+    Row(_FLAT, "make", 1),
+    Row(_FLAT, "make_vec", 64),
+    Row(_FLAT, "sb3", 64),
+    Row(_FLAT, "make_vec", 64, policy="ppo"),
+    Row(_GENERATED, "make", 1),
+    Row(_GENERATED, "make_vec", 64),
+    Row(_GENERATED, "sb3", 64),
+)
 
 
-def bare_rate(env: PacManBotVectorEnv, steps: int) -> float:
-    """Decisions per second if a decision were only physics: all robots in one space of Chipmunk's, from Python."""
-    robot = env.config.robot
+class Player:
+    """A row's environment while it is played; ``game`` is the package's own environment below all wrappers."""
+
+    def __init__(self, row: Row, map_source: str) -> None:
+        spec, arguments = f"pacman_env/{row.env}", {**row.arguments}
+        if row.env != _GENERATED:
+            arguments["map"] = map_source
+        if row.made != "make":
+            native = {"num_envs": row.games, "vectorization_mode": "vector_entry_point"}
+            mode = {"autoreset_mode": AutoresetMode.SAME_STEP} if row.made == "sb3" else {}
+            self.env: Any = gym.make_vec(spec, **native, **mode, **arguments)
+            self.game: Any = self.env.unwrapped
+            if row.made == "sb3":
+                from pacman_env.sb3 import PacManBotVecEnv
+
+                self.env = PacManBotVecEnv(self.game)
+        else:
+            self.env = gym.make(spec, **arguments)
+            self.game = self.env.unwrapped
+        self.row, self.rng, self._number = row, np.random.default_rng(0), 0
+        self._held = 1 if "Flat" in row.env else HELD
+        self._over = np.zeros(row.games, np.bool_)
+        self._actions = np.zeros(row.games, np.int64)
+        self._policy = None if row.policy == "random" else make_policy(row.policy)
+        if row.env == _GENERATED and row.made != "make":
+            self._keep_houses()
+        if row.made == "sb3":
+            self.env.seed(0)
+            self.env.reset()
+        else:
+            self.env.reset(seed=0)
+        if self._policy is not None:
+            self._policy.reset(~self._over, self.game.config)
+
+    def _keep_houses(self) -> None:
+        """Play each house of the set once, which prepares those that are not kept yet."""
+        games = self.row.games
+        for first in range(0, HOUSES, games):
+            self.game.reset(seed=0, options={"level": (first + np.arange(games)) % HOUSES})
+
+    def rates(self, seconds: float) -> Rates:
+        """Play for about ``seconds`` of processor time."""
+        spent, decisions, simulated = 0.0, 0, 0.0
+        waits = self.row.made == "make_vec"  # NEXT_STEP: the step after an end is a reset, not a decision
+        while spent < seconds or decisions == 0:
+            playing = ~self._over if waits else np.ones_like(self._over)
+            if self._policy is None and self._number % self._held == 0:
+                self._draw()
+            began = time.process_time()
+            if self._policy is not None:
+                self._actions = self.game.action_of(self._policy.select(self.game.situation))
+            elapsed, self._over = self._step()
+            spent += time.process_time() - began
+            if self._policy is not None and self._over.any():
+                self._policy.reset(self._over, self.game.config)
+            self._number += 1
+            decisions += int(playing.sum())
+            simulated += playing.sum() * self.game.config.execution.tick_s if elapsed is None else float(elapsed.sum())
+        return decisions / spent, simulated / spent
+
+    def _draw(self) -> None:
+        masks = np.atleast_2d(self.game.action_masks())
+        self._actions = (self.rng.random(masks.shape) * masks).argmax(axis=1)
+
+    def _step(self) -> tuple[NDArray[np.float64] | None, NDArray[np.bool_]]:
+        """Return what each game's decision lasted (s; None: a tick), and whether its episode ended."""
+        if self.row.made == "sb3":
+            _, _, over, rows = self.env.step(self._actions)
+            return np.array([row["elapsed_s"] for row in rows]) if "elapsed_s" in rows[0] else None, over
+        action = int(self._actions[0]) if self.row.made == "make" else self._actions
+        _, _, terminated, truncated, info = self.env.step(action)
+        over = np.atleast_1d(np.logical_or(terminated, truncated))
+        if self.row.made == "make" and over[0]:
+            self.env.reset()
+        return np.atleast_1d(info["elapsed_s"]) if "elapsed_s" in info else None, over
+
+
+def bare_rates(map_source: str) -> Callable[[float], Rates]:
+    """Make what measures decisions that are only physics: 64 robots in one space of Chipmunk's, from Python."""
+    env: Any = Player(Row(_BOT, "make_vec", 64), map_source).game
+    robot, config, substeps = env.config.robot, env.config, env.batch.substeps
     step = bare_stepper(
         env.batch.assets.grid.walls,
-        env.batch.bodies[:, :2],
+        env.batch.bodies[:, :2].copy(),
         radius_m=robot.radius_m,
         mass_kg=robot.mass_kg,
-        step_s=env.config.physics_step_s,
+        step_s=config.physics_step_s,
         speed_mps=robot.speed_mps,
     )
-    began = time.perf_counter()
-    step(steps * env.batch.substeps)
-    return steps * env.num_envs / (time.perf_counter() - began)
+
+    def rates(seconds: float) -> Rates:
+        began, decisions = time.process_time(), 0
+        while decisions == 0 or time.process_time() - began < seconds:
+            step(HELD * substeps)
+            decisions += 64 * HELD
+        rate = decisions / (time.process_time() - began)
+        return rate, rate * config.execution.tick_s
+
+    return rates
 
 
-def make_vector(n: int, map_source: str, flat: bool = False, **arguments: Any) -> PacManBotVectorEnv:
-    kind = {"vectorization_mode": "vector_entry_point", "map": map_source, **arguments}
-    env = gym.make_vec(f"pacman_env/PacManBot{'Flat' if flat else ''}-v0", num_envs=n, **kind).unwrapped
-    assert isinstance(env, PacManBotVectorEnv)
-    env.reset(seed=0)
-    if flat:
-        event_rates(env, HELD)
-    else:
-        vector_rate(env, np.random.default_rng(0), 2 * HELD)
-    return env
+def measured(rows: Sequence[Row], map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
+    """Return by row the medians, or the reason why it is skipped; ``seconds`` is what each row takes in all rounds."""
+    figures: dict[str, Any] = {}
+    players: dict[str, Callable[[float], Rates]] = {BARE: bare_rates(map_source)}
+    for row in rows:
+        try:
+            players[row.name] = Player(row, map_source).rates
+        except ModuleNotFoundError as error:
+            if str(error.name).startswith("pacman_env"):
+                raise
+            figures[row.name] = {"skipped": f"{error.name} is not installed"}
+    for rates in players.values():  # compiles, and fills the caches
+        rates(min(seconds, 1.0))
+    gc.collect()
+    turns = np.array([[rates(seconds / rounds) for rates in players.values()] for _ in range(rounds)])
+    of_bare = np.median(turns[:, :, 1] / turns[:, :1, 1], axis=0)
+    for k, name in enumerate(players):
+        decisions, simulated = np.median(turns[:, k], axis=0).tolist()
+        low, high = turns[:, k, 0].min(), turns[:, k, 0].max()
+        rate = {"decisions_per_s": decisions, "range": [float(low), float(high)], "simulated_s_per_s": simulated}
+        figures[name] = {**rate, "of_bare": float(of_bare[k])}
+    return {name: figures[name] for name in (BARE, *(row.name for row in rows))}
 
 
-def event_rates(env: PacManBotVectorEnv, steps: int) -> tuple[float, float]:
-    """Decisions and simulated seconds per second, decided by events: the nearest pellet each time."""
-    actions, simulated = np.zeros(env.num_envs, dtype=np.int64), 0.0
-    began = time.perf_counter()
-    for _ in range(steps):
-        simulated += float(env.step(actions)[4]["elapsed_s"].sum())
-    took = time.perf_counter() - began
-    return steps * env.num_envs / took, simulated / took
+def _child(*command: str, **variables: str) -> tuple[float, float]:
+    """Run a Python on this package; returns its wall and processor seconds. Raises ValueError if it fails."""
+    environment = {**os.environ, "PYTHONPATH": str(Path(pacman_env.__file__).parents[1]), **variables}
+    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
+    done = subprocess.run([sys.executable, *command], env=environment, capture_output=True, text=True)
+    if done.returncode != 0:
+        raise ValueError(f"{command}: {done.stderr.strip()}")
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return time.monotonic() - began, cpu_s
 
 
-def milliseconds(action: Callable[[], Any]) -> float:
-    began = time.perf_counter()
-    action()
-    return 1000 * (time.perf_counter() - began)
+def first_start(map_source: str) -> dict[str, Any]:
+    """Measure a process that makes, resets and steps each id, on an empty cache and on what that leaves."""
+    figures = {}
+    for env in (_BOT, _FLAT):
+        code = f"import gymnasium, pacman_env; env = gymnasium.make('pacman_env/{env}', map={map_source!r})"
+        code += "; env.reset(seed=0); env.step(0)"
+        with tempfile.TemporaryDirectory() as cache:
+            for when in ("empty cache", "warm"):
+                wall_s, cpu_s = _child("-c", code, PACMAN_ENV_CACHE=cache)
+                figures[f"start to first step, {env}, {when}"] = {"wall_s": wall_s, "cpu_s": cpu_s}
+    return figures
 
 
-def make_again_ms(map_source: str, repeats: int) -> float:
-    """Milliseconds of a ``gymnasium.make`` of a map that was made before."""
-    make = partial(gym.make, "pacman_env/PacManBot-v0", map=map_source)
-    make()
-    return float(np.median([milliseconds(make) for _ in range(repeats)]))
+def training() -> dict[str, Any]:
+    """Measure ``train --quick`` cut short: the whole command in s, and PPO's decisions per second by the clock."""
+    with tempfile.TemporaryDirectory() as folder:
+        code = "import sys; from pacman_env.training.ppo import main; sys.exit(main(sys.argv[1:]))"
+        options = ["--quick", "--imitation", "8192", "--decisions", str(TRAINED), "--segment", str(TRAINED)]
+        wall_s, cpu_s = _child("-c", code, *options, "--evaluation", "16", "--out", f"{folder}/run")
+        (segment,) = json.loads(Path(folder, "run", "run.json").read_text())["segments"]
+    row = {"wall_s": wall_s, "cpu_s": cpu_s, "decisions_per_s": segment["decisions_per_s"]}
+    return {f"train --quick --decisions {TRAINED}": row}
 
 
-def new_level_ms(env: PacManBotVectorEnv, episodes: int) -> float:
-    """Milliseconds that an episode on a generated house of its own adds to 64 games: draw, prepare, build, start.
-
-    Slots are used before: memory that the system has to find first is not what a level costs.
-    """
-    seeds = np.random.default_rng(0).integers(2**63, size=64 + episodes, dtype=np.uint64)
-    starts = [(np.array([k % 64]), np.array([seed])) for k, seed in enumerate(seeds)]
-    return float(np.mean([milliseconds(partial(env.batch.reset, *start)) for start in starts][64:]))
-
-
-def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
-    """All figures; ``seconds`` is roughly what each figure may take."""
-    rng = np.random.default_rng(0)
-    env = make_vector(64, map_source)
-    houses = make_vector(64, "generated")
-    level_ms = new_level_ms(houses, max(8, round(50 * seconds)))
-    steps = max(HELD, int(seconds / rounds * vector_rate(env, rng, 4 * HELD) / 64))
-    full, bare = np.array([(vector_rate(env, rng, steps), bare_rate(env, steps)) for _ in range(rounds)]).T
-    ratios = full / bare
-
-    numbers = sorted({1, 2, max(2, cores()), *(2**k for k in range(10) if 2**k <= cores())})
-    by_threads = {threads: make_vector(1024, map_source, num_threads=threads) for threads in numbers}
-    many_steps = max(4, int(seconds / rounds * np.median(full) / 1024))
-    turns = [[vector_rate(many, rng, many_steps) for many in by_threads.values()] for _ in range(rounds)]
-    threads = {str(number): float(rate) for number, rate in zip(by_threads, np.median(turns, axis=0), strict=True)}
-    for many in by_threads.values():
-        many.close()
-    del by_threads, many
-
-    def median(measure: Callable[[], Any]) -> Any:
-        return np.median([measure() for _ in range(rounds)], axis=0).tolist()
-
-    featured = make_vector(64, map_source, observation="planner")
-    same_houses = make_vector(64, "generated", settings={"num_levels": 64})
-    more_steps = max(4, steps // 4)
-    features = median(lambda: vector_rate(featured, rng, more_steps))
-    at_once = median(lambda: vector_rate(same_houses, rng, more_steps) / vector_rate(env, rng, more_steps))
-    new_houses = make_vector(64, "generated", num_threads=2)
-    house_steps = max(4, steps // 20)
-    vector_rate(new_houses, rng, house_steps)
-    per_episode = median(lambda: vector_rate(new_houses, rng, house_steps))
-    by_events = make_vector(64, map_source, flat=True)
-    decisions, simulated = median(lambda: event_rates(by_events, max(4, steps // 8)))
-
-    single = gym.make("pacman_env/PacManBot-v0", map=map_source).unwrapped
-    assert isinstance(single, PacManBotEnv)
-    single.reset(seed=0)
-    single_rate(single, rng, 4 * HELD)
-    single_steps = max(HELD, int(seconds / rounds * 8000))
-    rate = float(np.median(full))
-    return {
-        "decisions_per_s": {
-            "1": median(lambda: single_rate(single, rng, single_steps)),
-            "64": rate,
-            "1024": threads["1"],
-        },
-        "threads": threads,
-        "houses_64": at_once * rate,
-        "houses_64_ratio": at_once,
-        "new_house_per_episode": per_episode,
-        "features_64": features,
-        "event_decisions_per_s_64": decisions,
-        "event_simulated_s_per_s_64": simulated,
-        "tick_simulated_s_per_s_64": rate * env.config.execution.tick_s,
-        "bare_decisions_per_s_64": float(np.median(bare)),
-        "bare_ratio_64": float(np.median(ratios)),
-        "bare_ratio_64_range": [float(ratios.min()), float(ratios.max())],
-        "make_again_ms": make_again_ms(map_source, rounds),
-        "new_level_ms": level_ms,
-        "generated_decisions_per_s_64": vector_rate(houses, rng, steps),
-        "map": env.batch.assets.occupancy.name,
-        "map_hash": env.batch.assets.occupancy.hash,
-        "wall_segments": len(env.batch.assets.grid.walls),
-        "version": pacman_env.__version__,
-        "python": platform.python_version(),
-        "processor": platform.processor() or platform.machine(),
-    }
+def machine() -> dict[str, Any]:
+    """Return what the figures depend on beside the code."""
+    cpus = Path("/proc/cpuinfo")
+    names = re.findall(r"model name\s*: (.+)", cpus.read_text()) if cpus.exists() else []
+    processor = names[0] if names else platform.processor() or platform.machine()
+    versions = {"version": pacman_env.__version__, "python": platform.python_version()}
+    return {**versions, "processor": processor, "cores": os.cpu_count(), "date": date.today().isoformat()}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    return run_command(make_parser(), argv, _report)
+    given = sys.argv[1:] if argv is None else argv
+    return run_command(make_parser(), argv, lambda arguments: _report(arguments, " ".join(given)))
 
 
 def make_parser() -> Parser:
     parser = Parser(prog="pacman-env benchmark", description=__doc__)
-    parser.add_argument("--map", default="house", help="name or YAML file")
-    parser.add_argument("--rounds", type=count(), default=ROUNDS)
+    parser.add_argument("--map", default="house", help="name or YAML file, but for generated houses")
+    parser.add_argument("--rounds", type=count(), default=ROUNDS, help="turns of all rows (%(default)s)")
     seconds = finite_number(0, 3600)
-    parser.add_argument("--seconds", type=seconds, default=6.0, help="roughly what each figure may take")
+    parser.add_argument("--seconds", type=seconds, default=6.0, help="of processor time, per row (%(default)s)")
+    parser.add_argument("--only", default="", metavar="TEXT", help="rows whose name contains this")
+    parser.add_argument("--first-start", action="store_true", help="also starts on an empty cache: two minutes")
+    parser.add_argument("--training", action="store_true", help="also a short training (extra train)")
     parser.add_argument("--json", type=Path, help="write the figures here")
     return parser
 
 
-def _report(arguments: argparse.Namespace) -> None:
+def _report(arguments: argparse.Namespace, given: str) -> None:
     if arguments.json:
         prepare(arguments.json)
-    figures = run(arguments.map, arguments.rounds, arguments.seconds)
-    rates, (low, high) = figures["decisions_per_s"], figures["bare_ratio_64_range"]
-    simulated, ticks = figures["event_simulated_s_per_s_64"], figures["tick_simulated_s_per_s_64"]
-    print(
-        f"map {figures['map']}, {figures['wall_segments']} wall segments, one thread unless a number is given",
-        *(f"  N = {n:>4}: {rates[n]:9,.0f} decisions/s" for n in ("1", "64", "1024")),
-        f"  bare Chipmunk, 64 bodies: {figures['bare_decisions_per_s_64']:9,.0f} decisions/s",
-        f"  ratio to bare at 64: {figures['bare_ratio_64']:.3f} ({low:.3f} to {high:.3f})",
-        f"  N = 1,024 against 64: {rates['1024'] / rates['64']:.2f}",
-        f"  64 houses: {figures['houses_64']:9,.0f} decisions/s, {figures['houses_64_ratio']:.2f} of one house",
-        f"  planner's features, 64: {figures['features_64']:9,.0f} decisions/s",
-        *(
-            f"  1,024 games, {number:>2} threads: {rate:9,.0f} decisions/s, {rate / rates['1024']:.2f} of one"
-            for number, rate in figures["threads"].items()
-        ),
-        f"  a new house per episode, 64 games, 2 threads: {figures['new_house_per_episode']:9,.0f} decisions/s",
-        f"  decided by events, planner's numbers, 64: {figures['event_decisions_per_s_64']:9,.0f} decisions/s,",
-        f"    {simulated:,.0f} simulated s/s; at every tick {ticks:,.0f}",
-        f"  gymnasium.make of the same map again: {figures['make_again_ms']:.1f} ms",
-        f"  generated houses, a new one per episode: {figures['new_level_ms']:.1f} ms each at 64 games,",
-        f"    with them {figures['generated_decisions_per_s_64']:,.0f} decisions/s in 64 houses at once",
-        sep="\n",
-    )
+    rows = [row for row in ROWS if arguments.only in row.name]
+    figures = {**machine(), "map": arguments.map, "command": f"pacman-env benchmark {given}".strip()}
+    figures["rows"] = measured(rows, arguments.map, arguments.rounds, arguments.seconds)
+    if arguments.first_start:
+        figures["rows"] |= first_start(arguments.map)
+    if arguments.training:
+        figures["rows"] |= training()
+    print(*table(figures), sep="\n")
     if arguments.json:
         write_json(arguments.json, figures)
+
+
+def table(figures: dict[str, Any]) -> list[str]:
+    """Return the lines of a Markdown table of all rows, below a line on what was measured where and how."""
+    about = "pacman_env {version}, Python {python}, {cores} x {processor}, {date}, map {map}: `{command}`"
+    lines = [about.format(**figures), "", "| What | decisions/s | simulated s/s | of bare | wall s | CPU s |"]
+    lines.append("|---|---|---|---|---|---|")
+    shown = {"decisions_per_s": ",.0f", "simulated_s_per_s": ",.0f", "of_bare": ".3f", "wall_s": ".1f", "cpu_s": ".1f"}
+    for name, row in figures["rows"].items():
+        cells = [format(row[key], form) if key in row else "" for key, form in shown.items()]
+        lines.append(f"| {name} | " + " | ".join([row["skipped"], *cells[1:]] if "skipped" in row else cells) + " |")
+    return lines
 
 
 if __name__ == "__main__":

@@ -1,129 +1,83 @@
-"""Two versions are compared round by round; checkouts here are small ones that say at once how fast they are."""
+"""Two versions are compared turn by turn; checkouts here are small ones that say at once how fast they are."""
 
 from __future__ import annotations
 
 import json
-import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from benchmarks import versions
-from benchmarks.versions import ROOT, benchmark_module, main, measure, ratios
-from pacman_env.evaluation import benchmark as throughput
+from benchmarks.versions import ROOT, main, measure, ratios
 
-#: A throughput benchmark that takes the real one's options and says what it was called with.
-BENCHMARK = """
-import argparse, json, os
+#: A benchmark that takes the real one's options, and knows from the package that it imports what to write.
+PROGRAM = """
+import argparse, sys
 from pathlib import Path
+import pacman_env
 parser = argparse.ArgumentParser()
-for name in ("--map", "--rounds", "--seconds", "--json"):
+for name in ("--map", "--rounds", "--seconds", "--json", "--only"):
     parser.add_argument(name)
+parser.add_argument("--training", action="store_true")
 given = parser.parse_args()
-assert Path(__file__).is_relative_to(Path.cwd()) and os.environ["PYTHONPATH"] == str(Path.cwd())
-with open("calls", "a") as calls:
-    print(given.map, given.seconds, file=calls)
-Path(given.json).write_text(json.dumps({figures}))
+here = Path(pacman_env.__file__).parent
+with open(here / "calls", "a") as calls:
+    print(given.map, given.rounds, given.seconds, given.only, given.training, file=calls)
+Path(given.json).write_text((here / "figures.json").read_text())
 """
 
 
-def figures(one: float, many: float, bare: float) -> dict[str, Any]:
-    rates = {"1": one, "64": many, "1024": many}
-    return {
-        "decisions_per_s": rates,
-        "bare_ratio_64": bare,
-        "generated_decisions_per_s_64": one + many,
-        "map": "loop",
-        "version": "0.9",
-    }
+def figures(one: float, many: float, start_s: float) -> dict[str, Any]:
+    rows: dict[str, Any] = {"N = 1": {"decisions_per_s": one}, "N = 64": {"decisions_per_s": many}}
+    rows["start"] = {"wall_s": 9.0, "cpu_s": start_s}
+    about = {"version": "0.9", "python": "3.11", "cores": 2, "processor": "Abacus", "date": "2026-11-26"}
+    return {**about, "map": "loop", "rows": rows}
 
 
-def checkout(folder: Path, module: str, said: dict[str, Any]) -> Path:
-    file = folder / f"{module.replace('.', '/')}.py"
-    file.parent.mkdir(parents=True)
-    file.write_text(BENCHMARK.replace("{figures}", repr(said)))
+def checkout(folder: Path, said: dict[str, Any]) -> Path:
+    (folder / "pacman_env").mkdir(parents=True)
+    (folder / "pacman_env" / "__init__.py").touch()
+    (folder / "pacman_env" / "figures.json").write_text(json.dumps(said))
     return folder
 
 
-def test_ratios_are_of_figures_measured_one_after_the_other() -> None:
-    here, there = [figures(10, 200, 0.4), figures(30, 100, 0.2)], [figures(20, 100, 0.4), figures(30, 200, 0.4)]
-    assert ratios(here, there) == {
-        "N = 1": [0.5, 1.0],
-        "N = 64": [2.0, 0.5],
-        "N = 1024": [2.0, 0.5],
-        "generated houses": [1.75, 13 / 23],
-        "ratio to bare at 64": [1.0, 0.5],
-    }
+def test_ratios_are_of_figures_of_the_same_turn() -> None:
+    here, there = [figures(10, 200, 5.0), figures(30, 100, 4.0)], [figures(20, 100, 10.0), figures(30, 200, 2.0)]
+    assert ratios(here, there) == {"N = 1": [0.5, 1.0], "N = 64": [2.0, 0.5], "start": [2.0, 0.5]}
 
 
-@pytest.mark.parametrize("layout", ["eval/benchmark.py", "eval/benchmarks/throughput.py"])
-def test_versions_of_either_layout_are_known(layout: str, tmp_path: Path) -> None:
-    (tmp_path / layout).parent.mkdir(parents=True)
-    (tmp_path / layout).touch()
-    assert benchmark_module(tmp_path) == layout.removesuffix(".py").replace("/", ".")
+def test_rows_that_one_side_lacks_or_skips_have_no_ratio() -> None:
+    here, there = figures(10, 200, 5.0), figures(20, 100, 5.0)
+    del there["rows"]["start"]
+    here["rows"]["N = 64"] = {"skipped": "stable_baselines3 is not installed"}
+    assert ratios([here], [there]) == {"N = 1": [0.5]}
 
 
-@pytest.mark.parametrize("module", ["eval.benchmark", "pacman_env.evaluation.benchmark"])
-def test_versions_are_measured_in_turns_in_processes_of_their_own(
-    module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_versions_are_measured_in_turns_by_the_same_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    here = checkout(tmp_path / "here", "pacman_env.evaluation.benchmark", figures(10, 100, 0.3))
-    there = checkout(tmp_path / "there", module, figures(20, 50, 0.3))
+    here = checkout(tmp_path / "here", figures(10, 100, 5.0))
+    there = checkout(tmp_path / "there", figures(20, 50, 10.0))
+    program = tmp_path / "benchmark.py"
+    program.write_text(PROGRAM)
     monkeypatch.setattr(versions, "ROOT", here)
-    assert main([str(there), "--map", "loop", "--rounds", "2", "--seconds", "0.5"]) == 0
+    monkeypatch.setattr(versions, "PROGRAM", program)
+    out = tmp_path / "ratios.json"
+    given = ["--map", "loop", "--rounds", "2", "--seconds", "0.5", "--only", "N", "--training", "--json", str(out)]
+    assert main([str(there), *given]) == 0
     for folder in (here, there):
-        assert (folder / "calls").read_text().splitlines() == ["loop 0.1", "loop 0.5", "loop 0.5"]  # first warmed up
-    out = capsys.readouterr().out
-    for words in ("map loop: version", "N = 1: 0.50", "N = 64: 2.00", "N = 1024: 2.00", "generated houses: 1.57"):
-        assert words in out
+        calls = (folder / "pacman_env" / "calls").read_text().splitlines()
+        assert calls == ["loop 1 0.1 N False", *["loop 1 0.5 N True"] * 2]  # the first one warms up
+    printed = capsys.readouterr().out
+    for line in ("| N = 1 | 10 | 20 | 0.50 |", "| N = 64 | 100 | 50 | 2.00 |", "| start | 5.0 | 10.0 | 2.00 |"):
+        assert line in printed
+    assert json.loads(out.read_text())["ratios"]["start"] == [2.0, 2.0]
 
 
-def test_this_versions_benchmark_takes_what_it_is_asked_and_gives_what_is_compared(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def run(args: list[str], **options: Any) -> subprocess.CompletedProcess[str]:
-        assert args[1:3] == ["-m", throughput.__name__]
-        return subprocess.CompletedProcess(args, throughput.main(args[3:]), "", "")
-
-    figures = {
-        "map": "loop",
-        "wall_segments": 4,
-        "version": "0.9",
-        "decisions_per_s": {"1": 1.0, "64": 64.0, "1024": 1024.0},
-        "threads": {"1": 1024.0, "2": 2048.0},
-        "houses_64": 32.0,
-        "houses_64_ratio": 0.5,
-        "new_house_per_episode": 1.0,
-        "features_64": 16.0,
-        "bare_decisions_per_s_64": 128.0,
-        "bare_ratio_64": 0.5,
-        "bare_ratio_64_range": [0.5, 0.5],
-        "event_decisions_per_s_64": 32.0,
-        "event_simulated_s_per_s_64": 64.0,
-        "tick_simulated_s_per_s_64": 32.0,
-        "make_again_ms": 1.0,
-        "new_level_ms": 1.0,
-        "generated_decisions_per_s_64": 1.0,
-    }
-    monkeypatch.setattr(versions.subprocess, "run", run)
-    monkeypatch.setattr(
-        throughput, "run", lambda map_source, rounds, seconds: figures | {"asked": [map_source, seconds]}
-    )
-    measured = measure(ROOT, "loop", 0.25)
-    assert measured == json.loads(json.dumps(figures)) | {"asked": ["loop", 0.25]}
-    assert set(ratios([measured], [measured])) == {
-        "N = 1",
-        "N = 64",
-        "N = 1024",
-        "generated houses",
-        "a new house per episode",
-        "64 houses",
-        "planner's features",
-        "by events",
-        "2 threads at 1,024",
-        "ratio to bare at 64",
-    }
+def test_this_versions_program_measures_what_is_compared() -> None:
+    found = measure(ROOT, "--map", "loop", "--seconds", "0.01", "--only", "PacManBot-v0, make, N = 1")
+    assert set(ratios([found], [found])) == {"bare Chipmunk, 64 bodies", "PacManBot-v0, make, N = 1, random"}
 
 
 @pytest.mark.parametrize(
