@@ -13,7 +13,6 @@ import json
 import os
 import platform
 import re
-import resource
 import subprocess
 import sys
 import tempfile
@@ -105,8 +104,6 @@ class Player:
         self._over = np.zeros(row.games, np.bool_)
         self._actions = np.zeros(row.games, np.int64)
         self._policy = None if row.policy == "random" else make_policy(row.policy)
-        if row.env == _GENERATED and row.made != "make":
-            self._keep_houses()
         if row.made == "sb3":
             self.env.seed(0)
             self.env.reset()
@@ -114,12 +111,6 @@ class Player:
             self.env.reset(seed=0)
         if self._policy is not None:
             self._policy.reset(~self._over, self.game.config)
-
-    def _keep_houses(self) -> None:
-        """Play each house of the set once, which prepares those that are not kept yet."""
-        games = self.row.games
-        for first in range(0, HOUSES, games):
-            self.game.reset(seed=0, options={"level": (first + np.arange(games)) % HOUSES})
 
     def rates(self, seconds: float) -> Rates:
         """Play for about ``seconds`` of processor time."""
@@ -158,6 +149,13 @@ class Player:
         return np.atleast_1d(info["elapsed_s"]) if "elapsed_s" in info else None, over
 
 
+def keep_houses() -> None:
+    """Start a round in each house of the set, which prepares those that are not in the cache yet."""
+    env = Player(Row(_GENERATED, "make_vec", 64), "").env
+    for first in range(0, HOUSES, 64):
+        env.reset(options={"level": (first + np.arange(64)) % HOUSES})
+
+
 def bare_rates(map_source: str) -> Callable[[float], Rates]:
     """Make what measures decisions that are only physics: 64 robots in one space of Chipmunk's, from Python."""
     env: Any = Player(Row(_BOT, "make_vec", 64), map_source).game
@@ -184,6 +182,8 @@ def bare_rates(map_source: str) -> Callable[[float], Rates]:
 
 def measured(rows: Sequence[Row], map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
     """Return by row the medians, or the reason why it is skipped; ``seconds`` is what each row takes in all rounds."""
+    if any(row.env == _GENERATED for row in rows) and HOUSES:
+        keep_houses()
     figures: dict[str, Any] = {}
     players: dict[str, Callable[[float], Rates]] = {BARE: bare_rates(map_source)}
     for row in rows:
@@ -209,13 +209,13 @@ def measured(rows: Sequence[Row], map_source: str, rounds: int, seconds: float) 
 def _child(*command: str, **variables: str) -> tuple[float, float]:
     """Run a Python on this package; returns its wall and processor seconds. Raises ValueError if it fails."""
     environment = {**os.environ, "PYTHONPATH": str(Path(pacman_env.__file__).parents[1]), **variables}
-    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
+    before = os.times()
     done = subprocess.run([sys.executable, *command], env=environment, capture_output=True, text=True)
     if done.returncode != 0:
         raise ValueError(f"{command}: {done.stderr.strip()}")
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return time.monotonic() - began, cpu_s
+    after = os.times()
+    cpu_s = after.children_user + after.children_system - before.children_user - before.children_system
+    return after.elapsed - before.elapsed, cpu_s
 
 
 def first_start(map_source: str) -> dict[str, Any]:
