@@ -1,8 +1,7 @@
 """The common core of the environments: the games, the ghosts' policies, observations, rewards, infos."""
 
 import functools
-import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -11,22 +10,21 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from ..config import Config, ConfigError
-from ..engine.pipeline import Pipeline
+from ..config import ConfigError
 from ..game.execution import RUNNING
 from ..policies.base import Flags, Floats, Indices
 from ..sim.core import compile_ahead
-from ..sim.core.batch import ALL_TICKS, GameBatch
+from ..sim.core.batch import GameBatch
 from ..sim.core.parameters import drawn_values
 from ..sim.observation.kinds import FLAT, MASK
 from ..sim.observation.observer import Observer
-from ..sim.observation.planner_features import NEEDS_MAPS
 from ..sim.observation.robot_features import Observation
-from ..sim.observation.situation import MISSING, Situation, at_places
+from ..sim.observation.situation import Situation
 from . import outcome
-from .arguments import EnvArguments, check_render_mode
+from .arguments import EnvArguments
+from .observed_games import ObservedGames
 from .outcome import Ends
-from .spaces import OBSERVATION, action_space, observation_space, velocities
+from .spaces import OBSERVATION, action_space, observation_space
 
 _NONE_OVER = np.zeros(0, dtype=np.bool_)
 
@@ -58,22 +56,19 @@ class EnvCore:
         if self.ghost_agents and not ghost_agents:
             raise ConfigError(f"clyde.ghosts[{self.ghost_agents[0]}] = 'policy': give the policy object in ghosts")
         self.batch = GameBatch(arguments.make_source(self.config), self.config, n, num_threads)
-        #: Without copies two, in turn: what the step before has returned stays as it is.
-        self._observers = [Observer(self.batch) for _ in range(1 if copy else 2)]
-        nearest = self._observer.nearest
+        self._games = ObservedGames(self.batch, copy)
+        nearest = self.observer.nearest
         self.candidates = self.batch.candidates if nearest is None else nearest.count
         self._mask_in_info = self.config.observation.mask == "info"
         self._mask_beside = self.config.observation.mask == "beside"
         if (self._mask_beside or self._mask_in_info) and self.config.action != "goal":
             raise ConfigError(f"observation.mask = {self.config.observation.mask!r}: velocities have no mask")
         beside = self.candidates if self._mask_beside else None
-        self.observation_space = observation_space(self._observer.parts, beside)  # of the robot's agent
+        self.observation_space = observation_space(self.observer.parts, beside)  # of the robot's agent
         self.action_space = action_space(self.batch, self.candidates)
         self.begun = False  # a first round
         self._copies = copy
         self._shown: Situation | None = None  # the situation as it was given away since the last step
-        self._actions = np.zeros(n, dtype=np.int64)
-        self._calls: dict[Observer, tuple[tuple[int, int], Pipeline]] = {}  # with what they are made for
         self.elapsed_s = np.zeros(n)  # simulated, in the last step
         self._most_steps = max_episode_steps
         self._steps = np.zeros(n, dtype=np.int64)  # of each episode
@@ -86,19 +81,20 @@ class EnvCore:
         self._by_event = self.config.decisions.when == "event"
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without what is made again."""
-        return {**self.__dict__, "_shown": None, "_calls": {}}
+        """Without the copy of a situation that was given away."""
+        return {**self.__dict__, "_shown": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         if self.begun:
-            self._maps_changed(np.arange(self.batch.n))
-            self._look()
+            self._games.maps_changed(np.arange(self.batch.n))
+            self._games.look()
+            self._seen()
 
     @property
-    def _observer(self) -> Observer:
+    def observer(self) -> Observer:
         """What the observation of now is in."""
-        return self._observers[0]
+        return self._games.observer
 
     def require_reset(self, running: bool = False) -> None:
         """Raise ResetNeeded before the first reset, or with ``running`` where every episode is over."""
@@ -112,7 +108,7 @@ class EnvCore:
         """As the robot's policy sees it now; it stays as it is."""
         self.require_reset()
         if self._shown is None:
-            self._shown = self._observer.situation.copy()
+            self._shown = self.observer.situation.copy()
         return self._shown
 
     def ghost_observation_space(self) -> spaces.Dict | spaces.Box:
@@ -132,55 +128,20 @@ class EnvCore:
             games[index] = True
             for policy in self._policies.values():
                 policy.reset(games, self.config)
-        self._maps_changed(index)
+        self._games.maps_changed(index)
         if not in_step:
-            self._take_turns()
-        self._look(index if in_step else None)
-        self.begun = True
-
-    def _maps_changed(self, index: Indices) -> None:
-        """Prepare for the maps that the games ``index`` (M,) are on now."""
-        for observer in self._observers:
-            observer.maps_changed(index)
-
-    def _step_call(self) -> Pipeline:
-        """The one call of a step, made anew if arrays that it works on have been replaced.
-
-        Actions stand for candidates as the observation before lists them.
-        """
-        batch, observer, last = self.batch, self._observer, self._observers[-1]
-        made_for = batch.revision, batch.levels.most_goals
-        known = self._calls.get(observer)
-        if known is None or known[0] != made_for:
-            stages = [batch.situation_stage(observer.situation), *observer.stages()]
-            if self.config.action == "goal":
-                stages = [
-                    batch.choice_stage(self._actions, last.situation.mask, last.order),
-                    batch.tick_stage(),
-                    *stages,
-                ]
-            else:
-                stages = [batch.tick_stage(), *stages]
-            known = self._calls[observer] = (batch.revision, batch.levels.most_goals), Pipeline(stages, batch.threads)
-        return known[1]
-
-    def _look(self, index: Indices | None = None) -> None:
-        """Observe all games anew, or those in ``index`` alone."""
-        self._observer.observe(index=index)
+            self._games.take_turns()
+        self._games.look(index if in_step else None)
         self._seen()
+        self.begun = True
 
     def _seen(self) -> None:
         """Keep what is asked of the new situations."""
         self._shown = None
         if self._path_counts:
             alive = self.batch.alive  # (N, P)
-            lengths = np.where(alive, self._observer.situation.path_robot[:, : alive.shape[1]], np.inf).min(axis=1)
+            lengths = np.where(alive, self.observer.situation.path_robot[:, : alive.shape[1]], np.inf).min(axis=1)
             self._path_left = np.where(np.isfinite(lengths), lengths, 0.0)
-
-    def _take_turns(self) -> None:
-        """The next observation goes to the other arrays, if there are two sets."""
-        if len(self._observers) > 1:
-            self._observers.reverse()
 
     @functools.cached_property
     def _ghost_observer(self) -> Observer:
@@ -188,77 +149,19 @@ class EnvCore:
         config = replace(self.config.observation, kinds=("features",))
         return Observer(self.batch, config, ghost=True)
 
-    @property
-    def listed(self) -> Indices | None:
-        """(N, K) the candidates that actions stand for now; None: their own."""
-        return self._observer.listed
-
     def masks(self) -> Flags:
         """(N, C) which actions are allowed now."""
         self.require_reset()
-        return self._observer.allowed != 0
-
-    def actions_of(self, candidates: NDArray[Any]) -> tuple[NDArray[Any], Flags]:
-        """(N,) the actions that stand for candidates, hold where none does, and where one does."""
-        if self.listed is None:
-            return candidates, np.ones(len(candidates), dtype=np.bool_)
-        there = (self.listed == candidates[:, None]) & (self.listed != MISSING)
-        listed = there.any(axis=1)
-        return np.where(listed, there.argmax(axis=1), self.candidates - 1), listed
+        return self.observer.allowed != 0
 
     def observe_from(self, situation: Situation) -> Any:
         """The observation of situations from elsewhere, such as a robot's; masks and actions are of them from now on.
 
         Kinds that are made of the games themselves, such as a scan, are those of the games.
         """
-        self._observer.look_at(situation)
+        self.observer.look_at(situation)
         self._shown, self.begun = situation, True
         return self.observe()
-
-    def _chosen(self, actions: NDArray[Any]) -> tuple[NDArray[Any], Flags]:
-        """The candidates that checked actions stand for, hold where they are forbidden, and where that is."""
-        if self.listed is None:
-            return actions, self._observer.situation.mask[np.arange(self.batch.n), actions] == 0
-        return at_places(self.listed, actions, self.batch.hold)
-
-    @property
-    def _in_one_call(self) -> bool:
-        """Whether nothing but kernels is asked between the actions and the observation."""
-        by_python = self._policies or self.ghost_agents or self.config.endless or self.batch.after_physics_step
-        return not by_python
-
-    def _play_in_one_call(self, actions: NDArray[Any]) -> None:
-        batch = self.batch
-        if self.config.action == "velocity":
-            batch.arrays["velocities"][:] = velocities(actions, self.config)
-            batch.wake()
-        else:
-            self._actions[:] = actions
-        batch.send_no_ghosts()
-        batch.prepare_ticks(watch=self._by_event, most=ALL_TICKS if self._by_event else 1)
-        self._take_turns()
-        result = self._step_call().run(batch.n)
-        if result:  # a game waits for a space, a map is to be prepared, or a ghost's function has raised
-            batch.resume(max(result, 1) if result <= NEEDS_MAPS else result)
-            self._observer.observe()
-        else:
-            self._observer.finish()
-        self._seen()
-
-    def _play_by_steps(self, actions: NDArray[Any], given: Mapping[int, Indices]) -> None:
-        batch = self.batch
-        plays = ~self.cut if self.ghost_agents and self.cut.any() else None
-        if self._by_event:
-            choose = functools.partial(self._ghost_choices, {}) if self._policies else None
-            batch.step_until_due(*self._chosen(actions), choose)
-        else:
-            if self.config.action == "velocity":
-                actions = velocities(actions, self.config)
-            elif self.listed is not None:
-                actions, _ = self._chosen(actions)
-            batch.step(actions, self._ghost_choices(given), plays)
-        self._take_turns()
-        self._look()
 
     def step(self, actions: NDArray[Any], ghost_choices: Mapping[int, Indices] | None = None) -> Ends:
         """One decision; games that were over get no reward.
@@ -271,10 +174,15 @@ class EnvCore:
         if self._path_counts or self.ghost_agents:
             over = batch.games["end"] != RUNNING
             self._was_over = over | self.cut if self.ghost_agents else over
-        if self._in_one_call:
-            self._play_in_one_call(actions)
+        by_python = self._policies or self.ghost_agents or self.config.endless or batch.after_physics_step
+        if by_python:
+            choose = functools.partial(self._ghost_choices, {}) if self._policies else None
+            plays = ~self.cut if self.ghost_agents and self.cut.any() else None
+            choices = None if self._by_event else self._ghost_choices(ghost_choices or {})
+            self._games.play_by_steps(actions, choose, choices, plays)
         else:
-            self._play_by_steps(actions, ghost_choices or {})
+            self._games.play_in_one_call(actions)
+        self._seen()
         if self._by_event:
             self.elapsed_s = batch.elapsed_s.copy()
         reward, terminated, truncated = batch.reward.copy(), batch.terminated.copy(), batch.truncated.copy()
@@ -318,12 +226,12 @@ class EnvCore:
 
         Without ``copy`` (None: as the environment was made) the arrays are written again by a later step.
         """
-        observer = self._observer
+        observer = self.observer
         return self._laid_out(observer.result, observer.allowed, self._copies if copy is None else copy)
 
     def observe_game(self) -> Any:
         """Of the only game: one array per key, or one array."""
-        return self._laid_out(*self._observer.first_game, True)
+        return self._laid_out(*self.observer.first_game, True)
 
     def observe_ghost(self, number: int) -> tuple[Any, Flags, Indices | None]:
         """Of a ghost's agent, laid out alike; its mask (N, C) and ``listed``, as the robot's."""
@@ -383,109 +291,3 @@ class EnvCore:
         for number, choice in given.items():
             choices[:, number] = choice
         return choices
-
-
-_FIXED = ("observation_space", "action_space", "ghost_agents")  # of an environment
-
-
-class CoreEnv:
-    """An environment over an :class:`EnvCore`, whatever its interface."""
-
-    metadata: dict[str, Any]
-    render_mode: str | None
-    _core: EnvCore
-    _spec: Any = None
-
-    def _make_core(self, n: int, arguments: EnvArguments, **more: Any) -> None:
-        check_render_mode(arguments.render_mode, self.metadata["render_modes"])
-        self._made_from = n, arguments, more
-        self._core = EnvCore(n, arguments, **more)
-        self.render_mode = arguments.render_mode
-
-    @property
-    def spec(self) -> Any:
-        """Gymnasium's or PettingZoo's; its arguments are as JSON gives them back, so that specs compare equal."""
-        return self._spec
-
-    @spec.setter
-    def spec(self, spec: Any) -> None:
-        if spec is not None:
-            spec.kwargs = as_json(spec.kwargs)
-        self._spec = spec
-
-    @property
-    def batch(self) -> GameBatch:
-        """The games."""
-        return self._core.batch
-
-    @property
-    def config(self) -> Config:
-        """What is played by."""
-        return self._core.config
-
-    @property
-    def started(self) -> bool:
-        """Whether a first round has begun."""
-        return self._core.begun
-
-    def _core_by(self, settings: Mapping[str, Any]) -> EnvCore:
-        """That of this environment, or another one if it plays by other settings beside the arguments."""
-        if settings == self._core.settings:
-            return self._core
-        n, arguments, more = self._made_from
-        core = EnvCore(n, arguments, **more, settings=settings)
-        if any(getattr(core, name) != getattr(self._core, name) for name in _FIXED):
-            would = f"{', '.join(sorted(settings))} would change the spaces or agents"
-            raise ConfigError(f"options['settings']: {would}; make an environment with them")
-        return core
-
-    @property
-    def situation(self) -> Situation:
-        """One per game, as a policy of this package sees it now; raises ResetNeeded before the first reset."""
-        return self._core.situation
-
-    @property
-    def action_masks(self) -> Callable[[], NDArray[np.bool_]]:
-        """``action_masks()``: which candidates may be chosen now, the name that sb3-contrib calls.
-
-        (C,) bool, of a vector environment (N, C); ``action_space.sample`` takes it as int8. Raises AttributeError with
-        velocities, which have no mask.
-        """
-        if self.config.action != "goal":
-            raise AttributeError("velocity actions have no masks")
-        return self._masks
-
-    def action_of(self, candidates: NDArray[np.int64]) -> NDArray[np.int64]:
-        """(N,) the actions that stand now for candidates (N,), as a policy of this package chooses them.
-
-        Of the nearest candidates those that are not listed are the last action, hold. Raises AttributeError with
-        velocities, and ResetNeeded before the first reset.
-        """
-        if self.config.action != "goal":
-            raise AttributeError("velocity actions choose no candidate")
-        self._core.require_reset()
-        return self._core.actions_of(np.asarray(candidates))[0]
-
-    def _masks(self) -> NDArray[np.bool_]:
-        return self._core.masks()
-
-    def _pictures(self, cores: Sequence[EnvCore]) -> tuple[NDArray[np.uint8], ...] | None:
-        """One for each game, if there is a render mode."""
-        if self.render_mode is None:
-            return None
-        from ..render.frames import render_frame
-
-        return tuple(render_frame(core.batch, i) for core in cores for i in range(core.batch.n))
-
-
-def as_json(value: Any) -> Any:
-    """Return plain data as JSON gives it back, a configuration as settings, a path as text, and all else unchanged."""
-    if isinstance(value, Config):
-        value = value.as_settings()
-    if isinstance(value, os.PathLike):
-        value = os.fspath(value)
-    if isinstance(value, Mapping):
-        return {key: as_json(one) for key, one in value.items()}
-    if isinstance(value, (np.ndarray, np.generic)):
-        value = value.tolist()
-    return [as_json(one) for one in value] if isinstance(value, (list, tuple)) else value

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..render.window import RENDER_FPS, Display
 from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, takes_env_arguments
-from .core import CoreEnv
+from .base_env import CoreEnv
 from .resets import Options, ResetOptions
 from .spaces import checked_action
 

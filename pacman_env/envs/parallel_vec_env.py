@@ -15,7 +15,7 @@ from ..sim.observation.kinds import MASK
 from ..sim.observation.robot_features import FAST_MPS
 from ..sim.observation.situation import at_places
 from .arguments import EnvArguments, checked_games, takes_env_arguments
-from .core import CoreEnv
+from .base_env import CoreEnv
 from .outcome import Ends
 from .resets import ManyGames, Options, Seeds
 from .spaces import state_limits

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from ..config import ConfigError
 from ..policies.base import Flags, Indices
 from ..sim.maps.level_source import GeneratedMaps, LevelSource
-from .core import CoreEnv, EnvCore
+from .base_env import CoreEnv
+from .core import EnvCore
 
 SEEDS = 2**63  # environments draw the seeds of their rounds below this
 _MOST = {"level": SEEDS - 1, "round_seed": 2**64 - 1}

@@ -84,18 +84,20 @@ class Player:
     """A row's environment while it is played; ``game`` is the package's own environment below all wrappers."""
 
     def __init__(self, row: Row, map_source: str) -> None:
-        spec, arguments = f"pacman_env/{row.env}", {**row.arguments}
+        spec = f"pacman_env/{row.env}"
+        arguments: dict[str, Any] = {**row.arguments}
         if row.env != _GENERATED:
             arguments["map"] = map_source
         if row.made != "make":
-            native = {"num_envs": row.games, "vectorization_mode": "vector_entry_point"}
-            mode = {"autoreset_mode": AutoresetMode.SAME_STEP} if row.made == "sb3" else {}
+            native: dict[str, Any] = {"num_envs": row.games, "vectorization_mode": "vector_entry_point"}
+            mode: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP} if row.made == "sb3" else {}
             self.env: Any = gym.make_vec(spec, **native, **mode, **arguments)
-            self.game: Any = self.env.unwrapped
+            game: Any = self.env.unwrapped
             if row.made == "sb3":
                 from pacman_env.sb3 import PacManBotVecEnv
 
-                self.env = PacManBotVecEnv(self.game)
+                self.env = PacManBotVecEnv(game)
+            self.game = game
         else:
             self.env = gym.make(spec, **arguments)
             self.game = self.env.unwrapped

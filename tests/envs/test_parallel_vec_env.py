@@ -135,7 +135,7 @@ def test_a_ghosts_action_is_the_candidate_that_is_listed_there_in_a_game_with_al
     for _ in range(60):
         chosen = {agent: rng.integers(7, size=GAMES) for agent in nearest.agents}
         masks = nearest.action_masks()
-        lists = {PACMAN: nearest._core.listed, "clyde": nearest._ghost_listed["clyde"]}
+        lists = {PACMAN: nearest._core.observer.listed, "clyde": nearest._ghost_listed["clyde"]}
         stand_for = {}
         for number, (agent, listed) in enumerate(lists.items()):
             assert listed is not None

@@ -22,6 +22,7 @@ from gymnasium.vector import AutoresetMode
 from pacman_env.config import Config
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
+from pacman_env.evaluation.checks.navigator_accuracy import deepest_contact
 from pacman_env.game.round import clyde_speed_mps
 from pacman_env.sb3 import PacManBotVecEnv
 from pacman_env.sim.observation.situation import LAYOUT
@@ -192,7 +193,7 @@ def test_so_do_copies_of_robots_that_push_against_walls(preset: str) -> None:
             assert all(same(other.step(forwards), result) for other in others)
             assert all((other.batch.games == env.batch.games).all() for other in others)
         travelled = np.hypot(env.batch.games["x"] - before["x"], env.batch.games["y"] - before["y"])
-        assert env.batch.deepest_contact() > 0.0
+        assert deepest_contact(env.batch) > 0.0
     assert (travelled < 0.5 * 0.5 * forwards[0, 0]).any()  # half of what the wheels turn
 
 

@@ -20,6 +20,7 @@ from pacman_env.files import prepare, write_json
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapAssets, map_assets, path_fields
 from pacman_env.world.navigation.navigator import ABORTED, NO_RESULT, SUCCEEDED
+from pacman_env.world.navigation.physics import overlap_m
 
 GAMES = 25  # games of a batch; each drives to one goal after another
 GIVE_UP_S = 600.0
@@ -32,6 +33,14 @@ ALONE: dict[str, Any] = {
     "execution.pickup_radius_m": 1e-6,
     "time_limit_s": 1e6,
 }
+
+
+def deepest_contact(batch: GameBatch) -> float:
+    """Return the depth of the deepest overlap of a robot with a wall now, m, 0 without any."""
+    radius, places = batch.config.robot.radius_m, batch.bodies[:, :2]
+    near = np.flatnonzero(batch.games["touch"] > 0).tolist()  # elsewhere no wall is within reach
+    depths = (overlap_m(batch.assets_of(i).grid.walls, places[i : i + 1], radius)[0] for i in near)
+    return max([0.0, *map(float, depths)])
 
 
 @dataclass(frozen=True)
@@ -77,7 +86,7 @@ def watch_contacts(batch: GameBatch) -> list[float]:
     deepest = [0.0]
 
     def watched() -> None:
-        deepest[0] = max(deepest[0], batch.deepest_contact())
+        deepest[0] = max(deepest[0], deepest_contact(batch))
 
     batch.after_physics_step = watched
     return deepest

@@ -21,7 +21,7 @@ from minari.dataset.minari_dataset import gen_dataset_id, parse_dataset_id
 from minari.dataset.minari_storage import MinariStorage
 from numpy.typing import NDArray
 
-from pacman_env.envs.core import as_json
+from pacman_env.envs.base_env import as_json
 from pacman_env.sim.observation.kinds import MASK
 
 from .recording import Rounds, outcomes

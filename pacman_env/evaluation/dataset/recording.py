@@ -195,7 +195,7 @@ class _Recorder:
         """The policy's choice, and the ticks until the next; games that are over stand still."""
         core = self._core
         chosen = choose(self._policy, core.situation)
-        action, listed = core.actions_of(chosen)
+        action, listed = core.observer.actions_of(chosen)
         self._unlisted += ~listed
         rewards, terminated, truncated = core.step(action)
         return _Done(action, rewards, terminated & ~over, truncated & ~over, core.elapsed_s.copy())

@@ -111,7 +111,7 @@ class _Taken:
         self._look(situation)
         self._spawned = max(self._spawned, int(situation.pellets_left[0]) + len(self._collected))
         assert recorded is not None  # the bag has the choices
-        (action,), (listed,) = core.actions_of(np.array([recorded]))
+        (action,), (listed,) = core.observer.actions_of(np.array([recorded]))
         self._unlisted += not listed
         self._actions.append(int(action))
         self._at_s.append(at_s)

@@ -15,7 +15,6 @@ from ...engine.pipeline import Stage
 from ...engine.threads import Threads
 from ...game.execution import COMPLETE
 from ...game.round import clyde_speed_mps
-from ...world.navigation.physics import overlap_m
 from ...world.navigation.planner import detour_memory
 from ..maps.assets import MapAssets
 from ..maps.level_source import FixedMap, LevelSource
@@ -337,7 +336,7 @@ class GameBatch(GameState):
         """What plays the games, after :meth:`prepare_ticks`; other results than 0 are for :meth:`resume`."""
         while len(self._tables) < self.threads.number:
             self._ghost_tables.append(self._ghosts.table(self.games, self._history.ghost_choices, self._parameters))
-            self._tables.append(self._tick_table(self._ghost_tables[-1]))
+            self._tables.append(_tick_table(self, self._ghost_tables[-1]))
         return ticks.play, self._tables
 
     def resume(self, waiting: int) -> None:
@@ -351,12 +350,9 @@ class GameBatch(GameState):
             self._control["resume"][0] = 1
             waiting = self.threads.run(ticks.play, self._tables, self.n)
 
-    def wake(self) -> None:
-        """Wake all games for a tick, where no :meth:`choice_stage` does."""
+    def begin_decisions(self) -> None:
+        """Wake all games for a tick, which a choice stage may prolong; ghosts sent from outside wander on."""
         self._awake.fill(ticks.ONE_TICK)
-
-    def send_no_ghosts(self) -> None:
-        """Let ghosts that are sent from outside wander on."""
         self._ghosts.send(None)
 
     def prepare_ticks(self, *, watch: bool = False, most: int = 1, fresh: bool = True) -> None:
@@ -371,22 +367,6 @@ class GameBatch(GameState):
         self._tables, self._ghost_tables = [], []
         self.revision += 1
 
-    def _tick_table(self, ghosts: Table) -> Table:
-        remembered = zeros(ticks.TickArrays, ("decisions", "driven"), N=self.n, t=0)
-        remembered["driven" if self.config.action == "velocity" else "decisions"] = self._history.decisions
-        search = detour_memory(self.levels.sizes.cells, self.levels.sizes.longest_cm, self.source.first.grid.resolution)
-        return Table(
-            ticks.TickArrays,
-            rules=self._rules,
-            spaces=ticks.SpaceArrays(*self.spaces.arrays),
-            search=SearchArrays(*search),
-            ghosts=ghosts.numbers,
-            rewards=self._rewards,
-            control=self._controls,
-            **remembered,
-            **self.arrays,
-        )
-
     def _set_actions(self, actions: NDArray[Any]) -> None:
         if self.config.action == "velocity":
             check_velocities(actions)
@@ -395,13 +375,6 @@ class GameBatch(GameState):
         bad = kernels.copy_choices(actions, self.hold, self.arrays["choices"])
         if bad >= 0:
             raise ValueError(f"choice {actions[bad]} of game {bad}: candidates are 0 to {self.hold}")
-
-    def deepest_contact(self) -> float:
-        """Depth of the deepest overlap of a robot with a wall now, m, 0 without any."""
-        radius, places = self.config.robot.radius_m, self.bodies[:, :2]
-        near = np.flatnonzero(self.games["touch"] > 0).tolist()  # elsewhere no wall is within reach
-        depths = (overlap_m(self._levels.walls_of(i), places[i : i + 1], radius)[0] for i in near)
-        return max([0.0, *map(float, depths)])
 
     def place_ghost(self, game: int, number: int, x: float, y: float) -> tuple[float, float]:
         """Put a ghost on its cell nearest to (x, y), m; returns where that is."""
@@ -416,33 +389,56 @@ class GameBatch(GameState):
         situation = Situation.empty(self.n, self.candidates, self.ghosts.shape[1], self.levels, self.threads)
         if self._view is None:
             request = np.zeros(1, dtype=situation_kernel.REQUEST)
-            self._view = request, self._view_table(request)
+            self._view = request, _view_table(self, request)
         request, table = self._view
         situation_kernel.direct(request, situation, player)
         self.threads.run(situation_kernel.write_situations, [table], self.n)
         return situation
 
-    def situation_stage(self, situation: Situation, player: int = -1) -> Stage:
-        """What writes a situation of this batch anew, and with it ``summary``."""
-        request = np.zeros(1, dtype=situation_kernel.REQUEST)
-        situation_kernel.direct(request, situation, player)
-        return situation_kernel.write_situations, [self._view_table(request)]
 
-    def choice_stage(self, actions: NDArray[np.int64], mask: NDArray[np.bool_], listed: NDArray[np.int64]) -> Stage:
-        """What turns actions (N,) into choices of the candidates allowed by ``mask`` (N, C).
+def situation_stage(batch: GameBatch, situation: Situation, player: int = -1) -> Stage:
+    """What writes a situation of the batch anew, the robot's or that of ghost ``player``, and with it ``summary``."""
+    request = np.zeros(1, dtype=situation_kernel.REQUEST)
+    situation_kernel.direct(request, situation, player)
+    return situation_kernel.write_situations, [_view_table(batch, request)]
 
-        ``listed`` (N, K) are the candidates that actions stand for; K = 0: the actions are candidates. After a choice
-        that is forbidden the next decision is due after a tick.
-        """
-        own = {name: self.arrays[name] for name in ("last_decision", "choices")}
-        return ticks.choose, [Table(ticks.ChoiceArrays, **own, actions=actions, mask=mask, listed=listed)]
 
-    def _view_table(self, request: NDArray[Any]) -> Table:
-        return Table(
-            situation_kernel.ViewArrays,
-            rules=self._rules,
-            ghosts=self.ghosts,
-            ghost_paths=self._ghosts.paths,
-            request=request,
-            summary=self.summary,
-        )
+def choice_stage(
+    batch: GameBatch, actions: NDArray[np.int64], mask: NDArray[np.bool_], listed: NDArray[np.int64]
+) -> Stage:
+    """What turns actions (N,) into choices of the candidates allowed by ``mask`` (N, C).
+
+    ``listed`` (N, K) are the candidates that actions stand for; K = 0: the actions are candidates. After a choice that
+    is forbidden the next decision is due after a tick.
+    """
+    own = {name: batch.arrays[name] for name in ("last_decision", "choices")}
+    return ticks.choose, [Table(ticks.ChoiceArrays, **own, actions=actions, mask=mask, listed=listed)]
+
+
+def _view_table(batch: GameBatch, request: NDArray[Any]) -> Table:
+    return Table(
+        situation_kernel.ViewArrays,
+        rules=batch._rules,
+        ghosts=batch.ghosts,
+        ghost_paths=batch.ghost_paths,
+        request=request,
+        summary=batch.summary,
+    )
+
+
+def _tick_table(batch: GameBatch, ghosts: Table) -> Table:
+    remembered = zeros(ticks.TickArrays, ("decisions", "driven"), N=batch.n, t=0)
+    remembered["driven" if batch.config.action == "velocity" else "decisions"] = batch._history.decisions
+    sizes = batch.levels.sizes
+    search = detour_memory(sizes.cells, sizes.longest_cm, batch.source.first.grid.resolution)
+    return Table(
+        ticks.TickArrays,
+        rules=batch._rules,
+        spaces=ticks.SpaceArrays(*batch.spaces.arrays),
+        search=SearchArrays(*search),
+        ghosts=ghosts.numbers,
+        rewards=batch._rewards,
+        control=batch._controls,
+        **remembered,
+        **batch.arrays,
+    )

@@ -13,11 +13,11 @@ from ...config import ConfigError, ObservationConfig
 from ...engine.arrays import Table, address
 from ...engine.pipeline import Pipeline, Stage
 from ...plugins import PluginError
-from ..core.batch import GameBatch
+from ..core.batch import GameBatch, situation_stage
 from .kinds import FLAT, KINDS, MASK, CompiledKind, ObservationPart, kinds_shown, mask_part
 from .robot_features import Observation, unit_scale
 from .rows import BETWEEN_BOUNDS, BY_UNIT, NOT, PART, CandidateArrays, RowArrays, list_candidates, write_rows
-from .situation import MISSING, Nearest, Situation
+from .situation import MISSING, Nearest, Situation, at_places
 
 
 class Observer:
@@ -110,16 +110,14 @@ class Observer:
         """The observation's arrays; those of a kind that are neither scaled nor listed nor laid out are its own."""
         if self._config.flat:
             return {FLAT: np.zeros((self._batch.n, *self.parts[FLAT].shape), dtype=np.float32)}
-        shown = self._raw | ({MASK: self.allowed} if self._masked else {})
-        return {key: self._made(key, part) if self._changes(key) else shown[key] for key, part in self.parts.items()}
+        shown = ({MASK: self.allowed} if self._masked else {}) | self._raw
+        made = {key: part for key, part in self.parts.items() if self._changes(key)}
+        return shown | {key: np.zeros((self._batch.n, *part.shape), np.float32) for key, part in made.items()}
 
     @cached_property
     def first_game(self) -> tuple[Observation, NDArray[np.int8]]:
         """``result`` and ``allowed`` of the first game."""
         return {key: array[0] for key, array in self.result.items()}, self.allowed[0]
-
-    def _made(self, key: str, part: ObservationPart) -> NDArray[Any]:
-        return np.zeros((self._batch.n, *part.shape), np.float32 if self._config.normalize else part.dtype)
 
     def _changes(self, key: str) -> bool:
         """Whether an array is scaled, listed or laid out."""
@@ -138,7 +136,7 @@ class Observer:
         """
         made_for = self._batch.revision, self._batch.levels.most_goals
         if self._looks.get(player, (None,))[0] != made_for:
-            stages = [self._batch.situation_stage(self.situation, player), *self.stages()]
+            stages = [situation_stage(self._batch, self.situation, player), *self.stages()]
             made_for = self._batch.revision, self._batch.levels.most_goals
             self._looks[player] = made_for, Pipeline(stages, self._batch.threads)
         look = self._looks[player][1]
@@ -153,6 +151,20 @@ class Observer:
                 self._fill(kind, self.situation)
             self._lay_out.run(self._batch.n)
         return self.result
+
+    def actions_of(self, candidates: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+        """(N,) the actions that stand for candidates, hold where none does, and where one does."""
+        if self.listed is None:
+            return candidates, np.ones(len(candidates), dtype=np.bool_)
+        there = (self.listed == candidates[:, None]) & (self.listed != MISSING)
+        listed = there.any(axis=1)
+        return np.where(listed, there.argmax(axis=1), self.listed.shape[1] - 1), listed
+
+    def chosen(self, actions: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+        """(N,) the candidates that actions stand for, hold where they are forbidden, and where that is."""
+        if self.listed is None:
+            return actions, ~self.situation.mask[np.arange(self._batch.n), actions]
+        return at_places(self.listed, actions, self._batch.hold)
 
     def look_at(self, situation: Situation) -> None:
         """Make the observation of as many situations from elsewhere; ``situation`` is a copy of them then."""
@@ -209,7 +221,7 @@ class Observer:
             if self._config.flat or self._changes(key):
                 columns = int(np.prod(part.shape[1:])) if part.by_candidate else width
                 own = self.result[FLAT if self._config.flat else key]
-                by, numbers = self._scale(key, part)
+                by, numbers = _scale(key, part, self._config.normalize, self._batch.config.time_limit_s)
                 listed = self.nearest is not None and part.by_candidate and key != MASK
                 parts.append(
                     (
@@ -223,15 +235,16 @@ class Observer:
         table = Table(RowArrays, parts=np.array(parts, dtype=PART), listed=self.order, first=first, second=second)
         return [(write_rows, [table])] if parts else []
 
-    def _scale(self, key: str, part: ObservationPart) -> tuple[int, NDArray[np.float32]]:
-        """How an array is scaled, and the two numbers (2, ...) of each of its elements."""
-        if not self._config.normalize or key == MASK:
-            return NOT, np.zeros((2, int(np.prod(part.shape))), dtype=np.float32)
-        if part.columns:
-            numbers = unit_scale(part.columns, self._batch.config.time_limit_s)
-            return BY_UNIT, np.tile(numbers, int(np.prod(part.shape[:-1])))
-        low, high = (np.broadcast_to(side, part.shape).astype(np.float32).ravel() for side in (part.low, part.high))
-        return BETWEEN_BOUNDS, np.stack([(low + high) / 2, np.maximum((high - low) / 2, np.float32(1e-6))])
+
+def _scale(key: str, part: ObservationPart, normalize: bool, time_limit_s: float) -> tuple[int, NDArray[np.float32]]:
+    """How an array is scaled, and the two numbers (2, ...) of each of its elements."""
+    if not normalize or key == MASK:
+        return NOT, np.zeros((2, int(np.prod(part.shape))), dtype=np.float32)
+    if part.columns:
+        numbers = unit_scale(part.columns, time_limit_s)
+        return BY_UNIT, np.tile(numbers, int(np.prod(part.shape[:-1])))
+    low, high = (np.broadcast_to(side, part.shape).astype(np.float32).ravel() for side in (part.low, part.high))
+    return BETWEEN_BOUNDS, np.stack([(low + high) / 2, np.maximum((high - low) / 2, np.float32(1e-6))])
 
 
 def _check_scalable(key: str, part: ObservationPart) -> None:

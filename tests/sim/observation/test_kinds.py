@@ -76,10 +76,8 @@ def test_robots_of_a_batch_see_each_its_own_map() -> None:
     batch = GameBatch(GeneratedMaps(config, 0, 3), config, 3)
     batch.reset(np.arange(3), np.arange(3, dtype=np.uint64), np.array([2, 0, 1]))
     batch.step(np.zeros(3, dtype=np.int64))
-    situation, (scan, grid) = (
-        batch.situation(),
-        (Observer(batch).observe(batch.situation())[k] for k in ("scan", "grid")),
-    )
+    situation, seen = batch.situation(), observed_now(batch)
+    scan, grid = seen["scan"], seen["grid"]
     kinds, g = config.observation, batch.games
     for i in range(3):
         own, pose = batch.assets_of(i).grid, np.array([g["x"][i], g["y"][i], g["heading"][i]])

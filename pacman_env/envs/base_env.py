@@ -1,0 +1,119 @@
+"""What every environment has, whatever its interface: the games behind it, its spec, masks and pictures."""
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import Config, ConfigError
+from ..sim.core.batch import GameBatch
+from ..sim.observation.situation import Situation
+from .arguments import EnvArguments, check_render_mode
+from .core import EnvCore
+
+_FIXED = ("observation_space", "action_space", "ghost_agents")  # of an environment
+
+
+class CoreEnv:
+    """An environment over an :class:`EnvCore`, whatever its interface."""
+
+    metadata: dict[str, Any]
+    render_mode: str | None
+    _core: EnvCore
+    _spec: Any = None
+
+    def _make_core(self, n: int, arguments: EnvArguments, **more: Any) -> None:
+        check_render_mode(arguments.render_mode, self.metadata["render_modes"])
+        self._made_from = n, arguments, more
+        self._core = EnvCore(n, arguments, **more)
+        self.render_mode = arguments.render_mode
+
+    @property
+    def spec(self) -> Any:
+        """Gymnasium's or PettingZoo's; its arguments are as JSON gives them back, so that specs compare equal."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: Any) -> None:
+        if spec is not None:
+            spec.kwargs = as_json(spec.kwargs)
+        self._spec = spec
+
+    @property
+    def batch(self) -> GameBatch:
+        """The games."""
+        return self._core.batch
+
+    @property
+    def config(self) -> Config:
+        """What is played by."""
+        return self._core.config
+
+    @property
+    def started(self) -> bool:
+        """Whether a first round has begun."""
+        return self._core.begun
+
+    def _core_by(self, settings: Mapping[str, Any]) -> EnvCore:
+        """That of this environment, or another one if it plays by other settings beside the arguments."""
+        if settings == self._core.settings:
+            return self._core
+        n, arguments, more = self._made_from
+        core = EnvCore(n, arguments, **more, settings=settings)
+        if any(getattr(core, name) != getattr(self._core, name) for name in _FIXED):
+            would = f"{', '.join(sorted(settings))} would change the spaces or agents"
+            raise ConfigError(f"options['settings']: {would}; make an environment with them")
+        return core
+
+    @property
+    def situation(self) -> Situation:
+        """One per game, as a policy of this package sees it now; raises ResetNeeded before the first reset."""
+        return self._core.situation
+
+    @property
+    def action_masks(self) -> Callable[[], NDArray[np.bool_]]:
+        """``action_masks()``: which candidates may be chosen now, the name that sb3-contrib calls.
+
+        (C,) bool, of a vector environment (N, C); ``action_space.sample`` takes it as int8. Raises AttributeError with
+        velocities, which have no mask.
+        """
+        if self.config.action != "goal":
+            raise AttributeError("velocity actions have no masks")
+        return self._masks
+
+    def action_of(self, candidates: NDArray[np.int64]) -> NDArray[np.int64]:
+        """(N,) the actions that stand now for candidates (N,), as a policy of this package chooses them.
+
+        Of the nearest candidates those that are not listed are the last action, hold. Raises AttributeError with
+        velocities, and ResetNeeded before the first reset.
+        """
+        if self.config.action != "goal":
+            raise AttributeError("velocity actions choose no candidate")
+        self._core.require_reset()
+        return self._core.observer.actions_of(np.asarray(candidates))[0]
+
+    def _masks(self) -> NDArray[np.bool_]:
+        return self._core.masks()
+
+    def _pictures(self, cores: Sequence[EnvCore]) -> tuple[NDArray[np.uint8], ...] | None:
+        """One for each game, if there is a render mode."""
+        if self.render_mode is None:
+            return None
+        from ..render.frames import render_frame
+
+        return tuple(render_frame(core.batch, i) for core in cores for i in range(core.batch.n))
+
+
+def as_json(value: Any) -> Any:
+    """Return plain data as JSON gives it back, a configuration as settings, a path as text, and all else unchanged."""
+    if isinstance(value, Config):
+        value = value.as_settings()
+    if isinstance(value, os.PathLike):
+        value = os.fspath(value)
+    if isinstance(value, Mapping):
+        return {key: as_json(one) for key, one in value.items()}
+    if isinstance(value, (np.ndarray, np.generic)):
+        value = value.tolist()
+    return [as_json(one) for one in value] if isinstance(value, (list, tuple)) else value

@@ -1,0 +1,97 @@
+"""The games of an environment and what is seen of them: a step is one compiled call wherever it can be."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..engine.pipeline import Pipeline
+from ..policies.base import Flags, Indices
+from ..sim.core.batch import ALL_TICKS, GameBatch, choice_stage, situation_stage
+from ..sim.observation.observer import Observer
+from ..sim.observation.planner_features import NEEDS_MAPS
+from .spaces import velocities
+
+
+class ObservedGames:
+    """A batch with the observer of its robots; without ``copy`` there are two of these, which take turns."""
+
+    def __init__(self, batch: GameBatch, copy: bool) -> None:
+        self.batch, self.config = batch, batch.config
+        self._observers = [Observer(batch) for _ in range(1 if copy else 2)]
+        self._actions = np.zeros(batch.n, dtype=np.int64)
+        self._calls: dict[Observer, tuple[tuple[int, int], Pipeline]] = {}  # with what they are made for
+        self._by_event = self.config.decisions.when == "event"
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_calls": {}}  # made again
+
+    @property
+    def observer(self) -> Observer:
+        """What the observation of now is in."""
+        return self._observers[0]
+
+    def maps_changed(self, index: Indices) -> None:
+        """Prepare for the maps that the games ``index`` (M,) are on now."""
+        for observer in self._observers:
+            observer.maps_changed(index)
+
+    def look(self, index: Indices | None = None) -> None:
+        """Observe all games anew, or those in ``index`` alone."""
+        self.observer.observe(index=index)
+
+    def take_turns(self) -> None:
+        """Let the next observation go to the other arrays, if there are two sets."""
+        self._observers.reverse()
+
+    def play_in_one_call(self, actions: NDArray[Any]) -> None:
+        """One decision by checked actions (N,) or (N, 2), with nothing but kernels up to the observation."""
+        batch = self.batch
+        if self.config.action == "velocity":
+            batch.arrays["velocities"][:] = velocities(actions, self.config)
+        else:
+            self._actions[:] = actions
+        batch.begin_decisions()
+        batch.prepare_ticks(watch=self._by_event, most=ALL_TICKS if self._by_event else 1)
+        self.take_turns()
+        result = self._call().run(batch.n)
+        if result:  # a game waits for a space, a map is to be prepared, or a ghost's function has raised
+            batch.resume(max(result, 1) if result <= NEEDS_MAPS else result)
+            self.observer.observe()
+        else:
+            self.observer.finish()
+
+    def play_by_steps(
+        self,
+        actions: NDArray[Any],
+        choose: Callable[[], NDArray[np.int64] | None] | None,
+        ghost_choices: Indices | None,
+        plays: Flags | None,
+    ) -> None:
+        """One decision with Python between the ticks: ghosts' policies, rounds that follow one another."""
+        if self._by_event:
+            self.batch.step_until_due(*self.observer.chosen(actions), choose)
+        else:
+            if self.config.action == "velocity":
+                actions = velocities(actions, self.config)
+            elif self.observer.listed is not None:
+                actions, _ = self.observer.chosen(actions)
+            self.batch.step(actions, ghost_choices, plays)
+        self.take_turns()
+        self.look()
+
+    def _call(self) -> Pipeline:
+        """The one call of a step, made anew if arrays that it works on have been replaced.
+
+        Actions stand for candidates as the observation before lists them.
+        """
+        batch, observer, last = self.batch, self.observer, self._observers[-1]
+        known = self._calls.get(observer)
+        if known is None or known[0] != (batch.revision, batch.levels.most_goals):
+            stages = [batch.tick_stage(), situation_stage(batch, observer.situation), *observer.stages()]
+            if self.config.action == "goal":
+                stages.insert(0, choice_stage(batch, self._actions, last.situation.mask, last.order))
+            made_for = batch.revision, batch.levels.most_goals
+            known = self._calls[observer] = made_for, Pipeline(stages, batch.threads)
+        return known[1]
