@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -21,9 +22,17 @@ at_target, choose_target, ghost_stream = map(kernel, (rule.at_target, rule.choos
 spawn, walk = map(kernel, (rule.spawn, rule.walk))
 
 
-def arrays(cells: ClydeCells) -> tuple[np.ndarray, ...]:
-    """As of one level."""
-    return cells.graph[None], cells.part[None], cells.part_start[None], cells.part_cells[None]
+class GhostLevel(NamedTuple):
+    """Of a level, what ghosts walk on."""
+
+    ghost_graph: np.ndarray
+    ghost_part: np.ndarray
+    ghost_part_start: np.ndarray
+    ghost_part_cells: np.ndarray
+
+
+def arrays(cells: ClydeCells) -> GhostLevel:
+    return GhostLevel(cells.graph, cells.part, cells.part_start, cells.part_cells)
 
 
 def record(seed: int = 1, speed: float = 0.25) -> np.ndarray:
@@ -69,7 +78,7 @@ def test_he_walks_exactly_his_speed_along_his_path_and_stops_only_at_targets() -
             at_targets += 1
             assert walked <= 0.35 * PERIOD + 1e-9
             np.testing.assert_allclose(now, cells.position[paths[0, g[0]["path_length"] - 1]])
-            wander_on(g[0], paths[0], 0, arrays(cells), (node, queue))
+            wander_on(g[0], paths[0], arrays(cells), (node, queue))
             assert (g[0]["path_index"], g[0]["path_offset"]) == (0, 0.0)
         else:
             full += 1
@@ -110,9 +119,9 @@ def sent(offset: float, start: int, first: int, second: int) -> tuple[np.ndarray
     path = np.zeros(cells.longest + 1, dtype=np.int32)
     g = record()
     spawn(g[0], start, path, cells.position)
-    head_for(g[0], path, first, 0, arrays(cells), memory)
+    head_for(g[0], path, first, arrays(cells), memory)
     g["path_offset"] = offset
-    head_for(g[0], path, second, 0, arrays(cells), memory)
+    head_for(g[0], path, second, arrays(cells), memory)
     return g, path[: g["path_length"][0]].tolist()
 
 
@@ -145,7 +154,7 @@ def test_sent_where_he_is_going_he_goes_on_and_sent_where_no_way_leads_too() -> 
     g = record()
     spawn(g[0], inside, path, pockets.position)
     before = g.copy(), path.copy()
-    head_for(g[0], path, outside, 0, arrays(pockets), memory)
+    head_for(g[0], path, outside, arrays(pockets), memory)
     np.testing.assert_array_equal(g, before[0])
     np.testing.assert_array_equal(path, before[1])
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from ...config import Config
 from ...engine.arrays import Array, Table, arrays_by_address
 from ...world.navigation.paths import coarse_steps
-from ...world.navigation.physics import clear_cells
 from .assets import MapAssets
 
 COARSE_STEPS, COARSE_MAP = range(2)  # places in ``LevelArrays.later``
@@ -133,6 +132,8 @@ def _given(assets: MapAssets) -> MapAssets:
 
 
 def _arrays(assets: MapAssets, config: Config) -> dict[str, Any]:
+    from ...world.navigation.physics import clear_cells  # policies must not load pymunk
+
     grid, clyde = assets.grid, assets.clyde
     # NavFn moves a goal that the robot cannot come near to the nearest place where it can be.
     nearest = assets.cell_xy[assets.goal_cell].astype(np.float64)
