@@ -12,7 +12,7 @@ import pytest
 
 from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.game.behaviour_belief import BELIEVED
-from pacman_env.game.execution import COMPLETE, DEAD
+from pacman_env.game.execution import COMPLETE
 from pacman_env.game.ghosts import BEHAVIOURS
 from pacman_env.heuristics.search import search as module
 from pacman_env.heuristics.search.search import Search, is_predictable
@@ -118,15 +118,13 @@ def test_more_time_is_a_wider_search(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(
-    ("behaviours", "speed", "complete"),
-    [pytest.param("configuration", 0.25, 3, marks=pytest.mark.daily), ("belief", 0.15, 2)],
+    ("behaviours", "speed"), [pytest.param("configuration", 0.25, marks=pytest.mark.daily), ("belief", 0.15)]
 )
-def test_it_flees_from_a_chaser_in_time(behaviours: str, speed: float, complete: int) -> None:
+def test_it_flees_from_a_chaser_in_time(behaviours: str, speed: float) -> None:
     config = config_of("chase", **{"clyde.speed_mps": speed})
     policy = Search(nodes=6000, behaviours=behaviours)
     record, _ = play(map_assets("house", config), config, policy, episode_seeds(0, 4), batch_size=4)
-    assert (record["end"] == COMPLETE).sum() >= complete
-    assert (record["end"] != DEAD).all() or behaviours == "configuration"
+    assert (record["end"] == COMPLETE).sum() >= 3
 
 
 def test_a_round_is_the_same_again_and_in_any_batch() -> None:
