@@ -80,8 +80,9 @@ def _checks(kind: type[tuple[Any, ...]]) -> tuple[list[Any], dict[Any, int]]:
 
 
 class Table:
-    _memory: tuple[type[tuple[Any, ...]], NDArray[np.int64], NDArray[np.uint8]]  # of a table that was made of it
     """Addresses and shapes of ``arrays``, one after the other, at an ``address``, for :func:`arrays_by_address`."""
+
+    _memory: tuple[type[tuple[Any, ...]], NDArray[np.int64], NDArray[np.uint8]]  # of a table that was made of it
 
     def __init__(self, kind: type[tuple[Any, ...]], /, **arrays: Any) -> None:
         """Raises TypeError for names or arrays that the named tuple ``kind`` does not declare."""

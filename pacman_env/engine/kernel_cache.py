@@ -142,7 +142,7 @@ def sweep(root: Path) -> None:
 MESSAGE_AFTER_S = 1.0
 LONGEST_WAIT_S = 600.0  # of a process in all, for a lock's holder that has stopped; then it compiles all the same
 _WAITING = "pacman_env: another process compiles; waiting for it (pacman-env warm-up does it beforehand)"
-_COMPILING = "pacman_env: compiling for the first time on this machine, about a quarter of a minute"
+_COMPILING = "pacman_env: compiling for the first time on this machine, about half a minute"
 
 _waited_s = 0.0  # by this process, for all kernels
 _compiling_since: float | None = None

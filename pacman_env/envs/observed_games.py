@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.pipeline import Pipeline
+from ..engine.pipeline import Stage
 from ..policies.base import Flags, Indices
-from ..sim.core.batch import ALL_TICKS, GameBatch, choice_stage, situation_stage
+from ..sim.core.batch import ALL_TICKS, GameBatch, choice_stage
 from ..sim.observation.observer import Observer
 from ..sim.observation.planner_features import NEEDS_MAPS
 from .spaces import velocities
@@ -21,11 +21,7 @@ class ObservedGames:
         self.batch, self.config = batch, batch.config
         self._observers = [Observer(batch) for _ in range(1 if copy else 2)]
         self._actions = np.zeros(batch.n, dtype=np.int64)
-        self._calls: dict[Observer, tuple[tuple[int, int], Pipeline]] = {}  # with what they are made for
         self._by_event = self.config.decisions.when == "event"
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_calls": {}}  # made again
 
     @property
     def observer(self) -> Observer:
@@ -55,7 +51,7 @@ class ObservedGames:
         batch.begin_decisions()
         batch.prepare_ticks(watch=self._by_event, most=ALL_TICKS if self._by_event else 1)
         self.take_turns()
-        result = self._call().run(batch.n)
+        result = self.observer.pipeline(before=self._play_stages).run(batch.n)
         if result:  # a game waits for a space, a map is to be prepared, or a ghost's function has raised
             batch.resume(max(result, 1) if result <= NEEDS_MAPS else result)
             self.observer.observe()
@@ -81,17 +77,10 @@ class ObservedGames:
         self.take_turns()
         self.look()
 
-    def _call(self) -> Pipeline:
-        """The one call of a step, made anew if arrays that it works on have been replaced.
-
-        Actions stand for candidates as the observation before lists them.
-        """
-        batch, observer, last = self.batch, self.observer, self._observers[-1]
-        known = self._calls.get(observer)
-        if known is None or known[0] != (batch.revision, batch.levels.most_goals):
-            stages = [batch.tick_stage(), situation_stage(batch, observer.situation), *observer.stages()]
-            if self.config.action == "goal":
-                stages.insert(0, choice_stage(batch, self._actions, last.situation.mask, last.order))
-            made_for = batch.revision, batch.levels.most_goals
-            known = self._calls[observer] = made_for, Pipeline(stages, batch.threads)
-        return known[1]
+    def _play_stages(self) -> list[Stage]:
+        """Return what plays a decision; actions stand for candidates as the observation before lists them."""
+        batch, last = self.batch, self._observers[-1]
+        stages = [batch.tick_stage()]
+        if self.config.action == "goal":
+            stages.insert(0, choice_stage(batch, self._actions, last.situation.mask, last.order))
+        return stages

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ...engine.jit import kernel
 from ...sim.coarse.model import GHOST, NOWHERE, ROBOT, copy_ghosts, lead_m, play
+from ...sim.observation.situation import insert_nearest
 
 NODE = np.dtype(
     [
@@ -69,21 +70,6 @@ def new_room(width: int, ghosts: int, settings: NDArray[Any]) -> Room:
 
 
 @kernel
-def _insert_nearest(goals, first, room, goal, length):  # type: ignore[no-untyped-def]
-    """Insert a goal into the sorted ``goals[first : first + room]``, of which -1 are free; ``length`` is by goal."""
-    place = room
-    while place > 0:
-        other = goals[first + place - 1]
-        if other >= 0 and length[other] <= length[goal]:
-            break
-        place -= 1
-    for k in range(room - 1, place, -1):
-        goals[first + k] = goals[first + k - 1]
-    if place < room:
-        goals[first + place] = goal
-
-
-@kernel
 def _list_goals(node, model, s, refuges, goals):  # type: ignore[no-untyped-def]
     """Fill in the goals that a node may be continued with; returns their number."""
     length = model.map.robot_length[node.block]
@@ -95,9 +81,9 @@ def _list_goals(node, model, s, refuges, goals):  # type: ignore[no-untyped-def]
             continue
         if bit >= 0:
             if (node.pellets >> np.uint64(bit)) & np.uint64(1):
-                _insert_nearest(goals, 0, s.pellets, goal, length)
+                insert_nearest(goals, 0, s.pellets, goal, length)
         elif goal >= refuges and length[goal] > model.rules[0].goal_m:
-            _insert_nearest(goals, s.pellets, s.refuges, goal, length)
+            insert_nearest(goals, s.pellets, s.refuges, goal, length)
     count = 0
     for k in range(most):
         if goals[k] >= 0:

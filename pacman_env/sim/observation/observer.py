@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any
 
@@ -60,7 +60,7 @@ class Observer:
             found = {key: part if key == MASK else part._replace(**unit) for key, part in found.items()}
         self.parts = {FLAT: _flattened(found)} if config.flat else found
         self._compiled = [kind for kind in self._kinds if isinstance(kind, CompiledKind)]
-        self._looks: dict[int, tuple[tuple[int, int], Pipeline]] = {}  # by player, with what they are made for
+        self._pipelines: dict[Any, tuple[tuple[int, int], Pipeline]] = {}  # with what they are made for
         self._filled = [kind for kind in self._kinds if not isinstance(kind, CompiledKind)]
 
     def __getstate__(self) -> tuple[Any, ...]:
@@ -124,22 +124,27 @@ class Observer:
         listed = self.nearest is not None and self._raw_parts[key].by_candidate
         return key != MASK and (self._config.normalize or listed)
 
-    def stages(self) -> list[Stage]:
-        """What writes the observation from the situation, but for what :meth:`finish` does after it."""
-        made = (kind.stage(self._batch, self.situation, self._wanted, self._raw) for kind in self._compiled)
-        return [self._list_stage, *made, *([] if self._filled else self._row_stages)]
+    def pipeline(self, player: int = -1, before: Callable[[], list[Stage]] | None = None) -> Pipeline:
+        """Return what observes the games as :meth:`observe` does, but for :meth:`finish`, after the stages ``before``.
+
+        It is kept, and made again when arrays that it works on have been replaced.
+        """
+        batch, name = self._batch, (player, before is None)  # not the function: its owner would be kept alive
+        if name not in self._pipelines or self._pipelines[name][0] != (batch.revision, batch.levels.most_goals):
+            stages = [] if before is None else before()
+            stages.append(situation_stage(batch, self.situation, player))
+            stages.append(self._list_stage)
+            stages += [kind.stage(batch, self.situation, self._wanted, self._raw) for kind in self._compiled]
+            stages += [] if self._filled else self._row_stages
+            self._pipelines[name] = (batch.revision, batch.levels.most_goals), Pipeline(stages, batch.threads)
+        return self._pipelines[name][1]
 
     def observe(self, player: int = -1, index: NDArray[np.int64] | None = None) -> Observation:
         """Observe the batch's games as the robot (-1) or a ghost sees them now, or only the games ``index`` (M,).
 
         Returns ``result``.
         """
-        made_for = self._batch.revision, self._batch.levels.most_goals
-        if self._looks.get(player, (None,))[0] != made_for:
-            stages = [situation_stage(self._batch, self.situation, player), *self.stages()]
-            made_for = self._batch.revision, self._batch.levels.most_goals
-            self._looks[player] = made_for, Pipeline(stages, self._batch.threads)
-        look = self._looks[player][1]
+        look = self.pipeline(player)
         while (look.run(self._batch.n) if index is None else look.run_some(index)) < 0:
             self.maps_wanted()
         return self.finish()

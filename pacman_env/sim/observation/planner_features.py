@@ -90,15 +90,12 @@ def planner_stage(
     """
     seen = prediction.seen_arrays(situation, robot_speed_mps)
     arrays = {"seen": seen, "wanted": wanted, "candidates": candidates, "whole": whole}
-    assert situation.maps is not None
-    most = situation.maps.most_goals
-    memory = _outlook_of(situation).memory(most, situation.ghosts.shape[1], situation.threads.number)
+    maps = prediction.maps_of(situation)
+    memory = _outlook_on(maps).memory(maps.most_goals, situation.ghosts.shape[1], situation.threads.number)
     return _fill, [Table(_FillArrays, outlook=own, **arrays) for own in memory]
 
 
-def _outlook_of(situation: Situation) -> outlook.Outlook:
-    levels = situation.maps
-    assert levels is not None
+def _outlook_on(levels: "LevelSlots") -> outlook.Outlook:
     own = _outlooks.get(levels)
     if own is None:
         own = _outlooks[levels] = outlook.Outlook(levels.config)
@@ -107,17 +104,14 @@ def _outlook_of(situation: Situation) -> outlook.Outlook:
 
 def maps_changed(situation: Situation, slots: NDArray[np.integer[Any]]) -> None:
     """Make the maps in ``slots`` ready for the prediction."""
-    assert situation.maps is not None
-    for level in situation.maps.levels(slots):
+    for level in prediction.maps_of(situation).levels(slots):
         level.add_coarse_steps()
 
 
 def maps_wanted(situation: Situation) -> None:
     """Make the maps ready on which a ghost comes for the robot."""
-    if situation.maps is None:
-        raise ValueError("the situation has no maps to look ahead on")
-    hunted = comes(situation.belief.T).any(axis=0)
-    for level in situation.maps.levels(situation.level[hunted]) if hunted.any() else ():
+    maps, hunted = prediction.maps_of(situation), comes(situation.belief.T).any(axis=0)
+    for level in maps.levels(situation.level[hunted]) if hunted.any() else ():
         add_coarse_map(level)
 
 

@@ -5,7 +5,7 @@ it goes on to another. The robot's leads to a candidate, the first turn included
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ from ...world.navigation.grid import cell_of
 from ...world.navigation.paths import ARRIVED, LENGTHS, NO_WAY, TILE, coarse_step, tile_index
 from ..maps.level import COARSE_STEPS, level_arrays, steps_of_level
 from .situation import LAYOUT, Situation
+
+if TYPE_CHECKING:
+    from ..maps.level_slots import LevelSlots
 
 STEP_S = 0.5  # between the instants
 STEPS = 20  # instants: 10 s
@@ -72,14 +75,20 @@ def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float
     return result
 
 
-def seen_arrays(situation: Situation, robot_speed_mps: float) -> SeenArrays:
+def maps_of(situation: Situation) -> "LevelSlots":
+    """Return the maps of a situation; raise ValueError if it has none."""
     if situation.maps is None:
         raise ValueError("the situation has no maps to look ahead on")
-    for level in situation.maps.levels(situation.level):
+    return situation.maps
+
+
+def seen_arrays(situation: Situation, robot_speed_mps: float) -> SeenArrays:
+    maps = maps_of(situation)
+    for level in maps.levels(situation.level):
         level.add_coarse_steps()
     block, *lengths = situation.block()
-    request = np.array([(*lengths, situation.maps.most_goals, robot_speed_mps)], dtype=REQUEST)
-    return SeenArrays(block, situation.maps.addresses, request)
+    request = np.array([(*lengths, maps.most_goals, robot_speed_mps)], dtype=REQUEST)
+    return SeenArrays(block, maps.addresses, request)
 
 
 @kernel

@@ -169,6 +169,24 @@ def _list(kind, mask, path, current, pellets, refuges, order):  # type: ignore[n
 
 
 @kernel
+def insert_nearest(order, first, room, number, length):  # type: ignore[no-untyped-def]
+    """Insert a number into the sorted ``order[first : first + room]``, of which ``MISSING`` ones are free.
+
+    ``length`` is by number.
+    """
+    place = room
+    while place > 0:
+        other = order[first + place - 1]
+        if other != MISSING and length[other] <= length[number]:
+            break
+        place -= 1
+    for k in range(room - 1, place, -1):
+        order[first + k] = order[first + k - 1]
+    if place < room:
+        order[first + place] = number
+
+
+@kernel
 def list_nearest(kind, mask, path, now, pellets, refuges, order):  # type: ignore[no-untyped-def]
     """Fill in the list (K,) of one situation, whose candidates are (C,); ``now``: the one pursued, -1: none."""
     order[:] = MISSING
@@ -179,16 +197,7 @@ def list_nearest(kind, mask, path, now, pellets, refuges, order):  # type: ignor
         if not mask[c]:
             continue
         first, room = (0, pellets) if kind[c] == PELLET else (pellets, refuges)
-        place = room  # insertion into what is sorted already
-        while place > 0:
-            other = order[first + place - 1]
-            if other != MISSING and path[other] <= path[c]:
-                break
-            place -= 1
-        for k in range(room - 1, place, -1):
-            order[first + k] = order[first + k - 1]
-        if place < room:
-            order[first + place] = c
+        insert_nearest(order, first, room, c, path)
     if now >= 0 and mask[now] and kind[now] != HOLD:
         first, room = (0, pellets) if kind[now] == PELLET else (pellets, refuges)
         listed = False
