@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import Config
+from pacman_env.engine.arrays import Table, declared, zeros
 from pacman_env.game.execution import (
     ABORTED,
     CANCELED,
@@ -25,16 +26,24 @@ from pacman_env.game.goals import ExecutorAction, Goals, Place, home_place
 from pacman_env.game.round import RoundController
 from pacman_env.sim.core import kernels
 from pacman_env.sim.core.parameters import batch_parameters, draw_episodes
+from pacman_env.sim.maps.level import LevelArrays
 from pacman_env.world.navigation import navigator
 
 Position = tuple[float, float]
+
+
+def level_of_goals(goal_xy: NDArray[np.float64]) -> Table:
+    """Make a level whose goals are at ``goal_xy`` (G, 2), m; all other arrays, which no rule reads, are zeros."""
+    lengths = {axis: 1 for array in declared(LevelArrays).values() for axis in array.axes if isinstance(axis, str)}
+    lengths["G"] = len(goal_xy)
+    return Table(LevelArrays, **{**zeros(LevelArrays, LevelArrays._fields, **lengths), "goal_xy": goal_xy})
 
 
 class SimulatorSide:
     """One game of the simulator whose robot is put where the events say, and whose Nav2 answers as they say."""
 
     def __init__(self, config: Config, pellets: NDArray[np.float64], refuges: NDArray[np.float64]) -> None:
-        self.goal_xy = np.concatenate([pellets, refuges])[None]
+        self.level = level_of_goals(np.concatenate([pellets, refuges]))
         self.pellets, self.hold = len(pellets), len(pellets) + len(refuges)
         self.p = batch_parameters(config, 0.05, len(pellets), len(refuges))
         self.game = draw_episodes(np.array([1], dtype=np.uint64), config)
@@ -43,8 +52,8 @@ class SimulatorSide:
         self.waits = np.zeros((1, self.hold + 1), np.int64)
         self.aborts = np.zeros((1, self.hold + 1), np.int64)
         self.obstacles = np.full((1, 1, 3), 99.0)
-        state = self.game, self.alive, self.waits, self.aborts, self.obstacles, self.p, self.goal_xy
-        self.rules = kernels.RuleArrays(*state)
+        levels = np.array([self.level.address])
+        self.rules = kernels.RuleArrays(self.game, self.alive, self.waits, self.aborts, self.obstacles, self.p, levels)
         self.decisions = np.zeros((1, 10_000), np.int16)
         self.began = self.game.copy()
         self.reset()
