@@ -2,7 +2,7 @@
 
 import functools
 import itertools
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -61,12 +61,11 @@ def address(array: NDArray[Any]) -> int:
     return array.ctypes.data  # of records, too, a fifth of what __array_interface__ takes
 
 
-def _flat(arrays: Iterable[Any]) -> Iterator[NDArray[Any]]:
+def _flat(arrays: Iterable[Any]) -> list[NDArray[Any]]:
+    found: list[NDArray[Any]] = []
     for one in arrays:
-        if isinstance(one, tuple):
-            yield from _flat(one)
-        else:
-            yield one
+        found += [one] if one.__class__ is np.ndarray else _flat(one) if isinstance(one, tuple) else [one]
+    return found
 
 
 @functools.cache
@@ -94,7 +93,7 @@ class Table:
         numbers: list[int] = []
         checks, fixed = _checks(kind)
         lengths = dict(fixed)
-        for (name, dtype, axes), array in zip(checks, _flat(arrays[name] for name in fields), strict=True):
+        for (name, dtype, axes), array in zip(checks, _flat([arrays[name] for name in fields]), strict=True):
             shape = array.shape
             fits = len(shape) == len(axes) and tuple(map(lengths.setdefault, axes, shape)) == shape
             if not fits or array.dtype != dtype or not array.flags.c_contiguous:

@@ -126,7 +126,8 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     is a tick, or lasts until something is to be decided), `observation.candidates` (all of the map, or the nearest),
     `observation.normalize`, `observation.mask` (where the mask is), `observation.numeric_info`, `timeout` (truncation
     or termination), `action_range`, `endless`, `start_level` and `num_levels` (which of the
-    generated houses: of 0 to 999,999 to train, of 1,000,000 to 1,000,999 to test; `num_levels` 0: all), `home`.
+    generated houses: 0 to 999,999 to train, 1,000,000 to 1,000,999 to test; by default the first 1,000 and 200 of
+    them, with `num_levels` 0 all), `home`.
 
     ## Reset
     `reset(seed=..., options=...)`: `options` may hold, for the episode that begins, `round_seed` (as in

@@ -26,8 +26,8 @@ from pacman_env.training.network import Packed
 from tests.training.test_arguments import tiny
 
 
-def pupil(**changes: Any) -> Learner:
-    return Learner(tiny(width=16, n_steps=8, batch_size=32).hyper, 0, **changes)
+def pupil(seed: int = 0, **changes: Any) -> Learner:
+    return Learner(tiny(width=16, n_steps=8, batch_size=32).hyper, seed, **changes)
 
 
 def taught(decisions: int, seed: int = 1) -> tuple[Learner, dict[str, float]]:
@@ -51,10 +51,10 @@ def agreement(model: Learner) -> float:
     return float(np.mean(found))
 
 
-def test_an_imitator_agrees_with_the_rule_more_often_than_an_untrained_network() -> None:
+def test_an_imitator_agrees_with_the_rule_more_often_than_untrained_networks() -> None:
     model, result = taught(4096)
-    before, after = agreement(pupil()), agreement(model)
-    assert after > before + 0.25
+    before = float(np.mean([agreement(pupil(seed)) for seed in range(4)]))  # of one alone 0.02 to 0.24
+    assert agreement(model) > before + 0.25
     assert 0.0 < result["agreement"] <= 1.0
 
 
