@@ -32,7 +32,7 @@ class CoreEnv:
 
     @property
     def spec(self) -> Any:
-        """Gymnasium's or PettingZoo's; its arguments are as JSON gives them back, so that specs compare equal."""
+        """Return the spec, its arguments as JSON gives them back, so that specs compare equal."""
         return self._spec
 
     @spec.setter
@@ -43,21 +43,21 @@ class CoreEnv:
 
     @property
     def batch(self) -> GameBatch:
-        """The games."""
+        """Return the games."""
         return self._core.batch
 
     @property
     def config(self) -> Config:
-        """What is played by."""
+        """Return the configuration of the games."""
         return self._core.config
 
     @property
     def started(self) -> bool:
-        """Whether a first round has begun."""
+        """Return whether a first round has begun."""
         return self._core.begun
 
     def _core_by(self, settings: Mapping[str, Any]) -> EnvCore:
-        """That of this environment, or another one if it plays by other settings beside the arguments."""
+        """Return this environment's core, or another one if it plays by other settings beside the arguments."""
         if settings == self._core.settings:
             return self._core
         n, arguments, more = self._made_from
@@ -69,12 +69,12 @@ class CoreEnv:
 
     @property
     def situation(self) -> Situation:
-        """One per game, as a policy of this package sees it now; raises ResetNeeded before the first reset."""
+        """Return what a policy of this package sees of each game now; raises ResetNeeded before the first reset."""
         return self._core.situation
 
     @property
     def action_masks(self) -> Callable[[], NDArray[np.bool_]]:
-        """``action_masks()``: which candidates may be chosen now, the name that sb3-contrib calls.
+        """Return which candidates may be chosen now, under the name that sb3-contrib calls.
 
         (C,) bool, of a vector environment (N, C); ``action_space.sample`` takes it as int8. Raises AttributeError with
         velocities, which have no mask.
@@ -84,7 +84,7 @@ class CoreEnv:
         return self._masks
 
     def action_of(self, candidates: NDArray[np.int64]) -> NDArray[np.int64]:
-        """(N,) the actions that stand now for candidates (N,), as a policy of this package chooses them.
+        """Return the actions (N,) that stand now for candidates (N,) as a policy of this package chooses them.
 
         Of the nearest candidates those that are not listed are the last action, hold. Raises AttributeError with
         velocities, and ResetNeeded before the first reset.
@@ -98,7 +98,7 @@ class CoreEnv:
         return self._core.masks()
 
     def _pictures(self, cores: Sequence[EnvCore]) -> tuple[NDArray[np.uint8], ...] | None:
-        """One for each game, if there is a render mode."""
+        """Return a picture of each game, if there is a render mode."""
         if self.render_mode is None:
             return None
         from ..render.frames import render_frame

@@ -81,7 +81,7 @@ class EnvCore:
         self._by_event = self.config.decisions.when == "event"
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the copy of a situation that was given away."""
+        """Leave out the copy of a situation that was given away."""
         return {**self.__dict__, "_shown": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -93,7 +93,7 @@ class EnvCore:
 
     @property
     def observer(self) -> Observer:
-        """What the observation of now is in."""
+        """Return the observer that holds the present observation."""
         return self._games.observer
 
     def require_reset(self, running: bool = False) -> None:
@@ -105,20 +105,20 @@ class EnvCore:
 
     @property
     def situation(self) -> Situation:
-        """As the robot's policy sees it now; it stays as it is."""
+        """Return what the robot's policy sees now, in arrays that no later step changes."""
         self.require_reset()
         if self._shown is None:
             self._shown = self.observer.situation.copy()
         return self._shown
 
     def ghost_observation_space(self) -> spaces.Dict | spaces.Box:
-        """Of a ghost's agent."""
+        """Return the observation space of a ghost's agent."""
         return observation_space(self._ghost_observer.parts, self.candidates if self._mask_beside else None)
 
     def reset(
         self, index: Indices, seeds: NDArray[np.uint64], levels: Indices | None = None, *, in_step: bool = False
     ) -> None:
-        """New episodes in the games ``index``; ``in_step``: the situation after the last step is not in use."""
+        """Begin episodes in the games ``index``; ``in_step``: the situation after the last step is not in use."""
         self.elapsed_s[index] = 0.0
         self._steps[index] = 0
         self.cut[index] = False
@@ -145,17 +145,17 @@ class EnvCore:
 
     @functools.cached_property
     def _ghost_observer(self) -> Observer:
-        """Of ghosts that are agents: the features, laid out as the robot's observation."""
+        """Return the observer of ghosts that are agents: the features, laid out as the robot's observation."""
         config = replace(self.config.observation, kinds=("features",))
         return Observer(self.batch, config, ghost=True)
 
     def masks(self) -> Flags:
-        """(N, C) which actions are allowed now."""
+        """Return which actions are allowed now, (N, C)."""
         self.require_reset()
         return self.observer.allowed != 0
 
     def observe_from(self, situation: Situation) -> Any:
-        """The observation of situations from elsewhere, such as a robot's; masks and actions are of them from now on.
+        """Observe situations from elsewhere, such as a robot's; masks and actions are of them from now on.
 
         Kinds that are made of the games themselves, such as a scan, are those of the games.
         """
@@ -164,7 +164,7 @@ class EnvCore:
         return self.observe()
 
     def step(self, actions: NDArray[Any], ghost_choices: Mapping[int, Indices] | None = None) -> Ends:
-        """One decision; games that were over get no reward.
+        """Play one decision; games that were over get no reward.
 
         ``ghost_choices`` (N,) are those of ``ghost_agents`` by the ghost's number; the policies of the others are
         asked. With several agents, games that were cut stand still as if they were over.
@@ -207,7 +207,7 @@ class EnvCore:
             truncated |= long & ~terminated if self.ghost_agents else long
 
     def _progress(self, path_before: Floats, terminated: Flags) -> Floats:
-        """(N,) gamma phi(s') - phi(s), m, with minus the path length to the nearest pellet as phi; phi of an end is 0.
+        """Return gamma phi(s') - phi(s), m, (N,): phi is minus the path length to the nearest pellet, 0 at an end.
 
         Over an episode it telescopes: with gamma = 1, to the path length at its beginning, whatever was done.
         """
@@ -217,12 +217,12 @@ class EnvCore:
         return np.where(self._was_over, 0.0, path_before - config.decisions.discount_per_s**passed_s * left)
 
     def ghost_reward(self) -> Floats:
-        """(N,) of a ghost in the last step, by ``config.ghost_reward``; 0 in games that were over."""
+        """Return a ghost's reward in the last step (N,), by ``config.ghost_reward``; 0 in games that were over."""
         reward = outcome.reward_and_end(self.batch.games, self._was_over, self.config.ghost_reward)[0]
         return reward + self.config.ghost_reward.progress * self._nearer if self._path_counts else reward
 
     def observe(self, copy: bool | None = None) -> Any:
-        """Of the robot's agent: one array (N, ...) per key, or one array where observations are flat.
+        """Return the robot's observation: one array (N, ...) per key, or one array where observations are flat.
 
         Without ``copy`` (None: as the environment was made) the arrays are written again by a later step.
         """
@@ -230,11 +230,11 @@ class EnvCore:
         return self._laid_out(observer.result, observer.allowed, self._copies if copy is None else copy)
 
     def observe_game(self) -> Any:
-        """Of the only game: one array per key, or one array."""
+        """Return the observation of the only game: one array per key, or one array."""
         return self._laid_out(*self.observer.first_game, True)
 
     def observe_ghost(self, number: int) -> tuple[Any, Flags, Indices | None]:
-        """Of a ghost's agent, laid out alike; its mask (N, C) and ``listed``, as the robot's."""
+        """Return a ghost's observation, laid out alike; its mask (N, C) and ``listed``, as the robot's."""
         observer = self._ghost_observer
         observer.observe(number)
         listed = None if observer.listed is None else observer.listed.copy()
@@ -247,7 +247,7 @@ class EnvCore:
         return {OBSERVATION: observation, MASK: allowed.copy()} if self._mask_beside else observation
 
     def info_of_game(self) -> dict[str, Any]:
-        """The infos of the only game, as Python's numbers."""
+        """Return the infos of the only game, as Python's numbers."""
         info = outcome.info(self.batch.summary, self.config.observation.numeric_info)
         for key, array in self._more_infos().items():
             info[key] = array[0].copy() if array.ndim > 1 else array.tolist()[0]
@@ -255,13 +255,13 @@ class EnvCore:
 
     @staticmethod
     def of_game(observation: Any, game: int) -> Any:
-        """One game's observation, of all."""
+        """Return one game's observation, of all."""
         if isinstance(observation, dict):
             return {key: EnvCore.of_game(part, game) for key, part in observation.items()}
         return observation[game]
 
     def infos(self) -> dict[str, NDArray[Any]]:
-        """Per game (N,), and with a mask in them (N, C), as the environment describes them."""
+        """Return infos per game (N,), and with a mask in them (N, C), as the environment describes them."""
         return outcome.infos(self.batch.summary, self.config.observation.numeric_info) | self._more_infos()
 
     def _more_infos(self) -> dict[str, NDArray[Any]]:
@@ -278,7 +278,7 @@ class EnvCore:
         return result | drawn_values(games, self.config) if self._draws else result
 
     def _ghost_choices(self, given: Mapping[int, Indices]) -> Indices | None:
-        """(N, G), from the policies and as given; None: every ghost has a behaviour."""
+        """Return the ghosts' choices (N, G), from the policies and as given; None: every ghost has a behaviour."""
         if not (self._policies or given):
             return None
         choices = np.full(self.batch.ghosts.shape, self.batch.hold, dtype=np.int64)

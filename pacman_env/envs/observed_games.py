@@ -25,7 +25,7 @@ class ObservedGames:
 
     @property
     def observer(self) -> Observer:
-        """What the observation of now is in."""
+        """Return the observer that holds the present observation."""
         return self._observers[0]
 
     def maps_changed(self, index: Indices) -> None:
@@ -42,7 +42,7 @@ class ObservedGames:
         self._observers.reverse()
 
     def play_in_one_call(self, actions: NDArray[Any]) -> None:
-        """One decision by checked actions (N,) or (N, 2), with nothing but kernels up to the observation."""
+        """Play one decision by checked actions (N,) or (N, 2), with nothing but kernels up to the observation."""
         batch = self.batch
         if self.config.action == "velocity":
             batch.arrays["velocities"][:] = velocities(actions, self.config)
@@ -65,7 +65,7 @@ class ObservedGames:
         ghost_choices: Indices | None,
         plays: Flags | None,
     ) -> None:
-        """One decision with Python between the ticks: ghosts' policies, rounds that follow one another."""
+        """Play one decision with Python between the ticks: ghosts' policies, rounds that follow one another."""
         if self._by_event:
             self.batch.step_until_due(*self.observer.chosen(actions), choose)
         else:

@@ -35,7 +35,7 @@ def apart_cm(a, b):  # type: ignore[no-untyped-def]
 
 @kernel
 def places_left(before, now, moved_m, places):  # type: ignore[no-untyped-def]
-    """Of the ``places`` (bits) that a ghost may have been going to, the share that it came nearer to, and these.
+    """Return the share of ``places`` (bits), where a ghost may have been going, that it came nearer to, and these.
 
     ``before`` and ``now`` are the lengths of its paths to all goals, at most 64 of which count. Where it came nearer to
     none, the share is 0 and the places are all those that it comes nearer to now.

@@ -93,7 +93,7 @@ class Level:
 
     @property
     def arrays(self) -> dict[str, Any]:
-        """By name, as :class:`LevelArrays` declares them."""
+        """Return the arrays by name, as :class:`LevelArrays` declares them."""
         return self.table.arrays
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Level":
@@ -104,7 +104,7 @@ class Level:
 
     @functools.cached_property
     def assets(self) -> MapAssets:
-        """The whole map, for pictures and what else no kernel reads; one that was loaded is prepared here (30 ms)."""
+        """Return the whole map, for pictures and what else no kernel reads; a loaded one is prepared here (30 ms)."""
         return self._prepare()
 
     def find(self, place: int) -> Table | None:

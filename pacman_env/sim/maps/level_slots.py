@@ -45,7 +45,7 @@ class LevelSlots:
 
     @classmethod
     def only(cls, level: Level, config: Config) -> "LevelSlots":
-        """One slot with that level, number 0, in it."""
+        """Make one slot with that level, number 0, in it."""
         slots = cls(1, Sizes.of(level), config)
         slots.put(0, 0, level)
         return slots
@@ -59,7 +59,7 @@ class LevelSlots:
 
     @property
     def address(self) -> int:
-        """Where ``addresses`` lies."""
+        """Return the address of ``addresses``."""
         return address(self.addresses)
 
     def level(self, slot: int) -> Level:
@@ -68,14 +68,14 @@ class LevelSlots:
         return level
 
     def levels(self, slots: NDArray[np.integer[Any]]) -> set[Level]:
-        """The levels in these slots (M,)."""
+        """Return the levels in these slots (M,)."""
         return {self.level(slot) for slot in (range(1) if len(self) == 1 else set(slots.tolist()))}
 
     def has(self, level: int) -> bool:
         return bool((self.numbers == level).any())
 
     def take(self, level: int, prepare: Callable[[int], Level]) -> int:
-        """A slot with that level, held until :meth:`release`; ``prepare`` is called if no slot has it."""
+        """Return a slot with that level, held until :meth:`release`; ``prepare`` is called if no slot has it."""
         self._clock += 1
         if self.has(level):
             slot = int((self.numbers == level).argmax())

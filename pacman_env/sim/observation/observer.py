@@ -21,7 +21,7 @@ from .situation import MISSING, Nearest, Situation, at_places
 
 
 class Observer:
-    """Builds the observations of one batch; ``parts`` are the arrays of one game by key (flat: ``FLAT`` alone).
+    """Make the observations of one batch; ``parts`` are the arrays of one game by key (flat: ``FLAT`` alone).
 
     All arrays are made once. ``situation`` is what the observation is made of: the batch's as the robot or a ghost sees
     it, or one from elsewhere. ``result`` is the observation, (N, ...) per key, until the next one is made.
@@ -72,23 +72,23 @@ class Observer:
 
     @cached_property
     def situation(self) -> Situation:
-        """What the observation is made of now; written anew for each."""
+        """Return the arrays that the observation is made from; each observation writes them anew."""
         batch = self._batch
         return Situation.empty(batch.n, batch.candidates, batch.ghosts.shape[1], batch.levels, batch.threads)
 
     @cached_property
     def order(self) -> NDArray[np.int64]:
-        """As ``listed``; (N, 0): all, by their numbers."""
+        """Return the candidates as ``listed``; (N, 0): all, by their numbers."""
         return np.full((self._batch.n, self.nearest.count if self.nearest else 0), MISSING, dtype=np.int64)
 
     @property
     def listed(self) -> NDArray[np.int64] | None:
-        """(N, K) the candidates in their order now; None: all, by their numbers."""
+        """Return the candidates in their order now, (N, K); None: all, by their numbers."""
         return self.order if self.nearest else None
 
     @cached_property
     def allowed(self) -> NDArray[np.int8]:
-        """(N, C), or (N, K) of listed ones: which actions may be chosen now, 0 or 1."""
+        """Return which actions may be chosen now, 0 or 1: (N, C), or (N, K) of listed candidates."""
         return np.zeros((self._batch.n, self.nearest.count if self.nearest else self._batch.candidates), dtype=np.int8)
 
     @cached_property
@@ -97,7 +97,7 @@ class Observer:
 
     @cached_property
     def _raw(self) -> Observation:
-        """The arrays as the kinds fill them, (N, ...) of all candidates."""
+        """Make the arrays that the kinds fill, (N, ...) of all candidates."""
         made = {}
         for key, part in self._raw_parts.items():
             if key != MASK:
@@ -107,7 +107,7 @@ class Observer:
 
     @cached_property
     def result(self) -> Observation:
-        """The observation's arrays; those of a kind that are neither scaled nor listed nor laid out are its own."""
+        """Make the observation's arrays; a kind fills them itself where nothing is scaled, listed or laid out."""
         if self._config.flat:
             return {FLAT: np.zeros((self._batch.n, *self.parts[FLAT].shape), dtype=np.float32)}
         shown = ({MASK: self.allowed} if self._masked else {}) | self._raw
@@ -116,11 +116,11 @@ class Observer:
 
     @cached_property
     def first_game(self) -> tuple[Observation, NDArray[np.int8]]:
-        """``result`` and ``allowed`` of the first game."""
+        """Return ``result`` and ``allowed`` of the first game."""
         return {key: array[0] for key, array in self.result.items()}, self.allowed[0]
 
     def _changes(self, key: str) -> bool:
-        """Whether an array is scaled, listed or laid out."""
+        """Return whether an array is scaled or listed."""
         listed = self.nearest is not None and self._raw_parts[key].by_candidate
         return key != MASK and (self._config.normalize or listed)
 
@@ -158,7 +158,7 @@ class Observer:
         return self.result
 
     def actions_of(self, candidates: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-        """(N,) the actions that stand for candidates, hold where none does, and where one does."""
+        """Return the actions (N,) that stand for candidates, hold where none does, and where one does."""
         if self.listed is None:
             return candidates, np.ones(len(candidates), dtype=np.bool_)
         there = (self.listed == candidates[:, None]) & (self.listed != MISSING)
@@ -166,7 +166,7 @@ class Observer:
         return np.where(listed, there.argmax(axis=1), self.listed.shape[1] - 1), listed
 
     def chosen(self, actions: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-        """(N,) the candidates that actions stand for, hold where they are forbidden, and where that is."""
+        """Return the candidates (N,) that actions stand for, hold where they are forbidden, and where that is."""
         if self.listed is None:
             return actions, ~self.situation.mask[np.arange(self._batch.n), actions]
         return at_places(self.listed, actions, self._batch.hold)
@@ -219,7 +219,7 @@ class Observer:
 
     @cached_property
     def _row_stages(self) -> list[Stage]:
-        """The stage that scales, lists and lays out, if there is something to do."""
+        """Return the stage that scales, lists and lays out, if there is something to do."""
         parts, scales, at = [], [np.zeros((2, 0), dtype=np.float32)], 0
         for key, part in self._unscaled.items():
             width, raw = int(np.prod(part.shape)), self.allowed if key == MASK else self._raw[key]
@@ -242,7 +242,7 @@ class Observer:
 
 
 def _scale(key: str, part: ObservationPart, normalize: bool, time_limit_s: float) -> tuple[int, NDArray[np.float32]]:
-    """How an array is scaled, and the two numbers (2, ...) of each of its elements."""
+    """Return how an array is scaled, and the two numbers (2, ...) of each of its elements."""
     if not normalize or key == MASK:
         return NOT, np.zeros((2, int(np.prod(part.shape))), dtype=np.float32)
     if part.columns:
@@ -269,7 +269,7 @@ def _flattened(parts: Mapping[str, ObservationPart]) -> ObservationPart:
 
 
 def _listed(key: str, part: ObservationPart, count: int) -> ObservationPart:
-    """A part with so many candidates, some of which may be missing: 0."""
+    """Return a part with so many candidates, some of which may be missing: 0."""
     if not part.by_candidate:
         return part
     if key != MASK and part.dtype != np.float32:

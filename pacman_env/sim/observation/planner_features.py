@@ -63,7 +63,7 @@ _outlooks: "weakref.WeakKeyDictionary[LevelSlots, outlook.Outlook]" = weakref.We
 def planner_features(
     situation: Situation, robot_speed_mps: float, listed: NDArray[np.int64] | None = None
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Candidates (N, C, 32) and globals (N, 50), float32. Raises ValueError for a situation without maps.
+    """Return candidates (N, C, 32) and globals (N, 50), float32. Raises ValueError for a situation without maps.
 
     ``listed``: (N, K) the candidates that are wanted, or ``MISSING``; rows of others are 0. None: all.
     """
@@ -83,7 +83,7 @@ def planner_stage(
     candidates: NDArray[np.float32],
     whole: NDArray[np.float32],
 ) -> Stage:
-    """What fills the features of candidates that are ``wanted`` (N, C) from a situation.
+    """Return what fills the features of candidates that are ``wanted`` (N, C) from a situation.
 
     Where a ghost is believed to come for the robot on a map that :func:`maps_wanted` has not made ready since it was
     put into its slot, the stage returns ``NEEDS_MAPS``.
@@ -174,7 +174,7 @@ def _describe_round(s, i, clyde_m, shortest, limit_s, coming, row):  # type: ign
 
 @kernel
 def _shortest_way(s, i):  # type: ignore[no-untyped-def]
-    """Path length to the nearest pellet that may be chosen, m; 0: there is none."""
+    """Return the path length to the nearest pellet that may be chosen, m; 0: there is none."""
     shortest = np.inf
     for c in range(s.mask.shape[1]):
         if s.mask[i, c] and s.kind[i, c] == PELLET:

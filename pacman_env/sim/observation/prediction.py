@@ -63,7 +63,7 @@ COLUMNS = 8
 
 
 def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float32]:
-    """Distances that the nearest ghost may come to on the path to each candidate within 10 s, (N, C, 8) float32.
+    """Return how near the nearest ghost may come on the path to each candidate within 10 s, (N, C, 8) float32.
 
     Columns: probability of less than 0.45 m within 5 s, within 10 s; of less than 0.8 m within 10 s; mean over its
     paths of the smallest distance, and the smallest of all, m; cosine of the first stretch's direction with the
