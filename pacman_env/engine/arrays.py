@@ -129,7 +129,7 @@ class Table:
 
 @functools.cache
 def _places(kind: type[tuple[Any, ...]]) -> dict[str, int]:
-    """Where the address of each array is among the numbers of a table."""
+    """Return where the address of each array is among the numbers of a table."""
     sizes = [1 + len(axes) for _, axes in declared(kind).values()]
     return dict(zip(declared(kind), np.cumsum([0, *sizes[:-1]]).tolist(), strict=True))
 

@@ -58,7 +58,7 @@ class Callee:
         return template, parameters, kinds, {}
 
     def get_overload(self, kinds: Any) -> Any:
-        """What the target context knows the machine code by, for the caller that is compiled now."""
+        """Return the key of the machine code in the target context, for the caller that is being compiled."""
         return self, tuple(kinds), ConfigStack().top().nrt
 
 

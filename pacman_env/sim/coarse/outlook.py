@@ -79,7 +79,7 @@ class Outlook:
         self._places: list[NDArray[np.int64]] = []
 
     def memory(self, goals: int, ghosts: int, threads: int) -> list[NDArray[np.int64]]:
-        """Of each thread, the address (1,) of its table of OutlookArrays, for levels of at most so many goals."""
+        """Return for each thread the address (1,) of its table of OutlookArrays, for at most ``goals`` goals."""
         fits = self._memory and self._memory[0].ghosts.shape[1] == ghosts and len(self._memory[0].bit) == goals
         if not fits:
             self._memory, self._tables, self._places = [], [], []

@@ -333,7 +333,7 @@ class GameBatch(GameState):
         self.resume(self.threads.run(job, tables, self.n))
 
     def tick_stage(self) -> Stage:
-        """What plays the games, after :meth:`prepare_ticks`; other results than 0 are for :meth:`resume`."""
+        """Return what plays the games after :meth:`prepare_ticks`; results other than 0 are for :meth:`resume`."""
         while len(self._tables) < self.threads.number:
             self._ghost_tables.append(self._ghosts.table(self.games, self._history.ghost_choices, self._parameters))
             self._tables.append(_tick_table(self, self._ghost_tables[-1]))
@@ -385,7 +385,7 @@ class GameBatch(GameState):
         return float(cells[cell, 0]), float(cells[cell, 1])
 
     def situation(self, player: int = -1) -> Situation:
-        """What a policy sees now, the robot's or (``player`` k) that of ghost k, in new arrays."""
+        """Return what the robot's policy sees now, or (``player`` k) ghost k's policy, in new arrays."""
         situation = Situation.empty(self.n, self.candidates, self.ghosts.shape[1], self.levels, self.threads)
         if self._view is None:
             request = np.zeros(1, dtype=situation_kernel.REQUEST)
@@ -397,7 +397,7 @@ class GameBatch(GameState):
 
 
 def situation_stage(batch: GameBatch, situation: Situation, player: int = -1) -> Stage:
-    """What writes a situation of the batch anew, the robot's or that of ghost ``player``, and with it ``summary``."""
+    """Return what writes a situation of the batch, the robot's or ghost ``player``'s, and with it ``summary``."""
     request = np.zeros(1, dtype=situation_kernel.REQUEST)
     situation_kernel.direct(request, situation, player)
     return situation_kernel.write_situations, [_view_table(batch, request)]
@@ -406,7 +406,7 @@ def situation_stage(batch: GameBatch, situation: Situation, player: int = -1) ->
 def choice_stage(
     batch: GameBatch, actions: NDArray[np.int64], mask: NDArray[np.bool_], listed: NDArray[np.int64]
 ) -> Stage:
-    """What turns actions (N,) into choices of the candidates allowed by ``mask`` (N, C).
+    """Return what turns actions (N,) into choices of the candidates allowed by ``mask`` (N, C).
 
     ``listed`` (N, K) are the candidates that actions stand for; K = 0: the actions are candidates. After a choice that
     is forbidden the next decision is due after a tick.

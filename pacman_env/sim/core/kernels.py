@@ -36,7 +36,7 @@ SUMMARY = ("outcome", "collected", "lost", "spawned", "aborts", "round_seed")  #
 
 
 class RuleArrays(NamedTuple):
-    """What the rules work on: N games, C candidates, P pellets, G ghosts, L slots for levels."""
+    """Hold what the rules work on: N games, C candidates, P pellets, G ghosts, L slots for levels."""
 
     games: Any = Array(GAME, "N")
     alive: Any = Array(np.bool_, "N P")  # the pellet is there

@@ -78,7 +78,7 @@ BEGIN, _STEP, MOVE = range(3)  # stages of a tick: it begins, a physics step doe
 
 @table_kernel
 def choose(table, first, last):  # type: ignore[no-untyped-def]
-    """Choices of games by their actions; a place of the list where no candidate is makes the robot hold."""
+    """Turn actions into choices; the robot holds where an action stands for no candidate."""
     a = _choice_arrays(table)
     candidates = a.mask.shape[1]
     for i in range(first, last):

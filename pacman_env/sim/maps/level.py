@@ -1,4 +1,4 @@
-"""One level: everything that kernels read of a prepared map, each array as it is, found by one address."""
+"""One level: all arrays that kernels read of a prepared map, unchanged, found by one address."""
 
 import functools
 from collections.abc import Callable
@@ -46,7 +46,7 @@ class LevelArrays(NamedTuple):
 
 
 class CoarseSteps(NamedTuple):
-    """What ``prediction.py`` walks along; 64 cells of a tile follow one another."""
+    """Hold the steps that ``prediction.py`` walks along; 64 cells of a tile follow one another."""
 
     coarse_steps: Any = Array(np.uint8, "t G")
 
@@ -56,7 +56,7 @@ steps_of_level = arrays_by_address(CoarseSteps)
 
 
 class Facts(NamedTuple):
-    """What Python asks about a level."""
+    """Hold what Python needs of a level."""
 
     pellets: int
     refuges: int

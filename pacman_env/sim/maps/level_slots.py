@@ -12,7 +12,7 @@ from .level import Level
 
 
 class Sizes(NamedTuple):
-    """What no level of a source exceeds; scratch memory is made for it."""
+    """Hold what no level of a source exceeds; scratch memory is made for it."""
 
     cells: int  # drivable
     longest_cm: int  # path to a goal

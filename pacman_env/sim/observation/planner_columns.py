@@ -12,7 +12,7 @@ GHOST_TOKENS = 4  # the nearest ghosts, from the nearest on
 
 
 class CandidateColumn(enum.IntEnum):
-    """Of a candidate; Clyde is the nearest ghost."""
+    """Number the columns of a candidate; Clyde is the nearest ghost."""
 
     IS_PELLET = 0  # 1 or 0, and the next three
     IS_REFUGE = enum.auto()
@@ -51,7 +51,7 @@ class CandidateColumn(enum.IntEnum):
 
 
 class GlobalColumn(enum.IntEnum):
-    """Of the situation; those of the ghosts' tokens follow."""
+    """Number the columns of the situation; the columns of the ghosts' tokens follow."""
 
     CLYDE_DISTANCE = 0  # / 5 m
     CLYDE_NEAR = enum.auto()  # exp(-distance / m)
@@ -70,7 +70,7 @@ class GlobalColumn(enum.IntEnum):
 
 
 class TokenColumn(enum.IntEnum):
-    """Of one of the nearest ghosts."""
+    """Number the columns of one of the nearest ghosts."""
 
     THERE = 0  # 1 or 0
     DISTANCE = enum.auto()  # / 5 m

@@ -107,7 +107,7 @@ def features(situation: Situation) -> Observation:
 
 
 def features_stage(situation: Situation, arrays: Observation) -> Stage:
-    """What fills the arrays of :func:`features` from a situation; with one ghost ``ghosts`` may be missing."""
+    """Return what fills the arrays of :func:`features` from a situation; with one ghost ``ghosts`` may be missing."""
     block, *lengths = situation.block()
     ghosts = arrays.get("ghosts")
     if ghosts is None:

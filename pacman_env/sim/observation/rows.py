@@ -31,7 +31,7 @@ PART = np.dtype(
 
 
 class CandidateArrays(NamedTuple):
-    """What candidates are listed by: N situations, C candidates, K in the list (0: all, in their order)."""
+    """Hold what candidates are listed by: N situations, C candidates, K in the list (0: all, in their order)."""
 
     kind: Any = Array(np.int8, "N C")
     mask: Any = Array(np.bool_, "N C")
