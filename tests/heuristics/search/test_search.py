@@ -129,7 +129,7 @@ def test_it_flees_in_time_from_a_chaser_that_it_is_told_of() -> None:
 
 
 def test_it_flees_in_time_from_a_ghost_that_it_takes_for_a_chaser() -> None:
-    """Four rounds are too few: of 24 it completes 20, in 0.16.0 18."""
+    """Four rounds are too few: of 24 it completes 20, with the belief of 0.15.0 18."""
     assert completed(Search(nodes=6000), 0.22, 12) >= 9
     assert completed(make_policy("lookahead"), 0.22, 12) <= 4
 
