@@ -64,7 +64,7 @@ def address(array: NDArray[Any]) -> int:
 def _flat(arrays: Iterable[Any]) -> list[NDArray[Any]]:
     found: list[NDArray[Any]] = []
     for one in arrays:
-        found += [one] if one.__class__ is np.ndarray else _flat(one) if isinstance(one, tuple) else [one]
+        found += _flat(one) if isinstance(one, tuple) else [one]
     return found
 
 

@@ -57,7 +57,7 @@ class CoreEnv:
         return self._core.begun
 
     def _core_by(self, settings: Mapping[str, Any]) -> EnvCore:
-        """Return this environment's core, or another one if it plays by other settings beside the arguments."""
+        """Return this environment's core, or another one if it plays by settings other than the arguments."""
         if settings == self._core.settings:
             return self._core
         n, arguments, more = self._made_from

@@ -72,7 +72,7 @@ class Observer:
 
     @cached_property
     def situation(self) -> Situation:
-        """Return the arrays that the observation is made from; each observation writes them anew."""
+        """Return the arrays that the observation is made from; each observation overwrites them."""
         batch = self._batch
         return Situation.empty(batch.n, batch.candidates, batch.ghosts.shape[1], batch.levels, batch.threads)
 
@@ -158,7 +158,7 @@ class Observer:
         return self.result
 
     def actions_of(self, candidates: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-        """Return the actions (N,) that stand for candidates, hold where none does, and where one does."""
+        """Return the actions (N,) that stand for candidates (hold where none does), and whether one does."""
         if self.listed is None:
             return candidates, np.ones(len(candidates), dtype=np.bool_)
         there = (self.listed == candidates[:, None]) & (self.listed != MISSING)
@@ -166,7 +166,7 @@ class Observer:
         return np.where(listed, there.argmax(axis=1), self.listed.shape[1] - 1), listed
 
     def chosen(self, actions: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-        """Return the candidates (N,) that actions stand for, hold where they are forbidden, and where that is."""
+        """Return the candidates (N,) that actions stand for (hold where forbidden), and whether each is forbidden."""
         if self.listed is None:
             return actions, ~self.situation.mask[np.arange(self._batch.n), actions]
         return at_places(self.listed, actions, self._batch.hold)
@@ -269,7 +269,7 @@ def _flattened(parts: Mapping[str, ObservationPart]) -> ObservationPart:
 
 
 def _listed(key: str, part: ObservationPart, count: int) -> ObservationPart:
-    """Return a part with so many candidates, some of which may be missing: 0."""
+    """Return a part with ``count`` candidates, some of which may be missing: 0."""
     if not part.by_candidate:
         return part
     if key != MASK and part.dtype != np.float32:
