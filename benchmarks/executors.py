@@ -13,7 +13,7 @@ from typing import Any
 from benchmarks.harness import benchmark, count, median_and_range, turns
 from pacman_env.config import make_config
 from pacman_env.episodes.rollout import episode_seeds
-from pacman_env.evaluation.compare.workers import Block, play_all
+from pacman_env.evaluation.rounds.play import Matchup, play_all
 from pacman_env.executors.base import Executor
 from pacman_env.executors.choice import local
 from pacman_env.executors.ray_cluster import RayCluster
@@ -34,7 +34,7 @@ def start_and_task(name: str, make: Make, tasks: int) -> dict[str, Any]:
     return figures
 
 
-def in_turns(makes: dict[str, Make], block: Block, rounds: int) -> dict[str, Any]:
+def in_turns(makes: dict[str, Make], block: Matchup, rounds: int) -> dict[str, Any]:
     """Rounds per second of each executor in each turn, and by how much the second is slower than the first."""
 
     def play_started(executor: Executor) -> float:
@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     makes: dict[str, Make] = {"processes": lambda: local(workers), "ray": lambda: RayCluster(workers=workers)}
     figures = {name: start_and_task(name, make, arguments.tasks) for name, make in makes.items()}
     seeds = episode_seeds(arguments.seed, arguments.episodes)
-    block = Block(arguments.map, make_config("robot", "robust"), arguments.policy, seeds)
+    block = Matchup(arguments.map, make_config("robot", "robust"), arguments.policy, seeds)
     return figures | in_turns(makes, block, arguments.rounds)
 
 

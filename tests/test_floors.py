@@ -43,7 +43,7 @@ ONLY_IN = {
     "pettingzoo": {"envs"},
     **{package: {"ros"} for package in ("rclpy", *MESSAGES)},
     **{package: {"web"} for package in ("starlette", "uvicorn", "websockets", "segno")},
-    "torch": {"training", "evaluation.compare.scenarios"},
+    "torch": {"training", "evaluation.rounds.scenarios"},
     "stable_baselines3": {"sb3", "training"},
     "sb3_contrib": {"training"},
     "minari": {"evaluation.dataset.minari_files"},
@@ -148,7 +148,7 @@ def test_a_module_is_loaded_by_name_in_known_places_alone() -> None:
     assert users == {
         "",  # the modules of public names
         "cli.main",  # commands
-        "evaluation.compare.scenarios",  # a checkpoint of training
+        "evaluation.rounds.scenarios",  # a checkpoint of training
         "plugins",
         "ros.node",  # the nodes of the table of processes
         "ros.topics",  # message types

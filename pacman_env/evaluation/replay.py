@@ -20,8 +20,8 @@ from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.config import Config
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.episodes.rollout import MOST_ROUNDS, allowed, ghost_choices, open_games
-from pacman_env.evaluation.compare import scenarios
-from pacman_env.evaluation.compare.scenarios import Scenario
+from pacman_env.evaluation.rounds import scenarios
+from pacman_env.evaluation.rounds.scenarios import Scenario
 from pacman_env.evaluation.templates import render
 from pacman_env.files import prepare, replaced
 from pacman_env.game.decisions import HOLD as NO_GOAL

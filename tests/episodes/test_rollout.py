@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from pacman_env.config import Config
 from pacman_env.episodes.rollout import MOST_ROUNDS, allowed, episode_seeds, play, play_in
-from pacman_env.evaluation.compare.scenarios import Levels, open_scenario
+from pacman_env.evaluation.rounds.scenarios import Levels, open_scenario
 from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
 from pacman_env.heuristics.simple import Nearest
 from pacman_env.policies import registry

@@ -14,8 +14,8 @@ from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.episodes.rollout import EPISODE, episode_seeds, play
-from pacman_env.evaluation.compare.scenarios import open_scenario
 from pacman_env.evaluation.replay import RecordedGame
+from pacman_env.evaluation.rounds.scenarios import open_scenario
 from pacman_env.game.execution import RUNNING
 from pacman_env.heuristics.simple import Nearest
 from pacman_env.policies.base import Policy

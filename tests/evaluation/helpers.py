@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pacman_env.config import make_config
 from pacman_env.episodes.rollout import EPISODE, episode_seeds, play
-from pacman_env.evaluation.compare.scenarios import Levels, open_scenario
+from pacman_env.evaluation.rounds.scenarios import Levels, open_scenario
 from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, TIMEOUT
 from pacman_env.sim.maps.assets import map_assets
 

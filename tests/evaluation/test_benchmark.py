@@ -16,7 +16,6 @@ import pytest
 import pacman_env
 from pacman_env.evaluation import benchmark
 from pacman_env.evaluation.benchmark import BARE, ROWS, Player, Row, main, measured, table
-from tests.evaluation.helpers import refused_in_one_line
 
 SHORT = ["--map", "loop", "--rounds", "2", "--seconds", "0.02"]
 
@@ -119,23 +118,3 @@ def test_a_child_runs_this_package_and_its_failure_is_an_error() -> None:
     assert wall_s > 0 < cpu_s
     with pytest.raises(ValueError, match="broken"):
         benchmark._child("-c", "raise SystemExit('broken')")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--rounds", "0"], "0: must be at least 1"),
-        (["--seconds", "nan"], "'nan' is not a finite number"),
-        (["--seconds", "-1"], "-1: must be at least 0"),
-        (["--map", "nowhere"], "nowhere"),
-        (["--json", "."], "is a folder"),
-    ],
-)
-def test_bad_arguments_are_one_line_and_status_2(
-    arguments: list[str],
-    message: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    refused_in_one_line(main, [*SHORT, *arguments], message, tmp_path, monkeypatch, capsys)

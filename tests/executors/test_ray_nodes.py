@@ -22,8 +22,8 @@ from ray.cluster_utils import Cluster
 
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.compare import workers
-from pacman_env.evaluation.compare.kept import KeptRounds
-from pacman_env.evaluation.compare.workers import Block, play_all
+from pacman_env.evaluation.rounds.kept import KeptRounds
+from pacman_env.evaluation.rounds.play import Matchup, play_all
 from pacman_env.executors.base import InProcess, TaskFailed
 from pacman_env.executors.ray_cluster import RayCluster
 from pacman_env.policies.learned import PRETRAINED
@@ -146,7 +146,7 @@ def test_a_machine_that_cannot_play_is_named_and_what_was_played_is_kept(
     monkeypatch.setattr(workers, "_LARGEST_PIECE", 4)
     seeds = episode_seeds(5, 24)
     ghosts = ("wander", str(PRETRAINED.with_name("clyde.onnx")))  # a file that is sent
-    blocks = [Block("house", CONFIG.with_fields(**{"clyde.ghosts": ghosts}), "other_package:Mine", seeds)]
+    blocks = [Matchup("house", CONFIG.with_fields(**{"clyde.ghosts": ghosts}), "other_package:Mine", seeds)]
     expected = play_all(blocks, InProcess())
     bad: list[Any] = []
     folder = tmp_path / "parts"

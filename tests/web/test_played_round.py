@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from pacman_env.config import make_config
 from pacman_env.envs.pacmanbot import PacManBotEnv
-from pacman_env.evaluation.compare.scenarios import open_scenario
 from pacman_env.evaluation.replay import RecordedGame
+from pacman_env.evaluation.rounds.scenarios import open_scenario
 from pacman_env.game.goals import goal_name
 from pacman_env.policies.base import BasePolicy
 from pacman_env.policies.registry import make_policy

@@ -19,7 +19,7 @@ from pacman_env.config.validation import require
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.bound.rows import Row, RowTask, make_row
 from pacman_env.evaluation.bound.table import render
-from pacman_env.evaluation.compare import scenarios
+from pacman_env.evaluation.rounds import scenarios
 from pacman_env.executors.base import InProcess
 from pacman_env.executors.choice import add_executor_arguments, executor_of, without_executor
 from pacman_env.executors.progress import bar_of

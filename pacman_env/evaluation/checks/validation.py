@@ -16,9 +16,9 @@ from pacman_env.config import make_config
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.episodes.statistics import wilson
 from pacman_env.evaluation.checks import planner_answers
-from pacman_env.evaluation.compare.rows import Row, make_row
 from pacman_env.evaluation.compare.table import with_interval
-from pacman_env.evaluation.compare.workers import Block, play_all
+from pacman_env.evaluation.rounds.play import Matchup, play_all
+from pacman_env.evaluation.rounds.summary import Row, make_row
 from pacman_env.executors.base import Executor
 from pacman_env.executors.choice import add_executor_arguments, executor_of
 from pacman_env.files import prepare, replaced
@@ -65,16 +65,15 @@ VARIANTS = (
 
 def run(source: str, episodes: int, seed: int, executor: Executor) -> list[tuple[Variant, Row]]:
     seeds = episode_seeds(seed, episodes)
-    blocks = [
-        Block(source, make_config("robot", "as_built", **{**_ORIGINAL_SPAWN, **(v.changes or {})}), v.policy, seeds)
-        for v in VARIANTS
+    configs = [make_config("robot", "as_built", **{**_ORIGINAL_SPAWN, **(v.changes or {})}) for v in VARIANTS]
+    name = map_assets(source, configs[0]).occupancy.name
+    matchups = [Matchup(source, config, v.policy, seeds) for v, config in zip(VARIANTS, configs, strict=True)]
+    played = play_all(matchups, executor)
+    rows = [
+        make_row({"map": name, "policy": one.policy}, [rounds], None if one is matchups[0] else [played[0][0]])
+        for one, rounds in zip(matchups, played, strict=True)
     ]
-    name = map_assets(source, blocks[0].config).occupancy.name
-    played = play_all(blocks, executor)
-    return [
-        (variant, make_row(name, block.policy, block.config, result, None if result is played[0] else played[0][0]))
-        for variant, block, result in zip(VARIANTS, blocks, played, strict=True)
-    ]
+    return list(zip(VARIANTS, rows, strict=True))
 
 
 def table(results: list[tuple[Variant, Row]]) -> str:

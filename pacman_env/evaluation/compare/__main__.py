@@ -1,7 +1,6 @@
-"""Policies compared on the same rounds: ``pacman-env compare``.
+"""Compare policies on the same rounds: ``pacman-env compare``.
 
-Rounds are played by ``workers``, kept by ``kept``, counted in ``rows``, shown by ``table``, ``plot`` and
-``evaluation.replay``.
+``rounds`` plays, keeps and summarizes the rounds; ``table``, ``plot`` and ``evaluation.replay`` show them.
 """
 
 import argparse
@@ -13,19 +12,17 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from pacman_env import __version__
 from pacman_env.cli.command import Parser, count, run_command, whole_number
 from pacman_env.episodes.rollout import episode_seeds
-from pacman_env.evaluation.compare import scenarios
-from pacman_env.evaluation.compare.kept import KeptRounds
-from pacman_env.evaluation.compare.rows import make_row
 from pacman_env.evaluation.compare.table import WIDTH, render
-from pacman_env.evaluation.compare.workers import Block
+from pacman_env.evaluation.rounds import scenarios
+from pacman_env.evaluation.rounds.kept import KeptRounds
+from pacman_env.evaluation.rounds.play import Matchup
+from pacman_env.evaluation.rounds.summary import describe_rounds, make_row
 from pacman_env.executors.choice import add_executor_arguments, executor_of, without_executor
 from pacman_env.executors.progress import bar_of
 from pacman_env.files import prepare, replaced
 
-SCHEMA = 2
 _VIDEO_SUFFIXES = (".mp4", ".gif")
 #: In JSON: a list of plain values, which gets a line of its own, and a break in it; strings have no line breaks.
 _LIST, _BREAK = re.compile(r"\[\n\s+([^][{}]*?)\n\s+\]"), re.compile(r"\n\s+")
@@ -69,34 +66,28 @@ def _compare(arguments: argparse.Namespace) -> None:
     json_path, plot_path, video_path = _outputs(arguments)
     seeds = episode_seeds(arguments.seed, arguments.episodes)
     work = list(itertools.product(maps.items(), configs, policies.items()))
-    blocks = [Block(scenario, one, spec, seeds, arguments.threads) for (_, scenario), one, (spec, _) in work]
-    unit = "game" if config.endless else "episode"
-    kept = KeptRounds(_parts(arguments), blocks, arguments.resume)
-    with executor_of(arguments) as executor, bar_of(executor, kept.left, unit) as bar:
+    matchups = [Matchup(scenario, one, spec, seeds, arguments.threads) for (_, scenario), one, (spec, _) in work]
+    parts = arguments.parts or (arguments.json or Path("results/compare")).with_suffix(".parts")
+    kept = KeptRounds(parts, matchups, arguments.resume)
+    with (
+        executor_of(arguments) as executor,
+        bar_of(executor, kept.left, "game" if config.endless else "episode") as bar,
+    ):
         played = kept.play(executor, bar.update)
     rows = []
     for k, (((place, _), one, (_, policy)), result) in enumerate(zip(work, played, strict=True)):
         first = k - k % len(policies)  # the first policy in the same rounds
-        rows.append(make_row(place, policy, one, result, played[first][0] if k != first else None))
+        about = {"map": place, "policy": policy, "clyde_speed": one.clyde.speed_mps}
+        others = None if k == first else [played[first][0]]
+        rows.append(make_row(about, [result], others, endless=one.endless))
     settings = f"preset {arguments.preset}, execution {arguments.execution}, seed {arguments.seed}"
     settings = ", ".join([settings, *arguments.set])
     print(f"{settings}\n\n{render(rows, shutil.get_terminal_size((WIDTH, 24)).columns)}")
     if json_path is not None:
-        content = {  # all that is needed to get the rows again
-            "schema": SCHEMA,
-            "version": __version__,
-            "kind": "endless" if config.endless else "round",
-            "seed": arguments.seed,
-            "seeds": [str(seed) for seed in seeds.tolist()],
-            "preset": arguments.preset,
-            "execution": arguments.execution,
-            "maps": [scenarios.describe_scenario(name, scenario, config) for name, scenario in maps.items()],
-            "policies": [{"name": name, "spec": spec} for spec, name in policies.items()],
-            "arguments": {k: v for k, v in without_executor(arguments).items() if k not in ("parts", "resume")},
-            "config": config.as_dict(),
-            "rows": rows,
-        }
-        text = json.dumps(content, indent=2, default=str, allow_nan=False)
+        by_name, rules = {name: spec for spec, name in policies.items()}, (arguments.preset, arguments.execution)
+        content = describe_rounds("compare", config, rules, arguments.seed, seeds, maps, by_name)
+        content["arguments"] = {k: v for k, v in without_executor(arguments).items() if k not in ("parts", "resume")}
+        text = json.dumps(content | {"rows": rows}, indent=2, default=str, allow_nan=False)
         with replaced(json_path) as temporary:
             temporary.write_text(_LIST.sub(lambda found: f"[{_BREAK.sub(' ', found[1])}]", text) + "\n")
     rounds = "endless games" if config.endless else "rounds"
@@ -122,12 +113,6 @@ def _outputs(arguments: argparse.Namespace) -> tuple[Path | None, Path, Path | N
     if arguments.json == plot:
         raise ValueError(f"--json {plot}: is the plot's file too")
     return arguments.json and prepare(arguments.json), prepare(plot), video and prepare(video)
-
-
-def _parts(arguments: argparse.Namespace) -> Path:
-    folder: Path = arguments.parts or (arguments.json or Path("results/compare")).with_suffix(".parts")
-    prepare(folder / "part.json")
-    return folder
 
 
 if __name__ == "__main__":

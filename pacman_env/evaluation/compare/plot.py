@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pacman_env.evaluation.compare.rows import Row
 from pacman_env.evaluation.compare.table import group_title, groups, short_name
+from pacman_env.evaluation.rounds.summary import Row
 from pacman_env.files import replaced
 
 # Okabe and Ito's palette, which the colour-blind can distinguish too

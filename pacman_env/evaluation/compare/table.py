@@ -4,7 +4,7 @@ import itertools
 import textwrap
 from collections.abc import Callable, Sequence
 
-from pacman_env.evaluation.compare.rows import Row
+from pacman_env.evaluation.rounds.summary import Row
 
 WIDTH = 136  # that fits all columns, unless names are long
 _NAME_WIDTH = 22

@@ -18,8 +18,8 @@ from pacman_env.envs.core import EnvCore
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.envs.resets import SEEDS
 from pacman_env.episodes.rollout import BATCH, MOST_ROUNDS, episode_seeds
-from pacman_env.evaluation.compare.scenarios import load_policy
-from pacman_env.evaluation.compare.shipping import contents, kept
+from pacman_env.evaluation.rounds.scenarios import load_policy
+from pacman_env.evaluation.rounds.shipping import contents, write_cached
 from pacman_env.executors.base import Executor
 from pacman_env.game.execution import RUNNING
 from pacman_env.policies.asking import choose, reset
@@ -129,7 +129,7 @@ def _sent(task: Recording) -> Recording:
 
 def record(task: Recording) -> Rounds:
     """Play the rounds of a task."""
-    places, arguments = {spec: kept(files, spec) for spec, files in task.files.items()}, task.arguments
+    places, arguments = {spec: write_cached(files, spec) for spec, files in task.files.items()}, task.arguments
     if isinstance(arguments.ghosts, tuple):
         ghosts = [places[name] if isinstance(name, str) and name in places else name for name in arguments.ghosts]
         arguments = replace(arguments, ghosts=ghosts)

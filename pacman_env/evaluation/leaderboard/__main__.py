@@ -1,7 +1,6 @@
-"""The league table of policies: ``pacman-env leaderboard``.
+"""Write the league table of policies: ``pacman-env leaderboard``.
 
-Cells are chosen in ``suites``, played by ``compare.workers``, kept by ``parts``, counted in ``numbers`` and shown by
-``page``.
+``suites`` chooses the cells, ``rounds`` plays, keeps and summarizes the rounds, ``numbers`` compares, ``page`` shows.
 """
 
 import argparse
@@ -12,20 +11,16 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+
+from numpy.typing import NDArray
 
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.config import Config
 from pacman_env.episodes.rollout import episode_seeds
-from pacman_env.evaluation.compare import scenarios
-from pacman_env.evaluation.compare.parts import describe_map, describe_policy
-from pacman_env.evaluation.compare.scenarios import Scenario
-from pacman_env.evaluation.compare.workers import Block, play_all
 from pacman_env.evaluation.leaderboard import numbers
 from pacman_env.evaluation.leaderboard.numbers import CellResult, LeagueTable, MapEntry, PolicyEntry
 from pacman_env.evaluation.leaderboard.page import render
-from pacman_env.evaluation.leaderboard.parts import KeptPart, Part, PartFolder
 from pacman_env.evaluation.leaderboard.suites import (
     EXECUTION,
     PRESET,
@@ -37,7 +32,10 @@ from pacman_env.evaluation.leaderboard.suites import (
     choose_suite,
     configs,
 )
-from pacman_env.executors.base import Executor
+from pacman_env.evaluation.rounds import scenarios
+from pacman_env.evaluation.rounds.kept import KeptRounds, describe_policy
+from pacman_env.evaluation.rounds.play import Matchup
+from pacman_env.evaluation.rounds.scenarios import Scenario
 from pacman_env.executors.choice import add_executor_arguments, executor_of
 from pacman_env.executors.progress import bar_of
 from pacman_env.files import commit, prepare, replaced
@@ -49,22 +47,14 @@ _PLANNER, _APART, _SUITE = "ppo", ("search",), "full"
 _FOLDER = Path("results/leaderboard")
 
 
-class Place(NamedTuple):
-    """Of a part in the table."""
-
-    cell: int  # its number
-    scenario: str  # its name
-    policy: str  # what it is made from
-
-
 @dataclass(frozen=True)
 class Plan:
-    """What is asked for."""
+    """What to play: every policy on every map of every cell."""
 
     suite: Suite
     maps: dict[str, Scenario]  # the real maps by name
-    policies: dict[str, str]  # names in results, by what each is made from
-    described: dict[str, dict[str, Any]]  # by the same: what decides a policy's choices
+    policies: dict[str, str]  # names in results, by spec
+    hashes: dict[str, str | None]  # of planner files, by spec
     planner: str  # its name
     apart: frozenset[str]  # names
     seed: int
@@ -76,22 +66,20 @@ class Plan:
     @functools.cached_property
     def places(self) -> dict[str, tuple[Scenario, Config]]:
         """Every scenario by name, with a configuration to open it."""
-        found: dict[str, tuple[Scenario, Config]] = {}
+        places: dict[str, tuple[Scenario, Config]] = {}
         for cell in self.cells:
             for name, one in cell.scenarios.items():
-                found.setdefault(name, (one, cell.config))
-        return found
+                places.setdefault(name, (one, cell.config))
+        return places
 
-    @functools.cached_property
-    def parts(self) -> dict[Place, Part]:
-        """All of them, in the order in which they are played."""
-        maps = {name: describe_map(*place) for name, place in self.places.items()}
-        return {
-            Place(number, name, spec): Part(self.described[spec], maps[name], cell.config, self.seed, cell.rounds)
-            for number, cell in enumerate(self.cells)
-            for name in cell.scenarios
+    def matchups(self) -> list[Matchup]:
+        """Return all matchups: by cell, then by map, then by policy."""
+        return [
+            Matchup(scenario, cell.config, spec, episode_seeds(self.seed, cell.rounds))
+            for cell in self.cells
+            for scenario in cell.scenarios.values()
             for spec in self.policies
-        }
+        ]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -136,11 +124,10 @@ def _leaderboard(arguments: argparse.Namespace) -> None:
         plan = _plan(arguments)
         prepare(arguments.json)
         prepare(page)
-        prepare(arguments.parts / "part.json")
-        folder = PartFolder(arguments.parts, commit())
-        with executor_of(arguments) as executor:
-            played = _played(plan, folder, arguments.resume, executor)
-        table = _table(plan, played, arguments)
+        kept = KeptRounds(arguments.parts, plan.matchups(), arguments.resume)
+        with executor_of(arguments) as executor, bar_of(executor, kept.left, "round") as bar:
+            played = kept.play(executor, bar.update)
+        table = _table(plan, [records for records, _ in played], arguments)
         text = dump(table, arguments.json)
         with replaced(arguments.json) as temporary:
             temporary.write_text(text)
@@ -179,12 +166,12 @@ def read_table(path: Path) -> LeagueTable:
 
 def _plan(arguments: argparse.Namespace) -> Plan:
     suite = choose_suite(arguments.suites or SUITES, arguments.suite)
-    described = {}
+    hashes = {}
     for spec in arguments.policies:
         if scenarios.is_checkpoint(spec):
             raise ValueError(f"{spec}: must be a name or an .onnx file; pacman-env export makes one of a checkpoint")
-        described[spec] = describe_policy(make_policy(spec), spec)
-    names = scenarios.result_names(list(described))
+        hashes[spec] = describe_policy(make_policy(spec), spec).get("sha256")
+    names = scenarios.result_names(list(hashes))
     if arguments.planner not in names:
         raise ValueError(f"--planner {arguments.planner}: is none of --policies {' '.join(names)}")
     for source in arguments.maps:
@@ -194,56 +181,19 @@ def _plan(arguments: argparse.Namespace) -> Plan:
         suite=suite,
         maps=scenarios.named_scenarios(list(dict.fromkeys(arguments.maps)), configs(suite)),
         policies=names,
-        described=described,
+        hashes=hashes,
         planner=names[arguments.planner],
         apart=frozenset(names[spec] for spec in arguments.apart if spec in names),
         seed=arguments.seed,
     )
 
 
-def _played(plan: Plan, folder: PartFolder, resume: bool, executor: Executor) -> dict[Place, KeptPart]:
-    """All parts, each read or played; what has been played is kept at once."""
-    done = _kept(plan, folder) if resume else {}
-    there = 0 if resume else sum(folder.path(part).exists() for part in plan.parts.values())
-    if there:
-        print(f"{there} of {len(plan.parts)} parts are kept and played again: without --resume", file=sys.stderr)
-    total = sum(part.rounds for place, part in plan.parts.items() if place not in done)
-    with bar_of(executor, total, "round") as bar:
-        for (number, scenario), group in itertools.groupby(plan.parts.items(), lambda one: one[0][:2]):
-            new = {place: part for place, part in group if place not in done}
-            cell = plan.cells[number]
-            bar.set_description(
-                f"{scenario}, {' '.join(cell.config.clyde.ghosts)}, {cell.config.clyde.speed_mps:g} m/s"
-            )
-            seeds = episode_seeds(plan.seed, cell.rounds)
-            blocks = [Block(cell.scenarios[scenario], cell.config, place.policy, seeds) for place in new]
-            played = play_all(blocks, executor, bar.update) if blocks else []
-            for (place, part), (records, _) in zip(new.items(), played, strict=True):
-                done[place] = folder.write(part, records)
-    return done
-
-
-def _kept(plan: Plan, folder: PartFolder) -> dict[Place, KeptPart]:
-    """The parts that can be read."""
-    found = {}
-    for place, part in plan.parts.items():
-        try:
-            kept = folder.read(part)
-        except ValueError as error:
-            print(f"damaged, is played again: {error}", file=sys.stderr)
-            continue
-        if kept is not None:
-            found[place] = kept
-    return found
-
-
-def _table(plan: Plan, played: dict[Place, KeptPart], arguments: argparse.Namespace) -> LeagueTable:
-    results = []
-    for number, cell in enumerate(plan.cells):
-        rounds = {
-            name: [played[Place(number, scenario, spec)].rounds for scenario in cell.scenarios]
-            for spec, name in plan.policies.items()
-        }
+def _table(plan: Plan, played: Sequence[NDArray], arguments: argparse.Namespace) -> LeagueTable:
+    results, following = [], iter(played)  # in the order of plan.matchups()
+    for cell in plan.cells:
+        rounds: dict[str, list[NDArray]] = {name: [] for name in plan.policies.values()}
+        for _, name in itertools.product(cell.scenarios, rounds):
+            rounds[name].append(next(following))
         others = {name: some for name, some in rounds.items() if name != plan.planner and name not in plan.apart}
         result = CellResult(
             group=cell.group,
@@ -256,19 +206,18 @@ def _table(plan: Plan, played: dict[Place, KeptPart], arguments: argparse.Namesp
         results.append(result)
     entries = []
     for spec, name in plan.policies.items():
-        commits = {part.commit for place, part in played.items() if place.policy == spec}
         entry = PolicyEntry(
             name=name,
             spec=spec,
-            sha256=plan.described[spec].get("sha256"),
+            sha256=plan.hashes[spec],
             apart=name in plan.apart and name != plan.planner,
-            commits=tuple(sorted(commits)),
             command=_command(arguments, [spec], spec),
         )
         entries.append(entry)
     return LeagueTable(
         schema=numbers.SCHEMA,
         version=__version__,
+        commit=commit(),
         command=_command(arguments, list(plan.policies), arguments.planner),
         suite=arguments.suite,
         suite_content=plan.suite,

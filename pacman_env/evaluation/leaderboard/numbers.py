@@ -14,12 +14,12 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from pacman_env.config.validation import AtLeastOne, Count, NotNegative, Share
-from pacman_env.episodes.statistics import Interval, paired_difference, wilson
-from pacman_env.evaluation.leaderboard.parts import Rounds
+from pacman_env.episodes.statistics import Interval
 from pacman_env.evaluation.leaderboard.suites import Ghosts, Suite
-from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, TIMEOUT
+from pacman_env.evaluation.rounds.summary import compare_completion, of_rounds
+from pacman_env.game.execution import COMPLETE
 
-SCHEMA: Literal[1] = 1
+SCHEMA: Literal[2] = 2
 LEAST_ROUNDS = 4  # of a place that counts for the worst tenth
 Verdict = Literal["better", "not different", "WORSE"]
 Difference = Annotated[float, Meta(ge=-1, le=1)]
@@ -76,7 +76,6 @@ class PolicyEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     spec: str  # as was asked for
     sha256: str | None  # of a planner's file
     apart: bool  # not counted among the best others
-    commits: tuple[str, ...]  # of the sources that played its rounds
     command: str  # that repeats it
 
 
@@ -103,8 +102,9 @@ class MapEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
 class LeagueTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The JSON of ``pacman-env leaderboard``."""
 
-    schema: Literal[1]  # first: another schema has other fields
+    schema: Literal[2]  # first: another schema has other fields
     version: str
+    commit: str  # of the sources
     command: str
     suite: str
     suite_content: Suite
@@ -147,34 +147,23 @@ def worst_tenth(complete: NDArray[np.bool_], place: NDArray[np.int64]) -> WorstT
     return WorstTenth(len(rounds), worst, measured(whole, whole), high)
 
 
-def policy_in_cell(policy: str, parts: Sequence[Rounds]) -> PolicyInCell:
-    """A policy's numbers; ``parts`` are its rounds on each map of the cell."""
-    end, time_s = _ends(parts), np.concatenate([np.array(part.time_s) for part in parts])
-    complete = end == COMPLETE
+def policy_in_cell(policy: str, parts: Sequence[NDArray]) -> PolicyInCell:
+    """Return a policy's numbers; ``parts`` are the records of its rounds on each map of the cell."""
+    complete = np.concatenate(parts)["end"] == COMPLETE
     # A map is a place, and on levels a level is.
-    places = [np.array(part.level) if len(parts) == 1 else np.full(len(part.level), k) for k, part in enumerate(parts)]
-    return PolicyInCell(
-        policy=policy,
-        completion_rate=float(complete.mean()),
-        completion_ci=wilson(int(complete.sum()), len(complete)),
-        death_rate=float((end == DEAD).mean()),
-        timeout_rate=float((end == TIMEOUT).mean()),
-        cleared_rate=float((end == CLEARED).mean()),
-        pellets_share=float(
-            np.mean([k / n for part in parts for k, n in zip(part.collected, part.spawned, strict=True)])
-        ),
-        worst_tenth=worst_tenth(complete, np.concatenate(places)),
-        win_time_mean_s=float(time_s[complete].mean()) if complete.any() else None,
-    )
+    places = [part["level"] if len(parts) == 1 else np.full(len(part), k) for k, part in enumerate(parts)]
+    row, own = of_rounds(parts), ("policy", "worst_tenth")
+    shared = {name: row[name] for name in PolicyInCell.__struct_fields__ if name not in own}
+    return PolicyInCell(policy=policy, worst_tenth=worst_tenth(complete, np.concatenate(places)), **shared)
 
 
-def against(planner: Sequence[Rounds], others: Mapping[str, Sequence[Rounds]]) -> Against | None:
-    """The planner's rounds against those of the other policy that completed most, the first of equals."""
-    complete = {name: _ends(parts) == COMPLETE for name, parts in others.items()}
+def against(planner: Sequence[NDArray], others: Mapping[str, Sequence[NDArray]]) -> Against | None:
+    """Compare the planner's rounds with those of the other policy that completed most, the first of equals."""
+    complete = {name: sum(int((part["end"] == COMPLETE).sum()) for part in parts) for name, parts in others.items()}
     if not complete:
         return None
-    best = max(complete, key=lambda name: int(complete[name].sum()))
-    difference, (low, high) = paired_difference(_ends(planner) == COMPLETE, complete[best])
+    best = max(complete, key=lambda name: complete[name])
+    difference, (low, high) = compare_completion(planner, others[best])
     verdict: Verdict = "better" if low > 0 else "WORSE" if high < 0 else "not different"
     return Against(best, difference, (low, high), verdict)
 
@@ -195,7 +184,3 @@ def verdicts(results: Sequence[CellResult]) -> dict[str, int]:
     """The number of cells of each verdict."""
     found = [cell.against.verdict for cell in results if cell.against is not None]
     return {verdict: found.count(verdict) for verdict in ("better", "not different", "WORSE")}
-
-
-def _ends(parts: Sequence[Rounds]) -> NDArray[np.int64]:
-    return np.concatenate([part.ends() for part in parts])

@@ -45,17 +45,13 @@ def _groups(table: LeagueTable) -> list[str]:
 
 
 def _head(table: LeagueTable) -> list[str]:
-    commits = sorted({_short(commit) for entry in table.policies for commit in entry.commits})
+    dirty = "+" if table.commit.endswith("+") else ""
     made = (
         f"Suite `{table.suite}`, {_count(len(table.cells), 'cell')}, seed {table.seed}, preset {table.preset},"
-        f" execution {table.execution}, version {table.version}, {'commit' if len(commits) == 1 else 'commits'}"
-        f" {', '.join(commits)}. Do not edit this page: it was written by"
+        f" execution {table.execution}, version {table.version}, commit"
+        f" `{table.commit.rstrip('+')[:12]}{dirty}`. Do not edit this page: it was written by"
     )
     return ["# League table", made, f"```bash\n{table.command}\n```"]
-
-
-def _short(commit: str) -> str:
-    return f"`{commit.rstrip('+')[:12]}{'+' if commit.endswith('+') else ''}`"
 
 
 def _summary(table: LeagueTable) -> Iterator[str]:
@@ -149,13 +145,10 @@ def _worst(row: PolicyInCell) -> str:
 def _how(table: LeagueTable) -> Iterator[str]:
     yield "Each policy alone, with the same rounds as above:"
     yield "```bash\n" + "\n".join(entry.command for entry in table.policies) + "\n```"
-    rows = [
-        (f"`{entry.name}`", "-" if entry.sha256 is None else f"`{entry.sha256}`", ", ".join(entry.commits))
-        for entry in table.policies
-    ]
-    yield _markdown(("policy", "file's SHA-256", "commit"), "lll", rows)
-    if any(commit.endswith("+") for entry in table.policies for commit in entry.commits):
-        yield "A commit with + had changes beside it that were not committed."
+    rows = [(f"`{one.name}`", "-" if one.sha256 is None else f"`{one.sha256}`") for one in table.policies]
+    yield _markdown(("policy", "file's SHA-256"), "ll", rows)
+    if table.commit.endswith("+"):
+        yield "A + means changes that were not committed."
     places = [(f"`{place.name}`", f"`{place.hash}`") for place in table.maps]
     yield "Maps and their hashes; of generated levels that of the first:"
     yield _markdown(("map", "hash"), "ll", places)

@@ -14,7 +14,7 @@ from msgspec import Meta
 from pacman_env.config import Config, ConfigError, make_config
 from pacman_env.config.validation import AtLeastOne, NotNegative, convert
 from pacman_env.config.yaml_files import read_yaml
-from pacman_env.evaluation.compare.scenarios import Levels, Scenario, check_goals
+from pacman_env.evaluation.rounds.scenarios import Levels, Scenario, check_goals
 from pacman_env.files import shipped
 from pacman_env.plugins import offer
 

@@ -1,6 +1,7 @@
-"""Policies against one another on one page: ``pacman-env report``.
+"""Write an HTML page that compares policies: ``pacman-env report``.
 
-Rounds are chosen in ``plan``, played by ``compare.workers``, counted in ``numbers`` and shown by ``page``.
+``plan`` chooses the rounds, ``rounds`` plays, keeps and summarizes them, ``numbers`` puts them together, ``page`` shows
+them.
 """
 
 import argparse
@@ -16,22 +17,21 @@ from urllib.parse import quote
 
 import msgspec
 
-from pacman_env import __version__
 from pacman_env.cli.command import Parser, finite_number, run_command, whole_number
 from pacman_env.config import PRESETS, ConfigError, make_config
 from pacman_env.episodes.rollout import episode_seeds
-from pacman_env.evaluation.compare import scenarios
-from pacman_env.evaluation.compare.scenarios import Levels
-from pacman_env.evaluation.compare.workers import play_all
-from pacman_env.evaluation.report.numbers import Numbers, Results
-from pacman_env.evaluation.report.plan import Plan, blocks, check_single_rounds, parse_variant
+from pacman_env.evaluation.report.numbers import Results
+from pacman_env.evaluation.report.plan import Plan, check_single_rounds, matchups, parse_variant
+from pacman_env.evaluation.rounds import scenarios
+from pacman_env.evaluation.rounds.kept import KeptRounds
+from pacman_env.evaluation.rounds.scenarios import Levels
+from pacman_env.evaluation.rounds.summary import describe_rounds
 from pacman_env.executors.choice import add_executor_arguments, executor_of
 from pacman_env.executors.progress import bar_of
 from pacman_env.files import prepare, replaced
 from pacman_env.policies.learned import PRETRAINED
 from pacman_env.policies.metadata import read_planner
 
-SCHEMA = 1
 _SPEEDS = tuple(round(0.15 + 0.05 * k, 2) for k in range(10))
 #: What ``--quick`` and its absence stand for where an argument is not given.
 _NUMBERS = {
@@ -76,6 +76,8 @@ def make_parser() -> Parser:
     add("--endless", type=whole_number(0), metavar="N", help="endless games per map and policy (100)")
     add("--seed", type=whole_number(0), default=0, metavar="S", help="the rounds' seeds are drawn from it (0)")
     add_executor_arguments(parser)
+    add("--resume", action="store_true", help="use the rounds that are kept, play the others")
+    add("--parts", type=Path, metavar="FOLDER", help="where rounds are kept (OUT.parts beside the page)")
     add("--replays", type=whole_number(0), default=0, metavar="K", help="films of rounds that one of two lost (0)")
     add("--quick", action="store_true", help="few rounds: 24, 12 endless games, three speeds, unless given")
     add("--out", type=Path, default=Path("results/report.html"), metavar="OUT", help="the page (%(default)s)")
@@ -93,10 +95,10 @@ def _report(arguments: argparse.Namespace, command: str) -> None:
         raise ValueError(f"--json {page}: is the page's file too")
     for path in filter(None, (page, json_path)):
         prepare(path)
-    work = blocks(plan)
-    total = sum(len(block.seeds) for block in work.values())
-    with executor_of(arguments) as executor, bar_of(executor, total, "round") as bar:
-        played = play_all(list(work.values()), executor, bar.update)
+    work = matchups(plan)
+    kept = KeptRounds(arguments.parts or page.with_suffix(".parts"), list(work.values()), arguments.resume)
+    with executor_of(arguments) as executor, bar_of(executor, kept.left, "round") as bar:
+        played = kept.play(executor, bar.update)
     report |= Results(plan, dict(zip(work, played, strict=True))).numbers()
     _write(report, page, json_path)  # before the films: one that fails loses no numbers
     films = _films(plan, report["pair"], arguments.replays, page)
@@ -106,7 +108,7 @@ def _report(arguments: argparse.Namespace, command: str) -> None:
     print(f"written: {', '.join(map(str, written))}")
 
 
-def _write(report: Numbers, page: Path, json_path: Path | None) -> None:
+def _write(report: dict[str, Any], page: Path, json_path: Path | None) -> None:
     from pacman_env.evaluation.report.page import render_page
 
     if json_path is not None:
@@ -157,38 +159,32 @@ def _plan(arguments: argparse.Namespace) -> Plan:
     )
 
 
-def _header(plan: Plan, arguments: argparse.Namespace, command: str) -> Numbers:
-    """All that is needed to play the rounds again."""
-
-    maps = []
-    for name, scenario in plan.maps.items():
-        first = scenarios.open_scenario(scenario, plan.config).first
-        pellets = None if isinstance(scenario, Levels) else first.pellets
-        maps.append(scenarios.describe_scenario(name, scenario, plan.config) | {"pellets": pellets})
-    return {
-        "schema": SCHEMA,
-        "version": __version__,
+def _header(plan: Plan, arguments: argparse.Namespace, command: str) -> dict[str, Any]:
+    """Return all that is needed to play the rounds again."""
+    rules = (plan.preset, plan.execution)
+    head = describe_rounds("report", plan.config, rules, plan.seed, plan.seeds, plan.maps, plan.policies)
+    for place, scenario in zip(head["maps"], plan.maps.values(), strict=True):
+        if not isinstance(scenario, Levels):
+            place["pellets"] = scenarios.open_scenario(scenario, plan.config).first.pellets
+    for policy in head["policies"]:
+        policy |= {"baseline": policy["name"] == plan.baseline, "facts": model_facts(policy["spec"])}
+    return head | {
         "date": f"{datetime.datetime.now(datetime.UTC):%Y-%m-%d %H:%M} UTC",
         "command": command,
-        "seed": plan.seed,
-        "seeds": [str(seed) for seed in plan.seeds.tolist()],
         "episodes": len(plan.seeds),
         "endless_games": len(plan.endless_seeds),
-        "preset": plan.preset,
-        "execution": plan.execution,
         "settings": list(plan.settings),
         "clyde_speed": plan.speed,
-        "quick": arguments.quick,
-        "maps": maps,
-        "policies": [
-            {"name": name, "spec": spec, "baseline": name == plan.baseline, "facts": model_facts(spec)}
-            for name, spec in plan.policies.items()
+        "speeds": list(plan.speeds),
+        "variants": [
+            {"name": one.name, "settings": one.settings, "clyde_speed": one.config.clyde.speed_mps}
+            for one in plan.variants
         ],
-        "config": plan.config.as_dict(),
+        "quick": arguments.quick,
     }
 
 
-def _films(plan: Plan, pair: Numbers | None, wanted: int, page: Path) -> list[Path]:
+def _films(plan: Plan, pair: dict[str, Any] | None, wanted: int, page: Path) -> list[Path]:
     """Films of the pair's first rounds, won and lost in turn, in a folder beside the page; each round gets its link."""
     if pair is None or wanted == 0:
         return []

@@ -10,9 +10,13 @@ from markupsafe import Markup
 
 from pacman_env.episodes.rollout import MOST_ROUNDS
 from pacman_env.evaluation.compare.table import percent
-from pacman_env.evaluation.report.numbers import END_NAMES, Numbers
+from pacman_env.evaluation.report.numbers import END_NAMES
+from pacman_env.evaluation.report.plan import ENDLESS_GAMES, ROUNDS
+from pacman_env.evaluation.rounds.summary import Row
 from pacman_env.evaluation.templates import render
 
+#: By how a round ended, the field of a row that has its share.
+_SHARES = dict(zip(END_NAMES.values(), ("completion_rate", "death_rate", "timeout_rate", "cleared_rate"), strict=True))
 COLOURS = 7  # classes c0, c1, ... of the style sheet
 _WIDTH, _HEIGHT = 760, 400
 _LEFT, _RIGHT, _TOP, _BOTTOM = 52, 168, 22, 46
@@ -22,14 +26,14 @@ _ROUNDS_SHOWN = 12  # of either kind
 _IQM_MAPS = 4  # with fewer maps than these nothing is left out of the mean
 
 
-def render_page(report: Numbers) -> str:
+def render_page(report: dict[str, Any]) -> str:
     """The page of a report as ``pacman-env report`` writes it to JSON; every text in it is escaped."""
     names = [policy["name"] for policy in report["policies"]]
     robot = report["config"]["robot"]["speed_mps"]
-    curves = [
-        Line(name, [(row["speed"], row["rate"], *row["ci"]) for row in report["curve"] if row["policy"] == name])
-        for name in names
-    ]
+    rows = {(row["part"], row["map"], row["policy"], row["clyde_speed"]): row for row in report["rows"]}
+    speed, speeds = report["clyde_speed"], report["speeds"]
+    curves = [Line(name, [_point(rows[ROUNDS, None, name, one]) for one in speeds]) for name in names]
+    endless_maps = list(dict.fromkeys(row["map"] for row in report["rows"] if row["part"] == ENDLESS_GAMES))
     mark = (robot, f"the robot's speed, {robot:g} m/s")
     return render(
         "report.html.j2",
@@ -41,41 +45,49 @@ def render_page(report: Numbers) -> str:
         curve=curve_chart(curves, x_title="Clyde's speed, m/s", y_title="rounds completed, %", marks=[mark]),
         bar=interval_bar,
         colours=COLOURS,
-        rows=_by(report["summary"]),
-        variants=list(dict.fromkeys(row["variant"] for row in report["variants"])),
-        most_pellets=max((row["pellets_ci"][1] for row in report["endless"]), default=1.0),
-        ends=list(END_NAMES.values()),
+        cell=lambda name, map_name=None, at=speed, part=ROUNDS: rows[part, map_name, name, at],
+        endless_maps=endless_maps if len(endless_maps) > 2 else endless_maps[:1],  # None is last: all maps together
+        speeds=speeds,
+        tasks={row["policy"]: row for row in report["summary"]},
+        most_pellets=max((row["pellets_ci"][1] for row in report["rows"] if row["kind"] == "endless"), default=1.0),
+        ends=_SHARES,
         rounds_shown=_ROUNDS_SHOWN,
+        endless_part=ENDLESS_GAMES,
         most_rounds=MOST_ROUNDS,
         few_maps=len(report["maps"]) < _IQM_MAPS,
         config=json.dumps(report["config"], indent=2),
     )
 
 
-def headline(report: Numbers) -> str:
+def headline(report: dict[str, Any]) -> str:
+    """Return the result in one sentence: the first policy against the baseline, over all maps."""
+    rows = {
+        row["policy"]: row
+        for row in report["rows"]
+        if (row["part"], row["map"], row["clyde_speed"]) == (ROUNDS, None, report["clyde_speed"])
+    }
     pair = report["pair"]
     if pair is None:
-        row = report["summary"][0]
-        return f"{row['policy']} completes {percent(row['all']['rate'])} % of its rounds. It was not compared."
-    rows = _by(report["summary"])
+        row = rows[report["policies"][0]["name"]]
+        return f"{row['policy']} completes {percent(row['completion_rate'])} % of its rounds. It was not compared."
     ours, theirs = rows[pair["policy"]], rows[pair["baseline"]]
-    low, high = ours["difference_ci"]
+    low, high = ours["paired_ci"]
     verdict = "more" if low > 0 else "fewer" if high < 0 else ""
     verdict = (
-        f"{percent(abs(ours['difference']))} percentage points {verdict} (95 % interval"
+        f"{percent(abs(ours['paired_difference']))} percentage points {verdict} (95 % interval"
         f" {percent(low, '+')} to {percent(high, '+')})"
         if verdict
         else f"a difference that is not significant with so few rounds (95 % interval {percent(low, '+')} to"
         f" {percent(high, '+')} percentage points)"
     )
     return (
-        f"{pair['policy']} completes {percent(ours['all']['rate'])} % of the rounds, {pair['baseline']}"
-        f" {percent(theirs['all']['rate'])} % of the same rounds: {verdict}."
+        f"{pair['policy']} completes {percent(ours['completion_rate'])} % of the rounds, {pair['baseline']}"
+        f" {percent(theirs['completion_rate'])} % of the same rounds: {verdict}."
     )
 
 
-def _by(rows: Sequence[Numbers]) -> dict[str, Numbers]:
-    return {row["policy"]: row for row in rows}
+def _point(row: Row) -> tuple[float, float, float, float]:
+    return row["clyde_speed"], row["completion_rate"], *row["completion_ci"]
 
 
 def percents(interval: Sequence[float], sign: str = "") -> str:

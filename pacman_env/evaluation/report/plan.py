@@ -1,4 +1,4 @@
-"""The plan of a report: policies, scenarios, speeds and variants, and the blocks of rounds that follow from them."""
+"""Plan a report: from policies, maps, speeds and variants to the matchups that are played."""
 
 import itertools
 import re
@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import Config, ConfigError, make_config, parse_settings
-from pacman_env.evaluation.compare.scenarios import Levels, Scenario, check_goals
-from pacman_env.evaluation.compare.workers import Block
+from pacman_env.evaluation.rounds.play import Matchup
+from pacman_env.evaluation.rounds.scenarios import Levels, Scenario, check_goals
 
 _NEXT_SETTING = re.compile(r"[;,\s]+(?=[\w.]+=)")  # a comma inside a value is no separator
 
@@ -55,6 +55,15 @@ class Plan:
         return self.config.clyde.speed_mps
 
     @property
+    def parts(self) -> list[tuple[str, Config, NDArray[np.uint64]]]:
+        """Return name, configuration and seeds of what is played on every map by every policy."""
+        speeds = dict.fromkeys((self.speed, *self.speeds))
+        found = [(ROUNDS, self.config.with_fields(**{"clyde.speed_mps": v}), self.seeds) for v in speeds]
+        if len(self.endless_seeds):
+            found.append((ENDLESS_GAMES, self.config.with_fields(endless=True), self.endless_seeds))
+        return [*found, *((variant.name, variant.config, self.seeds) for variant in self.variants)]
+
+    @property
     def challenger(self) -> str | None:
         """The first policy that is not the baseline; the two are compared round by round."""
         return next((name for name in self.policies if name != self.baseline), None)
@@ -93,18 +102,12 @@ def check_single_rounds(config: Config, where: str = "") -> None:
         raise ConfigError(f"{where}{error}") from None
 
 
-def blocks(plan: Plan) -> dict[Cell, Block]:
-    """Everything to be played, once; blocks on one map follow one another, while it is kept."""
+def matchups(plan: Plan) -> dict[Cell, Matchup]:
+    """Return everything to play; matchups on one map follow one another, so that the map stays in the cache."""
     result = {}
-    for name, scenario in plan.maps.items():
-        speeds = dict.fromkeys((plan.speed, *plan.speeds))
-        parts = [(ROUNDS, plan.config.with_fields(**{"clyde.speed_mps": v}), plan.seeds) for v in speeds]
-        if len(plan.endless_seeds):
-            parts.append((ENDLESS_GAMES, plan.config.with_fields(endless=True), plan.endless_seeds))
-        parts += [(variant.name, variant.config, plan.seeds) for variant in plan.variants]
-        for (part, config, seeds), (policy, spec) in itertools.product(parts, plan.policies.items()):
-            cell = Cell(part, name, policy, config.clyde.speed_mps)
-            result[cell] = Block(scenario, config, spec, seeds)
+    for (name, scenario), (part, config, seeds) in itertools.product(plan.maps.items(), plan.parts):
+        for policy, spec in plan.policies.items():
+            result[Cell(part, name, policy, config.clyde.speed_mps)] = Matchup(scenario, config, spec, seeds)
     return result
 
 

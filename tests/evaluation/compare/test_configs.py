@@ -6,7 +6,7 @@ import pytest
 
 from pacman_env.cli.command import whole_number
 from pacman_env.config import ConfigError, make_config
-from pacman_env.evaluation.compare.scenarios import add_game_arguments, check_goals, game_configs, rule_changes
+from pacman_env.evaluation.rounds.scenarios import add_game_arguments, check_goals, game_configs, rule_changes
 
 
 def parse(*words: str, several: bool = True) -> argparse.Namespace:

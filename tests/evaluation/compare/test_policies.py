@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pacman_env.evaluation.compare.scenarios import load_policy, named_policies, result_names
+from pacman_env.evaluation.rounds.scenarios import load_policy, named_policies, result_names
 
 
 @pytest.mark.parametrize(

@@ -3,17 +3,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pacman_env.evaluation.compare.rows import Row, make_row
 from pacman_env.evaluation.compare.table import group_title, render, short_name
-from tests.evaluation.helpers import CONFIG, FIVE, OTHER_FIVE
+from pacman_env.evaluation.rounds.summary import Row, make_row
+from tests.evaluation.helpers import FIVE, OTHER_FIVE
 
 
 def rows(
     policies: tuple[str, str] = ("clyde_aware", "nearest"), speed: float = 0.25, endless: bool = False
 ) -> list[Row]:
-    config, times = CONFIG.with_fields(**{"clyde.speed_mps": speed, "endless": endless}), np.array([0.5])
-    first = make_row("home", policies[0], config, (FIVE, times))
-    return [first, make_row("home", policies[1], config, (OTHER_FIVE, times), FIVE)]
+    abouts = [{"map": "home", "policy": policy, "clyde_speed": speed} for policy in policies]
+    times = np.array([0.5])
+    first = make_row(abouts[0], [(FIVE, times)], endless=endless)
+    return [first, make_row(abouts[1], [(OTHER_FIVE, times)], [FIVE], endless=endless)]
 
 
 def test_every_number_is_in_its_line() -> None:

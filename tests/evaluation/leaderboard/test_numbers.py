@@ -2,19 +2,23 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from pacman_env.episodes.statistics import paired_difference, wilson
 from pacman_env.evaluation.leaderboard.numbers import Against, against, means, policy_in_cell, verdicts, worst_tenth
 from pacman_env.evaluation.leaderboard.numbers import CellResult as Cell
-from pacman_env.evaluation.leaderboard.parts import Rounds
+from pacman_env.evaluation.rounds.summary import ENDS
+from tests.evaluation.helpers import records
 
 
-def rounds(end: str, time_s: float = 10.0, level: int = 0) -> Rounds:
-    collected = tuple(8 if letter == "C" else 2 for letter in end)
-    return Rounds(end, collected, (8,) * len(end), (time_s,) * len(end), (level,) * len(end))
+def rounds(end: str, time_s: float = 10.0) -> NDArray:
+    ends = {letter: code for code, letter in ENDS.items()}
+    result = records([ends[letter] for letter in end], [8 if letter == "C" else 2 for letter in end])
+    result["time_s"] = time_s
+    return result
 
 
-def test_a_policys_numbers_are_those_of_its_rounds() -> None:
+def test_policy_numbers_are_computed_from_its_rounds() -> None:
     one, other = rounds("CCDT", 30.0), rounds("CDDL", 50.0)
     found = policy_in_cell("mine", [one, other])
     assert (found.completion_rate, found.death_rate, found.timeout_rate, found.cleared_rate) == (
@@ -23,7 +27,7 @@ def test_a_policys_numbers_are_those_of_its_rounds() -> None:
         1 / 8,
         1 / 8,
     )
-    assert found.completion_ci == wilson(3, 8)
+    assert tuple(found.completion_ci) == wilson(3, 8)
     assert found.pellets_share == pytest.approx((3 * 1.0 + 5 * 0.25) / 8)
     assert found.win_time_mean_s == pytest.approx((30 + 30 + 50) / 3)
     worst = found.worst_tenth
@@ -34,7 +38,7 @@ def test_a_policys_numbers_are_those_of_its_rounds() -> None:
     assert policy_in_cell("mine", [rounds("DDDD")]).win_time_mean_s is None
 
 
-def test_the_worst_tenth_of_known_levels() -> None:
+def test_worst_tenth_of_known_levels() -> None:
     """20 levels of 10 rounds; of level k the first k // 2 are completed."""
     level = np.repeat(np.arange(20), 10)
     complete = np.tile(np.arange(10), 20) < level // 2
@@ -54,7 +58,7 @@ def test_the_worst_tenth_of_known_levels() -> None:
     assert worst_tenth(~complete[order], level[order]).low == pytest.approx(0.1)  # type: ignore[union-attr]
 
 
-def test_places_with_few_rounds_do_not_count() -> None:
+def test_worst_tenth_ignores_places_with_few_rounds() -> None:
     level = np.array([0] * 3 + [1] * 4)
     worst = worst_tenth(level == 1, level)
     assert worst is not None
@@ -63,7 +67,7 @@ def test_places_with_few_rounds_do_not_count() -> None:
 
 
 @pytest.mark.parametrize("each", [4, 10, 40])
-def test_the_truth_lies_between_the_means_of_the_two(each: int) -> None:
+def test_worst_tenth_estimates_bracket_the_truth(each: int) -> None:
     """100 levels whose completion is 0.5 to 0.995: the worst tenth complete 0.5225 of their rounds."""
     chance = 0.5 + 0.005 * np.arange(100)
     truth = chance[:10].mean()
@@ -75,7 +79,7 @@ def test_the_truth_lies_between_the_means_of_the_two(each: int) -> None:
     assert (truth - low < 0.07) == (each == 40)  # with few rounds a level it is far too low
 
 
-def test_the_planner_is_compared_with_the_best_other_in_the_same_rounds() -> None:
+def test_planner_is_compared_with_best_other_policy() -> None:
     planner = rounds("C" * 60 + "D" * 40)
     others = {"low": [rounds("D" * 100)], "best": [rounds("C" * 20 + "D" * 80)], "same": [rounds("D" * 80 + "C" * 20)]}
     found = against([planner], others)
@@ -90,7 +94,7 @@ def test_the_planner_is_compared_with_the_best_other_in_the_same_rounds() -> Non
     assert against([planner], {}) is None
 
 
-def test_the_summary_counts_cells_alike_whatever_their_rounds() -> None:
+def test_means_weigh_cells_equally() -> None:
     def cell(group: str, speed: float, end: str, verdict: str) -> Cell:
         result = Against("other", 0.0, (0.0, 0.0), verdict)  # type: ignore[arg-type]
         return Cell(group, ("wander",), speed, len(end), (policy_in_cell("mine", [rounds(end)]),), result)

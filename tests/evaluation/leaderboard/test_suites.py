@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from pacman_env.evaluation.compare.scenarios import Levels
 from pacman_env.evaluation.leaderboard.suites import REAL_MAPS, SUITES, TEST_LEVELS, cells, choose_suite, read_suites
+from pacman_env.evaluation.rounds.scenarios import Levels
 from pacman_env.game.ghosts import Behaviour, wander
 
 SHY = Behaviour("shy", wander)

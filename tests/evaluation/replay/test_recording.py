@@ -9,8 +9,8 @@ import pytest
 from pacman_env.config import Config
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.episodes.rollout import episode_seeds, play
-from pacman_env.evaluation.compare.scenarios import Scenario, open_scenario
 from pacman_env.evaluation.replay import RecordedGame, film
+from pacman_env.evaluation.rounds.scenarios import Scenario, open_scenario
 from pacman_env.game.ghosts import BEHAVIOURS
 from tests.evaluation.helpers import CONFIG, ENDLESS, LEVELS, LEVELS_CONFIG, played, played_endless, played_on_levels
 

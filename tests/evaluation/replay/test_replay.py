@@ -10,7 +10,7 @@ import pytest
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.replay import Change, RecordedGame, main
 from pacman_env.evaluation.templates import render
-from tests.evaluation.helpers import CONFIG, played, played_on_levels, refused_in_one_line
+from tests.evaluation.helpers import CONFIG, played, played_on_levels
 from tests.evaluation.replay.test_video import film
 
 SEED = str(episode_seeds(5, 1)[0])
@@ -63,7 +63,7 @@ def test_the_film_lies_in_results_unless_it_is_named(tmp_path: Path, monkeypatch
 
 
 def test_what_a_policy_says_is_text_on_the_page(tmp_path: Path) -> None:
-    from pacman_env.evaluation.compare.scenarios import open_scenario
+    from pacman_env.evaluation.rounds.scenarios import open_scenario
 
     game = RecordedGame(open_scenario("house", CONFIG), CONFIG, "nearest", episode_seeds(5, 1)[0], "<b>policy</b>")
     game.changes.append(Change("1.0 s", "pellet & more", "<script>"))
@@ -80,29 +80,3 @@ def test_what_is_not_installed_is_named(
         monkeypatch.setitem(sys.modules, name, None)
     assert main(["3", "--policies", "nearest", "--time-limit", "2", "--out", str(tmp_path / "r.mp4")]) == 2
     assert "needs imageio" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["-1"], "must be at least 0"),
-        (["18446744073709551616"], "must be at most"),
-        (["first"], "'first' is no whole number"),
-        ([], "SEED"),
-        (["1", "--policies", "nobody"], "unknown policy 'nobody'"),
-        (["1", "--policies", "run.zip"], "run.zip: "),
-        (["1", "--out", "film.avi"], "must end in one of .mp4, .gif, .html"),
-        (["1", "--map", "house", "--levels", "test"], "not beside --map"),
-        (["1", "--map", "nowhere"], "nowhere"),
-        (["1", "--set", "action=velocity"], "action = 'velocity'"),
-        (["1", "--set", "randomize.clyde_speed_mps=0.1,0.2"], "randomize.clyde_speed_mps = (0.1, 0.2): must be None"),
-    ],
-)
-def test_errors_are_one_line_and_nothing_is_written(
-    arguments: list[str],
-    message: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    refused_in_one_line(main, arguments, message, tmp_path, monkeypatch, capsys)

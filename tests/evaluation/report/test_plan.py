@@ -6,17 +6,17 @@ import pytest
 
 from pacman_env.config import ConfigError, make_config
 from pacman_env.episodes.rollout import episode_seeds
-from pacman_env.evaluation.compare.scenarios import Levels, Scenario
 from pacman_env.evaluation.report.plan import (
     ENDLESS_GAMES,
     ROUNDS,
     Cell,
     Plan,
-    blocks,
     check_single_rounds,
+    matchups,
     parse_variant,
     replay_command,
 )
+from pacman_env.evaluation.rounds.scenarios import Levels, Scenario
 
 HOUSE, LEVELS = "some folder/house.yaml", Levels("test", None, 7)
 
@@ -39,21 +39,21 @@ def plan(*variants: str, settings: tuple[str, ...] = (), file: str = "runs/best.
 
 
 def test_everything_is_played_once() -> None:
-    work = blocks(plan("slow=robot.speed_mps=0.2"))
-    house = {cell: block for cell, block in work.items() if cell.map == "house"}
+    work = matchups(plan("slow=robot.speed_mps=0.2"))
+    house = {cell: matchup for cell, matchup in work.items() if cell.map == "house"}
     assert list(house) == [
         Cell(part, "house", policy, speed)
         for part, speed in ((ROUNDS, 0.25), (ROUNDS, 0.2), (ENDLESS_GAMES, 0.25), ("slow", 0.25))
         for policy in ("clyde_aware", "best")
     ]
     assert len(work) == 2 * len(house)
-    for cell, block in work.items():
-        assert block.scenario == (HOUSE if cell.map == "house" else LEVELS)
-        assert block.policy == ("runs/best.onnx" if cell.policy == "best" else "clyde_aware")
-        assert block.config.clyde.speed_mps == cell.speed
-        assert block.config.endless == (cell.part == ENDLESS_GAMES)
-        assert block.config.robot.speed_mps == (0.2 if cell.part == "slow" else 0.306)
-        assert len(block.seeds) == (2 if cell.part == ENDLESS_GAMES else 3)
+    for cell, matchup in work.items():
+        assert matchup.scenario == (HOUSE if cell.map == "house" else LEVELS)
+        assert matchup.policy == ("runs/best.onnx" if cell.policy == "best" else "clyde_aware")
+        assert matchup.config.clyde.speed_mps == cell.speed
+        assert matchup.config.endless == (cell.part == ENDLESS_GAMES)
+        assert matchup.config.robot.speed_mps == (0.2 if cell.part == "slow" else 0.306)
+        assert len(matchup.seeds) == (2 if cell.part == ENDLESS_GAMES else 3)
 
 
 @pytest.mark.parametrize("separator", [",", ";", " ", ", "])

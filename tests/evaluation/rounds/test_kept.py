@@ -1,4 +1,4 @@
-"""A comparison that was stopped goes on with what it has kept."""
+"""Evaluation commands continue with the rounds that were kept."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ import numpy as np
 import pytest
 
 from pacman_env.episodes.rollout import episode_seeds
-from pacman_env.evaluation.compare import kept
 from pacman_env.evaluation.compare.__main__ import main
-from pacman_env.evaluation.compare.kept import KeptRounds
-from pacman_env.evaluation.compare.scenarios import Levels
-from pacman_env.evaluation.compare.workers import Block, play_all
+from pacman_env.evaluation.rounds import kept
+from pacman_env.evaluation.rounds.kept import KeptRounds
+from pacman_env.evaluation.rounds.play import Matchup, play_all
+from pacman_env.evaluation.rounds.scenarios import Levels
 from pacman_env.executors.base import InProcess
 from pacman_env.policies.learned import PRETRAINED
+from pacman_env.policies.registry import make_policy
 from tests.evaluation.helpers import CONFIG, LEVELS, LEVELS_CONFIG
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -52,25 +53,25 @@ def content(path: Path) -> dict[str, Any]:
     return found
 
 
-def block(policy: str = "nearest", rounds: int = 6, **changes: Any) -> Block:
-    return Block("house", CONFIG.with_fields(**changes), policy, episode_seeds(5, rounds))
+def matchup(policy: str = "nearest", rounds: int = 6, **changes: Any) -> Matchup:
+    return Matchup("house", CONFIG.with_fields(**changes), policy, episode_seeds(5, rounds))
 
 
-def play(folder: Path, *blocks: Block) -> int:
+def play(folder: Path, *matchups: Matchup) -> int:
     """How many rounds were played, with the records compared."""
-    rounds, ended = KeptRounds(folder, blocks, resume=True), []
+    rounds, ended = KeptRounds(folder, matchups, resume=True), []
     left = rounds.left
     found = rounds.play(InProcess(), ended.append)
-    for (records, times), (expected, _) in zip(found, play_all(blocks, InProcess()), strict=True):
+    for (records, times), (expected, _) in zip(found, play_all(matchups, InProcess()), strict=True):
         np.testing.assert_array_equal(records, expected)
         assert len(times) > 0
     assert sum(ended) == left
     return left
 
 
-@pytest.mark.daily  # the short run is test_what_is_kept_is_not_played_again_however_it_was_divided
+@pytest.mark.daily  # the short run is test_kept_rounds_are_found_for_any_division
 @pytest.mark.parametrize(("before", "after"), [("2", "1"), ("1", "2")])
-def test_a_killed_run_goes_on_and_ends_with_the_same_json(before: str, after: str, tmp_path: Path) -> None:
+def test_killed_run_resumes_to_the_same_json(before: str, after: str, tmp_path: Path) -> None:
     (tmp_path / "waiting_policy.py").write_text(WAITING)
     go_on = tmp_path / "go_on"
     environment = {**os.environ, "PYTHONPATH": f"{ROOT}:{tmp_path}", "GO_ON": str(go_on)}
@@ -96,64 +97,102 @@ def test_a_killed_run_goes_on_and_ends_with_the_same_json(before: str, after: st
     assert {path: path.stat().st_mtime_ns for path in kept_then} == kept_then
 
 
-def test_what_is_kept_is_not_played_again_however_it_was_divided(tmp_path: Path) -> None:
-    assert play(tmp_path, block(rounds=4)) == 4
-    assert play(tmp_path, block(rounds=6), block("random")) == 8
-    assert play(tmp_path, block("random", rounds=5), block(rounds=6), block(rounds=2)) == 0
-    levels = Block(LEVELS, LEVELS_CONFIG, "nearest", episode_seeds(5, 6))
+def test_kept_rounds_are_found_for_any_division(tmp_path: Path) -> None:
+    assert play(tmp_path, matchup(rounds=4)) == 4
+    assert play(tmp_path, matchup(rounds=6), matchup("random")) == 8
+    assert play(tmp_path, matchup("random", rounds=5), matchup(rounds=6), matchup(rounds=2)) == 0
+    levels = Matchup(LEVELS, LEVELS_CONFIG, "nearest", episode_seeds(5, 6))
     assert play(tmp_path, levels) == 6
     assert play(tmp_path, levels) == 0
 
 
-def test_whatever_decides_the_rounds_is_in_the_key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    play(tmp_path, block(rounds=2))
+def test_key_has_everything_that_decides_rounds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    play(tmp_path, matchup(rounds=2))
     others = [
-        block("random", rounds=2),
-        block(str(PRETRAINED), rounds=2),
-        block(rounds=2, time_limit_s=30.0),
-        Block("maze", CONFIG, "nearest", episode_seeds(5, 2)),
-        Block(Levels("test", count=1), CONFIG, "nearest", episode_seeds(5, 2)),
-        Block("house", CONFIG, "nearest", episode_seeds(6, 2)),
+        matchup("random", rounds=2),
+        matchup(str(PRETRAINED), rounds=2),
+        matchup(rounds=2, time_limit_s=30.0),
+        matchup(rounds=2, **{"clyde.ghosts": ("chase",)}),
+        Matchup("maze", CONFIG, "nearest", episode_seeds(5, 2)),
+        Matchup(Levels("test", count=1), CONFIG, "nearest", episode_seeds(5, 2)),
+        Matchup("house", CONFIG, "nearest", episode_seeds(6, 2)),
     ]
-    assert KeptRounds(tmp_path, others, resume=True).left == 12
-    assert KeptRounds(tmp_path, [block(rounds=2)], resume=True).left == 0
+    assert KeptRounds(tmp_path, others, resume=True).left == 14
+    assert KeptRounds(tmp_path, [matchup(rounds=2)], resume=True).left == 0
     monkeypatch.setattr(kept, "package_hash", lambda: "other")
-    assert KeptRounds(tmp_path, [block(rounds=2)], resume=True).left == 2
+    assert KeptRounds(tmp_path, [matchup(rounds=2)], resume=True).left == 2
 
 
-def test_a_checkpoint_is_its_content(tmp_path: Path) -> None:
+def test_planner_is_described_by_its_file_under_any_name() -> None:
+    by_name, by_path = (kept.describe_policy(make_policy(spec), spec) for spec in ("ppo", str(PRETRAINED)))
+    assert by_name == by_path
+    assert len(by_name["sha256"]) == 64
+
+
+def test_search_is_described_by_its_base_too() -> None:
+    by_name, by_path, nearest = (
+        kept.describe_policy(make_policy("search", base=base), "search") for base in ("ppo", str(PRETRAINED), "nearest")
+    )
+    assert by_name == by_path != nearest
+
+
+def test_foreign_policy_is_described_by_its_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    text = "from pacman_env.heuristics.simple import Nearest\n\n\nclass Mine(Nearest):\n    pass\n"
+    for name, more in (("one_policy", ""), ("same_policy", ""), ("other_policy", "\n")):
+        (tmp_path / f"{name}.py").write_text(text + more)
+    one, same, other = (
+        kept.describe_policy(make_policy(f"{name}_policy:Mine"), "mine")["code"] for name in ("one", "same", "other")
+    )
+    assert one == same != other
+    assert kept.describe_policy(make_policy("nearest"), "nearest")["code"] is None
+
+
+def test_factory_is_described_by_its_source_and_policy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    described = []
+    for number, made in enumerate(('"lookahead"', '"lookahead", wait_s=1.0', '"nearest"')):
+        text = f"from pacman_env.policies.registry import make_policy\n\ndef mine():\n    return make_policy({made})\n"
+        (tmp_path / f"factory_{number}.py").write_text(text)
+        spec = f"factory_{number}:mine"
+        described.append({**kept.describe_policy(make_policy(spec), spec), "name": "mine"})
+    assert len({str(about) for about in described}) == 3
+    assert [about["class"].rpartition(":")[2] for about in described] == ["Lookahead", "Lookahead", "Nearest"]
+
+
+def test_checkpoint_is_described_by_its_content(tmp_path: Path) -> None:
     path = tmp_path / "run.zip"
     path.write_bytes(b"one")
-    one = kept._describe_policy(str(path))
+    one = kept._describe_spec(str(path))
     path.with_suffix(".facts.json").write_text("{}")
-    two = kept._describe_policy(str(path))
+    two = kept._describe_spec(str(path))
     for suffix in (".zip", ".facts.json"):
         path.with_suffix(suffix).rename((tmp_path / "same").with_suffix(suffix))
-    assert one != two == kept._describe_policy(str(tmp_path / "same.zip"))
+    assert one != two == kept._describe_spec(str(tmp_path / "same.zip"))
 
 
 @pytest.mark.parametrize("damage", ["torn", "changed", "foreign", "short"])
-def test_a_damaged_file_is_reported_and_its_rounds_are_played_again(
+def test_damaged_file_is_reported_and_played_again(
     damage: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    play(tmp_path, block())
+    play(tmp_path, matchup())
     (path,) = tmp_path.iterdir()
     text = path.read_text()
     if damage == "foreign":
-        play(tmp_path, block("random"))
+        play(tmp_path, matchup("random"))
         (other,) = set(tmp_path.iterdir()) - {path}
         other.replace(path)
     else:
         part = json.loads(text)
         part["rounds"]["end"].pop() if damage == "short" else part["rounds"]["collected"].insert(0, 99)
         path.write_text(text[:-100] if damage == "torn" else json.dumps(part))
-    assert play(tmp_path, block()) == 6
+    assert play(tmp_path, matchup()) == 6
     assert capsys.readouterr().err.startswith(f"damaged, is played again: {path}: ")
     assert path.read_text().startswith('{"schema":1')
-    assert play(tmp_path, block()) == 0
+    assert play(tmp_path, matchup()) == 0
 
 
-def test_without_resume_all_is_played_and_what_is_kept_is_told(
+def test_kept_rounds_are_ignored_without_resume(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -169,7 +208,7 @@ def test_without_resume_all_is_played_and_what_is_kept_is_told(
     assert not (tmp_path / "other.parts").exists()
 
 
-def test_a_folder_that_cannot_be_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_folder_that_cannot_be_made_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "file").touch()
     assert (
         main([*SHORT, "--policies", "nearest", "--json", str(tmp_path / "out.json"), "--parts", f"{tmp_path}/file"])

@@ -9,8 +9,8 @@ import pytest
 
 from pacman_env.config import ConfigError
 from pacman_env.episodes.rollout import episode_seeds
-from pacman_env.evaluation.compare import scenarios as sources
-from pacman_env.evaluation.compare.scenarios import (
+from pacman_env.evaluation.rounds import scenarios as sources
+from pacman_env.evaluation.rounds.scenarios import (
     LEVELS_PLAYED,
     Levels,
     add_game_arguments,

@@ -1,4 +1,4 @@
-"""Rounds on other machines, which have none of the files that a block names."""
+"""Rounds on other machines, which have none of the files that a matchup names."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import pytest
 from pacman_env.config import make_config
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.compare.__main__ import main
-from pacman_env.evaluation.compare.shipping import play_sent, sent
-from pacman_env.evaluation.compare.workers import Block, play_all
+from pacman_env.evaluation.rounds.play import Matchup, play_all
+from pacman_env.evaluation.rounds.shipping import pack, play_packed
 from pacman_env.executors.base import InProcess
 from pacman_env.policies.learned import PRETRAINED
 from pacman_env.world.maps.occupancy import load_map
@@ -21,7 +21,7 @@ from tests.evaluation.helpers import LEVELS, LEVELS_CONFIG
 
 
 @pytest.fixture
-def blocks(tmp_path: Path) -> list[Block]:
+def matchups(tmp_path: Path) -> list[Matchup]:
     load_map("loop").save(tmp_path / "mine.yaml")
     for path, name in ((PRETRAINED, "own"), (PRETRAINED.with_name("clyde.onnx"), "ghost")):
         for suffix in (".onnx", ".json"):
@@ -29,40 +29,40 @@ def blocks(tmp_path: Path) -> list[Block]:
     config = make_config("robot", **{"clyde.ghosts": ("wander", str(tmp_path / "ghost.onnx"))})
     seeds = episode_seeds(3, 6)
     return [
-        Block(str(tmp_path / "mine.yaml"), config, str(tmp_path / "own.onnx"), seeds),
-        Block(LEVELS, LEVELS_CONFIG, "nearest", seeds),
+        Matchup(str(tmp_path / "mine.yaml"), config, str(tmp_path / "own.onnx"), seeds),
+        Matchup(LEVELS, LEVELS_CONFIG, "nearest", seeds),
     ]
 
 
 def test_what_was_sent_is_played_without_its_files(
-    blocks: list[Block], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    matchups: list[Matchup], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PACMAN_ENV_CACHE", str(tmp_path / "cache"))
-    expected = [records for records, _ in play_all(blocks, InProcess())]
-    tasks = [sent(block) for block in blocks]
+    expected = [records for records, _ in play_all(matchups, InProcess())]
+    tasks = [pack(matchup) for matchup in matchups]
     for path in tmp_path.glob("*.*"):
         path.unlink()
     for task, records in zip(tasks, expected, strict=True):
-        np.testing.assert_array_equal(play_sent(task)[0], records)
+        np.testing.assert_array_equal(play_packed(task)[0], records)
     kept = sorted(path.name for path in (tmp_path / "cache" / "sent").glob("*/*"))
     assert kept == ["ghost.json", "ghost.onnx", "own.json", "own.onnx"]
 
 
 @pytest.mark.daily
 def test_a_copy_that_was_damaged_is_written_anew(
-    blocks: list[Block], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    matchups: list[Matchup], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PACMAN_ENV_CACHE", str(tmp_path / "cache"))
-    records = play_sent(sent(blocks[0]))[0]
+    records = play_packed(pack(matchups[0]))[0]
     for path in (tmp_path / "cache" / "sent").glob("*/own.onnx"):
         path.write_bytes(b"half")
-    np.testing.assert_array_equal(play_sent(sent(blocks[0]))[0], records)
+    np.testing.assert_array_equal(play_packed(pack(matchups[0]))[0], records)
 
 
-def test_a_file_that_is_absent_is_named_before_anything_is_sent(blocks: list[Block], tmp_path: Path) -> None:
+def test_a_file_that_is_absent_is_named_before_anything_is_pack(matchups: list[Matchup], tmp_path: Path) -> None:
     (tmp_path / "own.onnx").unlink()
     with pytest.raises(FileNotFoundError, match=r"own\.onnx"):
-        sent(blocks[0])
+        pack(matchups[0])
 
 
 def without_times(path: Path) -> dict:

@@ -1,4 +1,4 @@
-"""The rounds of blocks on any executor."""
+"""The rounds of matchups on any executor."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pacman_env.episodes.rollout import episode_seeds
-from pacman_env.evaluation.compare.workers import Block, play_all
+from pacman_env.evaluation.rounds.play import Matchup, play_all
 from pacman_env.executors.base import InProcess
 from pacman_env.executors.choice import local
 from tests.evaluation.helpers import CONFIG, LEVELS, LEVELS_CONFIG, played, played_on_levels
@@ -14,33 +14,33 @@ from tests.evaluation.helpers import CONFIG, LEVELS, LEVELS_CONFIG, played, play
 
 def test_two_processes_give_the_records_of_one_in_several_calls() -> None:
     seeds = episode_seeds(5, 12)
-    blocks = [Block("house", CONFIG, policy, seeds) for policy in ("clyde_aware", "random")]
+    matchups = [Matchup("house", CONFIG, policy, seeds) for policy in ("clyde_aware", "random")]
     with local(2) as executor:
         for _ in range(2):
             ended: list[int] = []
-            first, second = play_all(blocks, executor, on_end=ended.append)
+            first, second = play_all(matchups, executor, on_end=ended.append)
             np.testing.assert_array_equal(first[0], played("clyde_aware")[0])
             np.testing.assert_array_equal(second[0], played("random")[0])
             assert sum(ended) == 24
-            assert len(ended) == 4  # two pieces of each block, or nothing was shared out
+            assert len(ended) == 4  # two pieces of each matchup, or nothing was shared out
 
 
 def test_progress_counts_every_round() -> None:
     ended: list[int] = []
-    play_all([Block("house", CONFIG, "nearest", episode_seeds(5, 12))], InProcess(), on_end=ended.append)
+    play_all([Matchup("house", CONFIG, "nearest", episode_seeds(5, 12))], InProcess(), on_end=ended.append)
     assert sum(ended) == 12
     assert len(ended) > 1
 
 
 def test_an_error_in_another_process_arrives() -> None:
     with local(2) as executor, pytest.raises(ValueError, match="unknown policy 'nobody'"):
-        play_all([Block("house", CONFIG, "nobody", episode_seeds(5, 2))], executor)
+        play_all([Matchup("house", CONFIG, "nobody", episode_seeds(5, 2))], executor)
 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_rounds_on_levels_come_back_in_the_order_of_their_seeds(workers: int) -> None:
-    blocks = [Block(LEVELS, LEVELS_CONFIG, policy, episode_seeds(5, 8)) for policy in ("lookahead", "nearest")]
+    matchups = [Matchup(LEVELS, LEVELS_CONFIG, policy, episode_seeds(5, 8)) for policy in ("lookahead", "nearest")]
     with local(workers) as executor:
-        (first, _), (second, _) = play_all(blocks, executor)
+        (first, _), (second, _) = play_all(matchups, executor)
     np.testing.assert_array_equal(first, played_on_levels("lookahead"))
     np.testing.assert_array_equal(second, played_on_levels("nearest"))

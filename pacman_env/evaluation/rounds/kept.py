@@ -1,0 +1,212 @@
+"""Rounds kept on disk, so that ``--resume`` continues after a run that was stopped.
+
+A file is called ``KEY-SEEDS.json``: KEY is a hash of everything that decides the rounds except their seeds (version,
+sources, policy, map, configuration), SEEDS a hash of the seeds. Rounds are therefore found again for any number of
+workers, of rounds, and for any command. A file is written as a whole; a damaged one is reported and played again.
+"""
+
+import contextlib
+import hashlib
+import inspect
+import json
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from pacman_env import __version__
+from pacman_env.config import Config
+from pacman_env.engine.cache_folder import package_hash
+from pacman_env.episodes.rollout import EPISODE
+from pacman_env.evaluation.rounds.play import Matchup, Played, play_all
+from pacman_env.evaluation.rounds.scenarios import Scenario, describe_scenario, is_checkpoint, load_policy
+from pacman_env.evaluation.rounds.shipping import hash_of_files
+from pacman_env.executors.base import Executor
+from pacman_env.files import commit, prepare, replaced
+from pacman_env.game.ghosts import find_behaviour
+from pacman_env.plugins import PluginError
+from pacman_env.policies.base import Policy
+from pacman_env.policies.learned import LearnedPlanner
+from pacman_env.policies.metadata import parse
+from pacman_env.policies.registry import POLICIES, make_policy, moved_by_policy
+from pacman_env.world.maps.occupancy import OccupancyMap
+
+SCHEMA: Literal[1] = 1
+_DIGITS = 24  # of a hash in a file name
+_FIELDS = EPISODE.names or ()
+
+
+class PlayedRounds(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """(n,) records of rounds, each field as in ``EPISODE``, and (m,) decision times in ms."""
+
+    seed: tuple[int, ...]
+    level: tuple[int, ...]
+    end: tuple[int, ...]
+    rounds: tuple[int, ...]
+    spawned: tuple[int, ...]
+    collected: tuple[int, ...]
+    lost: tuple[int, ...]
+    aborts: tuple[int, ...]
+    time_s: tuple[float, ...]
+    decision_ms: tuple[float, ...]
+
+
+class RoundsFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The content of a file."""
+
+    schema: Literal[1]
+    decides: dict[str, Any]  # everything that decides the rounds
+    commit: str  # of the sources that played it
+    rounds: PlayedRounds
+    sha256: str  # of ``rounds``: a changed digit is noticed
+
+
+class KeptRounds:
+    """Rounds of matchups: those that a folder has, and those that are left to play."""
+
+    def __init__(self, folder: Path, matchups: Sequence[Matchup], resume: bool) -> None:
+        """Read what the folder has if ``resume``; report damaged files on stderr. Raises OSError or ValueError."""
+        prepare(folder / "part.json")
+        self._folder, self._matchups, self._commit = folder, matchups, commit()
+        describe = cache(_describe_spec)
+        self._decides = [decides(describe(one.policy), one.scenario, one.config) for one in matchups]
+        self._played: list[list[Played]] = [self._read(what) if resume else [] for what in self._decides]
+        self._seeds_left = [
+            one.seeds[~np.isin(one.seeds, _concatenated(played)[0]["seed"])]
+            for one, played in zip(matchups, self._played, strict=True)
+        ]
+        ignored = 0 if resume else sum(len(self._paths(what)) for what in self._decides)
+        if ignored:
+            print(f"{ignored} parts in {folder} are played again: without --resume", file=sys.stderr)
+
+    @property
+    def left(self) -> int:
+        """Return the number of rounds that are left to play."""
+        return sum(map(len, self._seeds_left))
+
+    def play(self, executor: Executor, on_end: Callable[[int], object]) -> list[Played]:
+        """Return the rounds of every matchup, as ``play_all`` does; keep each piece as soon as it is played."""
+        numbers = [number for number, seeds in enumerate(self._seeds_left) if len(seeds)]
+        left = [replace(self._matchups[number], seeds=self._seeds_left[number]) for number in numbers]
+        new = play_all(left, executor, on_end, lambda number, played: self._keep(numbers[number], played))
+        for number, played in zip(numbers, new, strict=True):
+            self._played[number].append(played)
+        return [
+            _in_order(one.seeds, *_concatenated(played))
+            for one, played in zip(self._matchups, self._played, strict=True)
+        ]
+
+    def _paths(self, what: dict[str, Any]) -> list[Path]:
+        return sorted(self._folder.glob(f"{content_hash(what)[:_DIGITS]}-*.json"))
+
+    def _read(self, what: dict[str, Any]) -> list[Played]:
+        pieces = []
+        for path in self._paths(what):
+            try:
+                pieces.append(_read_file(path, what))
+            except (OSError, ValueError) as error:
+                print(f"damaged, is played again: {error}", file=sys.stderr)
+        return pieces
+
+    def _keep(self, number: int, played: Played) -> None:
+        records, times = played
+        rounds = PlayedRounds(
+            **{name: tuple(records[name].tolist()) for name in _FIELDS}, decision_ms=tuple(times.tolist())
+        )
+        what = self._decides[number]
+        content = RoundsFile(SCHEMA, what, self._commit, rounds, _rounds_hash(rounds))
+        name = f"{content_hash(what)[:_DIGITS]}-{content_hash(rounds.seed)[:_DIGITS]}.json"
+        with replaced(self._folder / name) as temporary:
+            temporary.write_bytes(msgspec.json.encode(content) + b"\n")
+
+
+def decides(policy: dict[str, Any], scenario: Scenario | OccupancyMap, config: Config) -> dict[str, Any]:
+    """Return plain data of everything that decides rounds but their seeds; ``policy`` is its description."""
+    about = describe_scenario("", scenario, config)
+    return {
+        "version": __version__,
+        "policy": policy,
+        "map": {key: value for key, value in about.items() if key not in ("name", "source")},
+        "ghosts": [_describe_ghost(ghost) for ghost in config.clyde.ghosts],
+        "sources": package_hash(),
+        "config": config.as_dict(),
+    }
+
+
+def describe_policy(policy: Policy, spec: str) -> dict[str, Any]:
+    """Return what decides the choices of a policy made from ``spec``: a planner's file, or names, code and base."""
+    if isinstance(policy, LearnedPlanner):
+        return {"sha256": policy.metadata.sha256, "robot_speed_mps": policy.metadata.robot_speed_mps}
+    base = getattr(policy, "base", None)
+    kind = type(policy)
+    about: dict[str, Any] = {"name": spec, "class": f"{kind.__module__}:{kind.__qualname__}", "code": _code_of(kind)}
+    with contextlib.suppress(PluginError):  # a base that has a name of its own
+        about["made_by"] = _code_of(POLICIES.find(spec))  # a function's file says with which parameters
+    return about if base is None else about | {"base": describe_policy(base, base.name)}
+
+
+def content_hash(content: Any) -> str:
+    """Return the SHA-256 of plain data, in hexadecimal."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def _describe_spec(spec: str) -> dict[str, Any]:
+    return {"files": hash_of_files(Path(spec))} if is_checkpoint(spec) else describe_policy(load_policy(spec), spec)
+
+
+def _describe_ghost(name: str) -> dict[str, Any] | str | None:
+    """Return what decides a ghost's moves beside its name: the policy that moves it, or the code of its behaviour."""
+    if moved_by_policy(name):
+        return describe_policy(make_policy(name), name)
+    return _code_of(find_behaviour(name).target)
+
+
+def _code_of(thing: Any) -> str | None:
+    """Return the hash of the file that defines a class or function; None for this package, which has a version."""
+    module = getattr(thing, "__module__", None) or ""
+    if not module or module.partition(".")[0] == __package__.partition(".")[0]:
+        return None
+    try:
+        return hashlib.sha256(Path(inspect.getfile(thing)).read_bytes()).hexdigest()
+    except (TypeError, OSError):
+        return None
+
+
+def _rounds_hash(rounds: PlayedRounds) -> str:
+    return content_hash(msgspec.to_builtins(rounds))
+
+
+def _read_file(path: Path, what: dict[str, Any]) -> Played:
+    """Return the rounds of a file; raises OSError, or ValueError, which names the file, if it is damaged."""
+    content = parse(RoundsFile, path.read_bytes(), path)
+    if content.decides != what:
+        raise ValueError(f"{path}: decides: of other rounds")
+    if content.sha256 != _rounds_hash(content.rounds):
+        raise ValueError(f"{path}: sha256: not that of its rounds")
+    records = np.zeros(len(content.rounds.seed), dtype=EPISODE)
+    for name in _FIELDS:
+        values = getattr(content.rounds, name)
+        if len(values) != len(records):
+            raise ValueError(f"{path}: rounds.{name}: must be {len(records)}")
+        try:
+            records[name] = values
+        except OverflowError:
+            raise ValueError(f"{path}: rounds.{name}: a number is too large") from None
+    return records, np.array(content.rounds.decision_ms, dtype=np.float64)
+
+
+def _concatenated(pieces: Sequence[Played]) -> Played:
+    records = [np.zeros(0, dtype=EPISODE), *(records for records, _ in pieces)]
+    return np.concatenate(records), np.concatenate([np.zeros(0), *(times for _, times in pieces)])
+
+
+def _in_order(seeds: NDArray[np.uint64], records: NDArray, times: NDArray[np.float64]) -> Played:
+    """Return the records of these seeds, in their order; other records are left out."""
+    place = {seed: number for number, seed in enumerate(records["seed"].tolist())}
+    return records[[place[seed] for seed in seeds.tolist()]], times

@@ -1,0 +1,109 @@
+"""Play the rounds of matchups on an executor. Records do not depend on the executor."""
+
+import contextlib
+import functools
+import itertools
+import math
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pacman_env.config import Config
+from pacman_env.episodes.rollout import EPISODE, play
+from pacman_env.evaluation.rounds import scenarios
+from pacman_env.evaluation.rounds.scenarios import Levels, Scenario
+from pacman_env.executors.base import Done, Executor, InProcess
+from pacman_env.sim.core import compile_ahead
+from pacman_env.world.maps.occupancy import OccupancyMap
+
+_LARGEST_PIECE = 200  # rounds: enough pieces to keep processes busy, and few rounds lost with a process
+
+
+@dataclass(frozen=True)
+class Matchup:
+    """Rounds of one policy on one map under one configuration. Plain data: it goes to other processes."""
+
+    scenario: Scenario | OccupancyMap
+    config: Config
+    policy: str
+    seeds: NDArray[np.uint64]
+    threads: int = 1  # of a process
+
+
+#: Records of rounds (``EPISODE``) and decision times in ms, as ``play`` returns them.
+Played = tuple[NDArray, NDArray[np.float64]]
+
+
+def play_matchup(matchup: Matchup, on_end: Callable[[int], object] | None = None) -> Played:
+    """Play all rounds of a matchup in this process."""
+    compile_ahead.begin()
+    source = scenarios.open_scenario(matchup.scenario, matchup.config)
+    policy = scenarios.load_policy(matchup.policy) if scenarios.is_checkpoint(matchup.policy) else matchup.policy
+    return play(source, matchup.config, policy, matchup.seeds, on_end=on_end, num_threads=matchup.threads)
+
+
+def play_all(
+    matchups: Sequence[Matchup],
+    executor: Executor,
+    on_end: Callable[[int], object] = lambda ended: None,
+    on_piece: Callable[[int, Played], object] = lambda number, played: None,
+) -> list[Played]:
+    """Return the rounds of every matchup, in the order of the matchups.
+
+    ``on_end`` gets the number of rounds that have just ended; ``on_piece`` gets the number of a matchup and a piece of
+    its rounds as soon as the piece is played.
+    """
+    pieces = _pieces(matchups, executor.workers)
+    records = [np.empty(len(matchup.seeds), dtype=EPISODE) for matchup in matchups]
+    times: list[dict[int, NDArray[np.float64]]] = [{} for _ in matchups]
+    with contextlib.closing(_ends(matchups, pieces, executor, on_end)) as ends:
+        for done in ends:
+            number, rounds = pieces[done.number]
+            some_records, some_times = played = done.result()
+            records[number][rounds], times[number][done.number] = some_records, some_times
+            on_piece(number, played)
+            if not isinstance(executor, InProcess):
+                on_end(len(rounds))
+    in_order = [np.concatenate([some[piece] for piece in sorted(some)]) for some in times]
+    return list(zip(records, in_order, strict=True))
+
+
+def _ends(
+    matchups: Sequence[Matchup],
+    pieces: Sequence[tuple[int, NDArray[np.int64]]],
+    executor: Executor,
+    on_end: Callable[[int], object],
+) -> Generator[Done[Played], None, None]:
+    tasks = [replace(matchups[number], seeds=matchups[number].seeds[rounds]) for number, rounds in pieces]
+    if isinstance(executor, InProcess):  # it reports every round
+        return executor.run(functools.partial(play_matchup, on_end=on_end), tasks)
+    if not executor.remote:
+        return executor.run(play_matchup, tasks)
+    from pacman_env.evaluation.rounds.shipping import pack, play_packed
+
+    whole = list(map(pack, matchups))  # files are read once for all pieces of a matchup
+    parts = [
+        replace(whole[number], matchup=replace(whole[number].matchup, seeds=task.seeds))
+        for (number, _), task in zip(pieces, tasks, strict=True)
+    ]
+    return executor.run(play_packed, parts)
+
+
+def _pieces(matchups: Sequence[Matchup], workers: int) -> list[tuple[int, NDArray[np.int64]]]:
+    """Return numbers of matchups, and of rounds in them.
+
+    On generated levels, the pieces of all matchups on the same levels follow one another while these are cached.
+    """
+    pieces: list[tuple[int, NDArray[np.int64]]] = []
+    for scenario, group in itertools.groupby(enumerate(matchups), key=lambda numbered: numbered[1].scenario):
+        cut = []
+        for number, matchup in group:
+            count = max(workers, math.ceil(len(matchup.seeds) / _LARGEST_PIECE))
+            parts = scenarios.parts_of_play(scenario, matchup.config, matchup.seeds, count)
+            cut += [(part, number, rounds) for part, rounds in enumerate(parts)]
+        if isinstance(scenario, Levels):
+            cut.sort(key=lambda piece: piece[0])
+        pieces += [(number, rounds) for _, number, rounds in cut]
+    return pieces

@@ -1,0 +1,173 @@
+"""Summarize rounds: rates, means, intervals and paired differences, in rows of plain data.
+
+The JSON files of ``pacman-env compare`` and ``pacman-env report`` begin with the fields of :func:`describe_rounds`
+(``schema``, ``version``, ``kind`` ``compare`` or ``report``, ``seed``, ``seeds``, ``preset``, ``execution``, ``maps``,
+``policies``, ``config``) and have ``rows``:
+
+- ``seeds``: of each round, uint64 in decimal as strings (more digits than some readers of JSON keep). Round k of
+  every row has the k-th.
+- ``maps``: ``name``, ``source``, ``hash``; generated levels together are one map, with ``start_level``,
+  ``num_levels`` and the hash of the first. ``policies``: ``name`` (as in the rows) and ``spec`` (the argument).
+- ``config`` is the configuration at the first of Clyde's speeds.
+
+Every row has ``map`` (null: all maps), ``policy``, ``clyde_speed`` (m/s), ``kind`` (``round``, or ``endless`` for
+endless games), ``episodes``, ``levels`` (how many were played on), ``pellets`` and ``pellets_least`` (most and least of
+a round); rates 0..1 with 95 % Wilson intervals [low, high]: ``death_rate``/``_ci``, ``timeout_rate``, ``cleared_rate``
+(no pellet left, some lost); means per episode: ``pellets_mean``, ``time_mean_s``; times of one decision of the policy
+alone, ``decision_ms_p50`` and ``_p99``, and ``decision_ms`` with more percentiles, over ``decisions_timed`` samples. A
+row of one map also has the results of its rounds, in the order of the seeds: ``outcomes`` with ``end`` (a letter each,
+``ENDS``: C complete, L cleared but some lost, D caught, T time-out), ``collected``, ``time_s`` and, on several levels,
+``level``.
+
+A row of kind ``round`` adds ``completion_rate``/``_ci``, ``all_but_one_rate``/``_ci``, ``pellets_share`` (mean share of
+a round's pellets), ``lost_mean``, ``aborts_mean``, ``win_time_mean_s`` (null without a win), and
+``paired_difference``/``paired_ci``: completion minus that of the policy it is compared with, in the same rounds. In a
+row of kind ``endless`` an episode is a game of many rounds; it adds ``pellets_ci`` (bootstrap, stratified by map),
+``pellets_median``, ``rounds_mean`` and ``rounds_most`` (completed), ``outcomes.rounds``, and
+``paired_difference``/``paired_ci``: pellets per game minus those of the policy it is compared with (paired bootstrap).
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pacman_env import __version__
+from pacman_env.config import Config
+from pacman_env.episodes.statistics import Interval, bootstrapped_mean, paired_difference, wilson
+from pacman_env.evaluation.rounds.play import Played
+from pacman_env.evaluation.rounds.scenarios import Scenario, describe_scenario
+from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, TIMEOUT
+
+SCHEMA = 3
+Row = dict[str, Any]
+ENDS = {COMPLETE: "C", CLEARED: "L", DEAD: "D", TIMEOUT: "T"}
+_DRAWS = 0  # seed of each bootstrap: rows differ only by what was played
+_PERCENTILES = (1, 5, 25, 50, 75, 95, 99, 99.9)
+
+
+def describe_rounds(
+    kind: str,
+    config: Config,
+    rules: tuple[str, str],
+    seed: int,
+    seeds: NDArray[np.uint64],
+    maps: Mapping[str, Scenario],
+    policies: Mapping[str, str],
+) -> dict[str, Any]:
+    """Return the fields that results begin with; ``rules`` are preset and execution, ``policies`` specs by name."""
+    return {
+        "schema": SCHEMA,
+        "version": __version__,
+        "kind": kind,
+        "seed": seed,
+        "seeds": [str(one) for one in seeds.tolist()],
+        "preset": rules[0],
+        "execution": rules[1],
+        "maps": [describe_scenario(name, scenario, config) for name, scenario in maps.items()],
+        "policies": [{"name": name, "spec": spec} for name, spec in policies.items()],
+        "config": config.as_dict(),
+    }
+
+
+def make_row(
+    about: Row, played: Sequence[Played], others: Sequence[NDArray] | None = None, *, endless: bool = False
+) -> Row:
+    """Return the row of one policy.
+
+    ``about`` are the fields that identify the row, ``played`` its rounds on each map, ``others`` the records of the
+    policy it is compared with on the same maps. Raises ValueError if the two have other seeds.
+    """
+    parts = [records for records, _ in played]
+    for ours, theirs in zip(parts, others or parts, strict=True):
+        if not np.array_equal(ours["seed"], theirs["seed"]):
+            raise ValueError(f"{about}: not the seeds of the policy it is compared with")
+    own = _of_games if endless else of_rounds
+    row = about | {"kind": "endless" if endless else "round"} | _common(np.concatenate(parts)) | own(parts, others)
+    row |= _decisions(np.concatenate([times for _, times in played]))
+    return row | (_outcomes(parts[0], endless) if len(parts) == 1 else {})
+
+
+def compare_completion(ours: Sequence[NDArray], theirs: Sequence[NDArray]) -> tuple[float, Interval]:
+    """Return the completion of our rounds minus that of theirs, which have the same seeds, with its interval."""
+    return paired_difference(*(np.concatenate(parts)["end"] == COMPLETE for parts in (ours, theirs)))
+
+
+def of_rounds(parts: Sequence[NDArray], others: Sequence[NDArray] | None = None) -> Row:
+    """Return what a row of kind ``round`` has, of the records on each map."""
+    records = np.concatenate(parts)
+    complete = records["end"] == COMPLETE
+    difference, interval = (0.0, (0.0, 0.0)) if others is None else compare_completion(parts, others)
+    return {
+        **_rate("completion", complete),
+        **_rate("all_but_one", records["collected"] >= records["spawned"] - 1),
+        "pellets_share": float((records["collected"] / records["spawned"]).mean()),
+        **_ends(records),
+        "lost_mean": float(records["lost"].mean()),
+        "aborts_mean": float(records["aborts"].mean()),
+        "win_time_mean_s": float(records["time_s"][complete].mean()) if complete.any() else None,
+        "paired_difference": difference,
+        "paired_ci": list(interval),
+    }
+
+
+def _of_games(parts: Sequence[NDArray], others: Sequence[NDArray] | None) -> Row:
+    records = np.concatenate(parts)
+    collected = [part["collected"].astype(np.float64) for part in parts]
+    difference, interval = 0.0, (0.0, 0.0)
+    if others is not None:
+        pairs = [ours - theirs["collected"] for ours, theirs in zip(collected, others, strict=True)]
+        difference, interval = bootstrapped_mean(pairs, np.random.default_rng(_DRAWS))
+    return {
+        "pellets_ci": list(bootstrapped_mean(collected, np.random.default_rng(_DRAWS))[1]),
+        "pellets_median": float(np.median(records["collected"])),
+        "rounds_mean": float(records["rounds"].mean()),
+        "rounds_most": int(records["rounds"].max()),
+        "paired_difference": difference,
+        "paired_ci": list(interval),
+    }
+
+
+def _rate(name: str, which: NDArray[np.bool_]) -> Row:
+    return {f"{name}_rate": float(which.mean()), f"{name}_ci": list(wilson(int(which.sum()), len(which)))}
+
+
+def _ends(records: NDArray) -> Row:
+    return {
+        **_rate("death", records["end"] == DEAD),
+        "timeout_rate": float((records["end"] == TIMEOUT).mean()),
+        "cleared_rate": float((records["end"] == CLEARED).mean()),
+    }
+
+
+def _common(records: NDArray) -> Row:
+    return {
+        "episodes": len(records),
+        "levels": len(np.unique(records["level"])),
+        "pellets": int(records["spawned"].max()),
+        "pellets_least": int(records["spawned"].min()),
+        "pellets_mean": float(records["collected"].mean()),
+        **_ends(records),
+        "time_mean_s": float(records["time_s"].mean()),
+    }
+
+
+def _decisions(decision_ms: NDArray[np.float64]) -> Row:
+    percentiles = np.percentile(decision_ms, _PERCENTILES).tolist()
+    by_name = {f"p{p:g}": value for p, value in zip(_PERCENTILES, percentiles, strict=True)}
+    times = {"decision_ms_p50": by_name["p50"], "decision_ms_p99": by_name["p99"], "decision_ms": by_name}
+    return times | {"decisions_timed": len(decision_ms)}
+
+
+def _outcomes(records: NDArray, endless: bool) -> Row:
+    outcomes: dict[str, Any] = {
+        "end": "".join(ENDS[end] for end in records["end"].tolist()),
+        "collected": records["collected"].tolist(),
+        "time_s": [round(t, 3) for t in records["time_s"].tolist()],
+    }
+    if len(np.unique(records["level"])) > 1:
+        outcomes["level"] = records["level"].tolist()
+    if endless:
+        outcomes["rounds"] = records["rounds"].tolist()
+    return {"outcomes": outcomes}
