@@ -1,1 +1,1 @@
-"""The batch of games: world, rules and belief stepped together, and what a policy sees of them."""
+"""Simulate batches of games (world, rules and beliefs) and build the situations that policies observe."""

@@ -1,1 +1,1 @@
-"""A coarse model of the game, for policies that plan: blocks of the map, a robot with lags, ghosts that react."""
+"""Coarse model of the game for planning policies: blocks of the map, a robot with lags, ghosts that react to it."""

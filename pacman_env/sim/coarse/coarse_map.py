@@ -1,6 +1,6 @@
-"""A map as blocks of 0.2 m: the robot's ways to the map's goals, and the ghosts' ways from every block to every other.
+"""Blocks of 0.2 m of a map, with the robot's paths to all goals and the ghosts' paths between all blocks.
 
-A block is the cells of a square that are connected inside it; its place is that of the cell nearest to their middle.
+A block consists of the cells of one square that are connected inside it. Its place is the cell nearest to their mean.
 """
 
 import math
@@ -19,61 +19,61 @@ from ..maps.assets import MapAssets
 from ..maps.level import COARSE_MAP, Level
 
 BLOCK_M = 0.2
-MOST_BLOCKS = 3000  # of the ghosts: the tables from each to each are 3 bytes a pair
-NO_BLOCK = -1  # in ``robot_next``: none before the goal
-_AHEAD_M = 0.35  # the stretch of a path that the robot turns to before it drives (world/navigation/controller.py)
-_BESIDE_M = 0.7  # a ghost so near, straight, may reach the robot wherever its path leads
-_PULL_CM = 5  # a next block is so much nearer to the goal at least
+MOST_BLOCKS = 3000  # of the ghosts; tables of all pairs take 3 bytes a pair
+NO_BLOCK = -1  # in ``robot_next``: no other block before the goal
+_AHEAD_M = 0.35  # the robot turns towards the path's point at this distance first (world/navigation/controller.py)
+_BESIDE_M = 0.7  # a ghost at this straight distance may reach the robot on another path than the nearest block's
+_PULL_CM = 5  # the next block's path to the goal is shorter by at least this
 _MM = 1000.0
 _FAR = 2**30  # mm
-_TARGETS = 64  # searched for at once
-_TIED = 255  # in place of a next block: there are several as good
+_TARGETS = 64  # in one search
+_TIED = 255  # instead of a next block: several are equally good
 _LONGEST = 65_535
-_HALF = 16  # numbers that half a byte has room for
+_HALF = 16  # values that fit into half a byte
 
 
 class CoarseArrays(NamedTuple):
-    """B blocks of the robot, A blocks of the ghosts, G goals."""
+    """Arrays of a coarse map with B blocks of the robot, A blocks of the ghosts and G goals."""
 
-    affine: Any = Array(np.float64, "6")  # from m to the drive grid's cells
-    snap: Any = Array(np.int32, "H W")  # the drive grid's nearest drivable cell
-    ghost_snap: Any = Array(np.int32, "H W")  # nearest cell of the ghosts' in the robot's area
-    robot_block: Any = Array(np.int32, "k")  # of each drivable cell
+    affine: Any = Array(np.float64, "6")  # from m to cells of the drive grid
+    snap: Any = Array(np.int32, "H W")  # nearest drivable cell of the drive grid
+    ghost_snap: Any = Array(np.int32, "H W")  # nearest ghost cell in the robot's area
+    robot_block: Any = Array(np.int32, "k")  # block of each drivable cell
     robot_xy: Any = Array(np.float64, "B 2")  # m
     robot_length: Any = Array(np.float32, "B G")  # m, path to each goal; inf: none
-    robot_next: Any = Array(np.int32, "B G")  # the block that follows on the path, NO_BLOCK: none before the goal
-    robot_heading: Any = Array(np.float32, "B G")  # rad, of the path's first stretch
+    robot_next: Any = Array(np.int32, "B G")  # next block on the path, or NO_BLOCK
+    robot_heading: Any = Array(np.float32, "B G")  # rad, at the start of the path
     goal_xy: Any = Array(np.float64, "G 2")  # m
-    ghost_block: Any = Array(np.int32, "c")  # of each of their cells in the robot's area, else -1
+    ghost_block: Any = Array(np.int32, "c")  # block of each ghost cell, -1 outside the robot's area
     ghost_xy: Any = Array(np.float64, "A 2")  # m
-    ghost_length: Any = Array(np.uint16, "p")  # path between blocks, in units of ``unit_m``, see ``units_between``
+    ghost_length: Any = Array(np.uint16, "p")  # path between blocks in units of ``unit_m``, see ``units_between``
     unit_m: Any = Array(np.float64, "1")
-    ghost_joined: Any = Array(np.int16, "A N")  # a block and those that are joined to it
-    ghost_next: Any = Array(np.uint8, "q")  # which of these follows on the way to a target, see ``next_block``
-    ghost_beside: Any = Array(np.int32, "B 2")  # blocks that are nearest to a robot's block, on both sides of a wall
-    ghost_corner: Any = Array(np.int32, "4")  # block of each ghost's corner
+    ghost_joined: Any = Array(np.int16, "A N")  # each block and its adjacent blocks
+    ghost_next: Any = Array(np.uint8, "q")  # column of ``ghost_joined`` that leads to a target, see ``next_block``
+    ghost_beside: Any = Array(np.int32, "B 2")  # ghost blocks nearest to a robot block, on both sides of a wall
+    ghost_corner: Any = Array(np.int32, "4")  # block of each ghost corner
 
 
 coarse_arrays = arrays_by_address(CoarseArrays)
 _maps: "weakref.WeakKeyDictionary[MapAssets, CoarseArrays]" = weakref.WeakKeyDictionary()
-_making = threading.Lock()  # threads that play on one map have one of it
+_making = threading.Lock()  # threads that play on one map share its coarse map
 
 
 def coarse_map(assets: MapAssets) -> CoarseArrays:
-    """The blocks of a map, made at the first call and kept as long as the map itself."""
+    """Return the coarse map of a map, built at the first call and cached as long as the map exists."""
     with _making:
-        made = _maps.get(assets)
-        if made is None:
-            made = _maps[assets] = _build(assets)
-    return made
+        coarse = _maps.get(assets)
+        if coarse is None:
+            coarse = _maps[assets] = _build(assets)
+    return coarse
 
 
 def add_coarse_map(level: Level) -> Table:
-    """Return the table of the blocks of a level's map, where kernels find it from now on."""
-    found = level.find(COARSE_MAP)
-    if found is None:
-        found = level.add(COARSE_MAP, Table(CoarseArrays, **coarse_map(level.assets)._asdict()))
-    return found
+    """Add the coarse map to a level, for kernels to read, if it is missing, and return its table."""
+    table = level.find(COARSE_MAP)
+    if table is None:
+        table = level.add(COARSE_MAP, Table(CoarseArrays, **coarse_map(level.assets)._asdict()))
+    return table
 
 
 def _build(assets: MapAssets) -> CoarseArrays:
@@ -84,7 +84,7 @@ def _build(assets: MapAssets) -> CoarseArrays:
         place, block, assets.length_cm, assets.next_step, assets.cell_xy, round(_AHEAD_M / grid.resolution)
     )
     cells = clyde.cells_in(assets.clyde_part)
-    number = np.full(len(clyde.position) + 1, -1, dtype=np.int32)  # the last one for cells that are not there, -1
+    number = np.full(len(clyde.position) + 1, -1, dtype=np.int32)  # index -1 (no cell) gives -1
     number[cells] = np.arange(len(cells))
     near = number[clyde.neighbours[cells]]
     pixel = np.ascontiguousarray(clyde.pixel[cells])
@@ -95,7 +95,7 @@ def _build(assets: MapAssets) -> CoarseArrays:
         edge *= math.sqrt(1.05 * len(ghost_place) / MOST_BLOCKS)
     start, ends = joined_blocks(ghost_block, near, len(ghost_place))
     lengths, ghost_next, joined = between_all(pixel[ghost_place], start, ends, clyde.resolution)
-    beside = _beside(assets.cell_xy[place].astype(np.float64), clyde.position[cells[ghost_place]], lengths)
+    beside = _nearby_blocks(assets.cell_xy[place].astype(np.float64), clyde.position[cells[ghost_place]], lengths)
     targets = assets.ghost_targets
     blocks = np.full(len(clyde.position), -1, dtype=np.int32)
     blocks[cells] = ghost_block
@@ -129,20 +129,20 @@ def _in_units(length: NDArray[np.int32], unit_m: float) -> NDArray[np.uint16]:
 
 @kernel
 def _look_up(numbers, table):  # type: ignore[no-untyped-def]
-    """Return what the table has for the lower triangle of ``numbers`` (A, A), row by row."""
+    """Return the entries of ``table`` for the lower triangle of the indices ``numbers`` (A, A), row by row."""
     count = len(numbers)
-    found = np.empty(count * (count + 1) // 2, table.dtype)
+    entries = np.empty(count * (count + 1) // 2, table.dtype)
     at = 0
     for i in range(count):
         for k in range(i + 1):
-            found[at] = table[numbers[i, k]]
+            entries[at] = table[numbers[i, k]]
             at += 1
-    return found
+    return entries
 
 
 @kernel
 def units_between(m, a, b):  # type: ignore[no-untyped-def]
-    """Return the path between two blocks of the ghosts, as long both ways, in units of ``unit_m``."""
+    """Return the path length between two ghost blocks (the same in both directions) in units of ``unit_m``."""
     high, low = np.int64(max(a, b)), np.int64(min(a, b))
     return m.ghost_length[high * (high + 1) // 2 + low]
 
@@ -150,21 +150,21 @@ def units_between(m, a, b):  # type: ignore[no-untyped-def]
 def blocks_of(
     cell: NDArray[np.int32], neighbours: NDArray[np.int32], edge: float
 ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """(K,) the block of each cell, and (B,) the cell that is each block's place.
+    """Return the block of each cell (K,) and the cell that is each block's place (B,).
 
-    ``cell`` (K, 2) are column and row, ``neighbours`` (K, 8) numbers or -1, ``edge`` the side of a block in cells.
+    ``cell`` (K, 2) is column and row, ``neighbours`` (K, 8) cell numbers or -1, ``edge`` the side of a block in cells.
     """
     squares = np.floor(cell / edge).astype(np.int64)
     square = squares[:, 1] * (squares[:, 0].max() + 1) + squares[:, 0]
-    block = _connected(square, neighbours)
+    block = _label_blocks(square, neighbours)
     return block, _places(cell, block, block.max() + 1)
 
 
 @kernel
 def _places(cell, block, count):  # type: ignore[no-untyped-def]
-    """Return (B,) the cell nearest to the middle of each block, the first of equal ones.
+    """Return the cell nearest to the mean of each block's cells (B,), the first one if several are equally near.
 
-    In the open the places are as far apart as the squares, which makes lengths there exact.
+    In open areas the places are as far apart as the squares, so path lengths are exact.
     """
     column, row, size = np.zeros(count), np.zeros(count), np.zeros(count)
     for k in range(len(block)):
@@ -182,8 +182,8 @@ def _places(cell, block, count):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _connected(square, neighbours):  # type: ignore[no-untyped-def]
-    """(K,) a number for the cells of each square that are connected inside it."""
+def _label_blocks(square, neighbours):  # type: ignore[no-untyped-def]
+    """Return the block number of each cell (K,): cells of one square that are connected inside it share a block."""
     block = np.full(len(square), -1, np.int32)
     stack = np.empty(len(square), np.int64)
     count = 0
@@ -195,9 +195,9 @@ def _connected(square, neighbours):  # type: ignore[no-untyped-def]
         waiting = 1
         while waiting > 0:
             waiting -= 1
-            here = stack[waiting]
+            current = stack[waiting]
             for d in range(8):
-                v = neighbours[here, d]
+                v = neighbours[current, d]
                 if v >= 0 and block[v] < 0 and square[v] == square[k]:
                     block[v] = count
                     stack[waiting] = v
@@ -209,17 +209,17 @@ def _connected(square, neighbours):  # type: ignore[no-untyped-def]
 def joined_blocks(
     block: NDArray[np.int32], neighbours: NDArray[np.int32], count: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Blocks that a step of a cell joins: ``ends[start[a] : start[a + 1]]`` are those beside block a."""
+    """Return ``start`` and ``ends``: the blocks adjacent to block a are ``ends[start[a] : start[a + 1]]``."""
     joined = np.zeros((count, count), dtype=np.bool_)
     _join(block, neighbours, joined)
     np.fill_diagonal(joined, False)
-    here, there = np.divmod(np.flatnonzero(joined), count)
-    return np.searchsorted(here, np.arange(count + 1)), there
+    first, second = np.divmod(np.flatnonzero(joined), count)
+    return np.searchsorted(first, np.arange(count + 1)), second
 
 
 @kernel
 def _join(block, neighbours, joined):  # type: ignore[no-untyped-def]
-    """Set ``joined`` (B, B) for the blocks of each cell and of its neighbours, itself among them."""
+    """Set ``joined`` (B, B) for each pair of blocks with neighbouring cells, each block with itself included."""
     for k in range(len(block)):
         for d in range(neighbours.shape[1]):
             if neighbours[k, d] >= 0:
@@ -229,17 +229,17 @@ def _join(block, neighbours, joined):  # type: ignore[no-untyped-def]
 def between_all(
     pixel: NDArray[np.int32], start: NDArray[np.int64], ends: NDArray[np.int64], resolution: float
 ) -> tuple[NDArray[np.int32], NDArray[np.uint8], NDArray[np.int16]]:
-    """Return lengths in mm (A, A), next blocks [target, block] (A, A) as columns of a table, and the table (A, N).
+    """Return path lengths in mm (A, A), next blocks [target, block] (A, A) and the table of adjacent blocks (A, N).
 
-    ``pixel`` (A, 2) are the places of the blocks, ``start`` and ``ends`` the blocks that are joined. The first column
-    of the table is the block itself.
+    Next blocks are given as columns of the table, whose column 0 is the block itself. ``pixel`` (A, 2) are the places
+    of the blocks; ``start`` and ``ends`` are the results of :func:`joined_blocks`.
     """
     count = len(pixel)
-    here = np.repeat(np.arange(count), np.diff(start))
+    first = np.repeat(np.arange(count), np.diff(start))
     joined = np.repeat(np.arange(count, dtype=np.int16)[:, None], 1 + np.diff(start).max(initial=0), axis=1)
-    joined[here, 1 + np.arange(len(ends)) - start[here]] = ends
-    across, up = np.abs(pixel[here] - pixel[ends]).T
-    # A ghost goes to 8 neighbours: straight and diagonal steps.
+    joined[first, 1 + np.arange(len(ends)) - start[first]] = ends
+    across, up = np.abs(pixel[first] - pixel[ends]).T
+    # Ghosts move to 8 neighbours, in straight and diagonal steps.
     steps = np.abs(across - up) + math.sqrt(2.0) * np.minimum(across, up)
     cost = np.ceil(steps * resolution * _MM).astype(np.int32)
     length, following = np.empty((count, count), np.int32), np.empty((count, count), np.uint8)
@@ -254,7 +254,7 @@ def between_all(
 
 @kernel
 def _find_lengths(start, ends, cost, length):  # type: ignore[no-untyped-def]
-    """Fill ``length`` (A, A) with the shortest paths to some targets at once, side by side in ``least``."""
+    """Fill ``length`` (A, A) with the lengths of the shortest paths, for ``_TARGETS`` targets at a time."""
     count = len(length)
     least = np.empty((count, _TARGETS), np.int32)
     for first in range(0, count, _TARGETS):
@@ -265,7 +265,7 @@ def _find_lengths(start, ends, cost, length):  # type: ignore[no-untyped-def]
         for k in range(targets):
             least[first + k, k] = 0
             for v in range(first):
-                least[v, k] = length[first + k, v]  # the way back, which is as long
+                least[v, k] = length[first + k, v]  # known from the opposite direction
         _search(first, start, ends, cost, least)
         for v in range(count):
             for k in range(targets):
@@ -274,7 +274,7 @@ def _find_lengths(start, ends, cost, length):  # type: ignore[no-untyped-def]
 
 @kernel
 def _search(first, start, ends, cost, least):  # type: ignore[no-untyped-def]
-    """Lower the lengths of blocks from ``first`` on: sweep up and down over those that have changed until none does."""
+    """Relax the lengths of the blocks from ``first`` on, in sweeps over changed blocks until no length changes."""
     count = len(start) - 1
     changed = np.ones(count, np.bool_)
     left, sweep = count, 0
@@ -296,41 +296,41 @@ def _search(first, start, ends, cost, least):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _lower(there, here, cost):  # type: ignore[no-untyped-def]
-    """Lower lengths to those by way of ``here``; return whether one was lowered."""
-    found = np.int32(0)
+def _lower(own, via, cost):  # type: ignore[no-untyped-def]
+    """Lower the lengths of a block to those via its neighbour, and return True if one was lowered."""
+    lowered = np.int32(0)
     for k in range(_TARGETS):
-        new = np.int32(here[k] + cost)
-        found |= np.int32(new < there[k])
-        there[k] = min(new, there[k])
-    return found != 0
+        new = np.int32(via[k] + cost)
+        lowered |= np.int32(new < own[k])
+        own[k] = min(new, own[k])
+    return lowered != 0
 
 
 @kernel
 def _find_next(start, ends, cost, length, following):  # type: ignore[no-untyped-def]
-    """Fill ``following`` (A, A), by block and target; _TIED: two next blocks are as good.
+    """Fill ``following`` (A, A) with the next block (a column) for each block and target, or _TIED.
 
-    Of the blocks before one on shortest paths it is the one nearest to the target: the one with the dearest step.
+    Of the adjacent blocks on shortest paths, the one nearest to the target is next: the one with the longest step.
     """
-    before, dearest = np.empty(len(length), np.int32), np.empty(len(length), np.int32)
+    best, dearest = np.empty(len(length), np.int32), np.empty(len(length), np.int32)
     for v in range(len(length)):
         for k in range(len(length)):
-            before[k] = dearest[k] = 0  # which is right for the target itself
+            best[k] = dearest[k] = 0  # the final value for the target itself
         for e in range(start[v], start[v + 1]):
-            here, there, column = length[ends[e]], length[v], np.int32(1 + e - start[v])
+            via, own, column = length[ends[e]], length[v], np.int32(1 + e - start[v])
             for k in range(len(length)):
-                step = np.int32(cost[e] if here[k] + cost[e] == there[k] else -1)
-                before[k] = np.int32(_TIED) if step == dearest[k] else column if step > dearest[k] else before[k]
+                step = np.int32(cost[e] if via[k] + cost[e] == own[k] else -1)
+                best[k] = np.int32(_TIED) if step == dearest[k] else column if step > dearest[k] else best[k]
                 dearest[k] = max(step, dearest[k])
         for k in range(len(length)):
-            following[v, k] = before[k]
+            following[v, k] = best[k]
 
 
 @kernel
 def _settle_ties(targets, blocks, start, cost, length, joined, following):  # type: ignore[no-untyped-def]
-    """Choose as Dijkstra's algorithm from the target does whose queue gives the newest of equal entries first.
+    """Resolve ties like Dijkstra's algorithm from the target with a queue that pops the newest of equal entries first.
 
-    The pairs of target and block come by rising length, so that the next blocks of all nearer blocks are known.
+    Pairs of target and block are sorted by length, so that the next blocks of all nearer blocks are known.
     """
     for i in range(len(targets)):
         t, v = targets[i], blocks[i]
@@ -346,19 +346,19 @@ def _settle_ties(targets, blocks, start, cost, length, joined, following):  # ty
 
 @kernel
 def _is_settled_first(a, b, length, joined, following):  # type: ignore[no-untyped-def]
-    """Return whether the queue gave block a before block b, which is as far from the target."""
+    """Return True if the queue popped block a before block b, which is equally far from the target."""
     first = True
     while True:
-        before_a, before_b = joined[a, following[a]], joined[b, following[b]]
-        if before_a == before_b:  # their entries were made in the order of their numbers
+        parent_a, parent_b = joined[a, following[a]], joined[b, following[b]]
+        if parent_a == parent_b:  # their entries were pushed in the order of their numbers
             return (a > b) == first
-        if length[before_a] != length[before_b]:
-            return (length[before_a] > length[before_b]) == first
-        a, b, first = before_a, before_b, not first
+        if length[parent_a] != length[parent_b]:
+            return (length[parent_a] > length[parent_b]) == first
+        a, b, first = parent_a, parent_b, not first
 
 
 def packed(numbers: NDArray[np.uint8], most: int) -> NDArray[np.uint8]:
-    """Return numbers below ``most`` in a row, two in a byte if they have room: the first in its lower half."""
+    """Return a flat array of ``numbers``; if ``most`` values fit into half a byte, two share one, low half first."""
     if most > _HALF:
         return numbers.reshape(-1)
     even = np.append(numbers, np.zeros(numbers.size % 2, np.uint8))
@@ -367,7 +367,7 @@ def packed(numbers: NDArray[np.uint8], most: int) -> NDArray[np.uint8]:
 
 @kernel
 def next_block(m, target, block):  # type: ignore[no-untyped-def]
-    """Return the block that follows a block of the ghosts on the way to the target, which is another one."""
+    """Return the next block on the path from a ghost block to a different target block."""
     pair = np.int64(target) * len(m.ghost_joined) + block
     if m.ghost_joined.shape[1] <= _HALF:
         return np.int32(m.ghost_joined[block, m.ghost_next[pair >> 1] >> ((pair & 1) << 2) & (_HALF - 1)])
@@ -376,7 +376,7 @@ def next_block(m, target, block):  # type: ignore[no-untyped-def]
 
 @kernel
 def _ways(place, block, length_cm, next_step, cell_xy, ahead):  # type: ignore[no-untyped-def]
-    """Length, next block and heading of the robot's path from each block's place to each goal, (B, G) each."""
+    """Return length, next block and heading of the robot's path from each block's place to each goal, (B, G) each."""
     blocks, goals = len(place), length_cm.shape[1]
     length = np.full((blocks, goals), np.inf, np.float32)
     following = np.full((blocks, goals), NO_BLOCK, np.int32)
@@ -409,17 +409,17 @@ def _ways(place, block, length_cm, next_step, cell_xy, ahead):  # type: ignore[n
 
 
 @kernel
-def _beside(place, ghost_place, length):  # type: ignore[no-untyped-def]
-    """(B, 2) the ghosts' block nearest to each place, and of those beside the place the farthest from that by path.
+def _nearby_blocks(place, ghost_place, length):  # type: ignore[no-untyped-def]
+    """Return the ghost blocks (B, 2) at each place: the nearest, and the one within _BESIDE_M farthest from it by path.
 
-    A robot near a wall can be reached from both sides, and which one a ghost takes can change with a centimetre.
+    A ghost can reach a robot near a wall from both sides, and a centimetre can decide which path is shorter.
     """
     beside = np.zeros((len(place), 2), np.int32)
     squares, near = np.empty(len(ghost_place)), np.empty(len(ghost_place), np.int32)
     for b in range(len(place)):
         x, y = place[b]
         nearest, least, count = 0, np.inf, 0
-        within = np.inf  # the farthest that counts
+        within = np.inf  # squared distance of the farthest block that counts
         for a in range(len(ghost_place)):
             squares[a] = (ghost_place[a, 0] - x) ** 2 + (ghost_place[a, 1] - y) ** 2
         for a, square in enumerate(squares):

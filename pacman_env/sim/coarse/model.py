@@ -1,7 +1,7 @@
 """The game on a :mod:`coarse map <.coarse_map>`: a robot that drives to goals with lags, and ghosts that react to it.
 
-Ghosts decide at every step by their own functions of the ghosts' table (``game/ghosts.py``), several at once. One that
-wanders draws its targets from a stream of its own.
+At every step each ghost decides with the function of its behaviour (``game/ghosts.py``). A wandering ghost draws its
+targets from its own random stream.
 """
 
 import functools
@@ -24,75 +24,75 @@ from ...rng import below
 from ...world.navigation.grid import cell_of
 from .coarse_map import NO_BLOCK, CoarseArrays, next_block, units_between
 
-_BESIDE_M = 0.6  # blocks farther apart are not joined by a step
-NOWHERE, UNCHANGED = -1, -2  # goals: none; no other than the one driven to
-MOST_PELLETS = 64  # bits of a state
-#: The numbers of a game, and of how the robot drives.
+_BESIDE_M = 0.6  # blocks with a longer path between them are not adjacent
+NOWHERE, UNCHANGED = -1, -2  # instead of goals: no goal; keep the current goal
+MOST_PELLETS = 64  # one bit each in a state
+#: Constants of the rules and of the robot's motion.
 RULES = np.dtype(
     [
         ("speed", np.float64),  # m/s along a path
-        ("free_turn", np.float64),  # rad off the path that are turned while driving
-        ("turn_rate", np.float64),  # rad/s beyond that, starting and stopping included
-        ("start_s", np.float64),  # from a choice to driving, at rest
-        ("switch_s", np.float64),  # from a choice to driving elsewhere, on the way
-        ("step_s", np.float64),  # ghosts decide, pick-up and death are tested
+        ("free_turn", np.float64),  # rad off the path that the robot turns while driving
+        ("turn_rate", np.float64),  # rad/s for a larger angle, including starting and stopping
+        ("start_s", np.float64),  # delay from a choice to driving, if at rest
+        ("switch_s", np.float64),  # delay from a choice to a change of direction, if driving
+        ("step_s", np.float64),  # one step: ghosts decide, pick-up and death are tested
         ("pickup_m", np.float64),
         ("goal_m", np.float64),  # Nav2's tolerance
-        ("death_m", np.float64),  # with a margin for what the model leaves out
-        ("limit_s", np.float64),  # of a round
+        ("death_m", np.float64),  # with a margin for what the model omits
+        ("limit_s", np.float64),  # length of a round
     ]
 )
-#: One robot and what it has collected.
+#: State of the robot and its pellets.
 ROBOT = [
     ("block", np.int32),
-    ("goal", np.int32),  # driven to, NOWHERE: none
-    ("then", np.int32),  # the goal that takes its place in ``then_s``, UNCHANGED: none
-    ("reached", np.bool_),  # a goal in this step
+    ("goal", np.int32),  # the current one, or NOWHERE
+    ("then", np.int32),  # the goal that replaces it after ``then_s``, or UNCHANGED
+    ("reached", np.bool_),  # reached a goal in this step
     ("then_s", np.float64),
-    ("wait_s", np.float64),  # turning
-    ("left_m", np.float64),  # of the path to the goal
+    ("wait_s", np.float64),  # left for turning
+    ("left_m", np.float64),  # path length to the goal
     ("heading", np.float64),  # rad
     ("x", np.float64),  # m
     ("y", np.float64),
-    ("time_s", np.float64),  # of the round
-    ("pellets", np.uint64),  # bits of those that are left
+    ("time_s", np.float64),  # since the start of the round
+    ("pellets", np.uint64),  # bits of the remaining pellets
     ("collected", np.int64),
-    ("collected_s", np.float64),  # sum of the times when, since the beginning
-    ("closest_m", np.float64),  # of any ghost, straight
+    ("collected_s", np.float64),  # sum of the times of collection
+    ("closest_m", np.float64),  # smallest straight distance of any ghost so far
     ("dead", np.bool_),
 ]
 GHOST = np.dtype(
     [
-        ("block", np.int32),  # the last one passed
-        ("towards", np.int32),  # the next one
+        ("block", np.int32),  # the last block that it passed
+        ("towards", np.int32),  # the next block
         ("target", np.int32),
-        ("wanders", np.bool_),  # draws its targets itself
-        ("offset_m", np.float64),  # walked since the last one
+        ("wanders", np.bool_),  # draws its own targets
+        ("offset_m", np.float64),  # walked since ``block``
         ("speed", np.float64),  # m/s
         ("x", np.float64),  # m
         ("y", np.float64),
         ("vx", np.float64),  # m/s
         ("vy", np.float64),
         ("stream", np.uint64),
-        ("number", np.int32),  # among the game's ghosts, whose behaviour and corner it has
+        ("number", np.int32),  # index in the game, which decides behaviour and corner
     ]
 )
 
 
 class Lags(NamedTuple):
-    """How the robot drives, and how finely the model is stepped; ``python -m benchmarks.coarse_model`` checks it."""
+    """Constants of the robot's motion and the length of a step; ``python -m benchmarks.coarse_model`` checks them."""
 
     speed_share: float = 0.995  # of the commanded speed, along a path
-    free_turn_rad: float = 0.7  # as the controller's (world/navigation/controller.py)
-    turn_radps: float = 1.2  # as the prediction's (sim/observation/prediction.py)
+    free_turn_rad: float = 0.7  # as in world/navigation/controller.py
+    turn_radps: float = 1.2  # as in sim/observation/prediction.py
     start_s: float = 0.3
     switch_s: float = 0.6  # in periods of Nav2's planner
-    step_s: float = 1.0  # a goal that is reached ends its step, which stands for the wait for the next choice
+    step_s: float = 1.0  # reaching a goal ends the step, which models the wait for the next choice
     death_margin_m: float = 0.15
 
 
 def rules(config: Config, lags: Lags) -> NDArray[Any]:
-    """(1,) record of the numbers."""
+    """Return a record (1,) of type RULES."""
     record = np.zeros(1, dtype=RULES)
     record["speed"] = lags.speed_share * config.robot.speed_mps
     record["free_turn"], record["turn_rate"] = lags.free_turn_rad, lags.turn_radps
@@ -106,9 +106,9 @@ def rules(config: Config, lags: Lags) -> NDArray[Any]:
 
 
 class BehaviourArrays(NamedTuple):
-    """What behaviours' kernels, called by their addresses, read and write."""
+    """Inputs and results of the behaviour kernels, which are called by address, for G ghosts."""
 
-    behaviours: Any = Array(np.int64, "G 2")  # addresses of the kernel and of its constants, 0: wanders
+    behaviours: Any = Array(np.int64, "G 2")  # addresses of the kernel and its constants; 0: wanders
     views: Any = Array(np.float64, f"G {len(GhostView._fields)}")
     targets: Any = Array(np.float64, "G 2")  # m
 
@@ -117,14 +117,14 @@ behaviour_arrays = arrays_by_address(BehaviourArrays)
 
 
 def _target(view, constants):  # type: ignore[no-untyped-def]
-    """A behaviour's function is in its place in a copy of :func:`_decide_behaviour`."""
+    """Stand for a behaviour's function, which replaces this one in copies of :func:`_decide_behaviour`."""
 
 
-_CONSTANTS = 0  # likewise the number of its constants
+_CONSTANTS = 0  # replaced by the number of the behaviour's constants
 
 
 def _decide_behaviour(table, k, unused):  # type: ignore[no-untyped-def]
-    """Write where ghost k goes, from its view."""
+    """Write the target of ghost k, computed from its view."""
     a = behaviour_arrays(table)
     v = a.views[k]
     constants = reals_at(a.behaviours[k, 1], _CONSTANTS)
@@ -133,7 +133,7 @@ def _decide_behaviour(table, k, unused):  # type: ignore[no-untyped-def]
     return 0
 
 
-_making = threading.Lock()  # a second kernel in another thread would free the machine code of the first
+_making = threading.Lock()  # a second kernel from another thread would free the machine code of the first
 
 
 def _behaviour_kernel(behaviour: Behaviour) -> Callable[[int, int, int], int]:
@@ -143,38 +143,38 @@ def _behaviour_kernel(behaviour: Behaviour) -> Callable[[int, int, int], int]:
 
 @functools.cache
 def _make_kernel(behaviour: Behaviour) -> Callable[[int, int, int], int]:
-    """:func:`_decide_behaviour` with the behaviour's function compiled into it."""
+    """Compile :func:`_decide_behaviour` with the behaviour's function inlined."""
     assert behaviour.target is not None
     own = BEHAVIOURS.get(behaviour.name) == behaviour
-    known = {**globals(), "_target": kernel(behaviour.target, own), "_CONSTANTS": len(behaviour.parameters)}
-    code = types.FunctionType(_decide_behaviour.__code__, known, "_decide_behaviour")
+    names = {**globals(), "_target": kernel(behaviour.target, own), "_CONSTANTS": len(behaviour.parameters)}
+    code = types.FunctionType(_decide_behaviour.__code__, names, "_decide_behaviour")
     code.__module__ = __name__
     code.__qualname__ = f"_decide_{behaviour.name}" if own else "_decide_behaviour_from_outside"
     return kernel(code, own)
 
 
 def behaviour_addresses(behaviour: Behaviour, constants: NDArray[np.float64]) -> tuple[int, int]:
-    """Of the kernel and of the constants of a behaviour, for a row of ``BehaviourArrays.behaviours``."""
+    """Return the addresses of a behaviour's kernel and constants, a row of ``BehaviourArrays.behaviours``."""
     return address_of_kernel(_behaviour_kernel(behaviour)), address(constants)
 
 
 class Behaviours:
-    """The ghosts' behaviours, ready to be called from kernels; ``table`` is theirs."""
+    """Compiled behaviours of the ghosts; kernels call them through ``table``."""
 
     def __init__(self, behaviours: Sequence[Behaviour], config: Config) -> None:
-        """One that is sent from outside is modelled as one that wanders."""
+        """Compile the behaviours; ghosts that a policy controls are modelled as wandering."""
         count = len(behaviours)
         self._constants = [np.array(one.constants(config), dtype=np.float64) for one in behaviours]
-        known = np.zeros((count, 2), dtype=np.int64)
+        addresses = np.zeros((count, 2), dtype=np.int64)
         for k, one in enumerate(behaviours):
             if one.target is not None and one.name != WANDER:
-                known[k] = behaviour_addresses(one, self._constants[k])
+                addresses[k] = behaviour_addresses(one, self._constants[k])
         views, targets = np.zeros((count, len(GhostView._fields))), np.zeros((count, 2))
-        self.table = Table(BehaviourArrays, behaviours=known, views=views, targets=targets)
+        self.table = Table(BehaviourArrays, behaviours=addresses, views=views, targets=targets)
 
 
 class Model(NamedTuple):
-    """What a game is stepped on."""
+    """Everything that stays constant while a coarse game is played."""
 
     map: CoarseArrays
     rules: Any  # of type RULES, (1,)
@@ -184,7 +184,7 @@ class Model(NamedTuple):
 
 @kernel
 def put_robot(robot, model, x, y, heading):  # type: ignore[no-untyped-def]
-    """Place a robot that stands and has no goal."""
+    """Place the robot at rest and without a goal."""
     m = model.map
     column, row = cell_of(m.affine, m.snap.shape[0], m.snap.shape[1], x, y)
     robot.block = m.robot_block[m.snap[row, column]]
@@ -196,14 +196,14 @@ def put_robot(robot, model, x, y, heading):  # type: ignore[no-untyped-def]
 
 @kernel
 def _ghost_block(m, x, y):  # type: ignore[no-untyped-def]
-    """The ghosts' block nearest to a place."""
+    """Return the ghost block nearest to a place."""
     column, row = cell_of(m.affine, m.snap.shape[0], m.snap.shape[1], x, y)
     return m.ghost_block[m.ghost_snap[row, column]]
 
 
 @kernel
 def put_ghost(ghost, number, model, x, y, speed):  # type: ignore[no-untyped-def]
-    """Place ghost ``number``, on the way between the two blocks that it is nearest to."""
+    """Place ghost ``number`` on the segment between two adjacent blocks that is nearest to (x, y), m."""
     m = model.map
     block = _ghost_block(m, x, y)
     ghost.block, ghost.towards, ghost.target, ghost.number = block, block, -1, number
@@ -231,7 +231,7 @@ def _turn_s(robot, heading, p):  # type: ignore[no-untyped-def]
 
 @kernel
 def begin(robot, goal, left_m, model):  # type: ignore[no-untyped-def]
-    """Drive to a goal from now on; ``left_m`` is the length of the path to it."""
+    """Start driving to a goal; ``left_m`` is the path length to it."""
     m, p = model.map, model.rules[0]
     robot.then = UNCHANGED
     robot.goal = goal
@@ -244,7 +244,7 @@ def begin(robot, goal, left_m, model):  # type: ignore[no-untyped-def]
 
 @kernel
 def choose(robot, goal, model):  # type: ignore[no-untyped-def]
-    """A choice of the planner's; NOWHERE is to stop. On the way, the robot follows the old path for a while."""
+    """Apply the planner's choice (NOWHERE: stop); a driving robot follows its old path for ``switch_s`` first."""
     p = model.rules[0]
     if goal == robot.goal and robot.then == UNCHANGED:
         return
@@ -272,7 +272,7 @@ def _advance(robot, span, model):  # type: ignore[no-untyped-def]
         following = m.robot_next[following, goal]
     b = robot.block
     robot.heading = m.robot_heading[b, goal]
-    # Between the places of two blocks, in the proportion of what is left of the path.
+    # Interpolate between the places of two blocks by the remaining path length.
     own = m.robot_length[b, goal]
     if following != NO_BLOCK:
         x, y, other = m.robot_xy[following, 0], m.robot_xy[following, 1], m.robot_length[following, goal]
@@ -319,7 +319,7 @@ def _drive(robot, model):  # type: ignore[no-untyped-def]
 
 @kernel
 def _decide(ghost, robot, model):  # type: ignore[no-untyped-def]
-    """Where a ghost goes now: its block, or -1 to wander on."""
+    """Return the target block of a ghost, or -1 if it wanders."""
     m, a, k = model.map, behaviour_arrays(model.behaviours), ghost.number
     if a.behaviours[k, 0] == 0:
         return -1
@@ -341,8 +341,8 @@ def _walk(ghost, m, seconds):  # type: ignore[no-untyped-def]
     x, y, target, unit = ghost.x, ghost.y, ghost.target, m.unit_m[0]
     if ghost.towards != ghost.block:
         length = units_between(m, ghost.block, ghost.towards) * unit
-        back, on = units_between(m, target, ghost.block) * unit, units_between(m, target, ghost.towards) * unit
-        if back + ghost.offset_m < on + length - ghost.offset_m:  # it turns round
+        back, forward = units_between(m, target, ghost.block) * unit, units_between(m, target, ghost.towards) * unit
+        if back + ghost.offset_m < forward + length - ghost.offset_m:  # turning round is shorter
             ghost.block, ghost.towards, ghost.offset_m = ghost.towards, ghost.block, length - ghost.offset_m
     move = ghost.speed * seconds
     share = 0.0
@@ -350,7 +350,7 @@ def _walk(ghost, m, seconds):  # type: ignore[no-untyped-def]
         if ghost.towards == ghost.block:
             if ghost.block == target:
                 if ghost.wanders:
-                    ghost.target = -1  # arrived: the next step draws another
+                    ghost.target = -1  # arrived: the next step draws another target
                 break
             ghost.towards = next_block(m, target, ghost.block)
             ghost.offset_m = 0.0
@@ -368,7 +368,7 @@ def _walk(ghost, m, seconds):  # type: ignore[no-untyped-def]
 
 @kernel
 def _pick_up(robot, model):  # type: ignore[no-untyped-def]
-    """Pellets on the way."""
+    """Collect the pellets in reach."""
     m, p = model.map, model.rules[0]
     for goal in range(len(model.bit)):
         bit = model.bit[goal]
@@ -382,7 +382,7 @@ def _pick_up(robot, model):  # type: ignore[no-untyped-def]
 
 @kernel
 def step(robot, ghosts, model):  # type: ignore[no-untyped-def]
-    """One step of a game: ghosts decide, everything moves, pick-up and death are tested."""
+    """Play one step of a game: ghosts decide, everything moves, pick-up and death are tested."""
     m, p = model.map, model.rules[0]
     for k in range(len(ghosts)):
         ghost = ghosts[k]
@@ -405,7 +405,7 @@ def step(robot, ghosts, model):  # type: ignore[no-untyped-def]
 
 @kernel
 def play(robot, ghosts, goal, until_s, model):  # type: ignore[no-untyped-def]
-    """Choose a goal and step until that time, or until it is reached, or the round ends."""
+    """Choose a goal and step until ``until_s``, until a goal is reached or until the round ends."""
     choose(robot, goal, model)
     while robot.time_s < until_s:
         step(robot, ghosts, model)
@@ -421,15 +421,15 @@ def copy_ghosts(ghosts, other):  # type: ignore[no-untyped-def]
 
 @kernel
 def lead_m(robot, ghosts, m):  # type: ignore[no-untyped-def]
-    """The shortest path of a ghost to the robot, on either side of a wall that it is at, m."""
+    """Return the shortest path length from any ghost to the robot in m, on either side of a wall next to the robot."""
     least, unit = np.inf, m.unit_m[0]
     for j in range(2):
-        here = m.ghost_beside[robot.block, j]
-        rest = math.hypot(m.ghost_xy[here, 0] - robot.x, m.ghost_xy[here, 1] - robot.y)
+        block = m.ghost_beside[robot.block, j]
+        rest = math.hypot(m.ghost_xy[block, 0] - robot.x, m.ghost_xy[block, 1] - robot.y)
         for k in range(len(ghosts)):
             ghost = ghosts[k]
             on = units_between(m, ghost.block, ghost.towards) * unit - ghost.offset_m
-            there, back = units_between(m, here, ghost.towards) * unit, units_between(m, here, ghost.block) * unit
-            ahead = min(there + on, back + ghost.offset_m)
+            forward, back = units_between(m, block, ghost.towards) * unit, units_between(m, block, ghost.block) * unit
+            ahead = min(forward + on, back + ghost.offset_m)
             least = min(least, ahead + rest)
     return least

@@ -1,7 +1,7 @@
-"""What becomes of the robot on its way to each candidate, if ghosts that react are the ones it is believed to meet.
+"""Predict the outcome of driving to each candidate if ghosts react to the robot as they are believed to do.
 
-For each candidate the coarse model is played: the robot drives there while the ghosts that are believed to come for it
-react, then to the nearest other goals. Ghosts that wander are not in it; ``observation/prediction.py`` is about them.
+For each candidate the coarse model is played: the robot drives there while the ghosts that are believed to approach it
+react, then on to the nearest other goals. Wandering ghosts are left out; see ``observation/prediction.py`` for them.
 """
 
 import math
@@ -38,33 +38,33 @@ from .model import (
     rules,
 )
 
-_FAR_S, _STAY_S, _AFTER_S = 30.0, 6.0, 8.0  # played at most on the way to a candidate, holding, after arriving
+_FAR_S, _STAY_S, _AFTER_S = 30.0, 6.0, 8.0  # longest play to a candidate, while holding, after arriving
 _WAYS = 4  # goals tried after arriving
 _FAR_M = 10.0
-_APART_M = 0.05  # a ghost that is nearer than the model's margin has not caught the robot yet
+_APART_M = 0.05  # the model's death radius is at least this much below the distance of the nearest ghost
 _ROBOT = np.dtype(ROBOT)
-#: Columns for each candidate: caught on the way; s until it arrives or is caught, at most 30; the nearest that a ghost
-#: comes, m; its lead on arriving, m by path; pellets collected; share of the ways on that are survived, and the lead,
-#: m, at the end of the best of them.
+#: Columns for each candidate: caught on the way; s until arrival or capture, at most 30; smallest distance of a ghost,
+#: m; lead on arrival, m by path; collected pellets; share of the survived continuations, and the lead, m, at the end of
+#: the best one.
 CAUGHT, ARRIVES_S, CLOSEST_M, LEAD_M, COLLECTED, WAYS_ON, LEAD_AFTER_M = range(7)
 COLUMNS = 7
 
 
 class OutlookArrays(NamedTuple):
-    """Of one thread: scratch memory, and what does not change."""
+    """Scratch memory and constants of one thread."""
 
-    rules: Any = Array(RULES, "2")  # those that count, and with the bare radius of death
-    robots: Any = Array(_ROBOT, "3")  # at the beginning, on the way, after it
+    rules: Any = Array(RULES, "2")  # with the margin of the death radius, and without it
+    robots: Any = Array(_ROBOT, "3")  # at the start, on the way, after arriving
     ghosts: Any = Array(GHOST, "3 g")
     goals: Any = Array(np.int64, f"{_WAYS}")
     bit: Any = Array(np.int8, "b")
     classes: Any = Array(np.int64, f"{len(BELIEVED)} 2")  # addresses of each behaviour's kernel and constants
     behaviours: Any = BehaviourArrays
-    behaviours_table: Any = Array(np.int64, "t")  # the same as a table
+    behaviours_table: Any = Array(np.int64, "t")  # ``behaviours`` as a table
 
 
 class Outlook:
-    """The outlook's memory under a configuration."""
+    """Memory of the outlook kernels for each thread, under one configuration."""
 
     def __init__(self, config: Config) -> None:
         self._rules = np.concatenate([rules(config, Lags()), rules(config, Lags(death_margin_m=0.0))])
@@ -75,7 +75,7 @@ class Outlook:
             constants = self._constants[number] = np.array(one.constants(config), dtype=np.float64)
             self._classes[number] = behaviour_addresses(one, constants)
         self._memory: list[OutlookArrays] = []
-        self._tables: list[Table] = []  # of each thread: what behaviours and the outlook work on
+        self._tables: list[Table] = []  # two for each thread: of the behaviours and of the outlook
         self._places: list[NDArray[np.int64]] = []
 
     def memory(self, goals: int, ghosts: int, threads: int) -> list[NDArray[np.int64]]:
@@ -109,7 +109,7 @@ outlook_arrays = arrays_by_address(OutlookArrays)
 
 @kernel
 def coming(s, i):  # type: ignore[no-untyped-def]
-    """How many ghosts are believed to come for the robot."""
+    """Return the number of ghosts that are believed to approach the robot."""
     count = 0
     for k in range(s.belief.shape[1]):
         count += comes(s.belief[i, k])
@@ -118,9 +118,9 @@ def coming(s, i):  # type: ignore[no-untyped-def]
 
 @kernel
 def _mark_pellets(s, i, bit):  # type: ignore[no-untyped-def]
-    """Give each pellet that may be chosen a bit, the nearest ones if there are too many; returns their number."""
+    """Assign a bit to each allowed pellet, or to the nearest ones if there are too many, and return their number."""
     bit[:] = -1
-    most = np.inf
+    limit_m = np.inf
     count = 0
     for c in range(s.mask.shape[1]):
         count += s.mask[i, c] and s.kind[i, c] == PELLET
@@ -129,10 +129,10 @@ def _mark_pellets(s, i, bit):  # type: ignore[no-untyped-def]
         for c in range(s.mask.shape[1]):
             if s.mask[i, c] and s.kind[i, c] == PELLET:
                 lengths[c] = s.path_robot[i, c]
-        most = np.sort(lengths)[MOST_PELLETS - 1]
+        limit_m = np.sort(lengths)[MOST_PELLETS - 1]
     used = 0
     for c in range(s.mask.shape[1]):
-        near = s.path_robot[i, c] <= most and s.path_robot[i, c] < np.inf
+        near = s.path_robot[i, c] <= limit_m and s.path_robot[i, c] < np.inf
         if s.mask[i, c] and s.kind[i, c] == PELLET and near and s.goal[i, c] >= 0 and used < MOST_PELLETS:
             bit[s.goal[i, c]] = used
             used += 1
@@ -141,7 +141,7 @@ def _mark_pellets(s, i, bit):  # type: ignore[no-untyped-def]
 
 @kernel
 def _list_ways(robot, model, goals):  # type: ignore[no-untyped-def]
-    """Fill in the nearest goals that lead on from where a robot is; returns their number."""
+    """Write the nearest remaining goals of a robot, sorted by path length, to ``goals`` and return their number."""
     length = model.map.robot_length[robot.block]
     count = 0
     for goal in range(len(length)):
@@ -163,7 +163,7 @@ def _list_ways(robot, model, goals):  # type: ignore[no-untyped-def]
 
 @kernel
 def look_ahead(s, i, level, wanted, a, result):  # type: ignore[no-untyped-def]
-    """Fill in the rows of situation i of ``s``, (C, COLUMNS), of candidates that are ``wanted``, (C,); others are 0."""
+    """Write ``result`` (C, COLUMNS) for situation i of ``s``; candidates outside the mask ``wanted`` (C,) get zeros."""
     result[:] = 0.0
     m = coarse_arrays(level.later[COARSE_MAP])
     bit = a.bit[: len(m.goal_xy)]
@@ -191,31 +191,31 @@ def look_ahead(s, i, level, wanted, a, result):  # type: ignore[no-untyped-def]
     now = s.current[i]
     if now >= 0 and s.mask[i, now] and s.goal[i, now] >= 0 and s.path_robot[i, now] < np.inf:
         begin(first, np.int64(s.goal[i, now]), s.path_robot[i, now], model)
-    begins, on, last = a.ghosts[0, :count], a.ghosts[1, :count], a.ghosts[2, :count]
+    initial, moving, last = a.ghosts[0, :count], a.ghosts[1, :count], a.ghosts[2, :count]
     for c in range(s.mask.shape[1]):
         goal = np.int64(s.goal[i, c])
         if not wanted[c] or (goal >= 0 and s.path_robot[i, c] == np.inf):
             continue
         r = result[c]
         robots[1] = robots[0]
-        copy_ghosts(begins, on)
+        copy_ghosts(initial, moving)
         until = first.time_s + (_FAR_S if goal >= 0 else _STAY_S)
-        play(way, on, goal if goal >= 0 else np.int64(NOWHERE), until, model)
+        play(way, moving, goal if goal >= 0 else np.int64(NOWHERE), until, model)
         r[CAUGHT] = way.dead
         r[ARRIVES_S] = way.time_s - first.time_s
         r[CLOSEST_M] = min(way.closest_m, _FAR_M)
         r[COLLECTED] = way.collected
         if way.dead:
             continue
-        r[LEAD_M] = min(lead_m(way, on, m), _FAR_M)
+        r[LEAD_M] = min(lead_m(way, moving, m), _FAR_M)
         if way.pellets == 0:  # the round is complete
             r[LEAD_M] = r[LEAD_AFTER_M] = _FAR_M
             r[WAYS_ON] = 1.0
             continue
         ways = _list_ways(way, model, a.goals)
-        for k in range(ways + 1):  # the last is to stay
+        for k in range(ways + 1):  # the last one stays
             robots[2] = robots[1]
-            copy_ghosts(on, last)
+            copy_ghosts(moving, last)
             play(after, last, a.goals[k] if k < ways else np.int64(NOWHERE), way.time_s + _AFTER_S, model)
             if not after.dead:
                 r[WAYS_ON] += 1.0 / (ways + 1)

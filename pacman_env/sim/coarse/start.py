@@ -1,4 +1,4 @@
-"""From a situation, the same of the simulator and of a robot, to the coarse game that begins with it."""
+"""Start coarse games from situations, which are the same in the simulator and on a robot."""
 
 from typing import Any, NamedTuple
 
@@ -16,11 +16,13 @@ _LEAVE_M = 0.05
 
 
 class Start(NamedTuple):
-    robot: NDArray[Any]  # (1,) of ROBOT, perhaps with more fields
+    """A coarse game that starts from a situation."""
+
+    robot: NDArray[Any]  # (1,) with at least the fields of ROBOT
     ghosts: NDArray[Any]  # (G,) of GHOST
-    goals: NDArray[np.int64]  # (C,) the goal of each candidate, NOWHERE: hold, or none
+    goals: NDArray[np.int64]  # (C,) goal of each candidate; NOWHERE: hold or padding
     model: Model
-    pellets: int  # goals before this number are pellets
+    pellets: int  # goals below this number are pellets
 
 
 def start(
@@ -31,7 +33,10 @@ def start(
     lags: Lags,
     robot: np.dtype[Any] | None = None,
 ) -> Start:
-    """The coarse game of situation ``i``; ``robot``: the type of the robot's record. ValueError without maps."""
+    """Return the coarse game of situation ``i``.
+
+    ``robot`` is the dtype of the robot's record (None: ROBOT). Raises ValueError if the situation has no maps.
+    """
     s = situation
     if s.maps is None:
         raise ValueError("the situation has no maps to plan on")
@@ -41,14 +46,14 @@ def start(
     pellets = pellets[np.argsort(s.path_robot[i, pellets], kind="stable")][:MOST_PELLETS]
     bit[s.goal[i, pellets]] = np.arange(len(pellets))
     numbers = rules(config, lags)
-    # A ghost that is nearer than the margin has not caught the robot yet.
+    # A ghost within the margin has not caught the robot yet.
     apart = float(np.hypot(*(s.ghosts[i, :, :2] - s.robot[i, :2]).T).min())
     numbers["death_m"] = max(config.execution.death_radius_m, min(float(numbers["death_m"][0]), apart - _LEAVE_M))
     model = Model(CoarseArrays(**add_coarse_map(level).arrays), numbers, behaviours.table.address, bit)
     own, ghosts = np.zeros(1, dtype=ROBOT if robot is None else robot), np.zeros(s.ghosts.shape[1], dtype=GHOST)
     own["time_s"] = s.time_s[i]
     own["pellets"] = (1 << len(pellets)) - 1
-    goals = s.goal[i].astype(np.int64)  # a candidate that is no goal has -1, NOWHERE
+    goals = s.goal[i].astype(np.int64)  # candidates without a goal have -1, NOWHERE
     goal, left_m = NOWHERE, 0.0
     current = int(s.current[i])
     if current >= 0 and s.mask[i, current] and np.isfinite(s.path_robot[i, current]):
@@ -58,7 +63,7 @@ def start(
 
 
 def draw_futures(ghosts: NDArray[Any], seed: int, tick: int, number: int) -> None:
-    """Give the ghosts that wander streams of their own: of the round's seed, the tick and the future's number."""
+    """Seed the streams of the wandering ghosts from the round's seed, the tick and the number of the future."""
     for k in range(len(ghosts)):
         purpose = np.uint64((((tick + 1) << 12) + (number << 4) + k) * 16 + POLICY)
         ghosts["stream"][k] = _stream(np.uint64(seed), purpose)

@@ -1,1 +1,1 @@
-"""Games stepped together: their records, kernels and batches."""
+"""Batches of games that are stepped together: records, kernels and classes."""

@@ -1,4 +1,4 @@
-"""N independent games simulated at once; game i is bit-identical to the same game alone with the same seed."""
+"""Simulate N independent games at once; game i is bit-identical to the same game alone with the same seed."""
 
 from __future__ import annotations
 
@@ -29,24 +29,24 @@ ALL_TICKS = 2**62
 
 
 def check_velocities(actions: NDArray[Any]) -> None:
-    """Raise ValueError, which names the first game, unless all of (N, 2) are finite."""
+    """Raise a ValueError with the number of the first game whose action in ``actions`` (N, 2) is not finite."""
     bad = np.flatnonzero(~np.isfinite(actions).all(axis=1))
     if len(bad):
         raise ValueError(f"action {actions[bad[0]].tolist()} of game {bad[0]}: must be two finite numbers")
 
 
 class GameBatch(GameState):
-    """N games under one configuration, on one map or each on a map of its own.
+    """N games under one configuration, on one shared map or on a separate map for each game.
 
-    Arrays have a row for each game, (N, ...); numbers, seeds and levels of chosen games are (M,).
-    Candidates are numbered: ``pellet_slots`` pellets, ``refuge_slots`` refuges (those beyond the map's are padding),
-    hold.
+    Arrays have one row per game, (N, ...); indices, seeds and levels of selected games have shape (M,). Candidates are
+    ``pellet_slots`` pellets, ``refuge_slots`` refuges and hold, in this order; slots that the map does not use are
+    padding.
     """
 
     def __init__(self, source: LevelSource | MapAssets, config: Config, n: int = 1, num_threads: int = 1) -> None:
-        """Build the physics for ``n`` games; call :meth:`reset` before the first step.
+        """Create the state and physics of ``n`` games; call :meth:`reset` before the first step.
 
-        Raises ConfigError if the map has more than ``config.max_pellets`` pellets, MapError if none can be played on.
+        Raises ConfigError if the map has more than ``config.max_pellets`` pellets, and MapError if no map is playable.
         """
         self.source = source = FixedMap(source, config) if isinstance(source, MapAssets) else source
         slots = source.pellet_slots(config) if config.max_pellets is None else config.max_pellets
@@ -54,7 +54,7 @@ class GameBatch(GameState):
             raise ConfigError(f"max_pellets = {slots}: the map has {source.first.pellets} pellets")
         super().__init__(n, config, slots, source.refuge_slots(config))
         self.threads = Threads(num_threads)
-        if self.threads.number > n:  # the others would only wait, and each has scratch memory
+        if self.threads.number > n:  # more threads would only idle, and each needs scratch memory
             self.threads = Threads(n)
         self._levels = GameLevels(source, config, n, self.threads)
         self.levels, self.spaces = self._levels.levels, self._levels.spaces
@@ -62,14 +62,14 @@ class GameBatch(GameState):
         self._parameters = batch_parameters(config, source.first.grid.resolution, self.pellet_slots, self.refuge_slots)
         self._rewards = reward_record(config.reward, config.decisions.discount_per_s**config.execution.tick_s)
         self._controls = np.zeros(1, dtype=ticks.CONTROL)
-        #: A view (1,) of each field: a number is written through it in a fifth of the time.
+        #: A view (1,) of each field: writing through it takes a fifth of the time.
         self._control = {name: self._controls[name] for name in ticks.CONTROL.names or ()}
         self._tables: list[Table] = []  # for each thread
         self._ghost_tables: list[Table] = []
         self._longest = 1 + max(int(self._parameters[0][name]) for name in ("longest", "threat_longest"))
-        #: Called after each physics step, if it is set.
+        #: Called after each physics step, if not None.
         self.after_physics_step: Callable[[], None] | None = None
-        #: Grows when arrays that stages work on are replaced: pipelines of them are to be made anew.
+        #: Increases when arrays that stages use are replaced: pipelines with these stages must be rebuilt then.
         self.revision = 0
         self._awake = self.arrays["last_decision"]["awake"]
         self._ghosts.bind(self.levels, self.hold)
@@ -79,23 +79,23 @@ class GameBatch(GameState):
 
     @property
     def assets(self) -> MapAssets:
-        """The map; where there are many, one of them."""
+        """Map of the games; one of the maps if there are many."""
         return self.source.first
 
     def assets_of(self, game: int) -> MapAssets:
-        """The map that a game is played on."""
+        """Return the map that a game is played on."""
         return self._levels.assets_of(game)
 
     def level_numbers(self) -> NDArray[np.int64]:
-        """(N,) the number of the level that each game is played on."""
+        """Return the level number of each game, (N,)."""
         return self.levels.numbers[self.games["level"]]
 
     def expect(self, seeds: NDArray[np.uint64]) -> None:
-        """Episodes with these seeds come next: other threads prepare their levels while games are played."""
+        """Announce the seeds of the next episodes, so that other threads prepare their levels during play."""
         self._levels.expect(seeds)
 
     def __getstate__(self) -> dict[str, Any]:
-        """How each game's round began and what has been decided in it since."""
+        """Return the start of each game's round and all decisions since."""
         levels = self.level_numbers()
         started = [i for i in range(self.n) if self._levels.slots[i] >= 0]
         rounds = [self._history.so_far(i, int(self.games["tick"][i]), int(levels[i])) for i in started]
@@ -103,16 +103,16 @@ class GameBatch(GameState):
         return {"made_from": made_from, "rounds": rounds}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Play every round again, so that the copy is the same down to the solver's memory of contacts."""
+        """Replay every round, so that the copy is identical, the physics solver's contact memory included."""
         self.__init__(*state["made_from"])  # type: ignore[misc]
         self._replay(state["rounds"])
         if state["rounds"]:
-            self.situation()  # which summarizes the games
+            self.situation()  # fills ``summary``
 
     def _replay(self, rounds: list[RoundSoFar]) -> None:
-        """Play these rounds in their games from the beginning until now; the other games stand still.
+        """Replay these rounds in their games from the start to the present; the other games stand still.
 
-        Chipmunk's memory of contacts is the result of the steps that led to it, and cannot be copied.
+        Chipmunk's contact memory results from all previous steps and cannot be copied.
         """
         longest = max((len(r.decisions) for r in rounds), default=0)
         still = np.zeros(2) if self.config.action == "velocity" else np.int64(self.hold)
@@ -120,7 +120,7 @@ class GameBatch(GameState):
         choices = np.full(self.ghosts.shape, self.hold, dtype=np.int64)
         awake = np.full(self.n, ticks.ASLEEP, dtype=self._awake.dtype)
         for tick in range(longest + 1):
-            # All arrive at their present together.
+            # Shorter rounds start later, so that all end together.
             begin = [r for r in rounds if longest - len(r.decisions) == tick]
             if begin:
                 index = np.array([r.game for r in begin])
@@ -151,16 +151,15 @@ class GameBatch(GameState):
         into: NDArray[np.int64] | None = None,
         reseed: NDArray[np.uint64] | None = None,
     ) -> None:
-        """Copy the running games ``games`` (M,) to the games ``into`` (M,) of a batch; None: to its first M.
+        """Copy the running games ``games`` (M,) to the games ``into`` (M,) of a batch (None: to its first M games).
 
-        A copy goes on as its original does, to the bit, unless ``reseed`` (M,) gives it another random future: what
-        ghosts, localization and navigation draw from now on comes from that seed. A game whose robot is at a wall is
-        played again from its beginning, as Chipmunk's memory of contacts cannot be copied.
+        A copy continues bit for bit like its original, unless ``reseed`` (M,) gives it another random future: ghosts,
+        localization and navigation then draw from that seed. A game whose robot touches a wall is replayed from its
+        start, because Chipmunk's contact memory cannot be copied.
 
-        ``target`` has the same source of levels and the same configuration, as ``GameBatch(batch.source, batch.config,
-        n)`` does, and may be this batch; its situations are to be asked for anew. Raises ValueError for games that are
-        not there or have not begun, for one that is copied to twice and for another kind of target, and changes
-        nothing.
+        ``target`` must have the same source of levels and the same configuration, like ``GameBatch(batch.source,
+        batch.config, n)``; it may be this batch. Request its situations again afterwards. Raises ValueError, without
+        any change, for unknown games, games that have not begun, duplicates in ``into`` or an unsuitable target.
         """
         games = np.asarray(games, dtype=np.int64)
         into = np.arange(len(games)) if into is None else np.asarray(into, dtype=np.int64)
@@ -180,7 +179,7 @@ class GameBatch(GameState):
         target._replay([r for r, touch in zip(rounds, copies.games["touch"], strict=True) if touch])
         copies.games["level"] = [target._levels.slots[i] for i in into.tolist()]
         copies.write(target, into)
-        # A robot that was driven by hand is not where its decisions lead to: its contact begins anew.
+        # A robot driven by hand is not where its decisions lead: its contact starts without memory.
         target.games["touch"][into[~target.spaces.hold(into)]] = 0
         if target._history.resume(target.games, rounds):
             target._forget_tables()
@@ -195,8 +194,8 @@ class GameBatch(GameState):
     ) -> None:
         """Start a new episode with its own seed in each of the games ``index`` (M,).
 
-        The seed decides everything that is drawn: the map where there are many and ``levels`` (M,) does not name it,
-        the episode's parameters, the ghosts. Raises MapError for a map that cannot be played on, and changes nothing.
+        The seed decides the episode's parameters, the ghosts and, unless ``levels`` (M,) is given, the map. Raises
+        MapError, without any change, if a map is not playable.
         """
         index = np.asarray(index, dtype=np.int64)
         seeds = np.asarray(seeds, dtype=np.uint64)
@@ -206,7 +205,7 @@ class GameBatch(GameState):
         self._start(index, seeds, fresh)
 
     def _start(self, index: NDArray[np.int64], seeds: NDArray[np.uint64], fresh: NDArray[Any]) -> None:
-        """Begin a round; ``fresh`` holds what goes on from the round before, or the episode's parameters."""
+        """Start rounds in the games ``index`` (M,) from the records ``fresh`` (M,)."""
         self._history.begin(index, seeds, fresh)
         self._levels.enter(index, fresh)
         ghosts, levels = self._ghosts, self.levels.addresses
@@ -219,24 +218,24 @@ class GameBatch(GameState):
         )
 
     def _follow_completed_rounds(self) -> None:
-        """In an endless game a completed round is followed by another with faster ghosts."""
+        """Start another round with faster ghosts after each completed round of an endless game."""
         if not self.config.endless:
             return
         index = np.flatnonzero(self.games["end"] == COMPLETE)
         if len(index) == 0:
             return
         self.terminated[index] = False
-        before, tick_s = self.games[index], self.config.execution.tick_s
-        self.completed_s[index] = (before["tick"] - 1) * tick_s + tick_s
+        completed, tick_s = self.games[index], self.config.execution.tick_s
+        self.completed_s[index] = (completed["tick"] - 1) * tick_s + tick_s
         fresh = np.zeros(len(index), dtype=GAME)
         for name in KEPT_FROM_ROUND_TO_ROUND:
-            fresh[name] = before[name]
+            fresh[name] = completed[name]
         fresh["round"] += 1
         fresh["tick_rounds"] = 1
         faster = self.config.clyde.speed_step_mps
         speeds = [clyde_speed_mps(g["base_clyde_speed"], faster, g["round"]) for g in fresh]
         fresh["clyde_speed"] = np.minimum(speeds, MAX_SPEED_MPS)
-        self._start(index, next_seeds(before["seed"]), fresh)
+        self._start(index, next_seeds(completed["seed"]), fresh)
 
     def step(
         self,
@@ -244,18 +243,18 @@ class GameBatch(GameState):
         ghost_choices: NDArray[np.int64] | None = None,
         played: NDArray[np.bool_] | None = None,
     ) -> None:
-        """One tick and the physics steps until the next; games that have ended stand still.
+        """Play one tick with its physics steps; games that have ended stand still.
 
-        ``reward``, ``terminated`` and ``truncated`` (N,) are its results.
+        The results are in ``reward``, ``terminated`` and ``truncated`` (N,).
 
         Args:
-            actions: (N,) int64 candidates, one that the mask forbids makes the robot hold; with velocity actions
-                (N, 2) float64, v in m/s and omega in rad/s.
-            ghost_choices: (N, G) int64, for ghosts sent by a policy: the candidate whose place to go to, or the last
-                one to wander on; beyond it a ``ghosts.behaviour_choice`` or ``cell_choice``. None: all wander on.
-            played: (N,) only these games are stepped; None: all. The results of the others' last tick stay.
+            actions: (N,) int64 candidates (a forbidden one makes the robot hold), or with velocity actions (N, 2)
+                float64, v in m/s and omega in rad/s.
+            ghost_choices: (N, G) int64 for ghosts that a policy controls: the candidate to go to, or the last one to
+                wander; larger numbers are a ``ghosts.behaviour_choice`` or ``cell_choice``. None: all wander.
+            played: (N,) mask of the games to step; None: all. The other games keep the results of their last tick.
 
-        Raises ValueError for an invalid action or choice, and changes nothing.
+        Raises ValueError, without any change, for an invalid action or choice.
         """
         self._set_actions(actions)
         self._ghosts.send(ghost_choices)
@@ -268,11 +267,11 @@ class GameBatch(GameState):
         self._follow_completed_rounds()
 
     def step_by_hand(self, velocities: NDArray[np.float64], ghost_choices: NDArray[np.int64] | None = None) -> None:
-        """A tick in which the robots are driven by hand: goals are cancelled, Nav2 does nothing.
+        """Play one tick in which the robots are driven by hand: goals are cancelled and Nav2 is idle.
 
-        ``velocities`` (N, 2) are v in m/s and omega in rad/s, cut to what the base can follow; ``ghost_choices`` as in
-        :meth:`step`. A copy or a pickle of the batch plays *hold* in place of such a tick. Raises ValueError for
-        velocities that are not finite or bad choices, and changes nothing.
+        ``velocities`` (N, 2), v in m/s and omega in rad/s, are clipped to what the base can follow; ``ghost_choices``
+        are those of :meth:`step`. Copies and pickles of the batch replay this tick as *hold*. Raises ValueError,
+        without any change, for velocities that are not finite and for invalid choices.
         """
         if self.config.action == "velocity":
             raise ValueError("step_by_hand: the actions of these games are velocities anyway")
@@ -292,11 +291,11 @@ class GameBatch(GameState):
         choose_for_ghosts: Callable[[], NDArray[np.int64] | None] | None = None,
         played: NDArray[np.bool_] | None = None,
     ) -> None:
-        """Ticks in each game until the next decision is due in it; a game that waits for the others stands still.
+        """Play each game until its next decision is due; games that wait for others stand still.
 
-        After a choice that is ``forbidden`` (N,), the next is due after a tick. ``reward`` is the sum of the ticks',
-        discounted by the time since the decision, which is ``elapsed_s`` in the end. ``choose_for_ghosts`` is asked
-        before each tick. Only the games ``played`` (N,) are stepped; None: all. Raises ValueError as :meth:`step` does.
+        After a ``forbidden`` (N,) choice, the next decision is due after one tick. ``reward`` is the discounted sum of
+        the rewards of the ticks, ``elapsed_s`` the time since the decision. ``choose_for_ghosts`` is called before each
+        tick. Only the games in the mask ``played`` (N,) are stepped (None: all). Raises ValueError like :meth:`step`.
         """
         self._set_actions(actions)
         self._ghosts.send(None)
@@ -316,7 +315,7 @@ class GameBatch(GameState):
                 break
 
     def _advance(self, *, watch: bool = False, most: int = 1, fresh: bool = True) -> None:
-        """Ticks, but for what follows a completed round."""
+        """Play ticks without starting the round after a completed one."""
         self.prepare_ticks(watch=watch, most=most, fresh=fresh)
         if self.after_physics_step is not None:
             for step in range(1, self.substeps + 1):
@@ -327,20 +326,20 @@ class GameBatch(GameState):
         self._play(resume=self.after_physics_step is not None)
 
     def _play(self, *, resume: bool) -> None:
-        """Advance all games; those that come near a wall are given spaces."""
+        """Advance all games, and create physics spaces for robots that come near a wall."""
         self._control["resume"][0] = resume
         job, tables = self.tick_stage()
         self.resume(self.threads.run(job, tables, self.n))
 
     def tick_stage(self) -> Stage:
-        """Return what plays the games after :meth:`prepare_ticks`; results other than 0 are for :meth:`resume`."""
+        """Return the stage that plays the games after :meth:`prepare_ticks`; pass its result to :meth:`resume`."""
         while len(self._tables) < self.threads.number:
             self._ghost_tables.append(self._ghosts.table(self.games, self._history.ghost_choices, self._parameters))
             self._tables.append(_tick_table(self, self._ghost_tables[-1]))
         return ticks.play, self._tables
 
     def resume(self, waiting: int) -> None:
-        """Go on until no game waits for a space; raises again what a ghost's function has raised."""
+        """Continue until no game waits for a physics space; raises the exception of a ghost's behaviour, if any."""
         while waiting:
             if waiting < 0:
                 self.games["stage"] = ticks.BEGIN
@@ -351,12 +350,12 @@ class GameBatch(GameState):
             waiting = self.threads.run(ticks.play, self._tables, self.n)
 
     def begin_decisions(self) -> None:
-        """Wake all games for a tick, which a choice stage may prolong; ghosts sent from outside wander on."""
+        """Wake all games for one tick, which a choice stage may extend; ghosts that a policy controls wander."""
         self._awake.fill(ticks.ONE_TICK)
         self._ghosts.send(None)
 
     def prepare_ticks(self, *, watch: bool = False, most: int = 1, fresh: bool = True) -> None:
-        """Set what the next call of the tick stage is for."""
+        """Set the options of the next call of the tick stage."""
         if self._history.make_room(self.games, 1 if most == 1 else self._longest):
             self._forget_tables()
         control = self._control
@@ -377,7 +376,7 @@ class GameBatch(GameState):
             raise ValueError(f"choice {actions[bad]} of game {bad}: candidates are 0 to {self.hold}")
 
     def place_ghost(self, game: int, number: int, x: float, y: float) -> tuple[float, float]:
-        """Put a ghost on its cell nearest to (x, y), m; returns where that is."""
+        """Move a ghost to its cell nearest to (x, y), m, and return the position of that cell."""
         cells = self.assets_of(game).clyde.position
         cell, _ = self.assets_of(game).clyde.nearest(x, y)
         spawn_ghost(self.ghosts[game, number], cell, self._ghosts.paths[game, number], cells)
@@ -385,7 +384,7 @@ class GameBatch(GameState):
         return float(cells[cell, 0]), float(cells[cell, 1])
 
     def situation(self, player: int = -1) -> Situation:
-        """Return what the robot's policy sees now, or (``player`` k) ghost k's policy, in new arrays."""
+        """Return the current situation of the robot's policy, or of the policy of ghost ``player``, in new arrays."""
         situation = Situation.empty(self.n, self.candidates, self.ghosts.shape[1], self.levels, self.threads)
         if self._view is None:
             request = np.zeros(1, dtype=situation_kernel.REQUEST)
@@ -397,7 +396,7 @@ class GameBatch(GameState):
 
 
 def situation_stage(batch: GameBatch, situation: Situation, player: int = -1) -> Stage:
-    """Return what writes a situation of the batch, the robot's or ghost ``player``'s, and with it ``summary``."""
+    """Return the stage that writes the situation of the robot (or of ghost ``player``) and ``batch.summary``."""
     request = np.zeros(1, dtype=situation_kernel.REQUEST)
     situation_kernel.direct(request, situation, player)
     return situation_kernel.write_situations, [_view_table(batch, request)]
@@ -406,10 +405,10 @@ def situation_stage(batch: GameBatch, situation: Situation, player: int = -1) ->
 def choice_stage(
     batch: GameBatch, actions: NDArray[np.int64], mask: NDArray[np.bool_], listed: NDArray[np.int64]
 ) -> Stage:
-    """Return what turns actions (N,) into choices of the candidates allowed by ``mask`` (N, C).
+    """Return the stage that converts ``actions`` (N,) to choices of candidates that ``mask`` (N, C) allows.
 
-    ``listed`` (N, K) are the candidates that actions stand for; K = 0: the actions are candidates. After a choice that
-    is forbidden the next decision is due after a tick.
+    ``listed`` (N, K) maps actions to candidates; with K = 0 actions are candidates. After a forbidden choice the next
+    decision is due after one tick.
     """
     own = {name: batch.arrays[name] for name in ("last_decision", "choices")}
     return ticks.choose, [Table(ticks.ChoiceArrays, **own, actions=actions, mask=mask, listed=listed)]
@@ -427,8 +426,8 @@ def _view_table(batch: GameBatch, request: NDArray[Any]) -> Table:
 
 
 def _tick_table(batch: GameBatch, ghosts: Table) -> Table:
-    remembered = zeros(ticks.TickArrays, ("decisions", "driven"), N=batch.n, t=0)
-    remembered["driven" if batch.config.action == "velocity" else "decisions"] = batch._history.decisions
+    decisions = zeros(ticks.TickArrays, ("decisions", "driven"), N=batch.n, t=0)
+    decisions["driven" if batch.config.action == "velocity" else "decisions"] = batch._history.decisions
     sizes = batch.levels.sizes
     search = detour_memory(sizes.cells, sizes.longest_cm, batch.source.first.grid.resolution)
     return Table(
@@ -439,6 +438,6 @@ def _tick_table(batch: GameBatch, ghosts: Table) -> Table:
         ghosts=ghosts.numbers,
         rewards=batch._rewards,
         control=batch._controls,
-        **remembered,
+        **decisions,
         **batch.arrays,
     )

@@ -1,4 +1,4 @@
-"""Copies of running games' arrays, and other random futures for games."""
+"""Copy the arrays of running games, and reseed games."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _stream = kernel(stream)
 
 
 class Copies:
-    """The rows of the games ``index`` (M,) in all arrays of a state."""
+    """Copies of the rows of the games ``index`` (M,) in all arrays of a state."""
 
     def __init__(self, state: GameState, index: NDArray[np.int64]) -> None:
         self.rows = [array[index] for array in _arrays(state)]
@@ -26,21 +26,21 @@ class Copies:
 
     @property
     def games(self) -> NDArray[Any]:
-        """(M,) the records of type ``GAME``."""
+        """Records (M,) of type ``GAME``."""
         return self.rows[0]
 
     def write(self, state: GameState, index: NDArray[np.int64]) -> None:
-        """As the rows ``index`` (M,) of another state of the same kind."""
+        """Write the copies to the rows ``index`` (M,) of another state of the same kind."""
         for array, rows in zip(_arrays(state), self.rows, strict=True):
             array[index] = rows
-        # Of both batches' lengths the shorter one has room for every path on these levels.
+        # The shorter of both arrays has room for every path on these levels.
         room = min(self.ghost_paths.shape[2], state.ghost_paths.shape[2])
         state.ghost_paths[index, :, :room] = self.ghost_paths[:, :, :room]
         state.summary[:, index] = self.summary
 
 
 def _arrays(state: GameState) -> list[NDArray[Any]]:
-    """All that have a row for each game, the records first."""
+    """Return all arrays with a row for each game, the records first."""
     return [*state.rules.values(), *state.arrays.values(), state.completed_s, state.ghosts, state.obstacles]
 
 
@@ -51,7 +51,7 @@ def check(
     into: NDArray[np.int64],
     seeds: NDArray[np.uint64] | None,
 ) -> None:
-    """Raise ValueError if these games (M,) cannot be copied to those (M,)."""
+    """Raise ValueError if ``games`` (M,) of the source cannot be copied to ``into`` (M,) of the target."""
     if target.config != source.config:
         raise ValueError("clone_into: the target has another configuration")
     if games.shape != into.shape or games.ndim != 1:
@@ -67,7 +67,7 @@ def check(
 
 
 def reseed(games: NDArray[Any], ghosts: NDArray[Any], index: NDArray[np.int64], seeds: NDArray[np.uint64]) -> None:
-    """All that is drawn from now on in the games ``index`` (M,) comes from these seeds (M,)."""
+    """Reseed all random streams of the games ``index`` (M,) with ``seeds`` (M,)."""
     for i, seed in zip(index.tolist(), seeds, strict=True):
         games["seed"][i] = seed
         games["localization_stream"][i] = _stream(seed, LOCALIZATION)

@@ -1,6 +1,6 @@
-"""Where nothing is compiled yet, another process compiles the ticks while this one prepares the map: half of the delay.
+"""Compile the tick kernel in another process while this one prepares the map, which halves the first start-up time.
 
-It ends with this process, or when it is done; what it compiled is found on disk (``kernel_cache.py``).
+The other process ends when it is done or with this process. Its kernels are cached on disk (``kernel_cache.py``).
 """
 
 import atexit
@@ -24,27 +24,27 @@ _WATCH_S = 0.5
 
 
 def begin() -> subprocess.Popen[bytes] | None:
-    """Start the other process once, if the ticks are not kept yet and there is a core for it."""
+    """Start the other process, if the tick kernel is not cached yet and a core is free; return None otherwise."""
     if kernel_folder() is None or numba_config.DISABLE_JIT or cores() < 2 or not sys.executable:
         return None
-    kept = play._cache  # type: ignore[attr-defined]
-    if (folder := kept.find()) is None or kept.keeps(RANGE):
+    cache = play._cache  # type: ignore[attr-defined]
+    if (folder := cache.find()) is None or cache.keeps(RANGE):
         return None
     try:
         (folder / "compiled-ahead").mkdir(parents=True)
-    except OSError:  # another process has made it, or nothing can be written
+    except OSError:  # it exists already, or the cache is read-only
         return None
     paths = os.environ.get("PYTHONPATH")
-    known = {"PYTHONPATH": os.pathsep.join([str(_ROOT), *([paths] if paths else [])])}
+    path = {"PYTHONPATH": os.pathsep.join([str(_ROOT), *([paths] if paths else [])])}
     try:
         other = subprocess.Popen(
             [sys.executable, "-m", __name__, str(os.getpid())],
-            env={**os.environ, **known},
+            env={**os.environ, **path},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
-    except OSError:  # without another process this one compiles
+    except OSError:  # this process compiles instead
         return None
     atexit.register(_end, os.getpid(), other)
     expect_help()
@@ -52,7 +52,7 @@ def begin() -> subprocess.Popen[bytes] | None:
 
 
 def _end(process: int, other: subprocess.Popen[bytes]) -> None:
-    if process == os.getpid():  # not a fork of it
+    if process == os.getpid():  # not in a fork
         other.kill()
         other.wait()
 
@@ -64,7 +64,7 @@ def _watch(parent: int) -> None:
 
 
 def main(parent: int) -> None:
-    """Compile the ticks, for the process with that number and those to come."""
+    """Compile and cache the tick kernel; exit if the process ``parent`` ends."""
     threading.Thread(target=_watch, args=(parent,), daemon=True).start()
     address_of_kernel(play)
 

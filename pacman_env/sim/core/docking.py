@@ -1,4 +1,4 @@
-"""How the base drives onto its dock and off it, by the true pose, for its sensors see the dock."""
+"""Drive the base onto its dock and off it, by the true pose, because its sensors see the dock."""
 
 import math
 from collections.abc import Iterator
@@ -6,24 +6,24 @@ from collections.abc import Iterator
 from ...world.navigation.localization import Pose, compose, relative, wrap
 from .robot import SimulatedRobot
 
-# All as in the Create 3's simulator.
-LIMIT_S = 30.0  # of docking and undocking, which then are aborted
+# All values are those of the Create 3 simulator.
+LIMIT_S = 30.0  # docking and undocking are aborted after this time
 _SPEED_MPS, _TURN_RADPS = 0.15, math.pi / 4
-_RANGE_M = 1.0  # from so far the dock is seen ...
+_RANGE_M = 1.0  # the dock is visible within this distance ...
 _VIEW_RAD = math.radians(25.0)  # ... within this angle of its axis
-_UNDOCK_M = 0.4  # backwards, before it turns round
-_APPROACH_M = 0.5  # ahead of the dock it is in line with it
+_UNDOCK_M = 0.4  # distance driven backwards before turning round
+_APPROACH_M = 0.5  # distance to the dock at which the robot lines up with it
 _NEAR_M = 0.02
 _NEAR_RAD = 0.05
-_DOCKED_M = 0.03  # it counts as docked this near ...
-_DOCKED_RAD = 0.105  # ... and this straight
+_DOCKED_M = 0.03  # the robot counts as docked within this distance ...
+_DOCKED_RAD = 0.105  # ... and angle
 _GAIN_PER_S = 2.0
 
 Velocities = Iterator[tuple[float, float]]  # m/s, rad/s, for one step each
 
 
 class Dock:
-    """``place`` is where the robot stands when it is docked, its front to the dock; None: there is no dock."""
+    """A dock; ``place`` is the robot's pose when docked, facing the dock, or None without a dock."""
 
     def __init__(self, robot: SimulatedRobot, place: Pose | None) -> None:
         self.robot, self.place = robot, place
@@ -43,7 +43,7 @@ class Dock:
             return True
         behind, aside, heading = relative(self.place, self.robot.pose)
         bearing = math.atan2(-aside, -behind)
-        ahead = abs(wrap(bearing - heading)) < math.pi / 4  # of the sensor in the robot's front
+        ahead = abs(wrap(bearing - heading)) < math.pi / 4  # in view of the front sensor
         return math.hypot(behind, aside) < _RANGE_M and abs(bearing) < _VIEW_RAD and ahead
 
     def undocking(self) -> Velocities:
@@ -55,10 +55,10 @@ class Dock:
 
     def docking(self) -> Velocities:
         assert self.place is not None
-        away = min(_APPROACH_M, math.dist(self.place[:2], self.robot.pose[:2]))
-        before = compose(self.place, (-away, 0.0, 0.0))
-        if math.dist(before[:2], self.robot.pose[:2]) > _NEAR_M:
-            yield from self._drive(before)
+        distance = min(_APPROACH_M, math.dist(self.place[:2], self.robot.pose[:2]))
+        approach = compose(self.place, (-distance, 0.0, 0.0))
+        if math.dist(approach[:2], self.robot.pose[:2]) > _NEAR_M:
+            yield from self._drive(approach)
         yield from self._turn(self.place[2])
         yield from self._drive(self.place)
         yield from self._turn(self.place[2])

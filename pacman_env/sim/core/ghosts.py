@@ -1,4 +1,4 @@
-"""The ghosts of N games: where they are, the paths they are on, where each goes. Rules are in ``game/ghosts.py``."""
+"""State, paths and destinations of the ghosts of N games; ``game/ghosts.py`` contains the rules."""
 
 import functools
 import math
@@ -41,20 +41,20 @@ from .parameters import GAME, GHOST, PARAMETERS, batch_parameters
 
 _TABLE = tuple(entry for entry in BEHAVIOURS.values() if entry.target is not None)
 BEHAVIOUR_NAMES = tuple(entry.name for entry in _TABLE)
-_FROM_OUTSIDE = -1  # in place of the address of a behaviour's kernel
+_FROM_OUTSIDE = -1  # instead of a kernel's address: a policy sends the ghost
 
 
 class GhostArrays(NamedTuple):
-    """What :func:`decide`, :func:`move` and the kernels of B behaviours, called by their addresses, work on."""
+    """Arrays of :func:`decide`, :func:`move` and the kernels of B behaviours, which are called by address."""
 
     games: Any = Array(GAME, "N")
     ghosts: Any = Array(GHOST, "N G")
-    paths: Any = Array(np.int32, "N G l")  # cells of the path that each is on
-    obstacles: Any = Array(np.float64, "N G 3")  # m, where they are seen
+    paths: Any = Array(np.int32, "N G l")  # cells of each ghost's path
+    obstacles: Any = Array(np.float64, "N G 3")  # m, observed positions
     parameters: Any = Array(PARAMETERS, "1")
-    choices: Any = Array(np.int64, "N G")  # of those sent from outside
-    remembered: Any = Array(np.int32, "N t G")  # the choice at each tick of the round
-    behaviours: Any = Array(np.int64, "B 2")  # addresses of the kernel and of its constants
+    choices: Any = Array(np.int64, "N G")  # of the ghosts that a policy sends
+    remembered: Any = Array(np.int32, "N t G")  # choice at each tick of the round
+    behaviours: Any = Array(np.int64, "B 2")  # addresses of the kernel and its constants
     levels: Any = Array(np.int64, "L")  # addresses
     search: Any = SearchArrays
 
@@ -64,41 +64,41 @@ _arrays = arrays_by_address(GhostArrays)
 
 @kernel
 def wander_on(ghost, path, level, search):  # type: ignore[no-untyped-def]
-    """Algorithm 2: draw a target and take the shortest path there, at the end of the path."""
+    """Draw a new target at the end of the path and find the shortest path to it (Algorithm 2)."""
     node, queue = search
-    here = path[ghost.path_index]
-    target = choose_target(ghost, here, level.ghost_part, level.ghost_part_start, level.ghost_part_cells)
-    ghost.path_length = find_path(np.int64(here), np.int64(target), level.ghost_graph, node, queue, path)
+    current = path[ghost.path_index]
+    target = choose_target(ghost, current, level.ghost_part, level.ghost_part_start, level.ghost_part_cells)
+    ghost.path_length = find_path(np.int64(current), np.int64(target), level.ghost_graph, node, queue, path)
     ghost.path_index = 0
     ghost.path_offset = 0.0
-    if ghost.path_length == 0:  # cannot happen within a part; it stays where it is
-        path[0] = here
+    if ghost.path_length == 0:  # cannot happen inside a connected part; the ghost stays
+        path[0] = current
         ghost.path_length = 1
 
 
 @kernel
 def head_for(ghost, path, target, level, search):  # type: ignore[no-untyped-def]
-    """Turn to another cell at once: on to the next cell of its path, from there the shortest one, if there is any."""
+    """Redirect a ghost to another cell at once: to the next cell of its path, then along the shortest path, if any."""
     part = level.ghost_part
     node, queue = search
-    here = path[ghost.path_index]
-    if path[ghost.path_length - 1] == target or part[here] != part[target]:
+    current = path[ghost.path_index]
+    if path[ghost.path_length - 1] == target or part[current] != part[target]:
         return
-    kept = 0
-    following = here
+    first = 0
+    following = current
     if ghost.path_offset > 0.0:
-        kept = 1
+        first = 1
         following = path[ghost.path_index + 1]
-    count = find_path(np.int64(following), np.int64(target), level.ghost_graph, node, queue, path[kept:])
+    count = find_path(np.int64(following), np.int64(target), level.ghost_graph, node, queue, path[first:])
     if count > 0:
-        path[0] = here
+        path[0] = current
         ghost.path_index = 0
-        ghost.path_length = count + kept
+        ghost.path_length = count + first
 
 
 @kernel
 def _go(ghost, path, target, level, search):  # type: ignore[no-untyped-def]
-    """To a cell, or wander on without one (-1) or a path to it."""
+    """Send a ghost to a cell, or let it wander if the target is -1 or unreachable."""
     part = level.ghost_part
     ghost.wanders = target < 0 or part[path[ghost.path_index]] != part[target]
     if not ghost.wanders:
@@ -107,7 +107,7 @@ def _go(ghost, path, target, level, search):  # type: ignore[no-untyped-def]
 
 @kernel
 def _send(ghost, path, i, chosen, level, a):  # type: ignore[no-untyped-def]
-    """Send a ghost of game i to a candidate of the robot's; the last candidate is to wander on."""
+    """Send a ghost of game i to a candidate of the robot, or let it wander (last candidate)."""
     g, p = a.games[i], a.parameters[0]
     goal = chosen if chosen < p.pellet_slots else g.pellets + chosen - p.pellet_slots
     target = -1
@@ -120,7 +120,7 @@ def _send(ghost, path, i, chosen, level, a):  # type: ignore[no-untyped-def]
 
 @kernel
 def decide(table, i):  # type: ignore[no-untyped-def]
-    """Where the ghosts of a game that do not just wander go now; False if a behaviour's function raised."""
+    """Choose the targets of a game's ghosts that do not just wander; return False if a behaviour raised an error."""
     a = _arrays(table)
     ghosts, paths, behaviours = a.ghosts, a.paths, a.behaviours
     g, p = a.games[i], a.parameters[0]
@@ -131,7 +131,7 @@ def decide(table, i):  # type: ignore[no-untyped-def]
         row = -1
         if behaviours[k, 0] > 0:
             row = k
-        elif behaviours[k, 0] < 0:  # it is sent from outside
+        elif behaviours[k, 0] < 0:  # a policy sends it
             chosen = a.choices[i, k]
             a.remembered[i, g.tick, k] = chosen
             if chosen <= hold:
@@ -140,7 +140,7 @@ def decide(table, i):  # type: ignore[no-untyped-def]
                 ghosts[i, k].place = -1
                 row = count + chosen - hold - 1
                 if row >= len(behaviours):
-                    cell = row - len(behaviours)  # it wanders on if there is no such cell
+                    cell = row - len(behaviours)  # an unknown cell means to wander
                     _go(ghosts[i, k], paths[i, k], cell if cell < len(level.ghost_part) else -1, level, a.search)
                     row = -1
         if row >= 0 and call_range(behaviours[row, 0], table, i, row * count + k) < 0:
@@ -150,7 +150,7 @@ def decide(table, i):  # type: ignore[no-untyped-def]
 
 @kernel
 def move(table, i):  # type: ignore[no-untyped-def]
-    """The ghosts' update in a game; one that wanders and is at the end of its path draws another."""
+    """Move the ghosts of a game; wandering ghosts at the end of their paths draw new targets."""
     a = _arrays(table)
     ghosts, paths = a.ghosts, a.paths
     g, p = a.games[i], a.parameters[0]
@@ -166,7 +166,7 @@ def move(table, i):  # type: ignore[no-untyped-def]
 
 @kernel
 def watch(table, i):  # type: ignore[no-untyped-def]
-    """What the ghosts of a game are believed to do, after a tick."""
+    """Update the beliefs about the ghosts of a game after a tick."""
     a = _arrays(table)
     g, p = a.games[i], a.parameters[0]
     bx, by, _ = believed(g, p.use_tf)
@@ -174,14 +174,14 @@ def watch(table, i):  # type: ignore[no-untyped-def]
 
 
 def _target(view, constants):  # type: ignore[no-untyped-def]
-    """A behaviour's function is in its place in a copy of :func:`_follow_behaviour`."""
+    """Stand for a behaviour's function, which replaces this one in copies of :func:`_follow_behaviour`."""
 
 
-_CONSTANTS = 0  # likewise the number of its constants
+_CONSTANTS = 0  # replaced by the number of the behaviour's constants
 
 
 def _follow_behaviour(table, i, which):  # type: ignore[no-untyped-def]
-    """Let a ghost of game i decide where it goes; ``which``: the behaviour's row times the ghosts plus its number."""
+    """Choose the target of a ghost of game i; ``which`` = row of the behaviour * G + number of the ghost."""
     a = _arrays(table)
     row, number = divmod(which, a.ghosts.shape[1])
     constants = reals_at(a.behaviours[row, 1], _CONSTANTS)
@@ -202,31 +202,33 @@ def _follow_behaviour(table, i, which):  # type: ignore[no-untyped-def]
 
 @functools.cache
 def behaviour_kernel(behaviour: Behaviour) -> Callable[[int, int, int], int]:
-    """:func:`_follow_behaviour` with the behaviour's function compiled into it."""
+    """Compile :func:`_follow_behaviour` with the behaviour's function inlined."""
     assert behaviour.target is not None
     own = BEHAVIOURS.get(behaviour.name) == behaviour
-    known = {**globals(), "_target": kernel(behaviour.target, own), "_CONSTANTS": len(behaviour.parameters)}
-    loop = types.FunctionType(_follow_behaviour.__code__, known, "_follow_behaviour")
+    names = {**globals(), "_target": kernel(behaviour.target, own), "_CONSTANTS": len(behaviour.parameters)}
+    loop = types.FunctionType(_follow_behaviour.__code__, names, "_follow_behaviour")
     loop.__module__ = __name__
     loop.__qualname__ = f"_follow_{behaviour.name}" if own else "_follow_behaviour_from_outside"
     return kernel(loop, own)
 
 
-#: For Python.
+#: Version for calls from Python.
 spawn_ghost = kernel(spawn)
 
 
 def behaviour_choice(hold: int, number: int) -> int:
-    """The choice that lets a ghost sent from outside follow ``BEHAVIOUR_NAMES[number]`` in this tick."""
+    """Return the choice that lets a policy's ghost follow ``BEHAVIOUR_NAMES[number]`` in this tick."""
     return hold + 1 + number
 
 
 def cell_choice(hold: int, cell: Any) -> Any:
-    """Return the choice that sends a ghost sent from outside to a cell of its map (``ClydeCells``)."""
+    """Return the choice that sends a policy's ghost to a cell of its map (``ClydeCells``)."""
     return behaviour_choice(hold, len(BEHAVIOUR_NAMES)) + cell
 
 
 class Ghosts:
+    """The ghosts of N games, with compiled behaviours."""
+
     def __init__(self, n: int, config: Config) -> None:
         try:
             behaviours = [find_behaviour(name) for name in config.clyde.ghosts]
@@ -234,10 +236,10 @@ class Ghosts:
             raise ConfigError(f"clyde.ghosts = {config.clyde.ghosts!r}: {error}") from error
         count = len(behaviours)
         self.state = np.zeros((n, count), dtype=GHOST)
-        self.paths = np.zeros((n, count, 0), dtype=np.int32)  # (N, G, L) cells of the path that each is on
-        self.obstacles = np.zeros((n, count, 3))  # where they are seen, m
-        #: Of those sent from outside: a candidate, the last one to wander on, or beyond it a :func:`behaviour_choice`
-        #: or a :func:`cell_choice`.
+        self.paths = np.zeros((n, count, 0), dtype=np.int32)  # (N, G, L) cells of each ghost's path
+        self.obstacles = np.zeros((n, count, 3))  # observed positions, m
+        #: Choices for ghosts that a policy sends: a candidate (the last one: wander), a :func:`behaviour_choice` or a
+        #: :func:`cell_choice`.
         self.choices = np.zeros((n, count), dtype=np.int64)
         self.wander_first = np.array([one.name in (WANDER, POLICY) for one in behaviours])
         self.sent_from_outside = np.array([one.name == POLICY for one in behaviours])
@@ -258,7 +260,7 @@ class Ghosts:
         self._behaviours[row] = address_of_kernel(self._used[row]), address(self._constants[-1])
 
     def send(self, choices: NDArray[np.int64] | None) -> None:
-        """Set the ``choices`` (N, G) for those sent from outside; None: all wander on. ValueError changes nothing."""
+        """Set the ``choices`` (N, G) of ghosts that a policy sends (None: wander); a ValueError changes nothing."""
         if not self._any_sent:
             return
         if choices is None:
@@ -284,13 +286,13 @@ class Ghosts:
                 self._use(row, behaviour)
 
     def bind(self, levels: LevelSlots, hold: int) -> None:
-        """Let the ghosts walk on these levels; ``hold`` is the last candidate."""
+        """Set the levels that the ghosts walk on and ``hold``, the last candidate."""
         self._levels, self._hold = levels, hold
-        # A ghost that turns round between two cells walks on to the second one first.
+        # A ghost that turns round between two cells first walks to the second one.
         self.paths = np.zeros((*self.state.shape, levels.sizes.longest_ghost_way + 1), dtype=np.int32)
 
     def table(self, games: NDArray[Any], remembered: NDArray[np.int32], parameters: NDArray[Any]) -> Table:
-        """What the kernels work on, with scratch memory of its own: one for each thread."""
+        """Return a table for the kernels with its own scratch memory; each thread needs one."""
         return Table(
             GhostArrays,
             games=games,
@@ -319,7 +321,7 @@ _stream, _below = kernel(ghost_stream), kernel(below)
 
 
 class MapGhosts:
-    """Ghosts that stand until :meth:`step` is called, on a map prepared under ``config``; the seed decides paths."""
+    """Ghosts of one game without a robot, on a map prepared with ``config``; the seed decides their paths."""
 
     def __init__(self, assets: MapAssets, config: Config, seed: int) -> None:
         self.cells = assets.clyde
@@ -327,8 +329,8 @@ class MapGhosts:
         self._ghosts = Ghosts(1, config)
         self._ghosts.bind(LevelSlots.only(Level.of(assets, config), config), assets.pellets + assets.refuges)
         self._parameters = batch_parameters(config, assets.grid.resolution, assets.pellets, assets.refuges)
-        self._parameters["use_tf"] = 1  # the pose that is given is the one believed
-        self._games = np.zeros(1, dtype=GAME)  # where the robot is; a step's number never counts
+        self._parameters["use_tf"] = 1  # the pose of see_robot is the believed pose
+        self._games = np.zeros(1, dtype=GAME)  # only holds the robot's pose
         self._games["pellets"], self._games["refuges"] = assets.pellets, assets.refuges
         self._remembered = np.zeros((1, 1, len(self)), dtype=np.int32)
         self._headings = [0.0] * len(self)
@@ -344,7 +346,7 @@ class MapGhosts:
 
     @property
     def poses(self) -> list[Pose]:
-        """Where they are and where each last went, by number."""
+        """Position and last direction of motion of each ghost."""
         state = self._ghosts.state[0]
         return [(float(g["x"]), float(g["y"]), h) for g, h in zip(state, self._headings, strict=True)]
 
@@ -363,25 +365,25 @@ class MapGhosts:
         spawn_ghost(self._ghosts.state[0, number], cell, self._ghosts.paths[0, number], self.cells.position)
 
     def respawn(self, away_from: Sequence[tuple[float, float]], numbers: Sequence[int] | None = None) -> None:
-        """Put ghosts on random cells of the robot's area, away from these places, m, of which the first is in it."""
+        """Place ghosts on random cells far from ``away_from`` (m), in the connected area of its first place."""
         part = self._assets.clyde_part
         if away_from:
             part = int(self.cells.part[self.cells.nearest(*away_from[0])[0]])
-        allowed = self.cells.start_cells(self._config.clyde, part, away_from)
+        cells = self.cells.start_cells(self._config.clyde, part, away_from)
         for number in range(len(self)) if numbers is None else numbers:
             ghost = self._ghosts.state[0, number]
-            ghost["stream"], pick = _below(ghost["stream"], len(allowed))
-            self.place(number, int(allowed[pick]))
+            ghost["stream"], pick = _below(ghost["stream"], len(cells))
+            self.place(number, int(cells[pick]))
 
     def decide(self, choices: NDArray[np.int64] | None = None) -> None:
-        """Decide where ghosts that do not wander go; ``choices`` (G,) are candidates for those sent from outside."""
+        """Choose targets of ghosts that do not wander; ``choices`` (G,) are candidates for ghosts of policies."""
         if choices is not None:
             self._ghosts.choices[0] = choices
             self._ghosts.compile_choices()
         decide(self._table.address, 0)
 
     def rehearse(self, choices: NDArray[np.int64]) -> None:
-        """Compile everything beforehand, and respawn."""
+        """Compile all kernels in advance, then respawn the ghosts."""
         self.decide(choices)
         self.step()
         self.respawn([])

@@ -1,4 +1,4 @@
-"""What happens in one game, compiled: rules live in ``game/``, the robot's in ``world/``. Game i touches row i only."""
+"""Compiled steps of one game, from the rules in ``game/`` and the physics in ``world/``; game i only uses row i."""
 
 import math
 from typing import Any, NamedTuple
@@ -32,24 +32,24 @@ from ..maps.level import level_arrays
 from .parameters import GAME, PARAMETERS
 
 _LONG_AGO = -9
-SUMMARY = ("outcome", "collected", "lost", "spawned", "aborts", "round_seed")  # of a game, by row
+SUMMARY = ("outcome", "collected", "lost", "spawned", "aborts", "round_seed")  # rows of ``GameState.summary``
 
 
 class RuleArrays(NamedTuple):
-    """Hold what the rules work on: N games, C candidates, P pellets, G ghosts, L slots for levels."""
+    """Arrays of the rules for N games, C candidates, P pellets, G ghosts and L level slots."""
 
     games: Any = Array(GAME, "N")
-    alive: Any = Array(np.bool_, "N P")  # the pellet is there
+    alive: Any = Array(np.bool_, "N P")  # the pellet is left
     waits: Any = Array(np.int64, "N C")  # physics step until which an aborted goal may not be chosen
-    aborts: Any = Array(np.int64, "N C")  # of the goal in this round
-    obstacles: Any = Array(np.float64, "N G 3")  # x, y, keep-out radius of the ghosts, m
+    aborts: Any = Array(np.int64, "N C")  # of each goal in this round
+    obstacles: Any = Array(np.float64, "N G 3")  # x, y, keep-out radius of each ghost, m
     parameters: Any = Array(PARAMETERS, "1")
-    levels: Any = Array(np.int64, "L")  # addresses of their arrays (``maps/level.py``)
+    levels: Any = Array(np.int64, "L")  # addresses of the level arrays (``maps/level.py``)
 
 
 @kernel
 def believed(g, use_tf):  # type: ignore[no-untyped-def]
-    """The pose (x, y, heading) that the executor acts on."""
+    """Return the pose (x, y, heading) on which the executor acts."""
     if use_tf:
         return g.x + g.error_x, g.y + g.error_y, g.heading + g.error_heading
     return g.amcl_x, g.amcl_y, g.amcl_heading
@@ -57,7 +57,7 @@ def believed(g, use_tf):  # type: ignore[no-untyped-def]
 
 @kernel
 def nearest(x, y, obstacles):  # type: ignore[no-untyped-def]
-    """The nearest of a game's ghosts, whose places are ``obstacles`` (G, 3): number and distance in m."""
+    """Return the number and distance in m of the ghost nearest to (x, y), from a game's ``obstacles`` (G, 3)."""
     best, least = 0, (x - obstacles[0, 0]) ** 2 + (y - obstacles[0, 1]) ** 2
     for k in range(1, len(obstacles)):
         d2 = (x - obstacles[k, 0]) ** 2 + (y - obstacles[k, 1]) ** 2
@@ -76,7 +76,7 @@ def see_ghosts(g, ghosts, obstacles):  # type: ignore[no-untyped-def]
 
 @kernel
 def reset_robot(g, home):  # type: ignore[no-untyped-def]
-    """Begin the round of a game's record, which has a seed, at ``home``."""
+    """Initialize a game's record for a round from ``home``; ``g.seed`` must be set."""
     g.localization_stream = stream(g.seed, LOCALIZATION)
     g.nav_stream = stream(g.seed, NAVIGATION)
     g.x, g.y, g.heading = home[0], home[1], home[2]
@@ -95,7 +95,7 @@ def reset_robot(g, home):  # type: ignore[no-untyped-def]
 
 @kernel
 def reset_robots(games, index, seeds, fresh, levels):  # type: ignore[no-untyped-def]
-    """Begin rounds in the games ``index`` (M,); ``fresh`` (M,) are their first records."""
+    """Initialize rounds of the games ``index`` (M,) from their first records ``fresh`` (M,)."""
     for k in range(len(index)):
         i = index[k]
         games[i] = fresh[k]
@@ -105,7 +105,7 @@ def reset_robots(games, index, seeds, fresh, levels):  # type: ignore[no-untyped
 
 @kernel
 def reset_ghosts(games, index, ghosts, paths, obstacles, wander_first, levels, use_tf):  # type: ignore[no-untyped-def]
-    """Put the ghosts of the games ``index`` on cells drawn from those to spawn on."""
+    """Place the ghosts of the games ``index`` on random spawn cells."""
     for i in index:
         g = games[i]
         level = level_arrays(levels[g.level])
@@ -122,24 +122,24 @@ def reset_ghosts(games, index, ghosts, paths, obstacles, wander_first, levels, u
 
 @kernel
 def allowed(a, g, i, candidate, p):  # type: ignore[no-untyped-def]
-    """The action mask: a pellet is there, and the goal does not wait after an abort; hold is always allowed."""
-    # Without branches: a processor cannot predict which pellets are left.
+    """Return True if a candidate is allowed: a remaining pellet or refuge without back-off after an abort, or hold."""
+    # Without branches, because a processor cannot predict which pellets are left.
     is_refuge = (candidate >= p.pellet_slots) & (candidate - p.pellet_slots < g.refuges)
     is_hold = candidate == p.pellet_slots + p.refuge_slots
-    there = is_refuge | is_hold | ((candidate < p.pellet_slots) & a.alive[i, min(candidate, p.pellet_slots - 1)])
-    return there & (a.waits[i, candidate] <= g.step)
+    exists = is_refuge | is_hold | ((candidate < p.pellet_slots) & a.alive[i, min(candidate, p.pellet_slots - 1)])
+    return exists & (a.waits[i, candidate] <= g.step)
 
 
 @kernel
 def follow(a, i, event, value, x, y):  # type: ignore[no-untyped-def]
-    """An event of Algorithm 4 in game i and what follows for its goal; returns what is to be done with it."""
+    """Apply an event of Algorithm 4 to game i, cancel its goal if required, and return the action."""
     g = a.games[i]
-    before = g.collected
+    collected = g.collected
     navigating = g.nav_state == navigator.ACTIVE or g.nav_next >= 0
     board = Board(level_arrays(a.levels[g.level]).goal_xy, a.obstacles[i], a.alive[i], a.waits[i], a.aborts[i])
     action = transition(g, event, value, (x, y), g.step, navigating, board, a.parameters[0])
-    g.score += g.collected - before
-    g.tick_pellets += g.collected - before
+    g.score += g.collected - collected
+    g.tick_pellets += g.collected - collected
     if action == CANCEL:
         navigator.cancel(g)
         g.nav_result = navigator.NO_RESULT
@@ -148,7 +148,7 @@ def follow(a, i, event, value, x, y):  # type: ignore[no-untyped-def]
 
 @kernel
 def copy_choices(choices, most, copied):  # type: ignore[no-untyped-def]
-    """Copy the choices (N,) unless one is not within 0 and ``most``; returns the first such game, else -1."""
+    """Copy the choices (N,) and return -1, or return the first game whose choice is not in 0 to ``most``."""
     for i in range(len(choices)):
         if choices[i] < 0 or choices[i] > most:
             return i
@@ -159,7 +159,7 @@ def copy_choices(choices, most, copied):  # type: ignore[no-untyped-def]
 
 @kernel
 def decide(a, i, chosen, decisions):  # type: ignore[no-untyped-def]
-    """Send a game's choice to the navigator and write it to ``decisions`` (N, T); a forbidden candidate is hold."""
+    """Record a game's choice in ``decisions`` (N, T) and send it to the navigator; a forbidden one becomes hold."""
     g, p = a.games[i], a.parameters[0]
     decisions[i, g.tick] = chosen
     if chosen == p.pellet_slots + p.refuge_slots or not allowed(a, g, i, chosen, p):
@@ -171,13 +171,13 @@ def decide(a, i, chosen, decisions):  # type: ignore[no-untyped-def]
 
 @kernel
 def command(g, v, w, p):  # type: ignore[no-untyped-def]
-    """Set the velocities, m/s and rad/s, as far as the base can follow them."""
+    """Set the commanded velocities, m/s and rad/s, clipped to the limits of the base."""
     g.command_v, g.command_w = limit(max(v, 0.0), w, p)
 
 
 @kernel
 def sense(g, p):  # type: ignore[no-untyped-def]
-    """Copy the true pose and velocity from the body; localize."""
+    """Copy the true pose and velocity from the body, and update the localization if it is due."""
     g.x, g.y, g.vx, g.vy = g.body_x, g.body_y, g.body_vx, g.body_vy
     if p.perfect:
         localization.update(g, np.int64(g.step))
@@ -187,7 +187,7 @@ def sense(g, p):  # type: ignore[no-untyped-def]
 
 @kernel
 def drive(g, i, paths, p, by_hand, affine, clearance):  # type: ignore[no-untyped-def]
-    """One controller step: the force on the body for the next one."""
+    """Run one controller step, which sets the force on the body for the next physics step."""
     if by_hand or p.velocity_actions:
         drive_wheels(g, g.command_v, g.command_w, p)
     else:
@@ -207,29 +207,29 @@ def end_tick(a, i):  # type: ignore[no-untyped-def]
 
 @kernel
 def apply_result(a, i):  # type: ignore[no-untyped-def]
-    """Algorithm 4's reaction to the end of a goal; False if the round ends with it."""
+    """Apply the result of a goal (Algorithm 4); return False if the round ends."""
     g = a.games[i]
     status = g.nav_result
     g.nav_result = navigator.NO_RESULT
-    if g.nav_next >= 0:  # the result of a goal given up for the one that waits
+    if g.nav_next >= 0:  # result of a goal that the pending one replaced
         return True
-    x, y, _ = believed(g, True)  # the pose in Nav2's feedback is TF's, whatever the rules go by
+    x, y, _ = believed(g, True)  # Nav2's feedback always contains the TF pose
     follow(a, i, np.int64(RESULT), np.int64(status), x, y)
-    return _goes_on(a, i)
+    return _continues(a, i)
 
 
 @kernel
 def observe(a, i):  # type: ignore[no-untyped-def]
-    """Pick-up, completion and death on the believed pose; False if the round ends with it."""
+    """Test pick-up, completion and death at the believed pose; return False if the round ends."""
     g = a.games[i]
     sense(g, a.parameters[0])
     bx, by, _ = believed(g, a.parameters[0].use_tf)
     follow(a, i, np.int64(CHECK), np.int64(0), bx, by)
-    return _goes_on(a, i)
+    return _continues(a, i)
 
 
 @kernel
-def _goes_on(a, i):  # type: ignore[no-untyped-def]
+def _continues(a, i):  # type: ignore[no-untyped-def]
     if a.games[i].end != RUNNING:
         end_tick(a, i)
         return False
@@ -238,7 +238,7 @@ def _goes_on(a, i):  # type: ignore[no-untyped-def]
 
 @kernel
 def finish(a, i):  # type: ignore[no-untyped-def]
-    """The end of a tick: rules, time limit, closing speed."""
+    """End a tick: apply rules and time limit, update the closing speed."""
     g, p = a.games[i], a.parameters[0]
     if observe(a, i):
         end_tick(a, i)
@@ -248,7 +248,7 @@ def finish(a, i):  # type: ignore[no-untyped-def]
 
 @kernel
 def due(g, chosen, last, p):  # type: ignore[no-untyped-def]
-    """True if a game asks for a decision after a tick; ``last`` is of type ``LAST_DECISION``, ``chosen`` its choice."""
+    """Return True if a decision is due after a tick; ``last`` is a ``LAST_DECISION`` and ``chosen`` its choice."""
     choice = NO_CHOICE if chosen == p.pellet_slots + p.refuge_slots else chosen
     news = g.end != RUNNING or g.tick_pellets > 0 or g.round != last.round
     return decision_due(choice, g.pursued, news, last.distance, g.distance, g.tick - last.tick, p)
@@ -256,14 +256,14 @@ def due(g, chosen, last, p):  # type: ignore[no-untyped-def]
 
 @kernel
 def step_robot(state, by_hand, cells, nav, search, spaces):  # type: ignore[no-untyped-def]
-    """One physics step of the only robot, without a game; False if it needs a space before it moves.
+    """Play one physics step of a single robot without a game; return False if it needs a physics space first.
 
-    ``nav`` are the planner's arrays of its map.
+    ``nav`` contains the planner's arrays of the map.
     """
     games, paths, obstacles, parameters, plan_end = state
     clearance, clear = cells
     g, p = games[0], parameters[0]
-    i = np.int64(0)  # of the type that the ticks' numbers have: a constant would have everything compiled once more
+    i = np.int64(0)  # a constant would be of another type and compile everything again
     affine = nav[0]
     if not g.stage:
         if navigator.plan_due(g, g.step):
@@ -284,7 +284,7 @@ def reward(g, rewards):  # type: ignore[no-untyped-def]
 
 @kernel
 def reward_and_end(games, rewards, terminated, truncated, over_before, result):  # type: ignore[no-untyped-def]
-    """Reward (:func:`reward`) and ending of the tick, per game; games that were over before get no reward."""
+    """Write reward (:func:`reward`) and ending of a tick for each game; games that were already over get no reward."""
     for i in range(len(games)):
         g = games[i]
         terminated[i] = g.end != RUNNING and g.end != TIMEOUT

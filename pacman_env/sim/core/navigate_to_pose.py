@@ -1,4 +1,4 @@
-"""Goals as Nav2's ``navigate_to_pose`` server treats them: one current, one pending."""
+"""Handle goals like Nav2's ``navigate_to_pose`` server: one current, one pending."""
 
 import math
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from ...world.navigation.localization import Pose
 from ...world.navigation.navigator import ABORTED, CANCELED, NO_RESULT, SUCCEEDED
 from .robot import SimulatedRobot
 
-#: Error codes of Nav2 Jazzy's sub-servers, which the navigator hands on (FollowPath 1xx, ComputePathToPose 2xx).
+#: Error codes of Nav2 Jazzy's sub-servers, forwarded by the navigator (FollowPath 1xx, ComputePathToPose 2xx).
 NONE = 0
 FAILED_TO_MAKE_PROGRESS, NO_VALID_CONTROL = 105, 106
 TF_ERROR, GOAL_OUTSIDE_MAP, GOAL_OCCUPIED, NO_VALID_PATH = 202, 204, 206, 208
@@ -17,20 +17,24 @@ _CODES = {"no path": NO_VALID_PATH, "no control": NO_VALID_CONTROL, "stuck": FAI
 
 @dataclass(frozen=True)
 class Ended:
+    """Result of a goal."""
+
     key: bytes
     status: int  # of action_msgs/GoalStatus
-    error_code: int  # Nav2's
+    error_code: int  # of Nav2
     message: str
 
 
 @dataclass(frozen=True)
 class Feedback:
+    """Feedback of the current goal."""
+
     key: bytes
-    pose: Pose  # as believed
-    time_s: float  # since the goal became the current one
+    pose: Pose  # believed
+    time_s: float  # since the goal became current
     remaining_s: float  # at the robot's speed
     recoveries: int
-    distance_m: float  # path length that is left
+    distance_m: float  # remaining path length
 
 
 @dataclass
@@ -44,7 +48,7 @@ class _Goal:
 
 
 class Navigation:
-    """``abort_after_s`` (None: never) ends every goal after that time, for tests of what follows."""
+    """The goals of a simulated robot. Tests set ``abort_after_s`` to abort every goal after that time (None: never)."""
 
     def __init__(self, robot: SimulatedRobot) -> None:
         self.robot = robot
@@ -60,7 +64,10 @@ class Navigation:
         return tuple(goal.key for goal in (self._current, self._pending) if goal is not None)
 
     def send(self, key: bytes, x: float, y: float) -> None:
-        """A goal that has been accepted, (x, y) in m; the one before ends at the next step. Raises ValueError."""
+        """Accept a goal (x, y), m, which replaces the current one at the next step.
+
+        Raises ValueError if the goal is not finite or ``key`` is active already.
+        """
         if not (math.isfinite(x) and math.isfinite(y)):
             raise ValueError(f"goal ({x}, {y}): must be two finite numbers")
         if key in self.active:
@@ -70,21 +77,21 @@ class Navigation:
         self._pending = _Goal(key, x, y)
 
     def cancel(self, key: bytes) -> bool:
-        """Request the end of a goal, with which every other goal ends too; False if it is not active."""
+        """Request to cancel a goal, which ends all other goals too; return False if it is not active."""
         if key not in self.active:
             return False
         self._canceling.add(key)
         return True
 
     def forget(self) -> None:
-        """The server ends: no goal gets a result, the robot stops."""
+        """Drop all goals without results and stop the robot, as if the server ended."""
         self._current = self._pending = None
         self._canceling.clear()
         self._ended.clear()
         self.robot.cancel()
 
     def step(self) -> list[Ended]:
-        """One step of the robot; returns the goals that ended, in order."""
+        """Advance the robot by one step and return the goals that ended, in order."""
         if self._canceling:
             self._terminate_all()
         elif self._pending is not None:
@@ -109,11 +116,11 @@ class Navigation:
         return ended
 
     def feedback(self) -> Feedback | None:
-        """None without a current goal or a pose."""
+        """Return the feedback of the current goal, or None without a goal or a pose."""
         goal, belief = self._current, self.robot.belief
         if goal is None or belief is None:
             return None
-        distance = self.robot.distance_m(goal.slot) or 0.0  # as Nav2's while it has no path
+        distance = self.robot.distance_m(goal.slot) or 0.0  # like Nav2 while it has no path
         speed = self.robot.config.robot.speed_mps
         return Feedback(goal.key, belief, self._age_s(goal), distance / speed, goal.recoveries, distance)
 
@@ -142,7 +149,7 @@ class Navigation:
             goal.slot = self.robot.set_goal(goal.x, goal.y)
 
     def _refusal(self, goal: _Goal) -> tuple[int, str]:
-        """Error code and message of a goal that ends at once; ``NONE`` for others."""
+        """Return the error code and message of a goal that must be aborted at once, or ``NONE`` and ""."""
         robot, where = self.robot, f"({goal.x:.2f}, {goal.y:.2f})"
         if robot.belief is None:
             return TF_ERROR, "no transform from map to base_link"

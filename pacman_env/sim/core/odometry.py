@@ -1,4 +1,4 @@
-"""What a base counts of its own motion, and what it gets wrong: errors that its seed decides, noise, and slip."""
+"""Odometry of the base, with systematic errors drawn from a seed, noise and slip."""
 
 import math
 
@@ -10,6 +10,8 @@ from ...world.navigation.localization import Pose, compose, inverse, relative
 
 
 class OdometryErrors:
+    """Errors of the odometry, drawn from a seed."""
+
     def __init__(self, config: RobotConfig, seed: int) -> None:
         self._config = config
         self._random = np.random.default_rng((seed, ODOMETRY))
@@ -19,7 +21,7 @@ class OdometryErrors:
         self._turn = counted * (1.0 + config.odometry_turn_error * turn)
 
     def measured(self, motion: Pose) -> Pose:
-        """What the odometry reports of a small motion, given in the frame of the robot before it."""
+        """Return the reported motion for a small true motion, both in the robot's frame before it."""
         x, y, turn = motion
         length, config = math.hypot(x, y), self._config
         if length == 0.0 and turn == 0.0:
@@ -32,19 +34,19 @@ class OdometryErrors:
 
 
 class Odometry:
-    """``origin`` is the odom frame in the map: with the odometry, the true pose; exact without ``errors``."""
+    """The odom frame: its pose in the map is ``origin``, which drifts by ``errors`` (None: exact odometry)."""
 
     def __init__(self, origin: Pose, errors: OdometryErrors | None) -> None:
         self.origin = origin
         self._errors = errors
-        self._deceived: Pose | None = None  # map to odom as the filter has it, after a motion it did not notice
+        self._deceived: Pose | None = None  # the filter's map-to-odom after a motion that it did not notice
 
     def at(self, true: Pose) -> Pose:
-        """The pose in the odom frame of a robot that is truly there."""
+        """Convert a true pose to the odom frame."""
         return compose(inverse(self.origin), true)
 
     def count(self, before: Pose, after: Pose, wheels: Pose | None) -> None:
-        """A step between two true poses; ``wheels``: by what they turned, if that is not what the robot moved by."""
+        """Add a step between two true poses; ``wheels`` is the motion of the wheels if it differs from the robot's."""
         if self._errors is None and wheels is None:
             return
         motion = relative(before, after) if wheels is None else wheels
@@ -53,7 +55,7 @@ class Odometry:
         self.origin = compose(after, inverse(compose(self.at(before), motion)))
 
     def deceive(self, true: Pose, filtered: Pose) -> None:
-        """From now on the filter, which has the robot at ``filtered``, follows the odometry alone."""
+        """Let the filter, which estimates the pose ``filtered``, follow the odometry alone from now on."""
         if self._deceived is None:
             self._deceived = compose(filtered, inverse(self.at(true)))
 
@@ -61,5 +63,5 @@ class Odometry:
         self._deceived = None
 
     def believed(self, true: Pose) -> Pose | None:
-        """Where a deceived filter has a robot that is truly there; None: it is not deceived."""
+        """Return the pose that a deceived filter estimates, or None if the filter is not deceived."""
         return None if self._deceived is None else compose(self._deceived, self.at(true))

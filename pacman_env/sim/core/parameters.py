@@ -1,4 +1,4 @@
-"""The records of one game and one ghost, the constants of a batch, and what is drawn for each episode."""
+"""Records of a game and a ghost, constants of a batch, and the parameters drawn for each episode."""
 
 import dataclasses
 import math
@@ -18,33 +18,33 @@ from ...world.navigation.localization import LOCALIZATION_FIELDS
 from ...world.navigation.navigator import NAVIGATOR_FIELDS
 from ...world.navigation.physics import BODY_FIELDS
 
-#: The record of Algorithm 4, whose time is in physics steps here.
+#: Fields of Algorithm 4's record, whose times are in physics steps here.
 EXECUTION = tuple(field.name for field in dataclasses.fields(Execution))
 _FIELDS = [
     *NAVIGATOR_FIELDS,
     *LOCALIZATION_FIELDS,
     *BODY_FIELDS,
     ("seed", np.uint64),  # of this round
-    ("episode_seed", np.uint64),  # of the first one
-    ("step", np.int32),  # physics steps done in this round
-    ("substep", np.int32),  # physics steps done in this tick
-    ("stage", np.int32),  # what comes next in this tick (ticks.py)
-    ("tick", np.int32),  # decisions done in this round
+    ("episode_seed", np.uint64),  # of the first round
+    ("step", np.int32),  # physics steps in this round
+    ("substep", np.int32),  # physics steps in this tick
+    ("stage", np.int32),  # next stage of this tick (ticks.py)
+    ("tick", np.int32),  # ticks in this round
     *((name, np.float64 if name == "pickup" else np.int32) for name in EXECUTION),
     ("tick_pellets", np.int32),  # collected in the last tick
-    ("tick_rounds", np.int32),  # rounds completed in the last tick that others follow
+    ("tick_rounds", np.int32),  # rounds completed in the last tick of an endless game
     ("round", np.int32),  # from 1
     ("score", np.int32),  # pellets over all rounds
-    ("level", np.int32),  # which of the stacked maps
-    ("refuges", np.int32),  # goals of that map, after its pellets
+    ("level", np.int32),  # slot of the map
+    ("refuges", np.int32),  # number of refuges of the map, which follow its pellets
     ("base_clyde_speed", np.float64),  # of round 1, m/s
     ("clyde_speed", np.float64),  # of this round
-    ("command_v", np.float64),  # asked for by a velocity action, m/s
+    ("command_v", np.float64),  # of a velocity action, m/s
     ("command_w", np.float64),  # rad/s
     ("distance", np.float64),  # believed distance to the nearest ghost at the last decision, m
     ("closing", np.float64),  # m/s
 ]
-#: What every physics step touches lies together, first: four cache lines, not eleven (6 % of the decisions per second).
+#: Fields used in every physics step come first: four cache lines instead of eleven (6 % more decisions per second).
 _HOT = (
     *("x", "y", "vx", "vy", "body_x", "body_y", "body_vx", "body_vy", "force_x", "force_y", "touch"),
     *("heading", "heading_cos", "heading_sin", "omega", "left", "right"),
@@ -56,24 +56,24 @@ _HOT = (
 )
 GAME = np.dtype(sorted(_FIELDS, key=lambda f: _HOT.index(f[0]) if f[0] in _HOT else len(_HOT)), align=True)
 GHOST = np.dtype(GHOST_FIELDS, align=True)
-#: Of the last decision in a game: it decides when the next is due.
+#: The last decision of a game, which decides when the next one is due.
 LAST_DECISION = np.dtype(
     [
         ("awake", np.uint8),  # ASLEEP, ONE_TICK or UNTIL_DUE (ticks.py)
         ("tick", np.int32),
         ("round", np.int32),
         ("distance", np.float64),  # m, to the nearest ghost
-        ("factor", np.float64),  # the next tick's discount
+        ("factor", np.float64),  # discount of the next tick
     ],
     align=True,
 )
 
 
-_CLEAR_OF_WALLS_M = 0.05  # beyond the inscribed radius; roll-outs prefer to stay outside it
+_CLEAR_OF_WALLS_M = 0.05  # beyond the inscribed radius; roll-outs prefer a larger clearance
 
 
 def _values(config: Config, resolution: float, pellet_slots: int, refuge_slots: int) -> dict[str, float | int]:
-    """The constants of a batch, in steps, m, s and rad; a whole number is one for every configuration."""
+    """Return the constants of a batch in steps, m, s and rad; the type of each value is fixed."""
     dt = config.physics_step_s
     robot, nav2, execution, loc = config.robot, config.nav2, config.execution, config.localization
 
@@ -122,7 +122,7 @@ def _values(config: Config, resolution: float, pellet_slots: int, refuge_slots: 
     }
 
 
-#: The constants of a batch as a record.
+#: Record of the constants of a batch.
 PARAMETERS = np.dtype(
     [(name, float if isinstance(value, float) else np.int64) for name, value in _values(Config(), 0.05, 1, 0).items()],
     align=True,
@@ -131,8 +131,8 @@ REWARDS = np.dtype(
     [
         ("tick", np.float64),
         ("pellet", np.float64),
-        ("end", np.float64, (5,)),  # by the code of the end; completion also counts for a round that another follows
-        ("discount", np.float64),  # of a tick
+        ("end", np.float64, (5,)),  # by end code; COMPLETE also for each completed round of an endless game
+        ("discount", np.float64),  # per tick
     ],
     align=True,
 )
@@ -150,7 +150,7 @@ def reward_record(reward: RewardConfig, tick_discount: float = 1.0) -> NDArray[A
     return record
 
 
-#: Field of the game that each field of ``config.randomize`` sets.
+#: Game field of each field of ``config.randomize``.
 _DRAWN = {
     "speed_mps": "speed_limit",
     "clyde_speed_mps": "base_clyde_speed",
@@ -162,12 +162,12 @@ _DRAWN = {
     "abort_rate": "nav_abort_rate",
     "pickup_radius_m": "pickup",
 }
-#: What an endless game keeps when a round follows another.
+#: Fields that an endless game keeps from round to round.
 KEPT_FROM_ROUND_TO_ROUND = (*_DRAWN.values(), "error_kept", "episode_seed", "round", "score", "tick_pellets")
 
 
 def draw_episodes(seeds: NDArray[np.uint64], config: Config) -> NDArray[Any]:
-    """Records (M,) of new games with what the configuration fixes and what it draws from each seed."""
+    """Return records (M,) of new games with the fixed parameters and those drawn from each seed."""
     c, local = config, config.localization
     fresh = np.zeros(len(seeds), dtype=GAME)
     fresh["episode_seed"], fresh["round"] = seeds, 1
@@ -190,7 +190,7 @@ def draw_episodes(seeds: NDArray[np.uint64], config: Config) -> NDArray[Any]:
 
 
 def drawn_values(games: NDArray[Any], config: Config) -> dict[str, NDArray[np.float64]]:
-    """What was drawn for each game, by the names of ``config.randomize``."""
+    """Return the drawn parameters of each game, by the names of ``config.randomize``."""
     result = {name: games[_DRAWN[name]].astype(np.float64) for name, _, _ in config.randomize.ranges()}
     if "accept_delay_s" in result:
         result["accept_delay_s"] *= config.physics_step_s
@@ -199,7 +199,7 @@ def drawn_values(games: NDArray[Any], config: Config) -> dict[str, NDArray[np.fl
 
 @kernel
 def _draw(seeds, purpose, ranges):  # type: ignore[no-untyped-def]
-    """(M,) the streams of the seeds for one purpose, and their first numbers (R, M), each in its range (R, 2)."""
+    """Return the streams (M,) of the seeds for one purpose, and numbers (R, M) drawn from ``ranges`` (R, 2)."""
     streams, drawn = np.empty(len(seeds), np.uint64), np.empty((len(ranges), len(seeds)))
     for i in range(len(seeds)):
         streams[i] = state = stream(seeds[i], purpose)
@@ -210,11 +210,11 @@ def _draw(seeds, purpose, ranges):  # type: ignore[no-untyped-def]
 
 
 def next_seeds(seeds: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """(M,) the seed of the round that follows each."""
+    """Return the seeds (M,) of the following rounds."""
     return _draw(np.ascontiguousarray(seeds), ROUND, np.zeros((0, 2)))[0] >> np.uint64(1)  # seeds are below 2**63
 
 
 def draw_below(seeds: NDArray[np.uint64], purpose: int, count: int) -> NDArray[np.int64]:
-    """(M,) a number in [0, count) from each seed, for one purpose."""
+    """Return a number (M,) in [0, count) drawn from each seed for one purpose."""
     _, (u,) = _draw(np.ascontiguousarray(seeds), purpose, np.array([(0.0, 1.0)]))
     return np.minimum((u * count).astype(np.int64), count - 1)

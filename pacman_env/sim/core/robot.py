@@ -1,4 +1,4 @@
-"""The simulator's kernels without rules: one robot that drives by goals or velocities and localizes itself."""
+"""Simulate one robot without game rules: it drives to goals or by velocities and localizes itself."""
 
 import math
 from collections.abc import Sequence
@@ -23,9 +23,9 @@ from .parameters import GAME, batch_parameters, draw_episodes
 from .ticks import SpaceArrays
 
 _LONG_AGO = -1_000_000  # steps
-_FAR_M = 1e6  # where the ghost is before it has been seen
-_TOUCH_M = 0.002  # a wall this near touches the body
-_FIELDS_KEPT = 64  # path fields of the last goals
+_FAR_M = 1e6  # position of the ghost before it is seen
+_TOUCH_M = 0.002  # a wall within this distance touches the body
+_FIELDS_KEPT = 64  # cached path fields of recent goals
 
 
 def _check_finite(name: str, numbers: Sequence[float]) -> None:
@@ -34,11 +34,11 @@ def _check_finite(name: str, numbers: Sequence[float]) -> None:
 
 
 class SimulatedRobot:
-    """The robot, its base, its lidar, its localization and the goal that it drives to.
+    """A simulated robot with base, lidar, localization and navigator.
 
-    It starts at ``home`` (None: as in the game); ``localizing`` may be set at any time: False without a pose, until
-    :meth:`set_initial_pose`. Odometry is exact unless it ``drifts``, by ``config.robot``. Raises MapError if the map
-    has no place for the robot.
+    It starts at ``home`` (None: the home pose of the game). While ``localizing`` is False it has no pose, until
+    :meth:`set_initial_pose`. With ``drifts``, odometry has the errors of ``config.robot``; otherwise it is exact.
+    Raises MapError if the map has no place for the robot.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class SimulatedRobot:
         self._spaces = Spaces(1, radius_m=robot.radius_m, mass_kg=robot.mass_kg, step_s=config.physics_step_s)
         self._paths = np.zeros((1, PATH_POINTS, 2), dtype=np.float32)
         self._obstacles = np.zeros((1, 0, 3))
-        # Two goals have a place: the one driven to, and the one that is to replace it.
+        # Two slots for goals: the current one and its replacement.
         self._length_cm = np.full((cells, 2), UNREACHABLE_CM, dtype=np.uint16)
         self._next_step = np.full((2, cells), NO_STEP, dtype=np.int16)
         self._plan_end = np.zeros((2, 2))
@@ -72,7 +72,7 @@ class SimulatedRobot:
         self._nav = grid.affine, grid.snap, grid.steps, cell_xy, self._length_cm, self._next_step
         self._longest_cm = 0
         self._search = SearchArrays(*detour_memory(cells, self._longest_cm, grid.resolution))
-        self._velocity = (0.0, 0.0, _LONG_AGO)  # v, omega, step it came
+        self._velocity = (0.0, 0.0, _LONG_AGO)  # v, omega, step of the command
         self._backwards = False
         self._games = np.zeros(1, dtype=GAME)
         self._g = self._games[0]
@@ -107,19 +107,19 @@ class SimulatedRobot:
 
     @property
     def odometry(self) -> Pose:
-        """The pose in the odom frame, which lies where the robot started."""
+        """Pose in the odom frame, whose origin is the robot's start pose."""
         return self._odometry.at(self.pose)
 
     @property
     def odometry_velocity(self) -> tuple[float, float]:
-        """As :attr:`velocity`, by the odometry."""
+        """Forward speed in m/s and turn rate in rad/s by the odometry."""
         if self.steps > self._slips_until:
             return self.velocity
         return _wheels(self._g, self.config.robot.wheel_base_m)
 
     @property
     def belief(self) -> Pose | None:
-        """TF's map to base_link; None while not localizing."""
+        """TF pose of base_link in map; None while not localizing."""
         if not self.localizing:
             return None
         g = self._g
@@ -133,7 +133,7 @@ class SimulatedRobot:
 
     @property
     def amcl(self) -> tuple[int, Pose] | None:
-        """The step of the last filter update, and the pose latched then."""
+        """Step and pose of the last filter update; None while not localizing."""
         g = self._g
         if not self.localizing:
             return None
@@ -148,9 +148,9 @@ class SimulatedRobot:
         return bool(self._g["nav_state"] == navigator.ACTIVE and self._g["nav_wait_step"] > self._g["step"])
 
     def scan(self, pose: Pose | None = None) -> NDArray[np.float32]:
-        """(R,) ranges in m from a pose of the lidar (None: the robot's); see :func:`lidar.scan`.
+        """Return lidar ranges (R,) in m from a pose (None: the robot's pose); see :func:`lidar.scan`.
 
-        R and the limits are those of ``config.observation``.
+        ``config.observation`` sets R and the limits.
         """
         kinds, grid = self.config.observation, self.grid
         ranges = np.empty(kinds.scan_rays, dtype=np.float32)
@@ -160,7 +160,7 @@ class SimulatedRobot:
         return ranges
 
     def distance_m(self, slot: int) -> float | None:
-        """Path length from the believed pose to the goal in that slot; None if unknown."""
+        """Return the path length in m from the believed pose to the goal in a slot, or None if it is unknown."""
         belief = self.belief
         if belief is None:
             return None
@@ -169,7 +169,7 @@ class SimulatedRobot:
         return None if length == UNREACHABLE_CM else 0.01 * length
 
     def why_aborted(self) -> str:
-        """Why the navigator aborted the last goal: ``no path``, ``no control``, ``stuck`` or ``unknown``."""
+        """Return why the navigator aborted the last goal: ``no path``, ``no control``, ``stuck`` or ``unknown``."""
         for reason in ("no path", "no control", "stuck"):
             name = reason.replace(" ", "_")
             since = int(self._g[f"nav_{name}_step"])
@@ -178,14 +178,14 @@ class SimulatedRobot:
         return "unknown"
 
     def rehearse(self) -> None:
-        """Compile everything beforehand; one step is done."""
+        """Compile all kernels in advance; this plays one step."""
         self.set_goal(*self.pose[:2])
         self.cancel()
         self.scan()
         self.step()
 
     def set_goal(self, x: float, y: float) -> int:
-        """Drive to (x, y) m, finite, or the nearest place within Nav2's tolerance; returns the goal's slot."""
+        """Drive to (x, y), m, or to the nearest place within Nav2's tolerance, and return the goal's slot."""
         grid, tolerance = self.grid, self.config.nav2.unreachable_tolerance_m
         slot = 1 - max(int(self._g["nav_goal"]), 0) if self._g["nav_state"] == navigator.ACTIVE else 0
         cell = int(grid.cells_under(np.array([[x, y]]))[0])
@@ -214,9 +214,10 @@ class SimulatedRobot:
         self._g["nav_result"] = navigator.NO_RESULT
 
     def set_velocity(self, v: float, omega: float, *, backwards: bool = False) -> None:
-        """A velocity command, m/s and rad/s; it lasts half a second, beside a navigator that drives one step.
+        """Command a velocity, m/s and rad/s, for half a second, or for one step while the navigator drives.
 
-        A negative ``v`` counts as 0, as with the base's safety on, unless ``backwards``: then it must be within limits.
+        A negative ``v`` counts as 0, like on a base with safety enabled, unless ``backwards`` is set; then it must be
+        within limits.
         """
         _check_finite("velocity", (v, omega))
         self._velocity, self._backwards = (float(v), float(omega), self.steps), backwards
@@ -231,7 +232,7 @@ class SimulatedRobot:
         self._g["clyde_x"], self._g["clyde_y"] = nearest
 
     def set_initial_pose(self, pose: Pose) -> None:
-        """A pose for the filter: near the truth it converges to that, else it stays off."""
+        """Give the filter a pose: near the truth it converges to the truth, otherwise it keeps the error."""
         _check_finite("initial pose", pose)
         x, y, heading = self.pose
         off = pose[0] - x, pose[1] - y, wrap(pose[2] - heading)
@@ -241,16 +242,16 @@ class SimulatedRobot:
         self.shift_belief((0.0, 0.0, 0.0) if near else off)
 
     def shift_belief(self, shift: Pose) -> None:
-        """From now on the filter converges this far beside the truth."""
+        """Let the filter converge to the true pose plus ``shift``."""
         _check_finite("shift", shift)
         self._odometry.undeceive()
         _set_bias(self._g, shift)
         localization.update(self._g, self.steps)
 
     def kidnap(self, pose: Pose) -> None:
-        """Stand at another true pose at once; neither odometry nor belief changes, until :meth:`shift_belief`.
+        """Move the robot to another true pose at once; odometry and belief stay until :meth:`shift_belief`.
 
-        Raises ValueError where the robot does not fit.
+        Raises ValueError if the robot does not fit there.
         """
         _check_finite("pose", pose)
         g, grid, (x, y, _) = self._g, self.grid, pose
@@ -258,31 +259,31 @@ class SimulatedRobot:
         free = inside[0] and grid.clearance[row[0], column[0]] > 0.0
         if not free or overlap_m(grid.walls, np.array([[x, y]]), self.config.robot.radius_m)[0] > 0.0:
             raise ValueError(f"pose ({x:g}, {y:g}): the robot does not fit there")
-        before, last = self.pose, (float(g["odom_x"]), float(g["odom_y"]), float(g["odom_heading"]))
+        origin, last = self.pose, (float(g["odom_x"]), float(g["odom_y"]), float(g["odom_heading"]))
         self._odometry.deceive(self.pose, _filtered(g, self.pose))
-        _stand(g, self._spaces, pose)
+        _place_at_rest(g, self._spaces, pose)
         g["left"] = g["right"] = g["omega"] = 0.0
-        # The next filter update comes when it would have.
-        g["odom_x"], g["odom_y"], g["odom_heading"] = compose(pose, relative(before, last))
-        self._odometry.origin = compose(pose, inverse(self._odometry.at(before)))
-        _believe(g, pose, self._odometry.believed(pose))
+        # The next filter update comes at the same distance as without the move.
+        g["odom_x"], g["odom_y"], g["odom_heading"] = compose(pose, relative(origin, last))
+        self._odometry.origin = compose(pose, inverse(self._odometry.at(origin)))
+        _converge_to(g, pose, self._odometry.believed(pose))
 
     def slip(self, seconds: float) -> None:
-        """For so long the wheels turn and nothing moves; the belief follows them, until :meth:`shift_belief`."""
+        """Let the wheels slip in place for ``seconds``; the belief follows the wheels until :meth:`shift_belief`."""
         self._odometry.deceive(self.pose, _filtered(self._g, self.pose))
         self._slips_until = self.steps + round(seconds / self.config.physics_step_s)
 
     def step(self) -> tuple[int, int]:
-        """One physics step; the status (action_msgs/GoalStatus) and slot of a goal that ended in it, else (0, -1)."""
+        """Play one physics step; return status (action_msgs/GoalStatus) and slot of a goal that ended, else (0, -1)."""
         g = self._g
         v, omega, since = self._velocity
         age = self.steps - since
         timeout = self.config.robot.velocity_timeout_s / self.config.physics_step_s
-        # The last command counts, and a navigator that drives gives one at each step.
+        # The last command counts, and an active navigator gives one at each step.
         by_hand = age == 0 or (age < timeout and g["nav_state"] != navigator.ACTIVE)
         parameters, grid = self._parameters, self.grid
         slips = self.steps < self._slips_until
-        before = self.pose
+        start = self.pose
         if by_hand:
             kernels.command(g, v, omega, parameters[0])
             if self._backwards:
@@ -293,18 +294,18 @@ class SimulatedRobot:
             self._spaces.provide(0, grid.walls)
         wheels = None
         if slips:
-            _stand(g, self._spaces, before)
+            _place_at_rest(g, self._spaces, start)
             v, omega = _wheels(g, self.config.robot.wheel_base_m)
             wheels = v * self.config.physics_step_s, 0.0, omega * self.config.physics_step_s
-        self._odometry.count(before, self.pose, wheels)
-        _believe(g, self.pose, self._odometry.believed(self.pose))
+        self._odometry.count(start, self.pose, wheels)
+        _converge_to(g, self.pose, self._odometry.believed(self.pose))
         ended = int(g["nav_result"]), int(g["nav_result_goal"])
         g["nav_result"] = navigator.NO_RESULT
         return ended if ended[0] != navigator.NO_RESULT else (navigator.NO_RESULT, -1)
 
 
 def bumps(robot: SimulatedRobot) -> list[float]:
-    """Where walls touch the body, as angles from its heading, rad."""
+    """Return the directions of walls that touch the body, rad from its heading."""
     x, y, heading = robot.pose
     reach = robot.config.robot.radius_m + _TOUCH_M
     if robot.grid.clearance[robot.grid.to_cell(x, y)[::-1]] > reach + 2.0 * robot.grid.resolution:
@@ -313,25 +314,25 @@ def bumps(robot: SimulatedRobot) -> list[float]:
 
 
 def _wheels(g: Any, wheel_base_m: float) -> tuple[float, float]:
-    """Speed (m/s) and turn rate (rad/s) by the wheels."""
+    """Return speed (m/s) and turn rate (rad/s) of the wheels."""
     left, right = float(g["left"]), float(g["right"])
     return 0.5 * (left + right), (right - left) / wheel_base_m
 
 
-def _stand(g: Any, spaces: Spaces, at: Pose) -> None:
-    """Put the robot there, at rest; its wheels may turn."""
+def _place_at_rest(g: Any, spaces: Spaces, at: Pose) -> None:
+    """Place the robot at a pose, at rest; its wheels may turn."""
     spaces.leave(np.zeros(1, dtype=np.int64))
     place_body(g, at[0], at[1])
     g["x"], g["y"], g["vx"], g["vy"], g["heading"] = at[0], at[1], 0.0, 0.0, at[2]
 
 
 def _filtered(g: Any, pose: Pose) -> Pose:
-    """Where the filter converges to."""
+    """Return the pose to which the filter converges."""
     return pose[0] + float(g["bias_x"]), pose[1] + float(g["bias_y"]), pose[2] + float(g["bias_heading"])
 
 
-def _believe(g: Any, pose: Pose, believed: Pose | None) -> None:
-    """The filter converges to ``believed``, and its error moves with that; None: nothing changes."""
+def _converge_to(g: Any, pose: Pose, believed: Pose | None) -> None:
+    """Let the filter converge to ``believed`` and move its error accordingly (None: no change)."""
     if believed is None:
         return
     _set_bias(g, (believed[0] - pose[0], believed[1] - pose[1], wrap(believed[2] - pose[2])))
@@ -339,7 +340,7 @@ def _believe(g: Any, pose: Pose, believed: Pose | None) -> None:
 
 
 def _set_bias(g: Any, bias: Pose) -> None:
-    """The filter converges so far beside the truth; what its error is beyond that stays."""
+    """Let the filter converge to the true pose plus ``bias``; the rest of its error stays."""
     for name, now in zip(("x", "y", "heading"), bias, strict=True):
         g[f"error_{name}"] += now - g[f"bias_{name}"]
         g[f"bias_{name}"] = now

@@ -1,4 +1,4 @@
-"""The state of N games, arrays of which row i is game i's: what was decided in their rounds, and their levels."""
+"""State of N games in arrays with one row per game, the history of their decisions, and their levels."""
 
 from typing import Any, NamedTuple
 
@@ -19,21 +19,21 @@ from .ghosts import Ghosts
 from .parameters import GAME
 from .ticks import TickArrays
 
-_ROOM = 1024  # decisions to begin with
-_OWN_RULES = "games", "alive", "waits", "aborts"  # of ``kernels.RuleArrays``: those with a row for each game
+_ROOM = 1024  # initial capacity for decisions
+_OWN_RULES = "games", "alive", "waits", "aborts"  # fields of ``kernels.RuleArrays`` with a row for each game
 
 
 class GameState:
-    """N games under one configuration.
+    """Arrays of N games under one configuration.
 
     Attributes:
-        rules: arrays by name, as :class:`kernels.RuleArrays` declares them.
-        arrays: likewise of :class:`ticks.TickArrays`.
+        rules: arrays by name, declared in :class:`kernels.RuleArrays`.
+        arrays: arrays by name, declared in :class:`ticks.TickArrays`.
         games: (N,) records of type ``GAME``.
-        alive: (N, P) bool, the pellets that are left.
+        alive: (N, P) bool, the remaining pellets.
         paths: (N, L, 2) m, the plans that the robots follow.
         reward: (N,) since the last decision; with ``terminated``, ``truncated`` (N,) bool and ``elapsed_s`` (N,).
-        completed_s: (N,) how long a round was that another followed in the last step.
+        completed_s: (N,) duration in s of a round that was completed in the last step of an endless game, else 0.
         summary: (len(SUMMARY), N) int64, written with each situation (``kernels.SUMMARY``).
     """
 
@@ -55,52 +55,54 @@ class GameState:
 
     @property
     def ghosts(self) -> NDArray[Any]:
-        """(N, G) records of type ``GHOST``."""
+        """Records (N, G) of type ``GHOST``."""
         return self._ghosts.state
 
     @property
     def ghost_paths(self) -> NDArray[np.int32]:
-        """(N, G, L) cells of the path that each ghost is on."""
+        """Cells (N, G, L) of each ghost's path."""
         return self._ghosts.paths
 
     @property
     def obstacles(self) -> NDArray[np.float64]:
-        """(N, G, 3) where the ghosts are seen, m."""
+        """Observed positions (N, G, 3) of the ghosts, m."""
         return self._ghosts.obstacles
 
     @property
     def bodies(self) -> NDArray[np.float64]:
-        """(N, 4) where the robots' bodies are, m, and their velocities, m/s, after the last physics step."""
+        """Positions (m) and velocities (m/s) of the robots' bodies (N, 4) after the last physics step."""
         return np.stack([self.games[name] for name in ("body_x", "body_y", "body_vx", "body_vy")], axis=1)
 
     def moment(self, game: int) -> Moment:
-        """What :class:`~pacman_env.game.decisions.LastDecision` has to know of one game now."""
+        """Return the present moment of a game for :class:`~pacman_env.game.decisions.LastDecision`."""
         g, time_s = self.games[game], float(self.games["tick"][game]) * self.config.execution.tick_s
         return Moment(time_s, int(g["pursued"]), (int(g["round"]), int(g["collected"])), float(g["distance"]))
 
 
 class RoundSoFar(NamedTuple):
+    """The start of a round and its decisions so far, for replaying it."""
+
     game: int
     level: int
-    began: Any  # the record that the round began with, and its first seed
-    reseeded: tuple[tuple[int, int], ...]  # at which tick the rest of the round has been given which seed
+    began: Any  # first record of the round, with its seed
+    reseeded: tuple[tuple[int, int], ...]  # (tick, seed) of each reseeding
     decisions: NDArray[Any]  # (T,) or (T, 2)
-    ghost_choices: NDArray[np.int32]  # (T, G); (0, G) where no ghost is sent from outside
+    ghost_choices: NDArray[np.int32]  # (T, G); (0, G) if no ghost is controlled by a policy
 
 
 class History:
-    """The decisions of N games by tick, written by kernels; ``sent``: ghosts are sent from outside."""
+    """Decisions of N games by tick, written by kernels; with ``sent``, also the choices of ghost policies."""
 
     def __init__(self, n: int, ghosts: int, sent: bool, config: Config) -> None:
         velocity = config.action == "velocity"
         self.decisions = np.zeros((n, _ROOM, 2) if velocity else (n, _ROOM), np.float64 if velocity else np.int16)
         self.ghost_choices = np.zeros((n, _ROOM if sent else 0, ghosts), np.int32)
         self.began = np.zeros(n, dtype=GAME)
-        self.reseeded: dict[int, tuple[tuple[int, int], ...]] = {}  # by game, as in RoundSoFar
-        self._certain = 0  # so many more ticks have room in every game
+        self.reseeded: dict[int, tuple[tuple[int, int], ...]] = {}  # by game, see RoundSoFar
+        self._certain = 0  # number of ticks that certainly fit in every game
 
     def make_room(self, games: NDArray[Any], ticks: int = 1) -> bool:
-        """For so many more ticks in every game; True if the arrays are others now."""
+        """Reserve space for ``ticks`` more ticks in every game; return True if the arrays were replaced."""
         if self._certain >= ticks:
             self._certain -= ticks
             return False
@@ -115,7 +117,7 @@ class History:
         return longer
 
     def begin(self, index: NDArray[np.int64], seeds: NDArray[np.uint64], records: NDArray[Any]) -> None:
-        """Rounds begin in the games ``index`` (M,) with these seeds and records (M,)."""
+        """Record the start of rounds in the games ``index`` (M,) with their seeds and records (M,)."""
         self.began[index] = records
         self.began["seed"][index] = seeds
         if self.reseeded:
@@ -127,7 +129,7 @@ class History:
         return RoundSoFar(game, level, self.began[game].copy(), self.reseeded.get(game, ()), *decided)
 
     def resume(self, games: NDArray[Any], rounds: list[RoundSoFar]) -> bool:
-        """Keep the rounds as those of their games, whose records are ``games`` (N,); True as by :meth:`make_room`."""
+        """Set the rounds of some games, given all records ``games`` (N,); return True if the arrays were replaced."""
         self._certain = 0
         replaced = self.make_room(games)
         for r in rounds:
@@ -140,11 +142,13 @@ class History:
         return replaced
 
 
-_MOST_AHEAD = 64  # levels, of some 4 MB each
-_NONE = -1  # in place of a slot, before the first round
+_MOST_AHEAD = 64  # levels, of about 4 MB each
+_NONE = -1  # instead of a slot, before the first round
 
 
 class GameLevels:
+    """Levels of N games and the slots that they occupy."""
+
     def __init__(self, source: LevelSource, config: Config, n: int, threads: Threads) -> None:
         self.source = source
         self.levels = LevelSlots(source.slots(n), source.sizes(), config)
@@ -162,7 +166,7 @@ class GameLevels:
         return self.source.first if slot == _NONE else self.levels.level(slot).assets
 
     def walls_of(self, game: int) -> NDArray[np.float64]:
-        """(S, 4) of the map that a running game is played on, m."""
+        """Return the wall segments (S, 4) in m of a running game's map."""
         return self.levels.level(self.slots[game]).walls
 
     def expect(self, seeds: NDArray[np.uint64]) -> None:
@@ -176,7 +180,7 @@ class GameLevels:
             self._ahead.ask(levels)
 
     def change(self, index: NDArray[np.int64], levels: NDArray[np.int64]) -> None:
-        """Put each of the games ``index`` (M,) on another of ``levels`` (M,); a MapError changes nothing."""
+        """Move the games ``index`` (M,) to ``levels`` (M,); a MapError changes nothing."""
         missing = [level for level in dict.fromkeys(levels.tolist()) if not self.levels.has(level)]
         if len(missing) > 1:
             self._prepare_ahead(missing)
@@ -187,13 +191,13 @@ class GameLevels:
             if self.slots[i] != _NONE:
                 self.levels.release(self.slots[i])
         for i, level in zip(index.tolist(), levels.tolist(), strict=True):
-            known = self.levels.has(level)
+            cached = self.levels.has(level)
             self.slots[i] = self.levels.take(level, lambda number: prepared.get(number) or self.source.prepare(number))
-            if not known:
+            if not cached:
                 self.spaces.forget(self.slots[i])
 
     def enter(self, index: NDArray[np.int64], records: NDArray[Any]) -> None:
-        """Rounds begin in the games ``index`` (M,): write the level's slot and size into their records (M,)."""
+        """Write slot and size of the levels to the ``records`` (M,) of the games ``index`` (M,) that start a round."""
         for k, i in enumerate(index.tolist()):
             if self.slots[i] == _NONE:
                 self.slots[i] = 0

@@ -1,4 +1,4 @@
-"""Ticks of games in one call, game after game, so that what a game touches stays in the cache for the whole tick."""
+"""Play ticks of many games in one call, game by game, so that the data of a game stays in the CPU cache for a tick."""
 
 from typing import Any, NamedTuple
 
@@ -18,21 +18,21 @@ from . import ghosts, kernels
 from .parameters import LAST_DECISION, REWARDS
 
 ASLEEP, ONE_TICK, UNTIL_DUE = range(3)
-#: What a call of :func:`play` is for.
+#: Options of a call of :func:`play`.
 CONTROL = np.dtype(
     [
         ("resume", np.int64),  # continue in the middle of ticks
         ("fresh", np.int64),  # the first tick of a decision
-        ("by_hand", np.int64),  # the velocities are commands, whatever the actions are
-        ("watch", np.int64),  # see when the next decision is due
-        ("ticks", np.int64),  # at most
-        ("until", np.int64),  # physics steps to do of a tick; one more than it has: to its end
+        ("by_hand", np.int64),  # drive by ``velocities``, whatever the action type is
+        ("watch", np.int64),  # stop when the next decision is due
+        ("ticks", np.int64),  # maximum number
+        ("until", np.int64),  # physics steps to play of a tick; one more than it has: finish the tick
     ]
 )
 
 
 class SpaceArrays(NamedTuple):
-    """``physics.Spaces.arrays``, S of them for N robots."""
+    """Arrays of ``physics.Spaces`` (S spaces for N robots)."""
 
     table: Any = Array(np.int64, "S 5")
     given: Any = Array(np.float64, "S g")
@@ -44,20 +44,20 @@ class SpaceArrays(NamedTuple):
 
 
 class TickArrays(NamedTuple):
-    """What :func:`play` works on. Of choices and velocities only the actions are remembered, the other has no ticks."""
+    """Arrays of :func:`play`. Only one of ``decisions`` and ``driven`` has room, depending on the action type."""
 
     rules: Any = kernels.RuleArrays
     spaces: Any = SpaceArrays
     search: Any = SearchArrays
-    ghosts: Any = Array(np.int64, "n")  # the numbers of the ghosts' table
+    ghosts: Any = Array(np.int64, "n")  # table of ``ghosts.GhostArrays``
     rewards: Any = Array(REWARDS, "1")
     control: Any = Array(CONTROL, "1")
     last_decision: Any = Array(LAST_DECISION, "N")
-    paths: Any = Array(np.float32, f"N {PATH_POINTS} 2")  # m, the plan that the controller follows
+    paths: Any = Array(np.float32, f"N {PATH_POINTS} 2")  # m, plan that the controller follows
     choices: Any = Array(np.int64, "N")
     velocities: Any = Array(np.float64, "N 2")  # m/s, rad/s
-    decisions: Any = Array(np.int16, "N t")  # the choice at each tick of the round
-    driven: Any = Array(np.float64, "N t 2")  # the velocities at each tick of the round
+    decisions: Any = Array(np.int16, "N t")  # choice at each tick of the round
+    driven: Any = Array(np.float64, "N t 2")  # velocities at each tick of the round
     reward: Any = Array(np.float64, "N")  # since the last decision, discounted
     elapsed_s: Any = Array(np.float64, "N")  # since the last decision
     terminated: Any = Array(np.bool_, "N")
@@ -65,20 +65,22 @@ class TickArrays(NamedTuple):
 
 
 class ChoiceArrays(NamedTuple):
+    """Arrays of :func:`choose`."""
+
     actions: Any = Array(np.int64, "N")
     mask: Any = Array(np.bool_, "N C")
-    listed: Any = Array(np.int64, "N k")  # candidates that actions stand for, -1: none; k = 0: themselves
+    listed: Any = Array(np.int64, "N k")  # candidate of each action, -1: none; k = 0: actions are candidates
     choices: Any = Array(np.int64, "N")
     last_decision: Any = Array(LAST_DECISION, "N")
 
 
 _arrays, _choice_arrays = arrays_by_address(TickArrays), arrays_by_address(ChoiceArrays)
-BEGIN, _STEP, MOVE = range(3)  # stages of a tick: it begins, a physics step does, its body is to be moved
+BEGIN, _STEP, MOVE = range(3)  # next stage of a tick: its start, a physics step, moving the body
 
 
 @table_kernel
 def choose(table, first, last):  # type: ignore[no-untyped-def]
-    """Turn actions into choices; the robot holds where an action stands for no candidate."""
+    """Convert actions to choices; the robot holds if an action stands for no candidate."""
     a = _choice_arrays(table)
     candidates = a.mask.shape[1]
     for i in range(first, last):
@@ -96,9 +98,10 @@ def choose(table, first, last):  # type: ignore[no-untyped-def]
 
 @table_kernel
 def play(table, first, last):  # type: ignore[no-untyped-def]
-    """Ticks of the games from ``first`` to ``last`` under ``control``; those that have ended or sleep stand still.
+    """Play ticks of the games ``first`` to ``last`` under ``control``; games that have ended or sleep stand still.
 
-    Returns how many wait for a space, in the stage ``MOVE``; -1 - i if the function of a ghost of game i raised.
+    Returns the number of games that wait for a physics space in the stage ``MOVE``, or -1 - i if a ghost's behaviour
+    raised an error in game i.
     """
     a = _arrays(table)
     rules, paths, control, choices = a.rules, a.paths, a.control[0], a.choices
@@ -120,7 +123,7 @@ def play(table, first, last):  # type: ignore[no-untyped-def]
         if control.resume or d.awake:
             level = level_arrays(rules.levels[g.level])
             cells = (level.affine, level.snap, level.steps, level.cell_xy)
-            here = (*cells, level.length_cm, level.next_step)
+            nav = (*cells, level.length_cm, level.next_step)
             for _ in range(control.ticks):
                 if g.stage == BEGIN:
                     g.tick_pellets = 0
@@ -142,8 +145,8 @@ def play(table, first, last):  # type: ignore[no-untyped-def]
                         if g.step % p.clyde_steps == 0:
                             ghosts.move(ghost_table, i)
                         if navigator.plan_due(g, g.step):
-                            navigator.plan(g, i, paths, rules.obstacles[i], p, level.plan_end, here, a.search)
-                        if g.substep == 0:  # the pose was already copied when the tick before ended
+                            navigator.plan(g, i, paths, rules.obstacles[i], p, level.plan_end, nav, a.search)
+                        if g.substep == 0:  # the last tick already copied the pose at its end
                             refresh_heading(g)
                         else:
                             kernels.sense(g, p)

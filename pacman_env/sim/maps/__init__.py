@@ -1,1 +1,1 @@
-"""The arrays computed once per map, and the maps that the games of a batch are played on."""
+"""Arrays computed once per map, and the maps on which the games of a batch are played."""

@@ -1,4 +1,4 @@
-"""Everything computed once per map and configuration; kept in the process, path fields on disk by the map's hash."""
+"""Compute everything that depends only on map and configuration; cache it in memory, and path fields on disk."""
 
 import collections
 import contextlib
@@ -29,38 +29,38 @@ from ...world.navigation.paths import NO_STEP, UNREACHABLE_CM, PathFields
 from .ghost_cells import ClydeCells, clyde_cells, nearest_positions
 
 MapSource = str | os.PathLike[str] | OccupancyMap
-MAX_PELLETS = 1000  # the paths from each to each are kept
-_KEEP = 16  # maps kept in the process
-_NEAR_M = 1.0  # a goal farther than this from every cell of theirs is no place to send a ghost to
-#: In units of half the part's extent: Clyde's arcade corner is the lower left one, Blinky's the upper right.
+MAX_PELLETS = 1000  # the memory for paths grows with the number of pellets
+_KEEP = 16  # maps cached in memory
+_NEAR_M = 1.0  # a ghost can only be sent to goals within this distance of its cells
+#: In units of half the area's extent: Clyde's arcade corner is the lower left one, Blinky's the upper right.
 _CORNERS = ((-1, -1), (1, 1), (-1, 1), (1, -1))
 
 
 class GhostTargets(NamedTuple):
-    """Cells of the ghosts' part that connects to the robot's area, for ghosts to be sent to."""
+    """Target cells for ghosts, in the ghosts' connected part that overlaps the robot's area."""
 
-    snap: NDArray[np.int32]  # (H, W) of the drive grid: the nearest cell
-    place: NDArray[np.int32]  # (G,) the cell nearest to each goal, -1: too far away
+    snap: NDArray[np.int32]  # (H, W) nearest cell of each drive-grid cell
+    place: NDArray[np.int32]  # (G,) cell nearest to each goal, -1: too far away
 
 
 @dataclass(frozen=True, eq=False)
 class MapAssets:
-    """One map, ready to be played on. G goals: P pellets, then R refuges."""
+    """A map prepared for play, with G goals: P pellets, then R refuges."""
 
     occupancy: OccupancyMap
     grid: DriveGrid
     clyde: ClydeCells
-    clyde_part: int  # the ghosts' part that lies in the robot's area
-    spawn_cells: NDArray[np.int32]  # the cells that ghosts may start from
-    clyde_drive: NDArray[np.int32]  # (K,) drivable cell under each of the ghosts', -1: outside the robot's area
-    pellet_ids: NDArray[np.int64]  # (P,) as the game numbers them
+    clyde_part: int  # the ghosts' connected part that overlaps the robot's area
+    spawn_cells: NDArray[np.int32]  # cells where ghosts may start
+    clyde_drive: NDArray[np.int32]  # (K,) drivable cell under each ghost cell, -1: outside the robot's area
+    pellet_ids: NDArray[np.int64]  # (P,) pellet numbers of the game
     dropped_ids: NDArray[np.int64]  # pellets of the game that the robot cannot reach
     goal_xy: NDArray[np.float64]  # (G, 2) m
     goal_cell: NDArray[np.int32]  # (G,) drivable cell, -1: none within Nav2's tolerance
     cell_xy: NDArray[np.float32]  # (K, 2) m
-    length_cm: NDArray[np.uint16]  # (K, G) path length to each goal: one row is one place
-    next_step: NDArray[np.int16]  # (G, K) next cell towards each goal, as a difference of numbers
-    goal_apart_m: NDArray[np.float32]  # (G,) how near a ghost's centre can come to each goal
+    length_cm: NDArray[np.uint16]  # (K, G) path length from each cell to each goal
+    next_step: NDArray[np.int16]  # (G, K) next cell towards each goal, as a difference of cell numbers
+    goal_apart_m: NDArray[np.float32]  # (G,) smallest distance of a ghost's centre to each goal
 
     @property
     def pellets(self) -> int:
@@ -80,7 +80,7 @@ class MapAssets:
 
     @functools.cached_property
     def ghost_corner(self) -> NDArray[np.int32]:
-        """(4,) cell of each ghost's corner in the robot's area."""
+        """Cell of each ghost's corner (4,), in the robot's area."""
         cells = self.clyde.cells_in(self.clyde_part)
         position = self.clyde.position[cells]
         low, high = (np.array([end(position[:, 0]), end(position[:, 1])]) for end in (np.min, np.max))
@@ -93,7 +93,7 @@ _lock = threading.Lock()
 
 
 def configuration_key(config: Config) -> str:
-    """A text of the settings that change how a map is prepared, and of the sources that prepare it."""
+    """Return a text with all settings that change how a map is prepared, and with the hash of the sources."""
     relevant = {
         "inscribed": config.robot.inscribed_radius_m,
         "inflation": [config.nav2.inflation_radius_m, config.nav2.inflation_scale],
@@ -111,7 +111,7 @@ def _key(occupancy: OccupancyMap, config: Config, home: tuple[float, float, floa
 
 
 def map_assets(source: MapSource, config: Config, home: tuple[float, float, float] | None = None) -> MapAssets:
-    """The assets of a map under a configuration; ``home`` None: the configuration's. Raises MapError, ConfigError."""
+    """Return the assets of a map; ``home`` None means ``config.home``. Raises MapError, ConfigError."""
     occupancy = source if isinstance(source, OccupancyMap) else load_map(source)
     home = config.home if home is None else home
     if home is not None:
@@ -120,9 +120,9 @@ def map_assets(source: MapSource, config: Config, home: tuple[float, float, floa
     with _lock:
         if key in _assets:
             _assets.move_to_end(key)
-            # The same content under another name is the same work, but keeps its name.
-            known = _assets[key]
-            return known if known.occupancy.name == occupancy.name else replace(known, occupancy=occupancy)
+            # A map with the same content and another name shares the arrays and keeps its name.
+            same = _assets[key]
+            return same if same.occupancy.name == occupancy.name else replace(same, occupancy=occupancy)
         assets = _build(occupancy, config, home, key)
         _assets[key] = assets
         while len(_assets) > _KEEP:
@@ -131,16 +131,16 @@ def map_assets(source: MapSource, config: Config, home: tuple[float, float, floa
 
 
 def prepare_map(occupancy: OccupancyMap, config: Config, home: tuple[float, float, float] | None = None) -> MapAssets:
-    """As :func:`map_assets`, for a map that is played on once: nothing is kept; threads may prepare different maps."""
+    """Return the assets of a map without caching them, for a map that is played once; safe to call from threads."""
     _keep_freed_memory()
     return _build(occupancy, config, None if home is None else _pose(home, occupancy.name), None)
 
 
 @functools.cache
 def _keep_freed_memory() -> None:
-    """Free one large array: from then on glibc keeps up to 62 MB of freed memory for the next arrays.
+    """Make glibc keep up to 62 MB of freed memory for later arrays, by freeing one large array.
 
-    Getting the memory of one house after the other from the system takes an eighth of the time of preparing them.
+    Otherwise an eighth of the time for preparing houses is spent on requesting memory from the system.
     """
     np.empty(31 << 20, dtype=np.uint8)
 
@@ -158,7 +158,7 @@ def _pose(home: tuple[float, float, float], name: str) -> tuple[float, float, fl
 def _build(
     occupancy: OccupancyMap, config: Config, home: tuple[float, float, float] | None, key: str | None
 ) -> MapAssets:
-    """Compute everything; with a key, the path fields are loaded from disk or kept there."""
+    """Compute the assets of a map; with a key, the path fields are loaded from the disk cache or stored there."""
     grid = build_grid(occupancy, config.robot, config.nav2, config.pellets, home)
     pellets = generate_pellets(occupancy, config.pellets)
     if len(pellets) > MAX_PELLETS:
@@ -178,12 +178,12 @@ def _build(
     if shared.max() == 0:
         raise MapError(f"{occupancy.name}: no place of the robot's area is wide enough for Clyde")
     part = int(shared.argmax())
-    known = grid.path_fields()
-    refuge_xy = choose_refuges(grid, clyde, part, config.refuges, known)
+    fields_of_grid = grid.path_fields()
+    refuge_xy = choose_refuges(grid, clyde, part, config.refuges, fields_of_grid)
     tolerance = config.nav2.unreachable_tolerance_m
     refuge_cells = [grid.nearest_cell(x, y, tolerance) for x, y in refuge_xy]
     goal_cell = np.concatenate([cells[keep], np.array(refuge_cells, dtype=np.int32)]).astype(np.int32)
-    names, compute = ("length_cm", "next_step"), lambda: path_fields(grid, goal_cell, known)
+    names, compute = ("length_cm", "next_step"), lambda: path_fields(grid, goal_cell, fields_of_grid)
     fields = compute() if key is None else cached_arrays(key, names, compute)
     goal_xy = np.concatenate([pellets.position[keep], refuge_xy])
     reached = clyde.position[clyde.cells_in(part)].astype(np.float32)
@@ -207,7 +207,7 @@ def _build(
 
 
 def path_fields(grid: DriveGrid, goal_cell: NDArray[np.int32], fields: PathFields | None = None) -> dict[str, NDArray]:
-    """``length_cm`` and ``next_step`` of all goals; a goal without a cell (-1) is unreachable from everywhere."""
+    """Return ``length_cm`` and ``next_step`` for all goals; a goal without a cell (-1) is unreachable."""
     count, goals = len(grid.cell), len(goal_cell)
     length_cm = np.empty((goals, count), dtype=np.uint16)
     next_step = np.empty((goals, count), dtype=np.int16)
@@ -220,7 +220,7 @@ def path_fields(grid: DriveGrid, goal_cell: NDArray[np.int32], fields: PathField
 def choose_refuges(
     grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig, fields: PathFields | None = None
 ) -> NDArray[np.float64]:
-    """Places (R, 2) in m: the home pose, up to ``nooks`` nooks, up to ``spread`` places far from these."""
+    """Return refuges (R, 2) in m: the home position, up to ``nooks`` nooks, up to ``spread`` places far from these."""
     home = grid.nearest_cell(grid.home[0], grid.home[1], 1.0)
     nooks = _nooks(grid, clyde, part, config)
     spread = _spread(grid, fields or grid.path_fields(), [home, *nooks], config)
@@ -230,7 +230,7 @@ def choose_refuges(
 
 
 def _spread(grid: DriveGrid, fields: PathFields, given: list[int], config: RefugeConfig) -> list[int]:
-    """Farthest-point sampling by path length, from the given cells on."""
+    """Return cells by farthest-point sampling with path lengths, starting from the given cells."""
     if config.spread == 0:
         return []
     clearance = grid.clearance[grid.cell[:, 1], grid.cell[:, 0]]
@@ -251,7 +251,7 @@ def _spread(grid: DriveGrid, fields: PathFields, given: list[int], config: Refug
 
 @kernel
 def _come_nearer(nearest, length_cm, roomy):  # type: ignore[no-untyped-def]
-    """Lower ``nearest`` to the path lengths to one more place; the roomy cell that is then farthest away."""
+    """Lower ``nearest`` to the path lengths to one more place, and return the roomy cell that is then farthest."""
     farthest, most = 0, -1
     for k in range(len(nearest)):
         nearest[k] = min(nearest[k], length_cm[k])
@@ -261,7 +261,7 @@ def _come_nearer(nearest, length_cm, roomy):  # type: ignore[no-untyped-def]
 
 
 def _numbers_on(grid: DriveGrid, clyde: ClydeCells, part: int) -> NDArray[np.int32]:
-    """Return (H, W) the number of the ghosts' cell of that part in each cell of the grid, -1: none."""
+    """Return the number (H, W) of the ghost cell of a connected part in each grid cell, -1: none."""
     number = np.full(grid.shape, -1, dtype=np.int32)
     _put(number, grid.affine, clyde.position, clyde.cells_in(part))
     return number
@@ -279,11 +279,11 @@ def _put(number, affine, position, cells):  # type: ignore[no-untyped-def]
 
 
 def _nooks(grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig) -> list[int]:
-    """The cell farthest from ghosts in each of the largest patches that they cannot come near."""
+    """Return the cell farthest from ghosts in each of the largest patches that ghosts cannot come near."""
     if config.nooks == 0:
         return []
     distance = clearance_m(_numbers_on(grid, clyde, part) < 0, grid.resolution)
-    # A ghost's positions and cell centres can be half a cell's diagonal apart.
+    # A ghost can be half a cell's diagonal away from a cell centre.
     safe = (distance >= config.nook_clearance_m + grid.resolution * math.sqrt(0.5)) & (grid.cell_id >= 0)
     labels, areas = connected_parts(safe)
     number, patch, distance = grid.cell_id[safe], labels[safe], distance[safe]
@@ -292,26 +292,26 @@ def _nooks(grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig) 
 
 
 Arrays = dict[str, NDArray]
-KEEP_BYTES = 2 << 30  # of arrays on disk; a house takes 2 to 5 MB, the largest real maps 300 MB
+KEEP_BYTES = 2 << 30  # arrays on disk; a house takes 2 to 5 MB, the largest real maps 300 MB
 
 
 def cached_arrays(key: str, names: tuple[str, ...], compute: Callable[[], Arrays]) -> Arrays:
-    """The arrays ``names`` kept under ``key``, a digest of all that they depend on; else computed and kept."""
+    """Load the arrays ``names`` from the disk cache or compute and store them; ``key`` is a hash of all inputs."""
     try:
         folder = cache_dir() / "maps" / key
-        # copy-on-write keeps the file and lets every process share its pages
+        # copy-on-write protects the file and lets processes share its pages
         arrays = {n: np.asarray(np.load(folder / f"{n}.npy", mmap_mode="c", allow_pickle=False)) for n in names}
-    except (OSError, ValueError, EOFError):  # the last: an empty file
+    except (OSError, ValueError, EOFError):  # EOFError: an empty file
         arrays = compute()
         _store(key, arrays)
     else:
         with contextlib.suppress(OSError):
-            os.utime(folder)  # used now: pruned last
+            os.utime(folder)  # mark as recently used
     return arrays
 
 
 def prune(root: Path, keep_bytes: int) -> None:
-    """Remove the folders that were written longest ago, beyond so many bytes; the newest stays."""
+    """Remove the oldest folders until at most ``keep_bytes`` bytes remain; the newest folder always stays."""
     with contextlib.suppress(OSError):
         folders = sorted((f for f in root.iterdir() if f.is_dir()), key=lambda f: f.stat().st_mtime, reverse=True)
         total = 0
@@ -322,11 +322,11 @@ def prune(root: Path, keep_bytes: int) -> None:
 
 
 def _store(key: str, arrays: Arrays) -> None:
-    """Keep arrays, readable for all who can read the cache; warns once if it cannot be written."""
+    """Store arrays in the disk cache, readable for all users; warn once if the cache cannot be written."""
     temporary = None
     try:
         folder = cache_dir() / "maps" / key
-        temporary = folder.with_name(f".new-{uuid.uuid4().hex}")  # others can read it, unlike a folder of tempfile's
+        temporary = folder.with_name(f".new-{uuid.uuid4().hex}")  # readable for others, unlike folders of tempfile
         temporary.mkdir(parents=True)
         for name, array in arrays.items():
             np.save(temporary / f"{name}.npy", array, allow_pickle=False)
@@ -336,5 +336,5 @@ def _store(key: str, arrays: Arrays) -> None:
     except OSError as error:
         if temporary is not None:
             shutil.rmtree(temporary, ignore_errors=True)
-        if error.errno not in (errno.EEXIST, errno.ENOTEMPTY):  # another process has kept the same at this moment
+        if error.errno not in (errno.EEXIST, errno.ENOTEMPTY):  # another process has just stored the same arrays
             warn_unkept(error)

@@ -1,6 +1,6 @@
-"""The cells where ghosts can be, free with a square clearance, and the shortest paths between them (Algorithm 2).
+"""Cells where ghosts can be (free, with a square clearance), and shortest paths between them (Algorithm 2).
 
-A* goes to 8 neighbours without corner cutting; exact distances from landmarks guide it and leave paths as short.
+A* moves to 8 neighbours without cutting corners. Exact distances to landmarks guide it; paths stay shortest.
 """
 
 import math
@@ -20,7 +20,7 @@ from ...world.navigation.grid import connected_parts
 STRAIGHT, DIAGONAL = 70, 99  # step costs; 99 / 70 is within 0.01 % of the square root of 2
 _LANDMARKS = 6
 _AT_LANDMARKS, _AT_PIXEL = 8, 14  # columns of the search graph
-_WITH_LANDMARKS = 2000  # cells of a part
+_WITH_LANDMARKS = 2000  # smallest part with landmarks, cells
 _FAR = 2**30
 
 #: Column and row offset of the 8 steps, by angle; rows count from the top of the image.
@@ -29,40 +29,42 @@ _STEPS = np.array([(1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1), (0, 1),
 
 @dataclass(frozen=True, eq=False)
 class ClydeCells:
+    """The ghost cells of a map."""
+
     resolution: float
     position: NDArray[np.float64]  # (K, 2) m
-    graph: NDArray[np.int32]  # (K, 16) the search's view of a cell, in one cache line: see the properties
-    part: NDArray[np.int32]  # (K,) connected part, numbered by falling size
+    graph: NDArray[np.int32]  # (K, 16) data of the path search, one cache line per cell: see the properties
+    part: NDArray[np.int32]  # (K,) connected part, the largest is 0
     part_start: NDArray[np.int64]  # (parts + 1,) into part_cells
     part_cells: NDArray[np.int32]  # (K,) cells sorted by part
-    longest: int  # cells of the longest path that can occur
+    longest: int  # upper bound of the number of cells of a path
 
     @property
     def neighbours(self) -> NDArray[np.int32]:
-        """(K, 8) cell numbers by step, -1: not allowed."""
+        """Cell reached by each step (K, 8), -1: not allowed."""
         return self.graph[:, :_AT_LANDMARKS]
 
     @property
     def landmark(self) -> NDArray[np.int32]:
-        """(K, 6) cost to each landmark of the cell's part."""
+        """Cost to each landmark of the cell's part (K, 6)."""
         return self.graph[:, _AT_LANDMARKS:_AT_PIXEL]
 
     @property
     def pixel(self) -> NDArray[np.int32]:
-        """(K, 2) column u and row v of the map's image."""
+        """Column u and row v in the map image (K, 2)."""
         return self.graph[:, _AT_PIXEL:]
 
     def cells_in(self, part: int) -> NDArray[np.int32]:
         return self.part_cells[self.part_start[part] : self.part_start[part + 1]]
 
     def nearest(self, x: float, y: float, part: int | None = None) -> tuple[int, float]:
-        """Return the cell nearest to a place, m, of one part or of all, and its distance in m."""
+        """Return the cell nearest to (x, y), m, in one part or in all (None), and its distance in m."""
         cells = np.arange(len(self.part)) if part is None else self.cells_in(part)
-        (found,), (square,) = nearest_positions(self.position[cells], np.array([(x, y)]))
-        return int(cells[found]), math.sqrt(square)
+        (index,), (square,) = nearest_positions(self.position[cells], np.array([(x, y)]))
+        return int(cells[index]), math.sqrt(square)
 
     def start_cells(self, config: ClydeConfig, part: int, places: Iterable[tuple[float, float]]) -> NDArray[np.int32]:
-        """Cells where a ghost may start: ``spawn_distance_m`` from all the places, m; if none are, the farthest one."""
+        """Return the cells at least ``spawn_distance_m`` from all places (m), or the farthest one if there are none."""
         cells = self.cells_in(part) if config.spawn == "connected" else self.part_cells
         nearest = _distances(self.position, cells, np.array(list(places), dtype=np.float64).reshape(-1, 2))
         far = cells[nearest >= config.spawn_distance_m]
@@ -70,7 +72,7 @@ class ClydeCells:
 
 
 def clyde_cells(occupancy: FreeSpace, config: ClydeConfig, free_grey: int) -> ClydeCells:
-    """The ghosts' cells of a map. Raises ConfigError if there is none with that clearance."""
+    """Return the ghost cells of a map. Raises ConfigError if no cell has the clearance ``config.clearance_m``."""
     free = occupancy.game_free(free_grey).astype(np.uint8)
     reach = int(config.clearance_m / occupancy.resolution + 1e-9)
     kernel_size = (2 * reach + 1, 2 * reach + 1)
@@ -94,7 +96,7 @@ def clyde_cells(occupancy: FreeSpace, config: ClydeConfig, free_grey: int) -> Cl
 
 @kernel
 def nearest_positions(position, places):  # type: ignore[no-untyped-def]
-    """For each place the number of the nearest position, the first of equal ones, and the square of its distance."""
+    """Return the index of the position nearest to each place (the first one in a tie) and its squared distance."""
     nearest, least = np.zeros(len(places), np.int64), np.full(len(places), np.inf)
     for k in range(len(places)):
         for i in range(len(position)):
@@ -109,8 +111,8 @@ def _distances(position, cells, places):  # type: ignore[no-untyped-def]
     distance = np.full(len(cells), np.inf)
     for x, y in places:
         for i in range(len(cells)):
-            away = math.hypot(position[cells[i], 0] - x, position[cells[i], 1] - y)
-            distance[i] = min(distance[i], away)
+            length = math.hypot(position[cells[i], 0] - x, position[cells[i], 1] - y)
+            distance[i] = min(distance[i], length)
     return distance
 
 
@@ -129,14 +131,14 @@ def _number_neighbours(graph, rows, columns):  # type: ignore[no-untyped-def]
 
 @kernel
 def _landmarks(graph, part_cells, part_start, rows, columns):  # type: ignore[no-untyped-def]
-    """Fill the landmarks' columns of ``graph``; return an upper bound of the cells of a path.
+    """Fill the landmark columns of ``graph`` and return an upper bound of the number of cells of a path.
 
-    Landmarks are cells of one part, each the farthest from all before. A path has no more cells than its part, and no
-    more than the path from anywhere over one fixed cell of the part to anywhere.
+    Each landmark is the cell of a part that is farthest from all previous ones. A path has at most as many cells as its
+    part, and as a path that takes a detour via one fixed cell of the part.
     """
     count, width = len(graph), columns + 2
-    place = np.empty(count, np.int32)  # in a flat picture with a margin
-    steps = np.zeros((rows + 2) * width, np.uint8)  # a bit for each that is allowed
+    place = np.empty(count, np.int32)  # in a flat image with a margin
+    steps = np.zeros((rows + 2) * width, np.uint8)  # one bit per allowed step
     for k in range(count):
         place[k] = (graph[k, _AT_PIXEL + 1] + 1) * width + graph[k, _AT_PIXEL] + 1
         bits = 0
@@ -146,11 +148,11 @@ def _landmarks(graph, part_cells, part_start, rows, columns):  # type: ignore[no
     cost = np.empty(len(steps), np.int32)
     came = np.empty(len(steps), np.uint8)
     queue = np.empty(16 * count + 2, np.int32)
-    nearest, away = np.empty(count, np.int32), np.empty((_LANDMARKS, count), np.int32)
+    nearest, costs = np.empty(count, np.int32), np.empty((_LANDMARKS, count), np.int32)
     bound = 0
     for p in range(len(part_start) - 1):
         cells = part_cells[part_start[p] : part_start[p + 1]]
-        if p > 0 and len(cells) < _WITH_LANDMARKS:  # the octile distance is enough here and in the smaller ones to come
+        if p > 0 and len(cells) < _WITH_LANDMARKS:  # in this and all smaller parts the octile distance suffices
             bound = max(bound, len(cells))
             break
         _costs_from(steps, width, place[cells[0]], cost, came, queue)
@@ -163,30 +165,31 @@ def _landmarks(graph, part_cells, part_start, rows, columns):  # type: ignore[no
             _costs_from(steps, width, place[source], cost, came, queue)
             source = cells[0]
             for k in cells:
-                away[n, k] = cost[place[k]]
-                nearest[k] = min(nearest[k], away[n, k])
+                costs[n, k] = cost[place[k]]
+                nearest[k] = min(nearest[k], costs[n, k])
                 if nearest[k] > nearest[source]:
                     source = k
         for k in cells:
-            bound = max(bound, 2 * away[0, k] // STRAIGHT)
+            bound = max(bound, 2 * costs[0, k] // STRAIGHT)
             for n in range(_LANDMARKS):
-                graph[k, _AT_LANDMARKS + n] = away[n, k]
+                graph[k, _AT_LANDMARKS + n] = costs[n, k]
     return bound + 2
 
 
 @kernel
 def _costs_from(steps, width, source, cost, came, queue):  # type: ignore[no-untyped-def]
-    """Fill ``cost`` int32 with the exact cost of each place from ``source``; _FAR where there is no path.
+    """Fill ``cost`` int32 with the exact cost of a path from ``source`` to each place, _FAR if there is no path.
 
-    Dijkstra's algorithm in buckets of 64, less than any step costs: their order inside does not matter. ``steps`` has a
-    bit for each allowed step; ``came`` uint8 and ``queue`` int32 are scratch memory.
+    This is Dijkstra's algorithm with buckets of width 64, less than the cost of any step, so that the order inside a
+    bucket does not matter. ``steps`` has one bit per allowed step; ``came`` uint8 and ``queue`` int32 are scratch
+    memory.
     """
     offset = np.empty(16 + 8, np.int64)
     for i in range(len(offset)):
         offset[i] = _STEPS[i & 7, 1] * width + _STEPS[i & 7, 0]
     cost[:] = _FAR
     cost[source] = 0
-    heads = np.full(4, -1, np.int64)  # a step leads into the second bucket ahead at most
+    heads = np.full(4, -1, np.int64)  # a step leads at most two buckets ahead
     queue[0], queue[1] = source, -1
     heads[0] = 0
     used, bucket, empty = 2, 0, 0
@@ -197,20 +200,20 @@ def _costs_from(steps, width, source, cost, came, queue):  # type: ignore[no-unt
         while e >= 0:
             u = np.int64(queue[np.uintp(e)])
             e = np.int64(queue[np.uintp(e + 1)])
-            here = cost[np.uintp(u)]
-            if here >> 6 != bucket:
-                continue  # it was reached at less
+            cost_of_u = cost[np.uintp(u)]
+            if cost_of_u >> 6 != bucket:
+                continue  # reached at lower cost before
             allowed, first, count = steps[np.uintp(u)], 0, 8
-            if allowed == 255 and u != source:  # on open floor a path that turns by a right angle or more is a detour
+            if allowed == 255 and u != source:  # in open areas, turns of 90 degrees or more are detours
                 first, count = came[np.uintp(u)] + 7, 3
             for i in range(first, first + count):
                 d = np.uintp(i)
                 v = np.uintp(u + offset[d])
-                new, old = here + (DIAGONAL if d & np.uintp(1) else STRAIGHT), cost[v]
+                new, old = cost_of_u + (DIAGONAL if d & np.uintp(1) else STRAIGHT), cost[v]
                 if (new < old) & (allowed >> (i & 7) & 1):
                     cost[v] = new
                     came[v] = d & np.uintp(7)
-                    if new >> 6 != old >> 6:  # else it waits there
+                    if new >> 6 != old >> 6:  # otherwise it is in that bucket already
                         queue[np.uintp(used)] = v
                         queue[np.uintp(used + 1)] = heads[new >> 6 & 3]
                         heads[new >> 6 & 3] = used
@@ -220,9 +223,9 @@ def _costs_from(steps, width, source, cost, came, queue):  # type: ignore[no-unt
 
 @kernel
 def _estimate(graph, cell, goal, a, b, c):  # type: ignore[no-untyped-def]
-    """Lower bound of the cost from ``cell``: octile distance and three landmarks (columns a, b, c).
+    """Return a lower bound of the cost from ``cell``, by octile distance and three landmarks (columns a, b, c).
 
-    ``goal`` is (u, v, cost to a, to b, to c) of the goal's cell: kept apart, it is not read again for every cell.
+    ``goal`` is (u, v, cost to a, to b, to c) of the goal's cell, read once for the whole search.
     """
     dx, dy = abs(graph[cell, _AT_PIXEL] - goal[0]), abs(graph[cell, _AT_PIXEL + 1] - goal[1])
     bound = STRAIGHT * max(dx, dy) + (DIAGONAL - STRAIGHT) * min(dx, dy)
@@ -233,15 +236,16 @@ def _estimate(graph, cell, goal, a, b, c):  # type: ignore[no-untyped-def]
 
 @kernel
 def find_path(start, goal, graph, node, queue, path):  # type: ignore[no-untyped-def]
-    """Shortest path by A*: fills ``path`` with cell numbers, returns their count (0: no path or no room).
+    """Fill ``path`` with the cells of a shortest path (A*) and return their number (0: no path or no room).
 
-    ``node`` is int32 (K, 4): cost so far, cell before, the search that wrote them, the search that settled it.
+    ``node`` is int32 (K, 4): cost so far, previous cell, number of the search that wrote them, and of the search that
+    settled the cell.
     """
     search = clear(queue)
-    if search == 1:  # of a search long ago that had this number
+    if search == 1:  # the counter has wrapped: erase old numbers
         node[:, 2:] = 0
-    # The three landmarks that bound this trip best.
-    a = b = c = int(_AT_LANDMARKS)  # a variable: the constant would have the estimate compiled once more
+    # The three landmarks with the best bounds for this path.
+    a = b = c = int(_AT_LANDMARKS)  # a constant would be of another type and compile the estimate again
     best_a, best_b, best_c = -1, -1, -1
     for k in range(_AT_LANDMARKS, _AT_PIXEL):
         bound = abs(graph[start, k] - graph[goal, k])
@@ -257,17 +261,17 @@ def find_path(start, goal, graph, node, queue, path):  # type: ignore[no-untyped
     end = (graph[goal, _AT_PIXEL], graph[goal, _AT_PIXEL + 1], graph[goal, a], graph[goal, b], graph[goal, c])
     least = _estimate(graph, np.int32(start), end, a, b, c)
     push(queue, np.int64(0), np.int32(start))
-    found = False
+    arrived = False
     while True:
         u = pop(queue)
         if u < 0:
             break
         if u == goal:
-            found = True
+            arrived = True
             break
         if node[u, 3] == search:
             continue
-        node[u, 3] = search  # the estimate is consistent: the first time is the cheapest
+        node[u, 3] = search  # the estimate is consistent, so the first visit is the cheapest
         so_far = node[u, 0]
         for d in range(8):
             v = graph[u, d]
@@ -280,7 +284,7 @@ def find_path(start, goal, graph, node, queue, path):  # type: ignore[no-untyped
             node[v, 1] = u
             node[v, 2] = search
             push(queue, new + _estimate(graph, v, end, a, b, c) - least, v)
-    if not found:
+    if not arrived:
         return 0
     count = 0
     cell = np.int64(goal)
@@ -297,6 +301,6 @@ def find_path(start, goal, graph, node, queue, path):  # type: ignore[no-untyped
 
 
 def search_memory(cells: int, longest: int) -> tuple[NDArray[np.int32], Queue]:
-    """Scratch memory for :func:`find_path` on maps of so many cells and paths of so many: node table and queue."""
-    # No shortest path costs more than the longest one of diagonals alone.
+    """Return node table and queue for :func:`find_path`, for ``cells`` cells and paths of at most ``longest`` cells."""
+    # The longest path of diagonal steps alone costs most.
     return np.zeros((cells, 4), dtype=np.int32), new_queue(longest * DIAGONAL, 8 * cells + 1)

@@ -1,8 +1,8 @@
-"""Prepared houses on disk: one file a level, whose arrays are used where the file is mapped, nothing is copied.
+"""Cache prepared houses on disk, one file per level, whose arrays are memory-mapped without copying.
 
-A file is a head (format, key, facts, offset and shape of each array, which the sources declare) and the arrays as they
-lie in memory. Files of one configuration and of these sources are in one folder, named by the key; a file is written
-once, as a whole, and processes share its pages.
+A file consists of a header (format, key, sizes, offset and shape of each declared array) and the arrays as they lie in
+memory. Each configuration and source version has a folder named by its key. Files are written once and atomically, and
+processes share their pages.
 """
 
 import contextlib
@@ -27,8 +27,8 @@ from .level import COARSE_MAP, COARSE_STEPS, CoarseSteps, Facts, Level, LevelArr
 
 _FORMAT = b"pacman_env level 1\n"
 _ALIGNMENT = 64
-_KEEP_BYTES = 12 << 30  # of all sets; a house takes 5 MB
-_OWN = -1  # in place of a place
+_KEEP_BYTES = 12 << 30  # for all folders; a house takes 5 MB
+_OWN = -1  # instead of an index of ``LevelArrays.later``: the level's own arrays
 _LATER = {COARSE_STEPS: CoarseSteps, COARSE_MAP: CoarseArrays}
 _KINDS: dict[int, Any] = {_OWN: LevelArrays, **_LATER}
 _HEAD = np.dtype(
@@ -37,7 +37,7 @@ _HEAD = np.dtype(
         ("key", "S64"),
         ("bytes", np.int64),  # of the file
         ("facts", np.int64, len(Facts._fields)),
-        ("walls", np.int64),  # how many; they come first
+        ("walls", np.int64),  # number of walls, which come first
         *(
             (str(place), np.int64, sum(1 + len(a.axes) for a in declared(kind).values()))
             for place, kind in _KINDS.items()
@@ -47,7 +47,7 @@ _HEAD = np.dtype(
 
 
 class LevelFiles:
-    """The files of the houses of a configuration, all lengths ``scale`` times those of the house."""
+    """Files of the houses of one configuration, enlarged by the factor ``scale``."""
 
     def __init__(self, config: Config, scale: int) -> None:
         numbers = {"scale": scale, "radius": config.robot.radius_m, "format": str(_HEAD)}
@@ -57,23 +57,23 @@ class LevelFiles:
     def _folder(self) -> Path:
         folder = cache_dir() / "houses" / self.key
         with contextlib.suppress(OSError):
-            os.utime(folder)  # used now: pruned last
+            os.utime(folder)  # mark as recently used
         return folder
 
     def load(self, level: int, prepare: Callable[[], MapAssets]) -> Level | None:
-        """Return a level by its file; None if there is none, or none that is whole and of this kind."""
+        """Load a level from its file; return None if the file is missing, incomplete or of another kind."""
         try:
             with open(self._path(level), "rb") as file:
-                mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)  # kernels take arrays that can be written
+                mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)  # kernels require writable arrays
             return _read(np.frombuffer(mapped, dtype=np.uint8), f"{self.key}-{level}", prepare)
-        except (OSError, ValueError, TypeError):  # the last: it is shorter than its head
+        except (OSError, ValueError, TypeError):  # TypeError: shorter than the header
             return None
 
     def keep(self, number: int, level: Level) -> bool:
-        """Write a level's file and return True; warns once if the cache cannot be written."""
+        """Write a level's file and return True; if the cache cannot be written, warn once and return False."""
         temporary = None
         try:
-            check_kept()  # what could not be written once is not tried again
+            check_kept()  # do not try again after a failure
             level.add_coarse_steps()
             add_coarse_map(level)
             path = self._path(number)
@@ -103,14 +103,14 @@ class LevelFiles:
 def _write(path: Path, key: str, level: Level) -> None:
     head = np.zeros(1, dtype=_HEAD)
     arrays: list[NDArray[Any]] = [level.walls]
-    known: dict[tuple[int, int], int] = {}  # where an array that several tables have is
+    offsets: dict[tuple[int, int], int] = {}  # offsets by address and size, for arrays shared by tables
     at = _padded(_HEAD.itemsize) + _padded(level.walls.nbytes)
     for place in _KINDS:
         table = level.table if place == _OWN else level.find(place)
         assert table is not None
         numbers: list[int] = []
         for array in table.arrays.values():
-            place_of = known.setdefault((address(array), array.nbytes), at)
+            place_of = offsets.setdefault((address(array), array.nbytes), at)
             numbers += [place_of, *array.shape]
             if place_of == at:
                 arrays.append(array)

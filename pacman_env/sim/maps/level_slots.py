@@ -1,4 +1,4 @@
-"""The levels that a batch's games are on: a game names a slot, and a slot holds the address of a level's arrays."""
+"""Slots for the levels of a batch: each game refers to a slot, and each slot has the address of a level's arrays."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -12,10 +12,10 @@ from .level import Level
 
 
 class Sizes(NamedTuple):
-    """Hold what no level of a source exceeds; scratch memory is made for it."""
+    """Upper bounds of the sizes of a source's levels, for scratch memory."""
 
     cells: int  # drivable
-    longest_cm: int  # path to a goal
+    longest_cm: int  # longest path to a goal
     ghost_cells: int
     longest_ghost_way: int  # cells
 
@@ -25,12 +25,12 @@ class Sizes(NamedTuple):
 
 
 class LevelSlots:
-    """S slots; a level stays in its slot while a game is played on it, and until another level needs the slot.
+    """S slots. A level keeps its slot while games are played on it, and then until another level needs the slot.
 
     Attributes:
-        most_goals: of any level so far.
-        addresses: (S,) int64, of each level's arrays (``LevelArrays``); kernels read it.
-        numbers: (S,) int64, of the levels; -1: none yet.
+        most_goals: largest number of goals of any level so far.
+        addresses: (S,) int64 addresses of each level's arrays (``LevelArrays``), for kernels.
+        numbers: (S,) int64 level numbers; -1: empty slot.
     """
 
     def __init__(self, slots: int, sizes: Sizes, config: Config) -> None:
@@ -45,7 +45,7 @@ class LevelSlots:
 
     @classmethod
     def only(cls, level: Level, config: Config) -> "LevelSlots":
-        """Make one slot with that level, number 0, in it."""
+        """Create a single slot that contains ``level`` as number 0."""
         slots = cls(1, Sizes.of(level), config)
         slots.put(0, 0, level)
         return slots
@@ -59,7 +59,7 @@ class LevelSlots:
 
     @property
     def address(self) -> int:
-        """Return the address of ``addresses``."""
+        """Address of ``addresses``."""
         return address(self.addresses)
 
     def level(self, slot: int) -> Level:
@@ -68,14 +68,14 @@ class LevelSlots:
         return level
 
     def levels(self, slots: NDArray[np.integer[Any]]) -> set[Level]:
-        """Return the levels in these slots (M,)."""
+        """Return the levels in ``slots`` (M,)."""
         return {self.level(slot) for slot in (range(1) if len(self) == 1 else set(slots.tolist()))}
 
     def has(self, level: int) -> bool:
         return bool((self.numbers == level).any())
 
     def take(self, level: int, prepare: Callable[[int], Level]) -> int:
-        """Return a slot with that level, held until :meth:`release`; ``prepare`` is called if no slot has it."""
+        """Reserve a slot with a level until :meth:`release`; ``prepare`` is called if no slot contains the level."""
         self._clock += 1
         if self.has(level):
             slot = int((self.numbers == level).argmax())

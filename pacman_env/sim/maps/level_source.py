@@ -1,6 +1,6 @@
-"""The maps of a batch by level: one map for all games, or a generated house for each episode.
+"""Maps of a batch by level number: one map for all games, or a generated house for each episode.
 
-Training and testing are split by the number of the level.
+Level numbers separate training from test houses.
 """
 
 from __future__ import annotations
@@ -29,28 +29,32 @@ from .level_slots import Sizes
 
 
 class LevelSource(Protocol):
+    """Provides the map of each level number."""
+
     @property
-    def first(self) -> MapAssets: ...  # one of the maps, to size things by
-    def slots(self, games: int) -> int: ...  # number of maps that so many games need at once
-    def pellet_slots(self, config: Config) -> int: ...  # most pellets on any of the maps
-    def refuge_slots(self, config: Config) -> int: ...  # most refuges on any of the maps
-    def levels_of(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]: ...  # (M,) of the episode with each seed
-    def sizes(self) -> Sizes: ...  # of the largest map
+    def first(self) -> MapAssets: ...  # any of the maps, as an example
+    def slots(self, games: int) -> int: ...  # number of maps that ``games`` games need at once
+    def pellet_slots(self, config: Config) -> int: ...  # most pellets on any map
+    def refuge_slots(self, config: Config) -> int: ...  # most refuges on any map
+    def levels_of(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]: ...  # (M,) level of each seed's episode
+    def sizes(self) -> Sizes: ...
     def prepare(self, level: int) -> Level: ...
-    def extent(self) -> tuple[tuple[float, float], tuple[float, float]]: ...  # of x and y of robots and ghosts, m
+    def extent(self) -> tuple[tuple[float, float], tuple[float, float]]: ...  # range of x and y of robots and ghosts, m
 
 
 class FixedMap:
+    """One map for all games."""
+
     def __init__(self, assets: MapAssets, config: Config) -> None:
         self.first = assets
         self._config = config
 
     def __deepcopy__(self, memo: dict[int, Any]) -> FixedMap:
-        """Nothing of a map ever changes: a copied environment shares it."""
+        """Share the map with copied environments, because it never changes."""
         return self
 
     def __getstate__(self) -> tuple[Any, ...]:
-        """What the map is made from; all else is computed again or lies in the cache."""
+        """Return the inputs of the map; everything else is computed again or cached."""
         return self.first.occupancy, self._config, tuple(self.first.grid.home.tolist())
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
@@ -88,26 +92,26 @@ class FixedMap:
         return (x0, x1), (y0, y1)
 
 
-TEST_LEVEL = 1_000_000  # the first of the test levels
+TEST_LEVEL = 1_000_000  # first test level
 TEST_LEVELS = 1000
-#: Houses that are drawn from if no setting says which ones; they are kept on disk.
+#: Numbers of houses to draw from by default; these houses are cached on disk.
 TRAIN_SET, TEST_SET = 1000, 200
-_MOST_KEPT = 20_000  # of a larger set than that
+_MOST_KEPT = 20_000  # larger sets are not cached
 _ATTEMPTS = 60
-_LONGEST_GHOST_WAY = 4096  # cells; of the first 80 levels it is 863 at most
-_SPARE_SLOTS = 64  # maps kept beyond those being played on, if all levels can then be kept
-_NEAR_M, _NEAR_SHARE = 0.5, 0.75  # the ghosts come so near to so many of the pellets
-_PELLETS = (4, 16)  # of a house at a spacing of 2 m
-WIDE = 2  # times as long and as wide
+_LONGEST_GHOST_WAY = 4096  # cells; at most 863 in the first 80 levels
+_SPARE_SLOTS = 64  # slots beyond one per game, if all levels then have a slot
+_NEAR_M, _NEAR_SHARE = 0.5, 0.75  # ghosts can come within this distance of this share of the pellets
+_PELLETS = (4, 16)  # range of a house at a spacing of 2 m
+WIDE = 2  # factor of length and width
 
 
 class GeneratedMaps:
-    """The levels from ``start_level`` on, ``num_levels`` of them; all lengths ``scale`` times those of the house."""
+    """Generated houses ``start_level`` to ``start_level + num_levels - 1``, enlarged by the factor ``scale``."""
 
     def __init__(
         self, config: Config, start_level: int, num_levels: int, scale: int = 1, room: int | None = None
     ) -> None:
-        """``room``: so many levels can be asked for by number; None: those that are drawn."""
+        """Check the levels; ``room`` is how many levels can be requested by number (None: ``num_levels``)."""
         if start_level < 0:
             raise ConfigError(f"start_level = {start_level}: must be at least 0")
         if num_levels < 1:
@@ -119,11 +123,10 @@ class GeneratedMaps:
     def named(
         cls, name: str, config: Config, start_level: int | None = None, num_levels: int | None = None
     ) -> GeneratedMaps:
-        """By the name of a split; levels None: the configuration's; ``num_levels`` 0: all. Raises ConfigError.
+        """Return the levels of a split such as ``generated:test``, or of a list such as ``generated:wide:3,17,90``.
 
-        If neither says which, levels are drawn from the set of the split.
-
-        ``generated:3,17,90`` and ``generated:wide:3,17,90`` are these levels.
+        ``start_level`` and ``num_levels`` are those of the configuration if None; ``num_levels`` 0 means all levels. If
+        both are unset, levels are drawn from the split's default set. Raises ConfigError.
         """
         if config.home is not None:
             raise ConfigError("home: generated houses have home poses of their own")
@@ -157,7 +160,7 @@ class GeneratedMaps:
         return cls(config, int(start), int(drawn), scale, room if num_levels is None else None)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the first map, which is prepared again when it is asked for, and where this process keeps files."""
+        """Omit the first map, which is prepared again on demand, and the cache folder of this process."""
         return {name: value for name, value in self.__dict__.items() if name not in ("first", "files")}
 
     @functools.cached_property
@@ -165,7 +168,7 @@ class GeneratedMaps:
         return prepare_level(self.start_level, self._config, self.scale)
 
     def slots(self, games: int) -> int:
-        """A map of its own for each game, or all levels if they are few; two at least mark changing maps."""
+        """Return one slot per game, or one per level if there are few; at least two, which means that maps change."""
         return max(self.num_levels if self.num_levels <= games + _SPARE_SLOTS else games, 2)
 
     def pellet_slots(self, config: Config) -> int:
@@ -178,7 +181,7 @@ class GeneratedMaps:
         return self.start_level + draw_below(seeds, LEVEL, self.num_levels)
 
     def has(self, levels: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """(M,) which of these levels (M,) are played."""
+        """Return a mask (M,) of the levels (M,) that belong to this source."""
         return (levels >= self.start_level) & (levels < self.start_level + self._room)
 
     def describe_levels(self) -> str:
@@ -188,40 +191,40 @@ class GeneratedMaps:
         return Sizes(MAX_PIXELS**2, UNREACHABLE_CM, MAX_PIXELS**2, _LONGEST_GHOST_WAY)
 
     def prepare(self, level: int) -> Level:
-        """Return a level, by its file if it is one of the set and was prepared before."""
+        """Return a level, loaded from its file if it belongs to the cached set and was prepared before."""
         prepare = functools.partial(prepare_level, level, self._config, self.scale)
-        found = self.files.load(level, prepare) if self._is_kept(level) else None
-        if found is None:
-            found = Level.of(self.first if level == self.start_level else prepare(), self._config)
-            if self._is_kept(level) and self.files.keep(level, found):
-                found = self.files.load(level, prepare) or found  # which takes half of the memory
-        return found
+        cached = self.files.load(level, prepare) if self._is_kept(level) else None
+        if cached is None:
+            cached = Level.of(self.first if level == self.start_level else prepare(), self._config)
+            if self._is_kept(level) and self.files.keep(level, cached):
+                cached = self.files.load(level, prepare) or cached  # a mapped file takes half of the memory
+        return cached
 
     @functools.cached_property
     def files(self) -> LevelFiles:
         return LevelFiles(self._config, self.scale)
 
     def _is_kept(self, level: int) -> bool:
-        """A level of the set, or of a larger one that is played."""
+        """Return True if a level belongs to the default set or to the set of this source, if that is not too large."""
         first = TEST_LEVEL if level >= TEST_LEVEL else 0
         own = self.num_levels if self.start_level == first and self.num_levels <= _MOST_KEPT else 0
         return level - first < max(own, TEST_SET if first else TRAIN_SET)
 
     def extent(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        most = self.scale * MAX_EXTENT_M  # of the largest house there can be
+        most = self.scale * MAX_EXTENT_M  # of the largest possible house
         return (-most, most), (-most, most)
 
 
 class ListedMaps(GeneratedMaps):
-    """These levels, each equally often; one that is listed twice twice as often."""
+    """A list of levels that are drawn with equal probability; duplicates count."""
 
     def __init__(self, config: Config, levels: Sequence[int], scale: int = 1) -> None:
         super().__init__(config, levels[0], len(levels), scale)
         self.levels = np.array(levels, dtype=np.int64)
 
     def levels_of(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]:
-        found: NDArray[np.int64] = self.levels[draw_below(seeds, LEVEL, self.num_levels)]
-        return found
+        drawn: NDArray[np.int64] = self.levels[draw_below(seeds, LEVEL, self.num_levels)]
+        return drawn
 
     def has(self, levels: NDArray[np.int64]) -> NDArray[np.bool_]:
         return np.isin(levels, self.levels)
@@ -243,13 +246,13 @@ def _numbers(listed: str, name: str) -> list[int]:
 
 
 def most_pellets(config: Config, scale: int = 1) -> int:
-    """The most pellets that a generated house may have: 16 at the original's spacing."""
+    """Return the largest allowed number of pellets of a generated house: 16 at the original spacing."""
     limit = round(_PELLETS[1] * max(1.0, (2.0 * scale / config.pellets.spacing_m) ** 2))
     return limit if config.max_pellets is None else min(limit, config.max_pellets)
 
 
 def prepare_level(level: int, config: Config, scale: int = 1) -> MapAssets:
-    """The first house of a level that can be played: pellets can be reached, most by ghosts. Raises MapError."""
+    """Return the first house of a level whose pellets robot and ghosts can reach. Raises MapError if there is none."""
     reason = ""
     for attempt in range(_ATTEMPTS):
         house = draw_house(level, attempt)

@@ -1,4 +1,4 @@
-"""Levels prepared by other threads while games are played: most of it is compiled code or OpenCV's."""
+"""Prepare levels in other threads while games are played; most of the work runs without the GIL."""
 
 import atexit
 import collections
@@ -15,14 +15,14 @@ from typing import Any
 from .level import Level
 from .level_source import LevelSource
 
-_WAIT_S = 10.0  # for the level begun, when the interpreter ends: a thread must not be cut off inside OpenCV
+_WAIT_S = 10.0  # for the current level at interpreter exit: a thread must not be killed inside OpenCV
 
 
 class LevelsAhead:
-    """Levels asked for, in order; at most so many are kept.
+    """Queue of requested levels, of which at most ``most`` are stored.
 
-    Threads begin with the first level and end with :meth:`close`, the last reference or the process. A forked child has
-    threads of its own and none of the levels of its parent.
+    Threads start with the first level and end with :meth:`close`, the last reference or the process. A forked child
+    starts its own threads and has none of its parent's levels.
     """
 
     def __init__(self, source: LevelSource, threads: int = 1, most: int = 64) -> None:
@@ -45,13 +45,13 @@ class LevelsAhead:
         self.__init__(*state)  # type: ignore[misc]
 
     def ask(self, levels: Iterable[int]) -> None:
-        """Have these levels prepared; beyond ``most``, the last of them are left out and the oldest forgotten."""
-        wanted = list(dict.fromkeys(levels))[: self._most]
+        """Request levels; beyond ``most``, the last new ones are ignored and the oldest stored ones are dropped."""
+        requests = list(dict.fromkeys(levels))[: self._most]
         with self._lock:
-            for level in wanted:
+            for level in requests:
                 if level in self._asked:
                     self._asked.move_to_end(level)
-            new = [level for level in wanted if level not in self._asked]
+            new = [level for level in requests if level not in self._asked]
             while len(self._asked) + len(new) > self._most:
                 self._asked.popitem(last=False)[1].cancel()
             for level in new:
@@ -62,7 +62,7 @@ class LevelsAhead:
                 self._workers.start(self._source, self._threads)
 
     def take(self, level: int) -> Level:
-        """The level, no longer kept here; one that no thread has begun with is prepared by the caller's."""
+        """Remove and return a level; the calling thread prepares it if no other thread has begun."""
         with self._lock:
             future = self._asked.get(level)
             if future is None or future.cancel():
@@ -78,7 +78,7 @@ class LevelsAhead:
                     del self._asked[level]
 
     def close(self) -> None:
-        """Forget all levels and wait for the threads to end. Levels asked for later make new ones."""
+        """Drop all levels and wait for the threads to end; later requests start new threads."""
         workers = self._workers
         with self._lock:
             while self._asked:
@@ -89,11 +89,11 @@ class LevelsAhead:
 
 
 class _Workers:
-    """The threads and what they share; nothing of it refers to the object that they work for."""
+    """Worker threads and their shared state, without a reference to the owner, so that it can be collected."""
 
     def __init__(self) -> None:
         self.jobs: SimpleQueue[tuple[int, Future[Level]] | None] = SimpleQueue()
-        self.busy: list[threading.RLock] = []  # of each thread, held while it prepares a level
+        self.busy: list[threading.RLock] = []  # one per thread, held while it prepares a level
         self._threads: list[threading.Thread] = []
         self._stopped = False
         _working.add(self)
@@ -114,12 +114,12 @@ class _Workers:
                 if not self._stopped and future.set_running_or_notify_cancel():
                     try:
                         future.set_result(source.prepare(level))
-                    except BaseException as error:  # raised by ``take``
+                    except BaseException as error:  # ``take`` raises it
                         future.set_exception(error)
-            del job, future  # or the level would be kept until the next one
+            del job, future  # release the level before waiting for the next one
 
     def stop(self) -> None:
-        """After the level begun; without a lock, for the collector may call this from any thread at any time."""
+        """Stop after the current level; takes no lock, because the collector may call this from any thread."""
         self._stopped = True
         for _ in self._threads:
             self.jobs.put(None)
@@ -132,7 +132,7 @@ class _Workers:
 
 _all: weakref.WeakSet[LevelsAhead] = weakref.WeakSet()
 _working: weakref.WeakSet[_Workers] = weakref.WeakSet()
-_held: list[threading.RLock] = []  # while this process forks
+_held: list[threading.RLock] = []  # locks held while this process forks
 
 
 def _end_all() -> None:
@@ -142,7 +142,7 @@ def _end_all() -> None:
 
 
 def _hold_all() -> None:
-    """Wait for the levels begun: a child would inherit the locks that they hold, of compilers for example."""
+    """Wait for the current levels, because a forked child would inherit their locks, for example of compilers."""
     for busy in [busy for workers in list(_working) for busy in workers.busy]:
         busy.acquire()
         _held.append(busy)
@@ -154,7 +154,7 @@ def _release_all() -> None:
     _held.clear()
 
 
-def _begin_again() -> None:
+def _restart_after_fork() -> None:
     _held.clear()
     _working.clear()
     for ahead in list(_all):
@@ -164,9 +164,9 @@ def _begin_again() -> None:
 
 @functools.cache
 def _register_hooks() -> None:
-    """After filelock's, which a thread could load in a fork, and which hold its locks (later hooks run first)."""
+    """Register fork hooks after those of filelock, which hold its locks (later hooks run first)."""
     importlib.import_module("filelock")
-    os.register_at_fork(before=_hold_all, after_in_parent=_release_all, after_in_child=_begin_again)
+    os.register_at_fork(before=_hold_all, after_in_parent=_release_all, after_in_child=_restart_after_fork)
 
 
 atexit.register(_end_all)

@@ -1,1 +1,1 @@
-"""What a policy sees of a game: situations, features, pictures, predictions."""
+"""Inputs of policies: situations, features, images and predictions."""

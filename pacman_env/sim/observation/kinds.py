@@ -1,4 +1,4 @@
-"""The kinds of observation: one object per kind, found by name; ``observer.py`` puts them together."""
+"""Registry of the observation kinds, one object per kind; ``observer.py`` combines them."""
 
 from __future__ import annotations
 
@@ -37,39 +37,39 @@ from .robot_features import (
 )
 from .situation import Situation
 
-_BELIEF_MARGIN_M = 2.0  # how far a believed pose may lie outside the played part of the map ...
-_BELIEF_MARGIN_SIGMAS = 9  # ... or this many standard deviations: a draw of 53 bits is off by 8.6 at most
-#: Of every map: spaces are equal then.
+_BELIEF_MARGIN_M = 2.0  # a believed pose lies at most this far outside the playable area ...
+_BELIEF_MARGIN_SIGMAS = 9  # ... or this many standard deviations: a draw with 53 bits is at most 8.6 away
+#: Bounds that hold for every map, so that spaces are equal.
 _ANY_MAP = {"x": (-1e4, 1e4), "y": (-1e4, 1e4), "time": (0.0, 1e6), "pellets_left": (0.0, 1e4)}
 FLAT = "flat"
-MASK = "action_mask"  # in every observation whose actions are candidates, whatever its kinds
+MASK = "action_mask"  # part of every observation whose actions are candidates
 
 
 class ObservationPart(NamedTuple):
     """One array of an observation of one game."""
 
-    low: float | NDArray[Any]  # least value, or that of each element
+    low: float | NDArray[Any]  # for all elements or for each element
     high: float | NDArray[Any]
     shape: tuple[int, ...]
     dtype: type[np.generic]
-    columns: Columns = ()  # of its last axis: name, low, high, unit
-    by_candidate: bool = False  # its first axis is the candidates
+    columns: Columns = ()  # name, low, high and unit of each column of the last axis
+    by_candidate: bool = False  # the first axis is the candidates
 
 
 class ObservationKind(Protocol):
-    """One kind; it keeps nothing from one observation to the next."""
+    """An observation kind, without state between observations."""
 
     name: str
 
     def parts(self, batch: GameBatch) -> dict[str, ObservationPart]:
-        """The arrays that it adds, by key."""
+        """Return the arrays that this kind adds to an observation, by key."""
 
     def fill(self, batch: GameBatch, situation: Situation) -> Observation:
-        """Each of them for all games, ``(N, *shape)``, as new arrays; ``situation`` is the batch's own, as now."""
+        """Return new arrays ``(N, *shape)`` of all games, by key; ``situation`` is the batch's present situation."""
 
 
 def bounds(batch: GameBatch) -> dict[str, tuple[float, float]]:
-    """Bounds of the columns that depend on the map or the configuration; with the nearest candidates, on neither."""
+    """Return the bounds of columns that depend on map or configuration (fixed with the nearest candidates)."""
     if batch.config.observation.candidates == "nearest":
         return _ANY_MAP
     xs, ys = batch.source.extent()
@@ -84,7 +84,7 @@ def bounds(batch: GameBatch) -> dict[str, tuple[float, float]]:
 
 
 def mask_part(batch: GameBatch) -> ObservationPart:
-    """Which candidates may be chosen."""
+    """Return the part for the mask of allowed candidates."""
     return ObservationPart(0, 1, (batch.candidates,), np.int8, by_candidate=True)
 
 
@@ -95,34 +95,34 @@ class _Kind:
     fill: Callable[[GameBatch, Situation], Observation]
 
     def __call__(self) -> _Kind:
-        return self  # where other packages have a class
+        return self  # other packages register classes
 
 
 @dataclass
 class CompiledKind(_Kind):
     """A kind that a kernel fills, in the same call as the ticks of a step."""
 
-    #: From a batch, its situation, the candidates wanted (N, C) and the kind's arrays: the stage that fills these.
+    #: Returns the stage that fills the kind's arrays; the mask (N, C) selects candidates.
     stage: Callable[[GameBatch, Situation, NDArray[np.bool_], Observation], Stage]
-    #: Called after games have changed to the maps in these slots.
+    #: Called after games have moved to the maps in these slots.
     maps_changed: Callable[[Situation, NDArray[np.int64]], None] | None = None
-    #: Called where the stage returns less than 0, which then runs again.
+    #: Called if the stage returns a negative number; the stage then runs again.
     maps_wanted: Callable[[Situation], None] | None = None
 
 
 def _table_part(
     columns: Columns, rows: tuple[int, ...], known: Mapping[str, tuple[float, float]] | None = None
 ) -> ObservationPart:
-    """Rows of these columns; ``known`` are bounds that replace those of columns, by name."""
+    """Return a part with rows of these columns; ``known`` replaces the bounds of columns."""
     low, high = np.array([(known or {}).get(name, limits) for name, *limits, _ in columns], dtype=np.float32).T
     shape = *rows, len(columns)
     return ObservationPart(np.broadcast_to(low, shape), np.broadcast_to(high, shape), shape, np.float32, columns)
 
 
 def _feature_parts(batch: GameBatch) -> dict[str, ObservationPart]:
-    known, ghosts = bounds(batch), len(batch.config.clyde.ghosts)
+    limits, ghosts = bounds(batch), len(batch.config.clyde.ghosts)
     rows = {"candidates": (batch.candidates,), "ghosts": (ghosts,)}
-    parts = {key: _table_part(columns, rows.get(key, ()), known) for key, columns in COLUMNS.items()}
+    parts = {key: _table_part(columns, rows.get(key, ()), limits) for key, columns in COLUMNS.items()}
     parts["candidates"] = parts["candidates"]._replace(by_candidate=True)
     if ghosts == 1:
         del parts["ghosts"]
@@ -202,7 +202,7 @@ FEATURES = CompiledKind(
 PLANNER = CompiledKind("planner", _planner_parts, _planner, _planner_stage, maps_changed, maps_wanted)
 SCAN, BEARINGS = _Kind("scan", _scan_parts, _scan), _Kind("bearings", _bearing_parts, _bearings)
 GRID = _Kind("grid", _grid_parts, _grid)
-#: Kinds as classes, made without arguments; other packages add theirs as entry points.
+#: Kinds by name, as classes without constructor arguments; other packages add entry points.
 KINDS: Registry[Callable[[], ObservationKind]] = Registry(
     "observation kind",
     "pacman_env.observations",
@@ -212,7 +212,7 @@ register_observation = KINDS.register
 
 
 def kinds_shown(config: ObservationConfig, action: str) -> list[str]:
-    """The kinds asked for, and bearings where path lengths (features, planner features) or a scan are too little."""
+    """Return the configured kinds; bearings are added if the actions need more than path lengths or a scan."""
     kinds = set(config.kinds)
     steers = action == "velocity" and bool(kinds & {FEATURES.name, PLANNER.name})
     return sorted(kinds | ({BEARINGS.name} if steers or SCAN.name in kinds else set()))

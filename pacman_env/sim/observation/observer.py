@@ -1,4 +1,4 @@
-"""The observations of a batch's games: prepared once, written in place by kernels at each step."""
+"""Compose the observations of a batch: arrays are allocated once, and kernels write them at each step."""
 
 from __future__ import annotations
 
@@ -21,14 +21,17 @@ from .situation import MISSING, Nearest, Situation, at_places
 
 
 class Observer:
-    """Make the observations of one batch; ``parts`` are the arrays of one game by key (flat: ``FLAT`` alone).
+    """Observes one batch; ``parts`` describes the arrays of one game by key (flat observations only have ``FLAT``).
 
-    All arrays are made once. ``situation`` is what the observation is made of: the batch's as the robot or a ghost sees
-    it, or one from elsewhere. ``result`` is the observation, (N, ...) per key, until the next one is made.
+    ``situation`` is the input: the batch as the robot or a ghost sees it, or a situation from elsewhere. ``result`` is
+    the observation, (N, ...) per key, which the next one overwrites.
     """
 
     def __init__(self, batch: GameBatch, config: ObservationConfig | None = None, *, ghost: bool = False) -> None:
-        """``config`` replaces the batch's own; a ``ghost`` chooses candidates always. Raises ConfigError."""
+        """Prepare the kinds; ``config`` replaces the batch's, and a ``ghost`` always chooses candidates.
+
+        Raises ConfigError for kinds that do not exist or do not fit together.
+        """
         self._made_from = batch, config, ghost
         self._batch = batch
         self._config = config = batch.config.observation if config is None else config
@@ -49,18 +52,18 @@ class Observer:
                 if key in self._raw_parts:
                     raise ConfigError(f"observation kind {kind.name!r}: {key!r} is in the observation already")
                 self._raw_parts[key] = part
-        found = self._raw_parts
+        own_parts = self._raw_parts
         if self.nearest:
-            found = {key: _listed(key, part, self.nearest.count) for key, part in found.items()}
-        self._unscaled = found
+            own_parts = {key: _listed(key, part, self.nearest.count) for key, part in own_parts.items()}
+        self._unscaled = own_parts
         if config.normalize:
-            for key, part in found.items():
+            for key, part in own_parts.items():
                 _check_scalable(key, part)
             unit: dict[str, Any] = {"low": -1.0, "high": 1.0, "dtype": np.float32}
-            found = {key: part if key == MASK else part._replace(**unit) for key, part in found.items()}
-        self.parts = {FLAT: _flattened(found)} if config.flat else found
+            own_parts = {key: part if key == MASK else part._replace(**unit) for key, part in own_parts.items()}
+        self.parts = {FLAT: _flattened(own_parts)} if config.flat else own_parts
         self._compiled = [kind for kind in self._kinds if isinstance(kind, CompiledKind)]
-        self._pipelines: dict[Any, tuple[tuple[int, int], Pipeline]] = {}  # with what they are made for
+        self._pipelines: dict[Any, tuple[tuple[int, int], Pipeline]] = {}  # with the state for which they were built
         self._filled = [kind for kind in self._kinds if not isinstance(kind, CompiledKind)]
 
     def __getstate__(self) -> tuple[Any, ...]:
@@ -72,23 +75,23 @@ class Observer:
 
     @cached_property
     def situation(self) -> Situation:
-        """Return the arrays that the observation is made from; each observation overwrites them."""
+        """Input arrays of the observation; each observation overwrites them."""
         batch = self._batch
         return Situation.empty(batch.n, batch.candidates, batch.ghosts.shape[1], batch.levels, batch.threads)
 
     @cached_property
     def order(self) -> NDArray[np.int64]:
-        """Return the candidates as ``listed``; (N, 0): all, by their numbers."""
+        """Listed candidates (N, K); (N, 0) means all candidates in their own order."""
         return np.full((self._batch.n, self.nearest.count if self.nearest else 0), MISSING, dtype=np.int64)
 
     @property
     def listed(self) -> NDArray[np.int64] | None:
-        """Return the candidates in their order now, (N, K); None: all, by their numbers."""
+        """Listed candidates (N, K), or None for all candidates in their own order."""
         return self.order if self.nearest else None
 
     @cached_property
     def allowed(self) -> NDArray[np.int8]:
-        """Return which actions may be chosen now, 0 or 1: (N, C), or (N, K) of listed candidates."""
+        """Mask of the allowed actions, 0 or 1: (N, C), or (N, K) for listed candidates."""
         return np.zeros((self._batch.n, self.nearest.count if self.nearest else self._batch.candidates), dtype=np.int8)
 
     @cached_property
@@ -97,39 +100,39 @@ class Observer:
 
     @cached_property
     def _raw(self) -> Observation:
-        """Make the arrays that the kinds fill, (N, ...) of all candidates."""
-        made = {}
+        """Arrays that the kinds fill, (N, ...), with all candidates."""
+        arrays = {}
         for key, part in self._raw_parts.items():
             if key != MASK:
                 dtype = np.float32 if self._config.flat or self._changes(key) else part.dtype
-                made[key] = np.zeros((self._batch.n, *part.shape), dtype)
-        return made
+                arrays[key] = np.zeros((self._batch.n, *part.shape), dtype)
+        return arrays
 
     @cached_property
     def result(self) -> Observation:
-        """Make the observation's arrays; a kind fills them itself where nothing is scaled, listed or laid out."""
+        """Arrays of the observation; a kind writes them directly unless they are scaled, listed or flattened."""
         if self._config.flat:
             return {FLAT: np.zeros((self._batch.n, *self.parts[FLAT].shape), dtype=np.float32)}
         shown = ({MASK: self.allowed} if self._masked else {}) | self._raw
-        made = {key: part for key, part in self.parts.items() if self._changes(key)}
-        return shown | {key: np.zeros((self._batch.n, *part.shape), np.float32) for key, part in made.items()}
+        changed = {key: part for key, part in self.parts.items() if self._changes(key)}
+        return shown | {key: np.zeros((self._batch.n, *part.shape), np.float32) for key, part in changed.items()}
 
     @cached_property
     def first_game(self) -> tuple[Observation, NDArray[np.int8]]:
-        """Return ``result`` and ``allowed`` of the first game."""
+        """``result`` and ``allowed`` of the first game."""
         return {key: array[0] for key, array in self.result.items()}, self.allowed[0]
 
     def _changes(self, key: str) -> bool:
-        """Return whether an array is scaled or listed."""
+        """Return True if an array is scaled or listed."""
         listed = self.nearest is not None and self._raw_parts[key].by_candidate
         return key != MASK and (self._config.normalize or listed)
 
     def pipeline(self, player: int = -1, before: Callable[[], list[Stage]] | None = None) -> Pipeline:
-        """Return what observes the games as :meth:`observe` does, but for :meth:`finish`, after the stages ``before``.
+        """Return the pipeline of the stages ``before`` and the observation, which :meth:`finish` must complete.
 
-        It is kept, and made again when arrays that it works on have been replaced.
+        Pipelines are cached, and rebuilt when the arrays that they use are replaced.
         """
-        batch, name = self._batch, (player, before is None)  # not the function: its owner would be kept alive
+        batch, name = self._batch, (player, before is None)  # a reference to the function would keep its owner alive
         if name not in self._pipelines or self._pipelines[name][0] != (batch.revision, batch.levels.most_goals):
             stages = [] if before is None else before()
             stages.append(situation_stage(batch, self.situation, player))
@@ -140,17 +143,14 @@ class Observer:
         return self._pipelines[name][1]
 
     def observe(self, player: int = -1, index: NDArray[np.int64] | None = None) -> Observation:
-        """Observe the batch's games as the robot (-1) or a ghost sees them now, or only the games ``index`` (M,).
-
-        Returns ``result``.
-        """
+        """Observe all games, or the games ``index`` (M,), as the robot (-1) or a ghost, and return ``result``."""
         look = self.pipeline(player)
         while (look.run(self._batch.n) if index is None else look.run_some(index)) < 0:
             self.maps_wanted()
         return self.finish()
 
     def finish(self) -> Observation:
-        """Fill in the kinds that Python makes and lay the observation out, after the stages; returns ``result``."""
+        """Fill the kinds without kernels, write the rows of the observation, and return ``result``."""
         if self._filled:
             for kind in self._filled:
                 self._fill(kind, self.situation)
@@ -158,21 +158,21 @@ class Observer:
         return self.result
 
     def actions_of(self, candidates: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-        """Return the actions (N,) that stand for candidates (hold where none does), and whether one does."""
+        """Return the action (N,) of each candidate (hold if it is not listed) and a mask of the listed ones."""
         if self.listed is None:
             return candidates, np.ones(len(candidates), dtype=np.bool_)
-        there = (self.listed == candidates[:, None]) & (self.listed != MISSING)
-        listed = there.any(axis=1)
-        return np.where(listed, there.argmax(axis=1), self.listed.shape[1] - 1), listed
+        matches = (self.listed == candidates[:, None]) & (self.listed != MISSING)
+        listed = matches.any(axis=1)
+        return np.where(listed, matches.argmax(axis=1), self.listed.shape[1] - 1), listed
 
     def chosen(self, actions: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-        """Return the candidates (N,) that actions stand for (hold where forbidden), and whether each is forbidden."""
+        """Return the candidate (N,) of each action (hold if forbidden) and a mask of the forbidden ones."""
         if self.listed is None:
             return actions, ~self.situation.mask[np.arange(self._batch.n), actions]
         return at_places(self.listed, actions, self._batch.hold)
 
     def look_at(self, situation: Situation) -> None:
-        """Make the observation of as many situations from elsewhere; ``situation`` is a copy of them then."""
+        """Observe N situations from elsewhere, which are copied to ``situation``."""
         self.situation.block()[0][:] = situation.block()[0]
         Pipeline([self._list_stage], situation.threads).run(len(situation))
         for kind in self._kinds:
@@ -184,7 +184,7 @@ class Observer:
             self._raw[key][...] = array
 
     def maps_changed(self, games: NDArray[np.int64]) -> None:
-        """Prepare what the kinds need of the maps that these games (M,) have changed to."""
+        """Prepare the new maps of the games (M,) for the kinds."""
         slots = self._batch.games["level"][games]
         self.situation.level[games] = slots
         for kind in self._compiled:
@@ -192,7 +192,7 @@ class Observer:
                 kind.maps_changed(self.situation, slots)
 
     def maps_wanted(self) -> None:
-        """Prepare what a stage has asked for by a result below 0."""
+        """Prepare the maps that a stage requested by a negative result."""
         for kind in self._compiled:
             if kind.maps_wanted is not None:
                 kind.maps_wanted(self.situation)
@@ -219,7 +219,7 @@ class Observer:
 
     @cached_property
     def _row_stages(self) -> list[Stage]:
-        """Return the stage that scales, lists and lays out, if there is something to do."""
+        """Stage that scales, lists and flattens the arrays; empty if nothing has to change."""
         parts, scales, at = [], [np.zeros((2, 0), dtype=np.float32)], 0
         for key, part in self._unscaled.items():
             width, raw = int(np.prod(part.shape)), self.allowed if key == MASK else self._raw[key]
@@ -242,7 +242,7 @@ class Observer:
 
 
 def _scale(key: str, part: ObservationPart, normalize: bool, time_limit_s: float) -> tuple[int, NDArray[np.float32]]:
-    """Return how an array is scaled, and the two numbers (2, ...) of each of its elements."""
+    """Return the scale type of an array and the two scale values (2, ...) of each element."""
     if not normalize or key == MASK:
         return NOT, np.zeros((2, int(np.prod(part.shape))), dtype=np.float32)
     if part.columns:
@@ -253,7 +253,7 @@ def _scale(key: str, part: ObservationPart, normalize: bool, time_limit_s: float
 
 
 def _check_scalable(key: str, part: ObservationPart) -> None:
-    """Raise ConfigError for a part without a scale."""
+    """Raise ConfigError for a part that cannot be scaled."""
     bounded = part.columns or (np.isfinite(part.low).all() and np.isfinite(part.high).all())
     if key != MASK and (part.dtype == np.uint8 or not bounded):
         raise ConfigError(f"observation.normalize: {key!r} has no bounds to divide by, or is a picture")
@@ -269,7 +269,7 @@ def _flattened(parts: Mapping[str, ObservationPart]) -> ObservationPart:
 
 
 def _listed(key: str, part: ObservationPart, count: int) -> ObservationPart:
-    """Return a part with ``count`` candidates, some of which may be missing: 0."""
+    """Return a part with ``count`` candidates; missing ones are 0."""
     if not part.by_candidate:
         return part
     if key != MASK and part.dtype != np.float32:

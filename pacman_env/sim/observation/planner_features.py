@@ -1,9 +1,9 @@
-"""The features of a learned planner, of the order of one; what is unreachable is far, rows that are masked are 0.
+"""Compute the features of a learned planner, scaled to about one; unreachable is far, and masked rows are 0.
 
-A candidate has what the robot's and the ghosts' paths say, what ghosts that wander may do on the way there
-(``prediction.py``), and what becomes of the robot if those come for it that are believed to (``coarse/outlook.py``).
+The features of a candidate describe path lengths of robot and ghosts, possible encounters with wandering ghosts on the
+way (``prediction.py``), and the outcome if the ghosts that are believed to approach do so (``coarse/outlook.py``).
 
-``VERSION`` changes with the meaning of any column: a network trained on other columns must not be run on these.
+``VERSION`` changes with the meaning of any column: a network must not be run on columns of another version.
 """
 
 import math
@@ -41,11 +41,11 @@ if TYPE_CHECKING:
     from ..maps.level_slots import LevelSlots
 
 VERSION = 4
-NEEDS_MAPS = -(2**40)  # of a stage: maps are to be made ready, and the stage is to run again
-_AROUND_M = 2.5  # pellets within this path length are around a place
-_SCORER = ScorerParameters()  # the handcrafted one, as deployed
+NEEDS_MAPS = -(2**40)  # result of a stage that must run again after maps were prepared
+_AROUND_M = 2.5  # pellets within this path length count as around a place
+_SCORER = ScorerParameters()  # the handcrafted scorer, as deployed
 
-_TOKENS, _TOKEN = len(GlobalColumn), len(TokenColumn)  # where they begin; columns of one
+_TOKENS, _TOKEN = len(GlobalColumn), len(TokenColumn)  # first column of the ghosts, columns of one ghost
 
 
 class _FillArrays(NamedTuple):
@@ -63,9 +63,10 @@ _outlooks: "weakref.WeakKeyDictionary[LevelSlots, outlook.Outlook]" = weakref.We
 def planner_features(
     situation: Situation, robot_speed_mps: float, listed: NDArray[np.int64] | None = None
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return candidates (N, C, 32) and globals (N, 50), float32. Raises ValueError for a situation without maps.
+    """Return the features of candidates (N, C, 32) and of situations (N, 50), float32.
 
-    ``listed``: (N, K) the candidates that are wanted, or ``MISSING``; rows of others are 0. None: all.
+    ``listed`` (N, K) selects candidates (``MISSING`` is ignored); rows of other candidates are 0. None: all. Raises
+    ValueError for a situation without maps.
     """
     maps_wanted(situation)
     candidates = np.empty((*situation.mask.shape, len(CANDIDATE_FEATURES)), dtype=np.float32)
@@ -83,10 +84,10 @@ def planner_stage(
     candidates: NDArray[np.float32],
     whole: NDArray[np.float32],
 ) -> Stage:
-    """Return what fills the features of candidates that are ``wanted`` (N, C) from a situation.
+    """Return the stage that fills the features of the candidates in the mask ``wanted`` (N, C) from a situation.
 
-    Where a ghost is believed to come for the robot on a map that :func:`maps_wanted` has not made ready since it was
-    put into its slot, the stage returns ``NEEDS_MAPS``.
+    The stage returns ``NEEDS_MAPS`` if a ghost is believed to approach the robot on a map that :func:`maps_wanted` has
+    not prepared in its slot.
     """
     seen = prediction.seen_arrays(situation, robot_speed_mps)
     arrays = {"seen": seen, "wanted": wanted, "candidates": candidates, "whole": whole}
@@ -103,13 +104,13 @@ def _outlook_on(levels: "LevelSlots") -> outlook.Outlook:
 
 
 def maps_changed(situation: Situation, slots: NDArray[np.integer[Any]]) -> None:
-    """Make the maps in ``slots`` ready for the prediction."""
+    """Prepare the maps in ``slots`` for the prediction."""
     for level in prediction.maps_of(situation).levels(slots):
         level.add_coarse_steps()
 
 
 def maps_wanted(situation: Situation) -> None:
-    """Make the maps ready on which a ghost comes for the robot."""
+    """Prepare the maps on which a ghost is believed to approach the robot for the outlook."""
     maps, hunted = prediction.maps_of(situation), comes(situation.belief.T).any(axis=0)
     for level in maps.levels(situation.level[hunted]) if hunted.any() else ():
         add_coarse_map(level)
@@ -117,14 +118,14 @@ def maps_wanted(situation: Situation) -> None:
 
 @kernel
 def _describe_ghosts(s, i, level, tokens):  # type: ignore[no-untyped-def]
-    """Fill in the tokens of the nearest ghosts, one behind the other."""
+    """Fill the columns of the nearest ghosts, one ghost after the other."""
     snap, length_cm, affine = level.snap, level.length_cm, level.affine
     x, y = s.robot[i, 0], s.robot[i, 1]
     column, row = cell_of(affine, snap.shape[0], snap.shape[1], x, y)
-    here = snap[row, column]
+    robot_cell = snap[row, column]
     least, last = -1.0, -1
     for k in range(min(GHOST_TOKENS, s.ghosts.shape[1])):
-        best, nearest = np.inf, -1  # the next one: farther than the last, or as far with a greater number
+        best, nearest = np.inf, -1  # the next ghost: farther than the last, or equally far with a higher number
         for j in range(s.ghosts.shape[1]):
             d = math.sqrt((s.ghosts[i, j, 0] - x) ** 2 + (s.ghosts[i, j, 1] - y) ** 2)
             if (d > least or (d == least and j > last)) and d < best:
@@ -134,12 +135,12 @@ def _describe_ghosts(s, i, level, tokens):  # type: ignore[no-untyped-def]
         least, last = best, nearest
         gx, gy, vx, vy, speed = s.ghosts[i, nearest]
         column, row = cell_of(affine, snap.shape[0], snap.shape[1], gx, gy)
-        there = snap[row, column]
+        ghost_cell = snap[row, column]
         v = math.sqrt(vx * vx + vy * vy)
         t = tokens[k * _TOKEN : (k + 1) * _TOKEN]
         t[TokenColumn.THERE] = 1.0
         t[TokenColumn.DISTANCE], t[TokenColumn.NEAR] = min(best, FAR_M) / 5.0, math.exp(-best)
-        path = max(0.01 * apart_cm(length_cm[here], length_cm[there]), best)
+        path = max(0.01 * apart_cm(length_cm[robot_cell], length_cm[ghost_cell]), best)
         t[TokenColumn.PATH] = min(path, FAR_M) / 5.0
         t[TokenColumn.TOWARDS] = (vx * (x - gx) + vy * (y - gy)) / (v * best) if v * best > 1e-6 else 0.0
         t[TokenColumn.SPEED] = min(speed / 0.5, 4.0)
@@ -153,7 +154,7 @@ def _describe_ghosts(s, i, level, tokens):  # type: ignore[no-untyped-def]
 
 @kernel
 def _describe_round(s, i, clyde_m, shortest, limit_s, coming, row):  # type: ignore[no-untyped-def]
-    """Fill in the columns of the situation; ``shortest`` is the length of the way to the nearest pellet."""
+    """Fill the columns of the situation; ``shortest`` is the path length to the nearest pellet, m."""
     left_s = max(limit_s - s.time_s[i], 0.0)
     row[GlobalColumn.TIME_LEFT], row[GlobalColumn.TIME_SHORT] = min(left_s / 200.0, 5.0), math.exp(-left_s / 30.0)
     row[GlobalColumn.COMING] = coming
@@ -174,7 +175,7 @@ def _describe_round(s, i, clyde_m, shortest, limit_s, coming, row):  # type: ign
 
 @kernel
 def _shortest_way(s, i):  # type: ignore[no-untyped-def]
-    """Return the path length to the nearest pellet that may be chosen, m; 0: there is none."""
+    """Return the path length to the nearest allowed pellet in m, or 0 if there is none."""
     shortest = np.inf
     for c in range(s.mask.shape[1]):
         if s.mask[i, c] and s.kind[i, c] == PELLET:
@@ -184,7 +185,7 @@ def _shortest_way(s, i):  # type: ignore[no-untyped-def]
 
 @kernel
 def _describe_ways(s, i, c, clyde_m, shortest, robot_speed, f):  # type: ignore[no-untyped-def]
-    """Fill in what a candidate is, and how far the robot and ghosts are from it."""
+    """Fill the columns for the kind of a candidate and its distance from robot and ghosts."""
     f[CandidateColumn.IS_PELLET], f[CandidateColumn.IS_REFUGE] = s.kind[i, c] == PELLET, s.kind[i, c] == REFUGE
     f[CandidateColumn.IS_HOLD], f[CandidateColumn.IS_CURRENT] = s.kind[i, c] == HOLD, c == s.current[i]
     own, other = min(s.path_robot[i, c], FAR_M), min(s.path_clyde[i, c], FAR_M)
@@ -223,7 +224,7 @@ def _describe_hunt(h, f):  # type: ignore[no-untyped-def]
 
 @kernel
 def _describe_place(s, i, c, level, cost, f):  # type: ignore[no-untyped-def]
-    """Fill in how a candidate lies to the pellets and ghosts' cells; nothing of one without a place on the grid."""
+    """Fill the columns for pellets and ghost cells around a candidate, if it has a cell on the grid."""
     g = s.goal[i, c]
     if g < 0 or level.goal_cell[g] < 0:
         return

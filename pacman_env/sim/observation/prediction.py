@@ -1,7 +1,7 @@
-"""The next seconds: the paths that ghosts may be on, and how near they come to the robot's.
+"""Predict for the next seconds how near ghosts may come to the robot's path to each candidate.
 
-The ghost's are the shortest from its place to the map's goals, each as likely as its last motion makes it; from a goal
-it goes on to another. The robot's leads to a candidate, the first turn included, and ends there.
+The paths of a ghost are the shortest ones from its position to the map's goals, weighted by its last motion; from a
+goal it continues to another. The path of the robot leads to a candidate, including the first turn, and ends there.
 """
 
 import math
@@ -22,30 +22,32 @@ from .situation import LAYOUT, Situation
 if TYPE_CHECKING:
     from ..maps.level_slots import LevelSlots
 
-STEP_S = 0.5  # between the instants
+STEP_S = 0.5  # between instants
 STEPS = 20  # instants: 10 s
 NEAR_M, WIDE_M, SOON_S = 0.45, 0.8, 5.0
 _SOON = round(SOON_S / STEP_S)  # instants
-_FIRST_M = 0.4  # the stretch of a path that decides its direction
-_SHARPNESS = 4.0  # how fast the weight of a path falls with the angle to the ghost's last motion
-_FREE_TURN = 0.7  # rad off the path that are turned while driving (world/navigation/controller.py)
-_TURN_RADPS = 1.2  # turning on the spot, starting and stopping included
-_FAR_M = 10.0  # how near the ghost comes if it cannot move at all in this part of the map
-_AHEAD = 3  # instants written per coarse step, most of the time enough (11 % of the time for 64 games)
+_FIRST_M = 0.4  # length of the start of a path that decides its direction
+_SHARPNESS = 4.0  # rate at which the weight of a path falls with the angle to the ghost's last motion
+_FREE_TURN = 0.7  # rad off the path that the robot turns while driving (world/navigation/controller.py)
+_TURN_RADPS = 1.2  # turning on the spot, including starting and stopping
+_FAR_M = 10.0  # distance of a ghost that cannot move in this part of the map
+_AHEAD = 3  # instants written per coarse step, usually enough (saves 11 % of the time for 64 games)
 REQUEST = np.dtype(
     [
-        ("games", np.int64),  # the lengths of the situation's block
+        ("games", np.int64),  # lengths of the situation's block
         ("candidates", np.int64),
         ("ghosts", np.int64),
-        ("goals", np.int64),  # most of any level
+        ("goals", np.int64),  # largest number on any level
         ("robot_speed", np.float64),  # m/s
     ]
 )
 
 
 class SeenArrays(NamedTuple):
-    block: Any = Array(np.uint8, "b")  # the situations'
-    levels: Any = Array(np.int64, "L")  # addresses of the levels in the slots
+    """Situations and the levels in their slots."""
+
+    block: Any = Array(np.uint8, "b")  # of the situations
+    levels: Any = Array(np.int64, "L")  # addresses of the levels
     request: Any = Array(REQUEST, "1")
 
 
@@ -55,7 +57,7 @@ class _EncounterArrays(NamedTuple):
 
 
 _arrays, _situation = arrays_by_address(_EncounterArrays), LAYOUT.arrays
-_BLOCK = (STEPS + _AHEAD) * WIDTH  # numbers of a block of walkers: an instant of all of them, then the next
+_BLOCK = (STEPS + _AHEAD) * WIDTH  # size of a block of WIDTH walkers: all walkers of an instant, then the next instant
 
 #: Columns of :func:`encounters`.
 CAUGHT_SOON, CAUGHT, APPROACHED, CLOSEST_MEAN, CLOSEST, TURN_COSINE, TOWARDS_CLYDE, STANDING = range(8)
@@ -65,9 +67,10 @@ COLUMNS = 8
 def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float32]:
     """Return how near the nearest ghost may come on the path to each candidate within 10 s, (N, C, 8) float32.
 
-    Columns: probability of less than 0.45 m within 5 s, within 10 s; of less than 0.8 m within 10 s; mean over its
-    paths of the smallest distance, and the smallest of all, m; cosine of the first stretch's direction with the
-    heading, and with the direction to it; smallest distance if it stood still, m. Rows of masked candidates are 0.
+    Columns: probability of a distance below 0.45 m within 5 s, within 10 s, and below 0.8 m within 10 s; smallest
+    distance in m, as mean over the ghost's paths and as minimum; cosine between the start of the robot's path and its
+    heading, and the direction to the ghost; smallest distance in m if the ghost stands still. Rows of masked candidates
+    are 0.
     """
     result = np.empty((*situation.mask.shape, COLUMNS), dtype=np.float32)
     table = Table(_EncounterArrays, seen=seen_arrays(situation, robot_speed_mps), result=result)
@@ -105,11 +108,11 @@ def _write(out_x, out_y, at, x, y, dx, dy, share):  # type: ignore[no-untyped-de
 
 @kernel
 def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type: ignore[no-untyped-def]
-    """Positions of ``count`` walkers at every instant, each along the static path to its goal, (B, _BLOCK) cells.
+    """Write the positions of ``count`` walkers at every instant, on static paths to their goals, (B, _BLOCK) cells.
 
-    All do a coarse step in turn: the wait for one's memory hides behind the others. Instants beyond a coarse step are
-    written all the same, and again later: no branch to guess. With ``goals`` above 1, a walker that has arrived goes on
-    to another. Walker ``w`` is number ``w % WIDTH`` of block ``w // WIDTH``; ``stretch``: cells per instant.
+    Walkers take coarse steps in turn, which hides the latency of memory. Instants beyond a coarse step are written too,
+    and overwritten later, which avoids a branch. With ``goals`` above 1, a walker that has arrived continues to another
+    goal. Walker ``w`` is number ``w % WIDTH`` of block ``w // WIDTH``; ``stretch`` is cells per instant.
     """
     starts, cells, targets, walked, written = walkers
     walking = 0
@@ -131,13 +134,13 @@ def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type:
             at = w // WIDTH * _BLOCK + w % WIDTH + first * WIDTH
             x, y = starts[w, 0], starts[w, 1]
             column, row, goal = cells[w, 0], cells[w, 1], targets[w]
-            here = tile_index(column, row, across)
-            code = steps[here, goal]
+            tile = tile_index(column, row, across)
+            code = steps[tile, goal]
             if code == ARRIVED and goals > 1:
-                goal = (7 * goal + 5) % goals  # any that is not here will do, the same each time
-                if steps[here, goal] == ARRIVED:
+                goal = (7 * goal + 5) % goals  # any other goal, but deterministic
+                if steps[tile, goal] == ARRIVED:
                     goal = (goal + 1) % goals
-                code = steps[here, goal]
+                code = steps[tile, goal]
                 targets[w] = goal
             if code in (ARRIVED, NO_WAY):
                 for j in range(STEPS - first):
@@ -150,21 +153,21 @@ def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type:
             prefetch(steps, tile_index(column, row, across))
             ahead_x, ahead_y = column + 0.5, row + 0.5
             dx, dy = ahead_x - x, ahead_y - y
-            if fresh:  # from where it is, not from the middle of a cell
+            if fresh:  # the first step does not start at the middle of a cell
                 length = math.sqrt(dx * dx + dy * dy)
                 slope = 1.0 / max(length, 1e-9)
             else:
                 length, slope = LENGTHS[code, 0], LENGTHS[code, 1]
-            before = walked[w]
-            after = before + length
-            last = min(int(after * per_cell), STEPS)  # instants that lie within the coarse step
-            share, more = ((first + 1) * stretch - before) * slope, stretch * slope
+            start = walked[w]
+            end = start + length
+            last = min(int(end * per_cell), STEPS)  # instants within the coarse step
+            share, more = ((first + 1) * stretch - start) * slope, stretch * slope
             for u in range(_AHEAD):
                 _write(out_x, out_y, at + u * WIDTH, x, y, dx, dy, share + u * more)
             if last - first > _AHEAD:
                 for u in range(_AHEAD, last - first):
                     _write(out_x, out_y, at + u * WIDTH, x, y, dx, dy, share + u * more)
-            walked[w], written[w] = after, max(last, first)
+            walked[w], written[w] = end, max(last, first)
             starts[w, 0], starts[w, 1] = ahead_x, ahead_y
             cells[w, 0], cells[w, 1] = column, row
             walking -= last >= STEPS
@@ -173,16 +176,16 @@ def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type:
 
 @kernel
 def _ghost_paths(steps, across, ghost, stretch, first, goals, walkers, paths):  # type: ignore[no-untyped-def]
-    """Fill in the ghost's possible paths and their weights, which sum to 1; returns their number.
+    """Write the possible paths of a ghost and their weights, which sum to 1, and return their number.
 
-    ``ghost`` is its place, drivable cell and velocity, in cells. A last path without a weight is to stand still.
+    ``ghost`` is position, drivable cell and velocity, in cells. One more path without a weight stands still.
     """
     (x, y), cell, (vx, vy) = ghost
-    here = tile_index(cell[0], cell[1], across)
+    tile = tile_index(cell[0], cell[1], across)
     walkers.cells[: goals + 1, 0], walkers.cells[: goals + 1, 1] = cell
     starts, used = walkers.starts, 0
     for k in range(goals):
-        if steps[here, k] != NO_WAY:
+        if steps[tile, k] != NO_WAY:
             starts[used, 0], starts[used, 1], starts[used, 2] = x, y, 0.0
             walkers.targets[used] = k
             used += 1
@@ -207,7 +210,7 @@ def _ghost_paths(steps, across, ghost, stretch, first, goals, walkers, paths):  
 
 @kernel
 def _first_stretch(steps, across, start, cell, heading, clyde, goal, result):  # type: ignore[no-untyped-def]
-    """Fill in the directions of the robot's first stretch to a goal; returns how long it turns before, s."""
+    """Write the direction of the start of the robot's path to a goal, and return how long the robot turns first, s."""
     column, row = cell
     for _ in range(2):
         code = steps[tile_index(column, row, across), goal]
@@ -228,7 +231,7 @@ def _first_stretch(steps, across, start, cell, heading, clyde, goal, result):  #
 
 @kernel
 def _nearest(own, at, paths, k, first, last, best):  # type: ignore[no-untyped-def]
-    """A row: the squared distances ``best``, or those of the robot's paths from ghost path k at some instants."""
+    """Lower ``best`` (one vector) to the squared distances of the robot's paths from ghost path k at some instants."""
     other = k // WIDTH * _BLOCK + k % WIDTH
     for j in range(first * WIDTH, last * WIDTH, WIDTH):
         dx = minus(load(own.x, at + j), all_of(paths.x[other + j]))
@@ -239,7 +242,7 @@ def _nearest(own, at, paths, k, first, last, best):  # type: ignore[no-untyped-d
 
 @kernel
 def _compare(own, at, paths, used, cells_per_m, sums):  # type: ignore[no-untyped-def]
-    """Compare a block of the robot's paths, from element ``at`` on, with all of the ghost's."""
+    """Compare a block of the robot's paths, which starts at element ``at``, with all paths of the ghost."""
     far = all_of((_FAR_M * cells_per_m) ** 2)
     near, wide = all_of((NEAR_M * cells_per_m) ** 2), all_of((WIDE_M * cells_per_m) ** 2)
     soon, caught, approached, mean, least = all_of(0.0), all_of(0.0), all_of(0.0), all_of(0.0), far
@@ -273,7 +276,7 @@ def _turned(affine, x, y):  # type: ignore[no-untyped-def]
 
 @kernel
 def _steps(level):  # type: ignore[no-untyped-def]
-    """The coarse steps of a level, and how many tiles lie side by side."""
+    """Return the coarse steps of a level and the number of tiles in a row."""
     return steps_of_level(level.later[COARSE_STEPS]).coarse_steps, (level.snap.shape[1] + TILE - 1) // TILE
 
 
@@ -286,18 +289,18 @@ def _drivable_cell(affine, snap, cell_xy, x, y):  # type: ignore[no-untyped-def]
 
 
 class _Walkers(NamedTuple):
-    starts: Any  # (W, 3) position in cells, and the cells that others walk before the first coarse step
-    cells: Any  # (W, 2) column and row of the drivable cell there
+    starts: Any  # (W, 3) position in cells, and delay before the first coarse step, in cells of walking
+    cells: Any  # (W, 2) column and row of the drivable cell at the position
     targets: Any  # (W,) goals
     walked: Any  # (W,) cells
     written: Any  # (W,) instants
 
 
 class _Paths(NamedTuple):
-    x: Any  # columns at each instant, by block
-    y: Any  # rows
-    weights: Any  # of the ghost's paths
-    candidates: Any  # of the robot's
+    x: Any  # column at each instant, by block
+    y: Any  # row at each instant, by block
+    weights: Any  # of a ghost's paths
+    candidates: Any  # of the robot's paths
 
 
 @kernel
@@ -309,7 +312,7 @@ def _paths(count):  # type: ignore[no-untyped-def]
 
 @kernel
 def room_to_meet(goals, candidates):  # type: ignore[no-untyped-def]
-    """Scratch memory of :func:`meet`: the ghost's paths, the robot's, walkers, sums."""
+    """Return the scratch memory of :func:`meet`: ghost paths, robot paths, walkers, sums."""
     ghost, most = goals + 1, max(goals + 1, candidates)
     starts, cells, targets = np.empty((most, 3)), np.empty((most, 2), np.int32), np.empty(most, np.int32)
     walkers = _Walkers(starts, cells, targets, np.empty(most), np.empty(most, np.int32))
@@ -318,7 +321,7 @@ def room_to_meet(goals, candidates):  # type: ignore[no-untyped-def]
 
 @kernel
 def _meet_ghost(s, level, i, k, room, count, result):  # type: ignore[no-untyped-def]
-    """Compare the robot's ``count`` paths with those of ghost k, or (-1) of the nearest one; fill in rows of result."""
+    """Compare the robot's ``count`` paths with those of ghost k (-1: the nearest), and update ``result``."""
     paths, own, walkers, sums = room
     affine, (steps, across) = level.affine, _steps(level)
     per_m = math.sqrt(affine[0] ** 2 + affine[3] ** 2)  # cells
@@ -349,11 +352,10 @@ def _meet_ghost(s, level, i, k, room, count, result):  # type: ignore[no-untyped
 
 @kernel
 def meet(s, level, i, wanted, speed, room, every, result):  # type: ignore[no-untyped-def]
-    """The encounters of situation i of ``s``, with the nearest or with ``every`` ghost: fill in its rows, (C, COLUMNS).
+    """Write ``result`` (C, COLUMNS), the encounters of situation i with the nearest ghost, or with ``every`` ghost.
 
-    Rows are of the candidates that are ``wanted``, (C,), others are 0; ``speed``: the robot's, m/s.
-
-    Of several ghosts: probabilities that any of them does so, the mean of the one whose mean is least.
+    Rows of candidates outside the mask ``wanted`` (C,) are 0; ``speed`` is the robot's in m/s. With several ghosts,
+    probabilities are those that at least one ghost comes near, and CLOSEST_MEAN is the smallest of their means.
     """
     _, own, walkers, _ = room
     affine, (steps, across) = level.affine, _steps(level)

@@ -1,4 +1,4 @@
-"""The egocentric picture of a situation: walls, pellets, ghosts and robot around the robot, its heading up."""
+"""Draw egocentric images of situations: walls, pellets and ghosts around the robot, with its heading up."""
 
 import math
 
@@ -17,7 +17,7 @@ _ON, _OFF = np.uint8(255), np.uint8(0)
 
 @kernel
 def _disc(image, channel, row, column, radius):  # type: ignore[no-untyped-def]
-    """Mark the pixels whose centres lie within the disc, and the one that holds its centre; all in pixels."""
+    """Mark the pixels with centres inside a disc, and the pixel at its centre; all lengths in pixels."""
     size = len(image)
     if not (row > -radius and column > -radius and row < size + radius and column < size + radius):
         return
@@ -34,10 +34,10 @@ def _disc(image, channel, row, column, radius):  # type: ignore[no-untyped-def]
 
 @kernel
 def _walls(affine, clearance_cm, x, y, forward_x, forward_y, image):  # type: ignore[no-untyped-def]
-    """Write every pixel: the channel of walls, and 0 in the others. ``forward``: one pixel ahead, in m."""
+    """Write the wall channel of every pixel and 0 to the others; ``forward`` is the vector of one pixel ahead, m."""
     rows, columns = clearance_cm.shape
     size = len(image)
-    # One pixel down is backwards, one to the right is forwards turned by -90 degrees; in cells.
+    # In cells: one pixel down is backwards, one to the right is forwards turned by -90 degrees.
     down_x = -(affine[0] * forward_x + affine[1] * forward_y)
     down_y = -(affine[3] * forward_x + affine[4] * forward_y)
     right_x = affine[0] * forward_y - affine[1] * forward_x
@@ -66,13 +66,14 @@ def _pixel(dx, dy, view):  # type: ignore[no-untyped-def]
 
 @kernel
 def raster(grid, pose, pellets, ghosts, lengths_m, image):  # type: ignore[no-untyped-def]
-    """Fill ``image`` (S, S, 4) uint8, 0 or 255, with the surroundings of a robot at ``pose`` (3,), as believed.
+    """Fill ``image`` (S, S, 4) uint8, 0 or 255, with the surroundings of a robot at the believed ``pose`` (3,).
 
-    The robot is in the middle, row 0 is ahead of it and column 0 to its left. ``grid``: affine (6,) world to cell,
-    clearance_cm (H, W) uint8, 0 is not free. ``pellets``: places (P or more, 2) m, and which (P,) are there;
-    they and ghosts (G, 2) are not drawn where not finite. ``lengths_m``: of a pixel, and the robot's radius.
+    The robot is in the middle; row 0 is ahead of it and column 0 to its left. ``grid`` is affine (6,), world to cell,
+    and clearance_cm (H, W) uint8, 0 if not free. ``pellets`` are positions (P or more, 2) in m and a mask (P,) of the
+    remaining ones. Pellets and ghosts (G, 2) that are not finite are not drawn. ``lengths_m`` are the size of a pixel
+    and the robot's radius.
     """
-    pellet_xy, pellet_there = pellets
+    pellet_xy, remaining = pellets
     pixel_m, radius_m = lengths_m
     pixels_per_m = 1.0 / pixel_m
     middle = 0.5 * len(image)
@@ -80,8 +81,8 @@ def raster(grid, pose, pellets, ghosts, lengths_m, image):  # type: ignore[no-un
     cos, sin = math.cos(heading), math.sin(heading)
     _walls(grid[0], grid[1], x, y, cos * pixel_m, sin * pixel_m, image)
     view = cos, sin, pixels_per_m, middle
-    for k in range(len(pellet_there)):
-        if pellet_there[k]:
+    for k in range(len(remaining)):
+        if remaining[k]:
             row, column = _pixel(pellet_xy[k, 0] - x, pellet_xy[k, 1] - y, view)
             _disc(image, np.int64(PELLETS), row, column, PELLET_RADIUS_M * pixels_per_m)
     for k in range(len(ghosts)):
@@ -92,16 +93,16 @@ def raster(grid, pose, pellets, ghosts, lengths_m, image):  # type: ignore[no-un
 
 @kernel
 def raster_all(levels, level, pose, pellets, ghosts, lengths_m, images):  # type: ignore[no-untyped-def]
-    """:func:`raster` of N games; ``levels`` are the addresses of the levels in their slots, ``level`` (N,) slots."""
+    """Call :func:`raster` for N games; ``levels`` are the addresses of the levels by slot, ``level`` (N,) the slots."""
     for i in range(len(images)):
         a = level_arrays(levels[level[i]])
-        here = pellets[0][i], pellets[1][i]
-        raster((a.affine, a.clearance_cm), pose[i], here, ghosts[i], lengths_m, images[i])
+        own_pellets = pellets[0][i], pellets[1][i]
+        raster((a.affine, a.clearance_cm), pose[i], own_pellets, ghosts[i], lengths_m, images[i])
 
 
 @kernel
 def scan_all(levels, level, robots, resolution, sensor, ranges):  # type: ignore[no-untyped-def]
-    """Fill ``ranges`` (N, R) with each robot's scan; ``robots``: poses (N, 3), seeds and ticks (N,)."""
+    """Fill ``ranges`` (N, R) with each robot's scan; ``robots`` are poses (N, 3), seeds and ticks (N,)."""
     poses, seeds, ticks = robots
     for i in range(len(ranges)):
         a = level_arrays(levels[level[i]])

@@ -1,6 +1,6 @@
-"""The float32 features and bearings that a network reads, and their scales.
+"""Compute float32 features and bearings for networks, and their scales.
 
-Directions are in the robot's frame, lengths in m, capped at ``FAR_M``.
+Directions are in the robot's frame. Lengths are in m, capped at ``FAR_M``.
 """
 
 import math
@@ -19,13 +19,13 @@ from ..maps.level import level_arrays
 from .situation import HOLD, MISSING, PELLET, REFUGE, Nearest, Situation, nearest_candidates
 from .situation import LAYOUT as situation_layout
 
-FAR_M = 100.0  # cap of every length
-FAST_MPS = 5.0  # cap of every speed
-OLD_S = 100.0  # cap of a pose's age
+FAR_M = 100.0  # cap of all lengths
+FAST_MPS = 5.0  # cap of all speeds
+OLD_S = 100.0  # cap of the age of a pose
 
 Columns = tuple[tuple[str, float, float, str], ...]
-#: name, low, high, unit of each column of the arrays that an observation holds; what has no bound of its own is
-#: bounded by the map or the configuration (``kinds.py``).
+#: name, low, high and unit of each column of the observation's arrays; infinite bounds are replaced by bounds from map
+#: and configuration (``kinds.py``).
 ROBOT_COLUMNS = (
     ("x", -np.inf, np.inf, "m, map frame"),
     ("y", -np.inf, np.inf, "m, map frame"),
@@ -72,6 +72,8 @@ Observation = dict[str, NDArray[Any]]
 
 
 class FeatureArrays(NamedTuple):
+    """Arrays of :func:`features`."""
+
     robot: Any = Array(np.float32, f"N {len(ROBOT_COLUMNS)}")
     clyde: Any = Array(np.float32, f"N {len(CLYDE_COLUMNS)}")
     candidates: Any = Array(np.float32, f"N C {len(CANDIDATE_COLUMNS)}")
@@ -80,7 +82,7 @@ class FeatureArrays(NamedTuple):
 
 
 class _FillArrays(NamedTuple):
-    block: Any = Array(np.uint8, "b")  # the situations'
+    block: Any = Array(np.uint8, "b")  # of the situations
     lengths: Any = Array(np.int64, "3")
     seen: Any = FeatureArrays
 
@@ -93,21 +95,21 @@ def observe(situation: Situation) -> Observation:
 
 
 def features(situation: Situation) -> Observation:
-    """``robot`` (N, 7), ``clyde`` (N, 7), ``candidates`` (N, C, 10), ``round`` (N, 2), ``ghosts`` (N, G, 6) if several.
+    """Return ``robot`` (N, 7), ``clyde`` (N, 7), ``candidates`` (N, C, 10), ``round`` (N, 2), ``ghosts`` (N, G, 6).
 
-    Rows of candidates that the mask forbids keep their kind and are 0 otherwise.
+    ``ghosts`` is omitted with one ghost. Rows of forbidden candidates only contain the kind and are 0 otherwise.
     """
     n, candidates, ghosts = situation.block()[1:]
-    found = zeros(FeatureArrays, FeatureArrays._fields, N=n, C=candidates, G=ghosts)
-    job, tables = features_stage(situation, found)
+    arrays = zeros(FeatureArrays, FeatureArrays._fields, N=n, C=candidates, G=ghosts)
+    job, tables = features_stage(situation, arrays)
     situation.threads.run(job, tables, n)
     if ghosts == 1:
-        del found["ghosts"]
-    return found
+        del arrays["ghosts"]
+    return arrays
 
 
 def features_stage(situation: Situation, arrays: Observation) -> Stage:
-    """Return what fills the arrays of :func:`features` from a situation; with one ghost ``ghosts`` may be missing."""
+    """Return the stage that fills the arrays of :func:`features`; with one ghost ``ghosts`` may be missing."""
     block, *lengths = situation.block()
     ghosts = arrays.get("ghosts")
     if ghosts is None:
@@ -123,7 +125,7 @@ def _cap(value, limit):  # type: ignore[no-untyped-def]
 
 @kernel
 def in_robot_frame(dx, dy, cos, sin, limit):  # type: ignore[no-untyped-def]
-    """A vector of the map frame as forward and left of a robot whose heading has that cosine and sine, cut."""
+    """Rotate a map-frame vector to forward and left of a robot with this heading (cosine, sine), and clip it."""
     return _cap(dx * cos + dy * sin, limit), _cap(dy * cos - dx * sin, limit)
 
 
@@ -179,7 +181,7 @@ def write_features(table, first, last):  # type: ignore[no-untyped-def]
     return 0
 
 
-_AHEAD_CM = 50  # of the path: far enough for a direction, near enough not to cut a corner
+_AHEAD_CM = 50  # path length to the point that gives the direction of a path, short enough not to cut corners
 
 PELLET_BEARING_COLUMNS = (
     ("is_pellet", 0.0, 1.0, "1, or 0: there are not so many, the row is 0"),
@@ -200,7 +202,10 @@ GHOST_BEARING_COLUMNS = (
 
 
 def pellet_bearings(situation: Situation, count: int) -> NDArray[np.float32]:
-    """(N, ``count``, 7) float32, as :func:`nearest_candidates` orders them; ValueError for a situation without maps."""
+    """Return bearings of the nearest pellets (N, ``count``, 7), float32, in the order of :func:`nearest_candidates`.
+
+    Raises ValueError for a situation without maps.
+    """
     if situation.maps is None:
         raise ValueError("the situation has no maps to plan a path on")
     s, levels = situation, situation.maps.addresses
@@ -211,7 +216,7 @@ def pellet_bearings(situation: Situation, count: int) -> NDArray[np.float32]:
 
 
 def ghost_bearings(situation: Situation) -> NDArray[np.float32]:
-    """(N, G, 5) float32, by number."""
+    """Return the bearings of all ghosts (N, G, 5), float32."""
     result = np.empty((*situation.ghosts.shape[:2], len(GHOST_BEARING_COLUMNS)), dtype=np.float32)
     _fill_ghosts(situation.robot, situation.ghosts, result)
     return result
@@ -219,7 +224,7 @@ def ghost_bearings(situation: Situation) -> NDArray[np.float32]:
 
 @kernel
 def _bearing(dx, dy, cos, sin):  # type: ignore[no-untyped-def]
-    """Cosine and sine of a direction in the robot's frame, and the distance; what is here is ahead."""
+    """Return cosine and sine of a direction in the robot's frame, and the distance (at distance 0: ahead)."""
     distance = math.sqrt(dx * dx + dy * dy)
     if distance < 1e-9:
         return 1.0, 0.0, 0.0
@@ -234,7 +239,7 @@ def _fill_pellets(robot, position, path, goals, level, order, levels, out):  # t
         x, y = robot[i, 0], robot[i, 1]
         cos, sin = math.cos(robot[i, 2]), math.sin(robot[i, 2])
         column, row = cell_of(a.affine, a.snap.shape[0], a.snap.shape[1], x, y)
-        here = a.snap[row, column]
+        robot_cell = a.snap[row, column]
         for k in range(out.shape[1]):
             c = order[i, k]
             if c == MISSING:
@@ -245,10 +250,10 @@ def _fill_pellets(robot, position, path, goals, level, order, levels, out):  # t
             out[i, k, 3] = min(distance, FAR_M)
             out[i, k, 4] = min(path[i, c], FAR_M)
             goal = goals[i, c]
-            if here < 0 or next_step[goal, here] == NO_STEP:
+            if robot_cell < 0 or next_step[goal, robot_cell] == NO_STEP:
                 continue
-            cell = here
-            while next_step[goal, cell] != AT_GOAL and length_cm[here, goal] - length_cm[cell, goal] < _AHEAD_CM:
+            cell = robot_cell
+            while next_step[goal, cell] != AT_GOAL and length_cm[robot_cell, goal] - length_cm[cell, goal] < _AHEAD_CM:
                 cell += next_step[goal, cell]
             if next_step[goal, cell] != AT_GOAL:
                 px, py = cell_xy[cell, 0], cell_xy[cell, 1]
@@ -269,18 +274,18 @@ def _fill_ghosts(robot, ghosts, out):  # type: ignore[no-untyped-def]
 LENGTH_M = 3.0
 AGE_S = 3.0
 COUNT = 10.0
-#: By unit: c of x / (|x| + c).
+#: c of the scale x / (|x| + c), by unit.
 _SOFT = {"m": LENGTH_M, "s": AGE_S, "on the map": COUNT}
-#: By unit: x is divided by it.
+#: Divisor of x, by unit.
 _LINEAR = {"": 1.0, "1": 1.0, "m/s": 1.0, "rad/s": 2.0, "the goal pursued now": 1.0}
-_PLACE_M = 50.0  # of the map's frame, whose origin is anywhere
-TIME = "time"  # of the round: its share of the time limit
+_PLACE_M = 50.0  # divisor of map coordinates, whose origin is arbitrary
+TIME = "time"  # column divided by the time limit
 
 
 def unit_scale(columns: Columns, time_limit_s: float) -> NDArray[np.float32]:
-    """(2, F) how columns are scaled by their units, for ``rows.py``: what a value is divided by, and c of a soft scale.
+    """Return the scales of columns (2, F) for ``rows.py``: divisors, and c of soft scales (0: linear).
 
-    A unit's first words count; one without a scale is a KeyError.
+    The first words of the unit decide. Raises KeyError for a unit without a scale.
     """
     by, soft = np.ones((2, len(columns)), dtype=np.float32)
     soft[:] = 0.0

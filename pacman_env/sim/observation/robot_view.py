@@ -1,4 +1,4 @@
-"""A situation of one game from what a robot knows, filled by the simulator's kernels: the same numbers as in a game."""
+"""Build situations from a real robot's knowledge with the simulator's kernels, so that the numbers are the same."""
 
 import math
 from collections.abc import Collection, Mapping
@@ -24,34 +24,37 @@ from ..maps.level_slots import LevelSlots
 from .situation import Situation
 from .situation_kernel import REQUEST, ViewArrays, direct, write_situations
 
-_AWAY_M = 1.0  # farther than this from every drivable cell a pose is not on the map
-_JUMP_M = 0.5  # a ghost was put elsewhere if it moved so much farther than its speed allows
-_BESIDE = 1.2  # cells: as far behind a cell the nearest is its neighbour, straight or diagonal
+_AWAY_M = 1.0  # a pose at a larger distance from all drivable cells is not on the map
+_JUMP_M = 0.5  # a longer jump than this beyond the ghost's speed counts as a teleport
+_BESIDE = 1.2  # cells: at this distance from a cell, its straight or diagonal neighbour is nearest
 
 
 @dataclass(frozen=True)
 class Pellets:
-    known: dict[int, tuple[float, float]]  # the map's own, m; those that the robot cannot reach included
-    unknown: tuple[int, ...]  # ids that the map does not have, or elsewhere
+    """Reported pellets, compared with the map."""
+
+    known: dict[int, tuple[float, float]]  # pellets of the map, m, including unreachable ones
+    unknown: tuple[int, ...]  # ids that are not on the map or at other positions
 
 
 @dataclass(frozen=True)
 class Seen:
-    """What a robot knows at a decision; poses in the map frame."""
+    """A robot's knowledge at a decision; poses are in the map frame."""
 
     time_s: float  # since the round began
-    pose: tuple[float, float, float]  # m, m, rad as believed
-    left: Collection[int]  # ids of the pellets on the map
+    pose: tuple[float, float, float]  # believed pose: m, m, rad
+    left: Collection[int]  # ids of the remaining pellets
     velocity: tuple[float, float] = (0.0, 0.0)  # m/s, rad/s
     pose_age_s: float = 0.0
-    masked: Collection[int] = ()  # candidates that may not be chosen now
-    pursued: int = -1  # candidate, -1: none
+    masked: Collection[int] = ()  # forbidden candidates
+    pursued: int = -1  # current candidate, -1: none
 
 
 class RobotView:
-    """One game on a map prepared under ``config``, as its robot sees it; candidates are numbered as in a simulation.
+    """The robot's view of one game on a map prepared with ``config``; candidates are numbered as in simulation.
 
-    ``seed`` is that of the rounds, for policies that draw; ``levels`` has the map, if it is known already.
+    ``seed`` is the seed of the rounds, for policies that draw random numbers; ``levels`` contains the map, if it exists
+    already.
     """
 
     def __init__(self, assets: MapAssets, config: Config, seed: int = 0, levels: LevelSlots | None = None) -> None:
@@ -61,7 +64,7 @@ class RobotView:
         self._config = config
         self._levels = levels or LevelSlots.only(Level.of(assets, config), config)
         self._parameters = batch_parameters(config, assets.grid.resolution, assets.pellets, assets.refuges)
-        self._parameters["use_tf"] = 1  # the pose that is given is the one believed, wherever it comes from
+        self._parameters["use_tf"] = 1  # the given pose is the believed one
         pellets = generate_pellets(assets.occupancy, config.pellets)
         positions = map(tuple, pellets.position.tolist())
         self._pellets: dict[int, tuple[float, float]] = dict(zip(pellets.ids.tolist(), positions, strict=True))
@@ -78,7 +81,7 @@ class RobotView:
         self._ghosts = np.zeros((1, count), dtype=GHOST)
         self._ghosts["place"] = -1
         self._forget()
-        self._cells = np.zeros((1, count, 1), dtype=np.int32)  # the path of a ghost, whose last cell is known
+        self._cells = np.zeros((1, count, 1), dtype=np.int32)  # of each ghost's path only the last cell is known
         self._obstacles = np.zeros((1, count, 3))
         self._stamp_ns: list[int | None] = [None] * count
         self._seen_s: float | None = None
@@ -95,7 +98,7 @@ class RobotView:
         )
 
     def begin(self) -> None:
-        """A round begins: no decision has been taken in it, and no distance is remembered."""
+        """Start a round: forget beliefs and distances of the last one."""
         self._games["tick"] = 0
         self._games["closing"] = 0.0
         self._seen_s = None
@@ -111,14 +114,14 @@ class RobotView:
 
     @property
     def ghosts(self) -> list[tuple[float, float]]:
-        """Where the ghosts were seen last, m, by number; NaN if never."""
+        """Last observed position of each ghost, m; NaN if never observed."""
         return [
             (math.nan, math.nan) if stamp_ns is None else (float(ghost["x"]), float(ghost["y"]))
             for ghost, stamp_ns in zip(self._ghosts[0], self._stamp_ns, strict=True)
         ]
 
     def see_ghost(self, number: int, x: float, y: float, stamp_ns: int) -> None:
-        """A ghost is at (x, y), m, at that instant; its velocity is that of its last move."""
+        """Record that a ghost is at (x, y), m, at ``stamp_ns``; its velocity is that of its last move."""
         ghost, before_ns = self._ghosts[0, number], self._stamp_ns[number]
         if before_ns == stamp_ns:
             return
@@ -126,7 +129,7 @@ class RobotView:
         dx, dy = x - ghost["x"], y - ghost["y"]
         if period > 0 and math.hypot(dx, dy) <= 2 * self.clyde_speed_mps * period + _JUMP_M:
             ghost["vx"], ghost["vy"] = dx / period, dy / period
-        else:  # seen for the first time, put elsewhere, or a clock was set back
+        else:  # first observation, teleport, or a clock was set back
             ghost["vx"] = ghost["vy"] = 0.0
             forget_ghost(ghost)
         ghost["x"], ghost["y"] = x, y
@@ -135,7 +138,7 @@ class RobotView:
         self._cells[0, number, 0] = self._cell_passed(ghost)
 
     def _cell_passed(self, ghost: NDArray[Any]) -> int:
-        """The last cell that a ghost has passed, which goes straight from cell to cell."""
+        """Return the last cell that a ghost passed; ghosts move in straight lines between cells."""
         cells, at = self.assets.clyde, np.array((ghost["x"], ghost["y"]))
         nearest, _ = cells.nearest(*at)
         ahead = cells.position[nearest] - at
@@ -146,7 +149,7 @@ class RobotView:
         return cells.nearest(*behind)[0]
 
     def pellets(self, shown: Mapping[int, tuple[float, float]]) -> Pellets:
-        """Compare a report, positions by id, with the map: a pellet is its own within a cell's edge."""
+        """Compare reported pellets (positions by id) with the map; positions may differ by one cell edge."""
         known, unknown = {}, []
         for number, (x, y) in shown.items():
             own = self._pellets.get(number)
@@ -160,7 +163,7 @@ class RobotView:
         return pellet in self._slot
 
     def off_the_map(self, x: float, y: float) -> bool:
-        """True if a position, m, is far from every place where the robot can be."""
+        """Return True if a position, m, is far from all drivable cells."""
         grid = self.assets.grid
         column, row = cell_of(grid.affine, *grid.shape, x, y)
         near = self.assets.cell_xy[grid.snap[row, column]]
@@ -174,7 +177,10 @@ class RobotView:
         return Place(candidate, x, y, int(self.assets.pellet_ids[candidate]) if is_pellet else None)
 
     def situation(self, seen: Seen, player: int = -1) -> Situation:
-        """What the robot's policy, or that of ghost ``player``, sees at a decision (N = 1). May raise ValueError."""
+        """Return the situation (N = 1) of the robot's policy, or of the policy of ghost ``player``.
+
+        Raises ValueError if a ghost has not been seen yet.
+        """
         if self.unseen:
             raise ValueError(f"{self.unseen[0]} has not been seen yet")
         g = self._games[0]
@@ -197,7 +203,7 @@ class RobotView:
         return situation
 
     def rehearsal(self, player: int = -1) -> Situation:
-        """A situation at the home pose with every pellet, for a policy to warm up on; nothing is remembered of it."""
+        """Return a situation at the home pose with all pellets, to warm up a policy; this view does not change."""
         other = RobotView(self.assets, self._config, levels=self._levels)
         x, y = self.assets.clyde.position[self.assets.spawn_cells[0]].tolist()
         for number in range(len(self._stamp_ns)):

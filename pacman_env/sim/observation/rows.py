@@ -1,6 +1,6 @@
-"""From the arrays of the kinds of observation to what a learner gets: listed candidates, scaled, in one row.
+"""Convert the arrays of the observation kinds for learners: list candidates, scale values, flatten to one row.
 
-Numbers are float32 throughout, so that a value is the same whether it is written here or by NumPy.
+All numbers are float32, so that these kernels and NumPy give the same values.
 """
 
 from typing import Any, NamedTuple
@@ -11,43 +11,45 @@ from ...engine.arrays import Array, arrays_by_address, bytes_at, floats_at
 from ...engine.jit import kernel, table_kernel
 from .situation import MISSING, list_nearest
 
-#: How a value is scaled: not at all; by the unit of its column; to [-1, 1] between its bounds.
+#: Scale types: none, by the unit of the column, linear between the bounds to [-1, 1].
 NOT, BY_UNIT, BETWEEN_BOUNDS = range(3)
-#: One array of an observation: where its numbers come from and where they go, of each game.
+#: One array of an observation: source and target of each game's numbers.
 PART = np.dtype(
     [
         ("source", np.int64),  # address of the first game's numbers
-        ("source_length", np.int64),  # numbers of a game there
-        ("is_byte", np.int64),  # int8, not float32
-        ("rows", np.int64),  # in the observation; of a game as a whole: 1
+        ("source_length", np.int64),  # numbers per game in the source
+        ("is_byte", np.int64),  # int8 instead of float32
+        ("rows", np.int64),  # in the observation; 1 for arrays of the whole game
         ("columns", np.int64),
-        ("listed", np.int64),  # the rows are listed candidates, not all in their order
+        ("listed", np.int64),  # rows are listed candidates, not all candidates
         ("scale", np.int64),
-        ("first_scale", np.int64),  # its numbers in the arrays of scales begin here
+        ("first_scale", np.int64),  # index of its first number in the arrays of scales
         ("target", np.int64),  # address of the first game's numbers
-        ("target_length", np.int64),  # numbers from one game to the next there
+        ("target_length", np.int64),  # numbers per game in the target
     ]
 )
 
 
 class CandidateArrays(NamedTuple):
-    """Hold what candidates are listed by: N situations, C candidates, K in the list (0: all, in their order)."""
+    """Arrays for listing candidates: N situations, C candidates, K in the list (0: all, in their own order)."""
 
     kind: Any = Array(np.int8, "N C")
     mask: Any = Array(np.bool_, "N C")
     path_robot: Any = Array(np.float64, "N C")
     current: Any = Array(np.int64, "N")
-    room: Any = Array(np.int64, "2")  # for pellets and refuges
+    room: Any = Array(np.int64, "2")  # number of listed pellets and refuges
     listed: Any = Array(np.int64, "N k")
-    wanted: Any = Array(np.bool_, "N C")  # those that features are made of
-    allowed: Any = Array(np.int8, "N m")  # the mask of actions
+    wanted: Any = Array(np.bool_, "N C")  # candidates whose features are computed
+    allowed: Any = Array(np.int8, "N m")  # mask of actions
 
 
 class RowArrays(NamedTuple):
+    """Arrays of :func:`write_rows`."""
+
     parts: Any = Array(PART, "p")
     listed: Any = Array(np.int64, "N k")
     first: Any = Array(np.float32, "s")  # divisor, or middle of the bounds
-    second: Any = Array(np.float32, "s")  # c of x / (|x| + c), 0: linear; or half of what the bounds are apart
+    second: Any = Array(np.float32, "s")  # c of x / (|x| + c), 0: linear; or half of the distance of the bounds
 
 
 _candidates, _rows = arrays_by_address(CandidateArrays), arrays_by_address(RowArrays)

@@ -1,11 +1,11 @@
-"""What a policy sees at a decision: N situations at once, as arrays.
+"""Input of a policy at a decision: N situations at once, as arrays.
 
-The same structure is filled from the simulator and from a robot's messages. Poses are *believed* poses in the map
-frame (m, rad). Candidates are laid out as pellets (padded), refuges (padded), hold.
+The simulator and a robot's messages fill the same structure. Poses are *believed* poses in the map frame (m, rad).
+Candidates are pellets (padded), refuges (padded) and hold, in this order.
 
-Of several ghosts the one nearest to the believed pose is called Clyde here, and ``path_clyde`` is the shortest path of
-all. A policy that plays a ghost sees the same arrays with that one as Clyde: the candidates are then the places that it
-can be sent to, and the last one is to wander on.
+With several ghosts, Clyde is the ghost nearest to the believed pose, and ``path_clyde`` is the shortest path of any
+ghost. The policy of a ghost gets the same arrays with its ghost as Clyde; its candidates are the places where the ghost
+can go, and the last one is to wander.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ..maps.level_slots import LevelSlots
 
 PELLET, REFUGE, HOLD = 0, 1, 2
-_BELIEF = f"N G {len(BELIEVED)}"  # by name, as Sphinx reads no f-string in an annotation
+_BELIEF = f"N G {len(BELIEVED)}"  # a name, because Sphinx cannot read f-strings in annotations
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Situation:
     """
 
     time_s: Annotated[NDArray[np.float64], "N"]  # since the round began
-    robot: Annotated[NDArray[np.float64], "N 3"]  # x, y, heading as believed
+    robot: Annotated[NDArray[np.float64], "N 3"]  # believed x, y, heading
     robot_velocity: Annotated[NDArray[np.float64], "N 2"]  # v in m/s, omega in rad/s
     pose_age_s: Annotated[NDArray[np.float64], "N"]  # since the believed pose was measured
     clyde: Annotated[NDArray[np.float64], "N 2"]  # x, y
@@ -47,26 +47,26 @@ class Situation:
     clyde_speed: Annotated[NDArray[np.float64], "N"]  # m/s, the speed in this round
     closing_speed: Annotated[NDArray[np.float64], "N"]  # m/s, positive: the straight distance shrinks (Algorithm 3)
     kind: Annotated[NDArray[np.int8], "N C"]  # PELLET, REFUGE or HOLD
-    position: Annotated[NDArray[np.float64], "N C 2"]  # m; HOLD and padding: the robot's own position
-    mask: Annotated[NDArray[np.bool_], "N C"]  # may be chosen now
+    position: Annotated[NDArray[np.float64], "N C 2"]  # m; for HOLD and padding the robot's position
+    mask: Annotated[NDArray[np.bool_], "N C"]  # allowed candidates
     path_robot: Annotated[NDArray[np.float64], "N C"]  # m, path length robot-candidate; inf if unreachable
     path_clyde: Annotated[NDArray[np.float64], "N C"]  # m, path length Clyde-candidate; inf if unreachable
-    current: Annotated[NDArray[np.int64], "N"]  # candidate pursued now, -1: none
-    seed: Annotated[NDArray[np.uint64], "N"]  # the round's seed, for policies that draw
+    current: Annotated[NDArray[np.int64], "N"]  # current candidate, -1: none
+    seed: Annotated[NDArray[np.uint64], "N"]  # of the round, for policies that draw random numbers
     tick: Annotated[NDArray[np.int64], "N"]  # ticks of this round before this one
-    pellets_left: Annotated[NDArray[np.int64], "N"]  # still on the map, those that may not be chosen now included
-    ghosts: Annotated[NDArray[np.float64], "N G 5"]  # x, y, vx, vy, speed of every ghost; Clyde is the nearest of them
-    belief: Annotated[NDArray[np.float64], _BELIEF]  # what each ghost does (game/behaviour_belief.py)
-    goal: Annotated[NDArray[np.int32], "N C"]  # number of the candidate among the map's goals, -1: none
+    pellets_left: Annotated[NDArray[np.int64], "N"]  # on the map, including forbidden ones
+    ghosts: Annotated[NDArray[np.float64], "N G 5"]  # x, y, vx, vy, speed of each ghost
+    belief: Annotated[NDArray[np.float64], _BELIEF]  # about each ghost's behaviour (game/behaviour_belief.py)
+    goal: Annotated[NDArray[np.int32], "N C"]  # goal number of each candidate on its map, -1: none
     level: Annotated[NDArray[np.int32], "N"]  # slot of the map in ``maps``
-    maps: LevelSlots | None = None  # the maps themselves, for policies that plan on them; None if unknown
-    threads: Threads = ALONE  # that may work on what is made of the situations
+    maps: LevelSlots | None = None  # for policies that plan on maps; None if unknown
+    threads: Threads = ALONE  # threads for computations on the situations
 
     def __len__(self) -> int:
         return len(self.time_s)
 
     def __getattr__(self, name: str) -> NDArray[Any]:
-        """An array of the block that is asked for the first time: to make all costs as much as a step."""
+        """Create an array view at its first use, because creating all views takes as long as a step."""
         block = self.__dict__.get("_block")
         if block is None or name not in LAYOUT.fields:
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
@@ -74,30 +74,30 @@ class Situation:
         return array
 
     def __getstate__(self) -> dict[str, Any]:
-        """A copy's arrays lie elsewhere: they would not be those of its block any more."""
+        """Pickle the arrays instead of the block, because the arrays of a copy would not be views of its block."""
         arrays = dict(zip(LAYOUT.fields, self.arrays(), strict=True))
         return {**arrays, "maps": self.maps, "threads": self.threads}
 
     def arrays(self) -> tuple[NDArray[Any], ...]:
-        """The arrays in the order of the fields."""
+        """Return the arrays in the order of the fields."""
         return tuple(getattr(self, name) for name in LAYOUT.fields)
 
     def rows(self, index: slice | NDArray[np.int64]) -> Situation:
-        """The situations at ``index`` as a smaller batch."""
+        """Return the situations at ``index`` as a smaller batch."""
         arrays = {name: getattr(self, name)[index] for name in LAYOUT.fields}
         return Situation(**arrays, maps=self.maps, threads=self.threads)
 
     def copy(self) -> Situation:
-        """Return the same in arrays of its own."""
+        """Return a copy with its own arrays."""
         block, *lengths = self.block()
         copied = type(self).__new__(type(self))
         copied.__dict__.update(_block=(block.copy(), *lengths), maps=self.maps, threads=self.threads)
         return copied
 
     def block(self) -> tuple[NDArray[np.uint8], int, int, int]:
-        """The block of memory that the arrays are in, and what it is for: situations, candidates, ghosts.
+        """Return the memory block of the arrays and the numbers of situations, candidates and ghosts.
 
-        Arrays that lie elsewhere are copied into a new one.
+        Arrays outside of a block are copied to a new one.
         """
         if "_block" in self.__dict__:
             return self.__dict__["_block"]
@@ -111,10 +111,10 @@ class Situation:
     def empty(
         cls, n: int, candidates: int, ghosts: int = 1, maps: LevelSlots | None = None, threads: Threads = ALONE
     ) -> Situation:
-        """Arrays for n situations, not yet filled."""
+        """Return n situations with arrays that are not yet filled."""
         situation = cls.__new__(cls)
         lengths = n, candidates, ghosts
-        # The fields of a frozen dataclass; the arrays follow when they are asked for.
+        # The dataclass is frozen; the arrays are created at their first use.
         situation.__dict__.update(_block=(LAYOUT.new(*lengths), *lengths), maps=maps, threads=threads)
         return situation
 
@@ -126,22 +126,24 @@ def _declared() -> dict[str, Array]:
 
 
 def _scalar(hint: Any) -> Any:
-    """Of ``NDArray[scalar]``: up to NumPy 2.4 an alias of ``ndarray[shape, dtype[scalar]]``, then one of its own."""
+    """Return ``scalar`` of ``NDArray[scalar]``, which up to NumPy 2.4 is ``ndarray[shape, dtype[scalar]]``."""
     last = get_args(hint)[-1]
     return get_args(last)[0] if get_args(last) else last
 
 
-#: The arrays of a situation, as kernels see them.
+#: The arrays of a situation for kernels.
 SituationArrays: Any = namedtuple("SituationArrays", _declared(), defaults=_declared().values())  # type: ignore[misc]
-#: Where they lie in the block of one that was made by :meth:`Situation.empty`.
+#: Offsets of the arrays in the block of :meth:`Situation.empty`.
 LAYOUT = Layout(SituationArrays)
 
 
-MISSING = -1  # in place of a candidate's number: there are fewer
+MISSING = -1  # instead of a candidate's number, if there are fewer
 
 
 @dataclass(frozen=True)
 class Nearest:
+    """Numbers of listed pellets and refuges; hold is listed too."""
+
     pellets: int
     refuges: int
 
@@ -151,9 +153,10 @@ class Nearest:
 
 
 def nearest_candidates(situation: Situation, nearest: Nearest) -> NDArray[np.int64]:
-    """(N, ``nearest.count``) the candidates that may be chosen, by the robot's path length, or ``MISSING``.
+    """Return the allowed candidates (N, ``nearest.count``), sorted by the robot's path length, or ``MISSING``.
 
-    Of equal ones the lower number is first. The one pursued now is listed in any case: last of its kind.
+    Equally near candidates are sorted by number. The current candidate is always listed, if necessary as the last one
+    of its kind.
     """
     order = np.empty((len(situation), nearest.count), dtype=np.int64)
     _list(
@@ -170,10 +173,7 @@ def _list(kind, mask, path, current, pellets, refuges, order):  # type: ignore[n
 
 @kernel
 def insert_nearest(order, first, room, number, length):  # type: ignore[no-untyped-def]
-    """Insert a number into the sorted ``order[first : first + room]``, of which ``MISSING`` ones are free.
-
-    ``length`` is by number.
-    """
+    """Insert ``number`` into ``order[first : first + room]``, sorted by ``length[number]``; ``MISSING`` is free."""
     place = room
     while place > 0:
         other = order[first + place - 1]
@@ -188,7 +188,7 @@ def insert_nearest(order, first, room, number, length):  # type: ignore[no-untyp
 
 @kernel
 def list_nearest(kind, mask, path, now, pellets, refuges, order):  # type: ignore[no-untyped-def]
-    """Fill in the list (K,) of one situation, whose candidates are (C,); ``now``: the one pursued, -1: none."""
+    """Write the list ``order`` (K,) of one situation with C candidates; ``now`` is the current one, -1: none."""
     order[:] = MISSING
     for c in range(len(kind)):
         if kind[c] == HOLD:
@@ -208,17 +208,17 @@ def list_nearest(kind, mask, path, now, pellets, refuges, order):  # type: ignor
 
 
 def among(mask: NDArray[np.bool_], listed: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """(N, C) which candidates are allowed and listed (N, K)."""
-    found = np.zeros_like(mask)
+    """Return a mask (N, C) of the candidates that are allowed and listed (N, K)."""
+    selected = np.zeros_like(mask)
     games, places = np.nonzero(listed != MISSING)
-    found[games, listed[games, places]] = True
-    return found & mask
+    selected[games, listed[games, places]] = True
+    return selected & mask
 
 
 def at_places(
     listed: NDArray[np.int64], places: NDArray[Any], hold: int
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """(N,) the candidate that each situation lists (N, K) at its place, ``hold`` where one is missing; and where."""
+    """Return the candidate at ``places`` (N,) of each list (N, K), ``hold`` if missing, and a mask of missing ones."""
     chosen = np.take_along_axis(listed, places[:, None], axis=1)[:, 0]
     missing = chosen == MISSING
     return np.where(missing, hold, chosen), missing

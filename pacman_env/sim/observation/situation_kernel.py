@@ -1,4 +1,4 @@
-"""From the games of a batch to what a policy sees, compiled."""
+"""Compiled code that writes situations from the games of a batch."""
 
 import math
 from typing import Any, NamedTuple
@@ -19,27 +19,29 @@ from .situation import HOLD, LAYOUT, PELLET, REFUGE, Situation
 
 @kernel
 def _metres(cell, goal, length_cm):  # type: ignore[no-untyped-def]
-    """Path length from a drivable cell (-1: no cell) to a goal, m."""
+    """Return the path length in m from a drivable cell (-1: no cell) to a goal."""
     cm = length_cm[max(cell, 0), goal]
     return cm * 0.01 if (cell >= 0) & (cm != UNREACHABLE_CM) else np.inf
 
 
-#: What situations are written for.
+#: Options of :func:`write_situations`.
 REQUEST = np.dtype(
     [
         ("block", np.int64),  # address of the situation's block
-        ("games", np.int64),  # its three lengths
+        ("games", np.int64),  # the block's lengths, like the next two
         ("candidates", np.int64),
         ("ghosts", np.int64),
-        ("player", np.int64),  # the robot (-1) or that ghost
+        ("player", np.int64),  # the robot (-1) or a ghost
     ]
 )
 
 
 class ViewArrays(NamedTuple):
+    """Arrays of :func:`write_situations`."""
+
     rules: Any = RuleArrays
     ghosts: Any = Array(GHOST, "N G")
-    ghost_paths: Any = Array(np.int32, "N G l")  # cells of the path that each is on
+    ghost_paths: Any = Array(np.int32, "N G l")  # cells of each ghost's path
     request: Any = Array(REQUEST, "1")
     summary: Any = Array(np.int64, "6 N")  # kernels.SUMMARY
 
@@ -48,7 +50,7 @@ _arrays, _situation = arrays_by_address(ViewArrays), LAYOUT.arrays
 
 
 def direct(request: NDArray[Any], situation: Situation, player: int) -> None:
-    """The situation that :func:`write_situations` fills next, of the robot's policy (-1) or of ghost ``player``."""
+    """Set which situation :func:`write_situations` fills next, for the robot's policy (-1) or ghost ``player``."""
     block, *lengths = situation.block()
     request[0] = (address(block), *lengths, player)
 
@@ -86,7 +88,7 @@ def write_situations(table, first, last):  # type: ignore[no-untyped-def]
         s.time_s[i] = g.tick * p.tick_s
         s.pose_age_s[i] = 0.0 if p.use_tf else (g.step - g.amcl_step) * p.dt
         s.closing_speed[i] = g.closing
-        if player >= 0:  # its own: the rate at which the straight distance shrinks
+        if player >= 0:  # of this ghost: the rate at which the straight distance shrinks
             dx, dy = bx - s.clyde[i, 0], by - s.clyde[i, 1]
             v = s.robot_velocity[i, 0]
             ux, uy = s.clyde_velocity[i, 0] - v * math.cos(bh), s.clyde_velocity[i, 1] - v * math.sin(bh)
@@ -97,9 +99,9 @@ def write_situations(table, first, last):  # type: ignore[no-untyped-def]
         s.level[i] = g.level
         s.pellets_left[i] = g.spawned - g.collected - g.lost
         column, row = cell_of(level.affine, level.snap.shape[0], level.snap.shape[1], bx, by)
-        here = level.snap[row, column]
+        robot_cell = level.snap[row, column]
         ghost_cell = ghost_paths[i, lead, ghosts[i, lead].path_index]
-        there = drive[ghost_cell]
+        drive_cell = drive[ghost_cell]
         for c in range(hold + 1):
             goal = -1
             if c < slots:
@@ -107,7 +109,7 @@ def write_situations(table, first, last):  # type: ignore[no-untyped-def]
                 if c < g.pellets:
                     goal = c
                     if player >= 0 and not rules.alive[i, c]:
-                        s.kind[i, c] = REFUGE  # a place like others
+                        s.kind[i, c] = REFUGE  # a place like any other
             elif c < hold:
                 s.kind[i, c] = REFUGE
                 if c - slots < g.refuges:
@@ -118,7 +120,7 @@ def write_situations(table, first, last):  # type: ignore[no-untyped-def]
                 s.mask[i, c] = allowed(rules, g, i, c, p)
             else:
                 s.mask[i, c] = c == hold
-                if goal >= 0 and place[goal] >= 0:  # it exists, and the ghost can get there
+                if goal >= 0 and place[goal] >= 0:  # the goal exists and has a ghost cell
                     s.mask[i, c] = level.ghost_part[place[goal]] == level.ghost_part[ghost_cell]
             s.goal[i, c] = goal
             if goal < 0:
@@ -127,13 +129,13 @@ def write_situations(table, first, last):  # type: ignore[no-untyped-def]
                 s.path_clyde[i, c] = np.inf
                 continue
             s.position[i, c, 0], s.position[i, c, 1] = goal_xy[goal, 0], goal_xy[goal, 1]
-            s.path_robot[i, c] = _metres(here, goal, length_cm)
-            s.path_clyde[i, c] = _metres(there, goal, length_cm)
+            s.path_robot[i, c] = _metres(robot_cell, goal, length_cm)
+            s.path_clyde[i, c] = _metres(drive_cell, goal, length_cm)
         if player < 0:
             for k in range(ghosts.shape[1]):
                 if k != lead:
-                    there = drive[ghost_paths[i, k, ghosts[i, k].path_index]]
+                    drive_cell = drive[ghost_paths[i, k, ghosts[i, k].path_index]]
                     for goal in range(g.pellets + g.refuges):
                         c = goal if goal < g.pellets else slots + goal - g.pellets
-                        s.path_clyde[i, c] = min(s.path_clyde[i, c], _metres(there, goal, length_cm))
+                        s.path_clyde[i, c] = min(s.path_clyde[i, c], _metres(drive_cell, goal, length_cm))
     return 0
