@@ -1,1 +1,1 @@
-"""Occupancy maps: read, written, checked, and drawn by code."""
+"""Occupancy maps: read, write, check and generate them."""

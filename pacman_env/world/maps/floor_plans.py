@@ -1,6 +1,6 @@
-"""The maps the project ships, drawn by code: floor plans in metres, surveyed by a simulated lidar.
+"""Draw the shipped maps: floor plans in metres, surveyed by a simulated lidar.
 
-``python -m pacman_env.world.maps.floor_plans FOLDER`` writes them all. Paddings are chosen for Algorithm 1's lattice,
+``python -m pacman_env.world.maps.floor_plans FOLDER`` writes all maps. Paddings are chosen for Algorithm 1's lattice,
 which starts at pixel (0, 0).
 """
 
@@ -17,17 +17,17 @@ from pacman_env.world.maps.occupancy import OccupancyMap
 
 RESOLUTION_M = 0.05
 OCCUPIED, UNKNOWN, FREE = 0, 205, 254
-_MARGIN_PX = 14  # unknown border right and below; left and above it sets the phase of the pellet lattice
+_MARGIN_PX = 14  # unknown border on the right and below; on the other sides the padding sets the lattice's phase
 _LIDAR_RANGE_M = 12.0  # RPLIDAR A1
-_RAYS = 900  # per stop; a stop is several turns of the lidar
-_STOP_CLEARANCE_PX = 6.1  # the robot stops 0.3 m and more from anything
+_RAYS = 900  # per stop, which is several turns of the lidar
+_STOP_CLEARANCE_PX = 6.1  # the robot stops at least 0.3 m from anything
 
 
 class Sketch:
-    """A building in its own frame (m, x right, y up), solid everywhere until rooms are carved out of it.
+    """A building in its own frame (m, x right, y up), which is solid until rooms are carved out.
 
-    ``home`` becomes the origin of the map frame, turned by ``turn_deg``: SLAM maps are seldom parallel to their walls.
-    ``pad_px`` are unknown columns left of the building and unknown rows above it. Boxes are (x0, y0, x1, y1).
+    ``home`` becomes the origin of the map frame, turned by ``turn_deg``, because SLAM maps are seldom parallel to the
+    walls. ``pad_px`` are unknown columns left of the building and unknown rows above it. Boxes are (x0, y0, x1, y1).
     """
 
     def __init__(
@@ -63,17 +63,17 @@ class Sketch:
             self.solid |= self._box(*box)
 
     def turned(self, x: float, y: float, width: float, depth: float, degrees: float) -> None:
-        """A piece of furniture around (x, y) that stands askew."""
+        """Add a rotated box around (x, y), such as a piece of furniture."""
         c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
         along, across = c * (self.x - x) + s * (self.y - y), c * (self.y - y) - s * (self.x - x)
         self.solid |= (np.abs(along) < width / 2) & (np.abs(across) < depth / 2)
 
     def disc(self, x: float, y: float, radius: float = 0.045) -> None:
-        """A pillar or a pot; at the default radius a leg of one or two cells."""
+        """Add a pillar or a pot; with the default radius, a leg of one or two cells."""
         self.solid |= (self.x - x) ** 2 + (self.y - y) ** 2 < radius**2
 
     def table(self, x: float, y: float, width: float, depth: float, chairs: int = 0) -> None:
-        """A table around (x, y): a lidar sees only its legs, and those of ``chairs`` on each long side."""
+        """Add the legs of a table around (x, y) and of ``chairs`` on each long side; a lidar sees nothing else."""
         for sx, sy in itertools.product((-0.5, 0.5), repeat=2):
             self.disc(x + sx * width, y + sy * depth)
         for k in range(chairs):
@@ -84,43 +84,43 @@ class Sketch:
 
 
 def _touching(mask: NDArray[np.bool_], cells: int = 1) -> NDArray[np.bool_]:
-    """The mask grown by a square of half-width ``cells``."""
+    """Return the mask dilated by a square of half-width ``cells``."""
     kernel = np.ones((2 * cells + 1, 2 * cells + 1), dtype=np.uint8)
     return cv2.dilate(mask.astype(np.uint8), kernel).astype(np.bool_)
 
 
 def _part_at(mask: NDArray[np.bool_], row: int, col: int) -> NDArray[np.bool_]:
-    """The 4-connected part of the mask that holds the cell."""
+    """Return the 4-connected part of the mask that contains a cell."""
     labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=4)[1]
     return mask & (labels == labels[row, col])
 
 
 def _patches(rng: np.random.Generator, shape: tuple[int, ...], cells: int, share: float) -> NDArray[np.bool_]:
-    """Noise in square patches of ``cells``, true for about ``share`` of them."""
+    """Return noise in square patches with side ``cells``; about ``share`` of the patches are True."""
     coarse = rng.random((shape[0] // cells + 1, shape[1] // cells + 1)) < share
     return np.kron(coarse, np.ones((cells, cells), dtype=np.bool_))[: shape[0], : shape[1]]
 
 
 def _scan(solid: NDArray[np.bool_], rows: NDArray[np.intp], cols: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Free cells that a lidar standing at the given cells sees."""
+    """Return the free cells that a lidar sees from the given cells."""
     angle = np.arange(_RAYS) * (2 * math.pi / _RAYS) + 0.001  # no ray runs along a row of cell corners
     r, c = (np.repeat(v + 0.5, _RAYS) for v in (rows, cols))
     dr, dc = (0.7 * np.tile(f(angle), len(rows)) for f in (np.sin, np.cos))
     seen = np.zeros_like(solid)
     for _ in range(int(_LIDAR_RANGE_M / RESOLUTION_M / 0.7)):
         row, col = r.astype(np.intp), c.astype(np.intp)
-        going = ~solid[row, col]
-        r, c, dr, dc = r[going], c[going], dr[going], dc[going]
-        seen[row[going], col[going]] = True
+        moving = ~solid[row, col]
+        r, c, dr, dc = r[moving], c[moving], dr[moving], dc[moving]
+        seen[row[moving], col[moving]] = True
         r, c = r + dr, c + dc
     return seen
 
 
 def survey(name: str, sketch: Sketch, seed: int, *, stop_every_m: float = 1.0) -> OccupancyMap:
-    """The map a SLAM node would save after a tour of the building that stops every so many metres.
+    """Return the map that SLAM would save after a tour of the building with a stop every ``stop_every_m``.
 
-    Free is what some stop saw; occupied are the surfaces of solid things next to it, a cell or two deep and a
-    little ragged; everything else stays unknown, the inside of furniture and what it hides included.
+    Cells seen from a stop are free. The surfaces of solid things next to them are occupied, one or two cells deep and a
+    little ragged. Everything else stays unknown, including the inside of furniture and the area that it hides.
     """
     rng = np.random.default_rng(seed)
     solid = sketch.solid
@@ -135,7 +135,7 @@ def survey(name: str, sketch: Sketch, seed: int, *, stop_every_m: float = 1.0) -
     stops[home_row % every :: every, home_col % every :: every] = True
     seen = _scan(solid, *np.nonzero(stops & drivable))
     count, labels, stats, _ = cv2.connectedComponentsWithStats((~seen & ~solid).astype(np.uint8), connectivity=8)
-    for k in range(1, count):  # lone cells between two rays
+    for k in range(1, count):  # single cells between two rays
         if stats[k, cv2.CC_STAT_AREA] <= 4:
             seen |= labels == k
     free = _part_at(seen, home_row, home_col)
@@ -150,7 +150,7 @@ def survey(name: str, sketch: Sketch, seed: int, *, stop_every_m: float = 1.0) -
 
 
 def house() -> OccupancyMap:
-    """Six rooms around a hall; the bedroom in the far corner has one doorway, which a ghost can guard."""
+    """Draw six rooms around a hall; the bedroom in the far corner has one doorway, which a ghost can guard."""
     s = Sketch((11.2, 9.2), home=(1.1, 4.9), turn_deg=-11.0, pad_px=(30, 45))
     s.carve((0.0, 4.25, 11.2, 5.55))  # hall
     s.carve((0.0, 0.0, 5.2, 4.1), (0.0, 5.7, 4.3, 9.2), (4.45, 5.7, 8.0, 9.2))  # living room, kitchen, dining room
@@ -178,7 +178,7 @@ def house() -> OccupancyMap:
 
 
 def loop() -> OccupancyMap:
-    """A ring of corridors around two rooms that each open on two of its sides, with niches outside."""
+    """Draw a ring of corridors around two rooms with two doors each, and niches outside."""
     s = Sketch((12.4, 8.7), home=(0.8, 3.6), turn_deg=6.0, pad_px=(41, 17))
     s.carve((0.0, 0.0, 10.6, 1.5), (0.0, 5.9, 10.6, 7.4), (0.0, 0.0, 1.5, 7.4), (9.1, 0.0, 10.6, 7.4))  # ring
     s.carve((1.65, 1.65, 4.9, 5.75), (6.5, 1.65, 8.95, 5.75))  # west room, east room
@@ -219,7 +219,7 @@ _MAZE = """
 
 
 def maze() -> OccupancyMap:
-    """Corridors 1.0 to 1.2 m wide, with loops and dead ends."""
+    """Draw corridors 1.0 to 1.2 m wide, with loops and dead ends."""
     widths, depths = (1.1, 1.0, 1.2, 1.1, 1.0, 1.15, 1.05, 1.2), (1.1, 1.2, 1.0, 1.1, 1.15, 1.0, 1.1)
     wall = 0.13
     left = np.concatenate(([0.0], np.cumsum(np.array(widths) + wall)))
@@ -235,7 +235,7 @@ def maze() -> OccupancyMap:
 
 
 def open_plan() -> OccupancyMap:
-    """One large room with many islands."""
+    """Draw one large room with many islands."""
     s = Sketch((11.6, 8.6), home=(5.6, 4.3), turn_deg=17.0, pad_px=(33, 48))
     s.carve((0.0, 0.0, 9.6, 8.6), (9.4, 1.6, 11.6, 6.2))
     s.block((0.0, 7.95, 3.6, 8.6), (0.0, 6.6, 0.6, 8.0), (1.5, 6.1, 3.4, 6.75))  # kitchen, bar

@@ -1,4 +1,4 @@
-"""The rooms of a generated house as rectangles, and which of them have a door between them."""
+"""Lay out the rooms of a generated house as rectangles, and choose the walls with doors."""
 
 import itertools
 import math
@@ -9,22 +9,22 @@ import numpy as np
 
 Rect = tuple[float, float, float, float]  # x0, y0, x1, y1 in m, building frame: (0, 0) is the lower left corner
 
-OUTLINE_M2 = (54.0, 76.0)  # of the whole building, before corners and cores are cut out
+OUTLINE_M2 = (54.0, 76.0)  # area of the building, including corners and cores that are cut out
 ROOMS = (4, 10)  # fewest and most
 _LENGTH_M, _DEPTH_M = (8.0, 13.0), (5.5, 10.0)
-_SPAN_M = 13.4  # of the turned building along both axes of the map
-_SHORTEST_M, _HALL_M = 1.7, 1.2  # shorter side, between the middles of the walls
-_AT_ONCE = 256  # random numbers
-_SMALL_M2 = 6.0  # such a room seldom has two doors
+_SPAN_M = 13.4  # largest size of the turned building along both axes of the map
+_SHORTEST_M, _HALL_M = 1.7, 1.2  # smallest side of rooms and halls, between the middles of the walls
+_AT_ONCE = 256  # random numbers per call
+_SMALL_M2 = 6.0  # smaller rooms seldom have two doors
 
 
 class Dice:
-    """Random choices. All come from Generator.random, whose bits no version of NumPy has changed."""
+    """Random choices, all from Generator.random, whose bits have been the same in all versions of NumPy."""
 
     def __init__(self, *key: int) -> None:
         generator = np.random.default_rng(key)
         drawn = itertools.chain.from_iterable(generator.random(_AT_ONCE).tolist() for _ in itertools.count())
-        self.draw = drawn.__next__  # half the time of a call of Generator.random
+        self.draw = drawn.__next__  # twice as fast as calling Generator.random
 
     def between(self, low: float, high: float) -> float:
         return low + (high - low) * self.draw()
@@ -41,17 +41,17 @@ class Dice:
 
 
 class Floor(NamedTuple):
-    """Rooms between the middles of their walls."""
+    """Rooms of a building, measured between the middles of their walls."""
 
     size: tuple[float, float]  # width and depth of the building, m
-    rooms: list[Rect]  # none overlaps another
-    halls: frozenset[int] = frozenset()  # numbers of the rooms that are corridors
+    rooms: list[Rect]  # without overlaps
+    halls: frozenset[int] = frozenset()  # indices of corridors
     core: Rect | None = None  # a shaft or a staircase, closed
-    wide: tuple[int, int] | None = None  # two rooms that are open to each other, the living room before the kitchen
+    wide: tuple[int, int] | None = None  # living room and kitchen, if they are open to each other
 
 
 class Wall(NamedTuple):
-    """The stretch that rooms a < b share: x = at and y from low to high if upright, else x and y exchanged."""
+    """The wall between rooms a < b: x = at and y from low to high if upright, else x and y are swapped."""
 
     a: int
     b: int
@@ -66,9 +66,10 @@ def area(rect: Rect) -> float:
 
 
 def lay_out(dice: Dice, turn: float, loops: int, wall: float, door: float) -> tuple[Floor, list[Wall]]:
-    """Rooms, and one wall for each door: ``loops`` = doors - rooms + 1, and at least one dead end.
+    """Return the rooms and one wall for each door, with ``loops`` = doors - rooms + 1 and at least one dead end.
 
-    ``turn`` of the building against the map (rad) bounds its size; ``wall`` is thickness, ``door`` least width, m.
+    ``turn`` is the angle of the building in the map (rad), which limits its size; ``wall`` is the thickness of walls
+    and ``door`` the smallest width of doors, m.
     """
     cos, sin = abs(math.cos(turn)), abs(math.sin(turn))
     while True:
@@ -91,10 +92,10 @@ def _is_sound(floor: Floor) -> bool:
 
 
 def _choose_doors(dice: Dice, floor: Floor, loops: int, corner: float, door: float) -> list[Wall]:
-    """A tree over the rooms plus one door a loop, and a dead end left; empty if these rooms do not allow it."""
+    """Return the doors of a tree over the rooms plus one per loop, with a dead end, or [] if that is impossible."""
     rooms = floor.rooms
     hubs = floor.halls or {max(range(len(rooms)), key=lambda k: area(rooms[k]))}
-    burden = {}  # of a wall: doors go first where it is low
+    burden = {}  # walls with a low burden get doors first
     for w in _shared_walls(rooms, corner, door):
         pair = {w.a, w.b}
         small = sum(area(rooms[k]) < _SMALL_M2 for k in pair - floor.halls)
@@ -113,17 +114,17 @@ def _choose_doors(dice: Dice, floor: Floor, loops: int, corner: float, door: flo
         group = [new if g == old else g for g in group]
         degree[w.a] += 1
         degree[w.b] += 1
-    wanted = len(rooms) - 1 + loops
+    target = len(rooms) - 1 + loops
     for w in others:
-        if len(doors) < wanted and any(n == 1 for k, n in enumerate(degree) if k not in (w.a, w.b)):
+        if len(doors) < target and any(n == 1 for k, n in enumerate(degree) if k not in (w.a, w.b)):
             doors.append(w)
             degree[w.a] += 1
             degree[w.b] += 1
-    return doors if len(set(group)) == 1 and len(doors) == wanted else []
+    return doors if len(set(group)) == 1 and len(doors) == target else []
 
 
 def _shared_walls(rooms: list[Rect], corner: float, door: float) -> list[Wall]:
-    """Stretches with room for a door, away from corners; a long wall is two, for two doors."""
+    """Return the shared walls with room for a door, without their corners; a long wall is split for two doors."""
     walls = []
     for b, (bx0, by0, bx1, by1) in enumerate(rooms):
         for a, (ax0, ay0, ax1, ay1) in enumerate(rooms[:b]):
@@ -144,7 +145,7 @@ def _shared_walls(rooms: list[Rect], corner: float, door: float) -> list[Wall]:
 
 
 def _split(dice: Dice, rect: Rect, most: float) -> list[Rect]:
-    """Rooms of about that area (m2) and less by cutting across the longer side again and again."""
+    """Split a rectangle recursively across its longer side into rooms of about ``most`` m2 or less."""
     x0, y0, x1, y1 = rect
     width, depth = x1 - x0, y1 - y0
     if area(rect) < most * dice.between(0.8, 1.5) or max(width, depth) < 2 * _SHORTEST_M:
@@ -166,7 +167,7 @@ def _row(dice: Dice, rect: Rect) -> list[Rect]:
 
 
 def _corridor(dice: Dice, width: float, depth: float) -> Floor:
-    """A corridor with rooms on both sides, sometimes one at its end."""
+    """Lay out a corridor with rooms on both sides and sometimes at its end."""
     end = width - dice.between(2.4, 3.6) if dice.chance(0.4) else width
     across = dice.between(1.25, 1.6)
     low = dice.between(0.4, 0.6) * (depth - across)
@@ -178,7 +179,7 @@ def _corridor(dice: Dice, width: float, depth: float) -> Floor:
 
 
 def _open_plan(dice: Dice, width: float, depth: float) -> Floor:
-    """Living room and kitchen open to each other, and the private rooms behind, with or without a small hall."""
+    """Lay out a living room open to the kitchen, and private rooms behind them, with or without a small hall."""
     cut = width * dice.between(0.42, 0.55)
     part = depth * dice.between(0.5, 0.65)
     rooms = [(0.0, 0.0, cut, part), (0.0, part, cut, depth)]

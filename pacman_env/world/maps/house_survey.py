@@ -1,4 +1,4 @@
-"""The survey of a building: shapes to raster, a tour with a lidar, the grey image that SLAM would save."""
+"""Survey a building: rasterize its shapes, tour it with a lidar, and paint the grey image that SLAM would save."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -13,36 +13,36 @@ from .occupancy import OccupancyMap
 
 RESOLUTION_M = 0.05
 MAX_PIXELS = 300  # edge of the image
-OUTSIDE, SOLID, GLASS, OPEN, DOORWAY = range(5)  # what a cell of the building is; no noise in doorways
+OUTSIDE, SOLID, GLASS, OPEN, DOORWAY = range(5)  # kinds of cells; doorways get no noise
 _OCCUPIED, _UNKNOWN, _FREE = 0, 205, 254
 #: kind, centre x, y, width, depth (m, building frame, y up), turn (degrees)
 Shape = tuple[int, float, float, float, float, float]
 
-_MARGIN_PX = (6, 45)  # least and most between the building and each edge of the image
-_CELL, _CELL_ASKEW = 5, 7  # chamfer distance
-_LATTICE_PX, _PLACES = 40, 5  # Algorithm 1 at 2 m, from pixel (0, 0), finds about five pellets and more
-_PLACE_CLEARANCE = 8 * _CELL  # the half diagonal of a pellet's free square
-_CROPS = 4  # margins tried for that
+_MARGIN_PX = (6, 45)  # range of the margin between the building and each edge of the image
+_CELL, _CELL_ASKEW = 5, 7  # chamfer distances
+_LATTICE_PX, _PLACES = 40, 5  # Algorithm 1's lattice at 2 m from pixel (0, 0), and the wanted number of pellets
+_PLACE_CLEARANCE = 8 * _CELL  # half diagonal of a pellet's free square
+_CROPS = 4  # attempts to crop
 _STOP_CLEARANCE = 6 * _CELL  # the robot stops more than 0.3 m from anything
-_HOME_CLEARANCE = 9 * _CELL  # 0.45 m, a cell of it for noise
-_STOP_EVERY = 5  # cells of the tour
-_NEAR_PX = 36  # every place for the robot is seen from a stop at most that far away
+_HOME_CLEARANCE = 9 * _CELL  # 0.45 m, including one cell for noise
+_STOP_EVERY = 5  # tour cells between possible stops
+_NEAR_PX = 36  # every place for the robot is seen from a stop within this distance
 _RANGE_PX = 240.0  # RPLIDAR A1: 12 m
-_RAYS, _FANS = 360, 4  # rays per stop, of one fan after the other; fans lie between each other
-_BOW_M, _SKEW = 0.07, 0.02  # at most; m and rad
-_WALL_SHARES = (0.0, 0.94, 0.5, 0.15)  # of the surface seen, by depth in cells
+_RAYS, _FANS = 360, 4  # rays per stop; the stops use interleaved fans in turn
+_BOW_M, _SKEW = 0.07, 0.02  # largest distortions of walls, m and rad
+_WALL_SHARES = (0.0, 0.94, 0.5, 0.15)  # share of occupied cells, by depth behind the surface in cells
 _SUBPIXEL = 4  # bits
-_THIN_PX = 9  # free squares of that size outside are thinned: no place to stand
-_angle = np.arange(_RAYS * _FANS) * (2 * math.pi / (_RAYS * _FANS)) + 0.0007  # none along a row of cell corners
+_THIN_PX = 9  # free squares of this size outside are thinned, so that nothing can stand there
+_angle = np.arange(_RAYS * _FANS) * (2 * math.pi / (_RAYS * _FANS)) + 0.0007  # no ray runs along cell corners
 _RAY = np.stack([np.sin(_angle), np.cos(_angle)], axis=1)  # (rays, 2) row, column
 
 
 def survey(name: str, shapes: Sequence[Shape], turn: float, draw: Callable[[], float]) -> OccupancyMap:
-    """The map of a building after a tour; its origin is a place with room for the robot.
+    """Return the map of a building after a tour; its origin is a place with room for the robot.
 
-    Free is what some stop saw; occupied are surfaces next to it, a cell or two deep and a little ragged; the
-    rest is unknown. Some rays leave through glass and are thin fans outside, too thin for a pellet or a ghost.
-    Shapes are painted one over the other, turned by ``turn`` (rad); ``draw`` gives the next random number in [0, 1).
+    Cells seen from a stop are free. Surfaces next to them are occupied, one or two cells deep and a little ragged. The
+    rest is unknown. Some rays leave through glass and become thin fans outside, too thin for a pellet or a ghost.
+    Shapes are painted in order, turned by ``turn`` (rad); ``draw`` returns the next random number in [0, 1).
     """
     kind, margin = _raster(name, shapes, turn, draw)
     seed = np.uint64(int(draw() * 2**53))
@@ -66,21 +66,21 @@ def survey(name: str, shapes: Sequence[Shape], turn: float, draw: Callable[[], f
 def _raster(
     name: str, shapes: Sequence[Shape], turn: float, draw: Callable[[], float]
 ) -> tuple[NDArray[np.uint8], tuple[int, int]]:
-    """(H, W) kinds of the turned building, and the widths of the margins beside and above it."""
+    """Return the cell kinds (H, W) of the turned building, and the widths of its margins on the sides and above."""
     table = np.array(shapes)
     own = np.radians(table[:, 5])
-    # A filled polygon covers the pixels that its outline touches: half a pixel less on each side.
+    # A filled polygon covers all pixels that its outline touches, so shrink it by half a pixel on each side.
     half = np.maximum(table[:, 3:5] - RESOLUTION_M, 0.01) / 2
     x, y = (np.stack([s * half[:, k] for s in sign], axis=1) for k, sign in enumerate(((-1, 1, 1, -1), (-1, -1, 1, 1))))
     cos, sin = np.cos(own)[:, None], np.sin(own)[:, None]
     bx, by = table[:, 1:2] + cos * x - sin * y, table[:, 2:3] + sin * x + cos * y
-    # Maps drift: walls are neither quite straight nor quite square.
+    # SLAM maps drift, so walls are neither straight nor square.
     bow, skew = _BOW_M * draw(), _SKEW * (2 * draw() - 1)
     bx, by = bx + skew * by + bow * np.sin(by * 0.7 + 6.3 * draw()), by + bow * np.sin(bx * 0.6 + 6.3 * draw())
     column = (math.cos(turn) * bx - math.sin(turn) * by) / RESOLUTION_M
     row = -(math.sin(turn) * bx + math.cos(turn) * by) / RESOLUTION_M
     rooms = table[:, 0] == OPEN
-    left, top = math.floor(column[rooms].min()) - 4, math.floor(row[rooms].min()) - 4  # with the outer walls
+    left, top = math.floor(column[rooms].min()) - 4, math.floor(row[rooms].min()) - 4  # including the outer walls
     width, height = math.ceil(column[rooms].max()) + 4 - left, math.ceil(row[rooms].max()) + 4 - top
     if max(width, height) > MAX_PIXELS:
         raise ValueError(f"{name}: the building needs {width} x {height} px, the image has at most {MAX_PIXELS}")
@@ -94,42 +94,42 @@ def _raster(
 
 
 def _crop(clearance: NDArray[np.int32], margin: tuple[int, int], draw: Callable[[], float]) -> tuple[slice, slice]:
-    """Rows and columns to keep: margins of any width, such that pellets find places where the building has them."""
-    most, kept = -1, (slice(None), slice(None))
+    """Return the rows and columns to keep, with random margins that give the lattice places for pellets."""
+    most, window = -1, (slice(None), slice(None))
     spare_x, spare_y = (max(m - _MARGIN_PX[0] + 1, 0) for m in margin)
     for _ in range(_CROPS):
         left, right, top, bottom = (int(draw() * spare) for spare in (spare_x, spare_x, spare_y, spare_y))
         places = int((clearance[top::_LATTICE_PX, left::_LATTICE_PX] > _PLACE_CLEARANCE).sum())
         if places > most:
             most = places
-            kept = slice(top, clearance.shape[0] - bottom), slice(left, clearance.shape[1] - right)
+            window = slice(top, clearance.shape[0] - bottom), slice(left, clearance.shape[1] - right)
         if most >= _PLACES:
             break
-    return kept
+    return window
 
 
 @kernel
 def _clearance(kind):  # type: ignore[no-untyped-def]
-    """Chamfer distance (H, W) int32 of each cell to the nearest that is no floor, in _CELL per cell."""
+    """Return the chamfer distance (H, W) int32 of each cell to the nearest cell that is not floor, _CELL per cell."""
     rows, columns = kind.shape
-    away = np.zeros((rows, columns), np.int32)
+    distance = np.zeros((rows, columns), np.int32)
     for r in range(1, rows - 1):
         for c in range(1, columns - 1):
             if kind[r, c] >= OPEN:
-                straight = min(away[r - 1, c], away[r, c - 1]) + _CELL
-                away[r, c] = min(straight, min(away[r - 1, c - 1], away[r - 1, c + 1]) + _CELL_ASKEW)
+                straight = min(distance[r - 1, c], distance[r, c - 1]) + _CELL
+                distance[r, c] = min(straight, min(distance[r - 1, c - 1], distance[r - 1, c + 1]) + _CELL_ASKEW)
     for r in range(rows - 2, 0, -1):
         for c in range(columns - 2, 0, -1):
-            if away[r, c]:
-                straight = min(away[r + 1, c], away[r, c + 1]) + _CELL
-                askew = min(away[r + 1, c - 1], away[r + 1, c + 1]) + _CELL_ASKEW
-                away[r, c] = min(away[r, c], min(straight, askew))
-    return away
+            if distance[r, c]:
+                straight = min(distance[r + 1, c], distance[r, c + 1]) + _CELL
+                askew = min(distance[r + 1, c - 1], distance[r + 1, c + 1]) + _CELL_ASKEW
+                distance[r, c] = min(distance[r, c], min(straight, askew))
+    return distance
 
 
 @kernel
 def _largest_part(mask):  # type: ignore[no-untyped-def]
-    """Cells (flat, int64) of the largest 4-connected part of a mask with an empty border, breadth first."""
+    """Return the cells (flat, int64) of the largest 4-connected part of a mask with an empty border, breadth first."""
     columns = mask.shape[1]
     left = mask.copy().ravel()
     queue = np.empty(left.size, np.int64)
@@ -144,10 +144,10 @@ def _largest_part(mask):  # type: ignore[no-untyped-def]
         at, end = end, end + 1
         while at < end:
             for step in (-columns, -1, 1, columns):
-                beside = queue[at] + step
-                if left[beside]:
-                    left[beside] = False
-                    queue[end] = beside
+                neighbour = queue[at] + step
+                if left[neighbour]:
+                    left[neighbour] = False
+                    queue[end] = neighbour
                     end += 1
             at += 1
         if end - start > last - first:
@@ -157,23 +157,24 @@ def _largest_part(mask):  # type: ignore[no-untyped-def]
 
 @kernel
 def _drive(kind, tour, ray, seed):  # type: ignore[no-untyped-def]
-    """Scan from each place of a tour that no earlier scan saw from nearby.
+    """Scan from the places of a tour that no earlier scan saw from nearby, and return ``seen`` and ``hit``.
 
-    ``seen`` (H, W) is 1 where a ray passed, 2 near a stop, ``hit`` 1 where one ended at something.
+    ``seen`` (H, W) is 1 if a ray passed a cell, and 2 if it did so near a stop; ``hit`` (H, W) is 1 if a ray ended
+    there at something.
     """
     rows, columns = kind.shape
     seen, hit = np.zeros((rows, columns), np.uint8), np.zeros((rows, columns), np.uint8)
     flat_kind, flat_seen, flat_hit = kind.ravel(), seen.ravel(), hit.ravel()
-    made = 0
+    stops = 0
     for stop in tour[::_STOP_EVERY]:
         row0, column0 = stop // columns, stop % columns
         if seen[row0, column0] == 2:
             continue
-        # From one stop in three some rays pass the glass, all of them about as far.
-        stop_bits = mix(seed + np.uint64(made))
+        # From one stop in three some rays pass through glass, all about equally far.
+        stop_bits = mix(seed + np.uint64(stops))
         clear = stop_bits % np.uint64(3) == np.uint64(0)
         far = 8 + np.int64((stop_bits >> np.uint64(8)) % np.uint64(56))
-        for k in range(made % _FANS, len(ray), _FANS):
+        for k in range(stops % _FANS, len(ray), _FANS):
             chance = mix(stop_bits + np.uint64(k))
             passes = clear and chance % np.uint64(5) < np.uint64(2)
             beyond = far + np.int64((chance >> np.uint64(8)) % np.uint64(12))
@@ -185,12 +186,12 @@ def _drive(kind, tour, ray, seed):  # type: ignore[no-untyped-def]
             along, out = 0.0, False
             while along < _RANGE_PX:
                 at = np.uintp(row * columns + column)
-                here = flat_kind[at]
-                if here < OPEN:
-                    if here == SOLID or (here == GLASS and (out or not passes)):
+                cell_kind = flat_kind[at]
+                if cell_kind < OPEN:
+                    if cell_kind == SOLID or (cell_kind == GLASS and (out or not passes)):
                         flat_hit[at] = 1
                         break
-                    if here == OUTSIDE:
+                    if cell_kind == OUTSIDE:
                         out = True
                         beyond -= 1
                         if beyond == 0:
@@ -206,22 +207,22 @@ def _drive(kind, tour, ray, seed):  # type: ignore[no-untyped-def]
                     column += step_column
                 if row < 0 or column < 0 or row >= rows or column >= columns:
                     break
-        made += 1
+        stops += 1
     return seen, hit
 
 
 @kernel
 def _noise(seed, row, column, cells):  # type: ignore[no-untyped-def]
-    """In [0, 1), the same for all of a square patch of cells."""
+    """Return a random number in [0, 1) that is the same for all cells of a square patch."""
     patch = np.uint64((row // cells) * 4096 + column // cells + cells * 2**40)
     return float(mix(seed ^ mix(patch)) >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 
 
 @kernel
 def _paint(kind, seen, hit, seed):  # type: ignore[no-untyped-def]
-    """Grey image (H, W) uint8 of what was seen and hit."""
+    """Return the grey image (H, W) uint8 for the results of :func:`_drive`."""
     rows, columns = kind.shape
-    for _ in range(2):  # lone cells between two rays
+    for _ in range(2):  # single cells between two rays
         for r in range(1, rows - 1):
             for c in range(1, columns - 1):
                 if seen[r, c] == 0 and kind[r, c] >= OPEN:
@@ -229,7 +230,7 @@ def _paint(kind, seen, hit, seed):  # type: ignore[no-untyped-def]
                     if across or (seen[r - 1, c] and seen[r + 1, c]):
                         seen[r, c] = 1
     grey = np.full((rows, columns), _UNKNOWN, np.uint8)
-    depth = np.full((rows, columns), 4, np.uint8)  # behind the surface that was seen, cells
+    depth = np.full((rows, columns), 4, np.uint8)  # cells behind the seen surface
     for r in range(rows):
         for c in range(columns):
             if seen[r, c] and kind[r, c] != SOLID:
@@ -245,20 +246,20 @@ def _paint(kind, seen, hit, seed):  # type: ignore[no-untyped-def]
                     depth[i, j] = min(depth[i, j], max(abs(i - r), abs(j - c)))
     for r in range(rows):
         for c in range(columns):
-            here, deep = kind[r, c], depth[r, c]
+            cell_kind, deep = kind[r, c], depth[r, c]
             if deep > 3:
                 continue
-            if here == SOLID:
-                # Patches where the wall is thick, thin, or missing.
+            if cell_kind == SOLID:
+                # In patches the wall is thick, thin or missing.
                 rough = _noise(seed, r, c, 4) if deep > 1 else _noise(seed, r, c, 3)
                 if rough < _WALL_SHARES[deep] and _noise(seed, r, c, 1) < 0.97:
                     grey[r, c] = _OCCUPIED
-            elif here == GLASS:
+            elif cell_kind == GLASS:
                 if deep < 3 and not seen[r, c] and _noise(seed, r, c, 1) < 0.5:
                     grey[r, c] = _OCCUPIED
-            elif here == OUTSIDE:
+            elif cell_kind == OUTSIDE:
                 if grey[r, c] == _UNKNOWN and _noise(seed, r, c, 1) < 0.05:
                     grey[r, c] = _OCCUPIED
-            elif here == OPEN and deep == 0 and grey[r, c] == _FREE and _noise(seed, r, c, 2) < 0.07:
+            elif cell_kind == OPEN and deep == 0 and grey[r, c] == _FREE and _noise(seed, r, c, 2) < 0.07:
                 grey[r, c] = _OCCUPIED
     return grey

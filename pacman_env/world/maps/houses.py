@@ -1,6 +1,6 @@
-"""Endless houses, drawn from the number of a level: their walls, doors, glass and furniture.
+"""Generate a house from the number of a level: walls, doors, windows and furniture.
 
-The caller judges whether a house makes a good game under some configuration, and draws another attempt if not.
+The caller decides whether a house is playable under a configuration, and draws another attempt if it is not.
 """
 
 import itertools
@@ -11,25 +11,25 @@ from .house_rooms import Dice, Rect, Wall, area, lay_out
 from .house_survey import DOORWAY, GLASS, MAX_PIXELS, OPEN, RESOLUTION_M, SOLID, Shape, survey
 from .occupancy import OccupancyMap
 
-#: Loops of rooms (doors - rooms + 1) of every ten levels in a row, in random order: 20 % of the houses are
-#: trees, 40 % have one loop, 40 % two or three. Every house has a dead end: a room with one door.
+#: Number of loops (doors - rooms + 1) of ten consecutive levels, in random order: 20 % of the houses are trees, 40 %
+#: have one loop, 40 % two or three. Every house has a dead end, which is a room with one door.
 LOOP_QUOTA = (0, 0, 1, 1, 1, 1, 2, 2, 2, 3)
-MAX_EXTENT_M = MAX_PIXELS * RESOLUTION_M  # |x|, |y| of any point of any map: home, the origin, lies inside
+MAX_EXTENT_M = MAX_PIXELS * RESOLUTION_M  # bound of |x| and |y| on all maps, because home, the origin, lies inside
 
-_SEED, _QUOTA_SEED = 20250, 20251  # two, for a seed is padded with zeros: (a, b) draws as (a, b, 0) does
+_SEED, _QUOTA_SEED = 20250, 20251  # different, because seeds are zero-padded: (a, b) and (a, b, 0) are equal
 _WALL_M = (0.10, 0.15)
 _DOOR_M, _OPENING_M = 1.05, (1.5, 2.6)
 _LEAF_SHARE, _GLASS_SHARE = 0.4, 0.45
 _GLASS_M = (0.5, 2.0)
-_PANE_M, _POST_M = 0.22, 0.08  # a gap that nothing passes
+_PANE_M, _POST_M = 0.22, 0.08  # gaps too narrow for anything to pass
 _BATH_M2 = 5.5
-_TRIES = 8  # for a place
-_IN_CORNER = 0.3  # share of the pieces at a wall that go into its corner
-_FREE = -1  # the side of a piece that stands free
-#: Forms: a box, a table of which the lidar sees the legs, one with chairs around it, a pot, a heap of small things.
+_TRIES = 8  # to find a place
+_IN_CORNER = 0.3  # share of the pieces at a wall that stand in a corner
+_FREE = -1  # instead of a side, for a piece away from walls
+#: Forms: box, table (the lidar sees the legs), table with chairs, pot, heap of small things.
 _BOX, _LEGS, _CHAIRS, _POT, _HEAP = range(5)
 _CHAIR_M = 0.4
-#: By kind of room: form, stands free, length from, to, depth from, to (m), chance. The first is placed first.
+#: By kind of room: form, stands free, length from, to, depth from, to (m), chance; in the order of placement.
 _FURNITURE: dict[str, tuple[tuple[int, bool, float, float, float, float, float], ...]] = {
     "hall": ((_BOX, False, 0.6, 1.2, 0.22, 0.32, 0.7), (_POT, False, 0.25, 0.35, 0.25, 0.35, 0.5)),
     "living": (
@@ -75,19 +75,19 @@ _CLUTTER = ((_HEAP, False, 0.3, 1.4, 0.2, 0.6, 0.7), (_BOX, False, 0.06, 0.2, 0.
 
 
 def draw_house(level: int, attempt: int = 0) -> OccupancyMap:
-    """The map "generated-<level>" of a house with 4 to 10 rooms, home at (0, 0).
+    """Return the map "generated-<level>" of a house with 4 to 10 rooms and home at (0, 0).
 
-    The same level and attempt give the same map everywhere; the number of loops depends on the level alone. The
-    building is turned against the map, the image's yaw is 0. Grey is 254 free, 205 unknown, 0 occupied.
+    The same level and attempt give the same map on every machine. The number of loops only depends on the level. The
+    building is turned in the map; the image's yaw is 0. Grey is 254 free, 205 unknown, 0 occupied.
     """
     house = House(level, attempt)
     return survey(f"generated-{level}", house.shapes, house.turn, house.dice.draw)
 
 
 class House:
-    """A house before it is surveyed: its floor, ``rooms``, ``doors`` between them, and pieces of ``furniture``.
+    """A house before its survey: ``floor``, ``rooms``, ``doors`` and the number of pieces of ``furniture``.
 
-    ``shapes`` are in m around the middle of the building, ``turn`` in rad; ``dice`` are left for the survey.
+    ``shapes`` are in m around the middle of the building, ``turn`` is in rad, and ``dice`` is for the survey.
     """
 
     def __init__(self, level: int, attempt: int) -> None:
@@ -97,7 +97,7 @@ class House:
         self.dice = Dice(_SEED, level, attempt)
         self.turn = math.radians(_turn_degrees(self.dice))
         self.wall = self.dice.between(*_WALL_M)
-        # The free square of 0.55 m around a ghost's cell, turned, and a margin for noise.
+        # The turned free square of 0.55 m around a ghost's cell, and a margin for noise.
         self.passage = 0.55 * (abs(math.cos(self.turn)) + abs(math.sin(self.turn))) + 0.2
         self.floor, self.doors = lay_out(self.dice, self.turn, loops, self.wall, self.passage)
         half, rooms = self.wall / 2, self.floor.rooms
@@ -111,7 +111,7 @@ class House:
         self.shapes: list[Shape] = []
         self._build_walls()
         leaves = [self._build_door(door) for door in self.doors]
-        for k, leaf, side in leaves:  # once all that must stay clear is known
+        for k, leaf, side in leaves:  # after all doorways are known
             if self.dice.chance(_LEAF_SHARE) and self.rooms[k].place(leaf, side):
                 self._add(SOLID, leaf)
         self._build_windows()
@@ -128,9 +128,9 @@ class House:
 
     def _build_walls(self) -> None:
         dice, half, (width, depth) = self.dice, self.wall / 2, self.floor.size
-        for _ in range(dice.below(6)):  # what grows or is parked around the house
-            angle, away = dice.between(0.0, 2 * math.pi), dice.between(1.0, 3.0)
-            x, y = (width / 2 + away) * math.cos(angle), (depth / 2 + away) * math.sin(angle)
+        for _ in range(dice.below(6)):  # obstacles around the house
+            angle, distance = dice.between(0.0, 2 * math.pi), dice.between(1.0, 3.0)
+            x, y = (width / 2 + distance) * math.cos(angle), (depth / 2 + distance) * math.sin(angle)
             self.shapes.append((SOLID, x, y, dice.between(0.4, 2.5), 0.4, dice.between(0.0, 90.0)))
         for x0, y0, x1, y1 in self.floor.rooms:
             self._add(SOLID, (x0 - half, y0 - half, x1 + half, y1 + half))
@@ -140,7 +140,7 @@ class House:
             self._add(OPEN, room.inner)
 
     def _build_door(self, wall: Wall) -> tuple[int, Rect, int]:
-        """Add a doorway and the clear places on both sides; returns its open leaf: room, place, side."""
+        """Add a doorway and the clear places on both sides, and return its open leaf: room, place, side."""
         dice, half = self.dice, self.wall / 2
         wide = (wall.a, wall.b) == self.floor.wide
         width = dice.between(*_OPENING_M) if wide else dice.between(self.passage, max(_DOOR_M, self.passage + 0.1))
@@ -181,7 +181,7 @@ class House:
 
 
 def _turn_degrees(dice: Dice) -> float:
-    """A quarter of the buildings is parallel to the map, half of them nearly, a quarter turned by any angle."""
+    """Draw the building's angle: a quarter is parallel to the map, half are nearly parallel, a quarter is arbitrary."""
     upright = 90.0 * dice.below(2)
     degrees = (0.0, dice.between(-10.0, 10.0), dice.between(-10.0, 10.0), dice.between(-45.0, 45.0))
     return upright + degrees[dice.below(4)]
@@ -189,16 +189,16 @@ def _turn_degrees(dice: Dice) -> float:
 
 @dataclass
 class Room:
-    """A room while it is furnished; sides are 0 low y, 1 high y, 2 low x, 3 high x, -1 none."""
+    """A room while it is being furnished; sides are 0 low y, 1 high y, 2 low x, 3 high x, -1 none."""
 
-    inner: Rect  # the floor between the walls, m
-    role: str  # a key of the table of furniture; empty: chosen by size
-    passage: float  # width that stays free around pieces that do not stand at the same wall, m
-    entries: list[Rect] = field(default_factory=list)  # what must stay clear
-    occupied: list[tuple[Rect, int]] = field(default_factory=list)  # where something stands, and at which side
+    inner: Rect  # floor between the walls, m
+    role: str  # key of the furniture table; empty: chosen by size
+    passage: float  # free width around pieces, except between pieces at the same wall, m
+    entries: list[Rect] = field(default_factory=list)  # areas that must stay clear
+    occupied: list[tuple[Rect, int]] = field(default_factory=list)  # pieces and their sides
 
     def place(self, rect: Rect, side: int) -> bool:
-        """Put something at a side, if the place is clear and leaves a passage to the other side."""
+        """Occupy a place at a side and return True, if it is clear and leaves a passage to the other side."""
         across = 0 if side >= 2 else 1
         ahead = self.inner[across + 2] - self.inner[across] - (rect[across + 2] - rect[across])
         if ahead < self.passage or not self._is_clear(rect, side):
@@ -207,7 +207,7 @@ class Room:
         return True
 
     def furnish(self, dice: Dice) -> tuple[list[Shape], int]:
-        """Shapes in the frame of ``inner``, and the number of pieces; a table and its chairs are one."""
+        """Place furniture; return its shapes in the frame of ``inner`` and the number of pieces (chairs excluded)."""
         role = self.role
         if not role:
             role = "bath" if area(self.inner) < _BATH_M2 else ("bedroom", "bedroom", "study", "kitchen")[dice.below(4)]
@@ -221,14 +221,14 @@ class Room:
                 if free:
                     degrees = 90.0 * dice.below(2) + (dice.between(-35.0, 35.0) if dice.chance(0.4) else 0.0)
                     around = 2 * _CHAIR_M if form == _CHAIRS else 0.0
-                    found = self._in_the_open(dice, length, deep + around, degrees)
+                    spot = self._in_the_open(dice, length, deep + around, degrees)
                 else:
-                    found = self._at_a_wall(dice, length, deep)
-                    degrees = 90.0 if found and found[1] >= 2 else 0.0
-                if found:
-                    x0, y0, x1, y1 = found[0]
+                    spot = self._at_a_wall(dice, length, deep)
+                    degrees = 90.0 if spot and spot[1] >= 2 else 0.0
+                if spot:
+                    x0, y0, x1, y1 = spot[0]
                     shapes += _piece(dice, form, (x0 + x1) / 2, (y0 + y1) / 2, length, deep, degrees)
-                    self.occupied.append(found)
+                    self.occupied.append(spot)
                     count += 1
                     break
         return shapes, count
@@ -266,7 +266,7 @@ class Room:
             if left < x1 and x0 < right and low < y1 and y0 < high:
                 return False
         for (x0, y0, x1, y1), at in self.occupied:
-            # Along one axis there has to be a passage between them; none where both stand at one wall.
+            # Along one axis there must be a passage between both, unless both stand at the same wall.
             gap = 0.0 if side == at != _FREE else self.passage
             if left - x1 < gap and x0 - right < gap and low - y1 < gap and y0 - high < gap:
                 return False
@@ -285,8 +285,8 @@ def _piece(dice: Dice, form: int, x: float, y: float, length: float, deep: float
     if form == _CHAIRS:
         count = max(1, int(length / 0.6))  # on each side
         for n, side in itertools.product(range(count), (-1, 1)):
-            away = deep / 2 + dice.between(0.0, 0.5) * _CHAIR_M  # all or half of it under the table
-            legs += _legs(length * ((n + 0.5) / count - 0.5), side * away, _CHAIR_M, _CHAIR_M)
+            distance = deep / 2 + dice.between(0.0, 0.5) * _CHAIR_M  # fully or half under the table
+            legs += _legs(length * ((n + 0.5) / count - 0.5), side * distance, _CHAIR_M, _CHAIR_M)
     cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     return [(SOLID, x + cos * u - sin * v, y + sin * u + cos * v, 0.07, 0.07, 0.0) for u, v in legs]
 

@@ -1,4 +1,4 @@
-"""Judging a map, with its pellets, before a game is played on it: areas, connected parts, reachability, warnings."""
+"""Check a map and its pellets before a game is played on it: areas, connected parts, reachability, warnings."""
 
 import contextlib
 import dataclasses
@@ -13,9 +13,9 @@ from pacman_env.config import Config
 from pacman_env.world.maps.occupancy import MapError, OccupancyMap
 from pacman_env.world.navigation.grid import build_grid, connected_parts
 
-MIN_PART_M2 = 0.1  # smaller parts are specks of the mapping and are not counted
+MIN_PART_M2 = 0.1  # smaller parts are artefacts of mapping and not counted
 SUSPICIOUS_SHARE = 0.01  # of all pixels
-UNKNOWN_GREY = 216  # unknown cells are 205 or 216 at most; brighter ones are Cartographer's free cells
+UNKNOWN_GREY = 216  # unknown cells are at most 205 or 216; brighter ones are Cartographer's free cells
 
 
 @dataclass(frozen=True)
@@ -30,16 +30,18 @@ class PelletPlace:
 
 @dataclass(frozen=True)
 class MapReport:
+    """Result of checking a map."""
+
     name: str
     width: int
     height: int
     resolution: float  # m per pixel
-    nav2_free_m2: float  # with occupancy 0, free to Nav2's costmap
+    nav2_free_m2: float  # occupancy 0, which is free in Nav2's costmap
     game_free_m2: float  # free by the game's rule
-    parts: int  # of the game's free area, of at least 0.1 m2; no step leads over a corner
+    parts: int  # 4-connected parts of the game's free area with at least 0.1 m2
     largest_part_m2: float
-    home: tuple[float, float] | None  # where the robot starts, m; None: it fits nowhere
-    pellets: tuple[PelletPlace, ...]  # in the order of their ids
+    home: tuple[float, float] | None  # start of the robot, m; None: it fits nowhere
+    pellets: tuple[PelletPlace, ...]  # sorted by id
     warnings: tuple[str, ...]  # one sentence each
 
     @property
@@ -50,7 +52,7 @@ class MapReport:
         return dataclasses.asdict(self)
 
     def render(self) -> str:
-        """Plain text, one fact a line."""
+        """Return the report as plain text, one fact per line."""
         home = "none" if self.home is None else f"({self.home[0]:.2f}, {self.home[1]:.2f})"
         lines = [
             f"map            {self.name}: {self.width} x {self.height} px, {self.resolution:g} m per px",
@@ -74,9 +76,9 @@ def check_map(
     *,
     home: tuple[float, float] | None = (0.0, 0.0),
 ) -> MapReport:
-    """Judge a map and the pellets of Algorithm 1 on it, (P, 2) in m, as an environment would use them.
+    """Check a map and the pellets of Algorithm 1 on it, (P, 2) in m, under the rules of an environment.
 
-    The robot starts at ``home``, m; None or (0, 0): there, or at the widest place of the largest part.
+    The robot starts at ``home``, m. If it does not fit there, it starts at the widest place of the largest part.
     """
     free, nav2_free = map.game_free(config.pellets.free_grey), map.occupancy == 0
     cell_m2 = map.resolution**2

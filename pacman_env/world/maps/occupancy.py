@@ -1,7 +1,7 @@
-"""Occupancy maps in map_server's format (YAML + image): read as Nav2 does, written, found by name.
+"""Read and write occupancy maps in map_server's format (YAML + image), and find shipped maps by name.
 
-One image is read twice: ``occupancy`` is what Nav2's costmap gets, ``grey`` is for the game's rule "brighter than 250
-is free".
+Each image gives two arrays: ``occupancy``, which is the same as in Nav2's costmap, and ``grey`` for the game's rule
+"brighter than 250 is free".
 """
 
 import contextlib
@@ -29,7 +29,7 @@ Mask = NDArray[np.bool_]
 Pose = tuple[float, float, float]  # x, y, yaw: m and rad
 MODES = ("trinary", "scale", "raw")
 _KEYS = ("image", "resolution", "origin", "occupied_thresh", "free_thresh", "negate", "mode")
-#: What yaml-cpp, Nav2's parser, reads as a number, as a whole number, and as true or false.
+#: Numbers, whole numbers and truth values that yaml-cpp, Nav2's parser, accepts.
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*", re.ASCII)
 _WHOLE = re.compile(r"[+-]?(0[xX][\da-fA-F]+|0[0-7]*|[1-9]\d*)\s*", re.ASCII)
 _BOOLEANS = {"y": True, "yes": True, "true": True, "on": True, "n": False, "no": False, "false": False, "off": False}
@@ -37,30 +37,30 @@ MAX_PIXELS_PER_SIDE = 10_000
 _PNG = b"\x89PNG\r\n\x1a\n"
 _GAP = rb"(?:\s|#[^\n]*\n)+"
 _PGM_HEADER = re.compile(rb"P([25])" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,5})\s")
-#: What PyYAML raises on broken input, in addition to its own error.
+#: Exceptions of PyYAML for broken input.
 _YAML_ERRORS = (yaml.YAMLError, ValueError, OverflowError, RecursionError)
 
 
 class MapError(ValueError):
-    """A map cannot be read or written; the message names the file and the key or image that is wrong."""
+    """Raised if a map cannot be read or written; the message contains the file and the invalid key or image."""
 
-    page = "docs/maps.md"  #: which the command names, too
+    page = "docs/maps.md"  #: documentation that commands print with the error
 
 
 @dataclass(frozen=True, eq=False)
 class OccupancyMap:
-    """One map; arrays are (H, W) with row 0 at the top, read-only."""
+    """An occupancy map; arrays are (H, W) with row 0 at the top, read-only."""
 
     name: str
-    grey: Grey  #: 0..255 by luma, inverted if ``negate``: bright is free; 0 where it is not opaque
-    occupancy: NDArray[np.int8]  #: 0..100, -1 (unknown): cells of Nav2 Jazzy's map_server (map_io, 1.3.8 and later)
+    grey: Grey  #: 0..255 by luma, inverted if ``negate``: bright is free; 0 if not opaque
+    occupancy: NDArray[np.int8]  #: 0..100 or -1 (unknown), as in Nav2 Jazzy's map_server (map_io, 1.3.8 and later)
     resolution: float  #: edge of a cell, m
     origin: Pose  #: x, y, yaw of the image's lower left corner in the map frame, m and rad
-    occupied_thresh: float = 0.65  #: at least this dark is occupied, 0..1
-    free_thresh: float = 0.196  #: at most this dark is free, 0..1; wins over ``occupied_thresh``
-    negate: bool = False  #: the image's dark pixels are free
+    occupied_thresh: float = 0.65  #: smallest darkness of occupied cells, 0..1
+    free_thresh: float = 0.196  #: largest darkness of free cells, 0..1; wins over ``occupied_thresh``
+    negate: bool = False  #: dark pixels of the image are free
     mode: str = "trinary"  #: "trinary", "scale" or "raw"
-    notes: tuple[str, ...] = ()  #: what is odd about the YAML file, one sentence each
+    notes: tuple[str, ...] = ()  #: remarks about the YAML file, one sentence each
 
     def __post_init__(self) -> None:
         grey, occupancy = np.array(self.grey, dtype=np.uint8), np.array(self.occupancy, dtype=np.int8)
@@ -88,10 +88,11 @@ class OccupancyMap:
     def from_pixels(
         cls, name: str, pixels: Grey, resolution: float, origin: Pose, *, opaque: Mask | None = None, **settings: Any
     ) -> Self:
-        """The map that map_server would make of an image; MapError if a value is out of range.
+        """Return the map that map_server would create from an image.
 
-        ``pixels`` (H, W) are brightness as the image stores it, row 0 at the top; ``opaque`` (H, W) is False where
-        alpha is below 255; resolution, origin and settings (``occupied_thresh`` and so on) are those of the class.
+        ``pixels`` (H, W) is the brightness stored in the image, row 0 at the top; ``opaque`` (H, W) is False for pixels
+        with alpha below 255. Resolution, origin and settings (such as ``occupied_thresh``) are described in the class.
+        Raises MapError if a value is out of range.
         """
         plain = cls(name, pixels, np.zeros(pixels.shape, np.int8), resolution, origin, **settings)
         occupancy = plain._nav2_table()[pixels]
@@ -103,7 +104,7 @@ class OccupancyMap:
         return replace(plain, grey=grey, occupancy=occupancy)
 
     def _nav2_table(self) -> NDArray[np.int8]:
-        """(256,) occupancy of each brightness, in float32 as nav2_map_server's map_io computes it."""
+        """Return the occupancy of each brightness (256,), computed in float32 like nav2_map_server's map_io."""
         levels = np.arange(256)
         if self.mode == "raw":
             return np.where(levels <= 100, levels, -1).astype(np.int8)
@@ -113,34 +114,37 @@ class OccupancyMap:
         occupied, free = np.float32(self.occupied_thresh), np.float32(self.free_thresh)
         table = np.where(dark >= occupied, 100, -1)
         if self.mode == "scale" and occupied > free:
-            between = (dark > free) & (dark < occupied)  # beyond, a share may be too large for a number
+            between = (dark > free) & (dark < occupied)  # outside, the share may overflow
             share = (dark[between] - free) / np.float32(self.occupied_thresh - self.free_thresh) * np.float32(100)
             table[between] = np.floor(share.astype(np.float64) + 0.5)
         return np.where(dark <= free, 0, table).astype(np.int8)
 
     @property
     def height(self) -> int:
-        """Rows of the image."""
+        """Number of rows of the image."""
         return self.grey.shape[0]
 
     @property
     def width(self) -> int:
-        """Columns of the image."""
+        """Number of columns of the image."""
         return self.grey.shape[1]
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 (hex) of grey, occupancy, resolution and origin: the key of what is computed from a map."""
+        """SHA-256 (hex) of grey, occupancy, resolution and origin, used as key of all data computed from a map."""
         digest = hashlib.sha256(struct.pack("<2q4d", *self.grey.shape, self.resolution, *self.origin))
         digest.update(self.grey.tobytes() + self.occupancy.tobytes())
         return digest.hexdigest()
 
     def game_free(self, free_grey: int = 250) -> Mask:
-        """(H, W) free by the game's rule: brighter than ``free_grey``. Nav2's rule is ``occupancy == 0``."""
+        """Return the cells (H, W) that are free by the game's rule: brighter than ``free_grey``.
+
+        Nav2's rule is ``occupancy == 0``.
+        """
         return self.grey > free_grey
 
     def cell_to_world(self, column: ArrayLike, row: ArrayLike) -> tuple[Any, Any]:
-        """Centre (x, y) of a cell in m, by map_server's formula with yaw; floats or arrays."""
+        """Return the centre (x, y) of a cell in m, by map_server's formula with yaw; floats or arrays."""
         across = (np.asarray(column, dtype=float) + 0.5) * self.resolution
         up = (self.height - np.asarray(row, dtype=float) - 0.5) * self.resolution
         x, y, yaw = self.origin
@@ -148,22 +152,22 @@ class OccupancyMap:
         return x + cos * across - sin * up, y + sin * across + cos * up
 
     def world_to_cell(self, x: ArrayLike, y: ArrayLike) -> tuple[Any, Any]:
-        """(column, row) as floats, whole at cell centres: the inverse of :meth:`cell_to_world`."""
+        """Return (column, row) as floats, whole numbers at cell centres; the inverse of :meth:`cell_to_world`."""
         dx, dy = np.asarray(x, dtype=float) - self.origin[0], np.asarray(y, dtype=float) - self.origin[1]
         cos, sin = math.cos(self.origin[2]), math.sin(self.origin[2])
         across, up = cos * dx + sin * dy, cos * dy - sin * dx
         return across / self.resolution - 0.5, self.height - up / self.resolution - 0.5
 
     def save(self, yaml_path: str | os.PathLike[str], *, image: str | None = None) -> Path:
-        """Write YAML and, beside it, the image, each atomically; loading gives the same grey, occupancy and geometry.
+        """Write a YAML file and its image to one folder, each atomically; loading them gives the same map.
 
-        ``image`` is a file name that ends in .pgm or .png; None: the YAML's stem, .png where alpha is needed.
+        ``image`` is a file name that ends in .pgm or .png; None: the YAML's stem with .pgm, or .png if alpha is needed.
 
         Raises:
-            MapError: ``image`` is no such name, or no such image yields this grey and occupancy.
+            MapError: ``image`` is not a valid name, or no image of this type gives this grey and occupancy.
             OSError: a file cannot be written.
         """
-        import cv2  # 16 MB, which reading a PGM does not need
+        import cv2  # 16 MB, not needed for reading a PGM
 
         path = Path(yaml_path)
         pixels = 255 - self.grey if self.negate else self.grey.copy()
@@ -190,47 +194,47 @@ class OccupancyMap:
 
 
 def load_map(source: str | os.PathLike[str]) -> OccupancyMap:
-    """Read a map as Nav2 Jazzy's map_server does.
+    """Read a map like Nav2 Jazzy's map_server.
 
-    ``source`` is the name of a shipped map, a YAML file, or a folder that holds exactly one ``*.yaml``. Images are PGM
-    (P2, P5), PNG or BMP of at most 10,000 x 10,000 pixels.
+    ``source`` is the name of a shipped map, a YAML file, or a folder that contains exactly one ``*.yaml``. Images are
+    PGM (P2, P5), PNG or BMP of at most 10,000 x 10,000 pixels.
 
     Raises:
-        MapError: names the file and the key or image that is wrong, or lists the shipped names.
+        MapError: the map cannot be read; the message contains the invalid key or image, or lists the shipped names.
     """
     return _load(*_find(source))
 
 
 def map_file(source: str | os.PathLike[str]) -> Path:
-    """The YAML file that :func:`load_map` reads, absolute; raises MapError where there is none."""
+    """Return the absolute path of the YAML file that :func:`load_map` reads. Raises MapError if there is none."""
     return _find(source)[0].resolve()
 
 
 def _find(source: str | os.PathLike[str]) -> tuple[Path, str]:
-    """File and name of a map."""
-    known = _shipped()
-    if isinstance(source, str) and source in known:
-        return known[source], source
+    """Return file and name of a map."""
+    names = _shipped()
+    if isinstance(source, str) and source in names:
+        return names[source], source
     if not os.fspath(source):
         raise MapError("map = '': must be a shipped map's name, a YAML file or a folder with one")
     try:
         path = Path(source).expanduser()
         if path.is_dir():
-            found = sorted(path.glob("*.yaml"))
-            if len(found) != 1:
-                raise MapError(f"{path}: a map's folder holds exactly one .yaml file, this one {len(found)}")
-            return found[0], path.resolve().name
+            files = sorted(path.glob("*.yaml"))
+            if len(files) != 1:
+                raise MapError(f"{path}: a map's folder holds exactly one .yaml file, this one {len(files)}")
+            return files[0], path.resolve().name
         if path.is_file():
             return path, map_name(path)
-    except (OSError, RuntimeError) as error:  # no permission, no such user's home
+    except (OSError, RuntimeError) as error:  # no permission, or an unknown user's home
         raise MapError(f"{source}: cannot be read: {error}") from error
     if str(source).startswith("generated"):
         raise MapError(f"{source}: write a level with 'pacman-env map generate FOLDER --level N' and name its file")
-    raise MapError(f"{source}: neither a YAML file nor a folder nor a shipped map: {offer(str(source), known)}")
+    raise MapError(f"{source}: neither a YAML file nor a folder nor a shipped map: {offer(str(source), names)}")
 
 
 def map_name(path: Path) -> str:
-    """The name of a map file: a file named just "map.yaml" has its folder's name, which is clearer."""
+    """Return the name of a map file: its stem, or the name of its folder if the file is called "map.yaml"."""
     return path.resolve().parent.name if path.stem == "map" else path.stem
 
 
@@ -239,12 +243,12 @@ def shipped_maps() -> list[str]:
 
 
 def _shipped() -> dict[str, Path]:
-    """YAML files by name: inside the installed package, or in the top folder of a checkout."""
+    """Return the shipped YAML files by name, from the installed package or the top folder of a checkout."""
     return {p.stem: p for p in sorted(shipped("maps", "maps").glob("*.yaml"))}
 
 
 class _Loader(yaml.BaseLoader):
-    """Skips tabs between the words of a line, as yaml-cpp does; PyYAML refuses them."""
+    """A loader that skips tabs between the words of a line like yaml-cpp, while PyYAML refuses them."""
 
     def scan_to_next_token(self) -> None:
         super().scan_to_next_token()
@@ -260,7 +264,7 @@ def _load(path: Path, name: str) -> OccupancyMap:
 
 
 def read_map(name: str, text: str, image: bytes) -> OccupancyMap:
-    """Read a map as :func:`load_map` does, from the content of its two files; raises MapError."""
+    """Read a map from the content of its two files, with the rules of :func:`load_map`. Raises MapError."""
     return _read(name, Path(f"{name}.yaml"), text.encode(), lambda path: image)
 
 
@@ -293,9 +297,10 @@ def _read(name: str, path: Path, text: bytes, content: Callable[[Path], bytes]) 
 
 
 def _parse(path: Path, text: bytes) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Read the keys of map_server as strings and lists of strings, and note keys that are repeated.
+    """Read the keys of map_server as strings and lists of strings, with notes about repeated keys.
 
-    As in yaml-cpp the first of a repeated key counts, merge keys are ordinary keys, and further documents are ignored.
+    The rules are those of yaml-cpp: the first of repeated keys counts, merge keys are ordinary keys, and further
+    documents are ignored.
     """
     values: dict[str, Any] = {}
     lines: dict[str, list[int]] = {key: [] for key in _KEYS}
@@ -335,10 +340,10 @@ def _number(path: Path, keys: dict[str, Any], key: str) -> float:
 
 
 def _negate(path: Path, keys: dict[str, Any]) -> bool:
-    """Read a whole number (0: no) or a truth value in lower case, in upper case or capitalised."""
+    """Read ``negate``: a whole number (0: False) or a truth value in lower case, upper case or capitalised."""
     value = _required(path, keys, "negate")
     if isinstance(value, str) and _WHOLE.fullmatch(value):
-        return int(value, 16) != 0  # in whichever base it is written
+        return int(value, 16) != 0  # zero is zero in every base
     if isinstance(value, str) and value in (value.lower(), value.upper(), value.capitalize()):
         with contextlib.suppress(KeyError):
             return _BOOLEANS[value.lower()]
@@ -347,7 +352,7 @@ def _negate(path: Path, keys: dict[str, Any]) -> bool:
 
 def _content(path: Path) -> bytes:
     try:
-        if not path.is_file():  # a device or a pipe has no end
+        if not path.is_file():  # devices and pipes may never end
             raise ValueError("there is no such file")
         return path.read_bytes()
     except OSError as error:
@@ -355,10 +360,11 @@ def _content(path: Path) -> bytes:
 
 
 def _pixels(data: bytes) -> tuple[Grey, Mask | None]:
-    """Brightness (H, W), row 0 at the top, and where it is opaque, None for an image without alpha.
+    """Return the brightness (H, W), row 0 at the top, and the mask of opaque pixels (None without alpha).
 
-    As GraphicsMagick does for Nav2: colour becomes grey by Rec. 601 luma, 16 bits become 8; opaque is an alpha of 255.
-    OpenCV decodes PNG and BMP; it would not rescale a binary PGM with a maxval other than 255, so PGM is read here.
+    The rules are those of GraphicsMagick, which Nav2 uses: colour becomes grey by Rec. 601 luma, 16 bits become 8, and
+    opaque is an alpha of 255. OpenCV decodes PNG and BMP. PGM is read here, because OpenCV does not rescale binary PGMs
+    with a maxval other than 255.
     """
     pgm = _PGM_HEADER.match(data)
     if pgm:
@@ -366,10 +372,10 @@ def _pixels(data: bytes) -> tuple[Grey, Mask | None]:
     elif data.startswith(_PNG) and len(data) > 33:
         width, height = struct.unpack(">II", data[16:24])
     elif data.startswith(b"BM") and len(data) > 26:
-        width, height = map(abs, struct.unpack("<ii", data[18:26]))  # a negative height: rows from the top
+        width, height = map(abs, struct.unpack("<ii", data[18:26]))  # negative height: rows from the top
     else:
         raise ValueError("neither PGM (P2, P5) nor PNG nor BMP, or cut off")
-    # Checked before anything is unpacked: a small file can claim to be a huge image.
+    # Check before unpacking, because a small file can claim to be a huge image.
     if not (0 < width <= MAX_PIXELS_PER_SIDE and 0 < height <= MAX_PIXELS_PER_SIDE):
         raise ValueError(f"{width} x {height} pixels, must be within 1..{MAX_PIXELS_PER_SIDE} per side")
     return (_pgm(data, pgm, width, height), None) if pgm else _decode(data, width, height)
@@ -389,19 +395,19 @@ def _decode(data: bytes, width: int, height: int) -> tuple[Grey, Mask | None]:
         return _to_byte(planes), None if key is None else planes != key
     opaque = _to_byte(planes[:, :, 3]) == 255 if planes.shape[2] == 4 else None
     if data.startswith(b"BM") and opaque is not None and not planes[:, :, 3].any():
-        opaque = None  # the fourth byte of a BMP is padding unless something uses it
+        opaque = None  # all zeros: the fourth byte is padding, not alpha
     blue, green, red = (planes[:, :, k].astype(np.uint32) for k in range(3))
     luma = (299 * red + 587 * green + 114 * blue + 500) // 1000
     return _to_byte(luma.astype(planes.dtype)), opaque
 
 
 def _to_byte(plane: NDArray[Any]) -> Grey:
-    """8 bits of 16, rounded."""
+    """Convert 16-bit to 8-bit values, rounded."""
     return plane if plane.dtype == np.uint8 else ((plane.astype(np.uint32) + 128) // 257).astype(np.uint8)
 
 
 def _transparent_grey(data: bytes) -> int | None:
-    """The grey that a PNG's tRNS chunk makes transparent, at the decoded depth: OpenCV ignores the chunk."""
+    """Return the grey that a PNG's tRNS chunk (ignored by OpenCV) makes transparent, at the decoded depth, or None."""
     at = len(_PNG)
     while data.startswith(_PNG) and at + 12 <= len(data) and data[at + 4 : at + 8] != b"IDAT":
         (size,) = struct.unpack(">I", data[at : at + 4])

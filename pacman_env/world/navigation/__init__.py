@@ -1,1 +1,1 @@
-"""A robot in a map: path lengths, physics, the Nav2 stand-in, localization, lidar."""
+"""Simulate a robot on a map: path lengths, physics, a Nav2 stand-in, localization and lidar."""

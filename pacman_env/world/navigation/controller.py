@@ -1,6 +1,6 @@
-"""The local controller of the Nav2 stand-in: from a plan to wheel speeds and a force on the body.
+"""Local controller of the Nav2 stand-in: converts a plan to wheel speeds and a force on the body.
 
-Roll-outs over (v, omega) within the base's limits, scored on progress along the plan, wall clearance and distance to
+Roll-outs over (v, omega) within the base's limits are scored on progress along the plan, wall clearance and distance to
 Clyde. Kernels work on one game's record ``g``.
 """
 
@@ -10,7 +10,7 @@ from typing import NamedTuple
 from ...engine.jit import kernel
 from .grid import cell_of
 
-_LOOKAHEAD = 0.35  # m along the path to the point that control steers to
+_LOOKAHEAD = 0.35  # m along the path to the target point of the controller
 _ROTATE_COS = 0.765  # cosine of the angle off the path (0.7 rad) beyond which the robot turns on the spot
 HORIZON_S = 0.8  # s of a roll-out
 _SAMPLES = 3  # points tested along a roll-out
@@ -19,7 +19,7 @@ _BRAKE = 0.7  # share of the base's braking used when a turn on the spot ends
 
 @kernel
 def _turned(c, s, angle):  # type: ignore[no-untyped-def]
-    """Cosine and sine of a heading turned by a small angle: a series, 1e-5 off at 0.5 rad, no library call."""
+    """Rotate a heading (cosine, sine) by a small angle, using a series with an error of 1e-5 at 0.5 rad."""
     a2 = angle * angle
     ca = 1.0 - a2 * (0.5 - a2 * (1.0 / 24.0))
     sa = angle * (1.0 - a2 * (1.0 / 6.0 - a2 * (1.0 / 120.0)))
@@ -27,7 +27,7 @@ def _turned(c, s, angle):  # type: ignore[no-untyped-def]
 
 
 class Pose(NamedTuple):
-    """As the robot believes it."""
+    """Believed pose of the robot."""
 
     x: float  # m
     y: float
@@ -36,7 +36,7 @@ class Pose(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """Of the robot's pose."""
+    """Surroundings of the robot's pose."""
 
     free_cm: int  # clearance
     clyde_near: bool
@@ -46,16 +46,16 @@ class Surroundings(NamedTuple):
 
 @kernel
 def _clear(pose, v, w, around, p, affine, clearance):  # type: ignore[no-untyped-def]
-    """Cost in m of driving (v, w) from a pose: how far it leaves comfort; -1: not admissible.
+    """Return the cost in m of driving (v, w) from a pose, by how much it violates comfort, or -1 if inadmissible.
 
-    Tests ``_SAMPLES`` points of the arc. A point inside the inscribed radius is only admissible if it is no
-    worse than where the robot stands: that is how it gets out again. Likewise for Clyde's region.
+    ``_SAMPLES`` points of the arc are tested. A point inside the inscribed radius, or inside Clyde's region, is only
+    admissible if it is not worse than the robot's position, which lets the robot get out.
     """
     x, y, ch, sh = pose
-    here, clyde_near, cx, cy = around
+    free_here, clyde_near, cx, cy = around
     cost = 0.0
     rows, columns = clearance.shape
-    # The chord from the start to a point of an arc turns by the same small angle from point to point.
+    # The chord from the start turns by the same small angle from point to point.
     step_s = HORIZON_S / _SAMPLES
     ct, st = _turned(1.0, 0.0, 0.5 * w * step_s)
     for k in range(1, _SAMPLES + 1):
@@ -65,7 +65,7 @@ def _clear(pose, v, w, around, p, affine, clearance):  # type: ignore[no-untyped
         column, row = cell_of(affine, rows, columns, px, py)
         free = clearance[row, column]
         if free < p.comfort_cm:
-            if free <= p.inscribed_cm and free < here:
+            if free <= p.inscribed_cm and free < free_here:
                 return -1.0
             cost += 0.01 * (p.comfort_cm - free)
         if clyde_near:
@@ -74,13 +74,13 @@ def _clear(pose, v, w, around, p, affine, clearance):  # type: ignore[no-untyped
             if d2 < p.clyde_keepout * p.clyde_keepout and d2 < now2 - 1e-9:
                 return -1.0
         elif free > p.open_cm - int(100.0 * s):
-            break  # clearance falls by no more than the distance driven: the rest is free
+            break  # clearance falls by at most the driven distance, so the rest is free
     return cost
 
 
 @kernel
 def limit(v, w, p):  # type: ignore[no-untyped-def]
-    """Clip (v, omega) so that no wheel exceeds its limit: turning keeps its share, driving is slowed."""
+    """Clip (v, omega) so that no wheel exceeds its limit; turning has priority over driving."""
     most = min(p.omega_max, p.wheel_max / p.half_base)
     w = min(max(w, -most), most)
     spare = p.wheel_max - abs(w) * p.half_base
@@ -89,14 +89,14 @@ def limit(v, w, p):  # type: ignore[no-untyped-def]
 
 @kernel
 def _turn_rate(forward, aside, limit, p):  # type: ignore[no-untyped-def]
-    """Turn rate on the spot towards a point in the robot's frame: as fast as braking in time allows."""
+    """Return the fastest turn rate on the spot towards a point in the robot's frame that still allows braking."""
     off = math.atan2(aside, forward)
     return math.copysign(min(limit, math.sqrt(2.0 * _BRAKE * p.omega_rate * abs(off))), off)
 
 
 @kernel
 def command(g, path, pose, p, affine, clearance):  # type: ignore[no-untyped-def]
-    """The local controller: (ok, v, omega) for the next step."""
+    """Run the local controller and return (ok, v, omega) for the next step."""
     bx, by, ch, sh = pose
     points = g.nav_points
     at = g.nav_at
@@ -118,22 +118,22 @@ def command(g, path, pose, p, affine, clearance):  # type: ignore[no-untyped-def
     v_max = g.speed_limit
     if forward < 0.0 or forward * forward < _ROTATE_COS * _ROTATE_COS * (tx * tx + ty * ty):
         return True, 0.0, _turn_rate(forward, aside, p.omega_max, p)
-    # Pure pursuit: the arc through the point ahead, slower the sharper it is.
+    # Pure pursuit: the arc through the target point, slower for sharper arcs.
     by_distance = v_max / math.sqrt(max(tx * tx + ty * ty, 0.01))
     v, w = limit(forward * by_distance, 2.0 * aside * by_distance * by_distance / v_max, p)
     column, row = cell_of(affine, clearance.shape[0], clearance.shape[1], bx, by)
-    here = clearance[row, column]
+    free_here = clearance[row, column]
     cx, cy = g.clyde_x, g.clyde_y
     reach = p.clyde_keepout + v_max * HORIZON_S + 0.05
     clyde_near = (bx - cx) ** 2 + (by - cy) ** 2 < reach * reach
-    around = Surroundings(here, clyde_near, cx, cy)
-    # In the open no roll-out needs to be tested, and one that was clear for 0.8 s is trusted for one more step.
-    if not clyde_near and (here > p.open_cm or g.nav_clear_step == g.step - 1):
+    around = Surroundings(free_here, clyde_near, cx, cy)
+    # Open areas need no roll-outs, and a roll-out that was clear for 0.8 s holds for one more step.
+    if not clyde_near and (free_here > p.open_cm or g.nav_clear_step == g.step - 1):
         return True, v, w
     if _clear(pose, v, w, around, p, affine, clearance) >= 0.0:
         g.nav_clear_step = g.step
         return True, v, w
-    # The direct arc is not admissible: sample the window for the best progress at the highest speed that has any.
+    # The direct arc is not admissible: sample arcs for the best progress at the highest admissible speed.
     best_score = 1e9
     ok, best_v, best_w = False, 0.0, 0.0
     for k in range(4, 0, -1):
@@ -152,10 +152,10 @@ def command(g, path, pose, p, affine, clearance):  # type: ignore[no-untyped-def
             break
     if ok:
         return ok, best_v, best_w
-    # Nothing leads on towards the point ahead, round a corner perhaps: creep along the path itself.
+    # No arc leads towards the target point, for example round a corner: creep along the path.
     near = min(at + 2, points - 1)
     tx, ty = path[near, 0] - bx, path[near, 1] - by
-    if clyde_near:  # a path that hugs its region leads into it when it is cut short: keep farther out
+    if clyde_near:  # shortcuts of a path along Clyde's region would enter it: aim farther out
         ox, oy = path[near, 0] - cx, path[near, 1] - cy
         out = max((p.clyde_keepout + 0.05) / math.sqrt(max(ox * ox + oy * oy, 1e-6)), 1.0) - 1.0
         tx, ty = tx + out * ox, ty + out * oy
@@ -168,15 +168,15 @@ def command(g, path, pose, p, affine, clearance):  # type: ignore[no-untyped-def
 
 @kernel
 def drive_wheels(g, v, w, p):  # type: ignore[no-untyped-def]
-    """Wheels follow (v, w) within their acceleration; the force makes the body's velocity theirs."""
+    """Let the wheels follow (v, w) within their acceleration, and set the force that gives the body their velocity."""
     change = p.wheel_rate * p.dt
     left, right = v - w * p.half_base, v + w * p.half_base
     left = min(max(left, g.left - change), g.left + change)
     right = min(max(right, g.right - change), g.right + change)
     g.left, g.right = left, right
     speed, turn = 0.5 * (left + right), (right - left) * p.per_base
-    # Chipmunk moves bodies first and changes velocities then, so this velocity is driven with in the next step:
-    # its direction is the heading at the middle of that.
+    # Chipmunk moves bodies before it changes velocities, so this velocity acts in the next step: its direction is the
+    # heading at the middle of that step.
     g.heading += g.omega * p.dt
     c, s = _turned(g.heading_cos, g.heading_sin, g.omega * p.dt)
     g.heading_cos, g.heading_sin = c, s
@@ -188,5 +188,5 @@ def drive_wheels(g, v, w, p):  # type: ignore[no-untyped-def]
 
 @kernel
 def refresh_heading(g):  # type: ignore[no-untyped-def]
-    """The heading's unit vector exactly: between refreshes, once a tick, it is turned step by step."""
+    """Compute the heading's unit vector exactly, once per tick; in between it is rotated step by step."""
     g.heading_cos, g.heading_sin = math.cos(g.heading), math.sin(g.heading)

@@ -1,7 +1,7 @@
-"""The map as the robot drives on it: clearance, the inflated costmap, the reachable cells, the walls around them.
+"""Drive grid of a map: clearance, inflated costmap, reachable cells and the walls around them.
 
-Cells are numbered row by row with row 0 at the *bottom*, so that y grows with the row. What is solid is decided by the
-game's rule (grey above 250 is free), whatever the costmap's thresholds are.
+Cells are numbered row by row with row 0 at the *bottom*, so that y grows with the row. The game's rule decides which
+cells are solid (grey above 250 is free), independent of the costmap's thresholds.
 """
 
 import functools
@@ -18,10 +18,10 @@ from ...engine.jit import kernel
 from ..maps.occupancy import MapError, OccupancyMap
 from .paths import PathFields, navfn_weights, neighbour_table
 
-LETHAL = 254  # an obstacle's own cell
-INSCRIBED = 253  # the robot's centre cannot be here
-_MARGIN = 4  # solid cells around the kept part
-_WALL_TOLERANCE_PX = 0.5  # walls are simplified contours; half a cell stays inside the inscribed margin
+LETHAL = 254  # cell of an obstacle
+INSCRIBED = 253  # no place for the robot's centre
+_MARGIN = 4  # solid cells around the grid
+_WALL_TOLERANCE_PX = 0.5  # of simplified contours; half a cell stays inside the inscribed margin
 
 
 def _apply(affine: NDArray[np.float64], u: Any, v: Any) -> tuple[Any, Any]:
@@ -30,20 +30,20 @@ def _apply(affine: NDArray[np.float64], u: Any, v: Any) -> tuple[Any, Any]:
 
 @dataclass(frozen=True, eq=False)
 class DriveGrid:
-    """The drivable part of a map, with a margin of solid cells; (x, y) in m is in the cell of ``cell_of``."""
+    """The drivable part of a map, with a margin of solid cells; ``cell_of`` gives the cell of (x, y) in m."""
 
     resolution: float  # m per cell
     affine: NDArray[np.float64]  # (6,) world to cell
     inverse: NDArray[np.float64]  # (6,) cell to world
-    clearance: NDArray[np.float32]  # (H, W) m, cell centre to the nearest solid cell's centre
-    clearance_cm: NDArray[np.uint8]  # the same in whole cm, at most 255, for control
+    clearance: NDArray[np.float32]  # (H, W) m, from cell centre to the nearest solid cell's centre
+    clearance_cm: NDArray[np.uint8]  # clearance in whole cm, at most 255, for control
     cost: NDArray[np.uint8]  # (H, W) inflated costmap, 0..254
     cell_id: NDArray[np.int32]  # (H, W) number of a drivable cell, -1 elsewhere
     snap: NDArray[np.int32]  # (H, W) number of the nearest drivable cell
     cell: NDArray[np.int32]  # (K, 2) column, row of each drivable cell
     walls: NDArray[np.float64]  # (S, 4) x0, y0, x1, y1 in m
     home: NDArray[np.float64]  # (3,) x, y, heading
-    offset: tuple[int, int]  # column and row (from the bottom) of the kept part within the whole map
+    offset: tuple[int, int]  # column and row (from the bottom) of the grid in the whole map
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -54,31 +54,31 @@ class DriveGrid:
         return column, row
 
     def to_world(self, column: Any, row: Any) -> tuple[Any, Any]:
-        """World position x, y (m) of a cell's centre; numbers or arrays."""
+        """Return the world position x, y (m) of a cell's centre; numbers or arrays."""
         return _apply(self.inverse, column + 0.5, row + 0.5)
 
     @functools.cached_property
     def neighbours(self) -> NDArray[np.int32]:
-        """(K, 8) number of the drivable cell that a step to each neighbour leads to, -1: not allowed."""
+        """Drivable cell reached by a step to each neighbour (K, 8), -1: not allowed."""
         return neighbour_table(self.cell_id, self.cell)
 
     @property
     def steps(self) -> NDArray[np.uint8]:
-        """(K,) a bit for each of the 8 neighbours that the robot may drive to."""
+        """Bits of the drivable ones among the 8 neighbours of each cell, (K,)."""
         return np.packbits(self.neighbours >= 0, axis=1, bitorder="little").ravel()
 
     def locate(self, position: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
-        """Column and row of each position (M, 2), and whether that lies on the grid."""
+        """Return column and row of each position (M, 2), and a mask of the positions on the grid."""
         columns, rows = _apply(self.affine, position[:, 0], position[:, 1])
         column, row = np.floor(columns).astype(np.int64), np.floor(rows).astype(np.int64)
         return column, row, self._inside(column, row)
 
     def cells_under(self, position: NDArray[np.float64]) -> NDArray[np.int32]:
-        """Number of the drivable cell under each position (M, 2); -1: none there."""
+        """Return the drivable cell under each position (M, 2), or -1."""
         return self._numbers(*self.locate(position)[:2])
 
     def cells_of_pixels(self, pixel: NDArray[np.int32], height: int) -> NDArray[np.int32]:
-        """Number of the drivable cell that each pixel (M, 2) u, v of an image of that height is; -1: none."""
+        """Return the drivable cell of each pixel (M, 2) u, v of the map's image with ``height`` rows, or -1."""
         return self._numbers(pixel[:, 0] - self.offset[0], height - 1 - pixel[:, 1] - self.offset[1])
 
     def _inside(self, column: NDArray[Any], row: NDArray[Any]) -> NDArray[np.bool_]:
@@ -91,21 +91,21 @@ class DriveGrid:
         return result
 
     def nearest_cell(self, x: float, y: float, within_m: float) -> int:
-        """Number of the drivable cell nearest to (x, y) inside a square of that half-width; -1: none."""
+        """Return the drivable cell nearest to (x, y) inside a square of half-width ``within_m``, or -1."""
         cx, cy = _apply(self.affine, x, y)
         return int(_nearest(self.cell_id, cx, cy, within_m / self.resolution + 0.5))
 
     def pellet_cells(
         self, places: NDArray[np.float64], nav2: Nav2Config, execution: ExecutionConfig
     ) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-        """(P,) the cell where the robot collects the pellet at each place (P, 2) in m, and whether it can.
+        """Return the cell (P,) where the robot collects the pellet at each place (P, 2), m, and a mask of reachable ones.
 
-        It is the drivable cell nearest to the place, -1: none within the planner's tolerance. A pellet is reachable if
-        the cell's centre is within the pick-up radius.
+        The cell is the drivable one nearest to the place, or -1 if none is within the planner's tolerance. A pellet is
+        reachable if the cell's centre is within the pick-up radius.
         """
         cells = np.array([self.nearest_cell(x, y, nav2.unreachable_tolerance_m) for x, y in places], dtype=np.int32)
         offset = np.hypot(*(np.stack(self.to_world(*self.cell[cells].T), axis=1) - places).T)
-        # Pellets lie on the corners of cells: on a coarse map no centre is nearer than half a diagonal.
+        # Pellets lie on corners of cells, so on a coarse map no centre is nearer than half a diagonal.
         enough = max(execution.pickup_radius_m, self.resolution * math.sqrt(0.5) + 1e-9)
         return cells, (cells >= 0) & (offset <= enough)
 
@@ -115,9 +115,9 @@ class DriveGrid:
 
 @kernel
 def _nearest(cell_id, cx, cy, reach):  # type: ignore[no-untyped-def]
-    """Number of the cell whose centre is nearest to (cx, cy), at most ``reach`` rows and columns away; -1: none."""
+    """Return the cell with the centre nearest to (cx, cy), at most ``reach`` rows and columns away, or -1."""
     rows, columns = cell_id.shape
-    found = -1
+    number = -1
     least = np.inf
     far = reach + 1.0
     for row in range(int(min(max(cy - far, 0.0), rows)), int(min(max(cy + far, 0.0), rows))):
@@ -125,14 +125,14 @@ def _nearest(cell_id, cx, cy, reach):  # type: ignore[no-untyped-def]
             dx, dy = column + 0.5 - cx, row + 0.5 - cy
             if cell_id[row, column] >= 0 and max(abs(dx), abs(dy)) <= reach and dx * dx + dy * dy < least:
                 least = dx * dx + dy * dy
-                found = cell_id[row, column]
-    return found
+                number = cell_id[row, column]
+    return number
 
 
 def connected_parts(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Number (H, W) of the 4-connected part (diagonal steps need both neighbours), from 1 on, and the area of each.
+    """Return the number (H, W) of each cell's 4-connected part, counted from 1, and the area of each part in cells.
 
-    What is not set has number 0 and area 0.
+    Cells outside the mask have number 0, with area 0.
     """
     parts, labels = cv2.connectedComponents(mask.view(np.uint8), connectivity=4)
     areas = np.bincount(labels.ravel(), minlength=parts)
@@ -141,23 +141,23 @@ def connected_parts(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray
 
 
 def nearest_numbers(number: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    """(H, W) of each cell the nearest number that is not negative, 0: there is none, and how many cells away it is."""
-    away, label = cv2.distanceTransformWithLabels(
+    """Return the nearest non-negative number (H, W) of each cell (0 if there is none) and its distance in cells."""
+    distance, label = cv2.distanceTransformWithLabels(
         (number < 0).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
     )
     by_label = np.append(np.int32(0), number[number >= 0])  # OpenCV counts pixels row by row, from 1 on
-    return by_label[label], away
+    return by_label[label], distance
 
 
 def clearance_m(free: NDArray[np.bool_], resolution: float) -> NDArray[np.float32]:
-    """Distance (H, W) of each cell's centre to that of the nearest cell that is not free, m."""
+    """Return the distance (H, W) in m from each cell's centre to the centre of the nearest cell that is not free."""
     distance = cv2.distanceTransform(free.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     return _whole_squares(distance, resolution)
 
 
 @kernel
 def _whole_squares(distance, resolution):  # type: ignore[no-untyped-def]
-    """Distances in m. OpenCV's last bit differs from call to call; the squares are whole, so rounding is exact."""
+    """Convert distances to m; rounding the squares to whole numbers removes OpenCV's varying last bit."""
     rounded = np.empty(distance.shape, np.float32)
     for row in range(len(distance)):
         for column in range(distance.shape[1]):
@@ -167,7 +167,7 @@ def _whole_squares(distance, resolution):  # type: ignore[no-untyped-def]
 
 
 def inflate(clearance: NDArray[np.float32], resolution: float, robot: RobotConfig, nav2: Nav2Config) -> NDArray:
-    """Nav2's inflation layer: cost of each cell from its distance d to the nearest obstacle's centre.
+    """Return the costs of Nav2's inflation layer from each cell's distance d to the nearest obstacle's centre.
 
     254 at d = 0, 253 up to the inscribed radius, then floor(252 exp(-k (d - r))) up to ceil(R / resolution) cells.
     """
@@ -180,7 +180,7 @@ def inflate(clearance: NDArray[np.float32], resolution: float, robot: RobotConfi
 
 
 def _frame(mask: NDArray[np.bool_], margin: int) -> tuple[int, int, int, int]:
-    """First and last row, first and last column (the last ones excluded) of what is set and a margin around it."""
+    """Return the row range and column range (ends excluded) of the set cells with a margin."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if len(rows) == 0:
         return 0, mask.shape[0], 0, mask.shape[1]
@@ -199,9 +199,9 @@ def _home_cell(
     wished: tuple[int, int],
     any_part: bool,
 ) -> tuple[int, int]:
-    """The wished cell if the robot can stand there, else the roomiest one of the largest part.
+    """Return the wished cell if the robot can stand there, otherwise the one with most clearance in the largest part.
 
-    Unless ``any_part``, the wished cell must lie in a part large enough for a game: a quarter of the largest or more.
+    Unless ``any_part``, the wished cell must be in a part large enough for a game: at least a quarter of the largest.
     """
     column, row = wished
     rows, columns = labels.shape
@@ -213,7 +213,7 @@ def _home_cell(
 
 
 def _walls(solid: NDArray[np.bool_], to_world: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Segments (S, 4) in m, closed polygons along the centres of the solid cells that bound the free ones."""
+    """Return wall segments (S, 4) in m: closed polygons along the centres of solid cells next to free ones."""
     contours, _ = cv2.findContours(solid.view(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     polygons = [cv2.approxPolyDP(c, _WALL_TOLERANCE_PX, True)[:, 0, :] for c in contours]
     ends = np.cumsum([len(p) for p in polygons])
@@ -233,16 +233,16 @@ def build_grid(
 ) -> DriveGrid:
     """Compute the drivable grid around ``home``, x, y (m), heading (rad); None: (0, 0, 0) if the robot can stand there.
 
-    MapError if the map has no place for the robot, or the given home pose is not drivable.
+    Raises MapError if the map has no place for the robot, or if the given home pose is not drivable.
     """
     res = occupancy.resolution
     free = np.zeros((occupancy.height + 2 * _MARGIN, occupancy.width + 2 * _MARGIN), dtype=np.bool_)
     free[_MARGIN:-_MARGIN, _MARGIN:-_MARGIN] = occupancy.game_free(pellets.free_grey)[::-1]
-    # What is farther from all free cells has no effect.
+    # Cells farther from all free cells have no effect.
     keep = math.ceil((robot.inscribed_radius_m + 0.3) / res) + 1
     r0, r1, c0, c1 = _frame(free, keep)
     free = free[r0:r1, c0:c1]
-    # Ray noise far from any place where the robot fits is dropped before anything else is computed.
+    # Drop ray noise far from any place for the robot before other computations.
     clearance = clearance_m(free, res)
     drivable = clearance > robot.inscribed_radius_m
     if not drivable.any():
@@ -275,12 +275,12 @@ def build_grid(
     window = np.s_[top:bottom, left:right]
     free, main, clearance = (np.ascontiguousarray(picture[window]) for picture in (free, main, clearance))
     r0, c0 = r0 + top, c0 + left
-    # The robot's disc can be where a centre within the main part reaches: only walls around that are built.
+    # Only build walls around the area that the robot's disc can cover from the main part.
     cell = cv2.findNonZero(main.view(np.uint8)).reshape(-1, 2)
     cell_id = np.full(main.shape, -1, np.int32)
     cell_id[main] = np.arange(len(cell))
-    snap, away = nearest_numbers(cell_id)
-    swept = free & (away * res <= robot.inscribed_radius_m)
+    snap, distance = nearest_numbers(cell_id)
+    swept = free & (distance * res <= robot.inscribed_radius_m)
     offset = c0 - _MARGIN, r0 - _MARGIN
     to_cell, to_world = affine(*offset)
     roomiest = _apply(to_world, home_cell[0] - left + 0.5, home_cell[1] - top + 0.5)
@@ -303,7 +303,7 @@ def build_grid(
 
 @kernel
 def cell_of(affine, shape_rows, shape_columns, x, y):  # type: ignore[no-untyped-def]
-    """Column and row of a world position in m, clipped to the grid."""
+    """Return column and row of a world position in m, clipped to the grid."""
     column = int(affine[0] * x + affine[1] * y + affine[2])
     row = int(affine[3] * x + affine[4] * y + affine[5])
     return min(max(column, 0), shape_columns - 1), min(max(row, 0), shape_rows - 1)

@@ -1,6 +1,6 @@
-"""The robot's lidar: ranges to the first cell of the drive grid that is not free, with the noise of the sensor.
+"""Simulate the robot's lidar: ranges to the first cell of the drive grid that is not free, with sensor noise.
 
-Only what the map holds is seen: no ray ends at anything that moves.
+The lidar only sees the map; nothing that moves stops a ray.
 """
 
 import math
@@ -13,8 +13,8 @@ from ...engine.jit import kernel
 from ...rng import LIDAR, mix, stream
 
 _GAMMA, _S54 = np.uint64(0x9E3779B97F4A7C15), np.uint64(54)
-_DIAGONAL = math.sqrt(2.0) + 1e-3  # cells; the excess is for clearances rounded up and lengths kept in float32
-_JUMPS = 8  # passes over all rays before each one walks on from cell to cell
+_DIAGONAL = math.sqrt(2.0) + 1e-3  # cells; the excess covers rounding of clearances and float32 lengths
+_JUMPS = 8  # passes over all rays before each one continues cell by cell
 
 #: (1024,) equally likely values of a standard normal variable: its quantiles, scaled to variance 1, up to 3.3.
 _NORMAL = np.array([NormalDist().inv_cdf((k + 0.5) / 1024) for k in range(1024)])
@@ -23,22 +23,23 @@ _NORMAL = (_NORMAL / _NORMAL.std()).astype(np.float32)
 
 @kernel
 def _jump(clearance_cm, cells_per_cm, x, y, ux, uy, ranges):  # type: ignore[no-untyped-def]
-    """Lengthen each ray, in cells, by what is free around its end; a ray that has left the grid grows on."""
+    """Lengthen each ray, in cells, by the clearance at its end; rays outside the grid keep growing."""
     rows, columns = clearance_cm.shape
     for k in range(len(ranges)):
         t = ranges[k]
         column = int(min(max(x + t * ux[k], 0.0), columns - 1.0))
         row = int(min(max(y + t * uy[k], 0.0), rows - 1.0))
-        # The end and the nearest solid point lie at most half a diagonal from the centres of their cells.
+        # End and nearest solid point are at most half a diagonal away from the centres of their cells.
         ranges[k] = t + max(clearance_cm[row, column] * cells_per_cm - _DIAGONAL, 0.0)
 
 
 @kernel
 def _walk(clearance_cm, x, y, ux, uy, t, limit):  # type: ignore[no-untyped-def]
-    """Distance from (x, y) along the unit vector to the first cell that is not free, where none is before ``t``.
+    """Return the distance from (x, y) along a unit vector to the first cell that is not free, all in cells.
 
-    All in cells; ``limit``: there is none before, or the ray has left the grid. From edge to edge of the cells
-    (Amanatides and Woo 1987), each edge's distance counted from (x, y): the jumps leave no trace in the result.
+    No such cell is nearer than ``t``. The result is ``limit`` if there is none before, or if the ray leaves the grid.
+    The walk goes from edge to edge of the cells (Amanatides and Woo 1987) with distances from (x, y), so that the jumps
+    do not affect the result.
     """
     rows, columns = clearance_cm.shape
     at_x, at_y = x + t * ux, y + t * uy
@@ -47,7 +48,7 @@ def _walk(clearance_cm, x, y, ux, uy, t, limit):  # type: ignore[no-untyped-def]
     column, row = int(at_x), int(at_y)
     per_column, per_row = 1.0 / abs(ux), 1.0 / abs(uy)
     step_x, step_y = 1 if ux >= 0.0 else -1, 1 if uy >= 0.0 else -1
-    # Along an axis the other one's edges are at infinity: zero counts as upwards, where the next edge is never at x.
+    # Parallel to an axis the other axis' edges are at infinity: 0 counts as upwards, where no edge is at x itself.
     next_x = (column + 1 - x if ux >= 0.0 else x - column) * per_column
     next_y = (row + 1 - y if uy >= 0.0 else y - row) * per_row
     while clearance_cm[row, column] != 0:
@@ -65,7 +66,7 @@ def _walk(clearance_cm, x, y, ux, uy, t, limit):  # type: ignore[no-untyped-def]
 
 
 class Sensor(NamedTuple):
-    """The lidar's limits, and the standard deviation of its noise as a part of the range."""
+    """The lidar's limits, and the standard deviation of its noise relative to the range."""
 
     minimum_m: float
     maximum_m: float
@@ -74,14 +75,14 @@ class Sensor(NamedTuple):
 
 @kernel
 def scan(affine, clearance_cm, resolution, pose, moment, sensor, ranges):  # type: ignore[no-untyped-def]
-    """Fill ``ranges`` (R,) float32, m, as seen from ``pose`` (3,), any finite numbers, m and rad.
+    """Fill ``ranges`` (R,) float32, m, with a scan from ``pose`` (3,), any finite numbers, m and rad.
 
-    Ray k points at heading + 2 pi k / R: 0 is ahead, counter-clockwise, as in sensor_msgs/LaserScan. A ray that finds
-    nothing within the maximum or leaves the grid reads the maximum; all do for a robot off the grid. Other ranges are
-    cut to the limits, get normal noise (of 1024 steps, at most 3.3 standard deviations) and are cut again.
-    Noise is a function of ``moment``, the round's seed and the tick, and of k alone.
+    Ray k points at heading + 2 pi k / R: 0 is ahead, counter-clockwise, as in sensor_msgs/LaserScan. A ray without a
+    hit within the maximum, or one that leaves the grid, gives the maximum, and so do all rays of a robot outside the
+    grid. Other ranges are clipped to the limits, get normal noise (1024 steps, at most 3.3 standard deviations) and are
+    clipped again. Noise only depends on k and on ``moment``, which is the round's seed and the tick.
 
-    The grid: ``affine`` (6,) from m to cells, ``clearance_cm`` (H, W) uint8, 0 is not free; ``resolution`` is m per
+    ``affine`` (6,) maps m to cells, ``clearance_cm`` (H, W) is uint8 and 0 if not free, and ``resolution`` is m per
     cell, at least 0.01.
     """
     noise = stream(stream(moment[0], LIDAR), moment[1])
@@ -102,7 +103,7 @@ def scan(affine, clearance_cm, resolution, pose, moment, sensor, ranges):  # typ
         ux[k] = (affine[0] * cos + affine[1] * sin) * resolution
         uy[k] = (affine[3] * cos + affine[4] * sin) * resolution
         cos, sin = cos * turn_cos - sin * turn_sin, sin * turn_cos + cos * turn_sin
-    # All rays jump in turn: one alone would wait for each clearance before it can read the next.
+    # All rays jump in turn, which hides the latency of reading clearances.
     ranges[:] = 0.0
     for _ in range(_JUMPS):
         _jump(clearance_cm, cells_per_cm, cx, cy, ux, uy, ranges)

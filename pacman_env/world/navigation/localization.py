@@ -1,8 +1,8 @@
-"""AMCL's belief: when a pose is published, how wrong it is, and what TF gives in between; poses as frames, as in TF.
+"""Model AMCL's belief: when poses are published, their errors, and the TF pose in between; compose poses as frames.
 
-At a filter update the error is drawn anew, or keeps a share of the last one; between updates the robot's odometry
-carries it along unchanged, so TF is the true pose with the error of the last update, while the latched message keeps
-the pose of that instant.
+At a filter update a new error is drawn, which may keep a share of the last one. Between updates odometry carries the
+error along unchanged: TF gives the true pose with the error of the last update, while the latched message keeps the
+pose of the update.
 """
 
 import math
@@ -15,39 +15,39 @@ from ...rng import normal
 
 
 def record_fields(kind: Any, names: str) -> list[tuple[str, Any]]:
-    """Fields of a game's record that have one dtype, for ``numpy.dtype``."""
+    """Return fields with one dtype for a game's record, for ``numpy.dtype``."""
     return [(name, kind) for name in names.split()]
 
 
 LOCALIZATION_FIELDS = [
-    *record_fields(np.float64, "error_x error_y error_heading"),  # of the last update: m, m, rad
+    *record_fields(np.float64, "error_x error_y error_heading"),  # at the last update: m, m, rad
     *record_fields(np.float64, "error_cos error_sin"),  # of error_heading
-    *record_fields(np.float64, "bias_x bias_y bias_heading"),  # the filter converges so far beside the truth
+    *record_fields(np.float64, "bias_x bias_y bias_heading"),  # offset of the pose to which the filter converges
     *record_fields(np.float64, "amcl_x amcl_y amcl_heading"),  # the latched pose
     *record_fields(np.int32, "amcl_step"),  # physics step of the last update
     *record_fields(np.float64, "odom_x odom_y odom_heading"),  # true pose at the last update
     *record_fields(np.float64, "sigma_xy sigma_heading"),  # m, rad
-    *record_fields(np.float64, "error_kept"),  # correlation of an update's error with the one before
-    *record_fields(np.float64, "update_distance update_angle"),  # m, rad: update when moved or turned farther
+    *record_fields(np.float64, "error_kept"),  # correlation of successive errors
+    *record_fields(np.float64, "update_distance update_angle"),  # m, rad: motion that triggers an update
     *record_fields(np.uint64, "localization_stream"),
 ]
 
 
 @kernel
 def wrap(angle):  # type: ignore[no-untyped-def]
-    """The same angle in [-pi, pi)."""
+    """Return the same angle in [-pi, pi)."""
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
 @kernel
 def update(g, step):  # type: ignore[no-untyped-def]
-    """A filter update of game ``g``: draw the error, publish the pose. The first one, at step 0, keeps nothing."""
+    """Update the filter of game ``g``: draw the error and publish the pose. At step 0 no old error is kept."""
     stream = g.localization_stream
-    kept = g.error_kept if step > 0 else 0.0
-    new = math.sqrt(1.0 - kept * kept)  # so that the deviation is sigma, whatever is kept
-    g.error_x = g.bias_x + kept * (g.error_x - g.bias_x)
-    g.error_y = g.bias_y + kept * (g.error_y - g.bias_y)
-    g.error_heading = g.bias_heading + kept * (g.error_heading - g.bias_heading)
+    share = g.error_kept if step > 0 else 0.0
+    new = math.sqrt(1.0 - share * share)  # keeps the standard deviation at sigma
+    g.error_x = g.bias_x + share * (g.error_x - g.bias_x)
+    g.error_y = g.bias_y + share * (g.error_y - g.bias_y)
+    g.error_heading = g.bias_heading + share * (g.error_heading - g.bias_heading)
     if g.sigma_xy > 0.0:
         stream, a = normal(stream)
         stream, b = normal(stream)
@@ -67,7 +67,7 @@ def update(g, step):  # type: ignore[no-untyped-def]
 
 @kernel
 def scan(g, step):  # type: ignore[no-untyped-def]
-    """A laser scan arrives: update if the robot has moved or turned enough."""
+    """Process a laser scan: update the filter if the robot has moved or turned enough."""
     if (
         abs(g.x - g.odom_x) > g.update_distance
         or abs(g.y - g.odom_y) > g.update_distance
@@ -80,17 +80,17 @@ Pose = tuple[float, float, float]  # x, y in m, heading in rad
 
 
 def compose(a: Pose, b: Pose) -> Pose:
-    """The pose ``b``, given in the frame ``a``, in the frame that ``a`` is given in."""
+    """Return the pose ``b``, given in frame ``a``, in the parent frame of ``a``."""
     cos, sin = math.cos(a[2]), math.sin(a[2])
     return a[0] + cos * b[0] - sin * b[1], a[1] + sin * b[0] + cos * b[1], wrap(a[2] + b[2])
 
 
 def inverse(a: Pose) -> Pose:
-    """The frame's own origin seen from ``a``: ``compose(a, inverse(a))`` is zero."""
+    """Return the parent frame's origin as seen from ``a``: ``compose(a, inverse(a))`` is zero."""
     cos, sin = math.cos(a[2]), math.sin(a[2])
     return -cos * a[0] - sin * a[1], sin * a[0] - cos * a[1], wrap(-a[2])
 
 
 def relative(a: Pose, b: Pose) -> Pose:
-    """The pose ``b`` as seen from ``a``, both given in one frame: ``compose(a, relative(a, b))`` is ``b``."""
+    """Return the pose ``b`` as seen from ``a``, both in one frame: ``compose(a, relative(a, b))`` is ``b``."""
     return compose(inverse(a), b)

@@ -1,6 +1,6 @@
-"""The Nav2 stand-in: what ``navigate_to_pose`` does with a goal, as the goal selector observes it.
+"""Nav2 stand-in: handles goals like ``navigate_to_pose``, as far as the goal selector can observe it.
 
-Kernels work on one game's record ``g``; fields of navigator, planner and controller are ``NAVIGATOR_FIELDS``.
+Kernels work on one game's record ``g``; ``NAVIGATOR_FIELDS`` are the fields of navigator, planner and controller.
 """
 
 import numpy as np
@@ -16,33 +16,33 @@ NO_RESULT, SUCCEEDED, CANCELED, ABORTED = 0, 4, 5, 6  # as in action_msgs/GoalSt
 
 NAVIGATOR_FIELDS = [
     *record_fields(np.float64, "x y heading heading_cos heading_sin"),  # true pose: m, m, rad
-    *record_fields(np.float64, "vx vy omega left right"),  # m/s, m/s, rad/s; of the wheels, m/s
+    *record_fields(np.float64, "vx vy omega left right"),  # m/s, m/s, rad/s; wheels: m/s, m/s
     *record_fields(np.float64, "speed_limit"),  # m/s, commanded forward speed
-    *record_fields(np.int32, "nav_state nav_goal"),  # the goal driven to, -1: none
-    *record_fields(np.int32, "nav_next nav_next_step"),  # goal accepted, from when on it may be driven to; -1: none
-    *record_fields(np.int32, "nav_next_aborts"),  # the accepted goal will be aborted at once
+    *record_fields(np.int32, "nav_state nav_goal"),  # current goal, -1: none
+    *record_fields(np.int32, "nav_next nav_next_step"),  # accepted goal (-1: none), first step at which it may start
+    *record_fields(np.int32, "nav_next_aborts"),  # 1: the accepted goal will be aborted at once
     *record_fields(np.int32, "nav_plan_step"),  # physics step of the next plan
-    *record_fields(np.float64, "nav_end_x nav_end_y"),  # where the plan ends, m
-    *record_fields(np.int32, "nav_points"),  # points of the plan written out, 0: no plan
-    *record_fields(np.int32, "nav_at nav_ahead"),  # the point passed last, the point steered to
-    *record_fields(np.int32, "nav_clear_step"),  # when a roll-out was last tested and clear
-    *record_fields(np.int32, "nav_static nav_tail"),  # no detour; the cell of the plan's last point, -1: the goal
-    *record_fields(np.int32, "nav_no_path_step nav_no_control_step"),  # since when there is none, -1: there is
+    *record_fields(np.float64, "nav_end_x nav_end_y"),  # end of the plan, m
+    *record_fields(np.int32, "nav_points"),  # written points of the plan, 0: no plan
+    *record_fields(np.int32, "nav_at nav_ahead"),  # the last point passed, the target point
+    *record_fields(np.int32, "nav_clear_step"),  # step of the last clear roll-out
+    *record_fields(np.int32, "nav_static nav_tail"),  # 1: no detour; cell of the plan's last point, -1: the goal
+    *record_fields(np.int32, "nav_no_path_step nav_no_control_step"),  # step of the failure, -1: no failure
     *record_fields(np.float64, "nav_progress_x nav_progress_y"),
-    *record_fields(np.int32, "nav_progress_step nav_stuck_step"),  # since when stuck, -1: not
+    *record_fields(np.int32, "nav_progress_step nav_stuck_step"),  # first step of being stuck, -1: not stuck
     *record_fields(np.int32, "nav_wait_step"),  # recovering until this step
     *record_fields(np.int32, "nav_result nav_result_goal"),  # of the last goal that ended, until it is read
-    *record_fields(np.int32, "nav_last nav_last_step"),  # the last result, kept, and when it came
+    *record_fields(np.int32, "nav_last nav_last_step"),  # the last result and its step
     *record_fields(np.int32, "nav_accept_steps"),
     *record_fields(np.float64, "nav_abort_rate"),
     *record_fields(np.uint64, "nav_stream"),
-    *record_fields(np.float64, "clyde_x clyde_y"),  # the nearest ghost, which control keeps away from, m
+    *record_fields(np.float64, "clyde_x clyde_y"),  # the nearest ghost, which the controller avoids, m
 ]
 
 
 @kernel
 def send_goal(g, goal, step):  # type: ignore[no-untyped-def]
-    """Send a goal; one that is running is pre-empted at the planner's next tick after acceptance."""
+    """Send a goal; it replaces a running goal at the planner's next tick after acceptance."""
     g.nav_next = goal
     g.nav_next_step = step + g.nav_accept_steps
     g.nav_result = NO_RESULT
@@ -89,19 +89,19 @@ def _start_goal(g, bx, by, step):  # type: ignore[no-untyped-def]
 
 @kernel
 def _goal_due(g, step):  # type: ignore[no-untyped-def]
-    """A goal is accepted; one that pre-empts another is due at the planner's tick only."""
+    """Return True if an accepted goal starts now; one that replaces another only starts at a tick of the planner."""
     return g.nav_next >= 0 and step >= g.nav_next_step and (g.nav_state == IDLE or step >= g.nav_plan_step)
 
 
 @kernel
 def plan_due(g, step):  # type: ignore[no-untyped-def]
-    """True if the planner has something to do for ``g`` before control runs at that step."""
+    """Return True if the planner must run for ``g`` before the controller at ``step``."""
     return _goal_due(g, step) or (g.nav_state == ACTIVE and step >= g.nav_plan_step)
 
 
 @kernel
 def plan(g, i, paths, obstacles, p, goal_xy, nav, search):  # type: ignore[no-untyped-def]
-    """Start the accepted goal and plan, where due; the plan of ``g`` is ``paths[i]``, its obstacles are (G, 3)."""
+    """Start the accepted goal and plan, if due; writes the plan to ``paths[i]``. ``obstacles`` are (G, 3)."""
     step = g.step
     bx, by = g.x + g.error_x, g.y + g.error_y
     if _goal_due(g, step):
@@ -118,11 +118,11 @@ def plan(g, i, paths, obstacles, p, goal_xy, nav, search):  # type: ignore[no-un
 
 @kernel
 def control(g, i, paths, p, affine, clearance):  # type: ignore[no-untyped-def]
-    """One controller step of ``g`` on the plan ``paths[i]``, which sets the force on its body."""
+    """Run one controller step of ``g`` on the plan ``paths[i]``, which sets the force on the body."""
     step = g.step
     v, w = 0.0, 0.0
     bx, by = g.x + g.error_x, g.y + g.error_y
-    # The heading believed, as a unit vector.
+    # Unit vector of the believed heading.
     ch = g.heading_cos * g.error_cos - g.heading_sin * g.error_sin
     sh = g.heading_sin * g.error_cos + g.heading_cos * g.error_sin
     if g.nav_state == ACTIVE:
@@ -147,7 +147,7 @@ def control(g, i, paths, p, affine, clearance):  # type: ignore[no-untyped-def]
 
 @kernel
 def _watch_progress(g, bx, by, p):  # type: ignore[no-untyped-def]
-    """Nav2's progress checker, at the planner's rate: a stuck robot waits and tries again, then the goal ends."""
+    """Check progress like Nav2, at the planner's rate: a stuck robot waits and retries, then the goal is aborted."""
     mx, my = bx - g.nav_progress_x, by - g.nav_progress_y
     if mx * mx + my * my > p.progress_distance * p.progress_distance:
         g.nav_progress_x, g.nav_progress_y, g.nav_progress_step = bx, by, g.step

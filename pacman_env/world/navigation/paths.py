@@ -1,7 +1,7 @@
-"""Path lengths and next cells from every drivable cell to a set of goals, one field per static goal.
+"""Compute path lengths and next cells from every drivable cell to static goals, one field per goal.
 
-Dijkstra over the inflated costmap with NavFn's cell weights, 16 directions (steps to the 8 neighbours and the 8
-knight's moves, so that a length is at most 2.7 % above the straight line).
+Dijkstra's algorithm over the inflated costmap with NavFn's cell weights and 16 directions (steps to the 8 neighbours
+and the 8 knight's moves, so that a length is at most 2.7 % above the straight line).
 """
 
 import math
@@ -13,41 +13,41 @@ from numpy.typing import NDArray
 from ...engine.jit import kernel, lowest_bit
 
 UNREACHABLE_CM = 65535  # in a length field: no path
-AT_GOAL = 0  # in a next-step field: this is the goal's cell
+AT_GOAL = 0  # in a next-step field: cell of the goal
 NO_STEP = -32768  # in a next-step field: no path
 
-#: Column and row offset of the 16 directions, ordered by angle: the opposite of d is (d + 8) % 16, even ones are the
-#: 8 neighbours.
+#: Column and row offset of the 16 directions, sorted by angle: the opposite of d is (d + 8) % 16; even directions lead
+#: to the 8 neighbours.
 _HALF_TURN = np.array([(1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1)], dtype=np.int64)
 STEPS16 = np.concatenate([_HALF_TURN, -_HALF_TURN])
 
 #: Bits of directions.
 _STRAIGHT, _DIAGONAL, _KNIGHTS = 0x1111, 0x4444, 0xAAAA
 
-_START = 16  # in place of a direction: the path begins at this cell
-_SETTLED = 32  # added to a cell's direction once its cost is final
-_PAD = 2  # no step leads further
-#: By the direction come by, the steps that can be the best on open floor, in rising order.
+_START = 16  # instead of a direction: the path begins at this cell
+_SETTLED = 32  # added to a cell's direction when its cost is final
+_PAD = 2  # longest step
+#: Steps that can be best on open floor for each direction of arrival, in rising order.
 _ONWARDS = np.sort((np.arange(16)[:, None] + (-1, 0, 1)) % 16, axis=1)
-_EXACT_BELOW = 65536.0  # the rounding of costs up to this is small beside what a detour costs
-#: One place of the picture: all that a search reads and writes there lies together.
+_EXACT_BELOW = 65536.0  # up to this, rounding errors of costs are smaller than the cost of a detour
+#: All data of a search for one cell of the padded image, stored together.
 _PLACE = np.dtype(
     [
         ("cost", np.float32),  # so far
         ("weight", np.float32),
         ("metres", np.float32),
-        ("allowed", np.uint16),  # a bit for each direction
+        ("allowed", np.uint16),  # one bit per direction
         ("came", np.uint8),  # direction of the last step
-        ("open", np.bool_),  # the 24 around it and itself have weight 1
+        ("open", np.bool_),  # the cell and the 24 cells around it have weight 1
     ]
 )
 
 
 @kernel
 def _allowed(free):  # type: ignore[no-untyped-def]
-    """Of the directions that lead to drivable cells, a bit each, those that are steps.
+    """Return the bits of allowed directions, from the bits of the directions that lead to drivable cells.
 
-    A diagonal step needs both cells beside it (no corner cutting), a knight's move the two cells it passes between.
+    A diagonal step needs both adjacent cells (no corner cutting), a knight's move the two cells that it passes between.
     """
     turns = free | free << 16
     by_one, by_two = turns >> 1 & turns >> 15, turns >> 2 & turns >> 14
@@ -56,7 +56,7 @@ def _allowed(free):  # type: ignore[no-untyped-def]
 
 @kernel
 def neighbour_table(cell_id, cell):  # type: ignore[no-untyped-def]
-    """Number of the cell that a step to each of the 8 neighbours leads to, int32 (K, 8); -1: not allowed."""
+    """Return the cell reached by a step to each of the 8 neighbours, int32 (K, 8); -1: not allowed."""
     rows, columns = cell_id.shape
     number = np.full((rows + 2, columns + 2), -1, np.int32)
     for column, row in cell:
@@ -76,24 +76,24 @@ def neighbour_table(cell_id, cell):  # type: ignore[no-untyped-def]
 
 
 class PathFields:
-    """The path fields over one grid, each computed once; not for two threads at the same time.
+    """Path fields over one grid, each computed once; not thread-safe.
 
-    Label-setting Dijkstra in buckets one cell wide: no step costs less than a cell, so the labels inside a bucket
-    cannot improve one another. Steps that cannot be the best are not tried: on open floor, where a cell and the 24
-    around it have weight 1, a path that leaves by another direction than the one it came by or those next to it is a
-    detour. ``cell`` (K, 2) are column and row, ``weight`` (K,) at least 1.
+    The search is label-setting Dijkstra with buckets of one cell: no step costs less than a cell, so labels inside a
+    bucket cannot improve one another. On open floor (a cell and the 24 cells around it have weight 1) only the
+    direction of arrival and its two neighbours are tried, because any other turn is a detour. ``cell`` (K, 2) is column
+    and row, ``weight`` (K,) is at least 1.
     """
 
     def __init__(self, cell: NDArray[np.int32], weight: NDArray[np.float32], resolution: float) -> None:
         columns, rows = (int(cell[:, k].max()) + 1 + 2 * _PAD for k in (0, 1))
-        steps = np.append(STEPS16, [(0, 0)], axis=0)  # the last: _START
+        steps = np.append(STEPS16, [(0, 0)], axis=0)  # the last one is _START
         length = step_lengths(steps)
         slots = 1 << math.ceil(math.log2(math.ceil(length.max() * weight.max()) + 2))
         picture = np.zeros((rows, columns), dtype=_PLACE)
         number = np.full(rows * columns, -1, dtype=np.int32)
         light = np.zeros((rows, columns), dtype=np.uint8)
         offset = steps[:, 1] * columns + steps[:, 0]
-        self._at = (cell[:, 1] + _PAD) * columns + cell[:, 0] + _PAD  # of each cell in the picture
+        self._at = (cell[:, 1] + _PAD) * columns + cell[:, 0] + _PAD  # index of each cell in the image
         _lay_out(self._at, weight, offset, picture.ravel(), number, light.ravel())
         picture["open"] = cv2.erode(light, np.ones((5, 5), np.uint8))
         self._fields: dict[int, tuple[NDArray[np.uint16], NDArray[np.int16]]] = {}
@@ -107,24 +107,24 @@ class PathFields:
         )
         self._queue = (
             np.empty(slots, dtype=np.int32),  # newest entry of each bucket
-            np.empty(32 * len(cell) + 2, dtype=np.int32),  # entries: place, entry before; a step makes one at most
+            np.empty(32 * len(cell) + 2, dtype=np.int32),  # entries: place, previous entry; at most one per step
         )
 
     def to(self, goal: int) -> tuple[NDArray[np.uint16], NDArray[np.int16]]:
-        """``length_cm`` and ``next_step`` (K,) of one goal cell, read-only; cell k + next_step[k] follows cell k."""
-        known = self._fields.get(goal)
-        if known is None:
+        """Return ``length_cm`` and ``next_step`` (K,) of a goal cell, read-only; k + next_step[k] follows cell k."""
+        arrays = self._fields.get(goal)
+        if arrays is None:
             count = len(self._at)
-            known = np.empty(count, dtype=np.uint16), np.empty(count, dtype=np.int16)
+            arrays = np.empty(count, dtype=np.uint16), np.empty(count, dtype=np.int16)
             _search(self._at[goal], self._places, self._queue)
-            _read_out(self._places, self._at, *known)
-            self._fields[goal] = known
-        return known
+            _read_out(self._places, self._at, *arrays)
+            self._fields[goal] = arrays
+        return arrays
 
 
 @kernel
 def _lay_out(at, weight, offset, picture, number, light):  # type: ignore[no-untyped-def]
-    """Put the cells into a picture of places, their numbers into another, into a third whether their weight is 1."""
+    """Write the cells, their numbers, and 1 for cells of weight 1, to three padded images."""
     for place in picture:
         place.cost = place.weight = np.inf
     for k in range(len(at)):
@@ -140,10 +140,10 @@ def _lay_out(at, weight, offset, picture, number, light):  # type: ignore[no-unt
 
 @kernel
 def _search(start, places, queue):  # type: ignore[no-untyped-def]
-    """Dijkstra's algorithm from the goal's place; the places hold the result until they are read out.
+    """Run Dijkstra's algorithm from the goal's place; the result stays in ``places`` for :func:`_read_out`.
 
-    Within a bucket the newest entry comes first; older entries of a settled place are skipped. Which of two equally
-    good paths a place gets depends on that order and on the directions being tried in rising order.
+    Within a bucket the newest entry comes first; older entries of a settled place are skipped. This order, and trying
+    directions in rising order, decide between equally good paths.
     """
     place, _, offset, length, half, metres_of = places
     head, entry = queue
@@ -164,34 +164,34 @@ def _search(start, places, queue):  # type: ignore[no-untyped-def]
             empty += 1
             bucket += 1
             continue
-        head[bucket & mask] = -1  # nothing enters the bucket that is being emptied
+        head[bucket & mask] = -1  # no entry is added to the current bucket
         empty = 0
         while e >= 0:
-            u = np.uintp(entry[np.uintp(e)])  # unsigned numbers spare the test for an index that counts from the end
+            u = np.uintp(entry[np.uintp(e)])  # unsigned indices need no test for negative ones
             e = np.int64(entry[np.uintp(e + 1)])
             a = np.uintp(place[u].came)
             if a >= _SETTLED:
                 continue
             place[u].came = a | _SETTLED
-            here, weight = place[u].cost, place[u].weight
+            cost, weight = place[u].cost, place[u].weight
             place[u].metres = place[np.uintp(np.int64(u) - offset[a])].metres + metres_of[a]
-            found = np.uint64(0)  # steps that lead to a cheaper path, a bit each
-            if place[u].open and a != _START and here < _EXACT_BELOW:
+            better = np.uint64(0)  # bits of the steps that lead to a cheaper path
+            if place[u].open and a != _START and cost < _EXACT_BELOW:
                 for j in range(3):
                     d = np.uintp(_ONWARDS[a, j])
                     v = np.uintp(np.int64(u) + offset[d])
-                    found |= np.uint64(here + length[d] < place[v].cost) << d
+                    better |= np.uint64(cost + length[d] < place[v].cost) << d
             else:
                 for j in range(16):
                     d = np.uintp(j)
                     v = np.uintp(np.int64(u) + offset[d])
-                    found |= np.uint64(here + half[d] * (weight + place[v].weight) < place[v].cost) << d
-                found &= np.uint64(place[u].allowed)
-            while found:
-                d = np.uintp(lowest_bit(found))
-                found &= found - np.uint64(1)
+                    better |= np.uint64(cost + half[d] * (weight + place[v].weight) < place[v].cost) << d
+                better &= np.uint64(place[u].allowed)
+            while better:
+                d = np.uintp(lowest_bit(better))
+                better &= better - np.uint64(1)
                 v = np.uintp(np.int64(u) + offset[d])
-                new = here + half[d] * (weight + place[v].weight)
+                new = cost + half[d] * (weight + place[v].weight)
                 place[v].cost = new
                 place[v].came = d
                 slot = np.uintp(np.int64(new) & mask)
@@ -204,7 +204,7 @@ def _search(start, places, queue):  # type: ignore[no-untyped-def]
 
 @kernel
 def _read_out(places, at, length_cm, next_step):  # type: ignore[no-untyped-def]
-    """Fill ``length_cm`` (K,) and ``next_step`` (K,) from the places and clear them for the next search."""
+    """Fill ``length_cm`` (K,) and ``next_step`` (K,) from the places, and clear the places for the next search."""
     place, number, offset = places[0], places[1], places[2]
     for k in range(len(at)):
         i = np.uintp(at[k])
@@ -214,41 +214,42 @@ def _read_out(places, at, length_cm, next_step):  # type: ignore[no-untyped-def]
             next_step[k] = NO_STEP
         else:
             length_cm[k] = min(int(place[i].metres * 100.0 + 0.5), UNREACHABLE_CM - 1)
-            next_step[k] = number[np.int64(i) - offset[came - np.uintp(_SETTLED)]] - k  # AT_GOAL: the path begins here
+            next_step[k] = number[np.int64(i) - offset[came - np.uintp(_SETTLED)]] - k  # AT_GOAL at the goal itself
         place[i].came = 0
         place[i].cost = np.inf
 
 
 def step_lengths(steps: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Length of each step in cells, float32."""
+    """Return the length of each step in cells, float32."""
     return np.hypot(steps[:, 0], steps[:, 1]).astype(np.float32)
 
 
 def navfn_weights(cost: NDArray[np.uint8], cell: NDArray[np.int32]) -> NDArray[np.float32]:
-    """NavFn's cell cost 50 + 0.8 c relative to free space, float32 (K,), at least 1."""
+    """Return NavFn's cell cost 50 + 0.8 c relative to free space, float32 (K,), at least 1."""
     weight = ((50.0 + 0.8 * np.arange(256, dtype=np.float32)) / 50.0).astype(np.float32)
     return np.asarray(weight[cost[cell[:, 1], cell[:, 0]]])
 
 
-# Coarse steps: three cells at a time, for the prediction along many paths at once. A byte per goal, the goals of a
-# cell side by side, the cells of a tile of 8 by 8 together: paths that run together, and cells that follow one another,
-# share cache lines.
+# Coarse steps of three cells, for predictions along many paths at once. Each goal has one byte per cell; the bytes of a
+# cell, and the cells of a tile of 8 by 8, are adjacent in memory, so that nearby paths and successive cells share cache
+# lines.
 
 TILE = 8  # cells along a side
 NO_WAY = 0
-ARRIVED = 85  # no cell on
+ARRIVED = 85  # a step of length 0
 _REACH = 6  # three steps of at most two cells
 _SIDE = 2 * _REACH + 1
 CODES = 1 + _SIDE**2
 _codes = np.arange(CODES) - 1
 _lengths = np.hypot(_codes % _SIDE - _REACH, _codes // _SIDE - _REACH)
-LENGTHS = np.stack([_lengths, 1.0 / np.maximum(_lengths, 1e-9)], axis=1)  # of each code's step, cells; reciprocals
+LENGTHS = np.stack([_lengths, 1.0 / np.maximum(_lengths, 1e-9)], axis=1)  # of each code's step: cells, reciprocal
 
 
 def coarse_steps(next_step: NDArray[np.int16], cell: NDArray[np.int32], shape: tuple[int, int]) -> NDArray[np.uint8]:
-    """(R, C, 8, 8, G) for path fields (G, K) of cells (K, 2): a code for the cell three steps on.
+    """Return codes (R, C, 8, 8, G) for the cell three steps ahead on path fields (G, K) of cells (K, 2).
 
-    ``NO_WAY`` without a path, ``ARRIVED`` at the goal. A coarse step is 0.15 to 0.35 m on a map of 0.05 m per cell.
+    The code is ``NO_WAY`` without a path and ``ARRIVED`` at the goal. A coarse step is 0.15 to 0.35 m on a map of
+    0.05 m per cell.
     """
     rows, columns = (-(-n // TILE) for n in shape)
     result = np.zeros((rows, columns, TILE, TILE, len(next_step)), dtype=np.uint8)
@@ -258,14 +259,14 @@ def coarse_steps(next_step: NDArray[np.int16], cell: NDArray[np.int32], shape: t
 
 @kernel
 def coarse_step(code):  # type: ignore[no-untyped-def]
-    """Columns and rows that the coarse step of a code advances."""
+    """Return the columns and rows by which the coarse step of a code advances."""
     row = (code - 1) // _SIDE
     return code - 1 - row * _SIDE - _REACH, row - _REACH
 
 
 @kernel
 def tile_index(column, row, across):  # type: ignore[no-untyped-def]
-    """Place of a cell among all, with ``across`` tiles side by side."""
+    """Return the memory index of a cell, with ``across`` tiles in a row."""
     return ((row >> 3) * across + (column >> 3) << 6) + ((row & 7) << 3) + (column & 7)
 
 
@@ -277,8 +278,8 @@ def _fill_coarse(next_step, cell, result):  # type: ignore[no-untyped-def]
             step = next_step[goal, k]
             if step == NO_STEP:
                 continue
-            there = k + step
-            there += next_step[goal, there]
-            there += next_step[goal, there]
-            code = 1 + (cell[there, 1] - row + _REACH) * _SIDE + cell[there, 0] - column + _REACH
+            reached = k + step
+            reached += next_step[goal, reached]
+            reached += next_step[goal, reached]
+            code = 1 + (cell[reached, 1] - row + _REACH) * _SIDE + cell[reached, 0] - column + _REACH
             result[row // TILE, column // TILE, row % TILE, column % TILE, goal] = code

@@ -1,10 +1,10 @@
-"""Robots among walls: pymunk's world, one space for each robot that is about to touch a wall.
+"""Simulate robots among walls with pymunk, using one space for each robot that is about to touch a wall.
 
-The only module that uses pymunk. A robot touches nothing but walls. Where it cannot reach one in a step, a step of
-Chipmunk's is two lines of arithmetic, which :func:`move` does in its place, to the same bits; near a wall the robot is
-in a space of its own with all walls of its map, and stays there until the solver remembers nothing of the contact.
-Bodies are driven by forces, never by setting velocities: Chipmunk integrates positions first, and a velocity written
-over the solver's result would push a body into the wall it touches.
+No other module uses pymunk. Robots only touch walls. If a robot cannot reach a wall in a step, Chipmunk's step is two
+lines of arithmetic, which :func:`move` does itself with the same bits. Near a wall the robot is in its own space with
+all walls of its map, and stays there until the solver has forgotten the contact. Bodies are driven by forces, never by
+setting velocities: Chipmunk integrates positions first, and overwriting the solver's velocity would push a body into
+the wall that it touches.
 """
 
 import atexit
@@ -25,26 +25,26 @@ from .grid import cell_of
 from .localization import record_fields
 
 BODY_FIELDS = [
-    *record_fields(np.float64, "body_x body_y body_vx body_vy"),  # after the last step, m and m/s
-    *record_fields(np.float64, "force_x force_y"),  # for the next one, N
-    *record_fields(np.int32, "touch"),  # steps that the robot still has to be in a space
+    *record_fields(np.float64, "body_x body_y body_vx body_vy"),  # after the last step, m, m/s
+    *record_fields(np.float64, "force_x force_y"),  # for the next step, N
+    *record_fields(np.int32, "touch"),  # remaining steps in a space
 ]
-_GIVEN, _TAKEN = 6, 4  # numbers of a body: position, velocity and force; position and velocity
-_HANDLE, _GIVE, _GIVE_COUNT, _TAKE, _TAKE_COUNT = range(5)  # columns of the table of spaces
-_EACH, _STEP, _GIVE_FUNCTION, _TAKE_FUNCTION = range(4)  # addresses of Chipmunk's functions, as named below
+_GIVEN, _TAKEN = 6, 4  # numbers per body: position, velocity and force; position and velocity
+_HANDLE, _GIVE, _GIVE_COUNT, _TAKE, _TAKE_COUNT = range(5)  # columns of the space table
+_EACH, _STEP, _GIVE_FUNCTION, _TAKE_FUNCTION = range(4)  # addresses of Chipmunk's functions, named below
 _CALLED = "cpSpaceEachBody", "cpSpaceStep", "pmSpaceBodySetIteratorFuncBatched", "pmSpaceBodyGetIteratorFuncBatched"
-_REMEMBERS = 5  # steps: more than Chipmunk keeps a contact (collision_persistence, 3)
+_REMEMBERS = 5  # steps, more than Chipmunk keeps a contact (collision_persistence, 3)
 _FAR_M = 1e6
-_NONE = _FREE = -1  # in place of a space's number, of a robot's
+_NONE = _FREE = -1  # instead of the number of a space or a robot
 _PLACE = pymunk.batch.BodyFields.POSITION | pymunk.batch.BodyFields.VELOCITY
 _SPARE_M = 0.001  # more than rounding
-_COLLISION_SLOP_M = 0.001  # overlap that the solver tolerates; Chipmunk's default of 0.1 is made for pixels
+_COLLISION_SLOP_M = 0.001  # overlap that the solver tolerates; Chipmunk's default of 0.1 is for pixels
 
 
 def clear_cells(
     walls: NDArray[np.float64], affine: NDArray[np.float64], shape: tuple[int, int], resolution: float, radius_m: float
 ) -> NDArray[np.bool_]:
-    """Cells (H, W) from no point of which a disc of that radius reaches a wall, (S, 4) in m; not the outermost ones."""
+    """Return the cells (H, W), without border cells, in which a disc of ``radius_m`` touches no wall (S, 4), m."""
     clear = np.ones(shape, dtype=np.bool_)
     clear[[0, -1]] = False
     clear[:, [0, -1]] = False
@@ -54,7 +54,7 @@ def clear_cells(
 
 @kernel
 def _mark(clear, walls, affine, reach):  # type: ignore[no-untyped-def]
-    """Clear the cells whose centre is within ``reach`` cells of a wall."""
+    """Set ``clear`` to False for cells with a centre within ``reach`` cells of a wall."""
     rows, columns = clear.shape
     for x0, y0, x1, y1 in walls:
         ax = affine[0] * x0 + affine[1] * y0 + affine[2]
@@ -74,19 +74,19 @@ def _mark(clear, walls, affine, reach):  # type: ignore[no-untyped-def]
 
 
 def overlap_m(walls: NDArray[np.float64], places: NDArray[np.float64], radius_m: float) -> NDArray[np.float64]:
-    """(N,) how deep a disc at each place (N, 2) overlaps with the nearest wall, m; negative: so far away from it."""
+    """Return by how many m (N,) a disc at each place (N, 2) overlaps the nearest wall; negative: its distance."""
     return radius_m - np.hypot(*np.moveaxis(_from_walls(walls, places), 2, 0)).min(axis=1)
 
 
 def touched(walls: NDArray[np.float64], x: float, y: float, reach_m: float) -> list[float]:
-    """Directions, rad, in which a wall is within reach of a place."""
+    """Return the directions, rad, of walls within ``reach_m`` of a place."""
     from_wall = _from_walls(walls, np.array([[x, y]]))[0]
     near = from_wall[np.hypot(*from_wall.T) <= reach_m]
     return [float(angle) for angle in np.arctan2(-near[:, 1], -near[:, 0])]
 
 
 def _from_walls(walls: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, S, 2) from the nearest point of each wall (S, 4) to each place (N, 2), m."""
+    """Return the vectors (N, S, 2) from the nearest point of each wall (S, 4) to each place (N, 2), m."""
     a, along = walls[:, :2], walls[:, 2:] - walls[:, :2]
     off = places[:, None] - a
     share = np.clip((off * along).sum(axis=2) / np.maximum((along**2).sum(axis=1), 1e-12), 0.0, 1.0)
@@ -96,7 +96,7 @@ def _from_walls(walls: NDArray[np.float64], places: NDArray[np.float64]) -> NDAr
 
 @kernel
 def place(g, x, y):  # type: ignore[no-untyped-def]
-    """Put a robot that is in no space somewhere, at rest."""
+    """Place a robot that is not in a space at (x, y), at rest."""
     g.body_x, g.body_y, g.body_vx, g.body_vy = x, y, 0.0, 0.0
     g.force_x = g.force_y = 0.0
     g.touch = 0
@@ -104,10 +104,10 @@ def place(g, x, y):  # type: ignore[no-untyped-def]
 
 @kernel
 def move(g, i, level, affine, clear, p, spaces):  # type: ignore[no-untyped-def]
-    """A step of a robot's body under its force; False, and nothing done, if there is no space for it.
+    """Move a robot's body by one step under its force; return False, without any change, if it needs a space.
 
-    Robot ``i`` enters a free one when it comes near a wall, and leaves it when the contact is forgotten.
-    ``clear`` (H, W) are the cells in which a robot touches no wall; ``spaces`` are :attr:`Spaces.arrays`.
+    Robot ``i`` enters a free space near a wall and leaves it when the contact is forgotten. ``clear`` (H, W) is True
+    for cells in which a robot touches no wall; ``spaces`` are :attr:`Spaces.arrays`.
     """
     rows, columns = clear.shape
     if g.touch == 0:
@@ -142,11 +142,11 @@ def move(g, i, level, affine, clear, p, spaces):  # type: ignore[no-untyped-def]
 
 @kernel
 def _enter(i, level, spaces):  # type: ignore[no-untyped-def]
-    """Enter a free space with the walls of a level; False: there is none."""
+    """Enter a free space with the walls of a level and return True, or return False if there is none."""
     _, _, _, _, owners, levels, space_of = spaces
     count = len(levels)
     for j in range(count):
-        k = (level + j) % count  # where its spaces are made
+        k = (level + j) % count  # spaces of a level are created around its own number
         if levels[k] == level and load(owners, k) == _FREE and replace(owners, k, _FREE, i):
             space_of[i] = k
             return True
@@ -162,9 +162,9 @@ def _step_space(space, calls, seconds):  # type: ignore[no-untyped-def]
 
 @kernel
 def _empty(space, body, calls, seconds):  # type: ignore[no-untyped-def]
-    """Move the robot far from all walls. The next one finds what it would find in a new space.
+    """Move the robot far from all walls, so that the next robot finds the space like a new one.
 
-    Chipmunk meets walls in the order in which it found them when the robot last left its own surroundings.
+    Otherwise Chipmunk would process walls in an order that depends on the last robot.
     """
     body[:] = 0.0
     body[0] = body[1] = _FAR_M
@@ -173,16 +173,16 @@ def _empty(space, body, calls, seconds):  # type: ignore[no-untyped-def]
 
 @kernel
 def empty(spaces, k, steps, seconds):  # type: ignore[no-untyped-def]
-    """:func:`_empty` for so many steps."""
+    """Call :func:`_empty` ``steps`` times."""
     table, given, calls = spaces[0], spaces[1], spaces[3]
     for _ in range(steps):
         _empty(table[k], given[k, :_GIVEN], calls, seconds)
 
 
 class Spaces:
-    """Spaces for so many robots on levels, made when there are not enough.
+    """Spaces for ``robots`` robots on ``levels`` levels, created on demand.
 
-    A space of each of ``levels`` is kept, beside those that robots are in; ``arrays`` are for :func:`move`.
+    One unused space per level is kept in addition to those with robots; ``arrays`` are for :func:`move`.
     """
 
     def __init__(self, robots: int, levels: int = 1, *, radius_m: float, mass_kg: float, step_s: float) -> None:
@@ -191,7 +191,7 @@ class Spaces:
         self.step_s = step_s
         self._spaces: list[_Space | None] = [None] * most
         table = np.zeros((most, 5), dtype=np.int64)
-        # pymunk.batch counts a space's static body as its last one, and makes room for one more.
+        # pymunk.batch counts a space's static body as its last one and needs room for one more.
         given, taken = np.zeros((most, 2 * _GIVEN)), np.zeros((most, 3 * _TAKEN))
         self._owners, self._levels = np.full(most, _FREE, dtype=np.int64), np.full(most, _NONE, dtype=np.int64)
         self._space_of = np.full(robots, _NONE, dtype=np.int64)
@@ -204,9 +204,9 @@ class Spaces:
     def provide(self, level: int, walls: NDArray[np.float64]) -> None:
         places = (level + np.arange(len(self._levels))) % len(self._levels)
         free = places[self._owners[places] == _FREE]
-        k = int(free[(self._levels[free] != _NONE).argmin()])  # the first that was none so far, else of another level
+        k = int(free[(self._levels[free] != _NONE).argmin()])  # the first unused one, otherwise one of another level
         self._levels[k] = _NONE
-        self._spaces[k] = None  # its memory first
+        self._spaces[k] = None  # free its memory first
         self._spaces[k] = space = _Space(walls, *self._robot)
         table, given, taken = self.arrays[:3]
         table[k] = space.bind(given[k], taken[k])
@@ -214,11 +214,11 @@ class Spaces:
         self._levels[k] = level
 
     def hold(self, robots: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """(M,) which of these robots (M,) are in a space."""
+        """Return a mask (M,) of the ``robots`` (M,) that are in a space."""
         return self._space_of[robots] != _NONE
 
     def leave(self, robots: NDArray[np.int64]) -> None:
-        """These robots are moved elsewhere; nothing of their contacts is left in the spaces that they were in."""
+        """Remove robots from their spaces, without any trace of their contacts."""
         for k in self._space_of[robots].tolist():
             if k != _NONE:
                 empty(self.arrays, k, _REMEMBERS, self.step_s)
@@ -226,7 +226,7 @@ class Spaces:
         self._space_of[robots] = _NONE
 
     def forget(self, level: int) -> None:
-        """There are other walls from now on, without robots."""
+        """Delete the spaces of a level, whose walls will change; no robot may be in them."""
         for k in np.flatnonzero(self._levels == level).tolist():
             self._levels[k], self._spaces[k] = _NONE, None
 
@@ -240,9 +240,9 @@ def bare_stepper(
     step_s: float,
     speed_mps: float,
 ) -> Callable[[int], None]:
-    """A function that steps all robots, at ``places`` (N, 2), that often and nothing else: the benchmark's yardstick.
+    """Return a function that only plays physics steps of robots at ``places`` (N, 2), as reference for benchmarks.
 
-    They share a space, start in directions all round and bounce, so that they keep moving.
+    The robots share a space, start in different directions and bounce, so that they keep moving.
     """
     space = _new_space()
     for x0, y0, x1, y1 in walls.tolist():
@@ -292,28 +292,28 @@ def _robot(space: pymunk.Space, radius_m: float, mass_kg: float) -> pymunk.Body:
 
 
 class _Space:
-    """A pymunk space with walls and one robot, whose numbers are written to and read from rows of two arrays."""
+    """A pymunk space with walls and one robot, whose state is written to and read from rows of two arrays."""
 
     def __init__(self, walls: NDArray[np.float64], radius_m: float, mass_kg: float) -> None:
         self.space = space = _new_space()
-        # Static segments as pymunk makes them, without an object of Python's for each.
+        # Static segments, created like in pymunk but without Python objects.
         static, handle = space.static_body._body, space._space
         shapes = [lib.cpSegmentShapeNew(static, (x0, y0), (x1, y1), 0.0) for x0, y0, x1, y1 in walls.tolist()]
         for shape in shapes:
             lib.cpSpaceAddShape(handle, shape)
-        # Not at the end of the interpreter, where a daemon thread may be in the middle of a step.
+        # Not at interpreter exit, when a daemon thread may be in the middle of a step.
         weakref.finalize(self, _remove_walls, space, shapes).atexit = False
-        self._kept: list[Any] = []  # what Chipmunk has addresses of
+        self._kept: list[Any] = []  # objects that Chipmunk refers to by address
         _robot(space, radius_m, mass_kg)
 
     def bind(self, given: NDArray[np.float64], taken: NDArray[np.float64]) -> tuple[int, ...]:
-        """This space's row in the table of spaces."""
+        """Connect the space to two rows of numbers, and return its row of the space table."""
         give, give_count = self._batched(_PLACE | pymunk.batch.BodyFields.FORCE, given)
         take, take_count = self._batched(_PLACE, taken)
         return _address(self.space._space), give, give_count, take, take_count
 
     def _batched(self, fields: pymunk.batch.BodyFields, memory: NDArray[np.float64]) -> tuple[int, int]:
-        """What a batched visit of pymunk's reads or writes: the addresses of its data and of their counter."""
+        """Return the addresses of the data and the counter for pymunk's batched reading or writing of ``memory``."""
         buffer = pymunk.batch.Buffer()
         buffer.set_float_buf(memory)
         data = ffi.new("pmBatchedData *")

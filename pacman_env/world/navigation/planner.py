@@ -1,8 +1,8 @@
-"""The global planner of the Nav2 stand-in: the next stretch of the path to a goal, around obstacles that are on it.
+"""Global planner of the Nav2 stand-in: plans the next part of the path to a goal, around obstacles on it.
 
-Follows the static path fields at NavFn's rate; where a moving obstacle (a ghost) is on the path, searches a detour.
-Kernels work on one game's record ``g``, its plan ``path`` (PATH_POINTS, 2) and its obstacles (G, 3): x, y in m and the
-distance to keep, which the planner fills in; 0: it does not count.
+The planner follows the static path fields at NavFn's rate, and searches a detour if a moving obstacle (a ghost) is on
+the path. Kernels work on one game's record ``g``, its plan ``path`` (PATH_POINTS, 2) and its obstacles (G, 3): x, y in
+m and the distance to keep, which the planner fills in (0: ignored).
 """
 
 import math
@@ -17,21 +17,21 @@ from .grid import cell_of
 from .paths import AT_GOAL, NO_STEP, STEPS16, UNREACHABLE_CM
 
 PATH_POINTS = 64
-_PATH_METRES = 1.2  # how far ahead a plan is written out: MAX_BLIND_M until the next one, and control's distance ahead
-_ON_PATH = 0.15  # m off the path within which the rest of a plan still counts
+_PATH_METRES = 1.2  # written length of a plan: MAX_BLIND_M until the next one plus the controller's look-ahead
+_ON_PATH = 0.15  # largest distance in m from the path at which the rest of a plan is kept
 _DETOUR_AHEAD_CM = 200  # a ghost is gone from places farther along the path when the robot gets there
-_SEARCH_M2 = 20.0  # a detour for which more area must be searched is no path
+_SEARCH_M2 = 20.0  # largest area to search for a detour
 _SEARCH_CELLS_MAX = 60000
-_PUSHES = 8  # a cell searched queues at most its neighbours
-_GREED = 2  # weight of the estimate in the search for a detour: fewer cells, a detour at most this much longer
+_PUSHES = 8  # each searched cell pushes at most its neighbours
+_GREED = 2  # weight of the estimate in the search for a detour, which is longer by at most this factor
 
 
 class Fields(NamedTuple):
-    """What the planner has of a map with K drivable cells and M goals."""
+    """Arrays of a map with K drivable cells and M goals."""
 
     affine: Any  # (6,) world to cell
     snap: Any  # (H, W) number of the nearest drivable cell
-    steps: Any  # (K,) uint8, a bit for each of the 8 neighbours that may be driven to
+    steps: Any  # (K,) uint8, one bit per drivable neighbour
     cell_xy: Any  # (K, 2) m
     length_cm: Any  # (K, M)
     next_step: Any  # (M, K)
@@ -46,21 +46,21 @@ def cell_at(fields, x, y):  # type: ignore[no-untyped-def]
 
 @kernel
 def _blocked(cell, goal, cx, cy, keepout, fields):  # type: ignore[no-untyped-def]
-    """True if the static path from ``cell`` to the goal passes the obstacle region around (cx, cy)."""
+    """Return True if the static path from ``cell`` to the goal passes the region around the obstacle at (cx, cy)."""
     cell_xy, length_cm, next_step = fields.cell_xy, fields.length_cm, fields.next_step
     dx, dy = cell_xy[cell, 0] - cx, cell_xy[cell, 1] - cy
-    away_cm = math.sqrt(dx * dx + dy * dy) * 100.0
-    if away_cm > _DETOUR_AHEAD_CM + 100.0 * keepout:
+    distance_cm = math.sqrt(dx * dx + dy * dy) * 100.0
+    if distance_cm > _DETOUR_AHEAD_CM + 100.0 * keepout:
         return False
-    its_cm = int(length_cm[cell_at(fields, cx, cy), goal])
-    here_cm = int(length_cm[cell, goal])
+    obstacle_cm = int(length_cm[cell_at(fields, cx, cy), goal])
+    rest_cm = int(length_cm[cell, goal])
     margin_cm = int(keepout * 160.0) + 20  # lengths near walls exceed straight distances
-    if its_cm == UNREACHABLE_CM or its_cm > here_cm + margin_cm:
+    if obstacle_cm == UNREACHABLE_CM or obstacle_cm > rest_cm + margin_cm:
         return False
-    if away_cm > here_cm - its_cm + 2 * margin_cm:
+    if distance_cm > rest_cm - obstacle_cm + 2 * margin_cm:
         return False
     near = keepout * keepout
-    last_cm = max(its_cm - margin_cm, here_cm - _DETOUR_AHEAD_CM)
+    last_cm = max(obstacle_cm - margin_cm, rest_cm - _DETOUR_AHEAD_CM)
     while int(length_cm[cell, goal]) >= last_cm:
         dx, dy = cell_xy[cell, 0] - cx, cell_xy[cell, 1] - cy
         if dx * dx + dy * dy < near:
@@ -73,7 +73,7 @@ def _blocked(cell, goal, cx, cy, keepout, fields):  # type: ignore[no-untyped-de
 
 @kernel
 def _follow_field(g, path, count, cell, p, fields):  # type: ignore[no-untyped-def]
-    """Write the static path from ``cell`` on, as far as a plan is written out; returns the point count."""
+    """Append the static path from ``cell``, up to the written length of a plan, and return the number of points."""
     cell_xy, next_step, goal = fields.cell_xy, fields.next_step, g.nav_goal
     enough = int(_PATH_METRES / (1.2 * p.resolution))  # steps are 1 to 2.2 cells long
     last = min(PATH_POINTS - 1, g.nav_at + enough)
@@ -92,10 +92,10 @@ def _follow_field(g, path, count, cell, p, fields):  # type: ignore[no-untyped-d
 
 
 @kernel
-def _go_on(g, path, bx, by, p, fields):  # type: ignore[no-untyped-def]
-    """Keep the rest of a static plan that the robot is still on, and extend it; returns the point count, 0: off it.
+def _extend_plan(g, path, bx, by, p, fields):  # type: ignore[no-untyped-def]
+    """Extend a static plan that the robot still follows, and return the number of points (0: off the plan).
 
-    What NavFn would plan from here anew is what is left of the path, so only its far end is computed.
+    A new plan of NavFn would be the rest of the old path, so only the far end must be computed.
     """
     at, points = g.nav_at, g.nav_points
     if not g.nav_static or at >= points:
@@ -115,9 +115,9 @@ def _go_on(g, path, bx, by, p, fields):  # type: ignore[no-untyped-def]
 
 
 def detour_memory(cells: int, longest_cm: int, resolution: float) -> tuple[NDArray[np.int32], Queue]:
-    """Scratch memory for a search around obstacles among drivable cells: node table and queue."""
+    """Return node table and queue for detours over ``cells`` drivable cells."""
     searched = min(round(_SEARCH_M2 / resolution**2), _SEARCH_CELLS_MAX)
-    keys = (_GREED + 2) * longest_cm + 2000  # a detour longer than twice the longest path is none
+    keys = (_GREED + 2) * longest_cm + 2000  # longer detours are ignored
     return np.zeros((cells, 4), dtype=np.int32), new_queue(keys, _PUSHES * searched)
 
 
@@ -132,10 +132,10 @@ def _keepout_violated(x, y, obstacles):  # type: ignore[no-untyped-def]
 
 @kernel
 def _detour(g, path, start, obstacles, clear_cm, p, fields, search):  # type: ignore[no-untyped-def]
-    """Plan around obstacles by A* with the static path length as the estimate; returns the point count, 0: no path.
+    """Plan around obstacles by A* with static path lengths as estimate; return the number of points (0: no path).
 
-    The search ends where the rest of the static path is clear (shorter than ``clear_cm``), at the goal, or, when an
-    obstacle stands on the goal, at the first cell within the planner's tolerance of it.
+    The search ends at a cell with a free rest of the static path (shorter than ``clear_cm``), at the goal or, if an
+    obstacle is on the goal, at the first cell within the planner's tolerance of the goal.
     """
     cell_xy, length_cm = fields.cell_xy, fields.length_cm
     node, queue = search
@@ -143,10 +143,10 @@ def _detour(g, path, start, obstacles, clear_cm, p, fields, search):  # type: ig
     gx, gy = fields.goal_xy[goal, 0], fields.goal_xy[goal, 1]
     goal_blocked = _keepout_violated(gx, gy, obstacles)
     stamp = clear(queue)
-    if stamp == 1:  # of a search long ago that had this number
+    if stamp == 1:  # the counter has wrapped: erase old numbers
         node[:, 2:] = 0
     node[start, 0] = 0  # cm so far
-    node[start, 1] = -1  # cell before
+    node[start, 1] = -1  # previous cell
     node[start, 2] = stamp
     least = int(length_cm[start, goal])
     straight, diagonal = int(100.0 * resolution + 0.5), int(141.4 * resolution + 0.5)
@@ -183,11 +183,11 @@ def _detour(g, path, start, obstacles, clear_cm, p, fields, search):  # type: ig
     if reached < 0:
         return 0
     # Reverse the chain of predecessors in place, then write it out from the start.
-    before, cell = -1, reached
+    previous, cell = -1, reached
     while cell >= 0:
-        after = node[cell, 1]
-        node[cell, 1] = before
-        before, cell = cell, after
+        following = node[cell, 1]
+        node[cell, 1] = previous
+        previous, cell = cell, following
     count = 0
     cell = start
     while cell >= 0 and count < PATH_POINTS:
@@ -203,9 +203,10 @@ def _detour(g, path, start, obstacles, clear_cm, p, fields, search):  # type: ig
 
 @kernel
 def _keep_distances(start, goal, obstacles, p, fields):  # type: ignore[no-untyped-def]
-    """Fill in how far to keep from each obstacle; returns the rest of the static path that none of them blocks, cm.
+    """Set the distance to keep from each obstacle, and return the length of the free rest of the static path, cm.
 
-    -1: none blocks it at all. Close to an obstacle already, the robot keeps as far as it is, to get away.
+    The result is -1 if no obstacle blocks the path. A robot inside the distance of an obstacle only has to keep its
+    present distance, so that it can get away.
     """
     clear_cm = -1
     for k in range(len(obstacles)):
@@ -224,7 +225,7 @@ def _keep_distances(start, goal, obstacles, p, fields):  # type: ignore[no-untyp
 
 @kernel
 def write_plan(g, path, bx, by, obstacles, p, fields, search):  # type: ignore[no-untyped-def]
-    """NavFn's tick: write the next stretch of the path to the current goal."""
+    """Run one tick of NavFn: write the next part of the path to the current goal."""
     goal = g.nav_goal
     start = cell_at(fields, bx, by)
     g.nav_end_x, g.nav_end_y = fields.goal_xy[goal, 0], fields.goal_xy[goal, 1]
@@ -238,7 +239,7 @@ def write_plan(g, path, bx, by, obstacles, p, fields, search):  # type: ignore[n
             count = _detour(g, path, start, obstacles, clear_cm, p, fields, search)
         else:
             static = 1
-            count = _go_on(g, path, bx, by, p, fields)
+            count = _extend_plan(g, path, bx, by, p, fields)
             if count == 0:
                 g.nav_at = 0
                 g.nav_ahead = 0
