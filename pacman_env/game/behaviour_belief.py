@@ -1,52 +1,52 @@
-"""What a ghost is believed to do, from its moves: probabilities of the table's behaviours, and of any other.
+"""Estimate the behaviour of a ghost from its moves: probabilities of the known behaviours and of any other.
 
-A move is compared with what each behaviour would have done. ``chase`` comes nearer to the robot by path; ``arcade``
-does so from afar and goes to its corner when it is near. ``wander`` goes to one of the map's places, which are equally
-likely, and does not turn round on its way: where the ways to the places that it may be going to part, the share that
-it goes on with is the likelihood of the move. On the only way to all of them a move towards the robot says nothing,
-however long the way is. A ghost that is sent from outside is none of them: it may turn and stand.
+A move is compared with the moves of each behaviour. ``chase`` approaches the robot by path; ``arcade`` does so from
+afar and goes to its corner if it is near. ``wander`` goes to one of the map's places, all equally likely, and does not
+turn round on its way: if the paths to its possible places fork, the likelihood of the move is the share of places on
+the chosen branch. Without a fork, a move towards the robot carries no information. A ghost that a policy controls
+(``other``) may turn and stand.
 """
 
 BELIEVED = ("wander", "arcade", "chase", "other")
 WANDERS, ARCADE, CHASES, OTHER = range(len(BELIEVED))
-COMES = 0.5  # probability above which a ghost is taken to come for the robot
+COMES = 0.5  # probability above which a ghost counts as approaching the robot
 PRIOR = (0.55, 0.15, 0.2, 0.1)
 ANY_PLACE = -1  # all bits
-_FORGOTTEN = 0.005  # of the belief at each move: a ghost may change what it does
-#: Likelihood of a move of a ghost that has a target, by the share of it that went towards the target. Measured: 0.98 to
-#: 1.0, 0.0 to 0.02 and 0.0; but moves across follow one another where the robot's believed place jumps or the ghost
-#: goes round something, so that one says little.
+_FORGOTTEN = 0.005  # share of the belief replaced by the prior at each move, because a ghost may change its behaviour
+#: Likelihood of a move of a ghost with a target, by the share of the move towards the target. Measured: 0.98 to 1.0,
+#: 0.0 to 0.02 and 0.0. But moves across come in series, if the robot's believed position jumps or the ghost goes round
+#: an obstacle, so a single one carries little information.
 _TOWARDS_FROM, _ACROSS_FROM = 0.5, 0.0
 _TOWARDS, _ACROSS, _AWAY = 0.95, 0.5, 0.02
-_NEW_TARGET = 0.08  # of a move that leads to none of the places that a wanderer was going to, as measured
-#: Likelihood of turning round: of wandering, chasing, arcade far from the robot, being sent; of the last not to turn.
+_NEW_TARGET = 0.08  # measured likelihood that a wandering ghost approaches none of its possible places
+#: Likelihood of turning round for wander, chase, arcade far from the robot, other; and of not turning for other.
 _TURN_WANDERING, _TURN_CHASING, _TURN_ARCADE, _TURN_OTHER, _ON_OTHER = 0.02, 0.09, 0.5, 0.13, 0.87
-_STANDS = (0.02, 0.5, 0.1, 0.5)  # standing, for each behaviour
-_ARRIVED = (0.02, 0.5, 0.5, 0.5)  # standing beside the robot: a chaser may not come nearer
+_STANDS = (0.02, 0.5, 0.1, 0.5)  # likelihood of standing, for each behaviour
+_ARRIVED = (0.02, 0.5, 0.5, 0.5)  # likelihood of standing near the robot, where a chaser cannot come nearer
 ARRIVED_M = 1.0
 
 
 def evidence(share):  # type: ignore[no-untyped-def]
-    """How likely a move is if the ghost has the target that it approached by this share of the move's length."""
+    """Return the likelihood of a move of a ghost with a target that it approached by ``share`` of the move's length."""
     if share >= _TOWARDS_FROM:
         return _TOWARDS
     return _ACROSS if share >= _ACROSS_FROM else _AWAY
 
 
 def update_belief(belief, places_share, robot_share, corner_share, near, turned):  # type: ignore[no-untyped-def]
-    """Update ``belief``, probabilities in the order of ``BELIEVED``, after a move.
+    """Update ``belief``, probabilities in the order of ``BELIEVED``, after a move of a ghost.
 
     Args:
-        places_share: of the places that it may have been going to, those that it came nearer to; 0: none.
-        robot_share: length by which its path to the robot got shorter, of the length of the move.
-        corner_share: likewise of the path to its corner.
+        places_share: share of its possible places that the ghost approached; 0: none.
+        robot_share: length by which its path to the robot became shorter, relative to the length of the move.
+        corner_share: the same for the path to its corner.
         near: the robot was nearer than the distance at which ``arcade`` turns away.
-        turned: the move went against the one before.
+        turned: the move was opposite to the previous one.
     """
     chase = evidence(robot_share)
     arcade = evidence(corner_share) if near else chase
     if turned:
-        arcade *= 1.0 if near else _TURN_ARCADE  # it turns wherever it comes near, and back again
+        arcade *= 1.0 if near else _TURN_ARCADE  # near the robot it turns to its corner and back
         weigh(belief, (_TURN_WANDERING, arcade, chase * _TURN_CHASING, _TURN_OTHER))
     else:
         wander = (1.0 - _NEW_TARGET) * places_share if places_share > 0.0 else _NEW_TARGET
@@ -54,7 +54,7 @@ def update_belief(belief, places_share, robot_share, corner_share, near, turned)
 
 
 def update_standing(belief, robot_m):  # type: ignore[no-untyped-def]
-    """Update ``belief`` of a ghost that did not move, so far from the robot, m."""
+    """Update ``belief`` about a ghost that did not move, at a distance of ``robot_m`` m from the robot."""
     weigh(belief, _ARRIVED if robot_m <= ARRIVED_M else _STANDS)
 
 
@@ -68,19 +68,19 @@ def weigh(belief, likelihoods):  # type: ignore[no-untyped-def]
 
 
 def comes(belief):  # type: ignore[no-untyped-def]
-    """Whether a ghost is taken to come for the robot; ``belief`` (4, ...) may be of many ghosts."""
+    """Return True if a ghost counts as approaching the robot; ``belief`` (4, ...) may cover many ghosts."""
     return belief[ARCADE] + belief[CHASES] > COMES
 
 
 def taken_for(belief):  # type: ignore[no-untyped-def]
-    """What a ghost is taken to do, as a number in ``BELIEVED``; one that does not come is taken to wander."""
+    """Return the index in ``BELIEVED`` of the assumed behaviour: wandering unless the ghost approaches the robot."""
     if not comes(belief):
         return WANDERS
     return CHASES if belief[CHASES] >= belief[ARCADE] else ARCADE
 
 
 def forget(ghost):  # type: ignore[no-untyped-def]
-    """A ghost is somewhere else now, or a round begins: nothing has been seen of it."""
+    """Reset the belief about a ghost, after a teleport or at the start of a round."""
     for k in range(len(PRIOR)):
         ghost.belief[k] = PRIOR[k]
     ghost.seen_cell = -1

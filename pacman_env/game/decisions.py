@@ -1,8 +1,8 @@
-"""When the planner is asked: at every tick, or when there is something to decide.
+"""Decide when the policy must choose: at every tick, or by events and time limits.
 
-A choice at each tick dithers as long as it is random, and the robot gets nowhere. Between two decisions the robot goes
-on with what was chosen. A batch of the simulator applies the rule to arrays; :class:`LastDecision` is for one game that
-is stepped tick by tick, on a robot or elsewhere.
+Random choices at each tick would cancel out and the robot would not get anywhere, so it keeps the last choice between
+decisions. The simulator applies the rule to arrays; :class:`LastDecision` is for one game that is stepped tick by tick,
+on a robot or elsewhere.
 """
 
 from collections.abc import Callable
@@ -15,7 +15,7 @@ HOLD = -1  # as a choice: no goal
 
 
 def decision_rules(config: Config, in_units: Callable[[float], Any]) -> dict[str, Any]:
-    """The constants of :func:`decision_due`, times by ``in_units`` of seconds."""
+    """Return the constants of :func:`decision_due`; ``in_units`` converts seconds."""
     decisions = config.decisions
     return {
         "threat_distance": decisions.threat_distance_m,
@@ -25,11 +25,11 @@ def decision_rules(config: Config, in_units: Callable[[float], Any]) -> dict[str
 
 
 def decision_due(choice, pursued, news, distance_before, distance, waited, p):  # type: ignore[no-untyped-def]
-    """Whether the planner is asked now, after a tick.
+    """Return True if a decision is due after a tick.
 
-    ``choice`` is the candidate that was chosen last and ``pursued`` the one that is pursued now, or ``HOLD``; ``news``
-    whether a pellet was collected, or the round has ended, since then; ``waited`` the time since then, in the unit of
-    the rules ``p``. Distances are those to the nearest ghost from the believed pose, m.
+    ``choice`` is the last choice and ``pursued`` the current candidate, or ``HOLD``. ``news`` is True if a pellet was
+    collected or the round ended since the choice. ``waited`` is the time since the choice in the unit of the rules
+    ``p``. Distances are from the believed pose to the nearest ghost, m, at the choice and now.
     """
     if news or pursued != choice:
         return True
@@ -39,16 +39,18 @@ def decision_due(choice, pursued, news, distance_before, distance, waited, p):  
 
 
 class Moment(NamedTuple):
+    """State of a game that matters for the next decision."""
+
     time_s: float
     pursued: int  # candidate or HOLD
-    pellets: object  # those that are left, or anything else that changes with them and with the round
+    pellets: object  # anything that changes when a pellet is collected or a round starts
     distance: float  # m, believed, to the nearest ghost
 
 
 class LastDecision:
-    """What was chosen last, when, and whether a choice is due again; ``choice`` is repeated at each tick until then.
+    """The last choice and its time, and the rule for the next one; ``choice`` is repeated at each tick until then.
 
-    Times are rounded to whole ticks, so that a timer which is a little early does not wait for another tick.
+    Times are rounded to whole ticks, so that a timer that is slightly early does not cost another tick.
     """
 
     def __init__(self, config: Config) -> None:
@@ -56,13 +58,13 @@ class LastDecision:
         self._always = config.decisions.when == "tick"
         self._tick_s = config.execution.tick_s
         self._rules = SimpleNamespace(**decision_rules(config, self._ticks))
-        self._at: Moment | None = None  # None if a choice is due in any case
+        self._at: Moment | None = None  # None: a choice is due
 
     def _ticks(self, seconds: float) -> int:
         return round(seconds / self._tick_s)
 
     def forget(self) -> None:
-        """A round begins: a choice is due."""
+        """Forget the last choice at the start of a round, so that a new one is due."""
         self._at = None
 
     def due(self, now: Moment) -> bool:
@@ -73,6 +75,6 @@ class LastDecision:
         return bool(decision_due(self.choice, now.pursued, news, at.distance, now.distance, waited, self._rules))
 
     def decide(self, choice: int, now: Moment, allowed: bool = True) -> None:
-        """Keep the planner's choice; one that is not allowed is to hold, and another is due at the next tick."""
+        """Store a choice; a forbidden one becomes hold, and the next choice is due at the next tick."""
         self.choice = choice if allowed else HOLD
         self._at = now if allowed else None

@@ -1,7 +1,6 @@
-"""Algorithm 6: the one table of events, with their lights, sounds and motions, and motions as functions of time.
+"""Table of events with their lights, sounds and motions, and motions as functions of time (Algorithm 6).
 
-How a light is shown and which sound is played is in ``lights.py`` and ``sounds.py``. A motion turns on the spot, for a
-few seconds at most.
+``lights.py`` and ``sounds.py`` show lights and play sounds. A motion is a turn on the spot for a few seconds at most.
 """
 
 import math
@@ -14,32 +13,35 @@ from .sounds import Sound, even
 
 Motion = Literal["spin", "shake", "stop"]
 
-#: Before a shake the robot comes to a stand, which takes 0.34 s from 0.306 m/s: while its wheels go to and fro at their
-#: greatest acceleration they do not brake, and it would roll on for as long as it shakes, 0.3 m.
+#: Before a shake the robot stops, which takes 0.34 s from 0.306 m/s: wheels that alternate at their largest
+#: acceleration do not brake, and the robot would roll on for 0.3 m during the shake.
 STAND_S = 0.5
-_EDGE_S = 1e-9  # times at which the side changes are hit by sums of periods
+_EDGE_S = 1e-9  # tolerance, because sums of periods hit the times at which the side changes
 
 
 @dataclass(frozen=True)
 class Feedback:
+    """Light, sound and motion of an event."""
+
     light: Light | None = None
     sound: Sound | None = None
     motion: Motion | None = None
 
 
-# What several events share.
+# Shared by several events.
 _START_LIGHT = Light("start", turning((YELLOW, *GHOST_COLOURS.values(), BLACK)), "start_s", "pacman")
 _GAME_OVER_LIGHT = Light("game over", wave(RED), "death_s", "off")
 _DEATH_SOUND = Sound("death", even((76, 75, 74, 73, 72, 70, 68, 65, 60, 48), 0.14, 0.50), 3)
 _GHOST_SOUND = Sound("ghost", even((84, 79, 88, 83, 91), 0.08, 0.20), 1)
-_THEME = (  # as long as the recorded one, 29 notes in 6.4 s; the tunes are the project's own
+_THEME = (  # own tune, as long as the original recording: 29 notes in 6.4 s
     *even((69, 76, 73, 81, 76, 73, 69), 0.20, 0.40),
     *even((71, 78, 74, 83, 78, 74, 71), 0.20, 0.40),
     *even((69, 76, 73, 81, 76, 73, 69), 0.20, 0.40),
     *even((68, 71, 74, 76, 80, 83, 80, 81), 0.15, 0.55),
 )
 
-#: By event word (Milestone 3, Algorithm 6). ``<ghost> killed`` is the robot's death, ``<ghost> caught`` the ghost's.
+#: Feedback by event word (Milestone 3, Algorithm 6). In ``<ghost> killed`` the robot dies, in ``<ghost> caught`` the
+#: ghost.
 FEEDBACK: dict[str, Feedback] = {
     "start": Feedback(_START_LIGHT, Sound("start", even((60, 64, 67, 72, 67, 72), 0.12, 0.30), 2)),
     "start theatrical": Feedback(_START_LIGHT, Sound("pacman_theme", _THEME, 2), "spin"),
@@ -73,10 +75,10 @@ SOUNDS = {answer.sound.word: answer.sound for answer in FEEDBACK.values() if ans
 
 
 def angular_velocity(motion: Motion, elapsed_s: float, show: ShowConfig) -> float | None:
-    """rad/s so long after the beginning; None once the motion is over, or if the clock was set back before it.
+    """Return the turn rate in rad/s at ``elapsed_s``, or None if the motion is over or the clock was set back.
 
-    The spin lasts as long as the start show, the shake as long as the death show. The shake begins with a stand of
-    ``STAND_S``, then begins and ends with half a swing, so that it goes as far to the left as to the right.
+    The spin lasts as long as the start show, the shake as long as the death show. The shake starts with a pause of
+    ``STAND_S``. Its first and last swings are half swings, so that it goes equally far to both sides.
     """
     if motion == "spin":
         return show.spin_radps if 0 <= elapsed_s < show.start_s else None

@@ -1,8 +1,8 @@
-"""Algorithm 4: the goal that is pursued, the pellets that are collected, and how a round ends.
+"""Pursue goals, collect pellets and end rounds (Algorithm 4).
 
-One function of plain numbers, :func:`transition`, takes a record from event to event. The simulator compiles it and
-loops over its games; the robot's goal selector steps one record. Time is in one unit for the record and the rules:
-physics steps in the simulator, seconds on the robot.
+One function of plain numbers, :func:`transition`, applies an event to a record. The simulator compiles it and loops
+over its games; the robot's goal selector applies it to one record. Record and rules use the same unit of time: physics
+steps in the simulator, seconds on the robot.
 """
 
 from collections.abc import Callable
@@ -12,40 +12,40 @@ from typing import Any, NamedTuple
 from ..config import Config
 
 NO_CHOICE, CHOICE, RESULT, CHECK = -1, 0, 1, 2  # events; as a value, NO_CHOICE is hold
-KEEP, SEND, CANCEL = 0, 1, 2  # what is to be done with Nav2's goal
-REJECTED, SUCCEEDED, CANCELED, ABORTED = -1, 4, 5, 6  # action_msgs/GoalStatus; REJECTED: Nav2 did not accept it
-RUNNING, DEAD, COMPLETE, CLEARED, TIMEOUT = 0, 1, 2, 3, 4  # CLEARED: no pellet left, but some were lost
+KEEP, SEND, CANCEL = 0, 1, 2  # action for Nav2's goal
+REJECTED, SUCCEEDED, CANCELED, ABORTED = -1, 4, 5, 6  # action_msgs/GoalStatus; REJECTED: not accepted by Nav2
+RUNNING, DEAD, COMPLETE, CLEARED, TIMEOUT = 0, 1, 2, 3, 4  # CLEARED: no pellets left, but some were lost
 _ROUNDING_M = 1e-9
 
 
 @dataclass
 class Execution:
-    """The record of one round; the simulator's games have the same fields."""
+    """Record of one round; the simulator's games have the same fields."""
 
     pickup: float  # m
-    pellets: int = 0  # candidates that are pellets
+    pellets: int = 0  # number of pellet candidates
     pursued: int = NO_CHOICE  # candidate
-    sent: float = 0.0  # when its goal was sent
+    sent: float = 0.0  # time when its goal was sent
     spawned: int = 0
     collected: int = 0
     lost: int = 0
     aborts: int = 0  # goals that Nav2 aborted
     end: int = RUNNING
-    catcher: int = -1  # number of the ghost that caught the robot
+    catcher: int = -1  # number of the ghost that caught the robot, -1: none
 
 
 class Board(NamedTuple):
-    """What a game's record is stepped over."""
+    """Goals, ghosts and pellets of a game, which :func:`transition` reads and updates."""
 
     goal_xy: Any  # (K, 2) m
     ghost_xy: Any  # (G, 2 or more) m
-    left: Any  # (pellets,) by slot, whether it is left
-    waits: Any  # (candidates,) time before which it is not chosen
-    aborts: Any  # (candidates,) in a row
+    left: Any  # (pellets,) bool by slot: the remaining pellets
+    waits: Any  # (candidates,) time until which a candidate may not be chosen
+    aborts: Any  # (candidates,) number of successive aborts
 
 
 def rules(config: Config, in_units: Callable[[float], Any]) -> dict[str, Any]:
-    """The constants of :func:`transition`, times by ``in_units`` of seconds."""
+    """Return the constants of :func:`transition`; ``in_units`` converts seconds."""
     execution = config.execution
     return {
         "death": execution.death_radius_m,
@@ -59,35 +59,35 @@ def rules(config: Config, in_units: Callable[[float], Any]) -> dict[str, Any]:
 
 
 def within(dx, dy, radius):  # type: ignore[no-untyped-def]
-    """d <= r: the pick-up and the death condition (Milestone 3, Algorithm 4)."""
+    """Return True if d <= r, the condition for pick-up and death (Milestone 3, Algorithm 4)."""
     return dx * dx + dy * dy <= radius * radius
 
 
 def closing_speed(distance_before, distance_now, period):  # type: ignore[no-untyped-def]
-    """v_close = (d(t - dt) - d(t)) / dt in m/s, positive while the gap shrinks (Milestone 3, Algorithm 3)."""
+    """Return (d(t - dt) - d(t)) / dt in m/s, positive while the distance shrinks (Milestone 3, Algorithm 3)."""
     return (distance_before - distance_now) / period
 
 
 def round_complete(collected: int, spawned: int) -> bool:
-    """N_collected >= N_spawned (Milestone 3, Algorithm 5); never while the pellets are unknown, 0."""
+    """Return True if all pellets are collected (Milestone 3, Algorithm 5); False if ``spawned`` is 0 (unknown)."""
     return spawned > 0 and collected >= spawned
 
 
 def goal_of(s, candidate, p):  # type: ignore[no-untyped-def]
-    """The goal of the map that a candidate stands for: pellets, then refuges, without the padding between them."""
+    """Return the map goal of a candidate; goals are pellets, then refuges, without padding."""
     return candidate if candidate < p.pellet_slots else s.pellets + candidate - p.pellet_slots
 
 
 def transition(s, event, value, at, now, navigating, board, p):  # type: ignore[no-untyped-def]
-    """Take the record ``s`` over one event of a round that runs; returns what is to be done with Nav2's goal.
+    """Apply one event to the record ``s`` of a running round, and return the action for Nav2's goal.
 
     Args:
         s: the record, see :class:`Execution`.
-        event: ``CHOICE`` of a candidate, ``RESULT`` of the goal pursued, ``CHECK`` of pellets and ghosts.
-        value: the candidate chosen or ``NO_CHOICE``; the status of the result.
-        at: (x, y), m, where the robot believes to be; of a result, where Nav2 has left it.
+        event: ``CHOICE`` of a candidate, ``RESULT`` of the current goal, or ``CHECK`` of pellets and ghosts.
+        value: the chosen candidate or ``NO_CHOICE``; for a result, its status.
+        at: (x, y) of the robot's believed position, m; for a result, the position in Nav2's feedback.
         now: time.
-        navigating: Nav2 has a goal that is not cancelled.
+        navigating: True if Nav2 has a goal that is not cancelled.
         board: see :class:`Board`.
         p: the constants, see :func:`rules`, and ``pellet_slots``.
     """
@@ -101,10 +101,10 @@ def transition(s, event, value, at, now, navigating, board, p):  # type: ignore[
 
 
 def _choose(s, chosen, at, now, navigating, goal_xy, p):  # type: ignore[no-untyped-def]
-    """Switching by sending pre-empts the goal that runs.
+    """Apply a choice: sending a goal pre-empts the running goal.
 
-    Cancel-then-send, as the original does it, loses the new goal with the old one, because a cancel terminates pending
-    goals too: the robot stands still until it chooses again at the next tick.
+    With cancel-then-send, as in the original, the new goal is lost with the old one, because a cancel terminates
+    pending goals too: the robot stands still until it chooses again at the next tick.
     """
     if chosen < 0:
         s.pursued = NO_CHOICE
@@ -113,7 +113,7 @@ def _choose(s, chosen, at, now, navigating, goal_xy, p):  # type: ignore[no-unty
     if navigating:
         if chosen == s.pursued:
             return KEEP
-        # A refuge is never kept waiting: it is how a robot gets away.
+        # A refuge never waits, because the robot escapes to it.
         if to_pellet and 0 <= s.pursued < p.pellet_slots and now - s.sent < p.min_dwell:
             return KEEP
         if p.cancel_then_send:
@@ -122,7 +122,7 @@ def _choose(s, chosen, at, now, navigating, goal_xy, p):  # type: ignore[no-unty
     elif not to_pellet:
         goal = goal_of(s, chosen, p)
         if within(at[0] - goal_xy[goal, 0], at[1] - goal_xy[goal, 1], p.goal_tolerance):
-            s.pursued = NO_CHOICE  # it waits there already; Nav2 would end such a goal at once
+            s.pursued = NO_CHOICE  # the robot is there already, and Nav2 would end the goal at once
             return KEEP
     s.pursued = chosen
     s.sent = now
@@ -130,10 +130,11 @@ def _choose(s, chosen, at, now, navigating, goal_xy, p):  # type: ignore[no-unty
 
 
 def _conclude(s, status, at, now, board, p):  # type: ignore[no-untyped-def]
-    """As built, a success collects the pellet wherever the robot stands and an abort removes it uncounted.
+    """Apply the result of the current goal.
 
-    Robust: a success counts only near the pellet (Nav2 moves a blocked goal by up to half a metre); everything else
-    makes the goal wait, twice as long at each abort in a row and at most 8 times.
+    As built: a success collects the pellet wherever the robot is, and an abort removes it without counting. Robust: a
+    success only counts near the pellet (Nav2 moves a blocked goal by up to half a metre). Otherwise the goal must wait,
+    twice as long after each successive abort, at most 8 times.
     """
     slot = s.pursued
     s.pursued = NO_CHOICE
@@ -155,19 +156,19 @@ def _conclude(s, status, at, now, board, p):  # type: ignore[no-untyped-def]
     elif status == ABORTED and board.left[slot]:
         board.left[slot] = False
         s.lost += 1
-    _end_if_no_pellet_is_left(s)
+    _end_without_pellets(s)
     return KEEP
 
 
 def _check(s, at, board, p):  # type: ignore[no-untyped-def]
-    """In the order of Algorithm 4: the last pellet, collected in a ghost's reach, completes the round."""
+    """Test pick-up before death (Algorithm 4): the last pellet completes the round even within a ghost's reach."""
     x, y = at
     goal_xy, ghost_xy = board.goal_xy, board.ghost_xy
     pursued = s.pursued
     for slot in range(s.pellets):
         if board.left[slot] and within(x - goal_xy[slot, 0], y - goal_xy[slot, 1], s.pickup):
             _collect(s, slot, board.left)
-    _end_if_no_pellet_is_left(s)
+    _end_without_pellets(s)
     if s.end == RUNNING:
         for k in range(len(ghost_xy)):
             if within(x - ghost_xy[k, 0], y - ghost_xy[k, 1], p.death):
@@ -177,7 +178,7 @@ def _check(s, at, board, p):  # type: ignore[no-untyped-def]
     if s.end != RUNNING:
         s.pursued = NO_CHOICE
         return CANCEL
-    # The goal that led to a pellet goes on until the next choice pre-empts it.
+    # The goal of a collected pellet continues until the next choice pre-empts it.
     return CANCEL if p.cancel_then_send and pursued != s.pursued else KEEP
 
 
@@ -188,6 +189,6 @@ def _collect(s, slot, left):  # type: ignore[no-untyped-def]
         s.pursued = NO_CHOICE
 
 
-def _end_if_no_pellet_is_left(s):  # type: ignore[no-untyped-def]
+def _end_without_pellets(s):  # type: ignore[no-untyped-def]
     if round_complete(s.collected + s.lost, s.spawned):
         s.end = COMPLETE if s.lost == 0 else CLEARED

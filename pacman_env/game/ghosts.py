@@ -1,7 +1,7 @@
-"""How ghosts move, and where to: Algorithm 2's walk, and the table of behaviours.
+"""Motion and behaviours of ghosts: Algorithm 2's walk and the table of behaviours.
 
-A behaviour is a function from what a ghost knows to where it goes. ``wander`` is the original: a target drawn uniformly
-from the cells it can reach, the next one when it is there. A ghost moves exactly along its path at its speed.
+A behaviour is a function from a ghost's view to its target. ``wander`` is the original behaviour: the target is drawn
+uniformly from the reachable cells, and again on arrival. Ghosts move exactly along their paths at their speed.
 """
 
 import math
@@ -19,14 +19,14 @@ from .behaviour_belief import BELIEVED, forget
 
 
 class Ghost(NamedTuple):
-    """A ghost's name and colours; how it moves is a behaviour."""
+    """Name and colours of a ghost; its motion is a :class:`Behaviour`."""
 
     name: str
-    light: tuple[int, int, int]  # on the light ring, as in the original: red, green, blue, 0 to 255
-    colour: tuple[int, int, int]  # on every screen, bright or dark
+    light: tuple[int, int, int]  # on the light ring, from the original: red, green, blue, 0 to 255
+    colour: tuple[int, int, int]  # on screens, bright or dark
 
 
-#: By number; the original has Clyde alone, its events know all four.
+#: Ghosts by number; the original only has Clyde, but events for all four.
 GHOSTS = (
     Ghost("clyde", (255, 80, 0), (245, 105, 0)),
     Ghost("blinky", (255, 0, 0), (226, 30, 40)),
@@ -35,42 +35,42 @@ GHOSTS = (
 )
 GHOST_NAMES = tuple(ghost.name for ghost in GHOSTS)
 
-#: State of one ghost from step to step.
+#: State of one ghost.
 GHOST_FIELDS = [
-    ("x", np.float64),  # where it is and is seen, m
+    ("x", np.float64),  # position, m
     ("y", np.float64),
-    ("vx", np.float64),  # velocity of its last move, m/s
+    ("vx", np.float64),  # velocity of the last move, m/s
     ("vy", np.float64),
     ("speed", np.float64),  # m/s in this round
-    ("path_index", np.int32),  # into its path: the last cell passed
-    ("path_length", np.int32),  # cells of its path
-    ("path_offset", np.float64),  # m walked since that cell
+    ("path_index", np.int32),  # index of the last passed cell in its path
+    ("path_length", np.int32),  # number of cells of its path
+    ("path_offset", np.float64),  # m walked since the last passed cell
     ("stream", np.uint64),
-    ("wanders", np.bool_),  # it draws its own targets at the end of its path
-    ("place", np.int32),  # the candidate it was sent to, or -1
-    # What it is believed to do, and where it was when that was last updated (sim/core/beliefs.py).
+    ("wanders", np.bool_),  # draws a new target at the end of its path
+    ("place", np.int32),  # candidate to which it was sent, or -1
+    # Belief about its behaviour, and the state at the last update of it (sim/core/beliefs.py).
     ("belief", np.float64, (len(BELIEVED),)),  # probabilities
     ("seen_x", np.float64),  # m
     ("seen_y", np.float64),
     ("seen_vx", np.float64),  # m/s
     ("seen_vy", np.float64),
-    ("seen_m", np.float64),  # straight from the robot
+    ("seen_m", np.float64),  # straight distance from the robot
     ("seen_cell", np.int32),  # drivable cell, -1: not seen yet
-    ("robot_cell", np.int32),  # of the robot
+    ("robot_cell", np.int32),  # drivable cell of the robot
     ("seen_tick", np.int32),
-    ("places", np.int64),  # those that it may be going to if it wanders, a bit each
+    ("places", np.int64),  # bits of its possible destinations if it wanders
 ]
 
 
 class GhostView(NamedTuple):
-    """What a behaviour decides by: m, m/s and rad in the map frame."""
+    """Input of a behaviour: m, m/s and rad in the map frame."""
 
     number: int  # 0: Clyde
     x: float
     y: float
     vx: float
     vy: float
-    robot_x: float  # where the robot believes to be
+    robot_x: float  # believed pose of the robot
     robot_y: float
     robot_heading: float
     corner_x: float  # the ghost's own corner of the map
@@ -82,13 +82,13 @@ Target = Callable[[GhostView, tuple[float, ...]], tuple[float, float]]
 
 @dataclass(frozen=True)
 class Behaviour:
-    """One entry of the table.
+    """A ghost behaviour.
 
     Args:
-        name: in ``clyde.ghosts``.
-        target: from a view and the parameters to the place (x, y), m, that the ghost goes to on the shortest path; NaN
-            to wander on. It is compiled with Numba. None if the ghost is sent from outside.
-        parameters: numbers, or the dotted names of configuration fields that hold them.
+        name: used in ``clyde.ghosts``.
+        target: function from a view and the parameters to the target (x, y), m, to which the ghost takes the shortest
+            path; NaN means to wander. It is compiled with Numba. None if a policy controls the ghost.
+        parameters: numbers, or dotted names of configuration fields.
     """
 
     name: str
@@ -96,7 +96,7 @@ class Behaviour:
     parameters: tuple[float | str, ...] = ()
 
     def constants(self, config: Config) -> tuple[float, ...]:
-        """The parameters as numbers; a dotted name is read from the configuration. Raises ConfigError."""
+        """Return the parameters as numbers; dotted names are read from the configuration. Raises ConfigError."""
         return tuple(float(config.value(p)) if isinstance(p, str) else float(p) for p in self.parameters)
 
 
@@ -109,7 +109,7 @@ def chase(view, parameters):  # type: ignore[no-untyped-def]
 
 
 def arcade(view, parameters):  # type: ignore[no-untyped-def]
-    """The arcade's Clyde: to the robot from farther away than ``parameters[0]`` m, to its corner when nearer."""
+    """Return the target of the arcade's Clyde: the robot beyond a distance of ``parameters[0]`` m, else its corner."""
     dx, dy = view.robot_x - view.x, view.robot_y - view.y
     if dx * dx + dy * dy > parameters[0] * parameters[0]:
         return view.robot_x, view.robot_y
@@ -132,7 +132,7 @@ register_ghost = _ALL_BEHAVIOURS.register
 
 
 def find_behaviour(name: str) -> Behaviour:
-    """The entry of that name, of the table or of another package; raises ConfigError if there is none."""
+    """Return a behaviour of this or another package by name; raises ConfigError if there is none."""
     try:
         entry = _ALL_BEHAVIOURS.find(name)
     except PluginError as error:
@@ -143,12 +143,12 @@ def find_behaviour(name: str) -> Behaviour:
 
 
 def ghost_stream(seed, number):  # type: ignore[no-untyped-def]
-    """The random stream of ghost ``number`` in the round with this seed: others do not change Clyde's."""
+    """Return the random stream of ghost ``number`` for a round's seed; more ghosts do not change Clyde's stream."""
     return stream(seed, CLYDE if number == 0 else GHOST_STREAMS + number)
 
 
 def spawn(ghost, cell, path, position):  # type: ignore[no-untyped-def]
-    """Put a ghost on a cell; it chooses its first target at its first move."""
+    """Place a ghost on a cell; it chooses its first target at its first move."""
     path[0] = cell
     ghost.path_index, ghost.path_length, ghost.path_offset = 0, 1, 0.0
     ghost.x, ghost.y = position[cell, 0], position[cell, 1]
@@ -158,7 +158,7 @@ def spawn(ghost, cell, path, position):  # type: ignore[no-untyped-def]
 
 
 def choose_target(ghost, cell, part, part_start, part_cells):  # type: ignore[no-untyped-def]
-    """A cell uniform over those that the ghost can reach from ``cell``."""
+    """Draw a cell uniformly from those that the ghost can reach from ``cell``."""
     p = part[cell]
     first, last = part_start[p], part_start[p + 1]
     ghost.stream, pick = below(ghost.stream, last - first)
@@ -166,25 +166,25 @@ def choose_target(ghost, cell, part, part_start, part_cells):  # type: ignore[no
 
 
 def walk(ghost, path, position, period):  # type: ignore[no-untyped-def]
-    """One update: move the ghost along its path for ``period`` seconds, at most to its end."""
+    """Move a ghost along its path for ``period`` seconds, at most to the end."""
     x, y = ghost.x, ghost.y
     index, offset = ghost.path_index, ghost.path_offset + ghost.speed * period
     last = ghost.path_length - 1
-    here = path[index]
-    ghost.x, ghost.y = position[here, 0], position[here, 1]
+    cell = path[index]
+    ghost.x, ghost.y = position[cell, 0], position[cell, 1]
     while index < last:
         following = path[index + 1]
-        dx, dy = position[following, 0] - position[here, 0], position[following, 1] - position[here, 1]
+        dx, dy = position[following, 0] - position[cell, 0], position[following, 1] - position[cell, 1]
         length = math.sqrt(dx * dx + dy * dy)
         if offset < length:
             f = offset / length
-            ghost.x = position[here, 0] + f * dx
-            ghost.y = position[here, 1] + f * dy
+            ghost.x = position[cell, 0] + f * dx
+            ghost.y = position[cell, 1] + f * dy
             break
         offset -= length
         index += 1
-        here = following
-        ghost.x, ghost.y = position[here, 0], position[here, 1]
+        cell = following
+        ghost.x, ghost.y = position[cell, 0], position[cell, 1]
     ghost.path_index = index
     ghost.path_offset = offset if index < last else 0.0
     ghost.vx = (ghost.x - x) / period

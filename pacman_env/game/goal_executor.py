@@ -1,7 +1,7 @@
-"""Algorithm 4 on a robot, driven by the events of Nav2's asynchronous action and of the game's messages.
+"""Execute goals on a robot (Algorithm 4), driven by events of Nav2's asynchronous action and by the game's messages.
 
-A pure state machine: time is an argument, the result is a list of actions. What a choice, a result or a distance means
-is decided in ``execution.py``. Nav2 may answer late, about goals given up long ago, or never.
+This is a pure state machine: time is an argument, the result is a list of actions. The rules for choices, results and
+distances are in ``execution.py``. Nav2 may answer late, about goals abandoned long ago, or never.
 """
 
 import math
@@ -13,33 +13,33 @@ from .ghosts import GHOST_NAMES
 from .goals import HOME, ExecutorAction, Goals, Place, Position, SentGoals
 from .robot_round import RobotRound
 
-_AWAY_S = 10.0  # the return home waits so long for Nav2, or for a pose, before it has failed
-_DOUBT_S = 2.0  # a success at home waits so long for a pose that confirms it
+_AWAY_S = 10.0  # the return home fails after waiting this long for Nav2 or a pose
+_DOUBT_S = 2.0  # a success at home waits this long for a pose that confirms it
 _TASKS = {"disable": "none", "enable": "play", "return_home": "home"}
-_STATES = {"play": "running", "home": "returning_home"}  # of the game, by the task that drives in it
+_STATES = {"play": "running", "home": "returning_home"}  # state of the game in which each task may drive
 
 
 class GoalExecutor:
-    """Pursues goals while the game runs, drives home on command, and does nothing in every other state."""
+    """Pursues goals while the game runs, drives home on command, and is idle in all other states."""
 
     def __init__(self, config: Config, goals: Goals, home: Place | None = None) -> None:
         self.home = home  # may be set later
-        self.pose: Position | None = None  # as believed last, m
+        self.pose: Position | None = None  # last believed position, m
         self.round = RobotRound(config, goals)
         self.statuses = self.round.statuses
         self.sent = SentGoals()
-        self.task = "none"  # by the last command: none, play or home
+        self.task = "none"  # of the last command: none, play or home
         self.game_state: str | None = None  # None if not received
-        self.began_s = 0.0  # when the task began
+        self.began_s = 0.0  # start time of the task
         self._active = False
-        self._held: set[str] = set()  # by what: an operator's stop, a pose that is lost
+        self._held: set[str] = set()  # reasons to stand, such as an operator's stop or a lost pose
         self._nav2_there = False
-        self._waiting_s: float | None = None  # since when the return home cannot begin
-        self._arrived_s: float | None = None  # when Nav2 reported a success at home that no pose confirms
+        self._waiting_s: float | None = None  # time since when the return home cannot start
+        self._arrived_s: float | None = None  # time of a success at home that no pose has confirmed
 
     @property
     def driving(self) -> bool:
-        """Whether the robot may be driven now: the task fits the game's state, and the node is active."""
+        """True if the robot may drive: the task fits the game's state, and the node is active."""
         return self._active and self.game_state is not None and _STATES.get(self.task) == self.game_state
 
     @property
@@ -56,13 +56,13 @@ class GoalExecutor:
         return self._continue(now)
 
     def deactivate(self, now: float) -> list[ExecutorAction]:
-        """No goal any more; the task stays known."""
-        was = self.driving
+        """Cancel all goals and stop; the task is kept."""
+        driving = self.driving
         self._active = False
-        return self._halt(now) if was or self.sent.open else []
+        return self._halt(now) if driving or self.sent.open else []
 
     def hold(self, reason: str, held: bool, now: float) -> list[ExecutorAction]:
-        """A reason to stand, or its end: task and round go on as they are, but no goal is sent while there is one."""
+        """Add or remove a reason to stand; while there is one, no goal is sent, but task and round continue."""
         if held == (reason in self._held):
             return []
         was = bool(self._held)
@@ -76,21 +76,21 @@ class GoalExecutor:
 
     def command(self, word: str, now: float) -> list[ExecutorAction]:
         if word == "enable" and self.statuses.end in ("death_detected", "game_complete"):
-            return []  # of a referee that has not received it: otherwise it disables first
+            return []  # the referee has not received the end; otherwise it disables first
         self.statuses.end = ""
         if word == "reset_round":
             self.round.reset()
             return []
         if word not in _TASKS:
             return [ExecutorAction("ignored", f"command {word!r}")]
-        before, self.task = self.task, _TASKS[word]
+        previous, self.task = self.task, _TASKS[word]
         if word == "enable":
-            if before == "play":
+            if previous == "play":
                 return []
             self.round.record.end = RUNNING
         self.began_s, self._waiting_s, self._arrived_s, self.round.empty_s = now, None, None, None
         if (self.sent.pursued == HOME) != (word == "return_home"):
-            self._forget_current()  # what is sent next pre-empts it
+            self._forget_current()  # the next goal pre-empts it
         if not self.driving:
             return self._halt(now) if self._active else []
         return self._continue(now)
@@ -109,7 +109,7 @@ class GoalExecutor:
     # What the robot does
 
     def check(self, pose: Position | None, ghosts: Sequence[Position], now: float) -> list[ExecutorAction]:
-        """Pick-up, completion and death on the believed pose; positions in m, None if unknown."""
+        """Test pick-up, completion and death at the believed pose; positions in m, None if unknown."""
         self.pose = pose or self.pose
         if pose is None or not self.playing:
             return self._continue(now)
@@ -121,7 +121,7 @@ class GoalExecutor:
         return [*actions, *(self._cancel_all(now) if action == CANCEL else self._continue(now))]
 
     def choose(self, place: Place | None, now: float) -> list[ExecutorAction]:
-        """A policy's choice, None to hold; without effect unless ``wants_choice``."""
+        """Apply a policy's choice (None: hold); ignored unless ``wants_choice``."""
         if not self.wants_choice(now):
             return []
         action, actions = self._step(CHOICE, NO_CHOICE if place is None else place.candidate, self.pose, now)
@@ -141,7 +141,7 @@ class GoalExecutor:
     # Nav2's answers
 
     def nav2(self, there: bool, now: float) -> list[ExecutorAction]:
-        """Whether the action server is there; without it no goal is pursued."""
+        """Record whether Nav2's action server exists; without it no goal is pursued."""
         self._nav2_there = there
         if not there:
             self._forget_current()
@@ -154,9 +154,9 @@ class GoalExecutor:
         return self._failed(sent.place, now)
 
     def finished(self, number: int, status: int, now: float, at: Position | None = None) -> list[ExecutorAction]:
-        """Nav2 has ended a goal with a status of action_msgs/GoalStatus.
+        """Process the end of a goal with a status of action_msgs/GoalStatus.
 
-        Either ``at``, where Nav2 saw the robot last, m, or the believed pose has to be at the goal.
+        For a success, either ``at``, the last position in Nav2's feedback, m, or the believed pose must be at the goal.
         """
         sent = self.sent.open.pop(number, None)
         if number != self.sent.current or sent is None:
@@ -192,8 +192,8 @@ class GoalExecutor:
         return self._step(RESULT, REJECTED, self.pose, now)[1]
 
     def _continue(self, now: float) -> list[ExecutorAction]:
-        """What is due without an event: cancel again, give up an unanswered goal, drive home."""
-        if self._held or not self.driving:  # a cancel may have been lost, or Nav2 away
+        """Do everything that is due: repeat cancels, give up an unanswered goal, drive home."""
+        if self._held or not self.driving:  # a cancel may have been lost, or Nav2 was absent
             return self._cancel_all(now) if self._nav2_there and not self.sent.settling(now) else []
         if self.sent.current is not None:
             current = self.sent.open[self.sent.current]
@@ -220,7 +220,7 @@ class GoalExecutor:
         return within(self.pose[0] - place.x, self.pose[1] - place.y, radius)
 
     def _home_ended(self, now: float) -> list[ExecutorAction]:
-        """The return home is over; it has failed only where the robot is not there."""
+        """End the return home; it has failed only if the robot is not at home."""
         self.task, self._arrived_s = "none", None
-        there = self._is_at(self.home, self.round.rules.success_distance)
-        return [*self.statuses.ended("home_reached" if there else "home_failed"), *self._cancel_all(now)]
+        arrived = self._is_at(self.home, self.round.rules.success_distance)
+        return [*self.statuses.ended("home_reached" if arrived else "home_failed"), *self._cancel_all(now)]

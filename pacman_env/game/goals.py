@@ -1,4 +1,4 @@
-"""Where a robot can be sent, and the goals that were sent to Nav2 and have not ended, as far as is known."""
+"""Goals of a map, and goals sent to Nav2 that have not ended as far as known."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,16 +9,16 @@ import numpy as np
 from .execution import NO_CHOICE
 
 HOME = -2  # as a candidate: the home pose
-_KEPT = 16  # goals remembered that Nav2 has not ended; older ones are forgotten
+_KEPT = 16  # largest number of open goals; older ones are forgotten
 _ANSWER_S = 5.0  # a goal without an answer for this long is given up
-_CANCEL_S = 1.0  # a new goal waits so long for the end of a cancelled one, which would cancel the new one, too
+_CANCEL_S = 1.0  # a new goal waits this long for the end of a cancel, which would cancel the new goal too
 
 Position = tuple[float, float]  # m
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where to go: a pellet, which has an id, a refuge, or home, which has a heading (rad)."""
+    """A goal: a pellet with its id, a refuge, or home with its heading (rad)."""
 
     candidate: int  # or ``HOME``
     x: float  # m
@@ -28,7 +28,7 @@ class Place:
 
 
 def goal_name(pellet_ids: Sequence[int], goal: int) -> str:
-    """Return what a goal of a map is called wherever it is shown: pellets have their ids, refuges count from 0."""
+    """Return the displayed name of a map goal: pellets have ids, refuges count from 0."""
     pellets = len(pellet_ids)
     return f"pellet {pellet_ids[goal]}" if goal < pellets else f"refuge {goal - pellets}"
 
@@ -38,9 +38,9 @@ def home_place(x: float, y: float, heading: float) -> Place:
 
 
 class Goals:
-    """The goals of one map: pellets that are candidates, pellets out of reach, refuges; positions in m.
+    """Goals of one map: candidate pellets, pellets out of reach, refuges; positions in m.
 
-    The robot can collect pellets out of reach only in passing. ``slot`` is the row in ``xy``.
+    Pellets out of reach can only be collected in passing. ``slot`` is the row in ``xy``.
     """
 
     def __init__(
@@ -56,10 +56,10 @@ class Goals:
 
 @dataclass(frozen=True)
 class ExecutorAction:
-    """One thing to do, in order.
+    """One action of the executor; actions must be done in order.
 
     ``send`` and ``cancel`` a goal by its number, ``stop`` the wheels, report a ``status`` word, ``remove`` a pellet by
-    its id, announce an ``event``; the value of ``ignored`` is why an input had no effect.
+    its id, announce an ``event``. The value of ``ignored`` tells why an input had no effect.
     """
 
     kind: Literal["send", "cancel", "stop", "status", "remove", "event", "ignored"]
@@ -69,20 +69,22 @@ class ExecutorAction:
 
 @dataclass
 class Sent:
+    """A goal sent to Nav2."""
+
     place: Place
     since_s: float
     accepted: bool = False
-    cancelled_s: float | None = None  # when its end was last requested
-    unwanted: bool = False  # to be cancelled, or pre-empted by a later one
+    cancelled_s: float | None = None  # time of the last cancel request
+    unwanted: bool = False  # must be cancelled, or was pre-empted by a later goal
 
     def unanswered(self, now: float) -> bool:
         return not self.accepted and now - self.since_s >= _ANSWER_S
 
     def cancel_due(self, now: float) -> bool:
-        """Whether an unwanted goal is to be cancelled now, maybe again.
+        """Return True if an unwanted goal must be cancelled now, possibly again.
 
-        One without an answer may never have arrived, and then never ends: its end is requested less often, because
-        nothing is chosen while the end of a goal may cancel the next one, too.
+        A goal without an answer may have been lost and then never ends. Its cancel is repeated less often, because no
+        goal is chosen while a cancel may also cancel the next goal.
         """
         if not (self.accepted or self.unanswered(now)):
             return False
@@ -91,7 +93,7 @@ class Sent:
 
 
 class SentGoals:
-    """The goals that are open, by number; at most one of them is current."""
+    """Open goals by number, of which at most one is current."""
 
     def __init__(self) -> None:
         self.open: dict[int, Sent] = {}
@@ -107,12 +109,12 @@ class SentGoals:
         return any(not sent.unwanted for sent in self.open.values())
 
     def settling(self, now: float) -> bool:
-        """Whether a cancel was requested just now, which would cancel a goal sent now, too."""
+        """Return True if a recent cancel request could still cancel a goal that is sent now."""
         return any(sent.cancelled_s is not None and now - sent.cancelled_s < _CANCEL_S for sent in self.open.values())
 
     def send(self, place: Place, now: float) -> ExecutorAction:
         for sent in self.open.values():
-            sent.unwanted |= not sent.accepted  # accepted late, it would come after the new one
+            sent.unwanted |= not sent.accepted  # if accepted late, it would replace the new goal
         self.number += 1
         self.current = self.number
         self.open[self.number] = Sent(place, now)
@@ -121,20 +123,20 @@ class SentGoals:
         return ExecutorAction("send", self.number, place)
 
     def accepted(self, number: int, now: float) -> list[ExecutorAction]:
-        """Nav2 has accepted a goal; an unwanted one is cancelled at once."""
+        """Record that Nav2 accepted a goal, and cancel it at once if it is unwanted."""
         sent = self.open.get(number)
         if sent is not None:
             sent.accepted = True
             for other, earlier in self.open.items():
                 earlier.unwanted |= other < number
         if self.current is not None or (sent is not None and not sent.unwanted):
-            return []  # this one, or the next one to be sent, pre-empts it
+            return []  # it is wanted, or the current goal pre-empts it
         if sent is not None:
             sent.cancelled_s = now
         return [ExecutorAction("cancel", number)]
 
     def cancel_all(self, now: float) -> list[ExecutorAction]:
-        """Cancel every goal; one that is not accepted yet when it is, or when its answer is overdue."""
+        """Cancel all goals; goals that are not accepted yet are cancelled on acceptance or when overdue."""
         self.current = None
         for sent in self.open.values():
             sent.unwanted = True

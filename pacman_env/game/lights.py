@@ -1,4 +1,4 @@
-"""Algorithm 7: what the six LEDs of the light ring show, by light word and time; the lights of events are theirs."""
+"""Colours of the six LEDs of the light ring by light word and time (Algorithm 7); event lights are in ``events.py``."""
 
 import math
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ from ..config import ShowConfig
 from .ghosts import GHOSTS
 
 Colour = tuple[int, int, int]  # red, green, blue, 0..255
-Ring = tuple[Colour, ...]  # of the six LEDs
+Ring = tuple[Colour, ...]  # colours of the six LEDs
 
 COLOURS: dict[str, Colour] = {
     "yellow": (255, 180, 0),
@@ -26,12 +26,12 @@ FRAME_S = 0.15
 
 @dataclass(frozen=True)
 class Light:
-    """A light word and its rings, shown one after the other, again and again, until the time is over."""
+    """A light word and its rings, which are shown in a loop until the time is over."""
 
     word: str
-    rings: tuple[Ring, ...]  # empty: the ring is the robot's own
-    lasts: float | str = math.inf  # s, or the field of ShowConfig that has them; inf: until the next word
-    then: str | None = None  # the lasting word afterwards; None for the one before
+    rings: tuple[Ring, ...]  # empty: the robot controls the ring
+    lasts: float | str = math.inf  # s, or a field of ShowConfig in s; inf: until the next word
+    then: str | None = None  # lasting word afterwards; None: the previous one
 
     def duration_s(self, show: ShowConfig) -> float:
         return getattr(show, self.lasts) if isinstance(self.lasts, str) else self.lasts
@@ -49,8 +49,8 @@ def turning(ring: Ring) -> tuple[Ring, ...]:
 
 
 def wave(colour: Colour) -> tuple[Ring, ...]:
-    beside, background = _dimmed(colour, 0.5), _dimmed(RED, 0.2)
-    return turning((colour, beside, background, background, background, beside))
+    adjacent, background = _dimmed(colour, 0.5), _dimmed(RED, 0.2)
+    return turning((colour, adjacent, background, background, background, adjacent))
 
 
 def _dimmed(colour: Colour, share: float) -> Colour:
@@ -64,24 +64,24 @@ def _mouth(width: int) -> Ring:
 
 
 OFF = Light("off", ())
-#: Lights that no event brings along.
+#: Lights without an event.
 PLAIN_LIGHTS = (
     *(Light(name, (all_six(colour),)) for name, colour in COLOURS.items()),
-    Light("pacman", (_mouth(0), _mouth(1), _mouth(3), _mouth(1))),  # it opens and shuts
+    Light("pacman", (_mouth(0), _mouth(1), _mouth(3), _mouth(1))),  # opening and closing mouth
     OFF,
 )
-#: By state of the game: what the ring shows in it when nothing happens; ``off`` in every other.
+#: Lasting light by game state; ``off`` in all other states.
 LASTING = {"starting": "pacman", "running": "pacman"}
 
 
 def light_colour(light: Light) -> Colour | None:
-    """The colour that stands for a light, such as on a button: its ghost's, or its only one; None if it has several."""
+    """Return the colour of a light for a button: that of its ghost or its only one; None if it has several."""
     colours = {colour for ring in light.rings for colour in ring}
     return GHOST_COLOURS.get(light.word.split()[0]) or (colours.pop() if len(colours) == 1 else None)
 
 
 class LightRing:
-    """The ring from word to word: a lasting word stays, an animation that ends is shown over it."""
+    """State of the light ring: a lasting word stays, and finite animations are shown on top of it."""
 
     def __init__(self, lights: Mapping[str, Light], show: ShowConfig) -> None:
         self._lights, self._show = lights, show
@@ -89,7 +89,7 @@ class LightRing:
         self._since_s = 0.0
 
     def command(self, word: str, now: float) -> None:
-        """Show a word from now on; raises ValueError unless it is one of the lights."""
+        """Start showing a word; raises ValueError if there is no such light."""
         if word not in self._lights:
             raise ValueError(f"light {word!r}: not one of {', '.join(sorted(self._lights))}")
         self._word, self._since_s = word, now
@@ -100,7 +100,7 @@ class LightRing:
             self._lasting = light.then
 
     def ring(self, now: float) -> Ring | None:
-        """What to show; None if the ring is the robot's own."""
+        """Return the colours to show now, or None if the robot controls the ring."""
         if not 0 <= now - self._since_s < self._lights[self._word].duration_s(self._show):  # over, or clock set back
             self._word, self._since_s = self._lasting, now
         return self._lights[self._word].at(now - self._since_s)

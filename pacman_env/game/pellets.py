@@ -1,4 +1,4 @@
-"""Algorithm 1: where pellets lie on a map, whether or not a robot can reach them."""
+"""Generate the pellets of a map, reachable or not (Algorithm 1)."""
 
 import math
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from pacman_env.config import ConfigError, PelletConfig
 
 
 class FreeSpace(Protocol):
-    """The properties of an occupancy map that pellets need."""
+    """Properties of an occupancy map that pellets need."""
 
     @property
     def resolution(self) -> float: ...  # m, edge of a cell
@@ -19,12 +19,14 @@ class FreeSpace(Protocol):
     @property
     def origin(self) -> tuple[float, float, float]: ...  # pose (m, m, rad) of the lower left corner
 
-    def game_free(self, free_grey: int) -> NDArray[np.bool_]: ...  # (H, W), row 0 at the top: brighter than that
+    def game_free(
+        self, free_grey: int
+    ) -> NDArray[np.bool_]: ...  # (H, W), row 0 at the top: brighter than ``free_grey``
 
 
 @dataclass(frozen=True)
 class PelletSet:
-    """P pellets of one map; the id is the place in row order from the top."""
+    """The P pellets of a map; ids count in row order from the top."""
 
     ids: NDArray[np.int64]  # (P,)
     position: NDArray[np.float64]  # (P, 2) x, y in m, map frame
@@ -37,7 +39,7 @@ class PelletSet:
 def pixel_to_world(
     map: FreeSpace, u: NDArray[np.int64], v: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Position x, y (m) of pixels: x = u R + x0, y = (H - v) R + y0, turned about the origin by its yaw."""
+    """Return the position x, y (m) of pixels: x = u R + x0, y = (H - v) R + y0, rotated about the origin by its yaw."""
     x0, y0, yaw = map.origin
     cos, sin = (math.cos(yaw), math.sin(yaw)) if yaw else (1.0, 0.0)
     height = map.game_free(0).shape[0]
@@ -46,19 +48,20 @@ def pixel_to_world(
 
 
 def _free_around(free: NDArray[np.bool_], rows: NDArray[np.int64], reach: int) -> NDArray[np.bool_]:
-    """(len(rows), W): free in that row and the ``reach`` ones before and behind it."""
+    """Return a mask (len(rows), W) of cells that are free in their row and ``reach`` rows on both sides."""
     if len(rows) == 0:
         return free[:0]
     bounds = np.stack([rows - reach, rows + reach + 1], axis=1).ravel()
-    end = -1 if bounds[-1] == len(free) else None  # the last stretch ends with the rows
+    end = -1 if bounds[-1] == len(free) else None  # the last section ends with the last row
     return np.logical_and.reduceat(free, bounds[:end], axis=0)[::2]
 
 
 def generate_pellets(map: FreeSpace, config: PelletConfig) -> PelletSet:
-    """Milestone 3, Algorithm 1: a lattice from pixel (0, 0), kept where the square around a point is free.
+    """Generate pellets on a lattice from pixel (0, 0), at points with a free square around (Milestone 3, Algorithm 1).
 
-    Spacing and clearance are rounded to whole pixels. Positions are half a cell off map_server's centres.
-    ``config.reachable_only`` is left to the simulator: ids must not depend on where a robot starts.
+    Spacing and clearance are rounded to whole pixels. Positions are half a cell away from map_server's cell centres.
+    The simulator applies ``config.reachable_only``, because ids must not depend on the robot's start. Raises
+    ConfigError if the spacing is below the map's resolution.
     """
     step = round(config.spacing_m / map.resolution)
     clearance = round(config.wall_clearance_m / map.resolution)

@@ -1,4 +1,4 @@
-"""One round on a robot: Algorithm 4's record, corrected by reports of the pellets, and what the referee is to know."""
+"""Play one round on a robot: Algorithm 4's record, corrected by pellet reports, and reports to the referee."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -10,28 +10,28 @@ from ..config import Config
 from .execution import CLEARED, DEAD, RUNNING, Board, Execution, rules, transition
 from .goals import ExecutorAction, Goals, Position
 
-_GONE_S = 2.0  # a pellet that no report shows for so long has been removed by something else
-_EMPTY_S = 2.0  # a round without a pellet in reach for so long is complete
+_GONE_S = 2.0  # a pellet missing from reports for this long was removed by another node
+_EMPTY_S = 2.0  # a round without a pellet in reach for this long is complete
 
 
 class UnacknowledgedStatuses:
-    """Statuses that the referee has not acknowledged, to be reported again: it may be away for a while.
+    """Statuses that the referee has not acknowledged and that must be repeated, because it may be absent for a while.
 
-    A pellet is acknowledged by the count of pellets, an end by what the game does next. The referee ignores what it has
-    received before.
+    The game's pellet count acknowledges pellets, and its next state acknowledges an end. The referee ignores repeated
+    statuses.
     """
 
     def __init__(self) -> None:
-        self.end = ""  # what ended the task, empty once it was acknowledged
-        self.pellets: list[str] = []  # reported, not counted yet
-        self.spawned = 0  # pellets of the round by the game's count; 0 if not received
-        self._counted: int | None = None  # of them those that are collected; None if not received
-        self._expected = 0  # the count once every report was received
-        self._open_before: set[str] = set()  # at the last call of ``open``
-        self._earlier = 0  # of the pellets, those that were reported before the present event
+        self.end = ""  # unacknowledged end of the task
+        self.pellets: list[str] = []  # reported but not yet counted
+        self.spawned = 0  # the game's number of pellets of the round; 0 if not received
+        self._counted: int | None = None  # the game's number of collected pellets; None if not received
+        self._expected = 0  # count after all reports are received
+        self._open_before: set[str] = set()  # result of the last call of ``open``
+        self._earlier = 0  # number of ``pellets`` reported before the present event
 
     def begin_event(self) -> None:
-        """Pellets that are unacknowledged by now may have been lost in transit."""
+        """Start an event; pellets that are unacknowledged now may have been lost in transit."""
         self._earlier = 0 if self._counted is None else len(self.pellets)
 
     def ended(self, word: str) -> list[ExecutorAction]:
@@ -45,10 +45,9 @@ class UnacknowledgedStatuses:
         return ExecutorAction("status", self.pellets[-1])
 
     def collected_before(self, pellets: Sequence[int], gone: int) -> list[ExecutorAction]:
-        """Report pellets that an executing side before this one has collected, if fewer are counted than are ``gone``.
+        """Report pellets that a previous executing side collected, if fewer are counted than are ``gone``.
 
-        That side may have ended with a report that the referee has not received; a pellet that was counted is not
-        counted again.
+        The previous side may have ended before the referee received its report. The referee counts no pellet twice.
         """
         earlier, now = self.pellets[: self._earlier], self.pellets[self._earlier :]
         if not pellets or self._counted is None or self._counted + len(now) >= gone:
@@ -60,13 +59,13 @@ class UnacknowledgedStatuses:
         return [ExecutorAction("status", word) for word in words]
 
     def counted(self, count: int) -> None:
-        """The game's count of this round's pellets, including those of an executing side before this one."""
+        """Process the game's count of this round's pellets, including those of a previous executing side."""
         self._counted = count
         if count >= self._expected:
             self._forget()
 
     def new_state(self) -> None:
-        """What was reported in the state before is acknowledged, or too late."""
+        """Drop reports of the previous state, which are acknowledged or too late."""
         self.end = ""
         self._forget()
 
@@ -75,14 +74,14 @@ class UnacknowledgedStatuses:
         self._expected = 0
 
     def open(self) -> list[str]:
-        """What was unacknowledged at the last call already; to be called every few seconds.
+        """Return the statuses that were already unacknowledged at the last call; must be called every few seconds.
 
-        Of a game that does not count, pellets are never reported again: it would never acknowledge them.
+        Pellets are not repeated for a game that sends no counts, because it would never acknowledge them.
         """
         now = ([] if self._counted is None else self.pellets) + ([self.end] if self.end else [])
-        again = [word for word in now if word in self._open_before]
+        repeated = [word for word in now if word in self._open_before]
         self._open_before = set(now)
-        return again
+        return repeated
 
     def _forget(self) -> None:
         self.pellets.clear()
@@ -90,28 +89,32 @@ class UnacknowledgedStatuses:
 
 
 class RobotRound:
+    """One round on a robot."""
+
     def __init__(self, config: Config, goals: Goals) -> None:
         self.statuses = UnacknowledgedStatuses()
         self.goals = goals
         self.rules = SimpleNamespace(**rules(config, float), pellet_slots=goals.candidates)
-        self._left = np.zeros(len(goals.ids), dtype=np.bool_)  # by slot; without those collected since the last report
-        self._missing_s = np.full(len(goals.ids), math.inf)  # by slot, since when reports do not show a pellet left
+        self._left = np.zeros(
+            len(goals.ids), dtype=np.bool_
+        )  # by slot, without pellets collected since the last report
+        self._missing_s = np.full(len(goals.ids), math.inf)  # by slot, time since when reports do not show the pellet
         self.record = Execution(config.execution.pickup_radius_m, pellets=len(goals.ids))
         self.reset()
-        #: Pellets that were gone before this side was there, so that another may have collected them; None if unknown.
+        #: Pellets that were gone before this side started, which another side may have collected; None if unknown.
         self._before: tuple[int, ...] | None = None
-        if config.execution.on_abort == "lose_pellet":  # pellets go without being counted
+        if config.execution.on_abort == "lose_pellet":  # pellets disappear without being counted
             self._before = ()
 
     def reset(self) -> None:
-        """A new round, whose pellets the next report shows."""
+        """Start a new round; the next report gives its pellets."""
         self._before = ()
         self.statuses.new_round()
         self.record = Execution(self.record.pickup, pellets=len(self.goals.ids))
         self.waits = np.zeros(self.goals.candidates + self.goals.refuges)
         self._aborts = np.zeros(len(self.waits), dtype=np.int64)
         self._collected: set[int] = set()
-        self.empty_s: float | None = None  # since when no pellet in reach is shown
+        self.empty_s: float | None = None  # time since when no pellet in reach is shown
 
     @property
     def left(self) -> dict[int, Position]:
@@ -119,18 +122,18 @@ class RobotRound:
         return {number: self.goals.positions[number] for number in ids}
 
     def masked(self, now: float) -> set[int]:
-        """Candidates that may not be chosen now."""
+        """Return the candidates that may not be chosen now."""
         return {candidate for candidate, until in enumerate(self.waits.tolist()) if until > now}
 
     def report(self, left: Iterable[int], unknown: int, playing: bool, now: float) -> list[ExecutorAction]:
-        """Take over a report of the pellets that are ``left``, by id, and of ``unknown`` more of another map.
+        """Process a report with the ids of the pellets ``left`` and the number of ``unknown`` pellets of another map.
 
-        A round without any in reach is reported as complete. A pellet that was left and is not among them is believed
-        to be gone after 2 s. A report of unknown pellets alone is about another map and changes nothing.
+        A round without pellets in reach is reported as complete. A pellet that is missing from reports for 2 s counts
+        as gone. A report that only contains unknown pellets is about another map and changes nothing.
         """
         self.statuses.begin_event()
         left = list(left)
-        before = self._collected_before(left) if playing and not unknown else []
+        reports = self._collected_before(left) if playing and not unknown else []
         shown = np.zeros_like(self._left)
         shown[[self.goals.slot[number] for number in left if number not in self._collected]] = True
         if shown.any() or not unknown:
@@ -141,27 +144,29 @@ class RobotRound:
             record.spawned = record.collected + record.lost + int(self._left.sum())
             if shown.any() and record.end != DEAD:
                 record.end = RUNNING
-                if self.statuses.end == "game_complete":  # it was not, after all
+                if self.statuses.end == "game_complete":  # it was not complete
                     self.statuses.end = ""
         if shown[: self.goals.candidates].any() or unknown or not playing:
             self.empty_s = None
         elif self.empty_s is None:
             self.empty_s = now
-        elif now - self.empty_s >= _EMPTY_S:  # the last of a round is reported at once: this round had none in reach
+        elif (
+            now - self.empty_s >= _EMPTY_S
+        ):  # the round had no pellet in reach; the last one in reach is reported at once
             self.empty_s = math.inf
-            return [*before, *self.ended("game_complete")]
-        return before
+            return [*reports, *self.ended("game_complete")]
+        return reports
 
     def _collected_before(self, left: list[int]) -> list[ExecutorAction]:
-        """Report what another side collected and nobody counted, by a report of the pellets that are ``left``."""
+        """Report pellets that another side collected and that were not counted, given the pellets ``left``."""
         gone = set(self.goals.ids) - (set(left) - self._collected)
         spawned = self.statuses.spawned
-        if self._before is None and spawned:  # of another map otherwise
+        if self._before is None and spawned:
             self._before = tuple(sorted(gone - self._collected)) if spawned == len(self.goals.ids) else ()
         return [] if self.statuses.pellets else self.statuses.collected_before(self._before or (), len(gone))
 
     def ended(self, word: str) -> list[ExecutorAction]:
-        """Report the end of the round, after every pellet of it that may not have been counted."""
+        """Report the end of the round, after all of its pellets that may not have been counted."""
         gone = len(self.goals.ids) - int(self._left.sum())
         self.statuses.collected_before(self._before or (), gone)
         return self.statuses.ended(word)
@@ -169,13 +174,13 @@ class RobotRound:
     def step(
         self, event: int, value: int, at: Position | None, now: float, navigating: bool, ghosts: Sequence[Position] = ()
     ) -> tuple[int, list[ExecutorAction]]:
-        """Step the record by an event of :func:`transition`; what is to be done with the goal, and the reports."""
-        record, before, lost, end = self.record, self._left.copy(), self.record.lost, self.record.end
+        """Apply an event of :func:`transition`; return the action for the goal and the reports."""
+        record, remaining, lost, end = self.record, self._left.copy(), self.record.lost, self.record.end
         board = Board(self.goals.xy, np.array(ghosts, float).reshape(-1, 2), self._left, self.waits, self._aborts)
         self.statuses.begin_event()
         action = transition(record, event, value, at or (math.nan, math.nan), now, navigating, board, self.rules)
         actions = []
-        for slot in np.flatnonzero(before & ~self._left):
+        for slot in np.flatnonzero(remaining & ~self._left):
             number = self.goals.ids[slot]
             self._collected.add(number)
             if record.lost == lost:

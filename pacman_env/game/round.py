@@ -1,7 +1,7 @@
-"""Algorithm 5: the game from menu to menu.
+"""Control the game from menu to menu (Algorithm 5).
 
-A pure state machine: time is an argument, the result is a list of actions. Pick-up, death and the event
-``<ghost> killed`` are Algorithm 4's.
+This is a pure state machine: time is an argument, the result is a list of actions. Pick-up, death and the event
+``<ghost> killed`` belong to Algorithm 4.
 """
 
 import math
@@ -23,28 +23,28 @@ _AfterHome = Literal["start", "next_round", "game_over"]
 
 @dataclass(frozen=True)
 class Action:
-    """One thing to publish or to call, in order; the value of ``ignored`` is why an input had no effect."""
+    """A message to publish or service to call, in order; the value of ``ignored`` tells why an input had no effect."""
 
     #: command, event, state, result, score, round, spawned, collected, clyde_speed, remove, reset_pellets, reset_clyde
     kind: str
     value: str | int | float | None = None
 
 
-_KEPT = ("state", "score", "round", "result", "base_speed_mps", "after_home", "home_failures")  # in a snapshot as is
+_KEPT = ("state", "score", "round", "result", "base_speed_mps", "after_home", "home_failures")  # copied to snapshots
 _RESETS = (Action("reset_pellets"), Action("reset_clyde"))
 
 
 def clyde_speed_mps(base: float, step: float, round: int) -> float:
-    """In a round, the first being 1 (Milestone 3, Algorithm 5)."""
+    """Return Clyde's speed in a round, counted from 1 (Milestone 3, Algorithm 5)."""
     return base + (round - 1) * step
 
 
 _Count = Annotated[int, Meta(ge=0, lt=10**9)]
-_MISSED_S = 3.0  # reports come once a second: after a longer pause some were missed
+_MISSED_S = 3.0  # after a longer pause, reports were missed (they come once a second)
 
 
 class Snapshot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A game as it is kept; lists are ids of pellets, each once."""
+    """A saved game; lists contain ids of pellets without duplicates."""
 
     state: Literal["menu", "returning_home", "starting", "running", "dying"]
     score: _Count
@@ -62,21 +62,21 @@ class Snapshot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 @dataclass
-class _Pellets:  # ids of those of a round
+class _Pellets:  # ids of a round's pellets
     collected: set[int] = field(default_factory=set)
     shown: set[int] = field(default_factory=set)  # in any report
-    still_shown: set[int] = field(default_factory=set)  # collected, but in the latest report
-    #: In two reports in a row, or in the last before a pause: such a pellet does not go but by being collected.
+    still_shown: set[int] = field(default_factory=set)  # collected, but shown in the latest report
+    #: Shown in two successive reports, or in the last one before a pause: only collection can end such a pellet.
     lasting: set[int] = field(default_factory=set)
     left: set[int] | None = None  # in the latest report; None before the first
 
 
 @dataclass
 class RoundController:
-    """The game's state, score and round; every input returns the actions it causes.
+    """State, score and round of the game; every input returns the actions that it causes.
 
-    Score counts pellets over the whole game: a completed round keeps it and raises the round and Clyde's
-    speed, death and ``reset`` set all back. What does not fit the state changes nothing and is ``ignored``.
+    The score counts pellets over the whole game. A completed round keeps it and increases round number and Clyde's
+    speed; death and ``reset`` set all back. Inputs that do not fit the state change nothing and are ``ignored``.
     """
 
     clyde: ClydeConfig = field(default_factory=ClydeConfig)
@@ -88,8 +88,8 @@ class RoundController:
     result: str = field(default="", init=False)
     base_speed_mps: float = field(init=False)
     pellets: _Pellets = field(default_factory=_Pellets, init=False)
-    _reported_s: float = field(default=-math.inf, init=False)  # when the latest report of pellets was received
-    _deadline_s: float | None = field(default=None, init=False)  # when ``tick`` acts next
+    _reported_s: float = field(default=-math.inf, init=False)  # time of the latest pellet report
+    _deadline_s: float | None = field(default=None, init=False)  # next time at which ``tick`` acts
     after_home: _AfterHome = field(default="start", init=False)
     home_failures: int = field(default=0, init=False)
 
@@ -102,7 +102,7 @@ class RoundController:
 
     @property
     def spawned(self) -> int:
-        """Pellets of this round, collected or not, and those whose collection is not reported yet; 0 if unknown."""
+        """Number of this round's pellets, including collected ones and those that await a report; 0 if unknown."""
         pellets = self.pellets
         return 0 if pellets.left is None else len(pellets.left | pellets.collected | pellets.lasting)
 
@@ -111,12 +111,12 @@ class RoundController:
         return clyde_speed_mps(self.base_speed_mps, self.clyde.speed_step_mps, self.round)
 
     def announce(self) -> list[Action]:
-        """Everything latched, and the command that the state stands for, for a node that has just started."""
+        """Return all latched values and the command of the present state, for a node that has just started."""
         commands = {"running": "enable", "returning_home": "return_home" if self._deadline_s is None else "disable"}
         return [Action("command", commands.get(self.state, "disable")), *self._latched()]
 
     def snapshot(self, now: float) -> dict[str, Any]:
-        """All that ``restore`` needs, as plain values that JSON has; instants as the time left until then, s."""
+        """Return everything that ``restore`` needs as JSON values; times are relative to ``now``, s."""
         return {
             **{name: getattr(self, name) for name in _KEPT},
             **{name: None if ids is None else sorted(ids) for name, ids in vars(self.pellets).items()},
@@ -124,20 +124,20 @@ class RoundController:
         }
 
     def restore(self, values: Mapping[str, Any], now: float) -> list[Action]:
-        """Resume from a snapshot, else ValueError; a round that has not begun is reset, maybe again."""
-        kept: Snapshot = convert(values, Snapshot, "snapshot")
+        """Resume from a snapshot; a round that has not begun is reset. Raises ValueError for an invalid snapshot."""
+        saved: Snapshot = convert(values, Snapshot, "snapshot")
         pellets: dict[str, Any] = {}
         for name in vars(_Pellets()):
-            ids = getattr(kept, name)
+            ids = getattr(saved, name)
             pellets[name] = None if ids is None else set(ids)
             require(len(pellets[name] or ()) == len(ids or ()), f"snapshot.{name}", ids, "must have each pellet once")
-        state, due_s = kept.state, kept.due_in_s
+        state, due_s = saved.state, saved.due_in_s
         timed = state == "returning_home" or (due_s is not None) == (state in ("starting", "dying"))
         require(timed, "snapshot.due_in_s", due_s, f"does not fit state {state!r}")
         for name in _KEPT:
-            setattr(self, name, getattr(kept, name))
+            setattr(self, name, getattr(saved, name))
         self.pellets = _Pellets(**pellets)
-        self._reported_s = -math.inf  # reports were missed since
+        self._reported_s = -math.inf  # reports were missed
         self._deadline_s = None if due_s is None else now + due_s
         before_round = state == "starting" or (state == "returning_home" and self.after_home == "start")
         return [*self.announce(), *(_RESETS if before_round else ())]
@@ -149,40 +149,40 @@ class RoundController:
         return [*self._reset_round(), *self._go_home("start")]
 
     def reset(self, now: float) -> list[Action]:
-        """Break off whatever is going on: back to the menu, score 0, round 1."""
+        """Abort the game: back to the menu with score 0 and round 1."""
         self.result = ""
         return self._game_over()
 
     def pellets_left(self, ids: Iterable[int], now: float) -> list[Action]:
-        """The ids that the latest pellet report still shows.
+        """Process the ids in the latest pellet report.
 
-        A pellet of one report alone, be it stale, early or of another map, is forgotten with the next. One that lasts
-        is of this round, and has to be collected: which of status and report of one pellet comes first does not
-        matter, nor that a report shows nothing. A pellet that two reports show after it was collected is to be removed
-        again: the node that shows it has forgotten it.
+        A pellet that only one report shows, which may be stale, early or of another map, is forgotten with the next
+        report. A lasting pellet belongs to this round and must be collected, whatever the order of its status and
+        report, and even if a report is empty. A pellet that two reports show after its collection must be removed
+        again, because the node that shows it has forgotten the removal.
         """
-        before, pellets = self.spawned, self.pellets
+        spawned_before, pellets = self.spawned, self.pellets
         left, missed = set(ids), now - self._reported_s > _MISSED_S
         if pellets.left is not None:
             pellets.lasting |= pellets.left if missed else pellets.left & left
         pellets.left, self._reported_s = left, now
         pellets.shown |= left
         still = left & pellets.collected
-        again, pellets.still_shown = still & pellets.still_shown, still
-        return self._spawned_since(before) + [Action("remove", pellet) for pellet in sorted(again)]
+        repeated, pellets.still_shown = still & pellets.still_shown, still
+        return self._spawned_since(spawned_before) + [Action("remove", pellet) for pellet in sorted(repeated)]
 
     def _spawned_since(self, before: int) -> list[Action]:
         return [Action("spawned", self.spawned)] if self.spawned != before else []
 
     def base_clyde_speed(self, speed_mps: float) -> list[Action]:
-        """Set Clyde's speed of round 1; announced at once in the menu, else with the next round."""
+        """Set Clyde's speed of round 1; it is announced at once in the menu, otherwise with the next round."""
         if not (math.isfinite(speed_mps) and speed_mps > 0):
             return [Action("ignored", f"base Clyde speed {speed_mps!r}: must be a finite number above 0")]
         self.base_speed_mps = float(speed_mps)
         return [Action("clyde_speed", self.clyde_speed)] if self.state == "menu" else []
 
     def status(self, word: str, now: float) -> list[Action]:
-        """A report of the executing side: one of ``statuses``, and of a pellet ``pellet_collected:<id>``."""
+        """Process a report of the executing side: one of ``statuses``; for a pellet, ``pellet_collected:<id>``."""
         name, _, argument = word.strip().lower().partition(":")
         statuses: dict[str, tuple[State, Callable[[], list[Action]]]] = {
             "pellet_collected": ("running", lambda: self._pellet(argument)),
@@ -199,7 +199,7 @@ class RoundController:
         return act()
 
     def tick(self, now: float) -> list[Action]:
-        """What is due: the end of the start show or of the death show, another try to get home."""
+        """Do what is due: end the start or death show, or try again to get home."""
         if self._deadline_s is None or now < self._deadline_s or awaits_pellets(self, now):
             return []
         self._deadline_s = None
@@ -262,12 +262,12 @@ class RoundController:
             return [Action("ignored", f"pellet {pellet} was counted before")]
         if self.pellets.left is not None and pellet not in self.pellets.shown:
             return [Action("ignored", f"pellet {pellet} is not in this round")]
-        before = self.spawned
+        spawned_before = self.spawned
         self.pellets.collected.add(pellet)
         self.score += 1
         counts = [Action("collected", self.collected), Action("score", self.score), Action("event", "pellet")]
         end = self._complete() if round_complete(self.collected, self.spawned) else []
-        return [*self._spawned_since(before), *counts, *end]
+        return [*self._spawned_since(spawned_before), *counts, *end]
 
     def _complete(self) -> list[Action]:
         self.result = f"Complete - Score: {self.score}"
@@ -282,6 +282,6 @@ class RoundController:
 
 
 def awaits_pellets(game: RoundController, now: float) -> bool:
-    """Whether the start show is over, and the round does not begin because there is no pellet in it."""
+    """Return True if the start show is over but the round cannot begin, because it has no pellets yet."""
     due_s = game._deadline_s
     return game.state == "starting" and due_s is not None and now >= due_s and game.spawned == 0

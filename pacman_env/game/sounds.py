@@ -1,19 +1,21 @@
-"""Algorithm 8: what a sound is, and which of them is played when several are requested."""
+"""Sounds as melodies, and the choice between several requested sounds (Algorithm 8)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 Melody = tuple[tuple[int, float], ...]  # MIDI note and seconds
 
-PATIENCE_S = 2.0  # a melody whose end is not reported is over so long after its time
-_DEBOUNCE_S = 0.1  # the same word again within this time counts once
+PATIENCE_S = 2.0  # a melody without a reported end is over this long after its duration
+_DEBOUNCE_S = 0.1  # repeated words within this time count once
 
 
 @dataclass(frozen=True)
 class Sound:
+    """A sound word and its melody."""
+
     word: str
     melody: Melody
-    importance: int  # 0: it never waits for another sound to end
+    importance: int  # 0: never waits for another sound to end
 
     @property
     def duration_s(self) -> float:
@@ -25,15 +27,15 @@ def even(notes: tuple[int, ...], note_s: float, last_s: float) -> Melody:
 
 
 def frequency_hz(midi_note: int) -> int:
-    """440 * 2 ** ((m - 69) / 12), in whole Hz (Milestone 3, Algorithm 8)."""
+    """Return 440 * 2 ** ((m - 69) / 12), rounded to Hz (Milestone 3, Algorithm 8)."""
     return round(440.0 * 2.0 ** ((midi_note - 69) / 12.0))
 
 
 class SoundQueue:
-    """One melody sounds, at most one waits; each method returns the word to play now, or None.
+    """Queue with one playing and at most one waiting melody; each method returns the word to play now, or None.
 
-    While one sounds, the same word again and one without importance are left out; of the others the more important one
-    waits, the newer of equals.
+    While a melody plays, repetitions of its word and words without importance are ignored. Of other words the most
+    important one waits, and the newest one if they are equally important.
     """
 
     def __init__(self, sounds: Mapping[str, Sound]) -> None:
@@ -41,11 +43,11 @@ class SoundQueue:
         self._playing: str | None = None
         self._waiting: str | None = None
         self._deadline_s = 0.0
-        self._last: str | None = None  # the last word begun
-        self._begun_s = 0.0  # and when
+        self._last: str | None = None  # the last played word
+        self._begun_s = 0.0  # its start time
 
     def request(self, word: str, now: float) -> str | None:
-        """Raises ValueError unless the word is one of the sounds."""
+        """Request a sound; raises ValueError if there is no such word."""
         if word not in self._sounds:
             raise ValueError(f"sound {word!r}: not one of {', '.join(sorted(self._sounds))}")
         if self._playing is None:
@@ -58,13 +60,13 @@ class SoundQueue:
         return None
 
     def ended(self, now: float) -> str | None:
-        """The melody is over, or could not be played."""
+        """End the playing melody, which is over or could not be played."""
         self._playing = None
         word, self._waiting = self._waiting, None
         return None if word is None else self._begin(word, now)
 
     def overdue(self, now: float) -> bool:
-        """Whether the end of the melody should have been reported, or the clock was set back."""
+        """Return True if the end of the melody should have been reported, or if the clock was set back."""
         return self._playing is not None and not self._begun_s <= now < self._deadline_s
 
     def _begin(self, word: str, now: float) -> str:

@@ -98,7 +98,7 @@ class DriveGrid:
     def pellet_cells(
         self, places: NDArray[np.float64], nav2: Nav2Config, execution: ExecutionConfig
     ) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-        """Return the cell (P,) where the robot collects the pellet at each place (P, 2), m, and a mask of reachable ones.
+        """Return the cell (P,) where the robot collects the pellet at each place (P, 2), m, and whether it can do so.
 
         The cell is the drivable one nearest to the place, or -1 if none is within the planner's tolerance. A pellet is
         reachable if the cell's centre is within the pick-up radius.
