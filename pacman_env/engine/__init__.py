@@ -1,1 +1,1 @@
-"""What compiles kernels, calls them and shares them between threads and processes."""
+"""Compile numeric kernels, call them, and share them between threads and processes."""

@@ -1,4 +1,4 @@
-"""Arrays that kernels find by one address, declared by named tuples: tables of arrays, and blocks of memory."""
+"""Pass many arrays to kernels by one address: tables of arrays and memory blocks, declared by named tuples."""
 
 import functools
 import itertools
@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 
 from .native import WORD, operation
 
-LENGTHS = "N", "C", "G"  # that a block is made for: games, candidates, ghosts
+LENGTHS = "N", "C", "G"  # axes of a block: games, candidates, ghosts
 _ALIGNMENT = 8
 
 
 class Array(NamedTuple):
-    """One array, as the default of a field of a named tuple: C-contiguous. The field may be such a tuple itself."""
+    """Declaration of a C-contiguous array, as default of a named tuple's field; a field may also be such a tuple."""
 
     dtype: Any
-    shape: str  # its axes: a number; N: a length that is the same within the table; k: any length
+    shape: str  # axes: a number; an upper-case name: equal length within the table; a lower-case name: any length
 
 
 class Declared(NamedTuple):
@@ -31,19 +31,19 @@ class Declared(NamedTuple):
 
 @functools.cache
 def declared(kind: type[tuple[Any, ...]]) -> dict[str, Declared]:
-    """The arrays of a named tuple, and of those within it as ``tuple.array``. Raises TypeError for other fields."""
-    found: dict[str, Declared] = {}
+    """Return the arrays of a named tuple, nested ones as ``tuple.array``. Raises TypeError for other fields."""
+    arrays: dict[str, Declared] = {}
     defaults = kind._field_defaults  # type: ignore[attr-defined]
     for name in kind._fields:  # type: ignore[attr-defined]
         value = defaults.get(name)
         if isinstance(value, Array):
             axes = tuple(int(axis) if axis.isdigit() else axis for axis in value.shape.split())
-            found[name] = Declared(np.dtype(value.dtype), axes)
+            arrays[name] = Declared(np.dtype(value.dtype), axes)
         elif isinstance(value, type) and issubclass(value, tuple):
-            found |= {f"{name}.{inner}": array for inner, array in declared(value).items()}
+            arrays |= {f"{name}.{inner}": array for inner, array in declared(value).items()}
         else:
             raise TypeError(f"{kind.__name__}.{name}: must be declared as an Array")
-    return found
+    return arrays
 
 
 def _numba_type(kind: type[tuple[Any, ...]]) -> Any:
@@ -58,19 +58,19 @@ def _numba_type(kind: type[tuple[Any, ...]]) -> Any:
 
 
 def address(array: NDArray[Any]) -> int:
-    return array.ctypes.data  # of records, too, a fifth of what __array_interface__ takes
+    return array.ctypes.data  # also for records, 5 times as fast as __array_interface__
 
 
 def _flat(arrays: Iterable[Any]) -> list[NDArray[Any]]:
-    found: list[NDArray[Any]] = []
+    flat: list[NDArray[Any]] = []
     for one in arrays:
-        found += _flat(one) if isinstance(one, tuple) else [one]
-    return found
+        flat += _flat(one) if isinstance(one, tuple) else [one]
+    return flat
 
 
 @functools.cache
 def _checks(kind: type[tuple[Any, ...]]) -> tuple[list[Any], dict[Any, int]]:
-    """Name, dtype, axes of each array, where an axis of any length has a name of its own; the axes that are numbers."""
+    """Return name, dtype and axes of each array, with unique names for axes of any length, and the numeric axes."""
     checks = [
         (name, dtype, tuple((name, k) if str(axis).islower() else axis for k, axis in enumerate(axes)))
         for name, (dtype, axes) in declared(kind).items()
@@ -79,12 +79,12 @@ def _checks(kind: type[tuple[Any, ...]]) -> tuple[list[Any], dict[Any, int]]:
 
 
 class Table:
-    """Addresses and shapes of ``arrays``, one after the other, at an ``address``, for :func:`arrays_by_address`."""
+    """Addresses and shapes of ``arrays``, stored in sequence at an ``address``, for :func:`arrays_by_address`."""
 
-    _memory: tuple[type[tuple[Any, ...]], NDArray[np.int64], NDArray[np.uint8]]  # of a table that was made of it
+    _memory: tuple[type[tuple[Any, ...]], NDArray[np.int64], NDArray[np.uint8]]  # arguments of ``of_memory``
 
     def __init__(self, kind: type[tuple[Any, ...]], /, **arrays: Any) -> None:
-        """Raises TypeError for names or arrays that the named tuple ``kind`` does not declare."""
+        """Check the arrays and store their addresses. Raises TypeError if they differ from the declaration ``kind``."""
         fields = kind._fields  # type: ignore[attr-defined]
         if set(fields) != arrays.keys():
             missing, unknown = sorted(set(fields) - arrays.keys()), sorted(arrays.keys() - set(fields))
@@ -97,15 +97,15 @@ class Table:
             shape = array.shape
             fits = len(shape) == len(axes) and tuple(map(lengths.setdefault, axes, shape)) == shape
             if not fits or array.dtype != dtype or not array.flags.c_contiguous:
-                wanted = f"{dtype} of shape ({', '.join(map(str, declared(kind)[name].axes))}), C-contiguous"
-                raise TypeError(f"{kind.__name__}.{name}: must be {wanted}, not {array.dtype} of shape {shape}")
+                expected = f"{dtype} of shape ({', '.join(map(str, declared(kind)[name].axes))}), C-contiguous"
+                raise TypeError(f"{kind.__name__}.{name}: must be {expected}, not {array.dtype} of shape {shape}")
             numbers += [address(array), *shape]
         self.numbers = np.array(numbers, dtype=np.int64)
         self.address = address(self.numbers)
 
     @classmethod
     def of_memory(cls, kind: type[tuple[Any, ...]], numbers: NDArray[np.int64], memory: NDArray[np.uint8]) -> "Table":
-        """Make the table whose ``numbers`` are offsets in ``memory`` in place of addresses."""
+        """Create a table from ``numbers`` that contain offsets in ``memory`` instead of addresses."""
         table = cls.__new__(cls)
         table._memory = kind, numbers, memory
         table.numbers = numbers.copy()
@@ -115,7 +115,7 @@ class Table:
 
     @functools.cached_property
     def arrays(self) -> dict[str, Any]:
-        """The arrays by name."""
+        """Arrays by name."""
         return {name: self.array(name) for name in declared(self._memory[0])}
 
     def array(self, name: str) -> NDArray[Any]:
@@ -129,7 +129,7 @@ class Table:
 
 @functools.cache
 def _places(kind: type[tuple[Any, ...]]) -> dict[str, int]:
-    """Return where the address of each array is among the numbers of a table."""
+    """Return the index of each array's address among the numbers of a table."""
     sizes = [1 + len(axes) for _, axes in declared(kind).values()]
     return dict(zip(declared(kind), np.cumsum([0, *sizes[:-1]]).tolist(), strict=True))
 
@@ -155,10 +155,10 @@ def _array_at(context, builder, kind, at, shape):  # type: ignore[no-untyped-def
 
 
 def arrays_by_address(kind: type[tuple[Any, ...]]) -> Callable[[int], Any]:
-    """A function for kernels: from a :class:`Table`'s address to a tuple of its arrays (from Python, 16 us a tuple)."""
-    made = _numba_type(kind)
+    """Return a function for kernels from a :class:`Table`'s address to the tuple of its arrays (16 us from Python)."""
+    tuple_type = _numba_type(kind)
 
-    @operation(made, types.int64)
+    @operation(tuple_type, types.int64)
     def arrays(context, builder, signature, address):  # type: ignore[no-untyped-def]
         at, places = builder.inttoptr(address, WORD.as_pointer()), itertools.count()
 
@@ -170,19 +170,19 @@ def arrays_by_address(kind: type[tuple[Any, ...]]) -> Callable[[int], Any]:
                 return context.make_tuple(builder, kind, [generated(inner) for inner in kind])
             return _array_at(context, builder, kind, number(), [number() for _ in range(kind.ndim)])
 
-        return generated(made)
+        return generated(tuple_type)
 
     return arrays
 
 
 def _vector_at(scalar: Any) -> Callable[[int, int], Any]:
-    """A function for kernels: from an address and a length to an array of ``scalar``."""
-    made = types.Array(scalar, 1, "C")
+    """Return a function for kernels from an address and a length to an array of ``scalar``."""
+    array_type = types.Array(scalar, 1, "C")
 
-    @operation(made, types.int64, None)
+    @operation(array_type, types.int64, None)
     def vector_at(context, builder, signature, address, length):  # type: ignore[no-untyped-def]
         count = context.cast(builder, length, signature.args[1], types.int64)
-        return _array_at(context, builder, made, address, [count])
+        return _array_at(context, builder, array_type, address, [count])
 
     return vector_at
 
@@ -191,42 +191,42 @@ reals_at, floats_at, bytes_at = (_vector_at(scalar) for scalar in (types.float64
 
 
 class Layout:
-    """A block: the arrays that a named tuple declares, one behind the other in memory made for the ``LENGTHS``.
+    """Layout of the arrays of a named tuple in one memory block, which depends on the ``LENGTHS``.
 
-    ``arrays`` is for kernels: from a block's address and the lengths to the named tuple.
+    ``arrays`` is a function for kernels from a block's address and the lengths to the named tuple.
     """
 
     def __init__(self, kind: type[tuple[Any, ...]]) -> None:
         self.fields = declared(kind)
         self.places = functools.lru_cache(maxsize=64)(self._places)
-        made, declarations = _numba_type(kind), tuple(self.fields.values())
+        tuple_type, declarations = _numba_type(kind), tuple(self.fields.values())
 
-        @operation(made, *[types.int64] * 4)
+        @operation(tuple_type, *[types.int64] * 4)
         def arrays(context, builder, signature, block, n, candidates, ghosts):  # type: ignore[no-untyped-def]
-            known = dict(zip(LENGTHS, (n, candidates, ghosts), strict=True))
-            found, at = [], block
-            for one, (dtype, axes) in zip(made.types, declarations, strict=True):
-                shape = [WORD(axis) if isinstance(axis, int) else known[axis] for axis in axes]
-                found.append(_array_at(context, builder, one, at, shape))
+            length_of = dict(zip(LENGTHS, (n, candidates, ghosts), strict=True))
+            members, at = [], block
+            for one, (dtype, axes) in zip(tuple_type.types, declarations, strict=True):
+                shape = [WORD(axis) if isinstance(axis, int) else length_of[axis] for axis in axes]
+                members.append(_array_at(context, builder, one, at, shape))
                 size = functools.reduce(builder.mul, shape, WORD(dtype.itemsize))
                 up = builder.add(size, WORD(_ALIGNMENT - 1))
                 at = builder.add(at, builder.and_(up, WORD(-_ALIGNMENT)))
-            return context.make_tuple(builder, made, found)
+            return context.make_tuple(builder, tuple_type, members)
 
         self.arrays = arrays
 
     def _places(self, *lengths: int) -> tuple[dict[str, tuple[np.dtype[Any], tuple[int, ...], int]], int]:
-        """dtype, shape and offset of each array, and the bytes of all."""
-        known = dict(zip(LENGTHS, lengths, strict=True))
+        """Return dtype, shape and offset of each array, and the size of the block in bytes."""
+        length_of = dict(zip(LENGTHS, lengths, strict=True))
         places, at = {}, 0
         for name, (dtype, axes) in self.fields.items():
-            shape = tuple(axis if isinstance(axis, int) else known[axis] for axis in axes)
+            shape = tuple(axis if isinstance(axis, int) else length_of[axis] for axis in axes)
             places[name] = dtype, shape, at
             at += -(-int(np.prod(shape)) * dtype.itemsize // _ALIGNMENT) * _ALIGNMENT
         return places, at
 
     def new(self, *lengths: int) -> NDArray[np.uint8]:
-        """A block with whatever was in the memory before."""
+        """Return an uninitialized block."""
         return np.empty(max(self.places(*lengths)[1], 1), dtype=np.uint8)
 
     def view(self, block: NDArray[np.uint8], name: str, *lengths: int) -> NDArray[Any]:

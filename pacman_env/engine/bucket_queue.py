@@ -1,6 +1,6 @@
-"""A priority queue for searches on grids: integer keys in buckets, push and pop in constant time.
+"""Priority queue for searches on grids: integer keys in buckets, push and pop in constant time.
 
-Among equal keys the newest entry comes first, which lets A* dash towards its goal.
+Among equal keys the newest entry comes first, which leads A* quickly to its goal.
 """
 
 from typing import Any, NamedTuple
@@ -12,14 +12,18 @@ from .jit import kernel
 
 
 class Queue(NamedTuple):
+    """Arrays of a queue."""
+
     heads: Any = Array(np.int32, "b")  # newest entry of each bucket
-    stamps: Any = Array(np.int32, "b")  # the clearing that wrote it
+    stamps: Any = Array(np.int32, "b")  # number of the clearing that wrote the head
     following: Any = Array(np.int32, "e")  # next entry of the same bucket
     items: Any = Array(np.int32, "e")
     state: Any = Array(np.int64, "4")
 
 
 class SearchArrays(NamedTuple):
+    """Node table and queue of a search."""
+
     nodes: Any = Array(np.int32, "k 4")
     queue: Any = Queue
 
@@ -29,14 +33,14 @@ _LAST_STAMP = 2**31 - 1
 
 
 def new_queue(keys: int, entries: int) -> Queue:
-    """A queue for keys in [0, keys) and at most ``entries`` pushes between two clearings."""
+    """Return a queue for keys in [0, keys) and at most ``entries`` pushes between two clearings."""
     buckets, pushes = np.zeros((2, keys), np.int32), np.zeros((2, entries), np.int32)
     return Queue(buckets[0], buckets[1], pushes[0], pushes[1], np.zeros(4, np.int64))
 
 
 @kernel
 def clear(queue):  # type: ignore[no-untyped-def]
-    """Empty the queue; returns a number from 1 that grows with each clearing, after 2^31 - 1 (hours) 1 again."""
+    """Empty the queue and return the number of this clearing, from 1; after 2^31 - 1 (hours) it is 1 again."""
     state = queue.state
     if state[_STAMP] == _LAST_STAMP:
         queue.stamps[:] = 0
@@ -50,7 +54,7 @@ def clear(queue):  # type: ignore[no-untyped-def]
 
 @kernel
 def push(queue, key, item):  # type: ignore[no-untyped-def]
-    """Add an item; keys at or above the queue's range and entries beyond its room are dropped (False)."""
+    """Add an item and return True; keys beyond the range and entries beyond the capacity are dropped (False)."""
     head, stamp, following, items, state = queue
     entry = state[_USED]
     if key >= len(head) or entry >= len(items):
@@ -67,7 +71,7 @@ def push(queue, key, item):  # type: ignore[no-untyped-def]
 
 @kernel
 def pop(queue):  # type: ignore[no-untyped-def]
-    """Remove and return an item of the lowest key; -1 if the queue is empty."""
+    """Remove and return an item with the lowest key, or return -1 if the queue is empty."""
     head, stamp, following, items, state = queue
     if state[_WAITING] == 0:
         return -1

@@ -1,4 +1,4 @@
-"""The folder of what can be computed again, and of compiled code in it; imports no compiler."""
+"""Folders of the cache, for compiled code and prepared maps; imports no compiler."""
 
 import contextlib
 import functools
@@ -11,27 +11,27 @@ from pathlib import Path
 from ..files import user_folder
 
 _PACKAGE = Path(__file__).resolve().parents[1]
-_KERNEL_ROOMS = ("config", "engine", "game", "world", "sim", "heuristics")  # beside the modules of the package itself
+_KERNEL_ROOMS = ("config", "engine", "game", "world", "sim", "heuristics")  # in addition to the package's top modules
 
 
 def cache_dir() -> Path:
-    """Return the folder for everything that can be computed again: $PACMAN_ENV_CACHE or the user's cache folder.
+    """Return the cache folder: $PACMAN_ENV_CACHE, or the user's cache folder.
 
-    Raises OSError if the user has none.
+    Raises OSError if the user has no such folder.
     """
-    named = os.environ.get("PACMAN_ENV_CACHE")
-    return Path(named) if named else user_folder("cache")
+    variable = os.environ.get("PACMAN_ENV_CACHE")
+    return Path(variable) if variable else user_folder("cache")
 
 
-unkept: list[OSError] = []  # the first error of this process, if it could not write to the cache
+unkept: list[OSError] = []  # first error of this process when writing to the cache
 
 
 def warn_unkept(error: OSError) -> None:
-    """Warn, once in a process, that something could not be written to the cache."""
+    """Warn, once per process, that something could not be written to the cache."""
     if not unkept:
         unkept.append(error)
         cause = error.strerror or str(error)
-        with contextlib.suppress(OSError):  # no folder at all, which the error says
+        with contextlib.suppress(OSError):  # no cache folder, which the error tells
             cause = f"{cache_dir()}: {cause}"
         text = f"new compiled code and prepared maps are not kept: {cause}"
         warnings.warn(f"{text}; set PACMAN_ENV_CACHE to a folder that can be written", RuntimeWarning, stacklevel=2)
@@ -45,14 +45,14 @@ def check_kept() -> None:
 
 @functools.cache
 def source_hash() -> str:
-    """Hash of the sources that prepare maps, 12 hexadecimal digits; compiled code has keys of its own."""
+    """Return a hash of the sources that prepare maps, 12 hexadecimal digits; compiled code has its own keys."""
     rooms = (path for room in _KERNEL_ROOMS for path in (_PACKAGE / room).rglob("*.py"))
     return _hash_of([*_PACKAGE.glob("*.py"), *rooms])
 
 
 @functools.cache
 def package_hash() -> str:
-    """Hash of all sources of the package, 12 hexadecimal digits."""
+    """Return a hash of all sources of the package, 12 hexadecimal digits."""
     return _hash_of(_PACKAGE.rglob("*.py"))
 
 
@@ -66,7 +66,7 @@ def _hash_of(paths: Iterable[Path]) -> str:
 
 @functools.cache
 def kernel_folder() -> Path | None:
-    """Return the folder of compiled code, which may be read-only; None, with a warning, if there can be none."""
+    """Return the folder of compiled code, which may be read-only; warn and return None if it cannot be created."""
     try:
         folder = cache_dir() / "kernels"
         folder.mkdir(parents=True, exist_ok=True)
@@ -77,7 +77,7 @@ def kernel_folder() -> Path | None:
 
 
 def mark(name: str) -> Path | None:
-    """Return the file that marks something as compiled from these sources; None if it is not and cannot be kept."""
+    """Return the file that marks something as compiled from these sources, or None if it can never exist."""
     folder = kernel_folder()
     if folder is None:
         return None

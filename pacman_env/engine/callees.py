@@ -1,7 +1,7 @@
-"""Kernels that other kernels call: typed and lowered once in a process, optimized and compiled only with their callers.
+"""Compile kernels that other kernels call: type and lower them once per process, but optimize only their callers.
 
-All kernels are inlined. Machine code of a callee, its wrapper for Python and its file in the cache would be made for
-nothing; a first start takes 0.7 of its processor time without them.
+All kernels are inlined, so machine code of callees, Python wrappers and cache files would be useless. Without them, a
+first start takes 0.7 of the processor time.
 """
 
 import contextlib
@@ -18,7 +18,7 @@ from numba.core.typing import make_concrete_template
 
 
 class _Library(JITCodeLibrary):
-    """The simplified functions of a callee and of those that it calls, for the libraries of its callers."""
+    """Library with a callee's functions and those that they call, for linking into callers' libraries."""
 
     def finalize(self) -> None:
         self._raise_if_finalized()
@@ -33,13 +33,13 @@ class _CalleeCompiler(Compiler):
         return super().compile_extra(func)
 
     def define_pipelines(self) -> Any:
-        # Not earlier: NumPy's functions are compiled again for a caller whose flags differ.
+        # Set late, because NumPy's functions are compiled again for callers with other flags.
         self.state.flags.no_compile = self.state.flags.no_cpython_wrapper = True
         return super().define_pipelines()
 
 
 class Callee:
-    """A kernel as Numba sees it in its callers."""
+    """A kernel as called from other kernels; replaces Numba's dispatcher methods."""
 
     def __init__(self, kernel: Any) -> None:
         self._name, self._context = kernel.py_func.__name__, kernel.targetctx
@@ -51,33 +51,33 @@ class Callee:
     def get_call_template(self, given: Any, named: Any) -> Any:
         parameters, kinds = self._compiler.fold_argument_types(given, named)
         if (key := self.get_overload(kinds)) not in self._signatures:
-            made = self._compiler.compile(tuple(kinds), None)
-            self._context.insert_user_function(key, made.fndesc, [made.library])
-            self._signatures[key] = made.signature
+            compiled = self._compiler.compile(tuple(kinds), None)
+            self._context.insert_user_function(key, compiled.fndesc, [compiled.library])
+            self._signatures[key] = compiled.signature
         template = make_concrete_template(self._name, key=self._name, signatures=[*self._signatures.values()])
         return template, parameters, kinds, {}
 
     def get_overload(self, kinds: Any) -> Any:
-        """Return the key of the machine code in the target context, for the caller that is being compiled."""
+        """Return the key of the function in the target context, for the caller that is being compiled."""
         return self, tuple(kinds), ConfigStack().top().nrt
 
 
 @contextlib.contextmanager
 def calls_remembered(context: Any) -> Iterator[None]:
-    """Type each call of a built-in function with the same types of arguments once: a sixth of the compiler's time."""
+    """Cache the types of calls of built-in functions with equal argument types, which saves a sixth of compile time."""
     resolve = context.resolve_function_type
-    if "resolve_function_type" in vars(context):  # by the kernel that this one is compiled for
+    if "resolve_function_type" in vars(context):  # an outer kernel is being compiled
         yield
         return
-    known: dict[Any, Any] = {}  # for this kernel alone: what Numba knows of a call is of the last one that it has typed
+    results: dict[Any, Any] = {}  # for this kernel only, because Numba keeps state of the last typed call
 
     def remembered(function: Any, given: Any, named: Any) -> Any:
         if named or not isinstance(function, types.Function | BuiltinFunctionType):
             return resolve(function, given, named)
         call = function, tuple(given)
-        if call not in known:
-            known[call] = resolve(function, given, named)
-        return known[call]
+        if call not in results:
+            results[call] = resolve(function, given, named)
+        return results[call]
 
     context.resolve_function_type = remembered
     try:

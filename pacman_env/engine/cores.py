@@ -1,4 +1,4 @@
-"""How many cores this process may use; imports no compiler."""
+"""Count the cores that this process may use; imports no compiler."""
 
 import contextlib
 import math
@@ -7,9 +7,9 @@ from pathlib import Path
 
 
 def cores(system: Path = Path("/")) -> int:
-    """Return the cores of this process's affinity, at most the CPU quota of its control groups, rounded up.
+    """Return the number of cores in this process's affinity, limited by the CPU quotas of its control groups.
 
-    ``system`` contains ``proc`` and ``sys``.
+    ``system`` is the folder that contains ``proc`` and ``sys``.
     """
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return max(1, math.ceil(min([count, *_quotas(system)])))
@@ -18,7 +18,7 @@ def cores(system: Path = Path("/")) -> int:
 def _quotas(system: Path) -> list[float]:
     """Return the limits of all control groups around this process, in cores.
 
-    Version 1 has a hierarchy for each controller, version 2 one for all; a machine may mount both.
+    Version 1 has one hierarchy per controller, version 2 one for all; a machine may mount both.
     """
     limits = []
     with contextlib.suppress(OSError, ValueError):  # another system, or undocumented files
@@ -31,7 +31,7 @@ def _quotas(system: Path) -> list[float]:
             name = {"cgroup": "cpu", "cgroup2": ""}.get(version)
             if name not in groups or (name and name not in options.split(",")):
                 continue
-            # A container may see its own group as the root of the hierarchy, although its path is the host's.
+            # A container may see its group as the root of the hierarchy, although its path is the one of the host.
             group = Path(groups[name])
             below = group.relative_to(root) if group.is_relative_to(root) else Path()
             top = system / mounted.lstrip("/")

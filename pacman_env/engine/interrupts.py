@@ -1,6 +1,6 @@
-"""Ctrl-C and SIGTERM wait while something is done that they must not break off half-way.
+"""Delay Ctrl-C and SIGTERM during code that must not be interrupted.
 
-Imports of modules with C parts, and LLVM, which calls back into Python and drops what is raised there."""
+Examples are imports of modules with C parts, and LLVM, which calls Python and drops exceptions raised there."""
 
 import contextlib
 import signal
@@ -8,14 +8,14 @@ import threading
 from collections.abc import Iterator
 from typing import Any
 
-_originals: dict[int, Any] = {}  # handlers of the signals that wait now
-_waiting: list[int] = []  # signals that came meanwhile
+_originals: dict[int, Any] = {}  # handlers of the delayed signals
+_waiting: list[int] = []  # signals received meanwhile
 
 
 @contextlib.contextmanager
 def uninterrupted() -> Iterator[None]:
-    """A signal that Python handles is handled at the end of the block, be it within another such block."""
-    if threading.current_thread() is not threading.main_thread():  # signals concern the main thread alone
+    """Delay signals with Python handlers to the end of the block, even inside another such block."""
+    if threading.current_thread() is not threading.main_thread():  # only the main thread gets signals
         yield
         return
     outermost = not _originals
@@ -32,7 +32,7 @@ def uninterrupted() -> Iterator[None]:
 
 @contextlib.contextmanager
 def interruptible() -> Iterator[None]:
-    """Within :func:`uninterrupted`: signals are handled at once again."""
+    """Handle signals at once again, inside of :func:`uninterrupted`."""
     if not _originals or threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -46,7 +46,7 @@ def interruptible() -> Iterator[None]:
 
 def _wait_for(handlers: dict[int, Any]) -> None:
     for number, handler in handlers.items():
-        if callable(handler):  # else the system's: the process ends, or nothing happens
+        if callable(handler):  # otherwise the system's default, or ignored
             _originals[number] = handler
             signal.signal(number, lambda number, frame: _waiting.append(number))
 

@@ -1,4 +1,4 @@
-"""The one decorator that compiles numeric kernels, kept by what they reach (``kernel_key.py``, ``kernel_cache.py``)."""
+"""Decorator that compiles numeric kernels, with a cache on disk (``kernel_key.py``, ``kernel_cache.py``)."""
 
 import functools
 import types
@@ -25,10 +25,10 @@ _RULES = ("pacman_env.game.", "pacman_env.rng")
 
 @functools.cache
 def kernel(function: F, cached: bool = True, allocates: bool = True) -> F:
-    """Compile ``function`` with Numba in nopython mode, IEEE arithmetic (no fastmath), with the rules that it calls.
+    """Compile ``function`` and the rules that it calls with Numba: nopython mode, IEEE arithmetic (no fastmath).
 
-    ``cached=False`` is for functions from outside the package: two of one name may be in a process, and machine code on
-    disk has its names from the process that compiled it. ``allocates=False`` is for :func:`table_kernel`.
+    ``cached=False`` is for functions from outside the package: two functions of a process may have the same name, but
+    symbols in cached machine code must be unique. ``allocates=False`` is for :func:`table_kernel`.
     """
     options = {} if allocates else {"_nrt": False}
     compiled: F = numba.njit(error_model="numpy", forceinline=True, nogil=True, no_cfunc_wrapper=True, **options)(
@@ -45,12 +45,12 @@ def kernel(function: F, cached: bool = True, allocates: bool = True) -> F:
 
 
 def table_kernel(function: F) -> F:
-    """Compile a kernel that takes numbers alone and makes no arrays: it counts no references, which saves a tenth."""
+    """Compile a kernel that only takes numbers and creates no arrays; it saves 10 % by counting no references."""
     return kernel(function, allocates=False)
 
 
 def _with_rules_compiled(function: F) -> F:
-    """A copy of ``function`` that calls kernels where it calls rules; itself where it calls none."""
+    """Return a copy of ``function`` that calls compiled rules, or ``function`` itself if it calls none."""
     used = function.__globals__
     rules = {
         name: kernel(used[name])
@@ -66,7 +66,7 @@ def _with_rules_compiled(function: F) -> F:
 
 @operation(numba_types.void, None, None)
 def prefetch(context, builder, signature, array, index):  # type: ignore[no-untyped-def]
-    """Ask for the memory of an element of a C-contiguous 2D array's row before it is needed; never an error."""
+    """Prefetch the memory of a row of a C-contiguous 2D array; invalid addresses are no error."""
     view = context.make_array(signature.args[0])(context, builder, array)
     start = builder.bitcast(view.data, ir.IntType(8).as_pointer())
     row = context.cast(builder, index, signature.args[1], numba_types.intp)
@@ -79,5 +79,5 @@ def prefetch(context, builder, signature, array, index):  # type: ignore[no-unty
 
 @operation(numba_types.uint64, numba_types.uint64)
 def lowest_bit(context, builder, signature, value):  # type: ignore[no-untyped-def]
-    """Number of the lowest bit that is set in a uint64 other than 0."""
+    """Return the index of the lowest set bit of a uint64 other than 0."""
     return builder.cttz(value, ir.Constant(ir.IntType(1), 1))

@@ -1,7 +1,7 @@
-"""Where machine code is kept, in a folder for each kernel, named by what it reaches (``kernel_key.py``) alone.
+"""Cache of machine code on disk, with one folder per kernel, named by its key (``kernel_key.py``).
 
-Of processes that need the same kernel at once, one compiles it under a file lock, the others load what it has kept.
-Numba asks its cache, compiles, and saves; the lock comes between the first two, and the cache is asked again.
+If several processes need a kernel at once, one compiles it under a file lock, and the others load the result. Numba
+looks into its cache, compiles and saves. The lock is taken after the first step, which is then repeated.
 """
 
 import contextlib
@@ -27,11 +27,13 @@ from .cache_folder import warn_unkept
 from .callees import calls_remembered
 from .interrupts import interruptible, uninterrupted
 
-KEPT_S = 30 * 86400.0  # since it was last used
+KEPT_S = 30 * 86400.0  # lifetime of unused code
 _SWEPT_S = 86400.0
 
 
 class KernelCache(FunctionCache):
+    """Disk cache of one kernel."""
+
     def __init__(self, kernel: Dispatcher, root: Path) -> None:
         self._kernel, self._root = kernel, root
         self._py_func, self._name = kernel.py_func, repr(kernel.py_func)
@@ -39,7 +41,7 @@ class KernelCache(FunctionCache):
         self.enable()
 
     def find(self) -> Path | None:
-        """The folder of what the kernel reaches now, which need not exist; None without a key."""
+        """Return the folder for the present key of the kernel, which need not exist, or None without a key."""
         if self._folder is None:
             with contextlib.suppress(kernel_key.UnknownContent):
                 self._folder = self._named()
@@ -60,19 +62,19 @@ class KernelCache(FunctionCache):
         if folder is None:
             return None
         try:
-            kept = super().load_overload(sig, target_context)
-        except OSError:  # it cannot be read
+            loaded = super().load_overload(sig, target_context)
+        except OSError:  # unreadable
             return None
-        except Exception:  # a damaged file may raise anything; it is written anew
+        except Exception:  # a damaged file may raise anything; it will be replaced
             shutil.rmtree(folder, ignore_errors=True)
             return None
-        if kept is not None:
+        if loaded is not None:
             with contextlib.suppress(OSError):
-                os.utime(folder)  # used now
-        return kept
+                os.utime(folder)  # mark as recently used
+        return loaded
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep what was compiled, unless a value has changed since :meth:`find`; warns once if it cannot be written."""
+        """Save compiled code unless the key has changed since :meth:`find`; warn once if it cannot be written."""
         folder = self.find()
         if folder is None:
             return
@@ -85,7 +87,7 @@ class KernelCache(FunctionCache):
             sweep(self._root)
 
     def keeps(self, sig: Any) -> bool:
-        """True if there is machine code for a signature and this processor."""
+        """Return True if the cache contains machine code for a signature and this processor."""
         if self.find() is None:
             return False
         try:
@@ -125,7 +127,7 @@ class _Locator(_CacheLocator):
 
 
 def sweep(root: Path) -> None:
-    """Remove what was not used for ``KEPT_S``, once a day."""
+    """Remove entries that were not used for ``KEPT_S``, at most once a day."""
     now = time.time()
     with contextlib.suppress(OSError):
         last = root / "swept"
@@ -140,42 +142,42 @@ def sweep(root: Path) -> None:
 
 
 MESSAGE_AFTER_S = 1.0
-LONGEST_WAIT_S = 600.0  # of a process in all, for a lock's holder that has stopped; then it compiles all the same
+LONGEST_WAIT_S = 600.0  # total wait of a process for locks, whose holder may have stopped; then it compiles itself
 _WAITING = "pacman_env: another process compiles; waiting for it (pacman-env warm-up does it beforehand)"
 _COMPILING = "pacman_env: compiling for the first time on this machine, about half a minute"
 
-_waited_s = 0.0  # by this process, for all kernels
+_waited_s = 0.0  # total wait of this process
 _compiling_since: float | None = None
-_helped = False  # the other process compiles for this one
+_helped = False  # another process compiles for this one
 
 
 def take_turns(kernel: Any) -> None:
-    """Let one process at a time compile ``kernel``, a dispatcher of Numba's with a :class:`KernelCache`.
+    """Let one process at a time compile ``kernel``, a Numba dispatcher with a :class:`KernelCache`.
 
-    Numba's lock of the process comes first, and a kernel's callees need no lock: no circle of waiting processes.
+    Deadlocks are impossible, because Numba's process lock is always taken first and callees need no lock.
     """
     load, compile_alone = kernel._cache.load_overload, kernel.compile
-    turns: list[contextlib.ExitStack] = []  # one at most, under Numba's lock
+    turns: list[contextlib.ExitStack] = []  # at most one, protected by Numba's lock
 
     def load_or_wait(signature: Any, context: Any) -> Any:
-        kept = load(signature, context)
-        if kept is None and turns and (file := kernel._cache.lock) is not None:
-            with interruptible():  # for as long as another process compiles
+        loaded = load(signature, context)
+        if loaded is None and turns and (file := kernel._cache.lock) is not None:
+            with interruptible():  # waiting may take long
                 turns[-1].enter_context(_locked(file))
-            kept = load(signature, context)
-            if kept is None:
+            loaded = load(signature, context)
+            if loaded is None:
                 _note_compiling()
-        return kept
+        return loaded
 
     def compile_in_turn(signature: Any) -> Any:
         with uninterrupted(), global_compiler_lock, contextlib.ExitStack() as turn:
             turns.append(turn)
             turn.enter_context(warnings.catch_warnings())
-            # A record that begins with another's fields is passed in its place.
+            # Numba warns if a record is passed for another one with the same first fields.
             warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
             turn.enter_context(calls_remembered(kernel.typingctx))
             collects = gc.isenabled()
-            gc.disable()  # it would examine the compiler's many objects again and again: 5 to 7 % of the time
+            gc.disable()  # saves 5 to 7 % of the time, because the compiler creates many objects
             try:
                 return compile_alone(signature)
             finally:
@@ -188,22 +190,22 @@ def take_turns(kernel: Any) -> None:
 
 @contextlib.contextmanager
 def _locked(file: Path) -> Iterator[None]:
-    """Hold the lock; without it after the longest wait, and where it cannot be had."""
+    """Hold a file lock, or continue without it after the longest wait or an error."""
     global _waited_s
-    from filelock import FileLock, Timeout  # here: it loads asyncio, and a warm cache needs no lock
+    from filelock import FileLock, Timeout  # imported late: it loads asyncio, and a warm cache needs no lock
 
-    with contextlib.ExitStack() as held:
+    with contextlib.ExitStack() as stack:
         for limit in (MESSAGE_AFTER_S, LONGEST_WAIT_S):
             began = time.monotonic()
             try:
                 file.parent.mkdir(parents=True, exist_ok=True)
-                lock = FileLock(file, is_singleton=True)  # a kernel defined twice is locked twice without waiting
-                held.enter_context(lock.acquire(timeout=max(0.0, limit - _waited_s)))
+                lock = FileLock(file, is_singleton=True)  # re-entrant, because a kernel may be defined twice
+                stack.enter_context(lock.acquire(timeout=max(0.0, limit - _waited_s)))
                 break
             except Timeout:
                 if not _helped or sys.stderr.isatty():
                     _print_once(_COMPILING if _helped else _WAITING)
-            except OSError:  # Timeout is one, too
+            except OSError:  # after Timeout, which is a subclass
                 break
             finally:
                 _waited_s += time.monotonic() - began
@@ -211,13 +213,13 @@ def _locked(file: Path) -> Iterator[None]:
 
 
 def expect_help() -> None:
-    """From now on, a process that compiles beside this one does it for this one."""
+    """Note that another process compiles kernels for this one."""
     global _helped
     _helped = True
 
 
 def _note_compiling() -> None:
-    """A message on a terminal, at the first kernel that comes a second after the first one."""
+    """Print a message to a terminal once compiling has taken more than a second."""
     global _compiling_since
     if _compiling_since is None:
         _compiling_since = time.monotonic()

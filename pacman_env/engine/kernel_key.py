@@ -1,8 +1,8 @@
-"""What the machine code of a kernel depends on, as one hash: every function and value that the kernel reaches.
+"""Hash everything that the machine code of a kernel depends on: all functions and values that the kernel reaches.
 
-The bytecode is followed from name to name, whatever file it lies in; packages count by their versions. A value of an
-unknown kind gives no key, never a wrong one. An attribute's name (``g.x``) counts as a global's, too: that can change a
-key without need, and cannot miss anything.
+Names in the bytecode are followed through all files; other packages are represented by their versions. A value of an
+unknown kind gives no key instead of a wrong one. Names of attributes (``g.x``) are also looked up as globals, which may
+change a key unnecessarily but misses nothing.
 """
 
 import dis
@@ -31,20 +31,20 @@ _VERSIONS = (
 _NUMBERS = (int, float, complex, bool, str, bytes, type(None), type(Ellipsis))
 _IMPORT_NAME = dis.opmap["IMPORT_NAME"]
 
-#: Nested tuples of strings and numbers: its ``repr`` is hashed.
+#: Nested tuples of strings and numbers, whose ``repr`` is hashed.
 Content = Any
 
 
 class UnknownContent(TypeError):
-    """A kernel reaches a value whose content cannot be written down."""
+    """Raised if a kernel reaches a value of an unknown kind."""
 
 
 def kernel_key(kernel: Dispatcher) -> str:
-    """Hash of what a kernel reaches now, 16 hexadecimal digits. Raises UnknownContent."""
+    """Return a hash of everything that a kernel reaches now, 16 hexadecimal digits. Raises UnknownContent."""
     reached: dict[Any, int] = {kernel: 0}
     digest = hashlib.sha256(repr(_VERSIONS).encode())
     waiting = [kernel]
-    for one in waiting:  # grows meanwhile
+    for one in waiting:  # grows during the loop
         content, others = _content_and_reached(one)
         for other in others:
             if other not in reached:
@@ -55,12 +55,12 @@ def kernel_key(kernel: Dispatcher) -> str:
 
 
 def forget() -> None:
-    """Follow everything anew at the next call: a global may have another value now."""
+    """Clear the cache, because the value of a global may have changed."""
     _content_and_reached.cache_clear()
 
 
 def type_content(kind: numba_types.Type) -> Content:
-    """What Numba does not compare of an argument's type: fields of named tuples, and types that a package has added."""
+    """Return the content of an argument's type that Numba does not compare: named tuples' fields, and added types."""
     if isinstance(kind, numba_types.BaseTuple):  # type: ignore[attr-defined]
         own = _Reader().content(kind.instance_class) if isinstance(kind, numba_types.BaseNamedTuple) else ""  # type: ignore[attr-defined]
         return own, tuple(type_content(one) for one in kind)
@@ -69,7 +69,7 @@ def type_content(kind: numba_types.Type) -> Content:
 
 @functools.cache
 def _content_and_reached(function: Any) -> tuple[str, tuple[Any, ...]]:
-    """The content of a kernel, intrinsic or function alone, and those that it refers to, in order."""
+    """Return the own content of a kernel, intrinsic or function, and the functions that it refers to, in order."""
     reader = _Reader()
     content: Content
     if isinstance(function, Dispatcher):
@@ -89,19 +89,19 @@ class _Reader:
 
     def function(self, function: types.FunctionType) -> Content:
         self._names = tuple(sorted(_names(function.__code__)))
-        known = function.__globals__
+        names = function.__globals__
         return (
             *(function.__module__, function.__qualname__, self._code(function.__code__)),
             self.content(function.__defaults__),
             self.content(tuple(sorted((function.__kwdefaults__ or {}).items()))),
             tuple(self.content(cell.cell_contents) for cell in function.__closure__ or ()),
-            tuple((name, self.content(known[name])) for name in self._names if name in known),
+            tuple((name, self.content(names[name])) for name in self._names if name in names),
         )
 
     def _code(self, code: types.CodeType) -> Content:
         if _IMPORT_NAME in code.co_code[::2]:
             raise UnknownContent(f"{code.co_name} imports while it runs")
-        return (  # not co_flags, which Numba changes in place where a kernel is called under a profiler
+        return (  # without co_flags, which Numba changes in place under a profiler
             *(code.co_code, code.co_exceptiontable, code.co_names, code.co_varnames),
             *(code.co_freevars, code.co_cellvars, code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount),
             *(self.content(constant) for constant in code.co_consts),
@@ -124,7 +124,7 @@ class _Reader:
             return tuple(self.content(one) for one in value)
         if isinstance(value, tuple) and hasattr(value, "_fields"):
             return self.content(kind), tuple(self.content(one) for one in value)
-        if kind is slice:  # a constant of the bytecode from Python 3.14 on
+        if kind is slice:  # a bytecode constant since Python 3.14
             return "slice", tuple(self.content(one) for one in (value.start, value.stop, value.step))
         if isinstance(value, frozenset):
             return "set", tuple(sorted(repr(self.content(one)) for one in value))
@@ -145,15 +145,15 @@ class _Reader:
         if isinstance(value, np.ufunc):
             return "ufunc", value.__name__
         if callable(value) and _versioned(kind.__module__) and _versioned(getattr(value, "__module__", None) or ""):
-            return value.__module__, value.__name__  # built in, or NumPy's
+            return value.__module__, value.__name__  # built-in or of NumPy
         raise UnknownContent(f"{value!r} of {kind.__module__}.{kind.__qualname__}")
 
     def _module(self, module: types.ModuleType) -> Content:
         if _versioned(module.__name__) or module in self._modules:
             return "module", module.__name__
         self._modules.append(module)
-        known = vars(module)
-        return "module", tuple((name, self.content(known[name])) for name in self._names if name in known)
+        names = vars(module)
+        return "module", tuple((name, self.content(names[name])) for name in self._names if name in names)
 
     def _class(self, kind: type) -> Content:
         name = kind.__module__, kind.__qualname__
@@ -166,7 +166,7 @@ class _Reader:
             return name, kind._fields, tuple((one, self.content(value)) for one, value in defaults.items())
         if issubclass(kind, numba_types.Type):
             file = getattr(sys.modules.get(kind.__module__), "__file__", None)
-            if file is not None:  # all of it: a type's models are registered, not named
+            if file is not None:  # the whole file, because models of types are registered without names
                 return name, hashlib.sha256(Path(file).read_bytes()).hexdigest()
         raise UnknownContent(f"the class {kind.__module__}.{kind.__qualname__}")
 

@@ -1,6 +1,6 @@
-"""What kernels need beyond Numba's language: memory and functions by address, counters that threads share.
+"""Operations for kernels beyond Numba's language: memory and functions by address, counters shared by threads.
 
-Addresses are arguments, never constants: machine code on disk cannot hold one.
+Addresses are arguments, never constants, because machine code on disk must not contain them.
 """
 
 import functools
@@ -20,12 +20,12 @@ RANGE = (types.int64, types.int64, types.int64)
 
 
 def operation(result: Any, *kinds: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Make a function that generates code, ``(context, builder, signature, *values)``, one that kernels can call.
+    """Return a decorator for code generators ``(context, builder, signature, *values)`` that lets kernels call them.
 
-    ``result`` is its type, or ``types.void``; ``kinds`` are those of its arguments, None: any.
+    ``result`` is the type of the result or ``types.void``; ``kinds`` are the types of the arguments (None: any).
     """
 
-    def made(generate: Callable[..., Any]) -> Any:
+    def decorate(generate: Callable[..., Any]) -> Any:
         def definition(typing_context, *given):  # type: ignore[no-untyped-def]
             def code(context, builder, signature, values):  # type: ignore[no-untyped-def]
                 value = generate(context, builder, signature, *values)
@@ -33,13 +33,15 @@ def operation(result: Any, *kinds: Any) -> Callable[[Callable[..., Any]], Any]:
 
             return result(*(own if kind is None else kind for kind, own in zip(kinds, given, strict=True))), code
 
-        _, *parameters = inspect.signature(generate).parameters.values()  # of definition: one less before the values
+        _, *parameters = inspect.signature(
+            generate
+        ).parameters.values()  # ``definition`` has one parameter fewer before the values
         definition.__signature__ = inspect.Signature(parameters[1:])  # type: ignore[attr-defined]
         definition.__name__ = definition.__qualname__ = generate.__name__
         definition.__module__ = generate.__module__
         return intrinsic(definition)
 
-    return made
+    return decorate
 
 
 def _call(builder, address, kind, arguments):  # type: ignore[no-untyped-def]
@@ -48,20 +50,20 @@ def _call(builder, address, kind, arguments):  # type: ignore[no-untyped-def]
 
 @operation(types.void, types.int64, types.int64, types.float64)
 def call_step(context, builder, signature, function, handle, seconds):  # type: ignore[no-untyped-def]
-    """``void function(void *handle, double seconds)`` by its address."""
+    """Call ``void function(void *handle, double seconds)`` by address."""
     _call(builder, function, ir.FunctionType(ir.VoidType(), [WORD, ir.DoubleType()]), [handle, seconds])
 
 
 @operation(types.void, types.int64, types.int64, types.int64, types.int64)
 def call_each(context, builder, signature, function, handle, visit, data):  # type: ignore[no-untyped-def]
-    """``void function(void *handle, void *visit, void *data)`` by its address."""
+    """Call ``void function(void *handle, void *visit, void *data)`` by address."""
     _call(builder, function, ir.FunctionType(ir.VoidType(), [WORD] * 3), [handle, visit, data])
 
 
 @operation(types.int64, types.int64, types.int64, types.int64, types.int64)
 def call_range(context, builder, signature, function, table, first, last):  # type: ignore[no-untyped-def]
-    """The result of a kernel ``(table, first, last) -> int64`` by its address, or -1 if it raised."""
-    # Numba's own convention: status f(result *, exception **, arguments).
+    """Call a kernel ``(table, first, last) -> int64`` by address; return its result, or -1 if it raised an error."""
+    # Numba's calling convention: status f(result *, exception **, arguments).
     result = cgutils.alloca_once_value(builder, WORD(-1))
     exceptions = builder.bitcast(cgutils.alloca_once(builder, _BYTE.as_pointer()), _BYTE.as_pointer().as_pointer())
     kind = ir.FunctionType(_HALF, [WORD.as_pointer(), exceptions.type, WORD, WORD, WORD])
@@ -69,9 +71,9 @@ def call_range(context, builder, signature, function, table, first, last):  # ty
     return builder.select(builder.icmp_signed("==", status, _HALF(0)), builder.load(result), WORD(-1))
 
 
-@functools.cache  # to ask Numba takes as long as a hundred games' decisions
+@functools.cache  # Numba takes as long as the decisions of a hundred games
 def address_of_kernel(kernel: Any) -> int:
-    """Where the machine code of a kernel ``(table, first, last) -> int64`` lies; compiles it if need be."""
+    """Return the address of a kernel ``(table, first, last) -> int64``, compiled if necessary."""
     if RANGE not in kernel.overloads:
         kernel.compile(RANGE)
     compiled = kernel.overloads[RANGE]
@@ -88,7 +90,7 @@ def address_of(context, builder, signature, array):  # type: ignore[no-untyped-d
     return builder.ptrtoint(context.make_array(signature.args[0])(context, builder, array).data, WORD)
 
 
-# On elements of an int64 array that threads share
+# Atomic operations on elements of an int64 array
 
 
 def _element(context, builder, signature, array, index):  # type: ignore[no-untyped-def]
@@ -107,19 +109,19 @@ def store(context, builder, signature, array, index, value):  # type: ignore[no-
 
 @operation(types.int64, None, types.int64, types.int64)
 def fetch_add(context, builder, signature, array, index, value):  # type: ignore[no-untyped-def]
-    """Add to an element; returns what it was."""
+    """Add to an element and return its old value."""
     return builder.atomic_rmw("add", _element(context, builder, signature, array, index), value, _ATOMIC)
 
 
 @operation(types.int64, None, types.int64, types.int64)
 def fetch_max(context, builder, signature, array, index, value):  # type: ignore[no-untyped-def]
-    """Raise an element to a value that is higher; returns what it was."""
+    """Raise an element to at least ``value`` and return its old value."""
     return builder.atomic_rmw("max", _element(context, builder, signature, array, index), value, _ATOMIC)
 
 
 @operation(types.boolean, None, types.int64, types.int64, types.int64)
 def replace(context, builder, signature, array, index, expected, value):  # type: ignore[no-untyped-def]
-    """Write an element if it is as expected; returns whether it was."""
+    """Write an element and return True if its old value was ``expected``; otherwise return False."""
     element = _element(context, builder, signature, array, index)
     return builder.extract_value(builder.cmpxchg(element, expected, value, ordering=_ATOMIC), 1)
 

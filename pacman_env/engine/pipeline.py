@@ -1,4 +1,4 @@
-"""Several kernels over the same games in one call, game after game, so that Python is asked once a step."""
+"""Run several kernels over the same games in one call from Python per step."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -11,12 +11,12 @@ from .jit import table_kernel
 from .native import address_of_kernel, call_range
 from .threads import Threads
 
-#: A kernel ``(table, first, last) -> int64``, and its table for each thread, or one for all.
+#: A kernel ``(table, first, last) -> int64`` and its tables: one for each thread, or one for all threads.
 Stage = tuple[Any, Sequence[Table]]
 
 
 class _StageArrays(NamedTuple):
-    stages: Any = Array(np.int64, "s 2")  # addresses of each kernel and of its table
+    stages: Any = Array(np.int64, "s 2")  # addresses of each kernel and its table
 
 
 _arrays = arrays_by_address(_StageArrays)
@@ -24,7 +24,7 @@ _arrays = arrays_by_address(_StageArrays)
 
 @table_kernel
 def run_stages(table, first, last):  # type: ignore[no-untyped-def]
-    """Run the stages one after the other; the first result other than 0 ends the run and is returned."""
+    """Run the stages in order; the first result other than 0 ends the run and is returned."""
     stages = _arrays(table).stages
     for k in range(len(stages)):
         result = call_range(stages[k, 0], stages[k, 1], first, last)
@@ -34,10 +34,10 @@ def run_stages(table, first, last):  # type: ignore[no-untyped-def]
 
 
 class Pipeline:
-    """Stages that :meth:`run` works through for all games, :meth:`run_some` for chosen ones.
+    """Sequence of stages, run for all games (:meth:`run`) or for selected games (:meth:`run_some`).
 
-    The kernels are called by their addresses: each is compiled once, whatever it is combined with. The tables are kept
-    as long as the pipeline; one whose arrays were replaced needs a new pipeline.
+    Kernels are called by address, so that each one is compiled once for all combinations. The pipeline keeps the tables
+    alive; if an array is replaced, a new pipeline is needed.
     """
 
     def __init__(self, stages: Sequence[Stage], threads: Threads) -> None:
@@ -51,11 +51,11 @@ class Pipeline:
             self._tables.append(Table(_StageArrays, stages=np.ascontiguousarray(numbers)))
 
     def run(self, count: int) -> int:
-        """Work on the games from 0 to ``count``; returns 0, or what :meth:`Threads.run` makes of other results."""
+        """Run the stages for the games 0 to ``count`` and return the result of :meth:`Threads.run`."""
         return self._threads.run(run_stages, self._tables, count)
 
     def run_some(self, index: NDArray[np.int64]) -> int:
-        """Work on the games ``index`` (M,) alone, in this thread; returns the last result other than 0, or 0."""
+        """Run the stages for the games ``index`` (M,) in this thread; return the last result other than 0, or 0."""
         address, result = self._tables[0].address, 0
         for i in index.tolist():
             result = run_stages(address, i, i + 1) or result

@@ -1,11 +1,12 @@
-"""Threads that share a kernel's work with their caller, in machine code: none of them asks Python for its next part.
+"""Thread pool in machine code that shares a kernel's work with the caller, without Python between parts.
 
-A job is a kernel ``(table, first, last) -> int64`` by its address and a range that is cut into parts. Each thread works
-on its own parts and then on those of others, so a thread that is late, or gone after a fork, costs time and nothing
-else. A thread waits for the next job in machine code for a moment, then in Python until it is woken.
+A job is a kernel ``(table, first, last) -> int64``, given by address, and a range that is divided into parts. Each
+thread works on its own parts first and then on parts of others, so a thread that is late, or missing after a fork, only
+costs time. A thread waits for the next job briefly in machine code, then in Python until it is woken.
 
-Decisions against a ``ThreadPoolExecutor``: 3.1 times with 16 games, 2.0 with 64, 1.35 with 256, 1.05 with 1,024. Parts
-of others: 3.9, 2.4 and 1.5 times with 16, 64 and 256 games (two threads, cores shared with other programs).
+Speed-up of decisions over a ``ThreadPoolExecutor``: 3.1 times with 16 games, 2.0 with 64, 1.35 with 256, 1.05 with
+1,024. Speed-up by working on parts of others: 3.9, 2.4 and 1.5 times with 16, 64 and 256 games (two threads on cores
+shared with other programs).
 """
 
 import os
@@ -24,22 +25,22 @@ from .cores import cores
 from .jit import kernel
 from .native import address_of_kernel, call_range, fetch_add, fetch_max, load, pause, replace, store
 
-# Of the numbers that threads share; a cache line each.
+# Indices of the shared numbers, each in its own cache line.
 _LINE = 8
 _JOB, _DONE, _FUNCTION, _COUNT, _SUM, _WORST, _STOP, _PLACES = range(0, 8 * _LINE, _LINE)
-# From _PLACES on, each thread has a line: its own parts, its table. Parts are one number: the job's, how many there
-# are, how many have begun. So a part only ever begins of the job that the other numbers are of.
+# From _PLACES on, each thread has a line with its parts and its table. Job number, number of parts and number of parts
+# begun are packed into one number, so that a part can only begin for the present job.
 _PARTS, _TABLE = range(2)
 _BITS = 20
 _MASK = 2**_BITS - 1
-_PARTS_PER_THREAD = 8  # some games take longer than others
+_PARTS_PER_THREAD = 8  # more than one, because some games take longer than others
 _SPINS = 3000  # about 0.1 ms of waiting in machine code
 _FINE = -(2**62)
 
 
 @kernel
 def _do_parts(shared, me, threads):  # type: ignore[no-untyped-def]
-    """Work on the present job until all its parts have begun; a thread's own, in its core's cache, come first."""
+    """Work on the present job until all parts have begun, first on the thread's own parts, which are in its cache."""
     table = _PLACES + _LINE * me + _TABLE
     for k in range(threads):
         of = (me + k) % threads
@@ -63,7 +64,7 @@ def _do_parts(shared, me, threads):  # type: ignore[no-untyped-def]
 
 @kernel
 def _serve(shared, me, threads):  # type: ignore[no-untyped-def]
-    """Work on jobs until none came for a moment; False: the thread is to end."""
+    """Work on jobs; return True if no job came for a moment, or False if the thread must end."""
     seen = -1
     spins = 0
     while True:
@@ -83,7 +84,7 @@ def _serve(shared, me, threads):  # type: ignore[no-untyped-def]
 
 @kernel
 def _post(shared, job, function, count, parts, threads):  # type: ignore[no-untyped-def]
-    """Let a job begin; in machine code, where no signal can interrupt it halfway."""
+    """Start a job; compiled, so that no signal can interrupt it."""
     store(shared, _DONE, 0)
     store(shared, _FUNCTION, function)
     store(shared, _COUNT, count)
@@ -96,7 +97,7 @@ def _post(shared, job, function, count, parts, threads):  # type: ignore[no-unty
 
 @kernel
 def _finish(shared, threads):  # type: ignore[no-untyped-def]
-    """Work on parts and wait for those of others; False: not yet done after a moment."""
+    """Work on parts and wait for other threads; return False if they are not done after a moment."""
     _do_parts(shared, 0, threads)
     count = load(shared, _COUNT)
     for _ in range(_SPINS):
@@ -107,7 +108,7 @@ def _finish(shared, threads):  # type: ignore[no-untyped-def]
 
 
 class Threads:
-    """The caller's thread and ``number - 1`` more, 0: one for each core. Results do not depend on the number."""
+    """The caller's thread and ``number - 1`` more (0: one per core). Results do not depend on the number."""
 
     def __init__(self, number: int) -> None:
         if not isinstance(number, (int, np.integer)) or isinstance(number, bool) or number < 0:
@@ -119,21 +120,22 @@ class Threads:
         return Threads, (self.number,)
 
     def run(self, job: Any, tables: Sequence[Table], count: int) -> int:
-        """A kernel, ``(table, first, last) -> int64`` with results above -2**62, over the range from 0 to ``count``.
+        """Run a kernel ``(table, first, last) -> int64``, with results above -2**62, over the range 0 to ``count``.
 
-        ``tables`` are the first argument for each thread, or one for all if it has no scratch memory. Returns the sum
-        of the results, or the highest of those below 0; a kernel that raises counts as -1 in a thread.
+        ``tables`` contains the first argument for each thread, or one for all threads if it has no scratch memory.
+        Returns the sum of the results, or the highest negative result. A kernel that raises an error in a thread counts
+        as -1.
         """
         if self.number == 1 or count == 1:
             return int(job(tables[0].address, 0, count))
-        if self._process != os.getpid():  # a fork has no threads, and locks in whatever state they were
+        if self._process != os.getpid():  # a fork has no threads, and its locks may be held
             self._forget()
         with self._lock:
             try:
                 self._settle()
                 self._start(job, tables, count)
                 self._settle()
-            except BaseException:  # Ctrl-C: no thread may be at work when the caller goes on
+            except BaseException:  # such as Ctrl-C: no thread may work when the caller continues
                 self._settle()
                 raise
             worst = int(self._shared[_WORST])
@@ -156,7 +158,7 @@ class Threads:
         self._at_work = True
         self._jobs = (self._jobs + 1) % 2**20
         _post(shared, self._jobs, function, count, parts, self.number)
-        for wake in self._wake[1:]:  # a thread that is awake finds it when it falls asleep, and checks once more
+        for wake in self._wake[1:]:  # a busy thread finds the entry before it sleeps, and checks again
             if wake.empty():
                 wake.put(None)
 
@@ -166,11 +168,11 @@ class Threads:
         self._at_work = False
 
     def _begin(self) -> None:
-        _serve.compile("boolean(int64[::1], int64, int64)")  # by this thread: all would wait for it
+        _serve.compile("boolean(int64[::1], int64, int64)")  # in this thread, because all others would wait for it
         shared = np.zeros(_PLACES + _LINE * self.number, dtype=np.int64)
         self._wake: list[queue.SimpleQueue[None]] = [queue.SimpleQueue() for _ in range(self.number)]
         threads: list[threading.Thread] = []
-        # Also at the end of the interpreter, when no thread may be in machine code.
+        # Also at interpreter exit, when no thread may be in machine code.
         weakref.finalize(self, _end, os.getpid(), shared, self._wake, threads)
         for me, wake in enumerate(self._wake[1:], 1):
             arguments = shared, me, self.number, wake
@@ -192,7 +194,9 @@ def _end(process: int, shared: NDArray[np.int64], wake: Sequence[Any], threads: 
     for one in wake:
         one.put(None)
     for thread in threads:
-        if thread.ident is not None and thread is not threading.current_thread():  # the garbage collector's may be one
+        if (
+            thread.ident is not None and thread is not threading.current_thread()
+        ):  # the collector may run in one of them
             thread.join(1.0)
 
 
