@@ -16,17 +16,6 @@ from pacman_env.episodes.statistics import (
     paired_difference,
     wilson,
 )
-from tests.system.campaign.statistics import difference
-
-
-def test_the_difference_of_independent_shares_has_the_published_limits() -> None:
-    """Newcombe 1998, table II, method 10: 56 of 70 and 48 of 80; 9 of 10 and 3 of 10."""
-    by, limits = difference(56, 70, 48, 80)
-    assert by == pytest.approx(0.2)
-    assert limits == pytest.approx((0.0524, 0.3339), abs=5e-5)
-    by, limits = difference(9, 10, 3, 10)
-    assert by == pytest.approx(0.6)
-    assert limits == pytest.approx((0.1705, 0.8090), abs=5e-5)
 
 
 @pytest.mark.parametrize(

@@ -17,9 +17,9 @@ pytest.importorskip("irobot_create_msgs")
 from pacman_env.ros import topics
 from pacman_env.ros.lock_step.game import RESTART_S, LockStepGame
 from pacman_env.ros.standstill import DEFAULT_LEASE_S, STOOD_STILL
+from tests.map_parts import part_of_map
 from tests.ros import session
 from tests.ros.running_game import HOME, POLICY, SETTINGS, Game
-from tests.system.campaign.schedule import part_of_map
 
 LASTS_S = {"shorter": DEFAULT_LEASE_S - 5.0, "longer": DEFAULT_LEASE_S + 5.0}  # than the middleware's lease
 

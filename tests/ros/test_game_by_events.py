@@ -12,8 +12,8 @@ pytest.importorskip("irobot_create_msgs")
 
 from pacman_env.config import make_config
 from pacman_env.ros import topics
+from tests.map_parts import part_of_map
 from tests.ros import session
-from tests.system.campaign.schedule import part_of_map
 
 SETTINGS = ("decisions.when=event", "clyde.speed_mps=0.1", "show.start_s=1.0")
 

@@ -25,8 +25,8 @@ from pacman_env.ros import topics
 from pacman_env.ros.simulated_robot.sim_robot import FAULT
 from pacman_env.ros.standstill import LEASE, STOOD_STILL
 from pacman_env.ros.supervisor.game_nodes import GAME, REFEREE, SELECTOR, SIMULATOR, module_of
+from tests.map_parts import part_of_map
 from tests.ros.system import Probe, System
-from tests.system.campaign.schedule import part_of_map
 
 if TYPE_CHECKING:
     from tests.ros.system import Process

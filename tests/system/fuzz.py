@@ -1,17 +1,15 @@
-"""Episodes of random legal and illegal actions under random configurations: ``python -m tests.system.fuzz``.
+"""Play random legal and illegal actions under random configurations: ``python -m tests.system.fuzz``.
 
-Every observation must be free of NaN and in its space, every illegal action a ValueError that changes nothing. The
-first fault ends the run with the seed that repeats it. A map that is refused with a MapError is no fault.
+Every observation must be finite and in its space, every illegal action a ValueError that changes nothing. The first
+fault ends the run with the seed that repeats it. A map that is refused with a MapError is no fault.
 """
 
 from __future__ import annotations
 
 import argparse
-import copy
 import sys
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +23,8 @@ from pacman_env.world.maps.occupancy import MapError, map_name, shipped_maps
 
 FAULT_STATUS = 1
 MOST_DECISIONS = 300  # endless games end only by death or time
-OUTCOMES = ("caught", "complete", "cleared", "timeout", "running")
-_ILLEGAL, _FORBIDDEN, _TOO_FAST, _HELD, _NEAREST = 0.1, 0.1, 0.05, 0.9, 0.6  # shares of decisions
+COUNTS = ("episodes", "decisions", "illegal", "caught", "complete", "cleared", "timeout", "running")
+_ILLEGAL, _HELD, _NEAREST = 0.1, 0.9, 0.6  # shares of decisions
 
 #: Rounds that end soon and in every way.
 _QUICK: dict[str, Any] = {
@@ -40,9 +38,6 @@ _RANGES: dict[str, Any] = {
     "randomize.speed_mps": (0.1, 0.3),
     "randomize.clyde_speed_mps": (0.0, 0.6),
     "randomize.sigma_xy_m": (0.0, 0.1),
-    "randomize.sigma_yaw_rad": (0.0, 0.2),
-    "randomize.update_distance_m": (0.05, 0.5),
-    "randomize.update_angle_rad": (0.05, 0.5),
     "randomize.accept_delay_s": (0.0, 1.0),
     "randomize.abort_rate": (0.0, 0.5),
     "randomize.pickup_radius_m": (0.1, 1.0),
@@ -53,47 +48,29 @@ class Fault(Exception):
     """The environment broke a promise."""
 
 
-@dataclass
-class Tally:
-    """Counts of the episodes on one map."""
-
-    episodes: int = 0
-    decisions: int = 0
-    refused_actions: int = 0
-    ends: Counter[str] = field(default_factory=Counter)
-    refusal: str = ""  # why the map is not played
-
-    def line(self, name: str) -> str:
-        if self.refusal:
-            return f"{name:28} refused: {self.refusal}"
-        ends = "".join(f" {self.ends[outcome]:8d}" for outcome in OUTCOMES)
-        return f"{name:28} {self.episodes:8d} {self.decisions:9d} {self.refused_actions:7d}{ends}"
-
-
 def draw_arguments(rng: np.random.Generator) -> dict[str, Any]:
     kinds = [kind for kind in ("features", "scan", "grid") if rng.random() < 0.5]
-    behaviours = ("wander", "arcade", "chase")
-    ghosts = tuple(str(rng.choice(behaviours)) for _ in range(rng.integers(1, 5)))
-    settings = {"time_limit_s": float(rng.choice([5.0, 30.0, 120.0])), "nav2.abort_rate": float(rng.choice([0.0, 0.2]))}
+    action = str(rng.choice(["goal", "velocity"]))
+    settings = {
+        "time_limit_s": float(rng.choice([5.0, 30.0, 120.0])),
+        "nav2.abort_rate": float(rng.choice([0.0, 0.2])),
+        "execution.rules": str(rng.choice(["robust", "as_built"])),
+        "endless": bool(rng.random() < 0.3),
+        "decisions.when": "event" if action == "goal" and rng.random() < 0.3 else "tick",
+    }
     settings |= _QUICK if rng.random() < 0.5 else {}
     settings |= _RANGES if rng.random() < 0.3 else {}
-    action = str(rng.choice(["goal", "velocity"]))
     return {
         "observation": kinds or ["features"],
         "action": action,
-        "ghosts": ghosts,
+        "ghosts": tuple(map(str, rng.choice(["wander", "arcade", "chase"], rng.integers(1, 5)))),
         "preset": str(rng.choice(["robot", "ideal"])),
-        "settings": {
-            **settings,
-            "execution.rules": str(rng.choice(["robust", "as_built"])),
-            "endless": bool(rng.random() < 0.3),
-            "decisions.when": "event" if action == "goal" and rng.random() < 0.3 else "tick",
-        },
+        "settings": settings,
     }
 
 
-def play_episode(source: str, seed: int, tally: Tally) -> None:
-    """One episode; all that is random comes from the seed.
+def play_episode(source: str, seed: int) -> Counter[str]:
+    """Play one episode and return its counts; the seed decides everything.
 
     Raises:
         Fault: names what was wrong.
@@ -103,31 +80,26 @@ def play_episode(source: str, seed: int, tally: Tally) -> None:
     arguments = draw_arguments(rng)
     env = PacManBotEnv(source, **arguments)
     try:
-        _episode(env, rng, seed, tally)
+        return _episode(env, rng, seed)
     except Exception as error:
         raise Fault(f"{type(error).__name__}: {error}; arguments {arguments}") from error
+    finally:
+        env.close()
 
 
-def _episode(env: PacManBotEnv, rng: np.random.Generator, seed: int, tally: Tally) -> None:
+def _episode(env: PacManBotEnv, rng: np.random.Generator, seed: int) -> Counter[str]:
+    counts, over = Counter({"episodes": 1}), False
     observation, info = env.reset(seed=seed)
     _check(env, observation, 0.0)
-    action, over, decisions = _legal(env, rng), False, 0
-    while not over and decisions < MOST_DECISIONS:
+    action = _legal(env, rng)
+    while not over and counts["decisions"] < MOST_DECISIONS:
         if rng.random() < _ILLEGAL:
             _refused(env, rng)
-            tally.refused_actions += 1
+            counts["illegal"] += 1
         if rng.random() > _HELD:
             action = _legal(env, rng)
-        twin = None
-        if isinstance(env.action_space, spaces.Box) and rng.random() < _TOO_FAST:
-            robot = env.config.robot
-            action = rng.normal(size=2) * 10.0 * (robot.wheel_speed_mps, robot.omega_radps)
-            twin = copy.deepcopy(env)
         observation, reward, terminated, truncated, info = env.step(action)
-        if twin is not None:
-            limit = np.array([robot.wheel_speed_mps, robot.omega_radps])
-            _require(_same(twin.step(np.clip(action, limit * (0, -1), limit))[0], observation), f"{action} is not cut")
-        decisions += 1
+        counts["decisions"] += 1
         over = terminated or truncated
         _check(env, observation, reward)
         _require(over == (info["outcome"] != "running"), f"outcome {info['outcome']} and over {over}")
@@ -138,23 +110,19 @@ def _episode(env: PacManBotEnv, rng: np.random.Generator, seed: int, tally: Tall
             pass
         else:
             raise Fault("the game went on after its end")
-    env.close()
-    tally.episodes += 1
-    tally.decisions += decisions
-    tally.ends[info["outcome"]] += 1
+    counts[info["outcome"]] += 1
+    return counts
 
 
 def _legal(env: PacManBotEnv, rng: np.random.Generator) -> Any:
-    """An action of the space; goals mostly among the allowed ones, but forbidden candidates too."""
+    """Draw an action of the space; some goals are forbidden by the mask, most are the nearest pellet."""
     if isinstance(env.action_space, spaces.Box):
         return rng.uniform(env.action_space.low, env.action_space.high)
-    if rng.random() < _FORBIDDEN:
-        return int(rng.integers(env.action_space.n))
-    mask = env.action_masks()
     if rng.random() < _NEAREST:
         pellets = slice(env.batch.pellet_slots)
-        return int(np.where(mask[pellets], env.situation.path_robot[0, pellets], np.inf).argmin())
-    return int(rng.choice(np.flatnonzero(mask)))
+        paths = np.where(env.action_masks()[pellets], env.situation.path_robot[0, pellets], np.inf)
+        return int(paths.argmin())
+    return int(rng.integers(env.action_space.n))
 
 
 def _refused(env: PacManBotEnv, rng: np.random.Generator) -> None:
@@ -182,16 +150,10 @@ def _state(env: PacManBotEnv) -> list[bytes]:
 
 
 def _check(env: PacManBotEnv, observation: dict[str, Any], reward: float) -> None:
-    assert isinstance(env.observation_space, spaces.Dict)
     for key, array in observation.items():
         _require(bool(np.isfinite(array).all()), f"observation[{key!r}] holds what is not finite")
-        _require(env.observation_space[key].contains(array), f"observation[{key!r}] is not in its space")
     _require(observation in env.observation_space, "the observation is not in its space")
     _require(type(reward) is float and np.isfinite(reward), f"reward {reward!r}")
-
-
-def _same(one: dict[str, Any], other: dict[str, Any]) -> bool:
-    return one.keys() == other.keys() and all(np.array_equal(one[key], other[key]) for key in one)
 
 
 def _require(condition: bool, message: str) -> None:
@@ -200,44 +162,40 @@ def _require(condition: bool, message: str) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Play; returns the exit status: 1 after a fault."""
+    """Play and return the exit status, which is 1 after a fault."""
     parser = Parser(prog="python -m tests.system.fuzz", description=__doc__)
-    parser.add_argument(
-        "--maps", nargs="+", default=[*shipped_maps(), "generated"], help="names, YAML files or folders"
-    )
-    parser.add_argument("--episodes", type=whole_number(1), default=200, help="in all, shared among the maps")
-    parser.add_argument(
-        "--seed", type=whole_number(0), default=0, help="of the first episode; the next has the next seed"
-    )
+    add = parser.add_argument
+    add("--maps", nargs="+", default=[*shipped_maps(), "generated"], help="names, YAML files or folders")
+    add("--episodes", type=whole_number(1), default=200, help="in all, shared among the maps")
+    add("--seed", type=whole_number(0), default=0, help="of the first episode; the next has the next seed")
     return run_command(parser, argv, _report)
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    maps, seed, total = arguments.maps, arguments.seed, Tally()
-    print(f"{'map':28} {'episodes':>8} {'decisions':>9} {'illegal':>7}" + "".join(f" {name:>8}" for name in OUTCOMES))
-    for share in zip(maps, np.array_split(np.arange(arguments.episodes), len(maps)), strict=True):
-        source, tally = share[0], Tally()
-        for _ in share[1]:
+    maps, seed, total = arguments.maps, arguments.seed, Counter[str]()
+    print(f"{'map':28}" + "".join(f" {name:>9}" for name in COUNTS))
+    for source, share in zip(maps, np.array_split(np.arange(arguments.episodes), len(maps)), strict=True):
+        counts = Counter[str]()
+        for _ in share:
             try:
-                play_episode(source, seed, tally)
+                counts += play_episode(source, seed)
             except MapError as error:
-                tally.refusal = str(error)
-                if tally.episodes == 0:
-                    break
-                print(f"{source}, seed {seed}: a map that was played before is refused: {error}")
-                return FAULT_STATUS
+                print(f"{map_name(Path(source)):28} refused: {error}")
+                break
             except Fault as fault:
                 repeat = f"python -m tests.system.fuzz --maps {source} --episodes 1 --seed {seed}"
                 print(f"{source}, seed {seed}: {fault}\nrepeat: {repeat}")
                 return FAULT_STATUS
             seed += 1
-        print(tally.line(map_name(Path(source))))
-        total.episodes += tally.episodes
-        total.decisions += tally.decisions
-        total.refused_actions += tally.refused_actions
-        total.ends += tally.ends
-    print(total.line("all"))
+        else:
+            print(_row(map_name(Path(source)), counts))
+        total += counts
+    print(_row("all", total))
     return 0
+
+
+def _row(name: str, counts: Counter[str]) -> str:
+    return f"{name:28}" + "".join(f" {counts[one]:9d}" for one in COUNTS)
 
 
 if __name__ == "__main__":

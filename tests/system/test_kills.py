@@ -1,90 +1,126 @@
-"""Kills in short series: of real processes, and in lock-step; what a series counts as a fault."""
+"""Killing any node at any moment of a game loses no pellet and stops no other node.
+
+The nodes play in lock-step, so the moments are simulated and a failure is repeatable. Processes killed
+with SIGKILL are in ``tests/ros/test_killed_processes.py``.
+"""
 
 from __future__ import annotations
 
-import json
-import os
 from collections import Counter
-from collections.abc import Iterator
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
+pytest.importorskip("rclpy")
+pytest.importorskip("irobot_create_msgs")
+
+from pacman_env.ros import topics
+from pacman_env.ros.lock_step.deliveries import NodeFailed
+from pacman_env.ros.lock_step.game import LockStepGame
+from pacman_env.ros.messages import pellets_of, pose_of
 from pacman_env.ros.supervisor.game_nodes import GAME, REFEREE, SELECTOR, SIMULATOR
-from tests.evaluation.helpers import refused_in_one_line
-from tests.system import kills
-from tests.system.kills import NODES, Kill, Watch, figures, missing
+from tests.ros import session
+
+SETTINGS = ("clyde.speed_mps=0.02", "clyde.speed_step_mps=0.001", "show.start_s=1", "show.death_s=1")
+PAUSE_S, HANG_S = 20.0, 600.0  # simulated: before a kill at most, and until the game goes on again
+CLYDE_MOVED = "clyde has moved"
+#: Messages that a node publishes after its return because of messages from the other nodes.
+EFFECTS = {
+    SIMULATOR: (topics.GAME_STATUS.name,),
+    "pellet_manager": (topics.PELLET_MARKERS.name, topics.REMOVE_PELLET.name),
+    "audio_node": (topics.GAME_SOUND.name, topics.PLAY_NOTES.statuses.name),
+    "game_light_node": (topics.GAME_LIGHT.name, topics.LIGHT_RING.name),
+    "clyde_ghost_node": (CLYDE_MOVED,),
+    "game_event_mapper": (topics.GAME_EVENT.name, topics.GAME_LIGHT.name, topics.GAME_SOUND.name),
+    REFEREE: (topics.GAME_STATUS.name, topics.PELLETS_COLLECTED.name),
+    SELECTOR: (topics.GAME_STATUS.name, topics.REMOVE_PELLET.name),
+}
+COUNTED = (
+    *(topics.GAME_STATE, topics.GAME_RESULT, topics.PELLETS_SPAWNED, topics.PELLETS_COLLECTED, topics.GAME_STATUS),
+    *(topics.GAME_EVENT, topics.GAME_LIGHT, topics.GAME_SOUND, topics.LIGHT_RING, topics.PLAY_NOTES.statuses),
+    *(topics.PELLET_MARKERS, topics.REMOVE_PELLET, topics.CLYDE_POSE),
+)
 
 
-@pytest.fixture
-def domain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """A ROS_DOMAIN_ID that no other test process has."""
-    pytest.importorskip("irobot_create_msgs")
-    from tests.ros.system import free_domain
+class Watch:
+    """Counts messages, and compares the score of every completed round with its pellets."""
 
-    for name in ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE"):
-        monkeypatch.setenv(name, os.environ.get(name, ""))  # the command sets them
-    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
-    with free_domain() as number:
-        yield number
+    def __init__(self) -> None:
+        self.counts: Counter[str] = Counter()
+        self.state, self.result = "", ""
+        self.rounds, self.score, self.spawned = 0, 0, 0
+        self.shown: set[int] = set()
+        self.removed: set[int] = set()  # in this round
+        self.clyde: tuple[float, ...] = ()
+        self.wrong_scores: list[str] = []
+
+    def receive(self, topic: topics.Topic, message: Any) -> None:
+        self.counts[topic.name] += 1
+        if topic == topics.GAME_STATE:
+            self.state = message.data
+            if message.data == "returning_home":
+                self.removed.clear()
+        elif topic == topics.PELLETS_SPAWNED:
+            self.spawned = message.data or self.spawned
+        elif topic == topics.REMOVE_PELLET:
+            self.removed.add(message.data)
+        elif topic == topics.PELLET_MARKERS:
+            self.shown = set(pellets_of(message))
+        elif topic == topics.CLYDE_POSE:
+            self.counts[CLYDE_MOVED] += pose_of(message) != self.clyde
+            self.clyde = pose_of(message)
+        elif topic == topics.GAME_RESULT:
+            if message.data not in ("", self.result):
+                self.end(message.data)
+            self.result = message.data
+
+    def end(self, result: str) -> None:
+        self.rounds += 1
+        before, self.score = self.score, int(result.rpartition(" ")[2])
+        if not result.startswith("Complete"):
+            self.score = 0
+        elif self.score != before + self.spawned:
+            self.wrong_scores.append(f"{result}, {before} before and {self.spawned} pellets")
+
+    def missing(self, node: str, before: Counter[str]) -> list[str]:
+        """Return the effects of a node's return that were not seen yet; the game itself counts a pellet."""
+        wanted = {topics.PELLETS_COLLECTED.name, *EFFECTS[node]}
+        lacking = sorted(name for name in wanted if self.counts[name] <= before[name])
+        return lacking + ["removed pellets are shown"] * (node == "pellet_manager" and bool(self.shown & self.removed))
 
 
 @pytest.mark.daily
-def test_the_game_goes_on_after_kills_of_real_processes(domain: int, tmp_path: Path) -> None:
-    out = tmp_path / "kills.json"
-    words = ["--kills", "2", "--speed", "4", "--domain-id", str(domain), "--logs", str(tmp_path), "--json", str(out)]
-    assert kills.main(words) == 0
-    found = json.loads(out.read_text())
-    assert found["kills"] == 2
-    assert found["status"] == 0
-    assert found["back_s"] > 1.0  # `ros up` waits before it starts a node again
+@pytest.mark.parametrize("seed", [0, 1])
+def test_game_goes_on_after_killing_each_node(seed: int, domain: int, tmp_path: Path) -> None:
+    watch, rng = Watch(), np.random.default_rng(seed)
+    assert set(EFFECTS) == {SIMULATOR, SELECTOR, *GAME}
+    with session.game(tmp_path, policy="nearest", seed=seed, settings=SETTINGS) as played:
+        game = played.game
+        assert isinstance(game, LockStepGame)
+        for topic in COUNTED:
+            receive = partial(watch.receive, topic)
+            game.subscribe(played.observer, partial(topic.subscription, played.observer, receive))
 
+        def advance(until: Any, limit_s: float) -> bool:
+            end_s = played.now_s + limit_s
+            while not until() and played.now_s < end_s:
+                if watch.state == "menu":
+                    with suppress(NodeFailed):  # the referee may be away
+                        game.call(played.observer, topics.START_GAME, 5.0)
+                game.advance(0.5)
+            return bool(until())
 
-@pytest.mark.daily
-def test_the_game_goes_on_in_lock_step_after_a_kill_of_each_node(domain: int, tmp_path: Path) -> None:
-    out = tmp_path / "kills.json"
-    assert kills.main(["--lock-step", "--kills", "8", "--logs", str(tmp_path), "--json", str(out)]) == 0
-    found = json.loads(out.read_text())
-    assert found["by_node"] == dict.fromkeys(NODES, 1)
-    assert found["hangs"] == found["wrong"] == []
-    assert set(NODES) == {SIMULATOR, SELECTOR, *GAME}
-
-
-def test_a_node_that_receives_nothing_lacks_its_effects() -> None:
-    watch = Watch()
-    before = watch.counts.copy()
-    assert missing(REFEREE, watch, before) == ["game/pellets_collected", "game_status"]
-    watch.counts["game_status"] += 1
-    assert missing(REFEREE, watch, before) == ["game/pellets_collected"]
-    watch.counts["game/pellets_collected"] += 1
-    assert missing(REFEREE, watch, before) == []
-    watch.counts |= Counter({"pellet_markers": 1, "remove_pellet": 1})
-    watch.shown, watch.removed = {1, 2}, {1}
-    assert missing("pellet_manager", watch, before) == ["removed pellets are not shown"]
-
-
-def test_a_score_that_is_not_that_of_the_pellets_is_a_fault() -> None:
-    watch = Watch()
-    watch.spawned = 13
-    for result in ("", "Complete - Score: 13", "Complete - Score: 13", "Complete - Score: 26"):
-        watch._end(result)
-    assert (watch.rounds, watch.wrong) == (2, [])
-    watch._end("Complete - Score: 38")
-    assert watch.wrong == ["Complete - Score: 38, 26 before and 13 pellets"]
-    watch._end("Death - Score: 40")
-    watch._end("Complete - Score: 13")
-    assert (watch.rounds, watch.deaths, len(watch.wrong)) == (4, 1, 1)
-
-
-def test_figures_count_hangs_and_nodes() -> None:
-    found = figures([Kill(REFEREE, "running", 3.0, 5.0), Kill(SELECTOR, "menu", 4.0, 90.0, ["game_status"])], Watch())
-    assert found["by_node"] == {REFEREE: 1, SELECTOR: 1}
-    assert found["on_s"]["longest"] == 90.0
-    assert [one["node"] for one in found["hangs"]] == [SELECTOR]
-
-
-@pytest.mark.parametrize("bad", [["--kills", "0"], ["--transport", "pigeon"], ["--minutes", "-1"]])
-def test_bad_arguments_are_one_line(
-    bad: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    refused_in_one_line(kills.main, bad, "python -m tests.system.kills", tmp_path, monkeypatch, capsys)
+        for node in rng.permutation(sorted(EFFECTS)).tolist():
+            advance(lambda: False, rng.uniform(0.0, PAUSE_S))
+            game.kill(node)
+            assert advance(lambda node=node: game.member(node) is not None, 180.0), f"{node} does not return"
+            before = watch.counts.copy()
+            goes_on = advance(lambda node=node, before=before: not watch.missing(node, before), HANG_S)
+            assert goes_on, f"{node}: {watch.missing(node, before)}"
+        errors = played.errors()
+    assert watch.wrong_scores == errors == []
+    assert watch.rounds > 0

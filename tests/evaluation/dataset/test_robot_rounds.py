@@ -20,9 +20,9 @@ import pandas
 from pacman_env.evaluation.dataset.__main__ import main
 from pacman_env.ros import topics
 from pacman_env.ros.bags.record import NAME, Recorder
+from tests.map_parts import part_of_map
 from tests.ros import session
 from tests.ros.bags.test_bag_replay import TICKS, write_round
-from tests.system.campaign.schedule import part_of_map
 
 SETTINGS = ("show.start_s=1.0", "clyde.speed_mps=0.02", "execution.tick_s=0.4", "execution.check_period_s=0.4")
 NAME_OF_IT = "pacman-env/robot-v0"

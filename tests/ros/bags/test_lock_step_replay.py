@@ -13,8 +13,8 @@ pytest.importorskip("rosbags")
 from pacman_env.ros import topics
 from pacman_env.ros.bags.bag_replay import replay_bag
 from pacman_env.ros.bags.record import NAME, Recorder
+from tests.map_parts import part_of_map
 from tests.ros import session
-from tests.system.campaign.schedule import part_of_map
 
 
 @pytest.mark.parametrize("policy", ["nearest", "clyde_aware"])

@@ -11,7 +11,7 @@ pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
 from benchmarks import lock_step
-from tests.system.campaign.schedule import part_of_map
+from tests.map_parts import part_of_map
 
 
 @pytest.mark.daily

@@ -13,8 +13,8 @@ from pacman_env.ros import topics
 from pacman_env.ros.lock_step.game import RESTART_S
 from pacman_env.ros.lock_step.transcript import Transcript
 from pacman_env.ros.standstill import DEFAULT_LEASE_S, STOOD_STILL
+from tests.map_parts import part_of_map
 from tests.ros import session
-from tests.system.campaign.schedule import part_of_map
 
 SHOWS = ("show.start_s=1.0", "show.death_s=1.0")
 

@@ -14,8 +14,8 @@ pytest.importorskip("irobot_create_msgs")
 
 from pacman_env.ros import topics
 from pacman_env.ros.lock_step.transcript import Transcript
+from tests.map_parts import part_of_map
 from tests.ros import session
-from tests.system.campaign.schedule import part_of_map
 
 SHOWS = ("show.start_s=1.0", "show.death_s=1.0")
 

@@ -36,11 +36,11 @@ from pacman_env.ros.supervisor.doctor import doctor
 from pacman_env.ros.supervisor.game_nodes import GAME, PAGE, SELECTOR, SIMULATOR, GameSetup
 from pacman_env.ros.supervisor.terminal import LineWriter, fitted
 from pacman_env.world.maps.occupancy import load_map
+from tests.map_parts import part_of_map
 from tests.ros.operator_page.page_process import free_port
 from tests.ros.supervisor.terminal import COLUMNS, PATIENCE_S, Terminal
 from tests.ros.supervisor.test_doctor import diagnose, is_bad
 from tests.ros.system import Probe, Process, System
-from tests.system.campaign.schedule import part_of_map
 
 COMMAND = [sys.executable, "-m", "pacman_env.cli.main", "ros"]
 SHOWS = ("--set", "show.start_s=1.0", "--set", "show.death_s=1.0")

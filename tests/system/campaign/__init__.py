@@ -1,1 +1,0 @@
-"""Random games of the robot's nodes, with faults: ``python -m tests.system.campaign``."""
