@@ -1,1 +1,1 @@
-"""The operator's page: a game shown, played and run in any browser (docs/web.md)."""
+"""Operator page: show, play and control a game in any browser (docs/web.md)."""

@@ -1,10 +1,10 @@
-"""Which person operates the game and has which role: one operator at a time, one person a role, one role a person."""
+"""Assign control and roles to people: one operator at a time, one person per role, one role per person."""
 
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.web.game import Refused
 
-KEPT_S = 10.0  # control and role of a person whose page is gone
-DEAD_MAN_S = 0.5  # after the last velocity by hand the robot stands, as the Create 3 does
+KEPT_S = 10.0  # a person whose page is gone keeps control and role for this time
+DEAD_MAN_S = 0.5  # the robot stops this long after the last velocity command, like the Create 3
 ROBOT = "robot"
 
 
@@ -16,8 +16,10 @@ ROLES = (ROBOT, *map(ghost_role, range(len(GHOST_NAMES))))
 
 
 class Roles:
+    """People by role."""
+
     def __init__(self) -> None:
-        self.people: dict[str, str] = {}  # by role
+        self.people: dict[str, str] = {}
 
     def of(self, person: str) -> str | None:
         return next((role for role, other in self.people.items() if other == person), None)
@@ -27,7 +29,7 @@ class Roles:
             raise Refused(f"the role {role} is not yours: choose it in the tab Play first")
 
     def assume(self, person: str, role: str) -> None:
-        """Have a role instead of the present one; Refused if another person has it."""
+        """Give a person a role instead of the present one; raises Refused if another person has it."""
         if self.people.get(role, person) != person:
             raise Refused(f"{self.people[role]} has the role {role}")
         self.leave(person)
@@ -44,13 +46,13 @@ class Roles:
 
 
 class Control:
-    """The operator's lease and the roles. Times are of any clock, s."""
+    """Control of the operator, and the roles. Times are of any monotonic clock, s."""
 
     def __init__(self) -> None:
         self.operator: str | None = None
-        self.asking: list[str] = []  # in the order in which they asked
+        self.asking: list[str] = []  # people who asked for control, in order
         self.roles = Roles()
-        self.gone: dict[str, float] = {}  # since when, by person that control or a role is kept for
+        self.gone: dict[str, float] = {}  # time of leaving, by person whose control or role is kept
 
     def came(self, person: str) -> None:
         self.gone.pop(person, None)
@@ -62,7 +64,7 @@ class Control:
             self.gone[person] = now
 
     def expire(self, now: float) -> list[str]:
-        """Free what is kept for people that did not come back; returns them."""
+        """Free control and roles of people that did not come back in time, and return these people."""
         late = [person for person, since in self.gone.items() if now - since >= KEPT_S]
         for person in late:
             del self.gone[person]
@@ -78,14 +80,14 @@ class Control:
             self._pass_to(person)
 
     def ask(self, person: str) -> None:
-        """Show the operator that a person wants control; where there is no operator the person gets it."""
+        """Request control for a person, who gets it at once if there is no operator."""
         if self.operator is None:
             self.take(person)
         elif person != self.operator and person not in self.asking:
             self.asking.append(person)
 
     def give(self, person: str) -> None:
-        """Hand control to the first that asked; control is free if there is none."""
+        """Pass control to the first person who asked, or free it if nobody did."""
         if self.operator != person:
             raise Refused("you do not have control")
         self._pass_to(self.asking[0] if self.asking else None)

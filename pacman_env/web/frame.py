@@ -1,4 +1,4 @@
-"""The state of a game at one moment: the schema of the message ``frame``, which the page reads by field name."""
+"""Schema of the message ``frame``, the state of a game at one moment, which the page reads by field name."""
 
 from typing import Annotated, Any
 
@@ -11,7 +11,7 @@ from pacman_env.game.lights import Ring
 from pacman_env.game.round import State
 
 MOST_PLAN_POINTS = 64
-_DECIMALS = 4  # of what is in an array: a tenth of a millimetre
+_DECIMALS = 4  # of numbers in arrays: a tenth of a millimetre
 
 Metres = Annotated[float, Meta(extra_json_schema={"unit": "m"})]
 Seconds = Annotated[float, Meta(extra_json_schema={"unit": "s"})]
@@ -26,40 +26,40 @@ Pose = tuple[Metres, Metres, Radians]  # x, y, heading
 
 
 class Frame(msgspec.Struct, frozen=True, tag_field="kind", tag="frame"):
-    """In JSON, NaN is null."""
+    """State of a game at one moment. NaN becomes null in JSON."""
 
     state: State
-    revision: int  # of the scene it belongs to
-    number: int  # counts up
+    revision: int  # of the scene to which the frame belongs
+    number: int  # increases with each change
     time_s: Seconds = 0.0  # since the round began
-    speed: float = 1.0  # of the simulated time, times real time
+    speed: float = 1.0  # simulated time relative to real time
     score: int = 0
     collected: int = 0
     spawned: int = 0
     round: int = 1
-    goal: int = -1  # the candidate pursued, -1: none
+    goal: int = -1  # current candidate, -1: none
     paused: bool = False
     stopped: bool = False
     over: bool = False  # the round has ended
-    true: Pose | None = None  # of the robot, None: not known
+    true: Pose | None = None  # of the robot, None: unknown
     believed: Pose | None = None
     velocity: tuple[MetresPerSecond, RadiansPerSecond] = (0.0, 0.0)
-    baseline: Pose | None = None  # of the policy's robot in the same round, beside a person's
+    baseline: Pose | None = None  # of the policy's robot in the same round, if a person plays
     baseline_collected: int = 0
-    ring: Ring | None = None  # six LEDs, None: not the game's
+    ring: Ring | None = None  # six LEDs, None: not controlled by the game
     ghosts: Points = field(default_factory=lambda: np.zeros((0, 2)))
-    ghost_goals: Points = field(default_factory=lambda: np.zeros((0, 2)))  # where people have sent them, NaN: nowhere
-    alive: Present = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))  # pellets that are there
-    scores: Scores = field(default_factory=lambda: np.zeros(0))  # of the candidates, NaN: none
-    plan: Points = field(default_factory=lambda: np.zeros((0, 2)))  # the path to the goal
-    scan: Ranges = field(default_factory=lambda: np.zeros(0))  # ray 0 ahead, counter-clockwise, NaN: nothing met
+    ghost_goals: Points = field(default_factory=lambda: np.zeros((0, 2)))  # targets set by people, NaN: none
+    alive: Present = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))  # remaining pellets
+    scores: Scores = field(default_factory=lambda: np.zeros(0))  # of candidates, NaN: none
+    plan: Points = field(default_factory=lambda: np.zeros((0, 2)))  # path to the goal
+    scan: Ranges = field(default_factory=lambda: np.zeros(0))  # ray 0 ahead, counter-clockwise, NaN: no hit
 
     def encode(self) -> str:
         return _encoder.encode(self).decode()
 
 
 def thinned(plan: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(K, 2) points of a plan, at most ``MOST_PLAN_POINTS`` of them, both ends included."""
+    """Return at most ``MOST_PLAN_POINTS`` points (K, 2) of a plan, including both ends."""
     if len(plan) <= MOST_PLAN_POINTS:
         return plan
     return plan[np.linspace(0, len(plan) - 1, MOST_PLAN_POINTS).round().astype(int)]

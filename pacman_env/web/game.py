@@ -1,4 +1,4 @@
-"""What the server requires of a game, simulated or of a robot's nodes: the interface, its scene and its news."""
+"""Interface between the server and a game (simulated, or of a robot's nodes): game, scene and news."""
 
 import threading
 from collections import deque
@@ -12,20 +12,20 @@ MOST_NEWS = 100
 
 
 class Refused(ValueError):
-    """A request of a person is refused; its text is the reason, shown on the page."""
+    """Raised if a person's request is refused; the text is the reason, which the page shows."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What stays the same from frame to frame."""
+    """Data that stay the same from frame to frame."""
 
-    revision: int  # counts up from 1; a frame names the scene it belongs to
-    facts: dict[str, Any] = field(default_factory=dict)  # as JSON (docs/web_protocol.md, "scene")
-    picture: bytes = b""  # the map as a PNG, one pixel a cell, top row first; empty: no map yet
+    revision: int  # counts up from 1; frames refer to it
+    facts: dict[str, Any] = field(default_factory=dict)  # JSON values (docs/web_protocol.md, "scene")
+    picture: bytes = b""  # map as PNG, one pixel per cell, top row first; empty: no map yet
 
 
 class News:
-    """The last events of a game, numbered from 1; any thread may add and read."""
+    """The last events of a game, numbered from 1; thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -33,10 +33,10 @@ class News:
         self._number = 0
 
     def add(self, **entry: Any) -> None:
-        """``event``, ``light``, ``sound``, ``state`` (a word), ``words`` (a line of the log), ``why`` or ``story``."""
+        """Add an ``event``, ``light``, ``sound``, ``state``, log line (``words``), ``why`` or ``story``."""
         with self._lock:
             self._number += 1
-            if "why" in entry:  # only the newest is of use, and they are long
+            if "why" in entry:  # keep only the newest of these long entries
                 for old in [one for one in self._entries if "why" in one]:
                     self._entries.remove(old)
             self._entries.append({"number": self._number, **entry})
@@ -47,24 +47,22 @@ class News:
 
 
 class Game(Protocol):
-    """Every method may be called from any thread, and only ``handle`` waits for the game's next tick."""
+    """A game for the server. All methods are thread-safe, and only ``handle`` waits for the game's next tick."""
 
     source: Literal["simulator", "ros"]
 
-    def close(self) -> None: ...  # a robot stands then
-    def greet(
-        self,
-    ) -> None: ...  # a new person is the only one: what the last one chose for watching is as at the start
-    def choices(self) -> dict[str, Any]: ...  # what a setup can name (docs/web_protocol.md, "choices")
+    def close(self) -> None: ...  # the robot stops
+    def greet(self) -> None: ...  # the first person arrives: reset the viewing options
+    def choices(self) -> dict[str, Any]: ...  # values for a setup (docs/web_protocol.md, "choices")
     def scene(self) -> Scene: ...
-    def frame(self) -> Frame | None: ...  # None: nothing is known yet
-    def news(self, after: int) -> list[dict[str, Any]]: ...  # those after a number, at most 100, oldest first
-    def watch(self, *, why: bool, lidar: bool) -> None: ...  # whether any page shows the terms and the lidar now
-    def handle(self, person: str, message: Message) -> Any: ...  # ``data`` of the answer, or Refused: nothing changed
-    def stop(self, person: str) -> None: ...  # the robot, at once, until ``release``; may be repeated
+    def frame(self) -> Frame | None: ...  # None: nothing known yet
+    def news(self, after: int) -> list[dict[str, Any]]: ...  # entries after a number, at most 100, oldest first
+    def watch(self, *, why: bool, lidar: bool) -> None: ...  # whether any page shows the terms and the lidar
+    def handle(self, person: str, message: Message) -> Any: ...  # ``data`` of the answer; Refused changes nothing
+    def stop(self, person: str) -> None: ...  # stop the robot at once, until ``release``; may be repeated
     def release(self, person: str) -> None: ...
-    def leave(self, person: str) -> None: ...  # the person's role is free, and what was driven by hand stands
-    def story(self, number: int) -> bytes | None: ...  # frames of a recorded round, as a JSON list; None: no such one
+    def leave(self, person: str) -> None: ...  # free the person's role and stop a robot driven by hand
+    def story(self, number: int) -> bytes | None: ...  # frames of a recorded round as JSON list; None: unknown
 
     def add_map(self, name: str, yaml: str, image: bytes) -> dict[str, Any]:
-        """Let a map be chosen, or raise Refused; returns its name as ``map``, the checker's report as ``words``."""
+        """Make a map available; return its name (``map``) and the report of the check (``words``), or raise Refused."""

@@ -1,4 +1,4 @@
-"""The server's log: each kind of entry once a minute, and never a token."""
+"""Log of the server: at most one entry of each kind per minute, with redacted tokens."""
 
 import logging
 import time
@@ -9,14 +9,16 @@ EVERY_S = 60.0
 
 
 class Log:
+    """Writes rate-limited lines without tokens."""
+
     def __init__(
         self, write: Callable[[str], None], tokens: Iterable[str] = (), clock: Callable[[], float] = time.monotonic
     ):
         self._write, self._tokens, self._clock = write, tuple(tokens), clock
-        self._last: dict[str, tuple[float, int]] = {}  # by kind: when it was written, how many were left out since
+        self._last: dict[str, tuple[float, int]] = {}  # by kind: time of the last line, number of omitted ones since
 
     def add(self, kind: str, text: str) -> None:
-        """Write one line, unless there was one of its kind within a minute."""
+        """Write one line, unless there was a line of its kind within the last minute."""
         now = self._clock()
         last_s, more = self._last.get(kind, (-EVERY_S, 0))
         if now - last_s < EVERY_S:
@@ -26,7 +28,7 @@ class Log:
         self._write(self._redacted(" ".join(text.split()) + (f" (and {more} more)" if more else "")))
 
     def error(self, what: str, error: BaseException) -> None:
-        """One line about an unexpected error, with the place where it was raised."""
+        """Log an unexpected error with the place where it was raised."""
         frames = traceback.extract_tb(error.__traceback__)
         where = f" ({frames[-1].name}, line {frames[-1].lineno})" if frames else ""
         self.add(f"{what} {type(error).__name__}", f"{what}: {type(error).__name__}: {error}{where}")

@@ -1,4 +1,4 @@
-"""A simulated game as the robot's referee plays it: menu, show, round, the next round or round 1; the people in it."""
+"""Play a simulated game like the robot's referee: menu, show, rounds; people can play the robot and ghosts."""
 
 import logging
 import threading
@@ -21,15 +21,17 @@ from pacman_env.web.rules import Choices, Rules
 from pacman_env.web.simulated_view import Feedback, SimulatedView, TickClock
 
 _LOG = logging.getLogger(__name__)
-_HOME_S = 2.0  # real time after a round, in which its end is shown
-_REHEARSED = 6  # ticks: the planner plans, goals begin
+_HOME_S = 2.0  # real time for showing the end of a round
+_REHEARSED = 6  # ticks, enough for the planner to plan and for goals to begin
 
 
 class Driving:
+    """Roles of people and their goals."""
+
     def __init__(self) -> None:
         self.roles = Roles()
         self.goals: dict[str, int | None] = {}  # by role: the robot's candidate, a ghost's cell or FOLLOW
-        self.hand: tuple[float, float, float] | None = None  # velocities of the robot: v, omega, when
+        self.hand: tuple[float, float, float] | None = None  # velocity command for the robot: v, omega, time
 
     @property
     def plays_robot(self) -> bool:
@@ -61,7 +63,7 @@ class Driving:
             self.goals[role] = _ghost_goal(number, goal, played)
 
     def sent(self, played: PlayedRound) -> dict[int, int | None]:
-        """Return where people send the ghosts of a round, by number, as in ``Orders``."""
+        """Return the cells to which people send ghosts, by number, for ``Orders``."""
         playable = self.roles.ghosts().keys() & played.ghost_roles
         return {number: self.goals.get(ghost_role(number)) for number in playable}
 
@@ -74,7 +76,7 @@ class Driving:
 
 
 def _robot_goal(goal: messages.Goal, played: PlayedRound) -> int | None:
-    """Return the robot's candidate, None to hold."""
+    """Return the robot's candidate, or None to hold. Raises Refused for a goal without a candidate nearby."""
     candidate = goal.candidate
     if candidate is None:
         if goal.x is None or goal.y is None:
@@ -86,7 +88,7 @@ def _robot_goal(goal: messages.Goal, played: PlayedRound) -> int | None:
 
 
 def _ghost_goal(number: int, goal: messages.Goal, played: PlayedRound) -> int | None:
-    """Return a ghost's cell or FOLLOW; None if it moves as the rules of the round say."""
+    """Return a ghost's cell, FOLLOW, or None for its configured behaviour. Raises Refused for an unsuitable goal."""
     if number not in played.ghost_roles:
         raise Refused(f"{GHOST_NAMES[number].capitalize()} is yours from the next round on")
     if goal.follow:
@@ -103,7 +105,7 @@ def _ghost_goal(number: int, goal: messages.Goal, played: PlayedRound) -> int | 
 
 
 class Match:
-    """Round after round; ``lock`` is held while what is shown changes, never while a round is stepped or laid out."""
+    """A sequence of rounds. ``lock`` protects the shown state; it is not held while a round is played or prepared."""
 
     def __init__(
         self, rules: Rules, choices: Choices, seed: int | None, speed: float, news: News, lock: threading.RLock
@@ -118,7 +120,7 @@ class Match:
         self._choices, self._rules, self._news, self._lock = choices, rules, news, lock
         self._seeds = np.random.default_rng(seed)
         self._next_seed: int | None = seed
-        self._clock_s = 0.0  # simulated, shows included
+        self._clock_s = 0.0  # simulated time, including shows
         self._home_due_s: float | None = None  # real time
         self._clyde_mps: float | None = None
         self._controller = RoundController(config.clyde)
@@ -222,7 +224,7 @@ class Match:
         ]
 
     def lay_out(self, seed: int | None = None) -> None:
-        """A new round in the menu; with ``seed`` the same once more. After Refused the former round is still there."""
+        """Prepare a new round in the menu, or the round with ``seed``; a Refused keeps the present round."""
         speed = self._controller.clyde_speed if self._controller.round > 1 else self._clyde_mps
         if seed is None:
             seed = self._next_seed if self._next_seed is not None else int(self._seeds.integers(2**53))
@@ -249,7 +251,7 @@ class Match:
             raise Refused(str(error)) from error
 
     def rehearse(self) -> None:
-        """Some ticks of a round that is not shown: what has to be compiled is compiled now, not during a round."""
+        """Play some ticks of a hidden round, so that everything is compiled before a real one."""
         played = self._laid_out(None, 0, frozenset([0]))
         for _ in range(_REHEARSED):
             played.step(Orders())
@@ -270,17 +272,17 @@ class Match:
                 self.view.show(played.snapshots[-1], played.snapshots[-1])  # nothing moves
                 return
             orders = self.driving.orders(played)
-        played.step(orders)  # people are answered and frames are made meanwhile
+        played.step(orders)  # without the lock, so that people are answered meanwhile
         with self._lock:
             if played is self.round:
                 self.clock.begin(due_s)
-                before, now = played.snapshots[-2:]
-                self.view.show(before, now)
-                self._report(played, before, now)
+                previous, now = played.snapshots[-2:]
+                self.view.show(previous, now)
+                self._report(played, previous, now)
 
-    def _report(self, played: PlayedRound, before: Frame, now: Frame) -> None:
+    def _report(self, played: PlayedRound, previous: Frame, now: Frame) -> None:
         ids = played.assets.pellet_ids
-        for pellet in np.flatnonzero(before.alive & ~now.alive).tolist():
+        for pellet in np.flatnonzero(previous.alive & ~now.alive).tolist():
             self._act(self._controller.status(f"pellet_collected:{int(ids[pellet])}", self._clock_s))
         if not played.over:
             return
@@ -289,7 +291,7 @@ class Match:
             catcher = int(played.batch.games["catcher"][0])
             self.show("event", f"{GHOST_NAMES[max(catcher, 0)]} killed")
             self._act(self._controller.status("death_detected", self._clock_s))
-        elif self.state == "running":  # the time limit: the referee on a robot has none
+        elif self.state == "running":  # time limit, which the robot's referee does not have
             self._news.add(words=f"the time is up after {now.time_s:g} s - Score: {self._controller.score}")
             self.reset()
 
@@ -315,7 +317,7 @@ class Match:
                     self._home_due_s = time.monotonic() + (_HOME_S if over else 0.0)
 
     def _follow_clock(self) -> None:
-        """Shows end by the clock, and the robot is home at once: nothing drives it there."""
+        """End shows by the clock, and return home at once, because nothing has to drive there."""
         while True:
             state = self.state
             self._act(self._controller.tick(self._clock_s))
@@ -327,9 +329,9 @@ class Match:
                     self._to_menu()
             if self.state == state:
                 return
-            if self.state == "starting":  # a round without pellets would not begin
+            if self.state == "starting":  # a round without reported pellets would not begin
                 ids = [int(number) for number in self.require_round().assets.pellet_ids]
-                for _ in range(2):  # what two reports show is of this round
+                for _ in range(2):  # pellets count after two reports
                     self._act(self._controller.pellets_left(ids, self._clock_s))
                 self.clock.begin(time.monotonic())
 

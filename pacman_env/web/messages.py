@@ -1,4 +1,4 @@
-"""What a page may send (docs/web_protocol.md, "What a page sends"): a schema that each message is checked by."""
+"""Schema of the messages that a page may send (docs/web_protocol.md, "What a page sends")."""
 
 from functools import reduce
 from operator import or_
@@ -11,18 +11,18 @@ Number = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Word = Annotated[str, Meta(max_length=100)]
 Name = Annotated[str, Meta(min_length=1, max_length=200)]
 Value = bool | int | float | str | None
-Seed = Annotated[int, Meta(ge=0, lt=2**53)]  # a number of the page is a float64
-ClydeMps = Annotated[float, Meta(ge=0.05, le=2.0)]  # m/s, in round 1
+Seed = Annotated[int, Meta(ge=0, lt=2**53)]  # JavaScript numbers are float64
+ClydeMps = Annotated[float, Meta(ge=0.05, le=2.0)]  # m/s in round 1
 
 
 class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="do", tag=str.lower):
-    id: int = 0  # asks for an answer, which names it
+    id: int = 0  # other than 0: requests an answer with this id
 
 
 class Start(Message, frozen=True): ...
 
 
-class Reset(Message, frozen=True): ...  # abort the round: back to the menu
+class Reset(Message, frozen=True): ...  # abort the round and go back to the menu
 
 
 class Pause(Message, frozen=True):
@@ -30,11 +30,11 @@ class Pause(Message, frozen=True):
 
 
 class Speed(Message, frozen=True):
-    times: Annotated[float, Meta(ge=1, le=50)]  # of the simulated time
+    times: Annotated[float, Meta(ge=1, le=50)]  # simulated time relative to real time
 
 
 class Setup(Message, frozen=True):
-    """What the next rounds are; what is left out stays."""
+    """Settings of the next rounds; omitted fields stay unchanged."""
 
     map: Name | None = None
     level: Annotated[int, Meta(ge=0, lt=2**31)] | None = None
@@ -59,17 +59,17 @@ class PlaceClyde(Message, frozen=True, tag="place_clyde"):
 
 
 class SetPose(Message, frozen=True, tag="set_pose"):
-    """Where the robot stands, m and rad, for its localization."""
+    """Pose of the robot for its localization, m and rad."""
 
     x: Number
     y: Number
     heading: Annotated[float, Meta(ge=-7, le=7)]
 
 
-class Continue(Message, frozen=True): ...  # with the pose that is believed, after it has jumped
+class Continue(Message, frozen=True): ...  # accept the believed pose after a jump
 
 
-class Stop(Message, frozen=True): ...  # the robot stands at once, until the release
+class Stop(Message, frozen=True): ...  # stop the robot at once, until the release
 
 
 class Release(Message, frozen=True): ...
@@ -84,16 +84,16 @@ class Role(Message, frozen=True):
 
 
 class Goal(Message, frozen=True):
-    """A goal for one's own role: a candidate, -1 to hold; or a place; or, for a ghost, the robot."""
+    """A goal for the sender's role: a candidate (-1: hold), a place, or for a ghost the robot."""
 
     candidate: Annotated[int, Meta(ge=-1, lt=65536)] | None = None
-    follow: bool = False  # the robot
+    follow: bool = False  # follow the robot
     x: Number | None = None
     y: Number | None = None
 
 
 class Drive(Message, frozen=True):
-    """Velocities by hand, m/s and rad/s; 0.5 s after the last of them the robot stands."""
+    """Velocity command, m/s and rad/s; the robot stops 0.5 s after the last one."""
 
     v: Annotated[float, Meta(ge=-10, le=10)]
     omega: Annotated[float, Meta(ge=-10, le=10)]
@@ -114,26 +114,26 @@ class Watch(Message, frozen=True):
 
 
 class Why(Message, frozen=True):
-    story: Annotated[int, Meta(ge=1)]  # the number of a recorded round
+    story: Annotated[int, Meta(ge=1)]  # number of a recorded round
     tick: Annotated[int, Meta(ge=0)]
 
 
-class Stories(Message, frozen=True): ...  # the recorded rounds
+class Stories(Message, frozen=True): ...  # list the recorded rounds
 
 
-class Ready(Message, frozen=True): ...  # the readiness list
+class Ready(Message, frozen=True): ...  # list the readiness checks
 
 
 class Ping(Message, frozen=True): ...
 
 
-MOST_BYTES = 16_384  # of a message; a map is uploaded over HTTP
+MOST_BYTES = 16_384  # per message; maps are uploaded over HTTP
 FOR_ALL = (Stop, Watch, Why, Stories, Ready, Ping)  # allowed to viewers too
 _decoder: msgspec.json.Decoder[Message] = msgspec.json.Decoder(reduce(or_, Message.__subclasses__()))
 
 
 def parse(text: str | bytes) -> Message:
-    """Raises ValueError for text that is no message; its words name the place."""
+    """Parse a message; raises ValueError, which tells the position, for invalid text."""
     if len(text) > MOST_BYTES:
         raise ValueError(f"a message of {len(text)} bytes: at most {MOST_BYTES}")
     try:
@@ -143,5 +143,5 @@ def parse(text: str | bytes) -> Message:
 
 
 def as_json(value: Any) -> str:
-    """JSON; NaN and infinity become null."""
+    """Return a value as JSON text; NaN and infinity become null."""
     return msgspec.json.encode(value).decode()

@@ -1,4 +1,4 @@
-"""One round in the simulator, tick by tick: played by a policy or by people, beside another robot, and recorded."""
+"""Play and record one simulated round tick by tick, by a policy or by people, optionally next to a policy's robot."""
 
 import copy
 from collections.abc import Mapping, Sequence
@@ -26,35 +26,35 @@ from pacman_env.web.game import Refused
 from pacman_env.world.navigation import lidar, navigator
 
 _RAYS = 180
-_RANGE_M = (0.15, 12.0)  # of the RPLIDAR A1
+_RANGE_M = (0.15, 12.0)  # RPLIDAR A1
 _ONE = np.zeros(1, dtype=np.int64)
 _ALL = np.ones(1, dtype=np.bool_)
 _KEPT = 10
-_NEAR_M = 1.0  # of what is clicked, at most
-FOLLOW = -1  # in place of a ghost's cell
+_NEAR_M = 1.0  # largest distance of a candidate or cell from a click
+FOLLOW = -1  # instead of a ghost's cell: follow the robot
 
 
 @dataclass
 class Orders:
-    """What people want of the next tick; candidates are numbered as on the page."""
+    """Orders of people for the next tick; candidates have the numbers of the page."""
 
-    robot: bool = False  # a person plays the robot: its policy is not followed
-    goal: int | None = None  # the candidate of that person; None: hold
-    velocity: tuple[float, float] | None = None  # v (m/s) and omega (rad/s) by hand
-    ghosts: dict[int, int | None] = field(default_factory=dict)  # by number the ghost's cell, or FOLLOW; None: as set
+    robot: bool = False  # a person plays the robot instead of its policy
+    goal: int | None = None  # the person's candidate; None: hold
+    velocity: tuple[float, float] | None = None  # velocity command: v (m/s) and omega (rad/s)
+    ghosts: dict[int, int | None] = field(default_factory=dict)  # cell or FOLLOW by number; None: configured behaviour
 
 
 class PlayedRound:
-    """A round with its policies; ConfigError or MapError if it cannot be played."""
+    """A round with its policies. Raises ConfigError or MapError if it cannot be played."""
 
     def __init__(
         self,
         config: Config,
         source: LevelSource,
         ghosts: Mapping[int, Policy],
-        policies: Sequence[str],  # the robot follows the first, the second is asked beside it
+        policies: Sequence[str],  # the robot follows the first one; the second one is only compared
         seed: int,
-        ghost_roles: frozenset[int] = frozenset(),  # that people may send, and that behave as configured until then
+        ghost_roles: frozenset[int] = frozenset(),  # ghosts that people may send; otherwise they behave as configured
     ) -> None:
         self.seed, self.names = seed, tuple(policies)
         self._behaviours = config.clyde.ghosts
@@ -63,19 +63,19 @@ class PlayedRound:
         self.ghost_roles, self._ghosts = ghost_roles, dict(ghosts)
         self._source = source
         self._policies = [make_policy(name) for name in policies]
-        self.situations: list[Situation] = []  # in which each tick was decided
-        self.choices: list[list[int]] = []  # (T, 3), numbered as on the page: the robot's goal, each policy's choice
+        self.situations: list[Situation] = []  # at the start of each tick
+        self.choices: list[list[int]] = []  # (T, 3), with numbers of the page: robot's goal, choice of each policy
         self.by_person = False
-        self.placed = False  # a ghost, by a person
+        self.placed = False  # a person has placed a ghost
         self._baseline: PlayedRound | None = None
-        self._sent: Mapping[int, int | None] = {}  # ghosts, as in the last orders
+        self._sent: Mapping[int, int | None] = {}  # ghosts of the last orders
         self.batch = batch = GameBatch(source, self.config, 1)
         batch.reset(_ONE, np.array([seed], dtype=np.uint64))
         for policy in (*self._policies, *self._ghosts.values()):
             policy.reset(_ALL, self.config)
         self.assets = batch.assets_of(0)
         refuges = range(batch.pellet_slots, batch.pellet_slots + self.assets.refuges)
-        self._numbers = np.array([*range(self.assets.pellets), *refuges, batch.hold])  # the batch's, by the page's
+        self._numbers = np.array([*range(self.assets.pellets), *refuges, batch.hold])  # batch number by page number
         self.hold = len(self._numbers) - 1
         self._situation = batch.situation()
         self.snapshots = [self._snapshot()]  # before the first tick, and after each
@@ -90,7 +90,7 @@ class PlayedRound:
 
     @property
     def outcome(self) -> str:
-        """``running``, ``caught``, ``complete``, ``timeout``."""
+        """``running``, ``caught``, ``complete`` or ``timeout``."""
         return str(OUTCOMES[self.batch.games["end"][0]])
 
     @property
@@ -98,7 +98,7 @@ class PlayedRound:
         return int(self.batch.level_numbers()[0]) if len(self.batch.levels) > 1 else None
 
     def place_ghost(self, number: int, x: float, y: float) -> None:
-        """Before the first tick: put a ghost on the cell of its nearest to a place, m."""
+        """Move a ghost to its cell nearest to (x, y), m; only before the first tick."""
         self.batch.place_ghost(0, number, x, y)
         self.placed = True
         self._situation = self.batch.situation()
@@ -106,26 +106,26 @@ class PlayedRound:
 
     @property
     def catcher(self) -> int | None:
-        """Return the number of the ghost that has caught the robot, None if none has."""
+        """Number of the ghost that caught the robot, or None."""
         number = int(self.batch.games["catcher"][0])
         return number if self.outcome == "caught" and number >= 0 else None
 
     def nearest(self, x: float, y: float) -> int | None:
-        """Return the candidate nearest to a place, m, that may be chosen; None if none is within 1 m."""
+        """Return the allowed candidate nearest to (x, y), m, or None if there is none within 1 m."""
         places = self.assets.goal_xy
-        away = np.hypot(places[:, 0] - x, places[:, 1] - y)
-        away[~self._situation.mask[0, self._numbers[:-1]]] = np.inf
-        return int(away.argmin()) if away.min() <= _NEAR_M else None
+        distance = np.hypot(places[:, 0] - x, places[:, 1] - y)
+        distance[~self._situation.mask[0, self._numbers[:-1]]] = np.inf
+        return int(distance.argmin()) if distance.min() <= _NEAR_M else None
 
     def nearest_ghost_cell(self, number: int, x: float, y: float) -> int | None:
-        """Return the cell nearest to a place, m, that a ghost can reach; None if none is within 1 m."""
+        """Return the cell nearest to (x, y), m, that a ghost can reach, or None if there is none within 1 m."""
         cells, batch = self.assets.clyde, self.batch
-        here = batch.ghost_paths[0, number, batch.ghosts["path_index"][0, number]]
-        cell, away_m = cells.nearest(x, y, int(cells.part[here]))
-        return cell if away_m <= _NEAR_M else None
+        current = batch.ghost_paths[0, number, batch.ghosts["path_index"][0, number]]
+        cell, distance_m = cells.nearest(x, y, int(cells.part[current]))
+        return cell if distance_m <= _NEAR_M else None
 
     def ghost_goals(self, sent: Mapping[int, int | None], robot: Pose | None) -> NDArray[np.float64]:
-        """Return the places (G, 2), m, to which people have sent the ghosts, NaN for none; one may follow the robot."""
+        """Return the targets (G, 2), m, to which people have sent ghosts (NaN: none), such as the robot's position."""
         goals = np.full((len(self._behaviours), 2), np.nan)
         for number, cell in sent.items():
             if cell == FOLLOW and robot is not None:
@@ -135,14 +135,14 @@ class PlayedRound:
         return goals
 
     def play_beside(self) -> None:
-        """Let the policy play the same round beside the person, from the first tick on."""
+        """Let the policy play the same round next to the person, if no tick has been played."""
         if self.ticks == 0 and not self.placed and not self.ghost_roles:
             ghosts = copy.deepcopy(self._ghosts)
             self._baseline = PlayedRound(self.config, self._source, ghosts, self.names[:1], self.seed)
             self.snapshots = [self._snapshot()]
 
     def baseline_result(self) -> dict[str, Any] | None:
-        """The round's result for the policy beside a person, played to its end; None if there is none."""
+        """Return the result of the policy that plays next to a person, played to the end, or None without one."""
         baseline = self._baseline
         if baseline is None:
             return None
@@ -175,8 +175,8 @@ class PlayedRound:
         self.snapshots.append(self._snapshot())
 
     def _page_number(self, candidate: int) -> int:
-        found = np.flatnonzero(self._numbers == candidate)
-        return int(found[0]) if len(found) else self.hold
+        matches = np.flatnonzero(self._numbers == candidate)
+        return int(matches[0]) if len(matches) else self.hold
 
     def _ghost_choices(self, orders: Orders) -> NDArray[np.int64] | None:
         batch = self.batch
@@ -225,7 +225,7 @@ class PlayedRound:
         )
 
     def lidar(self) -> NDArray[np.float64]:
-        """(R,) the scan at the robot's true pose, m, NaN: nothing met; without noise."""
+        """Return the scan (R,) at the robot's true pose, m, without noise; NaN: no hit."""
         pose = self.snapshots[-1].true
         assert pose is not None
         grid, ranges = self.assets.grid, np.zeros(_RAYS, dtype=np.float32)
@@ -234,17 +234,17 @@ class PlayedRound:
         return np.where(ranges >= _RANGE_M[1], np.nan, ranges.astype(float))
 
     def why(self, tick: int) -> dict[str, Any]:
-        """The terms of the candidates at a tick: the policies are asked again, from the first tick on."""
+        """Return the terms of the candidates at a tick; this replays the policies from the first tick."""
         situation = [*self.situations, self._situation][tick]
         policies = [make_policy(name) for name in self.names]
         for policy in policies:
             policy.reset(_ALL, self.config)
-            for before in self.situations[:tick]:
-                _choice(policy, before, self.batch.hold)
+            for earlier in self.situations[:tick]:
+                _choice(policy, earlier, self.batch.hold)
         return self._terms(situation, policies, self.choices[tick][0] if tick < self.ticks else -1)
 
     def why_now(self) -> dict[str, Any]:
-        """The same of this moment, without asking again."""
+        """Return the terms of the candidates at the present tick, without replay."""
         return self._terms(self._situation, copy.deepcopy(self._policies), self.snapshots[-1].goal)
 
     def _terms(self, situation: Situation, policies: list[Any], goal: int) -> dict[str, Any]:
@@ -269,7 +269,7 @@ class PlayedRound:
 
 
 def _choice(policy: Policy, situation: Situation, hold: int) -> int:
-    """Of one game; a user's policy that fails holds, as the page is of others too."""
+    """Return a policy's choice for one game; a user's policy that fails holds, because others use the page too."""
     try:
         return int(choose(policy, situation)[0])
     except PolicyError:
@@ -277,12 +277,14 @@ def _choice(policy: Policy, situation: Situation, hold: int) -> int:
 
 
 class Recordings:
+    """The last played rounds."""
+
     def __init__(self) -> None:
-        self.count = 0  # in all
+        self.count = 0  # of all rounds
         self._kept: dict[int, tuple[PlayedRound, dict[str, Any]]] = {}
 
     def keep(self, played: PlayedRound, **facts: Any) -> str:
-        """One more, whose summary (docs/web_protocol.md, "stories") has ``facts`` of the game; returns it in words."""
+        """Store a round and its summary (docs/web_protocol.md, "stories") with ``facts``, and describe it in words."""
         self.count += 1
         choices = np.array(played.choices).reshape(-1, 3)
         differ = choices[:, 1] != choices[:, 2]
@@ -315,18 +317,18 @@ class Recordings:
         return [summary for _, summary in reversed(self._kept.values())]
 
     def frames(self, number: int) -> bytes | None:
-        kept = self._kept.get(number)
-        if kept is None:
+        entry = self._kept.get(number)
+        if entry is None:
             return None
-        played, summary = kept
+        played, summary = entry
         fields = {name: summary[name] for name in ("revision", "round")}
         return encode_all([replace(snapshot, **fields) for snapshot in played.snapshots])
 
     def why(self, number: int, tick: int) -> dict[str, Any]:
-        kept = self._kept.get(number)
-        if kept is None:
+        entry = self._kept.get(number)
+        if entry is None:
             raise Refused(f"round {number} is no longer stored")
-        played = kept[0]
+        played = entry[0]
         if tick > played.ticks:
             raise Refused(f"tick {tick}: the round has {played.ticks}")
         return played.why(tick)

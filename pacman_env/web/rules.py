@@ -1,4 +1,4 @@
-"""The rules of a simulated round: chosen by name on the page, checked, and made into games."""
+"""Rules of a simulated round: chosen by name on the page, checked, and converted to games."""
 
 from __future__ import annotations
 
@@ -23,19 +23,21 @@ from pacman_env.world.maps.map_check import check_map
 from pacman_env.world.maps.occupancy import MapError, OccupancyMap, load_map, read_map, shipped_maps
 
 GENERATED = "generated"
-#: Groups of the configuration that a form shows: others are chosen elsewhere on the page, or only learners need them.
+#: Groups of the configuration that the form shows; the page has other places for the rest, or only learners need it.
 _GROUPS = ("robot", "localization", "nav2", "pellets", "clyde", "execution", "refuges")
 _VARIANTS = ("clyde_aware:documented", "search:alone")  # policies for measurements, not listed
 _CHOSEN_ELSEWHERE = ("clyde.speed_mps", "execution.tick_s")
-_MOST_MAPS = 20  # uploaded
-_LONGEST_S = 3600.0  # of a round: each of its ticks is kept
-_MOST_PIXELS = 4_000_000  # of an uploaded map: 2000 x 2000
+_MOST_MAPS = 20  # uploaded maps
+_LONGEST_S = 3600.0  # limit of a round, because all ticks are stored
+_MOST_PIXELS = 4_000_000  # limit of an uploaded map: 2000 x 2000
 
 
 @dataclass(frozen=True)
 class Rules:
+    """Choices for a round."""
+
     map: str = "house"
-    level: int | None = None  # of a generated map; None: drawn by the seed
+    level: int | None = None  # of a generated map; None: drawn from the seed
     preset: str = "robot"
     policy: str = "ppo"
     second: str = "clyde_aware"
@@ -57,7 +59,7 @@ class Rules:
 
 
 class Choices:
-    """What ships, what is installed, and ``maps`` and ``policies`` (files, ``module:Class``) named at the start."""
+    """Available maps, policies and settings: shipped, installed, or given at the start as ``maps`` and ``policies``."""
 
     def __init__(self, maps: Sequence[str | OccupancyMap] = (), policies: Sequence[str] = ()) -> None:
         self._maps: dict[str, str | OccupancyMap] = {name: name for name in shipped_maps()}
@@ -83,7 +85,7 @@ class Choices:
         }
 
     def check(self, rules: Rules) -> None:
-        """Raise Refused for a name that cannot be chosen; what was chosen may still not fit together."""
+        """Raise Refused for a name that is not available; the combination of names is not checked."""
         facts = self.facts()
         for what, name, known in (
             ("map", rules.map, facts["maps"]),

@@ -1,4 +1,4 @@
-"""The server of the operator's page, a thread with its connections, over a game; and the links that lead to it."""
+"""Server of the operator page, which runs in a thread, and the links to the page."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ from pacman_env.web.sessions import Sessions
 from pacman_env.web.viewers import MESSAGES_PER_S
 
 TICK_S = 0.05
-REQUEST_S = 120.0  # for all over HTTP but an upload
-PING_S, PONG_S = 3.0, 5.0  # a page that does not answer is gone after 8 s
-CONNECTIONS = 3  # for each viewer: a browser opens up to six for the page's files, and soon closes them
+REQUEST_S = 120.0  # limit of HTTP requests except uploads
+PING_S, PONG_S = 3.0, 5.0  # a page without answers is gone after 8 s
+CONNECTIONS = 3  # per viewer: browsers open up to six for the page's files, and close them soon
 SPARE_CONNECTIONS = 50
-CLOSING_S = 2.0  # for what is still to be sent on a connection that ends
-HIGH_WATER = 16 << 10  # bytes; a slow reader gets a newer frame the sooner
+CLOSING_S = 2.0  # for sending the rest when a connection ends
+HIGH_WATER = 16 << 10  # bytes; a small buffer gives slow readers newer frames
 _WAKE_S = 0.5
-MOST_UNSENT = 1 << 20  # such as answers to pings of a client that reads nothing
+MOST_UNSENT = 1 << 20  # for example answers to pings of a client that does not read
 _FULL = (
     b"HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\ncontent-length: 26\r\n\r\ntoo many connections here.\n"
 )
@@ -52,24 +52,26 @@ _FULL = (
 
 @dataclass(frozen=True)
 class Limits:
+    """Limits of a server."""
+
     viewers: int = 100
-    messages_per_s: float = MESSAGES_PER_S  # of one viewer
-    headers_s: float = 10.0  # for the head of a request
+    messages_per_s: float = MESSAGES_PER_S  # per viewer
+    headers_s: float = 10.0  # for the headers of a request
     body_s: float = 20.0  # for an upload
 
 
 class WebServer:
-    """The page over a game, which the caller closes, in a thread of its own; ``with`` starts and closes it."""
+    """Serves the page of a game in a thread; ``with`` starts and closes the server, but not the game."""
 
     def __init__(
         self,
         game: Game,
-        host: str = "127.0.0.1",  # an address of this machine, or a name of one; 0.0.0.0: all of them
-        port: int = 0,  # 0: any that is free
+        host: str = "127.0.0.1",  # address or host name of this machine; 0.0.0.0: all addresses
+        port: int = 0,  # 0: any free port
         *,
-        tokens: Tokens | None = None,  # None: new ones if other machines reach the address or a name, else none
-        names: Iterable[str] = (),  # accepted as Host beside the address; of a proxy the whole address of the page
-        write: Callable[[str], None] | None = None,  # a line of the log; to stderr if not given
+        tokens: Tokens | None = None,  # None: new tokens if other machines can reach the page, else no tokens
+        names: Iterable[str] = (),  # more accepted host names; for a proxy, the complete address of the page
+        write: Callable[[str], None] | None = None,  # writes a line of the log; None: to stderr
         limits: Limits = Limits(),
         static: Path = STATIC,
     ):
@@ -87,7 +89,7 @@ class WebServer:
 
     @property
     def public_url(self) -> str:
-        """The address that others use, without a token."""
+        """Address for others, without a token."""
         return next((name.url for name in self._names if name.url), link(self.address, self.port))
 
     def __enter__(self) -> WebServer:
@@ -98,7 +100,7 @@ class WebServer:
         self.close()
 
     def start(self) -> None:
-        """Serve from now on. Raises OSError if the address is in use, or none of this machine's."""
+        """Start serving. Raises OSError if the address is in use or does not belong to this machine."""
         bound = bind(self.host, self.port)
         self.address, self.port = bound.getsockname()[:2]
         if self.tokens is None and not (is_loopback(self.address) and all(name.is_local for name in self._names)):
@@ -120,11 +122,11 @@ class WebServer:
             raise OSError(f"the page cannot be served: {error}") from error
 
     def close(self) -> None:
-        """Close every page's connection and end; it takes 2 s at most."""
+        """Close all connections and end the server, within 2 s."""
         if self._thread is None:
             return
         loop, stop = self._started.result()
-        with contextlib.suppress(RuntimeError):  # it has ended by itself
+        with contextlib.suppress(RuntimeError):  # the loop has ended already
             loop.call_soon_threadsafe(stop.set)
         self._thread.join()
         self._thread = None
@@ -161,7 +163,7 @@ class WebServer:
             stopping.cancel()
             await sessions.end()
             server.should_exit = True
-            for _ in range(2):  # the first abort is for slow connections, the second for those that do not move
+            for _ in range(2):  # first for slow connections, then for stuck ones
                 await asyncio.wait((serving,), timeout=0.4)
                 connections.abort_all()
                 server.force_exit = True
@@ -178,36 +180,36 @@ def _configuration(application: ASGIApp, connections: Connections) -> uvicorn.Co
         ws="websockets-sansio",
         lifespan="off",
         log_config=None,
-        log_level="critical",  # this server writes its own log, once for each kind, without addresses
-        access_log=False,  # the token would be in it
+        log_level="critical",  # this server writes its own log
+        access_log=False,  # would contain the token
         proxy_headers=False,
         server_header=False,
         ws_max_size=MOST_BYTES,
         ws_ping_interval=PING_S,
         ws_ping_timeout=PONG_S,
-        ws_per_message_deflate=False,  # costs more than it saves: once for each viewer
+        ws_per_message_deflate=False,  # would compress each frame for every viewer
         h11_max_incomplete_event_size=16 << 10,
         timeout_graceful_shutdown=1,
     )
 
 
 class Connections:
-    """All of a server: ``most`` at once; as many more get a 503, further ones are aborted."""
+    """Open connections of a server: at most ``most``; as many more get a 503, and further ones are aborted."""
 
     def __init__(self, most: int, headers_s: float):
         self.most = most
-        #: Whether it waits for a request, is busy or closes; its last request; since when.
+        #: By connection: its state (waits for a request, busy or closes) with its last request, and since when.
         self.open: dict[LimitedConnection, tuple[tuple[str, RequestResponseCycle | None], float]] = {}
-        self._headers_s = headers_s  # for the head of a request
+        self._headers_s = headers_s  # for the headers of a request
 
     def end_slow(self) -> None:
-        """End those that do not send their request, or do not receive what is sent to them; called twice a second."""
+        """End connections that do not send their request or do not receive data; must be called twice a second."""
         now = time.monotonic()
-        for connection, (before, since) in list(self.open.items()):
+        for connection, (previous, since) in list(self.open.items()):
             transport = connection.transport
             unsent = transport.get_write_buffer_size()
             state = "closes" if transport.is_closing() else "waits" if connection.waits_for_request() else "busy"
-            if (state, connection.cycle) != before:  # since the last sweep, also by another request
+            if (state, connection.cycle) != previous:  # changed since the last call
                 since = now
                 self.open[connection] = (state, connection.cycle), since
             if state == "closes" and unsent == 0:
@@ -257,7 +259,7 @@ async def _tick(sessions: Sessions, connections: Connections, log: Log) -> None:
                 connections.end_slow()
         except Exception as error:
             log.error("a tick", error)
-        at = max(at + TICK_S, time.monotonic())  # a late tick is not made up for
+        at = max(at + TICK_S, time.monotonic())  # skip missed ticks
         await asyncio.sleep(at - time.monotonic())
 
 
@@ -283,18 +285,21 @@ def serve(
     limits: Limits = Limits(),
     opened: Callable[[str], Any] | None = None,  # called with the page's address, such as to open a browser
 ) -> None:
-    """Print the page's links and serve it until Ctrl-C or SIGTERM, in the main thread; OSError for a bad address."""
+    """Print the links of the page and serve it until Ctrl-C or SIGTERM; call it in the main thread.
+
+    Raises OSError if the address cannot be used.
+    """
     ended = threading.Event()
     with WebServer(game, host, port, names=names, limits=limits) as server:
-        before = {one: signal.signal(one, lambda *_: ended.set()) for one in (signal.SIGINT, signal.SIGTERM)}
+        handlers = {one: signal.signal(one, lambda *_: ended.set()) for one in (signal.SIGINT, signal.SIGTERM)}
         try:
             print(greeting(server.public_url, server.tokens), flush=True)
             if opened is not None:
                 opened(server.url)
             while not ended.wait(_WAKE_S):
-                pass  # a signal that another thread has received does not end a wait of this one
+                pass  # poll, because a signal received by another thread does not end this wait
         finally:
-            for number, handler in before.items():
+            for number, handler in handlers.items():
                 signal.signal(number, handler)
 
 
@@ -308,11 +313,11 @@ def with_token(url: str, token: str) -> str:
 
 
 def own_address(family: int = socket.AF_INET) -> str | None:
-    """The address by which others reach this machine, if there is one; nothing is sent."""
-    there = "192.0.2.1" if family == socket.AF_INET else "2001:db8::1"  # addresses of documentation
+    """Return the address by which others reach this machine, or None; no packet is sent."""
+    target = "192.0.2.1" if family == socket.AF_INET else "2001:db8::1"  # reserved for documentation
     with socket.socket(family, socket.SOCK_DGRAM) as probe:
         try:
-            probe.connect((there, 9))
+            probe.connect((target, 9))
             return str(probe.getsockname()[0])
         except OSError:
             return None
@@ -325,7 +330,7 @@ def shown_address(address: str) -> str:
 
 
 def qr_code(text: str) -> str:
-    """For a terminal, in half blocks; empty where segno is missing."""
+    """Return a QR code for a terminal in half blocks, or "" without the package segno."""
     try:
         import segno
     except ImportError:
@@ -355,7 +360,7 @@ def bind(host: str, port: int) -> socket.socket:
     bound = socket.socket(family, kind, protocol)
     try:
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        bound.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 17)  # a slow reader gets newer frames
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 17)  # a small buffer gives slow readers newer frames
         bound.bind(address)
     except OSError as error:
         bound.close()

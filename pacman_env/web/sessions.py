@@ -1,4 +1,4 @@
-"""The sessions of pages: their websockets, and what is done with their messages, by whom allowed and in which order."""
+"""Sessions of pages: their websockets, and permissions and order of their messages."""
 
 import asyncio
 import contextlib
@@ -21,20 +21,20 @@ from pacman_env.web.messages import Message, as_json, parse
 from pacman_env.web.viewers import MOST_TEXTS, Audience, RateLimit, Viewer
 from pacman_env.web.vocabulary import vocabulary
 
-MOST_THREADS = 32  # that wait for the game
-MOST_STOPS = 4  # at once
+MOST_THREADS = 32  # waiting for the game
+MOST_STOPS = 4  # simultaneous stops
 MOST_REMEMBERED = 1000
 MOST_WORDS = 500
 GOODBYE_S = 0.5
 VIEW_ONLY = "your link is view only; STOP still works"
 STOPPED_AGAIN = "stopped again meanwhile"
-#: Of operators without control; every other message that is not for all needs control.
+#: Messages of operators that do not need control.
 _FREE = (messages.Control, messages.Role, messages.Goal, messages.Drive)
 T = TypeVar("T")
 
 
 async def in_thread(limit: asyncio.Semaphore, work: Callable[..., T], *arguments: Any) -> T:
-    """The result of ``work``, done in a daemon thread: the process can end although the work never does."""
+    """Return the result of ``work``, run in a daemon thread, so that the process can end even if the work hangs."""
     result: Future[T] = Future()
     result.set_running_or_notify_cancel()
 
@@ -50,15 +50,17 @@ async def in_thread(limit: asyncio.Semaphore, work: Callable[..., T], *arguments
 
 
 class Sessions:
+    """All sessions of a server."""
+
     def __init__(self, game: Game, log: Log, most: int, rate: float):
         self.control = Control()
         self.audience = Audience(game, most, self.people)
         self._game, self._log, self._rate = game, log, rate
-        # The game is never asked in the thread of the connections: any of its answers may take long.
+        # Never call the game in the thread of the connections, because any call may take long.
         self.in_thread = partial(in_thread, asyncio.Semaphore(MOST_THREADS))
-        self._poll_thread = asyncio.Semaphore(1)  # however many requests wait for the game, frames go on
-        self._stop_threads = asyncio.Semaphore(MOST_STOPS)  # only stops and leaving wait before a stop
-        self._known: dict[str, Viewer] = {}  # by the key of the page
+        self._poll_thread = asyncio.Semaphore(1)  # own thread, so that frames continue while requests wait
+        self._stop_threads = asyncio.Semaphore(MOST_STOPS)  # only for stops and leaving
+        self._known: dict[str, Viewer] = {}  # by key of the page
         self._guests = 0
         self._stops = 0
         self._arriving = 0
@@ -138,7 +140,7 @@ class Sessions:
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             if outbox.ended.is_set() and not sender.done():
-                await asyncio.wait((sender,), timeout=GOODBYE_S)  # the page may not receive it
+                await asyncio.wait((sender,), timeout=GOODBYE_S)  # the page may not read
         finally:
             for task in tasks:
                 task.cancel()
@@ -147,22 +149,22 @@ class Sessions:
                     self._log.error("a viewer", result)
 
     async def _connect(self, access: Kind, key: str) -> Viewer:
-        """A page has connected; with the key of an earlier connection it has the same person again."""
+        """Register a page that has connected; the key of an earlier connection restores its person."""
         choices = await in_thread(self._poll_thread, self._game.choices)
-        before = self._known.pop(key, None)
-        if before is None or before.access != access:
-            before = None
+        previous = self._known.pop(key, None)
+        if previous is None or previous.access != access:
+            previous = None
             if not self.audience.viewers:
                 await in_thread(self._poll_thread, self._game.greet)
             self._guests += 1
             viewer = Viewer(f"guest-{self._guests}", access, RateLimit(self._rate, time.monotonic()))
         else:
-            viewer = Viewer(before.name, access, before.rate_limit)
-            before.is_replaced = True
-            if before.gone_s is None:  # the old connection is dead, which was not noticed
-                before.outbox.end("your page is connected anew")
-                self.audience.remove(before)
-        viewer.worker = asyncio.create_task(self._work(viewer, before))
+            viewer = Viewer(previous.name, access, previous.rate_limit)
+            previous.is_replaced = True
+            if previous.gone_s is None:  # the old connection is dead, but not noticed yet
+                previous.outbox.end("your page is connected anew")
+                self.audience.remove(previous)
+        viewer.worker = asyncio.create_task(self._work(viewer, previous))
         self._forget_gone()
         self._known[viewer.key] = viewer
         self.control.came(viewer.name)
@@ -193,7 +195,7 @@ class Sessions:
     # Messages
 
     def _receive(self, viewer: Viewer, text: str | bytes) -> None:
-        """One message. A stop is done at once, before all else and at any rate."""
+        """Process a message; a stop is executed at once, before all others and at any rate."""
         message, error = None, "bad message: text is understood, bytes are not"
         if isinstance(text, str):
             try:
@@ -202,7 +204,7 @@ class Sessions:
                 error = str(invalid)[:MOST_WORDS]
         if isinstance(message, messages.Stop):
             self._stops += 1
-            if not viewer.stops or (message.id and len(viewer.stops) < MOST_TEXTS):  # without an id none is answered
+            if not viewer.stops or (message.id and len(viewer.stops) < MOST_TEXTS):  # only an id needs an answer
                 viewer.stops.append(message)
             if viewer.stopping is None or viewer.stopping.done():
                 viewer.stopping = asyncio.create_task(self._stop(viewer))
@@ -217,13 +219,13 @@ class Sessions:
             _answer(viewer, message)
         elif viewer.access == "viewer" and not isinstance(message, messages.FOR_ALL):
             _answer(viewer, message, VIEW_ONLY)
-        elif viewer.waiting.qsize() >= MOST_TEXTS - 1:  # one place is for the end
+        elif viewer.waiting.qsize() >= MOST_TEXTS - 1:  # one place is reserved for the end
             _answer(viewer, message, "too much at once: the game has not done yet what you asked for")
         else:
             viewer.waiting.put_nowait((message, self._stops))
 
     async def _stop(self, viewer: Viewer) -> None:
-        """One stop at a time; all that arrive meanwhile are one more."""
+        """Execute one stop at a time; all stops that arrive meanwhile are combined to the next one."""
         while viewer.stops:
             stops, viewer.stops = viewer.stops, []
             refusal = await self._attempt("a stop", in_thread(self._stop_threads, self._game.stop, viewer.name))
@@ -231,7 +233,7 @@ class Sessions:
                 _answer(viewer, message, refusal)
 
     async def _attempt(self, what: str, work: Awaitable[Any]) -> str:
-        """Words about a failure; empty: it is done."""
+        """Await ``work`` and return words about a failure, or "" on success."""
         try:
             await work
         except Refused as refused:
@@ -241,13 +243,13 @@ class Sessions:
             return "internal error"
         return ""
 
-    async def _work(self, viewer: Viewer, before: Viewer | None) -> None:
-        """Carry out the messages of one person in their order, after those of the connection ``before``."""
-        pending = [task for task in (before.worker, before.leaving) if task is not None] if before else []
+    async def _work(self, viewer: Viewer, previous: Viewer | None) -> None:
+        """Process the messages of one person in order, after those of the connection ``previous``."""
+        pending = [task for task in (previous.worker, previous.leaving) if task is not None] if previous else []
         if pending:
             await asyncio.wait(pending)
         role = self.control.roles.of(viewer.name)
-        if role is not None:  # the person is back: the game has it in its role again
+        if role is not None:  # the person is back: restore its role in the game
             try:
                 await self.in_thread(self._game.handle, viewer.name, messages.Role(role=role))  # type: ignore[arg-type]
             except Exception:
@@ -257,7 +259,7 @@ class Sessions:
             what = f"what a page asked for ({type(message).__name__.lower()})"
             if refusal := await self._attempt(what, self._do(viewer, message, stops)):
                 _answer(viewer, message, refusal)
-            if viewer.gone_s is not None and not viewer.is_replaced:  # it went away meanwhile
+            if viewer.gone_s is not None and not viewer.is_replaced:  # the page was closed meanwhile
                 await self._attempt("a person left", self.in_thread(self._game.leave, viewer.name))
 
     async def _do(self, viewer: Viewer, message: Message, stops: int) -> None:
@@ -286,7 +288,7 @@ class Sessions:
             await self._handle(viewer, message)
 
     async def _handle(self, viewer: Viewer, message: Message) -> None:
-        """Have the game do it; the answer, which may be long, is encoded in the thread too."""
+        """Pass a message to the game; the answer, which may be long, is encoded in the same thread."""
 
         def handle() -> str:
             data = self._game.handle(viewer.name, message)
@@ -297,7 +299,7 @@ class Sessions:
             viewer.outbox.put_text(answer)
 
     async def _release(self, name: str, stops: int) -> None:
-        """A stop that was sent after the release is stronger, whichever reaches the game first."""
+        """Release the robot, unless a stop was received since; stops win whatever the order in the game."""
         if stops != self._stops:
             raise Refused(STOPPED_AGAIN)
         await self.in_thread(self._game.release, name)
@@ -314,7 +316,7 @@ class Sessions:
 
     async def _change_role(self, viewer: Viewer, message: messages.Role) -> None:
         name, roles = viewer.name, self.control.roles
-        before = roles.of(name)
+        previous = roles.of(name)
         if message.role == ROBOT and self._game.source == "ros":
             self.control.take(name)
         if message.role == "none":
@@ -325,9 +327,9 @@ class Sessions:
             await self._handle(viewer, message)
         except Exception:
             roles.leave(name)
-            if before is not None:
+            if previous is not None:
                 with contextlib.suppress(Refused):
-                    roles.assume(name, before)
+                    roles.assume(name, previous)
             raise
 
 

@@ -1,4 +1,4 @@
-"""The simulator's side of the page: a thread that plays a match, and does what people ask between two ticks."""
+"""Game of the page in the simulator: a thread that plays a match and executes requests between ticks."""
 
 import contextlib
 import logging
@@ -18,13 +18,16 @@ from pacman_env.web.messages import Message
 from pacman_env.web.rules import Choices, Rules
 
 _LOG = logging.getLogger(__name__)
-_PATIENCE_S = 300.0  # for an answer: kernels may have to be compiled
-_LONG = (messages.Setup, messages.ClydeSpeed)  # a map may have to be prepared
-_WHY_S = 0.25  # between two times that the terms are sent
+_PATIENCE_S = 300.0  # for an answer, because kernels may have to be compiled
+_LONG = (messages.Setup, messages.ClydeSpeed)  # may have to prepare a map
+_WHY_S = 0.25  # interval of sending the terms
 
 
 class SimulatedGame:
-    """A ``Game`` that a thread plays; MapError or ValueError for an unusable file, Refused for unusable rules."""
+    """A ``Game`` played by a thread.
+
+    Raises MapError or ValueError for an unusable file, and Refused for unusable rules.
+    """
 
     source: Literal["simulator", "ros"] = "simulator"
 
@@ -32,14 +35,14 @@ class SimulatedGame:
         self,
         rules: Rules | None = None,
         *,
-        maps: Sequence[str] = (),  # files of maps that can be chosen beside those that ship
-        policies: Sequence[str] = (),  # files of policies, likewise
-        seed: int | None = None,  # of the first round, from which those of the others follow; None: drawn
-        speed: float = 1.0,  # times real time
+        maps: Sequence[str] = (),  # map files, in addition to the shipped maps
+        policies: Sequence[str] = (),  # policies, in addition to the installed ones
+        seed: int | None = None,  # of the first round, which decides the seeds of the others; None: random
+        speed: float = 1.0,  # relative to real time
     ) -> None:
         choices, self._news = Choices(maps, policies), News()
         self._speed = speed
-        self._lock = threading.RLock()  # of the match and what follows
+        self._lock = threading.RLock()  # for the match and the attributes below
         self._match = Match(rules or Rules(), choices, seed, speed, self._news, self._lock)
         self.choices, self.add_map, self.news = choices.facts, choices.add_map, self._news.after
         self.story = self._match.recordings.frames
@@ -73,7 +76,7 @@ class SimulatedGame:
             with self._lock:
                 self._match.driving.steer(person, message.v, message.omega)
             return None
-        if isinstance(message, messages.Why):  # nothing of a round that has ended changes: the game goes on meanwhile
+        if isinstance(message, messages.Why):  # a finished round is constant, so no tick has to wait
             return self._match.recordings.why(message.story, message.tick)
         return self._ask(lambda: self._do(person, message), waits=isinstance(message, _LONG))
 
@@ -109,7 +112,7 @@ class SimulatedGame:
             try:
                 self._match.rehearse()
                 self._match.lay_out()
-            except ValueError as refused:  # of the command line: no page has chosen yet
+            except ValueError as refused:  # unusable rules of the command line
                 self._news.add(words=str(refused))
             while not self._closed:
                 self._do_order(self._wait_s())
@@ -122,7 +125,7 @@ class SimulatedGame:
             self._closed = True
 
     def _wait_s(self) -> float | None:
-        """How long until the next tick is due; None: none is."""
+        """Return the time until the next tick is due, s, or None if no tick is due."""
         game = self._match
         with self._lock:
             runs = game.round is not None and game.state != "menu" and not game.clock.is_held
@@ -150,7 +153,7 @@ class SimulatedGame:
             answer.set_exception(error)
 
     def _ask(self, what: Callable[[], Any], waits: bool) -> Any:
-        """Have the thread do something between two ticks; ``waits``: it may take long, frames and STOP go on."""
+        """Run ``what`` in the game's thread between two ticks; with ``waits``, frames and STOP continue meanwhile."""
         if self._closed:
             raise Refused("the simulated game has ended")
         answer: Future[Any] = Future()

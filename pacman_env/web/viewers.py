@@ -1,4 +1,4 @@
-"""The connected viewers: what waits to be sent to each, how much each may send, and what is sent to all."""
+"""Connected viewers: their outboxes and rate limits, and updates for all of them."""
 
 import asyncio
 import secrets
@@ -12,16 +12,16 @@ from pacman_env.web.frame import Frame
 from pacman_env.web.game import Game, Scene
 from pacman_env.web.messages import Message, as_json
 
-MOST_TEXTS = 64  # that wait for one viewer
-MOST_BYTES = 4 << 20  # of them
+MOST_TEXTS = 64  # waiting texts per viewer
+MOST_BYTES = 4 << 20  # size of the waiting texts per viewer
 MESSAGES_PER_S = 50.0
-PATIENCE = 250  # messages over the rate, until the connection is closed
-MOST_PICTURES = 4  # of the last scenes
-MORE_OPERATORS = 10  # beyond the limit of viewers: a crowd does not keep operators out
+PATIENCE = 250  # messages over the rate before the connection is closed
+MOST_PICTURES = 4  # maps of the last scenes
+MORE_OPERATORS = 10  # beyond the limit of viewers, so that a crowd cannot lock operators out
 
 
 class Outbox:
-    """What waits for one connection: texts in their order, and the newest frame only."""
+    """Queue of one connection: texts in order, and only the newest frame."""
 
     def __init__(self) -> None:
         self.ended = asyncio.Event()
@@ -47,7 +47,7 @@ class Outbox:
         self._wake.set()
 
     def end(self, words: str) -> None:
-        """Send ``bye`` instead of what waits, and nothing afterwards."""
+        """Replace everything that waits by ``bye``, and send nothing afterwards."""
         if not self.ended.is_set():
             self._texts = deque([as_json({"kind": "bye", "words": words})])
             self._frame = None
@@ -56,7 +56,7 @@ class Outbox:
             self._wake.set()
 
     async def get(self) -> list[str]:
-        """What waits, at least one text or frame; empty after the end."""
+        """Wait for at least one text or frame and return everything that waits; empty after the end."""
         while not self._texts and self._frame is None:
             if self.ended.is_set():
                 return []
@@ -69,7 +69,7 @@ class Outbox:
 
 
 class RateLimit:
-    """A token bucket: ``rate`` messages a second, and as many at once."""
+    """Token bucket with ``rate`` messages per second and as many at once."""
 
     def __init__(self, rate: float, now: float):
         self._rate = self._left = rate
@@ -86,9 +86,9 @@ class RateLimit:
 
 @dataclass(eq=False)
 class Viewer:
-    """One connection of a page; the person's name stays when the page comes back with its key."""
+    """A connection of a page; a page that comes back with its key keeps the person's name."""
 
-    name: str  # shown to the others
+    name: str  # shown to others
     access: Kind
     rate_limit: RateLimit
     outbox: Outbox = field(default_factory=Outbox)
@@ -96,14 +96,14 @@ class Viewer:
     is_fresh: bool = True  # nothing has been sent to it yet
     why: bool = False  # the page shows the terms
     lidar: bool = False
-    gone_s: float | None = None  # when the page went away
-    is_replaced: bool = False  # by another connection of the same person
+    gone_s: float | None = None  # time when the page was closed
+    is_replaced: bool = False  # by a newer connection of the same person
     waiting: asyncio.Queue[tuple[Message, int] | None] = field(default_factory=lambda: asyncio.Queue(MOST_TEXTS))
-    stops: list[Message] = field(default_factory=list)  # that wait for the one that is being done
+    stops: list[Message] = field(default_factory=list)  # waiting for the present stop
     stopping: asyncio.Task[None] | None = None
-    worker: asyncio.Task[None] | None = None  # carries out what waits, one after the other
+    worker: asyncio.Task[None] | None = None  # processes ``waiting`` in order
     leaving: asyncio.Task[str] | None = None
-    over: int = 0  # messages over the rate, lately
+    over: int = 0  # recent messages over the rate
     _warned_s: float = -1.0
 
     def is_within_rate(self, now: float) -> bool:
@@ -124,14 +124,16 @@ class Viewer:
 
 
 class Update(NamedTuple):
+    """New state of the game for all viewers."""
+
     scene: Scene
     news: list[dict[str, Any]]
     frame: Frame | None
-    encoded: str  # the frame; empty: no other than before
+    encoded: str  # the frame; empty: unchanged
 
 
 class Audience:
-    """All viewers of a game. :meth:`poll` asks the game, in any thread; :meth:`send` sends what is new."""
+    """All viewers of a game: :meth:`poll` queries the game, in any thread, and :meth:`send` sends the changes."""
 
     def __init__(self, game: Game, most: int, people: Callable[[], dict[str, Any]]):
         self.viewers: list[Viewer] = []
@@ -141,7 +143,7 @@ class Audience:
         self._frame = ""
         self._scene: Scene | None = None
         self._scene_text = ""
-        self._news: int | None = None  # the last that was sent; None: only later ones are
+        self._news: int | None = None  # last sent number; None: only send later news
         self._people_text = ""
         self._watched = (False, False)
 
@@ -168,7 +170,7 @@ class Audience:
         return Update(scene, news, frame, encoded)
 
     def send(self, update: Update | None) -> None:
-        """What is new to all viewers, and everything to those that have come since the last update."""
+        """Send changes to all viewers, and everything to viewers that are new since the last update."""
         if update is None:
             self._news, self._number, self._frame, self._scene = None, None, "", None
             return
@@ -177,12 +179,12 @@ class Audience:
             self._change_scene(update.scene)
         news = [] if self._news is None else update.news
         self._news = max((item["number"] for item in update.news), default=self._news or 0)
-        without_why = [item for item in news if "why" not in item]  # the terms are long: only to pages that show them
+        without_why = [item for item in news if "why" not in item]  # only pages that show the long terms get them
         news_texts = {
             why: as_json({"kind": "news", "items": items}) if items else ""
             for why, items in ((True, news), (False, without_why))
         }
-        before, self._people_text = self._people_text, as_json({"kind": "people", **self._people()})
+        previous, self._people_text = self._people_text, as_json({"kind": "people", **self._people()})
         if update.encoded and update.frame is not None:
             self._number, self._frame = update.frame.number, update.encoded
         for viewer in self.viewers:
@@ -190,7 +192,7 @@ class Audience:
                 viewer.outbox.put_text(self._scene_text)
             if news_texts[viewer.why]:
                 viewer.outbox.put_text(news_texts[viewer.why])
-            if viewer.is_fresh or self._people_text != before:
+            if viewer.is_fresh or self._people_text != previous:
                 viewer.outbox.put_text(self._people_text)
             if self._frame and (viewer.is_fresh or update.encoded):
                 viewer.outbox.put_frame(self._frame)

@@ -1,4 +1,4 @@
-"""The names, colours, lights and sounds that the page shows, sent in its first message."""
+"""Names, colours, lights and sounds for the page, sent in the first message."""
 
 from typing import Any
 
