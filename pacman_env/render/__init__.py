@@ -1,1 +1,1 @@
-"""Pictures of a game, and the window that shows them."""
+"""Draw games as images, and show them in a window."""

@@ -1,6 +1,6 @@
-"""Pictures of a game: the map, what is on it, and the score, as RGB arrays drawn with OpenCV.
+"""Draw images of games (map, everything on it, and score) as RGB arrays with OpenCV.
 
-What does not move is drawn once per map, configuration and size, and kept.
+Everything that does not move is drawn once per map, configuration and size, and cached.
 """
 
 import functools
@@ -24,7 +24,7 @@ from .symbols import Colour, Image
 
 FLOOR, WALL, UNKNOWN, OUT_OF_REACH = (253, 253, 250), (44, 50, 66), (197, 202, 209), (226, 228, 231)
 HEADER, TEXT, MUTED, PAGE, INK = (27, 31, 43), (245, 246, 248), (164, 172, 186), (241, 242, 244), (38, 42, 54)
-#: Text, background and colour of the text for each state of a game.
+#: Text, background colour and text colour for each state of a game.
 STATES: dict[int, tuple[str, Colour, Colour]] = {
     RUNNING: ("RUNNING", (46, 125, 50), (255, 255, 255)),
     DEAD: ("CAUGHT", (200, 32, 32), (255, 255, 255)),
@@ -38,7 +38,7 @@ _Draw = Callable[[Image, NDArray], None]
 
 
 class _Item(NamedTuple):
-    half: float  # of the symbol's width, px
+    half: float  # half of the symbol's width, px
     draw: _Draw
     text: Image
     gap: float  # to the next item, px
@@ -53,7 +53,7 @@ class _Item(NamedTuple):
 
 
 def _wrap(items: list[_Item], room: float) -> list[list[_Item]]:
-    """The items in lines of at most ``room`` px, one at least in each."""
+    """Wrap items into lines of at most ``room`` px, with at least one item each."""
     lines: list[list[_Item]] = [[]]
     for item in items:
         if lines[-1] and sum(i.width for i in lines[-1]) + item.width > room:
@@ -63,10 +63,10 @@ def _wrap(items: list[_Item], room: float) -> list[list[_Item]]:
 
 
 class MapView:
-    """The common part of all frames of one map, configuration and height; ``wide``: 16:9 whatever the map.
+    """Common part of all frames of one map, configuration and height; ``wide`` makes it 16:9 for every map.
 
-    Widths and heights are in px, ``scale`` in px per m; ``enlarged`` is how many times larger than life the robot and
-    the ghosts are drawn so that they can be seen.
+    Widths and heights are in px, ``scale`` in px per m. ``enlarged`` is the factor by which robot and ghosts are drawn
+    larger than their real size to be visible.
     """
 
     def __init__(self, assets: MapAssets, config: Config, height: int, wide: bool = False) -> None:
@@ -82,31 +82,31 @@ class MapView:
         self._drawn = functools.lru_cache(maxsize=_KEPT_LAYERS)(self._draw_layer)
 
     def pixels(self, xy: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Positions (..., 2) in m as pixels (..., 2), whole at pixel centres."""
+        """Convert positions (..., 2) in m to pixels (..., 2), whole numbers at pixel centres."""
         cell = np.stack(self.assets.occupancy.world_to_cell(xy[..., 0], xy[..., 1]), axis=-1)
         return (cell + 0.5 - self._corner) * (self._map / self._cells) + self._left_top - 0.5
 
     def metres(self, pixels: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Pixels (..., 2) as positions (..., 2) in m: the inverse of :meth:`pixels`."""
+        """Convert pixels (..., 2) to positions (..., 2) in m; the inverse of :meth:`pixels`."""
         cell = (pixels + 0.5 - self._left_top) / (self._map / self._cells) + self._corner - 0.5
         return np.stack(self.assets.occupancy.cell_to_world(cell[..., 0], cell[..., 1]), axis=-1)
 
     def angle(self, heading: float) -> float:
-        """A heading of the map frame as an angle in the picture, where y points down."""
+        """Convert a heading in the map frame to an angle in the image, where y points down."""
         return self.assets.occupancy.origin[2] - heading
 
     def layer(self, alive: NDArray[np.bool_]) -> Image:
-        """The background with the pellets (P,) as they are now; kept, not to be written to."""
+        """Return the background with pellets drawn by ``alive`` (P,); the image is cached and must not be changed."""
         return self._drawn(alive.tobytes())
 
     def _draw_layer(self, alive: bytes) -> Image:
         picture = self.background.copy()
-        for centre, there in zip(self.goals, alive, strict=False):
-            symbols.pellet(picture, centre, self.pellet_px, bool(there))
+        for centre, exists in zip(self.goals, alive, strict=False):
+            symbols.pellet(picture, centre, self.pellet_px, bool(exists))
         return picture
 
     def _arrange(self) -> None:
-        """The largest map beside a header and a legend of as many lines as it needs; no legend if too many."""
+        """Arrange header, map as large as possible, and legend, which is omitted if it needs too many lines."""
         height, unit = self.height, self.unit
         columns, rows = self._cells.tolist()
         margin = math.ceil(10 * unit)
@@ -123,7 +123,7 @@ class MapView:
             items, across = self._legend_items(), self.width - 2 * margin
             if len(_wrap(items, across)) <= count and legend <= 0.16 * height:
                 break
-        while count and len(_wrap(items, across - 4)) == count:  # lines of about the same length
+        while count and len(_wrap(items, across - 4)) == count:  # balance the lengths of the lines
             across -= 4
         self._legend = _wrap(items, across) if count else []
         self._legend_top = height - legend
@@ -192,14 +192,14 @@ class MapView:
         return image
 
     def _draw_map(self) -> Image:
-        """The part of the map that is shown: what is free, within the robot's reach, wall and unknown."""
+        """Draw the shown part of the map: floor, free area out of the robot's reach, walls and unknown."""
         occupancy, grid, config = self.assets.occupancy, self.assets.grid, self.config
         free = occupancy.game_free(config.pellets.free_grey)
         wall = (occupancy.occupancy >= 65) & ~free
         reach = 2 * math.ceil(config.robot.inscribed_radius_m / occupancy.resolution) + 1
         around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
-        played = cv2.dilate(np.flipud(grid.cell_id >= 0).astype(np.uint8), around)
-        # The crop and the grid can both reach beyond the image.
+        covered = cv2.dilate(np.flipud(grid.cell_id >= 0).astype(np.uint8), around)
+        # Crop and grid may both extend beyond the image.
         columns, rows = (first + np.arange(count) for first, count in zip(self._corner, self._cells, strict=True))
         rows = rows[:, None]
         inside = (columns >= 0) & (columns < occupancy.width) & (rows >= 0) & (rows < occupancy.height)
@@ -207,22 +207,22 @@ class MapView:
         free, wall = free[at] & inside, wall[at] & inside
         reachable = np.zeros(free.shape, dtype=np.bool_)
         left, top = np.array([grid.offset[0], occupancy.height - grid.offset[1] - grid.shape[0]]) - self._corner
-        reachable[top : top + grid.shape[0], left : left + grid.shape[1]] = played > 0
+        reachable[top : top + grid.shape[0], left : left + grid.shape[1]] = covered > 0
         factor = (self._map / self._cells).max()
-        if factor < 1:  # thin walls would fade
+        if factor < 1:  # otherwise thin walls would fade
             wall = cv2.dilate(wall.astype(np.uint8), np.ones((2, 2), np.uint8)) > 0
         colours = np.full((*free.shape, 3), UNKNOWN, dtype=np.uint8)
         colours[free] = OUT_OF_REACH
         colours[free & reachable] = FLOOR
         colours[wall] = WALL
-        if factor > 1:  # whole blocks first: edges of cells stay sharp, whatever the scale
+        if factor > 1:  # repeat cells first, so that their edges stay sharp at every scale
             k = math.ceil(factor)
             colours = np.repeat(np.repeat(colours, k, axis=0), k, axis=1)
         return cv2.resize(colours, self._map.tolist(), interpolation=cv2.INTER_AREA)
 
 
 def _crop(assets: MapAssets) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First column and row, from the top, of the cells that a game can be seen on, and their numbers, (2,) each."""
+    """Return first column and row (from the top) and size (columns, rows) of the cells that a game needs, (2,) each."""
     occupancy, grid = assets.occupancy, assets.grid
     rows, columns = grid.shape
     seen = np.concatenate([assets.goal_xy, assets.clyde.position[assets.spawn_cells]])
@@ -238,22 +238,22 @@ map_view = functools.lru_cache(maxsize=_KEPT_VIEWS)(MapView)
 
 
 def game_view(batch: GameBatch, game: int, height: int) -> MapView:
-    """The view of the map that a game is played on; all views of one batch have the same size."""
+    """Return the view of a game's map; all views of one batch have the same size."""
     return map_view(batch.assets_of(game), batch.config, height, len(batch.levels) > 1)
 
 
 def render_frame(batch: GameBatch, game: int, *, height: int = 720, title: str | None = None) -> Image:
-    """Draw one game of a batch as it is now.
+    """Draw the present state of one game of a batch.
 
-    The map lies as its image does: x to the right and y up where the map's origin has no yaw. The robot is where it
-    truly is; its believed pose is an outline. Width and height are even; the width follows the map, up to 16:9, which
-    it always is where maps come and go.
+    The map has the orientation of its image: x to the right and y up if the map's origin has no yaw. The robot is at
+    its true pose; an outline shows its believed pose. Width and height are even. The width follows the map, up to 16:9;
+    it is always 16:9 if maps change.
 
     Args:
-        batch: the games; not changed.
+        batch: the games, which do not change.
         game: index of the game.
         height: px, even.
-        title: text at the upper left, such as the policy's name; None: the map's name alone.
+        title: text at the upper left, such as the policy's name; None: only the map's name.
 
     Returns:
         A new array (height, width, 3), uint8, RGB.
@@ -312,7 +312,7 @@ def _draw_goal(image: Image, view: MapView, batch: GameBatch, game: int) -> None
 
 
 def _outside(path: NDArray, centre: NDArray, radius: float) -> NDArray[np.float64]:
-    """The path (P, 2) from the edge of a disc on: within it, it would fill Pac-Man's mouth."""
+    """Return the part of a path (P, 2) outside of a disc, so that it does not fill Pac-Man's mouth."""
     outside = np.hypot(*(path - centre).T) > radius
     if not outside.any():
         return path[:0]
@@ -322,7 +322,7 @@ def _outside(path: NDArray, centre: NDArray, radius: float) -> NDArray[np.float6
 
 
 def _rest_of_plan(assets: MapAssets, cell: int, goal: int, end: NDArray) -> NDArray[np.float64]:
-    """The static path from the end of the plan that the navigator has written out to the goal, (M, 2)."""
+    """Return the static path (M, 2) from the end of the navigator's written plan to the goal."""
     places: list[NDArray] = []
     if cell >= 0 and np.array_equal(assets.cell_xy[cell], end.astype(np.float32)):
         step = assets.next_step[goal]
@@ -345,7 +345,7 @@ def _draw_header(image: Image, view: MapView, batch: GameBatch, game: int, title
     symbols.paste(image, x + pad, upper, chip)
 
     def write(words: list[tuple[str, Colour, float]], row: float, cap: float, end: float) -> None:
-        """Words with their colours and the gaps behind them, px, up to a column."""
+        """Write words with their colours and following gaps, px, up to the column ``end``."""
         at = left
         for word, colour, gap in words:
             picture = symbols.text(word, cap, colour == TEXT, colour, HEADER)

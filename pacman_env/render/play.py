@@ -1,6 +1,6 @@
-"""A human plays: clicks and keys become actions, and the rounds run in a window.
+"""Let a human play in a window, with clicks and keys as actions.
 
-:class:`Player` uses no window: it handles inputs and gives pictures and a caption, and works without a screen.
+:class:`Player` handles inputs and returns images and a caption; it needs no window and no screen.
 """
 
 import math
@@ -15,22 +15,22 @@ from ..sim.observation.situation import PELLET, Situation
 from .frames import game_view
 from .window import HumanWindow, Input
 
-SPEEDS = (1 / 8, 16.0)  # times real time, least and most
-CLICK_M, CLICK_PX = 0.4, 16.0  # a click means a goal within the larger of the two
+SPEEDS = (1 / 8, 16.0)  # range, relative to real time
+CLICK_M, CLICK_PX = 0.4, 16.0  # a click selects a goal within the larger one of both distances
 GOAL_KEYS = "click: goal, 1-9: n-th nearest pellet, space: hold, s: one decision"
 DRIVE_KEYS = "arrows or WASD: drive"
-_PICTURED = ("games", "ghosts", "alive", "paths")  # of a batch
+_PICTURED = ("games", "ghosts", "alive", "paths")  # attributes of a batch that images depend on
 KEYS = "r: new round, p: pause, + and -: speed, q: quit"
-#: Column of the action (v, omega), and the sign that each key gives it.
+#: Column of the action (v, omega) and sign, for each key.
 DRIVE = dict(zip(("up", "down", "left", "right"), ((0, 1), (0, -1), (1, 1), (1, -1)), strict=True))
 DRIVE |= {"w": DRIVE["up"], "s": DRIVE["down"], "a": DRIVE["left"], "d": DRIVE["right"]}
 
 
 class Controls:
-    """Inputs as actions of an environment.
+    """Converts inputs to actions of an environment.
 
-    In a ``Discrete`` action space the last goal chosen is pursued until it may not be chosen any more, then the robot
-    holds. In a ``Box`` of (v, omega) the keys held drive, each at the bound of the space.
+    In a ``Discrete`` action space the last chosen goal is pursued while it is allowed; then the robot holds. In a
+    ``Box`` of (v, omega) the pressed keys drive, each at the bound of the space.
     """
 
     def __init__(self, action_space: spaces.Space[Any]) -> None:
@@ -42,15 +42,15 @@ class Controls:
         self._held: set[str] = set()
 
     def click(self, xy: NDArray[np.float64], reach_m: float, situation: Situation) -> None:
-        """Pursue the pellet or refuge nearest to (2,) in m, if one that may be chosen is within reach."""
-        away = np.hypot(*(situation.position[0] - xy).T)
-        away[~situation.mask[0]] = np.inf
-        away[-1] = np.inf  # hold
-        if away.min() <= reach_m:
-            self.goal = int(away.argmin())
+        """Choose the allowed pellet or refuge nearest to ``xy`` (2,), m, if it is within reach."""
+        distance = np.hypot(*(situation.position[0] - xy).T)
+        distance[~situation.mask[0]] = np.inf
+        distance[-1] = np.inf  # hold
+        if distance.min() <= reach_m:
+            self.goal = int(distance.argmin())
 
     def press(self, key: str, situation: Situation) -> bool:
-        """A key goes down; returns whether it means an action."""
+        """Process a pressed key, and return True if it belongs to an action."""
         if self.drives:
             self._held.add(key)
             return key in DRIVE
@@ -71,7 +71,7 @@ class Controls:
     def action(self, situation: Situation) -> Any:
         if isinstance(self.space, spaces.Box):
             action = np.zeros(2)
-            for column, sign in {DRIVE[key] for key in self._held & DRIVE.keys()}:  # two keys of one sign are one
+            for column, sign in {DRIVE[key] for key in self._held & DRIVE.keys()}:  # each direction counts once
                 action[column] += (self.space.high if sign > 0 else self.space.low)[column]
             return np.clip(action, self.space.low, self.space.high).astype(self.space.dtype)
         if self.goal is not None and not situation.mask[0, self.goal]:
@@ -80,14 +80,14 @@ class Controls:
 
 
 class Player:
-    """Rounds of one environment of this package, wrapped or not, with ``render_mode="rgb_array"``, played by inputs."""
+    """Plays rounds of an environment (wrapped or not, ``render_mode="rgb_array"``) by the inputs of a human."""
 
     def __init__(self, env: gym.Env[Any, Any], *, seed: int | None = None, speed: float = 1.0) -> None:
         if not SPEEDS[0] <= speed <= SPEEDS[1]:
             raise ValueError(f"speed = {speed}: must be {SPEEDS[0]} to {SPEEDS[1]} times real time")
         if env.render_mode != "rgb_array":
             raise ValueError(f"render_mode = {env.render_mode!r}: must be 'rgb_array'")
-        self.env, self.speed = env, speed  # times real time
+        self.env, self.speed = env, speed  # relative to real time
         self.batch: Any = env.unwrapped.batch  # type: ignore[attr-defined]
         self.tick_s: float = self.batch.config.execution.tick_s
         self.controls = Controls(env.action_space)
@@ -99,7 +99,7 @@ class Player:
         return self.env.unwrapped.situation  # type: ignore[attr-defined]
 
     def new_round(self, seed: int | None = None) -> None:
-        """Start over; without a seed the environment's generator continues."""
+        """Start a new round; without a seed the environment's generator continues."""
         _, info = self.env.reset(seed=seed)
         self.controls.goal = None
         self.score = 0.0  # sum of the rewards of this round
@@ -108,7 +108,7 @@ class Player:
         self._one = False
 
     def handle(self, event: Input) -> None:
-        """Inputs without a meaning are ignored."""
+        """Process an input; inputs without a meaning are ignored."""
         if event.kind == "click" and not self.controls.drives:
             view = game_view(self.batch, 0, len(self.picture()))
             xy = view.metres(np.array(event.at, dtype=float))
@@ -136,7 +136,7 @@ class Player:
                 self.help = not self.help
 
     def advance(self) -> bool:
-        """Step one decision unless the round is over or paused; returns whether it was stepped."""
+        """Play one decision and return True, unless the round is over or paused."""
         if self.over or (self.paused and not self._one):
             return False
         self._one = False
@@ -147,7 +147,7 @@ class Player:
         return True
 
     def picture(self, share: float = 1.0) -> NDArray[np.uint8]:
-        """The game (H, W, 3), interpolated between the decision before and now: 1 is now."""
+        """Return an image (H, W, 3), interpolated between the last decision (0) and now (1)."""
         now = self._state()
         if share < 1.0:
             self._restore(self._before)
@@ -182,7 +182,10 @@ class Player:
 
 
 def play(player: Player, window: HumanWindow, *, fps: float = 20.0) -> None:
-    """Play until the player quits or closes the window; pictures are interpolated, and so a decision late."""
+    """Play until the player quits or closes the window; images are interpolated and therefore one decision late.
+
+    Raises ValueError if ``fps`` is not 1 to 100.
+    """
     if not 1 <= fps <= 100:
         raise ValueError(f"fps = {fps}: must be 1 to 100")
     while not player.quit and not window.closed:

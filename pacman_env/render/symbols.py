@@ -1,7 +1,7 @@
-"""The symbols and texts that a picture of a game is made of.
+"""Draw the symbols and texts of images.
 
-Positions are pixels (x, y), whole at pixel centres, as floats; angles grow clockwise because y points down. Symbols
-are drawn finer than the picture and averaged, so that they move smoothly and stay clear when small.
+Positions are pixels (x, y) as floats, whole numbers at pixel centres; angles grow clockwise because y points down.
+Symbols are drawn at a higher resolution and averaged, so that they move smoothly and stay clear if small.
 """
 
 import contextlib
@@ -25,10 +25,10 @@ PLAN, BELIEF, DANGER = (25, 103, 210), (142, 36, 170), (214, 40, 40)
 PLACE, PLACE_FILL, COLLECTED = (0, 128, 110), (222, 244, 238), (160, 164, 172)
 
 _OVERSAMPLE = 4
-_SHIFT = 4  # fractional bits of the coordinates given to OpenCV
+_SHIFT = 4  # fractional bits of coordinates for OpenCV
 _MOUTH = math.radians(36)  # half of Pac-Man's mouth
-_CAP = 22  # px, height of capitals at OpenCV's font scale 1
-_HAS_WEIGHTS = int(cv2.__version__.split(".")[0]) >= 5  # before, only strokes of a given thickness
+_CAP = 22  # px, height of capital letters at OpenCV's font scale 1
+_HAS_WEIGHTS = int(cv2.__version__.split(".")[0]) >= 5  # older versions only have strokes of a given thickness
 
 
 class _Pen:
@@ -41,7 +41,7 @@ class _Pen:
         return np.rint(fine * (1 << _SHIFT)).astype(np.int32)
 
     def disc(self, centre: Any, radius: float, colour: Colour, width: float = 0.0) -> None:
-        """A filled disc, or with ``width`` a circle."""
+        """Draw a filled disc, or a circle with a line of ``width``."""
         x, y = self._fixed(centre).tolist()
         thickness = max(1, round(width * _OVERSAMPLE)) if width else -1
         fine_radius = round(max(radius, 0) * _OVERSAMPLE * (1 << _SHIFT))
@@ -53,14 +53,14 @@ class _Pen:
         cv2.polylines(self.patch, fixed, closed, colour, thickness, cv2.LINE_AA, _SHIFT)
 
     def polygon(self, points: Any, fill: Colour, outline: Colour, width: float) -> None:
-        """A filled polygon (P, 2) with an outline."""
+        """Draw a filled polygon (P, 2) with an outline."""
         cv2.fillPoly(self.patch, [self._fixed(points)], fill, cv2.LINE_AA, _SHIFT)
         self.lines([points], outline, width, closed=True)
 
 
 @contextlib.contextmanager
 def _pen(image: Image, centre: NDArray, reach: float) -> Iterator[_Pen]:
-    """A pen for the square of half-width ``reach`` around ``centre``, as far as it lies in the picture."""
+    """Yield a pen for the part of the image within a square of half-width ``reach`` around ``centre``."""
     x0, y0 = np.maximum(np.floor(centre - reach), 0).astype(int).tolist()
     x1, y1 = np.maximum(np.ceil(centre + reach) + 1, 0).astype(int).tolist()
     patch = image[y0:y1, x0:x1]
@@ -109,7 +109,7 @@ def ghost(image: Image, centre: NDArray, radius: float, eyes: NDArray, colour: C
 
 
 def catch_circle(image: Image, centre: NDArray, radius: float, width: float) -> None:
-    """A tinted disc with a dashed edge: closer than this and Clyde has caught the robot."""
+    """Draw a tinted disc with a dashed edge, in which a ghost catches the robot."""
     count = max(9, round(radius * 0.6))
     step = 2 * math.pi / count
     with _pen(image, centre, radius + width + 1) as pen:
@@ -128,7 +128,7 @@ def believed_pose(image: Image, centre: NDArray, radius: float, angle: float, wi
 
 
 def pellet(image: Image, centre: NDArray, radius: float, there: bool) -> None:
-    """A pellet, or the faint ring that a collected one leaves."""
+    """Draw a pellet, or the faint ring of a collected one."""
     with _pen(image, centre, radius + 2) as pen:
         if there:
             pen.disc(centre, radius, OUTLINE)
@@ -169,7 +169,7 @@ def scale_bar(image: Image, centre: NDArray, half: float, radius: float, colour:
 
 @functools.lru_cache(maxsize=512)
 def text(words: str, cap: float, bold: bool, colour: Colour, background: Colour) -> Image:
-    """Text as a picture of its own, capitals ``cap`` px high; other characters than ASCII become '?'."""
+    """Return an image of a text with capital letters ``cap`` px high; non-ASCII characters become '?'."""
     size = cap * _OVERSAMPLE
     stroke = 1 if _HAS_WEIGHTS and not bold else max(1, round(size * (0.17 if bold else 0.12)))
     plain = words.encode("ascii", "replace").decode()
@@ -186,7 +186,7 @@ def text(words: str, cap: float, bold: bool, colour: Colour, background: Colour)
 
 
 def paste(image: Image, x: float, middle: float, picture: Image) -> None:
-    """Put a text at column ``x``, the middle of its capitals on row ``middle``; cut where it does not fit."""
+    """Paste a text at column ``x`` with the middle of its capital letters on row ``middle``, clipped to the image."""
     left, top = max(round(x), 0), max(round(middle - 0.47 * picture.shape[0]), 0)
     target = image[top : top + picture.shape[0], left : left + picture.shape[1]]
     target[:] = picture[: target.shape[0], : target.shape[1]]

@@ -1,6 +1,6 @@
-"""A window that shows frames on the screen and collects keys and clicks, with pygame; what of it an environment shows.
+"""Window that shows frames and collects keys and clicks with pygame, and the rendering methods of environments.
 
-pygame is imported when the first window is made: everything else works without it.
+pygame is only imported when a window is created.
 """
 
 import os
@@ -15,17 +15,19 @@ from numpy.typing import NDArray
 from ..files import install_command
 
 _KEPT_INPUTS = 256
-_SHIFTED = "?+"  # keys named by the character that they give, whatever the layout
+_SHIFTED = "?+"  # keys named by their character, independent of the keyboard layout
 
 
 class Input(NamedTuple):
+    """An input of the user."""
+
     kind: str  # "press" or "release" of a key, or "click" of the left mouse button
-    key: str = ""  # pygame's name of the key, that of the key pad's 1 being "1" too
+    key: str = ""  # pygame's name of the key; keypad digits have the names of digits
     at: tuple[int, int] = (0, 0)  # column, row of the frame, px
 
 
 class HumanWindow:
-    """A window for RGB frames. Once its user has closed it, it stays closed and showing does nothing."""
+    """A window for RGB frames; after the user has closed it, it stays closed and ignores frames."""
 
     def __init__(self, caption: str = "PacManBot") -> None:
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
@@ -41,29 +43,29 @@ class HumanWindow:
         self.closed = False
 
     def require_screen(self) -> None:
-        """Raise OSError where there is no screen, unless ``SDL_VIDEODRIVER`` asks for a dummy one."""
+        """Raise OSError if there is no screen, unless ``SDL_VIDEODRIVER`` selects a dummy."""
         display = self._pygame.display
-        dummy_asked = "SDL_VIDEODRIVER" in os.environ
-        found = dummy_asked or sys.platform != "linux" or not {"DISPLAY", "WAYLAND_DISPLAY"}.isdisjoint(os.environ)
-        if found:
+        uses_dummy = "SDL_VIDEODRIVER" in os.environ
+        has_screen = uses_dummy or sys.platform != "linux" or not {"DISPLAY", "WAYLAND_DISPLAY"}.isdisjoint(os.environ)
+        if has_screen:
             self._initialized = True
             try:
                 display.init()
-                found = dummy_asked or display.get_driver() not in ("offscreen", "dummy")
+                has_screen = uses_dummy or display.get_driver() not in ("offscreen", "dummy")
             except self._pygame.error:
-                found = False
-        if not found:
+                has_screen = False
+        if not has_screen:
             self.close()
             raise OSError("no screen to open a window on")
 
     def inputs(self) -> list[Input]:
-        """All that the user did until the last ``show``, oldest first; each once, at most the last 256."""
+        """Return and remove the inputs until the last ``show``, oldest first, at most 256."""
         inputs = list(self._inputs)
         self._inputs.clear()
         return inputs
 
     def show(self, frame: NDArray[np.uint8], fps: float) -> bool:
-        """Show a frame (H, W, 3) and limit the rate to ``fps``, 0: no limit; returns whether the window is open."""
+        """Show a frame (H, W, 3), limit the rate to ``fps`` (0: no limit), and return True if the window is open."""
         pygame = self._pygame
         if self.closed:
             return False
@@ -101,12 +103,12 @@ RENDER_FPS = 2  # one frame per decision, in real time
 
 
 class Display:
-    """``render``, ``close`` and copies of an environment with ``render_mode``, ``started`` and ``batch``."""
+    """Mixin with ``render``, ``close`` and copying for environments with ``render_mode``, ``started`` and ``batch``."""
 
     _window: Any = None
 
     def render(self: Any) -> NDArray[np.uint8] | None:
-        """A picture (720, W, 3) uint8 in mode ``rgb_array``; in mode ``human`` it goes to a window.
+        """Return an image (720, W, 3) uint8 in mode ``rgb_array``, or show it in a window in mode ``human``.
 
         Raises ResetNeeded before the first reset.
         """
@@ -126,10 +128,10 @@ class Display:
         return None
 
     def close(self) -> None:
-        """Close the window, if there is one."""
+        """Close the window, if any."""
         if self._window is not None:
             self._window.close()
             self._window = None
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_window": None}  # a copy opens its own window
+        return {**self.__dict__, "_window": None}  # copies open their own windows
