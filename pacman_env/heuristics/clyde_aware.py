@@ -1,7 +1,6 @@
-"""The handcrafted scorer J of Milestone 3, Algorithm 3, in its deployed and its documented form.
+"""Handcrafted scorer J of Milestone 3, Algorithm 3, in its deployed and its documented form.
 
-J is a cost in m (``game/goal_cost.py``) and rates pellets only; refuges never win, HOLD only where no pellet may be
-chosen.
+J is a cost in m (``game/goal_cost.py``) of pellets. Refuges are never chosen, and HOLD only if no pellet is allowed.
 """
 
 import math
@@ -16,7 +15,7 @@ from pacman_env.game.goal_cost import SAFE, SKIPPED, TOTAL, ScorerParameters, is
 from pacman_env.policies.base import KIND_NAMES, BasePolicy, Explanation, Flags, Floats, Indices, Kinds
 from pacman_env.sim.observation.situation import HOLD, PELLET, Situation
 
-#: Names of the terms of a candidate in an explanation, in the order of their columns.
+#: Names of a candidate's terms in explanations, in the order of their columns.
 _TERMS = ("distance", "clyde_risk", "direction_penalty", "total", "safe", "skipped")
 
 
@@ -24,10 +23,10 @@ _TERMS = ("distance", "clyde_risk", "direction_penalty", "total", "safe", "skipp
 def choose_batch(
     terms: Floats, kind: Kinds, mask: Flags, current: Indices, safe_first: Flags, margin_m: float, goal: Indices
 ) -> None:
-    """The goal (N,) of every game: a pellet, else HOLD, else -1. The first of equals wins.
+    """Write the goal (N,) of every game: a pellet, else HOLD, else -1; the first one in a tie.
 
-    Order: the cheapest safe pellet if ``safe_first``, the cheapest not skipped, the cheapest of all. The
-    current pellet is kept unless the new one costs less by more than the margin.
+    The order is: the cheapest safe pellet if ``safe_first``, the cheapest pellet that is not skipped, the cheapest
+    pellet. The current pellet is kept unless the new one costs less by more than the margin.
     """
     for n in range(len(goal)):
         best, safe, fallback, hold = -1, -1, -1, -1
@@ -64,7 +63,7 @@ def rate_batch(
     terms: Floats,
     threatened: Flags,
 ) -> None:
-    """Terms (N, C, 6) and threat flag (N,) of every game; ``threatened`` holds that of the decision before."""
+    """Write terms (N, C, 6) and update the threat flags ``threatened`` (N,) of every game."""
     for n in range(len(robot)):
         distance = math.hypot(clyde[n, 0] - robot[n, 0], clyde[n, 1] - robot[n, 1])
         threatened[n] = is_threatening(distance, closing_speed[n], threatened[n], p)
@@ -72,13 +71,13 @@ def rate_batch(
 
 
 class ClydeAware(BasePolicy):
-    """Milestone 3, Algorithm 3.
+    """Handcrafted scorer of Milestone 3, Algorithm 3.
 
-    ``deployed`` is what the robot ran: the direction term is the cosine at the robot between Clyde and the
-    pellet and spares pellets in a safe direction; while threatened the best safe pellet wins; pellets within
-    the death radius of Clyde are left for last. ``documented`` is the milestone's text: the dot product (m2)
-    and nothing else. With ``threat_exit_margin_m`` above 0 each game remembers that it was threatened. Parameters are
-    the fields of ``ScorerParameters``; a death radius that is not given is the game's.
+    ``deployed`` is the robot's version: the direction term uses the cosine at the robot between Clyde and the pellet,
+    without a penalty for pellets in a safe direction; under threat the best safe pellet is chosen; pellets within
+    Clyde's death radius come last. ``documented`` is the milestone's text: only the dot product (m2). With
+    ``threat_exit_margin_m`` above 0 each game remembers whether it was threatened. Parameters are the fields of
+    ``ScorerParameters``; the default of the death radius is the game's.
     """
 
     def __init__(self, form: Literal["deployed", "documented"] = "deployed", **parameters: float) -> None:
@@ -96,7 +95,7 @@ class ClydeAware(BasePolicy):
         self._threatened: Flags | None = None
 
     def reset(self, games: Flags, config: Config) -> None:
-        """Forget the threat in these games; another number of games forgets all."""
+        """Forget the threat in the games (N,); another number of games resets all."""
         super().reset(games, config)
         game = {"death_radius_m": config.execution.death_radius_m}
         self.parameters = ScorerParameters(**{**game, **self._given})
@@ -106,13 +105,13 @@ class ClydeAware(BasePolicy):
             self._threatened = self._threatened & ~games
 
     def scores(self, situation: Situation) -> Floats:
-        """-J for pellets that may be chosen, else -inf."""
+        """Return -J (N, C) for allowed pellets, and -inf for other candidates."""
         terms, _ = self._rate(situation)
         allowed = situation.mask & (situation.kind == PELLET)
         return np.where(allowed, -terms[..., TOTAL], -np.inf)
 
     def select(self, situation: Situation) -> Indices:
-        """(N,) goal; HOLD where no pellet may be chosen."""
+        """Return the goal (N,) of each game; HOLD if no pellet is allowed."""
         terms, threatened = self._rate(situation)
         if self.parameters.threat_exit_margin_m > 0:
             self._threatened = threatened
@@ -122,7 +121,7 @@ class ClydeAware(BasePolicy):
         return goal
 
     def explain(self, situation: Situation) -> Explanation:
-        """Per pellet: distance, Clyde risk, direction penalty, total (m), and the flags of the decision."""
+        """Return distance, Clyde risk, direction penalty and total (m) of each pellet, and flags of the decision."""
         terms, threatened = self._rate(situation)
         reasons = super().explain(situation)
         for row, row_terms, flag in zip(reasons, terms.tolist(), threatened.tolist(), strict=True):
@@ -133,7 +132,7 @@ class ClydeAware(BasePolicy):
         return reasons
 
     def _rate(self, situation: Situation) -> tuple[Floats, Flags]:
-        """Terms (N, C, 6) and threat flag (N,)."""
+        """Return the terms (N, C, 6) and threat flags (N,)."""
         games, candidates = situation.mask.shape
         threatened, remembered = np.zeros(games, np.bool_), self._threatened
         if remembered is not None and self.parameters.threat_exit_margin_m > 0:

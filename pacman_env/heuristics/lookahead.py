@@ -1,8 +1,8 @@
-"""A rule over predictions of Clyde, without learning: the nearest pellet with a safe path, else a place to wait.
+"""Policy without learning that uses predictions of Clyde: the nearest pellet with a safe path, or a place to wait.
 
-Every candidate has a cost in seconds: the time to get there beyond that to the nearest pellet, what being caught or
-approached on it costs by its probability (``prediction.py``), and for refuges and hold what waiting costs. The
-cheapest is the goal.
+Every candidate has a cost in seconds: travel time beyond that to the nearest pellet, costs of being caught or
+approached weighted by probability (``prediction.py``), and for refuges and hold the cost of waiting. The cheapest one
+is the goal.
 """
 
 from typing import NamedTuple
@@ -16,21 +16,21 @@ from pacman_env.sim.observation.situation import PELLET, Situation
 
 
 class Parameters(NamedTuple):
-    """Numbers of the rule, by hand: the cost of being caught for the experiment's house, others on generated levels."""
+    """Parameters, tuned by hand: costs of being caught on the experiment's house, others on generated levels."""
 
-    robot_speed_mps: float | None = None  # None: the configuration's
-    caught_soon_s: float = 300.0  # what it costs to be caught within 5 s ...
+    robot_speed_mps: float | None = None  # None: of the configuration
+    caught_soon_s: float = 300.0  # cost of being caught within 5 s ...
     caught_s: float = 200.0  # ... and within 10 s
-    approached_s: float = 4.0  # Clyde comes within 0.8 m
-    wait_s: float = 40.0  # going to no pellet
+    approached_s: float = 4.0  # cost of Clyde within 0.8 m
+    wait_s: float = 40.0  # cost of a goal without a pellet
     wait_way_s: float = 0.2  # per second of the path to a place to wait
-    distance_s: float = 2.0  # per m that Clyde stays away from there ...
-    distance_m: float = 4.0  # ... up to so many
-    keep_s: float = 4.0  # the goal pursued now is so much cheaper
+    distance_s: float = 2.0  # credit per m of Clyde's distance from that place ...
+    distance_m: float = 4.0  # ... up to this distance
+    keep_s: float = 4.0  # credit of the current goal
 
 
 class Lookahead(BasePolicy):
-    """The rule; every parameter can be given by name."""
+    """The look-ahead policy; arguments are the fields of :class:`Parameters`."""
 
     name = "lookahead"
 
@@ -41,17 +41,17 @@ class Lookahead(BasePolicy):
                 raise ValueError(f"{name} = {value!r}: must be a finite number of at least 0, a speed above 0")
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
-        """(N, C) minus the cost in s, -inf for what may not be chosen or has no path."""
+        """Return minus the cost in s (N, C), -inf for forbidden or unreachable candidates."""
         p = self.parameters
         speed_mps = p.robot_speed_mps or self.config.robot.speed_mps
         meets = encounters(situation, speed_mps)
         way_s = situation.path_robot / speed_mps
-        away = p.distance_s * np.minimum(meets[:, :, CLOSEST_MEAN], p.distance_m)
-        # Waiting puts off the path to the nearest pellet, however far that is, and does not spare it.
+        credit = p.distance_s * np.minimum(meets[:, :, CLOSEST_MEAN], p.distance_m)
+        # Waiting only delays the path to the nearest pellet, so that path does not count as a cost.
         pellets = situation.mask & (situation.kind == PELLET)
         nearest_s = np.min(np.where(pellets, way_s, np.inf), axis=1, initial=np.inf)
         nearest_s = np.where(np.isfinite(nearest_s), nearest_s, 0.0)[:, None]
-        cost = np.where(situation.kind == PELLET, way_s - nearest_s, p.wait_s + p.wait_way_s * way_s - away)
+        cost = np.where(situation.kind == PELLET, way_s - nearest_s, p.wait_s + p.wait_way_s * way_s - credit)
         cost += p.caught_soon_s * meets[:, :, CAUGHT_SOON] + p.caught_s * meets[:, :, CAUGHT]
         cost += p.approached_s * meets[:, :, APPROACHED]
         current = np.arange(cost.shape[1])[None] == situation.current[:, None]

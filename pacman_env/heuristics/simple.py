@@ -1,4 +1,4 @@
-"""Two baselines: the nearest pellet by path length, and a random pellet. Both ignore Clyde."""
+"""Two baselines that ignore Clyde: the nearest pellet by path length, and a random pellet."""
 
 import math
 
@@ -12,7 +12,7 @@ from pacman_env.sim.observation.situation import PELLET, Situation
 
 
 class Nearest(BasePolicy):
-    """The pellet with the shortest path from the robot; another one only if nearer by the margin."""
+    """Chooses the pellet with the shortest path; it only switches to a pellet that is nearer by the margin."""
 
     name = "nearest"
 
@@ -22,12 +22,12 @@ class Nearest(BasePolicy):
         self.replan_margin_m = replan_margin_m
 
     def scores(self, situation: Situation) -> Floats:
-        """Minus the path length, m."""
+        """Return minus the path length in m (N, C) for allowed pellets, and -inf for other candidates."""
         allowed = situation.mask & (situation.kind == PELLET)
         return np.where(allowed, -situation.path_robot, -np.inf)
 
     def select(self, situation: Situation) -> Indices:
-        """The nearest pellet, the first of equals; the current one unless beaten by the margin."""
+        """Return the nearest pellet (N,), the first one in a tie, or the current one unless beaten by the margin."""
         goal = super().select(situation)
         scores = self.scores(situation)
         games, current = np.arange(len(goal)), situation.current
@@ -40,7 +40,10 @@ class Nearest(BasePolicy):
 def random_scores(
     seed: NDArray[np.uint64], tick: Indices, current: Indices, kind: Kinds, mask: Flags, out: Floats
 ) -> None:
-    """Per allowed pellet a number in [0, 1) from (seed, tick, candidate), 1 for the current; else -inf."""
+    """Write a number in [0, 1) for each allowed pellet, 1 for the current one, and -inf for other candidates.
+
+    Numbers only depend on seed, tick and candidate.
+    """
     for n in range(out.shape[0]):
         state = stream(stream(seed[n], POLICY), tick[n])
         for c in range(out.shape[1]):
@@ -52,15 +55,15 @@ def random_scores(
 
 
 class Random(BasePolicy):
-    """A pellet drawn uniformly, kept until it is gone or masked.
+    """Chooses a pellet uniformly and keeps it until it is collected or forbidden.
 
-    The draw depends on the game's own seed and tick alone, not on the batch a game is in.
+    The draw only depends on the game's seed and tick, not on its batch.
     """
 
     name = "random"
 
     def scores(self, situation: Situation) -> Floats:
-        """Independent uniform numbers, and 1 for the pellet pursued now."""
+        """Return independent uniform numbers (N, C), and 1 for the current pellet."""
         out = np.empty(situation.mask.shape)
         random_scores(situation.seed, situation.tick, situation.current, situation.kind, situation.mask, out)
         return out

@@ -1,1 +1,1 @@
-"""The protocol of policies, and how one is found by name; the handcrafted scorers live in ``heuristics``."""
+"""Protocol and registry of policies; the handcrafted ones are in ``heuristics``."""

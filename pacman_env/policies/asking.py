@@ -1,4 +1,4 @@
-"""Asking a policy that a user wrote: what is wrong with it becomes one line, which names it and the place."""
+"""Call users' policies, and convert their errors to one line with the policy's name and the place."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 
 class PolicyError(ValueError):
-    """A user's policy raises something, or answers with what cannot be played."""
+    """Raised if a user's policy fails or returns an invalid result."""
 
 
 def choose(policy: Policy, situation: Situation) -> NDArray[np.int64]:
-    """(N,) the candidates that a policy chooses; raises PolicyError where they are none, or ``select`` fails."""
+    """Return the candidates (N,) that a policy selects; raises PolicyError if they are invalid or ``select`` fails."""
     if not _is_users(type(policy)):
         return policy.select(situation)
     name = name_of(policy)
@@ -40,18 +40,18 @@ def choose(policy: Policy, situation: Situation) -> NDArray[np.int64]:
 
 
 def reset(policy: Policy, games: NDArray[np.bool_], config: Config) -> None:
-    """The policy's ``reset``; raises PolicyError where a user's fails."""
+    """Call the policy's ``reset``; raises PolicyError if the ``reset`` of a user's policy fails."""
     with what_users_raise(type(policy), name_of(policy)):
         policy.reset(games, config)
 
 
 def checked_scores(policy: Policy, scores: Any, situation: Situation) -> NDArray[np.float64]:
-    """The scores (N, C) as an array; raises PolicyError for another shape, or NaN where a candidate may be chosen."""
+    """Return scores (N, C) as an array; raises PolicyError for another shape or NaN of an allowed candidate."""
     array = np.asarray(scores)
-    wanted = situation.mask.shape
-    if array.shape != wanted:
+    expected = situation.mask.shape
+    if array.shape != expected:
         got = "None" if scores is None else array.shape
-        raise PolicyError(f"policy {name_of(policy)!r}: scores must be {wanted}, got {got}")
+        raise PolicyError(f"policy {name_of(policy)!r}: scores must be {expected}, got {got}")
     bad = (array != array) & situation.mask
     if bad.any():
         game, candidate = np.argwhere(bad)[0].tolist()
@@ -60,20 +60,20 @@ def checked_scores(policy: Policy, scores: Any, situation: Situation) -> NDArray
 
 
 def scores(policy: Policy, situation: Situation) -> NDArray[np.float64]:
-    """(N, C) the policy's scores, to be shown; raises PolicyError if they are none, or a user's ``scores`` fails."""
+    """Return a policy's scores (N, C) for display; raises PolicyError if they are invalid or ``scores`` fails."""
     with what_users_raise(type(policy), name_of(policy)):
         return checked_scores(policy, policy.scores(situation), situation)
 
 
 def name_of(policy: Policy) -> str:
-    """What errors call it: the place of a user's class as ``module:Class``, else its name."""
+    """Return the name of a policy in errors: ``module:Class`` for a user's policy, otherwise its name."""
     kind = type(policy)
     return f"{kind.__module__}:{kind.__qualname__}" if _is_users(kind) else policy.name
 
 
 @contextlib.contextmanager
 def what_users_raise(code: Any, name: str) -> Iterator[None]:
-    """PolicyError instead of what the block raises, where the class or function ``code`` is not the package's."""
+    """Convert exceptions in the block to PolicyError if the class or function ``code`` is a user's."""
     try:
         yield
     except PolicyError:
@@ -90,7 +90,7 @@ def _is_users(code: Any) -> bool:
 
 
 def _place(error: Exception, code: Any) -> str:
-    """File and line of the last call in the user's file, in brackets."""
+    """Return file and line of the last call in the user's file, in brackets, or ""."""
     file = getattr(sys.modules.get(code.__module__), "__file__", None)
     lines = [call.lineno for call in traceback.extract_tb(error.__traceback__) if call.filename == file]
     return f" ({file}, line {lines[-1]})" if lines else ""

@@ -1,4 +1,4 @@
-"""The one protocol of everything that picks goals, and a base class with what most policies share."""
+"""Protocol of policies, which choose goals, and a base class for most of them."""
 
 import inspect
 from typing import Any, Protocol
@@ -14,31 +14,31 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Kinds = NDArray[np.int8]
 Indices = NDArray[np.int64]
-#: Per game, per candidate: named terms of the decision, plain Python values.
+#: Named terms of the decision per game and candidate, as plain Python values.
 Explanation = list[list[dict[str, float | bool | str]]]
 KIND_NAMES = ("pellet", "refuge", "hold")
 
 
 class Policy(Protocol):
-    """A function from situations to one score per candidate; the goal is the best unmasked candidate."""
+    """A function from situations to one score per candidate; the goal is the best allowed candidate."""
 
     name: str
 
     def reset(self, games: NDArray[np.bool_], config: Config) -> None:
-        """Forget the state of the games that are True, which are played by ``config``; ``games`` is (N,)."""
+        """Forget the state of the games that are True in ``games`` (N,), which will be played with ``config``."""
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
-        """(N, C), higher is better, -inf: never. Leaves the policy's state alone."""
+        """Return scores (N, C), higher is better, -inf for never; must not change the policy's state."""
 
     def select(self, situation: Situation) -> NDArray[np.int64]:
-        """(N,) the goal of each game, replan margin and hysteresis included."""
+        """Return the goal (N,) of each game, including replan margin and hysteresis."""
 
     def explain(self, situation: Situation) -> Explanation:
-        """Why: the terms of each candidate's score. Leaves the policy's state alone."""
+        """Return the terms of each candidate's score; must not change the policy's state."""
 
 
 def check_reset(policy: Any, name: str) -> None:
-    """Raise a ValueError, which names the policy, where ``reset`` is that of 0.10."""
+    """Raise a ValueError with the policy's name if ``reset`` has the signature of version 0.10."""
     try:
         inspect.signature(policy.reset).bind("games", "config")
     except TypeError:
@@ -46,29 +46,29 @@ def check_reset(policy: Any, name: str) -> None:
 
 
 def hold_index(situation: Situation) -> NDArray[np.int64]:
-    """(N,) index of the HOLD candidate, -1 where a game has none."""
+    """Return the index (N,) of the HOLD candidate of each game, -1 if there is none."""
     hold = situation.kind == HOLD
     return np.where(hold.any(axis=1), hold.argmax(axis=1), -1)
 
 
 class BasePolicy:
-    """A policy without state: a subclass gives ``name`` and ``scores``; N games, C candidates as in :class:`Policy`."""
+    """A policy without state; subclasses define ``name`` and ``scores``. Arrays are for N games with C candidates."""
 
     name: str
-    config = make_config()  #: of the games, from the last reset on
+    config = make_config()  #: of the games, set by the last reset
 
     def reset(self, games: NDArray[np.bool_], config: Config) -> None:
-        """Keep the configuration; there is nothing to forget, whichever of the games (N,) begin anew."""
+        """Store the configuration; this policy has no state of the games (N,) to forget."""
         self.config = config
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
-        """(N, C), higher is better, -inf: never; here it raises NotImplementedError."""
+        """Return scores (N, C), higher is better, -inf for never; the base class raises NotImplementedError."""
         raise NotImplementedError(f"{type(self).__name__}.scores")
 
     def select(self, situation: Situation) -> NDArray[np.int64]:
-        """(N,) the unmasked candidate with the highest score, the first of equals; HOLD where none is allowed.
+        """Return the allowed candidate (N,) with the highest score, the first one in a tie; HOLD if none is allowed.
 
-        Raises ValueError for scores of another shape, and for NaN of an unmasked candidate.
+        Raises ValueError for scores of another shape, and for NaN of an allowed candidate.
         """
         scores = checked_scores(self, self.scores(situation), situation)
         allowed = np.where(situation.mask, scores, -np.inf)
@@ -77,7 +77,7 @@ class BasePolicy:
         return np.where(best > -np.inf, goal, hold_index(situation))
 
     def explain(self, situation: Situation) -> Explanation:
-        """Kind, mask and score of each candidate."""
+        """Return kind, mask and score of each candidate."""
         columns = situation.kind.tolist(), situation.mask.tolist(), self.scores(situation).tolist()
         return [
             [{"kind": KIND_NAMES[kind], "allowed": may, "score": score} for kind, may, score in zip(*row, strict=True)]

@@ -1,6 +1,6 @@
-"""The learned planner as a policy: an ONNX file run by onnxruntime alone, on the planner features.
+"""Learned planner as a policy: an ONNX file that onnxruntime runs on the planner features.
 
-onnxruntime is imported when the first planner is made.
+onnxruntime is imported when the first planner is created.
 """
 
 import os
@@ -16,10 +16,10 @@ from pacman_env.policies.metadata import read_planner
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
 from pacman_env.sim.observation.situation import Situation
 
-#: The planner that comes with the package.
+#: Planner in the package.
 PRETRAINED = Path(__file__).parent / "pretrained" / "ppo.onnx"
-_FORBIDDEN = -1e7  # a network's logit below this means: may not be chosen
-#: Features that an explanation shows, in the units of ``sim/observation/planner_features.py``.
+_FORBIDDEN = -1e7  # logits below this mark forbidden candidates
+#: Features in explanations, in the units of ``sim/observation/planner_features.py``.
 _SHOWN = ("path_robot", "path_clyde", "time_margin", "caught_soon", "caught", "approached", "closest_mean")
 _Nodes = dict[str, tuple[str, tuple[int | None, ...]]]  # type, sizes; None: any
 _NODES: dict[str, _Nodes] = {
@@ -33,9 +33,10 @@ _NODES: dict[str, _Nodes] = {
 
 
 class LearnedPlanner(BasePolicy):
-    """The candidate with the highest logit of a trained network; a copy, also on another machine, has the same model.
+    """Chooses the candidate with the highest logit of a trained network; pickles and copies include the model.
 
-    ``path``: an ONNX file with its metadata beside it (None: the package's own); ``threads``: of onnxruntime.
+    ``path`` is an ONNX file with its metadata in the same folder (None: the planner in the package); ``threads`` is
+    the number of onnxruntime threads.
     """
 
     def __init__(self, path: str | os.PathLike[str] | None = None, threads: int = 1) -> None:
@@ -50,19 +51,19 @@ class LearnedPlanner(BasePolicy):
         self._session = _session(self._model, self.path, threads)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_session": None}  # a copy in another process has a session of its own
+        return {**self.__dict__, "_session": None}  # a copy creates its own session
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, _session=_session(state["_model"], state["path"], state["_threads"]))
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
-        """(N, C) logits, -inf for what may not be chosen; raises ValueError where the situation has no maps."""
+        """Return logits (N, C), -inf for forbidden candidates; raises ValueError if the situation has no maps."""
         return self._judge(situation)[0]
 
     def explain(self, situation: Situation) -> Explanation:
-        """Logit, probability, the value of the situation, and the features of each candidate that may be chosen."""
+        """Return logit, probability, features and the situation's value for each allowed candidate."""
         logits, values, candidates = self._judge(situation)
-        best = logits.max(axis=1, keepdims=True, initial=-1e30)  # finite where nothing may be chosen
+        best = logits.max(axis=1, keepdims=True, initial=-1e30)  # finite even if no candidate is allowed
         odds = np.exp(logits - best)
         probability = odds / np.maximum(odds.sum(axis=1, keepdims=True), 1.0)
         columns = {name: CANDIDATE_FEATURES.index(name) for name in _SHOWN if name in CANDIDATE_FEATURES}
@@ -76,15 +77,15 @@ class LearnedPlanner(BasePolicy):
     def run(
         self, candidates: NDArray[np.float32], whole: NDArray[np.float32], mask: NDArray[np.bool_]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """The network itself: logits (B, C), -1e8 where ``mask`` (B, C) forbids, and values (B,).
+        """Run the network and return logits (B, C), -1e8 for candidates outside ``mask`` (B, C), and values (B,).
 
-        ``candidates`` (B, C, F) and ``whole`` (B, H) are as ``planner_features`` gives them. Raises PolicyError if the
-        network does not run, or gives another shape.
+        ``candidates`` (B, C, F) and ``whole`` (B, H) are results of ``planner_features``. Raises PolicyError if the
+        network does not run or returns another shape.
         """
         inputs = {"candidates": candidates, "globals": whole, "mask": mask}
         try:
             logits, values = self._session.run(list(_NODES["outputs"]), inputs)
-        except Exception as error:  # onnxruntime's errors have no base class of their own
+        except Exception as error:  # onnxruntime's errors have no common base class
             raise PolicyError(f"policy {self.name!r}: {self.path} does not run: {error}") from None
         if (logits.shape, values.shape) != (mask.shape, mask.shape[:1]):
             found, expected = (logits.shape, values.shape), (mask.shape, mask.shape[:1])
@@ -92,10 +93,10 @@ class LearnedPlanner(BasePolicy):
         return logits, values
 
     def _judge(self, situation: Situation) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]:
-        """Logits (N, C), values (N,) and the candidates' features (N, C, F).
+        """Return logits (N, C), values (N,) and the candidates' features (N, C, F).
 
-        Each game is run alone, with the candidates that may be chosen: sums over other shapes round otherwise, and a
-        game must not depend on the batch it is in.
+        Each game runs alone with its allowed candidates, because sums over other shapes round differently, and a game
+        must not depend on its batch.
         """
         if situation.maps is None:
             raise ValueError(f"policy {self.name!r}: the situation has no maps to look ahead on")
@@ -112,23 +113,23 @@ class LearnedPlanner(BasePolicy):
 
 
 def _session(model: bytes, path: Path, threads: int) -> Any:
-    """An onnxruntime session of a planner's model, tried once."""
+    """Create an onnxruntime session of a planner's model and test it once."""
     try:
         import onnxruntime
     except ModuleNotFoundError:
         needed = "a learned planner needs onnxruntime: pip install onnxruntime"
         raise ModuleNotFoundError(f"{path}: {needed}", name="onnxruntime") from None
-    if b"location" in model:  # the key under which external data has its file's name, in every encoding
+    if b"location" in model:  # key of the file name of external data, in every encoding
         raise ValueError(f"{path}: weights: found external data (a key 'location'), expected all in one file")
     onnxruntime.disable_telemetry_events()
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.enable_cpu_mem_arena = False  # a decision needs kilobytes
-    options.log_severity_level = 4  # what goes wrong is raised
+    options.log_severity_level = 4  # errors are raised anyway
     try:
         session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # onnxruntime's errors have no base class of their own
+    except Exception as error:  # onnxruntime's errors have no common base class
         raise ValueError(f"{path}: no model that onnxruntime can load: {error}") from None
     for what, expected in _NODES.items():
         nodes = session.get_inputs() if what == "inputs" else session.get_outputs()

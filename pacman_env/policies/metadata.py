@@ -1,4 +1,4 @@
-"""The metadata of a learned planner: the JSON file beside its ONNX file, read strictly; nothing in it is evaluated."""
+"""Read and write the metadata of a learned planner, a JSON file next to its ONNX file, with strict checks."""
 
 import hashlib
 import json
@@ -11,53 +11,53 @@ from pacman_env.config.validation import ConfigError, Number, Positive, convert,
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
 
 FORMAT: Literal[1] = 1
-#: The name of the scaling that ``planner_features`` has built in, as the first planners' files have it.
+#: Name of the scaling in ``planner_features``, as in the files of the first planners.
 NORMALISATION = "pacman_env.sim.features.planner_features"
-MAX_BYTES = 16 << 20  # of the ONNX file; a planner of width 64 has 0.1 MB
+MAX_BYTES = 16 << 20  # limit of the ONNX file; a planner of width 64 has 0.1 MB
 _MAX_METADATA_BYTES = 1 << 20
 
 T = TypeVar("T")
 
 
 class Training(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a planner was trained on."""
+    """Training conditions of a planner."""
 
     clyde_speeds_mps: tuple[Number, Number]  # lowest, highest
     robot_speeds_mps: tuple[Number, Number]  # lowest, highest
-    levels: str  # the levels by name, such as "generated:train"
+    levels: str  # name of the levels, such as "generated:train"
     preset: str
     execution: str
     decisions: int
     seed: int
-    ghosts: tuple[str, ...] = ("wander",)  # line-ups, each as often as its share; older files name none
+    ghosts: tuple[str, ...] = ("wander",)  # line-ups with their shares; missing in older files
 
 
 class PlannerMetadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Everything about a planner's ONNX file that is not in it."""
+    """Metadata of a planner's ONNX file."""
 
-    format: Literal[1]  # first: another format has other fields
+    format: Literal[1]  # first, because other formats have other fields
     feature_version: int  # of pacman_env.sim.observation.planner_features
     candidate_features: tuple[str, ...]
     global_features: tuple[str, ...]
     width: int  # of the hidden layers
-    dropped_features: tuple[str, ...]  # candidate features that it is not shown
-    dropped_kinds: tuple[str, ...]  # candidate features that mark kinds it may not choose
-    normalisation: str  # what scales the features
-    robot_speed_mps: Positive  # with which its features are built
+    dropped_features: tuple[str, ...]  # candidate features that the network does not get
+    dropped_kinds: tuple[str, ...]  # candidate features of kinds that it may not choose
+    normalisation: str  # scaling of the features
+    robot_speed_mps: Positive  # used for computing the features
     training: Training
     package_version: str
-    commit: str  # of the sources it was exported from, "unknown" outside a repository
+    commit: str  # of the exporting sources, "unknown" outside a repository
     metrics: dict[str, Number]
     sha256: str  # of the ONNX file, hexadecimal
 
 
 def metadata_path(path: Path) -> Path:
-    """The JSON file that belongs to an ONNX file."""
+    """Return the path of the JSON file of an ONNX file."""
     return path.with_suffix(".json")
 
 
 def dump(record: Any, path: Path) -> str:
-    """A record as the text that :func:`parse` reads back; raises ValueError, which names ``path``, for a wrong type."""
+    """Convert a record to JSON text for :func:`parse`; raises ValueError with ``path`` for a wrong type."""
     try:
         text = json.dumps(msgspec.to_builtins(record, builtin_types=(bytes,)), indent=2) + "\n"
     except TypeError as error:
@@ -67,7 +67,7 @@ def dump(record: Any, path: Path) -> str:
 
 
 def parse(kind: type[T], text: bytes | str, path: Path) -> T:
-    """The record ``kind`` from JSON with exactly its fields and types; else a ValueError names file, field and rule."""
+    """Parse JSON with exactly the fields and types of ``kind``; other text raises ValueError with field and rule."""
     try:
         result: T = convert(json.loads(text, object_pairs_hook=_object), kind)
     except ConfigError as error:
@@ -78,7 +78,7 @@ def parse(kind: type[T], text: bytes | str, path: Path) -> T:
 
 
 def read_planner(path: Path) -> tuple[PlannerMetadata, bytes]:
-    """The metadata and the content of an ONNX file; raises ValueError where this version cannot run it."""
+    """Return metadata and content of an ONNX file; raises ValueError if this version cannot run it."""
     model = _content(path, MAX_BYTES)
     beside = metadata_path(path)
     if not beside.exists():
@@ -115,8 +115,8 @@ def _content(path: Path, limit: int) -> bytes:
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A JSON object in which no name is given twice."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    """Return a JSON object as a dict; raises ValueError for duplicate names."""
+    values = dict(pairs)
+    if len(values) < len(pairs):
         raise ValueError(f"a name is given twice among {', '.join(name for name, _ in pairs)}")
-    return found
+    return values

@@ -1,4 +1,4 @@
-"""Policies for ghosts: a pool that gives each round one of several, and the environment's behaviours as members."""
+"""Policies for ghosts: a pool that draws one of its members for each round, and behaviours as members."""
 
 from collections.abc import Sequence
 
@@ -11,28 +11,28 @@ from pacman_env.sim.core.ghosts import BEHAVIOUR_NAMES, behaviour_choice
 from pacman_env.sim.core.parameters import draw_below
 from pacman_env.sim.observation.situation import Situation
 
-_OPPONENT = 32  # purpose of the draw, beside those of pacman_env/rng.py
-_SHARES = 1 << 20  # a share is drawn so finely
+_OPPONENT = 32  # purpose of the draw, in addition to those in pacman_env/rng.py
+_SHARES = 1 << 20  # resolution of drawn shares
 
 
 class BehaviourOpponent(BasePolicy):
-    """A behaviour (``wander``, ``arcade``, ``chase``) of a ghost that a policy moves; raises ValueError for another."""
+    """A behaviour (``wander``, ``arcade``, ``chase``) as policy of a ghost. Raises ValueError for another name."""
 
     def __init__(self, name: str) -> None:
         self.name = name
         self._number = BEHAVIOUR_NAMES.index(name)
 
     def select(self, situation: Situation) -> NDArray[np.int64]:
-        """(N,) the choice beyond the candidates that stands for the behaviour."""
+        """Return the choice (N,), beyond the candidates, that stands for the behaviour."""
         n, candidates = situation.mask.shape
         return np.full(n, behaviour_choice(candidates - 1, self._number), dtype=np.int64)
 
 
 class Opponents(BasePolicy):
-    """A pool: each round is played by one of several members, drawn from the round's seed in proportion to ``shares``.
+    """A pool of which one member plays each round, drawn from the round's seed in proportion to ``shares``.
 
-    No member may need to remember anything. Raises ValueError for no members, not a share for each, a negative one, or
-    none above 0.
+    Members must not have state. Raises ValueError without members, if the numbers of members and shares differ, for a
+    negative share, and if no share is positive.
     """
 
     name = "opponents"
@@ -47,18 +47,18 @@ class Opponents(BasePolicy):
         self._limits = np.cumsum(weights) / weights.sum()
 
     def reset(self, games: NDArray[np.bool_], config: Config) -> None:
-        """Give each member the configuration of the games (N,)."""
+        """Reset all members for the games (N,) with their configuration."""
         super().reset(games, config)
         for member in self.members:
             member.reset(games, config)
 
     def drawn(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]:
-        """(M,) number of the member that plays the round with each seed."""
+        """Return the number (M,) of the member that plays the round of each seed."""
         share = (draw_below(seeds, _OPPONENT, _SHARES) + 0.5) / _SHARES
         return np.minimum(np.searchsorted(self._limits, share, side="right"), len(self.members) - 1)
 
     def select(self, situation: Situation) -> NDArray[np.int64]:
-        """(N,) the choice of the member that the round belongs to."""
+        """Return the choices (N,) of the members that play the rounds."""
         numbers = self.drawn(situation.seed)
         chosen = np.empty(len(numbers), dtype=np.int64)
         for number in np.unique(numbers).tolist():

@@ -1,4 +1,4 @@
-"""Policies by name or by file; those of the package need nothing but the base install."""
+"""Create policies by name or file; the built-in ones only need the base installation."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -11,9 +11,9 @@ from pacman_env.policies.base import BasePolicy, Policy, check_reset
 from pacman_env.policies.learned import PRETRAINED, LearnedPlanner
 
 _FILE = ".onnx"
-#: Not listed among the policies, as it moves a ghost: trained against a planner (docs/adversary.md).
+#: Policy of a ghost, trained against a planner (docs/adversary.md); therefore not among the listed policies.
 LEARNED_CLYDE = "clyde:learned"
-#: What makes each policy, called with its parameters; other packages add theirs as entry points.
+#: Factories of policies, called with parameters; other packages add entry points.
 POLICIES: Registry[Callable[..., Policy]] = Registry(
     "policy",
     "pacman_env.policies",
@@ -34,11 +34,11 @@ policy_names = POLICIES.names
 
 
 def make_policy(spec: str, **parameters: Any) -> Policy:
-    """A new policy by name, ``make_policy("clyde_aware:documented", replan_margin_m=0.5)``.
+    """Create a policy, for example ``make_policy("clyde_aware:documented", replan_margin_m=0.5)``.
 
-    ``my_package.policies:Shy`` is one, too, and so is the file ``runs/mine.onnx``. Raises ValueError for an unknown
-    name, a parameter out of range, or what is not of this version; TypeError for a parameter that the policy does not
-    have; ModuleNotFoundError for a learned planner without onnxruntime.
+    ``spec`` is a name, a class such as ``my_package.policies:Shy``, or a file such as ``runs/mine.onnx``. Raises
+    ValueError for an unknown name, a parameter out of range or a file of another version, TypeError for an unknown
+    parameter, and ModuleNotFoundError for a learned planner without onnxruntime.
     """
     if spec == LEARNED_CLYDE:
         return LearnedPlanner(PRETRAINED.with_name("clyde.onnx"), **parameters)
@@ -47,7 +47,7 @@ def make_policy(spec: str, **parameters: Any) -> Policy:
     factory = POLICIES.find(spec)
     if not callable(factory):
         raise ValueError(f"policy {spec!r}: {factory!r} is no class or function that makes one")
-    if parameters:  # a caller in Python, who gets a TypeError for a wrong one
+    if parameters:  # given in Python code, so a wrong one may raise TypeError
         policy = factory(**parameters)
     else:
         with what_users_raise(factory, spec):
@@ -63,16 +63,16 @@ def make_policy(spec: str, **parameters: Any) -> Policy:
 
 
 def moved_by_policy(ghost: str) -> bool:
-    """Whether a name in ``clyde.ghosts`` is ``clyde:learned``, an .onnx file or a policy's, and no behaviour's."""
+    """Return True if a name in ``clyde.ghosts`` means a policy (also ``clyde:learned`` or a file), not a behaviour."""
     return (
         ghost == LEARNED_CLYDE or ghost.endswith(_FILE) or (ghost in policy_names() and ghost not in behaviour_names())
     )
 
 
 def split_ghosts(ghosts: Sequence[str]) -> tuple[tuple[str, ...], dict[int, Policy]]:
-    """Behaviours by ghost, ``policy`` where a policy moves it, and those policies by the ghost's number.
+    """Return the behaviour of each ghost (``policy`` if a policy moves it), and these policies by ghost number.
 
-    Raises ConfigError for an unknown behaviour, and for ``policy`` itself, and what ``make_policy`` raises.
+    Raises ConfigError for an unknown behaviour and for ``policy`` itself, and the errors of ``make_policy``.
     """
     for number, name in enumerate(ghosts):
         if name == POLICY:

@@ -1,1 +1,1 @@
-"""Search on the coarse model of the game, for ghosts whose behaviour is known."""
+"""Search on the coarse model of the game, for ghosts with a predictable behaviour."""

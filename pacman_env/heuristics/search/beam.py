@@ -1,8 +1,8 @@
-"""A beam search over segments: drive to a goal for some seconds, then choose again, while the ghosts react.
+"""Beam search over segments: drive to a goal for some seconds, then choose again, while the ghosts react.
 
-Nodes are kept in layers by their time. Of each layer the best are continued, of those that are at the same place with
-the same goal and pellets only the best one. The value of a node is what was collected, earlier is better, less for a
-ghost that came near; its safety is less for a short lead, too, and is what counts at the end of the horizon.
+Nodes are stored in layers by time. The best nodes of each layer are continued; of nodes with the same place, goal and
+pellets only the best one. The value of a node is the worth of its collected pellets (more for earlier ones), reduced if
+a ghost came near. Its safety is also reduced for a short lead, and counts at the end of the horizon.
 """
 
 from typing import Any, NamedTuple
@@ -17,43 +17,43 @@ from ...sim.observation.situation import insert_nearest
 NODE = np.dtype(
     [
         *ROBOT,
-        ("first", np.int32),  # of the choices
+        ("first", np.int32),  # index of the first choice
         ("value", np.float64),
-        ("safety", np.float64),  # the same with all that a lead is worth
+        ("safety", np.float64),  # value with the full worth of the lead
     ]
 )
-#: Numbers of the search.
+#: Settings of the search.
 SETTINGS = np.dtype(
     [
-        ("width", np.int64),  # nodes of a layer that are continued
+        ("width", np.int64),  # number of nodes of a layer that are continued
         ("layers", np.int64),
         ("layer_s", np.float64),
-        ("segment_s", np.float64),  # a choice holds so long, or until its goal is reached
-        ("pellets", np.int64),  # the nearest so many are goals ...
-        ("refuges", np.int64),  # ... and so many refuges
+        ("segment_s", np.float64),  # duration of a choice, unless its goal is reached before
+        ("pellets", np.int64),  # number of nearest pellets that are goals ...
+        ("refuges", np.int64),  # ... and of refuges
         ("pellet_worth", np.float64),
-        ("second_worth", np.float64),  # of a pellet that is collected a second earlier
+        ("second_worth", np.float64),  # of collecting a pellet a second earlier
         ("completion_worth", np.float64),
-        ("lead_worth", np.float64),  # of ghosts that are far, in a node's safety ...
-        ("lead_share", np.float64),  # ... and this share of it in its value
-        ("lead_m", np.float64),  # far, by their paths
-        ("metre_worth", np.float64),  # of the path to the nearest pellet left
-        ("near_worth", np.float64),  # of a ghost that never came near
+        ("lead_worth", np.float64),  # of a full lead, in a node's safety ...
+        ("lead_share", np.float64),  # ... and the share of it in the value
+        ("lead_m", np.float64),  # path length of a full lead
+        ("metre_worth", np.float64),  # per metre to the nearest remaining pellet
+        ("near_worth", np.float64),  # if no ghost ever came near
         ("near_m", np.float64),
     ]
 )
-DEAD = -1000.0  # the value of a first choice after which every line ends in death, and the s until then
-PRUNED = -500.0  # added where no line was followed to the end
+DEAD = -1000.0  # value of a first choice that always leads to death, plus the s until then
+PRUNED = -500.0  # added if no line was followed to the end
 
 
 class Room(NamedTuple):
-    """Scratch memory; L layers wait at a time, each with room for K nodes of G ghosts."""
+    """Scratch memory for L waiting layers with room for K nodes of G ghosts."""
 
     nodes: Any  # (L, K) NODE
     ghosts: Any  # (L, K, G) GHOST
     counts: Any  # (L,)
-    goals: Any  # of one node
-    kept: Any  # of a layer
+    goals: Any  # goals of one node
+    kept: Any  # continued nodes of a layer
 
 
 def new_room(width: int, ghosts: int, settings: NDArray[Any]) -> Room:
@@ -71,7 +71,7 @@ def new_room(width: int, ghosts: int, settings: NDArray[Any]) -> Room:
 
 @kernel
 def _list_goals(node, model, s, refuges, goals):  # type: ignore[no-untyped-def]
-    """Fill in the goals that a node may be continued with; returns their number."""
+    """Write the goals with which a node may be continued, and return their number."""
     length = model.map.robot_length[node.block]
     most = s.pellets + s.refuges
     goals[:most] = -1
@@ -99,7 +99,7 @@ def _list_goals(node, model, s, refuges, goals):  # type: ignore[no-untyped-def]
 
 @kernel
 def _rate(node, ghosts, model, s, start_s, over):  # type: ignore[no-untyped-def]
-    """Fill in a node's value and safety; ``over``: its line ends there."""
+    """Set a node's value and safety; ``over`` is True if its line ends there."""
     value = s.pellet_worth * node.collected - s.second_worth * (node.collected_s - start_s * node.collected)
     if node.closest_m < s.near_m:
         value -= s.near_worth * (1.0 - node.closest_m / s.near_m)
@@ -126,36 +126,36 @@ def _same(a, b):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _keep_best(nodes, order, found, width, kept):  # type: ignore[no-untyped-def]
-    """Add to the ``found`` nodes of a layer the first of an order, up to ``width``, one of those that are alike."""
+def _keep_best(nodes, order, count, width, kept):  # type: ignore[no-untyped-def]
+    """Add nodes of a layer to the ``count`` kept ones, in ``order`` and up to ``width``, without equivalent nodes."""
     for k in range(len(order)):
-        if found >= width:
+        if count >= width:
             break
         node = nodes[order[k]]
         alike = False
-        for j in range(found):
+        for j in range(count):
             alike |= _same(node, nodes[kept[j]])
         if not alike:
-            kept[found] = order[k]
-            found += 1
-    return found
+            kept[count] = order[k]
+            count += 1
+    return count
 
 
 @kernel
 def _keep(nodes, width, kept):  # type: ignore[no-untyped-def]
-    """Number the nodes of a layer that are continued: half of them for their value, half for their safety.
+    """Select the nodes of a layer that are continued (half by value, half by safety) and return their number.
 
-    For their value alone, lines that collect and then die crowd out those that live.
+    By value alone, lines that collect pellets and then die would crowd out lines that survive.
     """
-    found = _keep_best(nodes, np.argsort(-nodes.value, kind="mergesort"), 0, (width + 1) // 2, kept)
-    return _keep_best(nodes, np.argsort(-nodes.safety, kind="mergesort"), found, width, kept)
+    count = _keep_best(nodes, np.argsort(-nodes.value, kind="mergesort"), 0, (width + 1) // 2, kept)
+    return _keep_best(nodes, np.argsort(-nodes.safety, kind="mergesort"), count, width, kept)
 
 
 @kernel
 def search(begin, choices, settings, room, best):  # type: ignore[no-untyped-def]
-    """Fill in the value of the best line that begins with each of the goals ``choices`` (R,).
+    """Write the value ``best`` (R,) of the best line that starts with each goal ``choices`` (R,).
 
-    ``begin`` is a ``Start`` whose robot is a ``NODE``. Returns how many segments were played.
+    ``begin`` is a ``Start`` whose robot is a ``NODE``. Returns the number of played segments.
     """
     s, model, start_s = settings[0], begin.model, begin.robot[0].time_s
     layers = len(room.counts)
@@ -163,48 +163,48 @@ def search(begin, choices, settings, room, best):  # type: ignore[no-untyped-def
     best[:] = DEAD
     played = 0
     for layer in range(-1, s.layers):
-        here, following = (layer + layers) % layers, (layer + 1) % layers
-        nodes, ghosts = room.nodes[here], room.ghosts[here]
-        kept = 1
+        current, following = (layer + layers) % layers, (layer + 1) % layers
+        nodes, ghosts = room.nodes[current], room.ghosts[current]
+        continued = 1
         if layer < 0:
             nodes[0] = begin.robot[0]
             copy_ghosts(begin.ghosts, ghosts[0])
             room.kept[0] = 0
         else:
-            kept = _keep(nodes[: room.counts[here]], s.width, room.kept)
-            for k in range(room.counts[here]):
+            continued = _keep(nodes[: room.counts[current]], s.width, room.kept)
+            for k in range(room.counts[current]):
                 best[nodes[k].first] = max(best[nodes[k].first], nodes[k].value + PRUNED)
-        for k in range(kept):
+        for k in range(continued):
             node = room.kept[k]
             count = len(choices)
             if layer >= 0:
                 count = _list_goals(nodes[node], model, s, begin.pellets, room.goals)
             for j in range(count):
                 goal = choices[j] if layer < 0 else room.goals[j]
-                # A child is played where it lies if it is of the next layer, behind those that are there.
+                # A child is created behind the nodes of the next layer, where it stays if it belongs to that layer.
                 at = room.counts[following]
                 room.nodes[following, at] = nodes[node]
-                child, its = room.nodes[following, at], room.ghosts[following, at]
-                copy_ghosts(ghosts[node], its)
+                child, child_ghosts = room.nodes[following, at], room.ghosts[following, at]
+                copy_ghosts(ghosts[node], child_ghosts)
                 if layer < 0:
                     child.first = j
-                play(child, its, goal, child.time_s + s.segment_s, model)
+                play(child, child_ghosts, goal, child.time_s + s.segment_s, model)
                 played += 1
                 if child.dead:
                     best[child.first] = max(best[child.first], DEAD + child.time_s - start_s)
                     continue
                 over = child.pellets == 0 or child.time_s >= model.rules[0].limit_s
-                after = max(int((child.time_s - start_s) / s.layer_s), layer + 1)
-                _rate(child, its, model, s, start_s, over)
-                if over or after >= s.layers:
+                target = max(int((child.time_s - start_s) / s.layer_s), layer + 1)
+                _rate(child, child_ghosts, model, s, start_s, over)
+                if over or target >= s.layers:
                     best[child.first] = max(best[child.first], child.safety)
-                elif after == layer + 1:
+                elif target == layer + 1:
                     room.counts[following] += 1
                 else:
-                    there = after % layers
-                    room.nodes[there, room.counts[there]] = child
-                    copy_ghosts(its, room.ghosts[there, room.counts[there]])
-                    room.counts[there] += 1
+                    slot = target % layers
+                    room.nodes[slot, room.counts[slot]] = child
+                    copy_ghosts(child_ghosts, room.ghosts[slot, room.counts[slot]])
+                    room.counts[slot] += 1
         if layer >= 0:
-            room.counts[here] = 0
+            room.counts[current] = 0
     return played

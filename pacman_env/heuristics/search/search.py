@@ -1,4 +1,4 @@
-"""``search``: plans against ghosts that react, on a coarse model of the game; elsewhere the choice of a base policy."""
+"""The policy ``search``: plans on a coarse model of the game if a ghost is predictable, else asks a base policy."""
 
 import time
 from typing import Any, NamedTuple
@@ -17,32 +17,32 @@ from pacman_env.sim.observation.situation import Nearest, Situation, nearest_can
 
 from .beam import NODE, SETTINGS, Room, new_room, search
 
-_NARROWEST, _WIDEST = 4, 1024  # of a search that has a time
+_NARROWEST, _WIDEST = 4, 1024  # widths of a search with a time limit
 _MOST_SAMPLES = 16
 _SOURCES = "belief", "configuration"
 
 
 class Parameters(NamedTuple):
-    """Numbers of the search, by hand."""
+    """Parameters of the search, tuned by hand."""
 
-    nodes: int = 12_500  # segments played for a decision, at most
-    milliseconds: float = 0.0  # above 0, in place of that: wider and wider searches, until so long after the start
-    samples: int = 2  # futures of the ghosts that wander beside others
+    nodes: int = 12_500  # largest number of segments per decision
+    milliseconds: float = 0.0  # above 0: a time limit instead, with searches of increasing width
+    samples: int = 2  # futures of wandering ghosts, if there are other ghosts
     horizon_s: float = 48.0
     layer_s: float = 3.0
     segment_s: float = 3.0
-    pellets: int = 5  # goals of a node: the nearest pellets ...
+    pellets: int = 5  # goals of a node: nearest pellets ...
     refuges: int = 6  # ... and refuges
     pellet_worth: float = 10.0
-    second_worth: float = 0.1  # of a pellet that is collected a second earlier
+    second_worth: float = 0.1  # of collecting a pellet a second earlier
     completion_worth: float = 20.0
-    lead_worth: float = 40.0  # of ghosts that are far by their paths, in a node's safety ...
-    lead_share: float = 0.125  # ... and this share of it in its value
-    lead_m: float = 3.0
-    metre_worth: float = 0.5  # of the path to the nearest pellet left
-    near_worth: float = 12.0  # of ghosts that never come near, straight
+    lead_worth: float = 40.0  # of a full lead, in a node's safety ...
+    lead_share: float = 0.125  # ... and the share of it in the value
+    lead_m: float = 3.0  # path length of a full lead
+    metre_worth: float = 0.5  # per metre to the nearest remaining pellet
+    near_worth: float = 12.0  # if no ghost ever comes within near_m, straight
     near_m: float = 0.9
-    keep_worth: float = 3.0  # the goal pursued now is worth so much more
+    keep_worth: float = 3.0  # of keeping the current goal
     seed: int = 0  # of the futures
 
     @property
@@ -51,16 +51,16 @@ class Parameters(NamedTuple):
 
     @property
     def choices(self) -> int:
-        """Of a node, at most: those, to hold, and to go on."""
+        """Largest number of choices of a node: pellets, refuges, hold and the current goal."""
         return self.pellets + self.refuges + 2
 
     @property
     def least_nodes(self) -> int:
-        """One of each layer in each future."""
+        """Number of nodes for a width of one in each layer and future."""
         return self.samples * self.choices * (self.layers + 1)
 
     def settings(self) -> NDArray[Any]:
-        """(1,) of SETTINGS, for beams; the width is to be set."""
+        """Return a record (1,) of SETTINGS without the width."""
         record = np.zeros(1, dtype=SETTINGS)
         for name in set(SETTINGS.names or ()) & set(self._fields):
             record[name] = getattr(self, name)
@@ -84,11 +84,11 @@ def _check(p: Parameters) -> None:
 
 
 class Search(BasePolicy):
-    """The rule; every parameter can be given by name.
+    """The search policy; further arguments are the fields of :class:`Parameters`.
 
-    ``base``: the policy that chooses where no ghost can be predicted, by its name or file. ``behaviours``: what each
-    ghost does is what the situation has as belief (``belief``), or what is configured (``configuration``), where those
-    that are sent from outside go by belief.
+    ``base`` is the name or file of the policy that chooses if no ghost is predictable. ``behaviours`` is the source of
+    the ghosts' behaviours: the situation's belief (``belief``), or the configuration (``configuration``), where belief
+    is still used for ghosts that a policy controls.
     """
 
     name = "search"
@@ -103,7 +103,7 @@ class Search(BasePolicy):
         self.base: Policy = make_policy(base)
         self._settings = p.settings()
         self._room: Room | None = None
-        self.played = 0  #: segments, for the last situation
+        self.played = 0  #: number of segments for the last situation
 
     def reset(self, games: NDArray[np.bool_], config: Config) -> None:
         if config is not self.config:
@@ -112,19 +112,19 @@ class Search(BasePolicy):
         self.base.reset(games, config)
 
     def behaviours(self, situation: Situation, i: int) -> tuple[str, ...]:
-        """What each ghost is taken to do in situation ``i``, by number."""
+        """Return the assumed behaviour of each ghost in situation ``i``."""
         believed = situation.belief[i]
-        found = list(self.config.clyde.ghosts)
-        for k, (name, belief) in enumerate(zip(found, believed, strict=True)):
+        names = list(self.config.clyde.ghosts)
+        for k, (name, belief) in enumerate(zip(names, believed, strict=True)):
             if self._by_belief or name == POLICY:
-                found[k] = BELIEVED[taken_for(belief)]
-        return tuple(found)
+                names[k] = BELIEVED[taken_for(belief)]
+        return tuple(names)
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
-        """(N, C) value of the best line that begins with each candidate; the base's where nothing is predictable."""
+        """Return the value (N, C) of the best line per candidate, or the base policy's scores without predictions."""
         p = self.parameters
-        known = [self.behaviours(situation, i) for i in range(len(situation))]
-        searched = np.array([any(is_predictable(find_behaviour(name)) for name in names) for names in known])
+        behaviours = [self.behaviours(situation, i) for i in range(len(situation))]
+        searched = np.array([any(is_predictable(find_behaviour(name)) for name in names) for names in behaviours])
         if not searched.any():
             return self.base.scores(situation)
         order = nearest_candidates(situation, Nearest(p.pellets, p.refuges))
@@ -136,20 +136,20 @@ class Search(BasePolicy):
             candidates = order[i][order[i] >= 0]
             candidates = candidates[situation.mask[i, candidates] & np.isfinite(situation.path_robot[i, candidates])]
             if len(candidates) > 0:
-                scores[i, candidates] = self._values(situation, i, candidates, known[i])
+                scores[i, candidates] = self._values(situation, i, candidates, behaviours[i])
         return scores
 
     def _values(
         self, situation: Situation, i: int, candidates: NDArray[np.int64], names: tuple[str, ...]
     ) -> NDArray[np.float64]:
-        """(R,) of the candidates of one situation, whose ghosts behave so."""
+        """Return the values (R,) of the candidates of one situation with these behaviours of the ghosts."""
         began = time.perf_counter()
-        p, known = self.parameters, [find_behaviour(name) for name in names]
+        p, behaviours = self.parameters, [find_behaviour(name) for name in names]
         if names not in self._prepared:
-            self._prepared[names] = Behaviours(known, self.config)
+            self._prepared[names] = Behaviours(behaviours, self.config)
         begin = start(situation, i, self.config, self._prepared[names], Lags(), NODE)
         goals = begin.goals[candidates]
-        samples = 1 if all(map(is_predictable, known)) else p.samples
+        samples = 1 if all(map(is_predictable, behaviours)) else p.samples
         values = np.zeros(len(goals))
         self.played = 0
         for number in range(samples):
@@ -159,32 +159,32 @@ class Search(BasePolicy):
         return values + p.keep_worth * (candidates == situation.current[i])
 
     def _search(self, begin: Start, goals: NDArray[np.int64], samples: int, until: float) -> NDArray[np.float64]:
-        """(R,) with this share of the budget: of the nodes, or until a time of ``time.perf_counter()``."""
+        """Return the values (R,) of one future, with its share of the nodes or until the ``perf_counter`` time."""
         p, settings = self.parameters, self._settings
         best = np.empty(len(goals))
         width = _NARROWEST
         if p.milliseconds == 0:
             width = (p.nodes // samples - len(goals)) // (p.layers * p.choices)
         while True:
-            before = time.perf_counter()
+            start_s = time.perf_counter()
             if self._room is None or len(self._room.kept) < width or self._room.ghosts.shape[2] != len(begin.ghosts):
                 self._room = new_room(width, len(begin.ghosts), settings)
             settings["width"] = width
             self.played += search(begin, goals, settings, self._room, best)
             now = time.perf_counter()
-            # The next search is twice as wide.
-            if now + 2.0 * (now - before) > until or width >= _WIDEST:
+            # The next search, which is twice as wide, must not exceed the time limit.
+            if now + 2.0 * (now - start_s) > until or width >= _WIDEST:
                 return best
             width *= 2
 
 
 def alone(**parameters: Any) -> Search:
-    """``search:alone``: over ``lookahead``, so that nothing learned is in it."""
+    """Return ``search:alone``, which uses ``lookahead`` as base policy and therefore nothing learned."""
     policy = Search(base="lookahead", **parameters)
     policy.name = "search:alone"
     return policy
 
 
 def is_predictable(behaviour: Behaviour) -> bool:
-    """Where such a ghost goes follows from what it sees."""
+    """Return True if a ghost's view determines its target."""
     return behaviour.target is not None and behaviour.name != WANDER
