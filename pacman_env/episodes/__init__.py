@@ -1,1 +1,1 @@
-"""Episodes that policies play in the simulator, and the statistics of what comes of them."""
+"""Play episodes with policies in the simulator, and compute statistics of the results."""

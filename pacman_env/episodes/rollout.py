@@ -1,6 +1,6 @@
-"""Rounds, or endless games, played by a policy in the simulator: seeds in, one record for each out.
+"""Play rounds or endless games with a policy in the simulator, and return one record per seed.
 
-The records depend on map, configuration, policy and seeds alone, not on the batch a round is played in.
+Records only depend on map, configuration, policy and seeds, not on the batch in which a round is played.
 """
 
 import copy
@@ -23,18 +23,18 @@ from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.sim.maps.level_source import LevelSource
 from pacman_env.sim.observation.situation import Situation
 
-BATCH = 64  # more games than this at once are no faster
+BATCH = 64  # larger batches are not faster
 MOST_ROUNDS = 100  # of an endless game; from the 96th on, Clyde has its highest speed
 _TIMED_EVERY = 4  # batch steps per timed decision
-_WARM_UP = 3  # decisions not timed: compilation, caches
+_WARM_UP = 3  # untimed decisions, for compilation and caches
 
 EPISODE = np.dtype(
     [
         ("seed", np.uint64),
-        ("level", np.int64),  # which was played on, 0 where there is one map
+        ("level", np.int64),  # level number, 0 with one map
         ("end", np.int64),  # DEAD, COMPLETE, CLEARED or TIMEOUT
-        ("rounds", np.int64),  # completed
-        ("spawned", np.int64),  # in a round
+        ("rounds", np.int64),  # completed rounds
+        ("spawned", np.int64),  # in one round
         ("collected", np.int64),  # in all rounds
         ("lost", np.int64),  # in the last round
         ("aborts", np.int64),  # in the last round
@@ -44,7 +44,7 @@ EPISODE = np.dtype(
 
 
 def episode_seeds(seed: int, episodes: int) -> NDArray[np.uint64]:
-    """(episodes,) the seed of each round; round k of a seed is the same however many there are."""
+    """Return the seed of each round (episodes,); seed k does not depend on the number of episodes."""
     if seed < 0:
         raise ValueError(f"seed = {seed}: must be at least 0")
     sequences = (np.random.SeedSequence(seed, spawn_key=(k,)) for k in range(episodes))
@@ -52,7 +52,7 @@ def episode_seeds(seed: int, episodes: int) -> NDArray[np.uint64]:
 
 
 def allowed(situation: Situation, choices: NDArray[np.int64], hold: int) -> NDArray[np.int64]:
-    """The choices as the executor applies them: one that is masked or no candidate at all becomes hold."""
+    """Return the choices (N,) as the executor applies them: forbidden or invalid ones become hold."""
     valid = (choices >= 0) & (choices < situation.mask.shape[1])
     valid &= situation.mask[np.arange(len(choices)), np.where(valid, choices, hold)]
     return np.where(valid, choices, hold)
@@ -68,13 +68,13 @@ def play(
     on_end: Callable[[int], object] | None = None,
     num_threads: int = 1,
 ) -> tuple[NDArray, NDArray[np.float64]]:
-    """Play one round per seed with a policy; under ``config.endless`` one game of at most ``MOST_ROUNDS`` rounds.
+    """Play one round per seed with a policy, or with ``config.endless`` one game of at most ``MOST_ROUNDS`` rounds.
 
-    Where ``config.decisions.when`` is ``event`` the policy is asked as in the environment with that setting.
-    ``on_end`` is called with the number of rounds that ended in a step.
+    If ``config.decisions.when`` is ``event``, the policy decides at the same events as in the environment. ``on_end``
+    is called with the number of rounds that ended in a step.
 
-    Returns (E,) records of type ``EPISODE`` in the order of the seeds, and (T,) times in ms of single decisions of the
-    policy alone, in a sample of the situations. An endless game that has all its rounds behind it ends as COMPLETE.
+    Returns records (E,) of type ``EPISODE`` in the order of the seeds, and times (T,) in ms of single decisions of the
+    policy for a sample of situations. An endless game that has played all rounds ends as COMPLETE.
     """
     batch, ghosts = open_games(source, config, min(batch_size, len(seeds)), num_threads)
     return play_in(batch, robot, seeds, ghosts=ghosts, on_end=on_end)
@@ -83,13 +83,13 @@ def play(
 def open_games(
     source: LevelSource | MapAssets, config: Config, n: int = 1, num_threads: int = 1
 ) -> tuple[GameBatch, dict[int, Policy]]:
-    """``n`` games, and the policies that ``clyde.ghosts`` names, by the number of the ghost that each moves."""
+    """Create ``n`` games, and the policies in ``clyde.ghosts`` by ghost number."""
     behaviours, ghosts = split_ghosts(config.clyde.ghosts)
     return GameBatch(source, config.with_fields(**{"clyde.ghosts": behaviours}), n, num_threads), ghosts
 
 
 def ghost_choices(batch: GameBatch, ghosts: Mapping[int, Policy]) -> NDArray[np.int64] | None:
-    """(N, G) where these policies send their ghosts now, as a step of the batch takes it; None where there are none."""
+    """Return the choices (N, G) of the ghosts' policies for a step of the batch, or None without policies."""
     if not ghosts:
         return None
     sent = np.full(batch.ghosts.shape, batch.hold, dtype=np.int64)
@@ -107,15 +107,18 @@ def play_in(
     on_end: Callable[[int], object] | None = None,
     timed: bool = True,
 ) -> tuple[NDArray, NDArray[np.float64]]:
-    """:func:`play` in existing games, whose levels are kept; ``ghosts`` move those whose behaviour is ``policy``."""
+    """Play like :func:`play` in existing games, which keep their levels; ``ghosts`` are the policies by ghost number.
+
+    Raises ValueError if there are fewer seeds than games.
+    """
     n = batch.n
     if n > len(seeds):
         raise ValueError(f"{n} games for {len(seeds)} seeds")
     policy, other = (make_policy(robot) if isinstance(robot, str) else copy.copy(robot) for _ in range(2))
-    times_ms: list[float] = []  # of ``other``, so that the games do not notice
+    times_ms: list[float] = []  # of ``other``, so that timing does not affect the games
     records = np.zeros(len(seeds), dtype=EPISODE)
-    episode = np.arange(n)  # which one each slot plays, -1: none is left
-    before_s = np.zeros(n)  # the rounds before the one that a slot plays
+    episode = np.arange(n)  # episode of each slot, -1: none left
+    before_s = np.zeros(n)  # duration of previous rounds of each slot
     players = [policy, *ghosts.values()]
     batch.reset(np.arange(n), seeds[:n])
     for player in players:
@@ -144,23 +147,23 @@ def play_in(
             continue
         records[episode[ended]] = _records(batch, ended, before_s)
         episode[ended] = -1
-        again = ended[: len(seeds) - started]
-        if len(again) > 0:
-            episode[again] = np.arange(started, started + len(again))
-            before_s[again] = 0.0
-            batch.reset(again, seeds[episode[again]])
+        restarted = ended[: len(seeds) - started]
+        if len(restarted) > 0:
+            episode[restarted] = np.arange(started, started + len(restarted))
+            before_s[restarted] = 0.0
+            batch.reset(restarted, seeds[episode[restarted]])
             for player in players:
-                reset(player, np.isin(np.arange(n), again), batch.config)
-            started += len(again)
+                reset(player, np.isin(np.arange(n), restarted), batch.config)
+            started += len(restarted)
         if on_end is not None:
             on_end(len(ended))
     return records, np.array(times_ms)
 
 
 def _choices(policy: Policy, situation: Situation, playing: NDArray[np.int64], hold: int) -> NDArray[np.int64]:
-    """(N,) the policy's choice for each game; when few still play, it does not choose for the others."""
-    nothing_to_forget = getattr(type(policy), "reset", None) is BasePolicy.reset
-    if len(playing) == len(situation) or not nothing_to_forget:  # a policy with a state must see all games
+    """Return the policy's choice for each game (N,); a policy without state only decides for unfinished games."""
+    stateless = getattr(type(policy), "reset", None) is BasePolicy.reset
+    if len(playing) == len(situation) or not stateless:  # a policy with state must see all games
         return choose(policy, situation)
     choices = np.full(len(situation), hold)
     choices[playing] = choose(policy, situation.rows(playing))
@@ -174,7 +177,7 @@ def _step(
     playing: NDArray[np.int64],
     ghosts: Mapping[int, Policy],
 ) -> NDArray[np.float64]:
-    """A decision, and the ticks until the next; (N,) how long the round was that was completed in them, s, else 0."""
+    """Play until the next decision; return the duration (N,) of rounds completed meanwhile, s, else 0."""
     choices = allowed(situation, chosen, batch.hold)
     if batch.config.decisions.when == "event":
         send = functools.partial(ghost_choices, batch, ghosts) if ghosts else None

@@ -1,4 +1,4 @@
-"""Estimates and their confidence intervals."""
+"""Compute estimates and their confidence intervals."""
 
 import math
 from collections.abc import Sequence
@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 Interval = tuple[float, float]
 Floats = NDArray[np.float64]
 Z95 = 1.959963984540054  # two-sided 95 % of the normal distribution
-REPLICATES = 2000  # of a bootstrap
+REPLICATES = 2000  # bootstrap replicates
 
 
 def wilson(successes: int, trials: int, z: float = Z95) -> Interval:
-    """Wilson's score interval of a proportion (Wilson 1927, no continuity correction).
+    """Return Wilson's score interval of a proportion (Wilson 1927, no continuity correction).
 
-    Raises ValueError without a trial, or with more successes than trials.
+    Raises ValueError without trials, or if there are more successes than trials.
     """
     if trials < 1 or not 0 <= successes <= trials:
         raise ValueError(f"{successes} successes in {trials} trials")
@@ -29,12 +29,12 @@ def wilson(successes: int, trials: int, z: float = Z95) -> Interval:
 
 
 def paired_difference(ours: NDArray[np.bool_], theirs: NDArray[np.bool_], z: float = Z95) -> tuple[float, Interval]:
-    """Difference of two proportions, ours minus theirs, of (n,) successes in the same trials, with its interval.
+    """Return the difference of two proportions (ours minus theirs) of successes (n,) in the same trials, and interval.
 
     The interval is method 10 of Newcombe, "Improved confidence intervals for the difference between binomial
     proportions based on paired data", Statistics in Medicine 17 (1998): Wilson's limits of both proportions,
-    joined by the correlation phi of the pairs, which is shrunk by half a trial where it is positive.
-    Raises ValueError without a trial, or if the two have different lengths.
+    joined by the correlation phi of the pairs, which is shrunk by half a trial if it is positive.
+    Raises ValueError without trials, or if the two have different lengths.
     """
     n = len(ours)
     if n < 1 or len(theirs) != n:
@@ -52,7 +52,7 @@ def paired_difference(ours: NDArray[np.bool_], theirs: NDArray[np.bool_], z: flo
     low1, high1 = wilson(k1, n, z)
     low2, high2 = wilson(k2, n, z)
     below1, above1, below2, above2 = p1 - low1, high1 - p1, p2 - low2, high2 - p2
-    # max: rounding alone can make the sum of squares negative
+    # max, because rounding can make the sum of squares negative
     down = math.sqrt(max(below1 * below1 - 2 * phi * below1 * above2 + above2 * above2, 0.0))
     up = math.sqrt(max(above1 * above1 - 2 * phi * above1 * below2 + below2 * below2, 0.0))
     difference = p1 - p2
@@ -60,20 +60,20 @@ def paired_difference(ours: NDArray[np.bool_], theirs: NDArray[np.bool_], z: flo
 
 
 def interquartile_mean(values: Floats) -> Floats:
-    """Mean of the middle half along the last axis: the floor(n / 4) smallest and largest of n are left out.
+    """Return the mean of the middle half along the last axis, without the floor(n / 4) smallest and largest values.
 
     Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical Precipice", NeurIPS 2021; whole values
-    are left out, as in their library. Fewer than four values: the mean.
+    are left out, as in their library. With fewer than four values it is the mean.
     """
     n = values.shape[-1]
     return np.sort(values, axis=-1)[..., n // 4 : n - n // 4].mean(axis=-1)
 
 
 def improvement(ours: Floats, theirs: Floats, weights: Floats) -> Floats:
-    """(R,) probability that one of our (n,) scores is above one of theirs in the same trials, ties counting half.
+    """Return the probability (R,) that one of our scores (n,) is above one of theirs; ties count half.
 
-    Mann and Whitney's U / n^2; Agarwal et al. 2021, "probability of improvement", on one task. ``weights`` (R, n) are
-    how often each trial counts, for both; each row sums to n.
+    This is Mann and Whitney's U / n^2, or "probability of improvement" on one task in Agarwal et al. 2021. ``weights``
+    (R, n) tell how often each trial counts, for both sides; each row sums to n.
     """
     levels = np.unique(np.concatenate([ours, theirs]))
     our_count, their_count = (weights @ (scores[:, None] == levels) for scores in (ours, theirs))
@@ -82,44 +82,46 @@ def improvement(ours: Floats, theirs: Floats, weights: Floats) -> Floats:
 
 
 def bootstrap_weights(trials: int, rng: np.random.Generator, replicates: int = REPLICATES) -> Floats:
-    """(R, n) how often each of n trials is drawn in n draws with replacement."""
+    """Return how often (R, n) each of n trials is drawn in n draws with replacement."""
     if trials < 1:
         raise ValueError(f"{trials} trials")
     return rng.multinomial(trials, np.full(trials, 1 / trials), size=replicates).astype(np.float64)
 
 
 def percentiles95(values: Floats) -> Interval:
-    """The middle 95 % of bootstrapped estimates."""
+    """Return the limits of the middle 95 % of bootstrapped estimates."""
     low, high = np.percentile(values, (2.5, 97.5))
     return float(low), float(high)
 
 
 def bootstrapped_mean(tasks: Sequence[Floats], rng: np.random.Generator) -> tuple[float, Interval]:
-    """Mean over tasks of their (n,) scores' means, with its stratified bootstrap interval (percentiles; Efron 1979).
+    """Return the mean over tasks of the means of their scores (n,), and its stratified bootstrap interval.
 
-    Trials are drawn anew within each task. For paired scores pass the differences: pairs are then drawn together.
+    The interval uses percentiles (Efron 1979) of draws within each task. For paired scores pass the differences, so
+    that pairs are drawn together.
     """
     drawn = _drawn_means(tasks, rng).mean(axis=1)
     return float(np.mean([scores.mean() for scores in tasks])), percentiles95(drawn)
 
 
 def bootstrapped_iqm(tasks: Sequence[Floats], rng: np.random.Generator) -> tuple[float, Interval]:
-    """Interquartile mean over tasks of their mean scores; otherwise as :func:`bootstrapped_mean`."""
+    """Return the interquartile mean over tasks of their mean scores, and its interval (:func:`bootstrapped_mean`)."""
     drawn = interquartile_mean(_drawn_means(tasks, rng))
     return float(interquartile_mean(np.array([scores.mean() for scores in tasks]))), percentiles95(drawn)
 
 
 def _drawn_means(tasks: Sequence[Floats], rng: np.random.Generator) -> Floats:
-    """(R, T) the mean of each task in each replicate."""
+    """Return the mean of each task in each replicate (R, T)."""
     return np.stack([bootstrap_weights(len(scores), rng) @ scores / len(scores) for scores in tasks], axis=1)
 
 
 def bootstrapped_improvement(
     ours: Sequence[Floats], theirs: Sequence[Floats], rng: np.random.Generator
 ) -> tuple[float, Interval]:
-    """Mean over tasks of the probability of :func:`improvement`, with its stratified bootstrap interval.
+    """Return the mean over tasks of the probability of :func:`improvement`, and its stratified bootstrap interval.
 
-    ``ours`` and ``theirs`` are (n,) scores per task; trials are pairs: one that is drawn is drawn for both sides.
+    ``ours`` and ``theirs`` are scores (n,) per task. Trials are pairs, which are drawn for both sides together. Raises
+    ValueError if the two sides of a task have different lengths.
     """
     drawn, values = [], []
     for our, their in zip(ours, theirs, strict=True):

@@ -1,1 +1,1 @@
-"""Where tasks without state run: in this process, in several, or on a Ray cluster."""
+"""Run tasks without state in this process, in several processes, or on a Ray cluster."""

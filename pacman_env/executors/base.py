@@ -1,4 +1,4 @@
-"""What every executor promises: the same results as a loop over the tasks, whatever happens to its workers."""
+"""Interface of executors, which give the same results as a loop over the tasks, even if they lose workers."""
 
 import contextlib
 from abc import ABC, abstractmethod
@@ -15,38 +15,38 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 Homes = Sequence[Hashable] | None
 
-#: How often a task is begun again after its worker was lost.
+#: How often a task is restarted after its worker was lost.
 MOST_LOSSES = 10
 
 
 class TaskFailed(ChildProcessError):
-    """A task could not be done, for a reason outside it: too slow, or its worker was lost again and again."""
+    """Raised if a task failed for an outside reason: a time limit, or its worker was lost too often."""
 
 
 @dataclass(frozen=True)
 class Done(Generic[Result]):
-    """The end of one task."""
+    """Result or error of one task."""
 
-    number: int  # of the task, in the order in which they were given
+    number: int  # index of the task
     value: Result | None = None
-    error: Exception | None = None  # what it raised, or TaskFailed
+    error: Exception | None = None  # raised by the task, or TaskFailed
 
     def result(self) -> Result:
-        """Its value; raises what it raised."""
+        """Return the value, or raise the error of the task."""
         if self.error is not None:
             raise self.error
         return self.value  # type: ignore[return-value]
 
 
 class Losses:
-    """The workers that tasks have lost."""
+    """Counts the workers that each task has lost."""
 
     def __init__(self, progress: Progress, most: int) -> None:
         self._count: Counter[int] = Counter()
         self._progress, self._most = progress, most
 
     def note(self, number: int, waiting: Queue, how: str, why: str = "") -> Iterator[Done[Any]]:
-        """Have the task wait again, or yield its end: it has lost too many."""
+        """Put the task back into the queue, or yield a failure if it has lost too many workers."""
         self._count[number] += 1
         self._progress.lost += 1
         if self._count[number] <= self._most:
@@ -59,28 +59,27 @@ class Losses:
 class Executor(ABC):
     """Runs calls of one function, each with one task.
 
-    A task is plain data and has no effect but its result, which depends on the task alone: it may be done twice.
-    ``workers`` tasks are done at once, and no more are handed out than that. An executor is a context manager, which
-    leaves no process of its own behind.
+    A task is plain data. It has no effect but its result, which only depends on the task, so it may run twice. At most
+    ``workers`` tasks are handed out at once. An executor is a context manager that leaves no processes behind.
     """
 
-    #: Whether workers may be on other machines, which have none of this one's files.
+    #: True if workers may be on other machines, which do not have this machine's files.
     remote = False
     most_losses = MOST_LOSSES
 
     def __init__(self, workers: int, limit_s: float | None = None) -> None:
-        """``limit_s``: a task that takes longer has failed; None: no limit."""
+        """Create an executor; a task that takes longer than ``limit_s`` fails (None: no limit)."""
         self.workers, self.limit_s = workers, limit_s
         self.progress = Progress()
-        self._owners: dict[Hashable, Worker] = {}  # of homes
+        self._owners: dict[Hashable, Worker] = {}  # workers by home
 
     def run(
         self, function: Callable[[Task], Result], tasks: Sequence[Task], homes: Homes = None
     ) -> Generator[Done[Result], None, None]:
-        """The ends of all tasks, as they come; closing the generator cancels what is not done.
+        """Yield the results of all tasks as they finish; closing the generator cancels the others.
 
-        ``function`` is a function of a module, which workers import. ``homes``: of each task, what its worker may have
-        kept from an earlier task of the same home.
+        ``function`` must be importable by workers. ``homes`` contains a key for each task: a worker may have cached
+        data of earlier tasks with the same key.
         """
         try:
             with contextlib.closing(self._ends(function, tasks, homes)) as ends:
@@ -94,7 +93,7 @@ class Executor(ABC):
     def _ends(
         self, function: Callable[[Task], Result], tasks: Sequence[Task], homes: Homes
     ) -> Generator[Done[Result], None, None]:
-        """:meth:`run`; sets ``progress.waiting``, and ``Losses`` counts what was lost."""
+        """Implement :meth:`run`; must set ``progress.waiting`` and count lost workers by ``Losses``."""
 
     def map(
         self,
@@ -103,9 +102,9 @@ class Executor(ABC):
         on_result: Callable[[Result], object] = lambda result: None,
         homes: Homes = None,
     ) -> list[Result]:
-        """The results in the order of the tasks; ``on_result`` is called with each as it comes.
+        """Return the results in the order of the tasks; ``on_result`` is called with each result when it arrives.
 
-        The first error is raised at once, and the other tasks are cancelled.
+        The first error of a task is raised at once, and the other tasks are cancelled.
         """
         results: dict[int, Result] = {}
         with contextlib.closing(self.run(function, tasks, homes)) as ends:
@@ -115,7 +114,7 @@ class Executor(ABC):
         return [results[number] for number in range(len(tasks))]
 
     def close(self) -> None:
-        """Leave no process behind."""
+        """End all processes of the executor."""
         return
 
     def __enter__(self) -> "Executor":
@@ -126,7 +125,7 @@ class Executor(ABC):
 
 
 class InProcess(Executor):
-    """One task after the other, in the caller's thread; without a time limit, as nothing could end a task."""
+    """Runs tasks in sequence in the caller's thread; without a time limit, because nothing can interrupt a task."""
 
     def __init__(self) -> None:
         super().__init__(1)
@@ -140,7 +139,7 @@ class InProcess(Executor):
 
 
 class InThreads(InProcess):
-    """Threads of this process, for functions that spend their time in compiled code; without a time limit either."""
+    """Runs tasks in threads, for functions that spend most time in compiled code; without a time limit."""
 
     def __init__(self, workers: int) -> None:
         super().__init__()
@@ -175,7 +174,7 @@ def _done(function: Callable[[Task], Result], number: int, task: Task) -> Done[R
 
 
 def plain(error: Exception) -> Exception:
-    """One that can be sent and raised elsewhere: of the same built-in class with the same text."""
+    """Convert an error to a built-in class with the same text, which can be pickled and raised in another process."""
     if type(error).__module__ == "builtins" and len(error.args) == 1 and isinstance(error.args[0], str | int):
         return type(error)(error.args[0])
     if isinstance(error, ValueError):

@@ -1,4 +1,4 @@
-"""Which executor a command uses: its options ``--workers`` and ``--ray``."""
+"""Choose the executor of a command by its options ``--workers`` and ``--ray``."""
 
 import argparse
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ _LOCAL = "local"
 
 
 def add_executor_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options that :func:`executor_of` reads."""
+    """Add the options that :func:`executor_of` reads."""
     parser.add_argument(
         "--workers", type=whole_number(0), default=1, metavar="N", help="processes; 0: one for each core (1)"
     )
@@ -28,21 +28,21 @@ def add_executor_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def without_executor(arguments: argparse.Namespace) -> dict[str, Any]:
-    """The arguments that change results, by name."""
+    """Return the arguments without the executor's options, which do not affect results."""
     return {name: value for name, value in vars(arguments).items() if name not in _OPTIONS}
 
 
 def executor_arguments(argv: Sequence[str]) -> argparse.Namespace:
-    """Those of :func:`add_executor_arguments` among others of a command."""
+    """Parse only the options of :func:`add_executor_arguments` among the arguments of a command."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     add_executor_arguments(parser)
     return parser.parse_known_args(argv)[0]
 
 
 def executor_of(arguments: argparse.Namespace, threads: int = 1) -> Executor:
-    """To be closed; ``threads`` of this process where it works alone.
+    """Create the executor, which the caller must close; one worker may use ``threads`` threads of this process.
 
-    ModuleNotFoundError names Ray where it is not installed; ConnectionError an address without one.
+    Raises ModuleNotFoundError if Ray is required but not installed, and ConnectionError if no cluster answers.
     """
     if arguments.ray is not None:
         from .ray_cluster import RayCluster
@@ -53,7 +53,7 @@ def executor_of(arguments: argparse.Namespace, threads: int = 1) -> Executor:
 
 
 def local(workers: int) -> Executor:
-    """In this process where one worker is enough; 0: one for each core."""
+    """Return an executor on this machine: in this process for one worker, otherwise processes (0: one per core)."""
     workers = workers or cores()
     if workers == 1:
         return InProcess()

@@ -1,4 +1,4 @@
-"""Tasks in processes of this machine, by pebble, which ends one that is too slow and notices a process that died."""
+"""Run tasks in processes of this machine with pebble, which ends slow tasks and notices processes that died."""
 
 import multiprocessing
 import os
@@ -17,7 +17,7 @@ from .queue import Queue
 
 
 class LocalProcesses(Executor):
-    """Each process is a pool of its own, which keeps it, with what it has prepared, from call to call."""
+    """Runs tasks in processes. Each is a pool of one process, so that it keeps its prepared data between calls."""
 
     def __init__(self, workers: int, limit_s: float | None = None) -> None:
         super().__init__(workers, limit_s)
@@ -27,7 +27,7 @@ class LocalProcesses(Executor):
         self, function: Callable[[Task], Result], tasks: Sequence[Task], homes: Homes
     ) -> Generator[Done[Result], None, None]:
         waiting, losses = Queue(len(tasks), homes, self._owners), Losses(self.progress, self.most_losses)
-        running: dict[Future[Any], tuple[int, int]] = {}  # the worker and the task
+        running: dict[Future[Any], tuple[int, int]] = {}  # worker and task
         try:
             while waiting or running:
                 for worker in set(range(self.workers)) - {worker for worker, _ in running.values()}:
@@ -57,7 +57,7 @@ class LocalProcesses(Executor):
             try:
                 future: Future[Any] = self._pools[worker].schedule(_call, args=(function, task), timeout=self.limit_s)
                 return future
-            except RuntimeError:  # a pool whose process is killed while it has no task can do no more
+            except RuntimeError:  # the pool's process was killed while it had no task
                 self._pools[worker].stop()
                 self._pools[worker].join()
                 self._pools[worker] = _new_pool()
@@ -71,7 +71,7 @@ class LocalProcesses(Executor):
 
 
 def _call(function: Callable[[Task], Result], task: Task) -> Result:
-    """The task's result; what it raises arrives as it is, or as plain data where pickle cannot make it again."""
+    """Run a task; errors that pickle cannot restore are converted by :func:`plain`."""
     try:
         return function(task)
     except Exception as error:
@@ -82,20 +82,20 @@ def _call(function: Callable[[Task], Result], task: Task) -> Result:
 
 def _survives(error: Exception) -> bool:
     try:
-        again = pickle.loads(pickle.dumps(error))
-    except Exception:  # its own code is called, and may fail anywhere
+        copy = pickle.loads(pickle.dumps(error))
+    except Exception:  # pickle runs code of the error, which may fail
         return False
-    return type(again) is type(error) and str(again) == str(error)
+    return type(copy) is type(error) and str(copy) == str(error)
 
 
 def _new_pool() -> ProcessPool:
-    # spawn: a forked child would share the locks of threads that it does not have
+    # spawn, because a forked child would inherit locks of threads that it does not have
     spawn = multiprocessing.get_context("spawn")
     return ProcessPool(1, context=spawn, initializer=_end_with, initargs=(os.getpid(),))
 
 
 def _end_with(parent: int) -> None:
-    """Have this process end soon after the one that started it, however that ended."""
+    """Let this process end soon after its parent, however the parent ends."""
 
     def watch() -> None:
         while os.getppid() == parent:

@@ -1,4 +1,4 @@
-"""How far an executor is: its counts, and a bar on stderr that shows them beside a line for each event."""
+"""Progress of an executor: counts, and a progress bar on stderr that works together with log lines."""
 
 import contextlib
 import logging
@@ -10,27 +10,27 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .base import Executor
 
-#: Workers that are lost are warnings, machines that come and go information.
+#: Logs lost workers as warnings, and machines that join as information.
 LOG = logging.getLogger(__package__)
 
 
 @dataclass
 class Progress:
-    """Counts of tasks, since the executor was made."""
+    """Counts of tasks since the executor was created."""
 
     done: int = 0  # with a value or an error
-    lost: int = 0  # how often one's worker was lost
-    waiting: int = 0  # for a worker, now
+    lost: int = 0  # number of lost workers
+    waiting: int = 0  # for a worker at present
 
     def summary(self, workers: int) -> str:
-        """Return what a bar of units does not show, short enough for a line of 80 columns."""
+        """Return the numbers of workers and losses for the bar, short enough for a line of 80 columns."""
         lost = f", {self.lost} lost" if self.lost else ""
         return f"{workers} {'worker' if workers == 1 else 'workers'}{lost}"
 
 
 @contextlib.contextmanager
 def bar_of(executor: "Executor", total: int, unit: str) -> Iterator[Any]:
-    """tqdm's bar of ``total`` units; each update shows the executor's counts, at most once a second."""
+    """Yield a tqdm bar of ``total`` units, which also shows the executor's counts, at most once a second."""
     from tqdm import tqdm
     from tqdm.contrib.logging import logging_redirect_tqdm
 

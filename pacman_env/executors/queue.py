@@ -1,4 +1,4 @@
-"""Tasks that wait for a worker; taking one costs the same however many there are."""
+"""Queue of tasks for workers; taking a task takes constant time."""
 
 import math
 from collections import deque
@@ -8,14 +8,14 @@ Worker = Hashable
 
 
 class Queue:
-    """Tasks of one home go to the worker that has done the home's task before, which may have kept what it needs.
+    """Queue that assigns tasks with the same key (home) to the same worker, which may have cached data for them.
 
-    Homes are shared evenly over the workers; those of a worker that is lost go to others. Without homes each task is
-    one of its own.
+    Homes are distributed evenly over the workers; homes of a lost worker go to others. Without homes each task is its
+    own home.
     """
 
     def __init__(self, count: int, homes: Sequence[Hashable] | None, owners: dict[Hashable, Worker]) -> None:
-        """``owners``: the worker of each home, from the run before, and from now on of this one."""
+        """Queue ``count`` tasks; ``owners`` is the worker of each home of the last run, and is updated in place."""
         self._homes: Sequence[Hashable] = range(count) if homes is None else homes
         self._count = count
         self._waiting: dict[Hashable, deque[int]] = {}  # tasks by home
@@ -26,7 +26,7 @@ class Queue:
         for home in owners.keys() - self._waiting.keys():
             del owners[home]
         self._owners = owners
-        self._of: dict[Worker, dict[Hashable, None]] = {}  # homes by worker, in their order
+        self._of: dict[Worker, dict[Hashable, None]] = {}  # homes by worker, in order
         for home, worker in owners.items():
             self._of.setdefault(worker, {})[home] = None
         self._free = deque(home for home in self._waiting if home not in owners)
@@ -37,11 +37,11 @@ class Queue:
 
     @property
     def free(self) -> int:
-        """Homes that no worker has and whose tasks wait: for a worker that got none there is nothing else to come."""
+        """Number of unassigned homes with waiting tasks, which are all that an idle worker can get."""
         return len(self._free)
 
     def take(self, worker: Worker, workers: int) -> int | None:
-        """The task that one of so many workers does next; None: what is waiting is for others."""
+        """Return the next task for one of ``workers`` workers, or None if the waiting tasks belong to others."""
         own = self._of.setdefault(worker, {})
         most = math.ceil(len(self._waiting) / max(workers, 1))
         while self._keeps and len(own) > most:
@@ -57,7 +57,7 @@ class Queue:
         return self._waiting[home].popleft()
 
     def put_back(self, number: int) -> None:
-        """A task that was taken waits again, first of its home."""
+        """Put a taken task back to the front of its home's queue."""
         home = self._homes[number]
         if home not in self._owners and not self._waiting[home]:
             self._free.appendleft(home)
@@ -65,7 +65,7 @@ class Queue:
         self._count += 1
 
     def lose(self, worker: Worker) -> None:
-        """A worker is there no more, or has forgotten everything."""
+        """Release the homes of a worker that was lost or has lost its cached data."""
         for home in self._of.pop(worker, {}):
             self._release(home)
 

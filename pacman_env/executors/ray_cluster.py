@@ -1,4 +1,4 @@
-"""Tasks on a Ray cluster, whose workers are processes of this machine or of others. Nothing else imports Ray."""
+"""Run tasks on a Ray cluster, on this machine or others. No other module imports Ray."""
 
 import importlib
 import itertools
@@ -19,16 +19,16 @@ from .progress import LOG, Progress
 from .queue import Queue
 
 _LOOPBACK = "127.0.0.1"
-_ANSWER_S = 5.0  # within which a cluster answers
-_POLL_S = 1.0  # between two looks at the tasks' times, and at the cluster's size
-_EMPTY_S = 60.0  # so long a cluster may have no machine
+_ANSWER_S = 5.0  # limit for the answer of a cluster
+_POLL_S = 1.0  # interval of checking the tasks' times and the cluster's size
+_EMPTY_S = 60.0  # a cluster may be without machines for this time
 
 
 class RayCluster(Executor):
-    """``address`` of a cluster, as ``ray start`` prints it; None: one of this machine, on the loopback alone.
+    """Runs tasks on the cluster at ``address``, as printed by ``ray start``; None: a local cluster on the loopback.
 
-    On a cluster as many tasks are done at once as it has CPUs, also those that join later. Every worker must have this
-    package in the same version with the same sources; the first that has not ends the run, and is named.
+    A cluster runs as many tasks at once as it has CPUs, including CPUs that join later. Every worker must have this
+    package in the same version with the same sources; the first one that differs ends the run with an error.
     """
 
     remote = True
@@ -43,23 +43,23 @@ class RayCluster(Executor):
         quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
         try:
             if address is None:
-                # without "local" it would connect to a cluster that someone has started on this machine
+                # without "local", Ray would connect to a cluster that is already running on this machine
                 own: dict[str, Any] = {"include_dashboard": False, "_node_ip_address": _LOOPBACK}
-                own["_system_config"] = {"worker_niceness": 0}  # as of other processes; Ray has 15
+                own["_system_config"] = {"worker_niceness": 0}  # normal priority; Ray's default is 15
                 ray.init("local", num_cpus=workers, **own, **quiet)
             else:
                 ray.init(address=address, **quiet)
         except (ConnectionError, RuntimeError, ValueError) as error:
             raise ConnectionError(f"--ray {address or ''}: {error}") from None
         self._ray, self._actors = ray, dict[int, Any]()
-        self._empty_s = 0.0 if address is None else _EMPTY_S  # no machine joins one's own cluster
+        self._empty_s = 0.0 if address is None else _EMPTY_S  # no machine can join a local cluster
         self._had_some_s = monotonic()
         self._known, self._metrics = self._machines(), _Metrics()
         super().__init__(max(1, sum(self._known.values())), limit_s)
-        # Lost workers are counted here; an exception of a task is its result.
+        # This class handles lost workers and errors of tasks itself.
         self._kind = ray.remote(num_cpus=1, max_restarts=0, max_task_retries=0)(_Worker)
         self._numbers = itertools.count()
-        self._fit: set[int] = set()  # workers that have answered
+        self._fit: set[int] = set()  # workers that have finished a task
 
     def _ends(
         self, function: Callable[[Task], Result], tasks: Sequence[Task], homes: Homes
@@ -73,7 +73,7 @@ class RayCluster(Executor):
                 if monotonic() - looked > _POLL_S:
                     self._look()
                     looked = monotonic()
-                self._let_go(waiting, running)
+                self._dismiss_unanswered(waiting, running)
                 for worker in self._idle(waiting, running):
                     number = waiting.take(worker, self.workers)
                     if number is not None:
@@ -84,7 +84,7 @@ class RayCluster(Executor):
                     worker, number, _ = running.pop(reference)
                     try:
                         outcome = ray.get(reference)
-                    except ray.exceptions.RayTaskError as error:  # all that the task raises is an outcome
+                    except ray.exceptions.RayTaskError as error:  # the worker failed: task errors are outcomes
                         raise TaskFailed(_cannot_run(str(error))) from None
                     except ray.exceptions.RayError as error:
                         self._dismiss(worker, waiting)
@@ -99,13 +99,13 @@ class RayCluster(Executor):
                         del running[reference]
                         self._dismiss(worker, waiting)
                         yield Done(number, error=TaskFailed(f"task {number}: more than {self.limit_s} s"))
-        finally:  # without a question to the cluster, which may be gone
+        finally:  # without calls that need the cluster, which may be gone
             self._metrics.publish(self.progress, self.workers)
             for one in running.values():
                 self._dismiss(one.worker, waiting)
 
     def _idle(self, waiting: Queue, running: Mapping[Any, "_Running"]) -> Iterator[int]:
-        """Workers without a task; new ones, up to the CPUs, for what those that are there do not take."""
+        """Yield workers without a task, and new ones, up to the number of CPUs, for tasks that these do not take."""
         if waiting:
             yield from self._actors.keys() - {one.worker for one in running.values()}
         while waiting.free and len(self._actors) < self.workers:
@@ -113,8 +113,8 @@ class RayCluster(Executor):
             self._actors[worker] = self._kind.remote()
             yield worker
 
-    def _let_go(self, waiting: Queue, running: dict[Any, "_Running"]) -> None:
-        """Where CPUs were lost, of the workers that have not answered yet: theirs may be the machine that was lost."""
+    def _dismiss_unanswered(self, waiting: Queue, running: dict[Any, "_Running"]) -> None:
+        """Dismiss workers that have never answered if CPUs were lost, because they may be on the lost machine."""
         for reference, (worker, number, _) in list(running.items())[::-1]:
             if worker not in self._fit and len(self._actors) > self.workers:
                 del running[reference]
@@ -127,7 +127,7 @@ class RayCluster(Executor):
         waiting.lose(worker)
 
     def _look(self) -> None:
-        """Notice machines that come and go, and publish the counts."""
+        """Update the list of machines and publish the counts; raises ConnectionError if no machine is left."""
         machines = self._machines()
         workers = max(1, sum(machines.values()))
         for name in machines.keys() - self._known.keys():
@@ -142,7 +142,7 @@ class RayCluster(Executor):
         self._metrics.publish(self.progress, workers)
 
     def _machines(self) -> dict[str, int]:
-        """The CPUs of each, by name."""
+        """Return the number of CPUs by machine."""
         alive = (node for node in self._ray.nodes() if node["Alive"])
         return {
             _name(node["NodeManagerHostname"], node["NodeID"]): int(node["Resources"].get("CPU", 0)) for node in alive
@@ -153,7 +153,7 @@ class RayCluster(Executor):
 
 
 def _check_that_it_answers(address: str) -> None:
-    """Ray itself tries for minutes."""
+    """Raise ConnectionError if no cluster answers at an address; Ray itself would try for minutes."""
     host, colon, port = address.rpartition(":")
     if not colon or not port.isdigit():
         raise ValueError(f"--ray {address}: must be HOST:PORT, as `ray start --head` prints it")
@@ -164,7 +164,7 @@ def _check_that_it_answers(address: str) -> None:
 
 
 class _Metrics:
-    """The counts, for the cluster's dashboard and Prometheus: ``ray_pacman_env_tasks_done_total`` and others."""
+    """Counts for the cluster's dashboard and Prometheus, such as ``ray_pacman_env_tasks_done_total``."""
 
     def __init__(self) -> None:
         from ray.util.metrics import Counter, Gauge
@@ -187,24 +187,26 @@ class _Metrics:
 class _Outcome(NamedTuple):
     value: Any = None
     error: Exception | None = None
-    unfit: str = ""  # why this worker can do no task
+    unfit: str = ""  # why this worker cannot run tasks
 
 
 class _Worker:
-    """One process, on any of the machines."""
+    """A worker process on any machine."""
 
     def run(self, name: str, task: Any, version: str, sources: str) -> _Outcome:
-        """The call of the function ``module:name``, if it is the command's; an exception of it is plain data."""
+        """Call the function ``module:name`` if version and sources are equal; errors are returned as plain data."""
         if (__version__, package_hash()) != (version, sources):
             found = f"pacman_env {__version__}, sources {package_hash()}"
-            return _Outcome(unfit=f"{_here()}: {found}; the command has {version}, sources {sources}: install the same")
+            return _Outcome(
+                unfit=f"{_worker_name()}: {found}; the command has {version}, sources {sources}: install the same"
+            )
         module, _, function = name.partition(":")
         try:
             return _Outcome(value=getattr(importlib.import_module(module), function)(task))
         except OSError as error:
-            return _Outcome(error=OSError(f"{_here()}: {error}"))
+            return _Outcome(error=OSError(f"{_worker_name()}: {error}"))
         except (PluginError, ImportError) as error:
-            return _Outcome(error=TaskFailed(f"{_here()}: {error}"))
+            return _Outcome(error=TaskFailed(f"{_worker_name()}: {error}"))
         except Exception as error:
             return _Outcome(error=plain(error))
 
@@ -215,14 +217,14 @@ class _Running(NamedTuple):
     began_s: float
 
 
-def _here() -> str:
+def _worker_name() -> str:
     import ray
 
     return f"worker on {_name(socket.gethostname(), ray.get_runtime_context().get_node_id())}"
 
 
 def _name(host: str, node: str) -> str:
-    """Of a machine; the node's number begins as in ``ray list nodes``, and tells two on one host apart."""
+    """Return the name of a machine; the start of the node id (``ray list nodes``) distinguishes nodes on one host."""
     return f"{host} (node {node[:12]})"
 
 
@@ -231,7 +233,7 @@ def _line(error: BaseException) -> str:
 
 
 def _cannot_run(traceback: str) -> str:
-    """One line of Ray's text about a worker that could not even begin."""
-    place = re.search(r"ip=([^,)\s]+)", traceback)  # Ray gives it in the text alone
+    """Return one line of Ray's traceback of a worker that could not start."""
+    place = re.search(r"ip=([^,)\s]+)", traceback)  # only given in the text
     last = next((line.strip() for line in reversed(traceback.splitlines()) if line.strip()), "")
     return f"worker on {place[1] if place else 'an unknown machine'}: cannot run this package: {last[:300]}"
