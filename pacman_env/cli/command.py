@@ -1,4 +1,4 @@
-"""What every command has: one line for whatever is wrong, and argument types that check a range."""
+"""Common parts of all commands: one-line errors, and argument types with ranges."""
 
 import argparse
 import contextlib
@@ -19,8 +19,8 @@ from pacman_env.files import install_command, reason
 from pacman_env.plugins import offer
 
 T = TypeVar("T", int, float)
-EXTRAS = "docs/machines.md"  # which extra has what
-#: By module: the extra that brings it, where that need not be the command's own.
+EXTRAS = "docs/machines.md"  # lists the extras
+#: Extra that provides a module, if it may differ from the command's extra.
 EXTRA_OF = {
     **dict.fromkeys(("rclpy", "rosbags", "mcap"), "ros"),
     **dict.fromkeys(("torch", "stable_baselines3", "sb3_contrib", "onnx", "optuna"), "train"),
@@ -30,35 +30,35 @@ EXTRA_OF = {
     "pygame": "render",
     "shtab": "completion",
 }
-_MARKS = re.compile(r":\w+:`([^`]+)`")  # of a name in Sphinx
-_INTERFACES = ("_msgs", "_srvs", "_interfaces")  # packages of ROS
-MOST = 10**9  # of what is counted
+_MARKS = re.compile(r":\w+:`([^`]+)`")  # Sphinx roles
+_INTERFACES = ("_msgs", "_srvs", "_interfaces")  # suffixes of ROS packages
+MOST = 10**9  # largest count
 ERROR_STATUS = 2
 STOPPED_STATUS = 128 + signal.SIGINT
 
 
 class Parser(argparse.ArgumentParser):
-    """Bad arguments are one line on stderr, as every other error; a description is shown without marks of code."""
+    """A parser that reports bad arguments in one line on stderr and removes code markup from descriptions."""
 
     def __init__(self, **options: Any) -> None:
-        if options.get("description"):  # a module's docstring, often
+        if options.get("description"):  # often a docstring
             options["description"] = _MARKS.sub(r"\1", options["description"]).replace("``", "")
-        with uninterrupted():  # argparse imports modules here when it first needs them, and a Ctrl-C then may be lost
+        with uninterrupted():  # argparse may import modules here, and a Ctrl-C could be lost
             super().__init__(**options)
         self.register("type", Path, _path)
-        self._negative_number_matcher = re.compile(r"-\.?\d")  # argparse takes -5. and -1e3 for options
+        self._negative_number_matcher = re.compile(r"-\.?\d")  # argparse treats -5. and -1e3 as options
 
     def format_help(self) -> str:
-        """The command's examples follow its arguments."""
+        """Append the command's examples to the help."""
         examples = examples_of(self.prog.removeprefix(PROG).strip()) if self.prog.startswith(PROG) else []
         text = super().format_help()
         return f"{text}\nexamples:\n{render(examples)}\n" if examples else text
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """Suggest the nearest choice, as argparse itself does from Python 3.14 on."""
+        """Suggest the nearest choice, like argparse since Python 3.14."""
         if action.choices is not None and value not in action.choices:
-            known = [str(choice) for choice in action.choices]
-            raise argparse.ArgumentError(action, f"invalid choice: {value!r}: {offer(str(value), known)}")
+            choices = [str(choice) for choice in action.choices]
+            raise argparse.ArgumentError(action, f"invalid choice: {value!r}: {offer(str(value), choices)}")
 
     def error(self, message: str) -> NoReturn:
         self.exit(ERROR_STATUS, f"{self.prog}: {message}\n")
@@ -75,10 +75,10 @@ def run_command(
 
 
 def guarded(prog: str, work: Callable[[], int | None], extra: str = "eval") -> int:
-    """The exit status of ``work``; what it cannot do becomes one line on stderr and 2, Ctrl-C one line and 130."""
+    """Return the exit status of ``work``; errors become one line on stderr and status 2, Ctrl-C one line and 130."""
     try:
         status = work() or 0
-        sys.stdout.flush()  # here, where a failure can still be reported
+        sys.stdout.flush()  # here a failure can still be reported
         return status
     except (KeyboardInterrupt, SystemError) as error:
         if not _is_interrupt(error):
@@ -105,7 +105,7 @@ def guarded(prog: str, work: Callable[[], int | None], extra: str = "eval") -> i
 
 
 def _is_interrupt(error: BaseException) -> bool:
-    """Of Ctrl-C while compiled code runs, Numba makes a SystemError."""
+    """Return True for Ctrl-C, which Numba turns into a SystemError in compiled code."""
     return isinstance(error, KeyboardInterrupt) or isinstance(error.__cause__, KeyboardInterrupt)
 
 
@@ -116,12 +116,12 @@ def _path(text: str) -> Path:
 
 
 def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
-    """An argument type; so are the next ones."""
+    """Return an argument type for whole numbers from ``least`` to ``most``."""
     return _ranged(int, "is no whole number", least, most)
 
 
 def count() -> Callable[[str], int]:
-    """How many of something are wanted: at least one, at most what ends some day."""
+    """Return an argument type for counts from 1 to ``MOST``."""
     return whole_number(1, MOST)
 
 

@@ -1,4 +1,4 @@
-"""Scripts by which a shell completes the command; shtab writes them, and is not needed where they are used."""
+"""Write completion scripts for shells with shtab, which the scripts themselves do not need."""
 
 import argparse
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ SHELLS = ("bash", "zsh", "fish")
 
 
 def completion(parser: argparse.ArgumentParser, shell: str) -> str:
-    """The script for one of :data:`SHELLS`; OSError without shtab."""
+    """Return the completion script for one of :data:`SHELLS`; raises OSError without shtab."""
     try:
         import shtab
     except ModuleNotFoundError as error:

@@ -1,4 +1,4 @@
-"""Examples of every command: at the end of its help, and the first ones where ``pacman-env`` is called alone."""
+"""Examples of all commands, shown in their help, and first steps, shown by ``pacman-env`` without a command."""
 
 import textwrap
 
@@ -6,9 +6,9 @@ from pacman_env.files import install_command
 
 PROG = "pacman-env"
 _ROOM = 50  # characters
-Example = tuple[str, str]  # what follows ``pacman-env``, and what it does or gives
+Example = tuple[str, str]  # arguments of ``pacman-env``, and their purpose
 
-#: What a newcomer may want next, and the extra that it needs.
+#: First steps: arguments, purpose and the required extra.
 FIRST: tuple[tuple[str, str, str], ...] = (
     ("compare --episodes 20", "policies on the same 20 rounds: a table and a plot", "eval"),
     ("web --open", "see a game in the browser, and play it", "web"),
@@ -17,7 +17,7 @@ FIRST: tuple[tuple[str, str, str], ...] = (
     ("train --quick", "train a planner, one to two minutes", "train"),
 )
 
-#: By command, subcommands with their group.
+#: Examples by command; subcommands with their group.
 EXAMPLES: dict[str, tuple[Example, ...]] = {
     "map check": (
         ("map check home.yaml", "your own map"),
@@ -91,7 +91,7 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
 
 
 def examples_of(command: str) -> list[Example]:
-    """Of a command, or of all commands of a group; [] of one that is not this package's."""
+    """Return the examples of a command, or of all commands of a group; [] for unknown commands."""
     return [
         example
         for name, examples in EXAMPLES.items()
@@ -101,7 +101,7 @@ def examples_of(command: str) -> list[Example]:
 
 
 def render(examples: list[Example]) -> str:
-    """A line for each example, its purpose beside it, or below it where there is no room."""
+    """Return one line per example with its purpose, which goes to a second line if the example is long."""
     width = max((len(words) for words, _ in examples if len(words) <= _ROOM), default=0)
     return "\n".join(
         f"  {PROG} {words:<{width}}  {purpose}" if len(words) <= _ROOM else f"  {PROG} {words}\n      {purpose}"
@@ -110,7 +110,7 @@ def render(examples: list[Example]) -> str:
 
 
 def first_steps(version: str) -> str:
-    """What ``pacman-env`` alone prints."""
+    """Return the text of ``pacman-env`` without a command."""
     shown = [(words, f"{purpose} [{extra}]" if extra else purpose) for words, purpose, extra in FIRST]
     return textwrap.dedent("""\
         pacman_env {version}: a robot plays Pac-Man on real SLAM maps. For example:

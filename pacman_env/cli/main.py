@@ -1,6 +1,6 @@
-"""The ``pacman-env`` command: arguments, output and exit status; heavy modules are imported by the command that runs.
+"""The ``pacman-env`` command: arguments, output and exit status; only the command that runs imports heavy modules.
 
-A new command is a function in :data:`GROUPS`, or an entry of :data:`MODULES` where it has a module of its own."""
+To add a command, add a function to :data:`GROUPS`, or an entry to :data:`MODULES` if the command has its own module."""
 
 import argparse
 import contextlib
@@ -18,7 +18,7 @@ from pacman_env.cli.examples import first_steps
 from pacman_env.cli.ros_group import add_ros_group, what_ros_needs
 from pacman_env.cli.warm_up import add_warm_up
 
-#: By command: its module in this package, and what it does.
+#: Module in this package and purpose, by command.
 MODULES = {
     "compare": ("evaluation.compare.__main__", "policies on the same rounds: a table, a plot, a film"),
     "report": ("evaluation.report.__main__", "policies on the same rounds: a page that explains itself"),
@@ -53,14 +53,14 @@ def _main(argv: Sequence[str]) -> int:
         return 0
     parser = make_parser()
     arguments, unknown = parser.parse_known_args(argv)
-    prog = " ".join([parser.prog, *argv[: 2 if argv[0] in ("map", "ros") else 1]])  # those have subcommands
+    prog = " ".join([parser.prog, *argv[: 2 if argv[0] in ("map", "ros") else 1]])  # groups with subcommands
     if unknown:
         parser.exit(ERROR_STATUS, f"{prog}: unrecognized arguments: {' '.join(unknown)}\n")
     return guarded(prog, lambda: arguments.run(arguments))
 
 
 def make_parser(whole: bool = False) -> Parser:
-    """All commands; ``whole``: those of :data:`MODULES`, too, with arguments, where their extra is installed."""
+    """Return the parser; with ``whole``, commands of :data:`MODULES` have arguments if their extra is installed."""
     parser = Parser(prog="pacman-env", description="PacManBot: maps, games, policies, their evaluation and training.")
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
@@ -69,7 +69,7 @@ def make_parser(whole: bool = False) -> Parser:
     for name, (module, purpose) in MODULES.items():
         parents = []
         if whole:
-            with contextlib.suppress(ModuleNotFoundError):  # of an extra that is not installed
+            with contextlib.suppress(ModuleNotFoundError):  # its extra is not installed
                 parents = [import_module(f"pacman_env.{module}").make_parser()]
         commands.add_parser(name, help=purpose, parents=parents, add_help=not parents)
     return parser
@@ -239,7 +239,7 @@ def _web(arguments: argparse.Namespace) -> int:
 
 
 def _robots_game(arguments: argparse.Namespace) -> Any:
-    with what_ros_needs():  # of ROS, the call imports more than its module
+    with what_ros_needs():  # the call imports ROS modules, too
         from pacman_env.ros.operator_page.ros_game import open_game
 
         return open_game(arguments.namespace, arguments.domain_id, arguments.sim)

@@ -1,4 +1,4 @@
-"""A dataclass of settings as options of a command: the string below a field is the option's help."""
+"""Convert a dataclass of settings to command-line options; the string below a field is the help of its option."""
 
 import argparse
 import ast
@@ -24,7 +24,7 @@ _SCALARS: dict[Any, dict[str, Any]] = {
 
 
 def parse_options(parser: argparse.ArgumentParser, argv: Sequence[str] | None, default: T) -> T:
-    """A dataclass like ``default`` with the values of the command line, after :func:`add_options`."""
+    """Return a copy of the dataclass ``default`` with the command line's values; call :func:`add_options` first."""
     arguments = vars(parser.parse_args(argv))
     try:
         return _replaced(default, arguments)
@@ -33,14 +33,14 @@ def parse_options(parser: argparse.ArgumentParser, argv: Sequence[str] | None, d
 
 
 def add_options(parser: argparse.ArgumentParser, default: Any) -> None:
-    """An option for each field of a dataclass, which may contain other dataclasses."""
+    """Add an option for each field of a dataclass and of dataclasses in it."""
     texts, hints = help_texts(type(default)), typing.get_type_hints(type(default))
     for name, value in _values(default).items():
         if dataclasses.is_dataclass(value):
             add_options(parser, value)
             continue
         shown = " ".join(map(str, value)) if isinstance(value, tuple) else value
-        if isinstance(value, Path) and value.is_absolute():  # a file of the package, wherever that is
+        if isinstance(value, Path) and value.is_absolute():  # a file in the package, whose folder does not matter
             shown = value.name
         text = f"{texts.get(name, '')} ({shown})".lstrip().replace("%", "%%").replace("``", "")
         parser.add_argument(f"--{name.replace('_', '-')}", default=value, help=text, **_kind(hints[name]))
@@ -59,7 +59,7 @@ def _values(default: Any) -> dict[str, Any]:
 
 
 def _kind(hint: Any) -> dict[str, Any]:
-    """The arguments of ``add_argument`` for a value of this type."""
+    """Return the arguments of ``add_argument`` for a value of this type."""
     if hint is bool:
         return {"action": argparse.BooleanOptionalAction}
     if typing.get_origin(hint) is types.UnionType:
@@ -76,7 +76,7 @@ def _kind(hint: Any) -> dict[str, Any]:
 
 
 def help_texts(kind: type) -> dict[str, str]:
-    """By field of a dataclass: the string below it."""
+    """Return the string below each field of a dataclass, by field name."""
     (node,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
     assert isinstance(node, ast.ClassDef)
     return {

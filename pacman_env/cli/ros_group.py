@@ -1,4 +1,4 @@
-"""The subcommands of ``pacman-env ros``: arguments, output and exit status; the work is done by ``pacman_env/ros``."""
+"""Subcommands of ``pacman-env ros``: arguments, output and exit status; ``pacman_env/ros`` does the work."""
 
 import argparse
 import contextlib
@@ -16,8 +16,8 @@ from pacman_env.engine.interrupts import uninterrupted
 from pacman_env.files import install_command
 
 WAIT_S = 10.0
-FAST_DDS = "rmw_fastrtps_cpp"  # the middleware that comes with rclpy
-#: The commands of an operator, by name.
+FAST_DDS = "rmw_fastrtps_cpp"  # middleware included with rclpy
+#: Commands of an operator, with their help.
 ASKING = {
     "start": "begin a round of the game that is up",
     "reset": "break off whatever goes on: back to the menu",
@@ -165,17 +165,17 @@ def _replay(arguments: argparse.Namespace) -> int:
 
 
 def _check_middleware() -> None:
-    """OSError where another one is asked for than there is: ROS's library would end the process."""
-    wanted = os.environ.get("RMW_IMPLEMENTATION") or FAST_DDS
+    """Raise OSError if the selected middleware is not installed, because the ROS library would end the process."""
+    middleware = os.environ.get("RMW_IMPLEMENTATION") or FAST_DDS
     prefixes = [sys.prefix, *filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))]
-    if wanted != FAST_DDS and not any((Path(one) / "lib" / f"lib{wanted}.so").exists() for one in prefixes):
-        package = wanted.replace("_", "-")
-        raise OSError(f"RMW_IMPLEMENTATION={wanted} is not installed: unset it, or apt install ros-jazzy-{package}")
+    if middleware != FAST_DDS and not any((Path(one) / "lib" / f"lib{middleware}.so").exists() for one in prefixes):
+        package = middleware.replace("_", "-")
+        raise OSError(f"RMW_IMPLEMENTATION={middleware} is not installed: unset it, or apt install ros-jazzy-{package}")
 
 
 @contextlib.contextmanager
 def what_ros_needs() -> Iterator[None]:
-    """What is missing becomes one line that names its source; Ctrl-C waits for the import's end."""
+    """Convert missing modules to one-line errors with the way to install them; delays Ctrl-C during imports."""
     _check_middleware()
     try:
         with uninterrupted():

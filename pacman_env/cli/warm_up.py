@@ -1,6 +1,7 @@
-"""The command ``pacman-env warm-up`` compiles beforehand what ordinary use needs, for an image or a new machine.
+"""The command ``pacman-env warm-up``, which compiles kernels in advance, for an image or a new machine.
 
-Small games make the kernels necessary; the cache keeps them and a mark for each part, by compiler and processor."""
+It plays small games that need the kernels. The cache stores the kernels and a mark for each part, by compiler and
+processor."""
 
 import hashlib
 import sys
@@ -10,11 +11,11 @@ from functools import partial
 from typing import Any
 
 _STEPS = 12
-_SHORT = {"time_limit_s": 4.0}  # so that rounds end, and others begin
+_SHORT = {"time_limit_s": 4.0}  # short, so that rounds end and start
 _EVENTFUL = {
     **_SHORT,
-    "execution.pickup_radius_m": 30.0,  # a round is complete at once, and followed by the next
-    "nav2.abort_rate": 1.0,  # goals end
+    "execution.pickup_radius_m": 30.0,  # rounds are complete at once and followed by others
+    "nav2.abort_rate": 1.0,  # goals are aborted
     "randomize.speed_mps": (0.2, 0.3),
 }
 _GHOSTS = ("wander", "chase", "arcade")
@@ -53,7 +54,7 @@ def _report(robot: bool, houses: int) -> int:
 
 
 def _prepare_houses(count: int) -> None:
-    """Prepare those that are not kept yet, with a line of progress on a terminal."""
+    """Prepare the houses that are not cached yet, with a progress line on a terminal."""
     from pacman_env.config import make_config
     from pacman_env.sim.maps.level_source import TEST_LEVEL, TEST_SET, GeneratedMaps
 
@@ -69,7 +70,7 @@ def _prepare_houses(count: int) -> None:
 
 
 def _compiler() -> str:
-    """A name for what Numba's cache distinguishes: versions and the processor."""
+    """Return a hash of versions and processor, which Numba's cache distinguishes."""
     import numba
     from numba.core.registry import cpu_target
 
@@ -87,7 +88,7 @@ def _play(settings: Mapping[str, Any] = _SHORT, **arguments: Any) -> None:
     env: Any
     for env in games:
         env.reset(seed=0)
-        env.batch.spaces.provide(0, env.batch.assets_of(0).grid.walls)  # as when a robot comes near a wall
+        env.batch.spaces.provide(0, env.batch.assets_of(0).grid.walls)  # like for a robot near a wall
         env.action_space.seed(0)
         for _ in range(_STEPS):
             drives = arguments.get("action") == "velocity"
@@ -112,7 +113,7 @@ def _policies() -> None:
     from pacman_env.envs.pacmanbot import PacManBotEnv
     from pacman_env.policies.registry import make_policy, policy_names
 
-    env = PacManBotEnv(settings=_SHORT, ghosts=_GHOSTS)  # search has nothing to compile where all wander
+    env = PacManBotEnv(settings=_SHORT, ghosts=_GHOSTS)  # search compiles nothing if all ghosts wander
     env.reset(seed=0)
     for name in policy_names():
         policy = make_policy(name)
@@ -144,7 +145,7 @@ def _robot() -> None:
             rehearse(part, setup)
 
 
-#: What is done, by the name that is printed.
+#: Parts by their printed name.
 PARTS: dict[str, Callable[[], None]] = {
     "PacManBotFlat-v0": partial(_play, flat=True),
     "all arguments": _every_argument,
