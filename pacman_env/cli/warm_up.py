@@ -1,7 +1,6 @@
 """The command ``pacman-env warm-up``, which compiles kernels in advance, for an image or a new machine.
 
-It plays small games that need the kernels. The cache stores the kernels and a mark for each part, by compiler and
-processor."""
+It plays small games that need the kernels. The cache also gets a mark for each part, by compiler and processor."""
 
 import hashlib
 import sys

@@ -12,8 +12,6 @@ from .jit import kernel
 
 
 class Queue(NamedTuple):
-    """Arrays of a queue."""
-
     heads: Any = Array(np.int32, "b")  # newest entry of each bucket
     stamps: Any = Array(np.int32, "b")  # number of the clearing that wrote the head
     following: Any = Array(np.int32, "e")  # next entry of the same bucket
@@ -22,8 +20,6 @@ class Queue(NamedTuple):
 
 
 class SearchArrays(NamedTuple):
-    """Node table and queue of a search."""
-
     nodes: Any = Array(np.int32, "k 4")
     queue: Any = Queue
 

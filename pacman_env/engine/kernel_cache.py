@@ -32,8 +32,6 @@ _SWEPT_S = 86400.0
 
 
 class KernelCache(FunctionCache):
-    """Disk cache of one kernel."""
-
     def __init__(self, kernel: Dispatcher, root: Path) -> None:
         self._kernel, self._root = kernel, root
         self._py_func, self._name = kernel.py_func, repr(kernel.py_func)

@@ -33,9 +33,7 @@ def operation(result: Any, *kinds: Any) -> Callable[[Callable[..., Any]], Any]:
 
             return result(*(own if kind is None else kind for kind, own in zip(kinds, given, strict=True))), code
 
-        _, *parameters = inspect.signature(
-            generate
-        ).parameters.values()  # ``definition`` has one parameter fewer before the values
+        _, *parameters = inspect.signature(generate).parameters.values()  # ``definition`` has one parameter fewer
         definition.__signature__ = inspect.Signature(parameters[1:])  # type: ignore[attr-defined]
         definition.__name__ = definition.__qualname__ = generate.__name__
         definition.__module__ = generate.__module__

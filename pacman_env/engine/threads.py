@@ -4,9 +4,8 @@ A job is a kernel ``(table, first, last) -> int64``, given by address, and a ran
 thread works on its own parts first and then on parts of others, so a thread that is late, or missing after a fork, only
 costs time. A thread waits for the next job briefly in machine code, then in Python until it is woken.
 
-Speed-up of decisions over a ``ThreadPoolExecutor``: 3.1 times with 16 games, 2.0 with 64, 1.35 with 256, 1.05 with
-1,024. Speed-up by working on parts of others: 3.9, 2.4 and 1.5 times with 16, 64 and 256 games (two threads on cores
-shared with other programs).
+Speed-up over a ``ThreadPoolExecutor``: 3.1 times with 16 games, 2.0 with 64, 1.35 with 256, 1.05 with 1,024. Speed-up
+by working on parts of others: 3.9, 2.4 and 1.5 times with 16, 64 and 256 games (two threads on busy cores).
 """
 
 import os
@@ -122,9 +121,8 @@ class Threads:
     def run(self, job: Any, tables: Sequence[Table], count: int) -> int:
         """Run a kernel ``(table, first, last) -> int64``, with results above -2**62, over the range 0 to ``count``.
 
-        ``tables`` contains the first argument for each thread, or one for all threads if it has no scratch memory.
-        Returns the sum of the results, or the highest negative result. A kernel that raises an error in a thread counts
-        as -1.
+        ``tables`` are the first argument for each thread, or one for all threads if it has no scratch memory. Returns
+        the sum of the results, or the highest negative one; a kernel that raises an error in a thread counts as -1.
         """
         if self.number == 1 or count == 1:
             return int(job(tables[0].address, 0, count))
@@ -194,9 +192,7 @@ def _end(process: int, shared: NDArray[np.int64], wake: Sequence[Any], threads: 
     for one in wake:
         one.put(None)
     for thread in threads:
-        if (
-            thread.ident is not None and thread is not threading.current_thread()
-        ):  # the collector may run in one of them
+        if thread.ident is not None and thread is not threading.current_thread():  # this may be one of them
             thread.join(1.0)
 
 

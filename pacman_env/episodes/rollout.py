@@ -107,10 +107,7 @@ def play_in(
     on_end: Callable[[int], object] | None = None,
     timed: bool = True,
 ) -> tuple[NDArray, NDArray[np.float64]]:
-    """Play like :func:`play` in existing games, which keep their levels; ``ghosts`` are the policies by ghost number.
-
-    Raises ValueError if there are fewer seeds than games.
-    """
+    """Play like :func:`play` in existing games, at most one per seed; ``ghosts`` are policies by ghost number."""
     n = batch.n
     if n > len(seeds):
         raise ValueError(f"{n} games for {len(seeds)} seeds")

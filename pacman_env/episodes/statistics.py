@@ -97,8 +97,7 @@ def percentiles95(values: Floats) -> Interval:
 def bootstrapped_mean(tasks: Sequence[Floats], rng: np.random.Generator) -> tuple[float, Interval]:
     """Return the mean over tasks of the means of their scores (n,), and its stratified bootstrap interval.
 
-    The interval uses percentiles (Efron 1979) of draws within each task. For paired scores pass the differences, so
-    that pairs are drawn together.
+    The interval consists of percentiles (Efron 1979) of draws within each task. For paired scores pass differences.
     """
     drawn = _drawn_means(tasks, rng).mean(axis=1)
     return float(np.mean([scores.mean() for scores in tasks])), percentiles95(drawn)
@@ -120,8 +119,7 @@ def bootstrapped_improvement(
 ) -> tuple[float, Interval]:
     """Return the mean over tasks of the probability of :func:`improvement`, and its stratified bootstrap interval.
 
-    ``ours`` and ``theirs`` are scores (n,) per task. Trials are pairs, which are drawn for both sides together. Raises
-    ValueError if the two sides of a task have different lengths.
+    ``ours`` and ``theirs`` are scores (n,) per task, of the same trials, which are drawn for both sides together.
     """
     drawn, values = [], []
     for our, their in zip(ours, theirs, strict=True):

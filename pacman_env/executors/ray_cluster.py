@@ -198,15 +198,15 @@ class _Worker:
         if (__version__, package_hash()) != (version, sources):
             found = f"pacman_env {__version__}, sources {package_hash()}"
             return _Outcome(
-                unfit=f"{_worker_name()}: {found}; the command has {version}, sources {sources}: install the same"
+                unfit=f"{_where()}: {found}; the command has {version}, sources {sources}: install the same"
             )
         module, _, function = name.partition(":")
         try:
             return _Outcome(value=getattr(importlib.import_module(module), function)(task))
         except OSError as error:
-            return _Outcome(error=OSError(f"{_worker_name()}: {error}"))
+            return _Outcome(error=OSError(f"{_where()}: {error}"))
         except (PluginError, ImportError) as error:
-            return _Outcome(error=TaskFailed(f"{_worker_name()}: {error}"))
+            return _Outcome(error=TaskFailed(f"{_where()}: {error}"))
         except Exception as error:
             return _Outcome(error=plain(error))
 
@@ -217,7 +217,7 @@ class _Running(NamedTuple):
     began_s: float
 
 
-def _worker_name() -> str:
+def _where() -> str:
     import ray
 
     return f"worker on {_name(socket.gethostname(), ray.get_runtime_context().get_node_id())}"

@@ -39,8 +39,6 @@ def decision_due(choice, pursued, news, distance_before, distance, waited, p):  
 
 
 class Moment(NamedTuple):
-    """State of a game that matters for the next decision."""
-
     time_s: float
     pursued: int  # candidate or HOLD
     pellets: object  # anything that changes when a pellet is collected or a round starts

@@ -21,8 +21,6 @@ _EDGE_S = 1e-9  # tolerance, because sums of periods hit the times at which the 
 
 @dataclass(frozen=True)
 class Feedback:
-    """Light, sound and motion of an event."""
-
     light: Light | None = None
     sound: Sound | None = None
     motion: Motion | None = None

@@ -132,9 +132,8 @@ def _choose(s, chosen, at, now, navigating, goal_xy, p):  # type: ignore[no-unty
 def _conclude(s, status, at, now, board, p):  # type: ignore[no-untyped-def]
     """Apply the result of the current goal.
 
-    As built: a success collects the pellet wherever the robot is, and an abort removes it without counting. Robust: a
-    success only counts near the pellet (Nav2 moves a blocked goal by up to half a metre). Otherwise the goal must wait,
-    twice as long after each successive abort, at most 8 times.
+    As built, a success collects the pellet wherever the robot is, and an abort removes it uncounted. Robust, a success
+    only counts near the pellet (Nav2 moves blocked goals by up to 0.5 m), else the goal waits, up to 8 times as long.
     """
     slot = s.pursued
     s.pursued = NO_CHOICE

@@ -69,8 +69,6 @@ class ExecutorAction:
 
 @dataclass
 class Sent:
-    """A goal sent to Nav2."""
-
     place: Place
     since_s: float
     accepted: bool = False

@@ -19,9 +19,7 @@ class FreeSpace(Protocol):
     @property
     def origin(self) -> tuple[float, float, float]: ...  # pose (m, m, rad) of the lower left corner
 
-    def game_free(
-        self, free_grey: int
-    ) -> NDArray[np.bool_]: ...  # (H, W), row 0 at the top: brighter than ``free_grey``
+    def game_free(self, free_grey: int) -> NDArray[np.bool_]: ...  # (H, W) brighter than this, row 0 at the top
 
 
 @dataclass(frozen=True)
@@ -59,9 +57,8 @@ def _free_around(free: NDArray[np.bool_], rows: NDArray[np.int64], reach: int) -
 def generate_pellets(map: FreeSpace, config: PelletConfig) -> PelletSet:
     """Generate pellets on a lattice from pixel (0, 0), at points with a free square around (Milestone 3, Algorithm 1).
 
-    Spacing and clearance are rounded to whole pixels. Positions are half a cell away from map_server's cell centres.
-    The simulator applies ``config.reachable_only``, because ids must not depend on the robot's start. Raises
-    ConfigError if the spacing is below the map's resolution.
+    Spacing and clearance are rounded to whole pixels; positions are half a cell away from map_server's cell centres.
+    The simulator applies ``reachable_only``, as ids must not depend on the start. Raises ConfigError for tiny spacings.
     """
     step = round(config.spacing_m / map.resolution)
     clearance = round(config.wall_clearance_m / map.resolution)

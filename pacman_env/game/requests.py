@@ -21,8 +21,6 @@ class _Request:
 
 
 class Requests:
-    """Open requests by service."""
-
     def __init__(self) -> None:
         self._open: dict[str, _Request] = {}
 

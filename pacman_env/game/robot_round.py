@@ -89,15 +89,11 @@ class UnacknowledgedStatuses:
 
 
 class RobotRound:
-    """One round on a robot."""
-
     def __init__(self, config: Config, goals: Goals) -> None:
         self.statuses = UnacknowledgedStatuses()
         self.goals = goals
         self.rules = SimpleNamespace(**rules(config, float), pellet_slots=goals.candidates)
-        self._left = np.zeros(
-            len(goals.ids), dtype=np.bool_
-        )  # by slot, without pellets collected since the last report
+        self._left = np.zeros(len(goals.ids), dtype=np.bool_)  # by slot, without those collected since the last report
         self._missing_s = np.full(len(goals.ids), math.inf)  # by slot, time since when reports do not show the pellet
         self.record = Execution(config.execution.pickup_radius_m, pellets=len(goals.ids))
         self.reset()
@@ -150,9 +146,7 @@ class RobotRound:
             self.empty_s = None
         elif self.empty_s is None:
             self.empty_s = now
-        elif (
-            now - self.empty_s >= _EMPTY_S
-        ):  # the round had no pellet in reach; the last one in reach is reported at once
+        elif now - self.empty_s >= _EMPTY_S:  # there was no pellet in reach; the last one is reported at once
             self.empty_s = math.inf
             return [*reports, *self.ended("game_complete")]
         return reports

@@ -11,8 +11,6 @@ _DEBOUNCE_S = 0.1  # repeated words within this time count once
 
 @dataclass(frozen=True)
 class Sound:
-    """A sound word and its melody."""
-
     word: str
     melody: Melody
     importance: int  # 0: never waits for another sound to end

@@ -40,10 +40,7 @@ class Nearest(BasePolicy):
 def random_scores(
     seed: NDArray[np.uint64], tick: Indices, current: Indices, kind: Kinds, mask: Flags, out: Floats
 ) -> None:
-    """Write a number in [0, 1) for each allowed pellet, 1 for the current one, and -inf for other candidates.
-
-    Numbers only depend on seed, tick and candidate.
-    """
+    """Write a number in [0, 1) by (seed, tick, candidate) for allowed pellets, 1 for the current one, else -inf."""
     for n in range(out.shape[0]):
         state = stream(stream(seed[n], POLICY), tick[n])
         for c in range(out.shape[1]):

@@ -182,10 +182,7 @@ class Player:
 
 
 def play(player: Player, window: HumanWindow, *, fps: float = 20.0) -> None:
-    """Play until the player quits or closes the window; images are interpolated and therefore one decision late.
-
-    Raises ValueError if ``fps`` is not 1 to 100.
-    """
+    """Play until the player quits or closes the window; images are interpolated and therefore one decision late."""
     if not 1 <= fps <= 100:
         raise ValueError(f"fps = {fps}: must be 1 to 100")
     while not player.quit and not window.closed:

@@ -19,8 +19,6 @@ _SHIFTED = "?+"  # keys named by their character, independent of the keyboard la
 
 
 class Input(NamedTuple):
-    """An input of the user."""
-
     kind: str  # "press" or "release" of a key, or "click" of the left mouse button
     key: str = ""  # pygame's name of the key; keypad digits have the names of digits
     at: tuple[int, int] = (0, 0)  # column, row of the frame, px

@@ -16,8 +16,6 @@ ROLES = (ROBOT, *map(ghost_role, range(len(GHOST_NAMES))))
 
 
 class Roles:
-    """People by role."""
-
     def __init__(self) -> None:
         self.people: dict[str, str] = {}
 

@@ -9,8 +9,6 @@ EVERY_S = 60.0
 
 
 class Log:
-    """Writes rate-limited lines without tokens."""
-
     def __init__(
         self, write: Callable[[str], None], tokens: Iterable[str] = (), clock: Callable[[], float] = time.monotonic
     ):

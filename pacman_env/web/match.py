@@ -26,8 +26,6 @@ _REHEARSED = 6  # ticks, enough for the planner to plan and for goals to begin
 
 
 class Driving:
-    """Roles of people and their goals."""
-
     def __init__(self) -> None:
         self.roles = Roles()
         self.goals: dict[str, int | None] = {}  # by role: the robot's candidate, a ghost's cell or FOLLOW

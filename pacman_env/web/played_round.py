@@ -277,8 +277,6 @@ def _choice(policy: Policy, situation: Situation, hold: int) -> int:
 
 
 class Recordings:
-    """The last played rounds."""
-
     def __init__(self) -> None:
         self.count = 0  # of all rounds
         self._kept: dict[int, tuple[PlayedRound, dict[str, Any]]] = {}

@@ -34,8 +34,6 @@ _MOST_PIXELS = 4_000_000  # limit of an uploaded map: 2000 x 2000
 
 @dataclass(frozen=True)
 class Rules:
-    """Choices for a round."""
-
     map: str = "house"
     level: int | None = None  # of a generated map; None: drawn from the seed
     preset: str = "robot"

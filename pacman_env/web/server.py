@@ -52,8 +52,6 @@ _FULL = (
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of a server."""
-
     viewers: int = 100
     messages_per_s: float = MESSAGES_PER_S  # per viewer
     headers_s: float = 10.0  # for the headers of a request
@@ -285,10 +283,7 @@ def serve(
     limits: Limits = Limits(),
     opened: Callable[[str], Any] | None = None,  # called with the page's address, such as to open a browser
 ) -> None:
-    """Print the links of the page and serve it until Ctrl-C or SIGTERM; call it in the main thread.
-
-    Raises OSError if the address cannot be used.
-    """
+    """Print the links and serve the page until Ctrl-C or SIGTERM, in the main thread. Raises OSError."""
     ended = threading.Event()
     with WebServer(game, host, port, names=names, limits=limits) as server:
         handlers = {one: signal.signal(one, lambda *_: ended.set()) for one in (signal.SIGINT, signal.SIGTERM)}

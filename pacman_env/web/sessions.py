@@ -50,8 +50,6 @@ async def in_thread(limit: asyncio.Semaphore, work: Callable[..., T], *arguments
 
 
 class Sessions:
-    """All sessions of a server."""
-
     def __init__(self, game: Game, log: Log, most: int, rate: float):
         self.control = Control()
         self.audience = Audience(game, most, self.people)

@@ -24,10 +24,7 @@ _WHY_S = 0.25  # interval of sending the terms
 
 
 class SimulatedGame:
-    """A ``Game`` played by a thread.
-
-    Raises MapError or ValueError for an unusable file, and Refused for unusable rules.
-    """
+    """A ``Game`` played by a thread. Raises ValueError for an unusable file, and Refused for unusable rules."""
 
     source: Literal["simulator", "ros"] = "simulator"
 

@@ -121,8 +121,6 @@ class Feedback:
 
 
 class SimulatedView:
-    """The shown state of a simulated game."""
-
     def __init__(self, clock: TickClock, feedback: Feedback) -> None:
         self.scene = Scene(1, {"map": None, "preparing": True, "notice": _COMPILING})
         self.lidar = False

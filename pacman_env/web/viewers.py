@@ -124,8 +124,6 @@ class Viewer:
 
 
 class Update(NamedTuple):
-    """New state of the game for all viewers."""
-
     scene: Scene
     news: list[dict[str, Any]]
     frame: Frame | None

@@ -33,10 +33,7 @@ def start(
     lags: Lags,
     robot: np.dtype[Any] | None = None,
 ) -> Start:
-    """Return the coarse game of situation ``i``.
-
-    ``robot`` is the dtype of the robot's record (None: ROBOT). Raises ValueError if the situation has no maps.
-    """
+    """Return the coarse game of situation ``i``; ``robot`` is the robot's dtype. Raises ValueError without maps."""
     s = situation
     if s.maps is None:
         raise ValueError("the situation has no maps to plan on")

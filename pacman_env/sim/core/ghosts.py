@@ -227,8 +227,6 @@ def cell_choice(hold: int, cell: Any) -> Any:
 
 
 class Ghosts:
-    """The ghosts of N games, with compiled behaviours."""
-
     def __init__(self, n: int, config: Config) -> None:
         try:
             behaviours = [find_behaviour(name) for name in config.clyde.ghosts]

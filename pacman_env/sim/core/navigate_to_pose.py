@@ -17,8 +17,6 @@ _CODES = {"no path": NO_VALID_PATH, "no control": NO_VALID_CONTROL, "stuck": FAI
 
 @dataclass(frozen=True)
 class Ended:
-    """Result of a goal."""
-
     key: bytes
     status: int  # of action_msgs/GoalStatus
     error_code: int  # of Nav2
@@ -27,8 +25,6 @@ class Ended:
 
 @dataclass(frozen=True)
 class Feedback:
-    """Feedback of the current goal."""
-
     key: bytes
     pose: Pose  # believed
     time_s: float  # since the goal became current
@@ -64,10 +60,7 @@ class Navigation:
         return tuple(goal.key for goal in (self._current, self._pending) if goal is not None)
 
     def send(self, key: bytes, x: float, y: float) -> None:
-        """Accept a goal (x, y), m, which replaces the current one at the next step.
-
-        Raises ValueError if the goal is not finite or ``key`` is active already.
-        """
+        """Accept a finite goal (x, y), m, with a new key; it replaces the current one at the next step."""
         if not (math.isfinite(x) and math.isfinite(y)):
             raise ValueError(f"goal ({x}, {y}): must be two finite numbers")
         if key in self.active:

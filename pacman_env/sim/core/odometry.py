@@ -10,8 +10,6 @@ from ...world.navigation.localization import Pose, compose, inverse, relative
 
 
 class OdometryErrors:
-    """Errors of the odometry, drawn from a seed."""
-
     def __init__(self, config: RobotConfig, seed: int) -> None:
         self._config = config
         self._random = np.random.default_rng((seed, ODOMETRY))

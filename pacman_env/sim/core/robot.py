@@ -216,8 +216,7 @@ class SimulatedRobot:
     def set_velocity(self, v: float, omega: float, *, backwards: bool = False) -> None:
         """Command a velocity, m/s and rad/s, for half a second, or for one step while the navigator drives.
 
-        A negative ``v`` counts as 0, like on a base with safety enabled, unless ``backwards`` is set; then it must be
-        within limits.
+        A negative ``v`` counts as 0, like on a base with safety enabled, unless ``backwards``; then limits apply.
         """
         _check_finite("velocity", (v, omega))
         self._velocity, self._backwards = (float(v), float(omega), self.steps), backwards

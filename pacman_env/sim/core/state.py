@@ -147,8 +147,6 @@ _NONE = -1  # instead of a slot, before the first round
 
 
 class GameLevels:
-    """Levels of N games and the slots that they occupy."""
-
     def __init__(self, source: LevelSource, config: Config, n: int, threads: Threads) -> None:
         self.source = source
         self.levels = LevelSlots(source.slots(n), source.sizes(), config)

@@ -65,8 +65,6 @@ class TickArrays(NamedTuple):
 
 
 class ChoiceArrays(NamedTuple):
-    """Arrays of :func:`choose`."""
-
     actions: Any = Array(np.int64, "N")
     mask: Any = Array(np.bool_, "N C")
     listed: Any = Array(np.int64, "N k")  # candidate of each action, -1: none; k = 0: actions are candidates
@@ -100,8 +98,7 @@ def choose(table, first, last):  # type: ignore[no-untyped-def]
 def play(table, first, last):  # type: ignore[no-untyped-def]
     """Play ticks of the games ``first`` to ``last`` under ``control``; games that have ended or sleep stand still.
 
-    Returns the number of games that wait for a physics space in the stage ``MOVE``, or -1 - i if a ghost's behaviour
-    raised an error in game i.
+    Returns how many games wait for a physics space (stage ``MOVE``), or -1 - i if a behaviour failed in game i.
     """
     a = _arrays(table)
     rules, paths, control, choices = a.rules, a.paths, a.control[0], a.choices

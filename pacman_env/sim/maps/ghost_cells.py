@@ -29,8 +29,6 @@ _STEPS = np.array([(1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1), (0, 1),
 
 @dataclass(frozen=True, eq=False)
 class ClydeCells:
-    """The ghost cells of a map."""
-
     resolution: float
     position: NDArray[np.float64]  # (K, 2) m
     graph: NDArray[np.int32]  # (K, 16) data of the path search, one cache line per cell: see the properties
@@ -180,9 +178,8 @@ def _landmarks(graph, part_cells, part_start, rows, columns):  # type: ignore[no
 def _costs_from(steps, width, source, cost, came, queue):  # type: ignore[no-untyped-def]
     """Fill ``cost`` int32 with the exact cost of a path from ``source`` to each place, _FAR if there is no path.
 
-    This is Dijkstra's algorithm with buckets of width 64, less than the cost of any step, so that the order inside a
-    bucket does not matter. ``steps`` has one bit per allowed step; ``came`` uint8 and ``queue`` int32 are scratch
-    memory.
+    Dijkstra's algorithm with buckets of 64, less than the cost of any step, so the order in a bucket does not matter.
+    ``steps`` has one bit per allowed step; ``came`` uint8 and ``queue`` int32 are scratch memory.
     """
     offset = np.empty(16 + 8, np.int64)
     for i in range(len(offset)):
@@ -238,8 +235,7 @@ def _estimate(graph, cell, goal, a, b, c):  # type: ignore[no-untyped-def]
 def find_path(start, goal, graph, node, queue, path):  # type: ignore[no-untyped-def]
     """Fill ``path`` with the cells of a shortest path (A*) and return their number (0: no path or no room).
 
-    ``node`` is int32 (K, 4): cost so far, previous cell, number of the search that wrote them, and of the search that
-    settled the cell.
+    ``node`` is int32 (K, 4): cost so far, previous cell, number of the search that wrote them, and that settled them.
     """
     search = clear(queue)
     if search == 1:  # the counter has wrapped: erase old numbers

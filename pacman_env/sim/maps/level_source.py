@@ -43,8 +43,6 @@ class LevelSource(Protocol):
 
 
 class FixedMap:
-    """One map for all games."""
-
     def __init__(self, assets: MapAssets, config: Config) -> None:
         self.first = assets
         self._config = config

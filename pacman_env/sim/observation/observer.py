@@ -28,10 +28,7 @@ class Observer:
     """
 
     def __init__(self, batch: GameBatch, config: ObservationConfig | None = None, *, ghost: bool = False) -> None:
-        """Prepare the kinds; ``config`` replaces the batch's, and a ``ghost`` always chooses candidates.
-
-        Raises ConfigError for kinds that do not exist or do not fit together.
-        """
+        """Prepare the kinds of ``config`` (None: the batch's); ghosts always choose candidates. Raises ConfigError."""
         self._made_from = batch, config, ghost
         self._batch = batch
         self._config = config = batch.config.observation if config is None else config

@@ -65,8 +65,7 @@ def planner_features(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return the features of candidates (N, C, 32) and of situations (N, 50), float32.
 
-    ``listed`` (N, K) selects candidates (``MISSING`` is ignored); rows of other candidates are 0. None: all. Raises
-    ValueError for a situation without maps.
+    ``listed`` (N, K) selects candidates; rows of others are 0 (None: all). Raises ValueError without maps.
     """
     maps_wanted(situation)
     candidates = np.empty((*situation.mask.shape, len(CANDIDATE_FEATURES)), dtype=np.float32)

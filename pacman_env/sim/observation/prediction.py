@@ -44,8 +44,6 @@ REQUEST = np.dtype(
 
 
 class SeenArrays(NamedTuple):
-    """Situations and the levels in their slots."""
-
     block: Any = Array(np.uint8, "b")  # of the situations
     levels: Any = Array(np.int64, "L")  # addresses of the levels
     request: Any = Array(REQUEST, "1")
@@ -69,8 +67,7 @@ def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float
 
     Columns: probability of a distance below 0.45 m within 5 s, within 10 s, and below 0.8 m within 10 s; smallest
     distance in m, as mean over the ghost's paths and as minimum; cosine between the start of the robot's path and its
-    heading, and the direction to the ghost; smallest distance in m if the ghost stands still. Rows of masked candidates
-    are 0.
+    heading, and the ghost's direction; smallest distance in m if the ghost stands. Rows of masked candidates are 0.
     """
     result = np.empty((*situation.mask.shape, COLUMNS), dtype=np.float32)
     table = Table(_EncounterArrays, seen=seen_arrays(situation, robot_speed_mps), result=result)

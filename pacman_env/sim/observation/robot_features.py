@@ -72,8 +72,6 @@ Observation = dict[str, NDArray[Any]]
 
 
 class FeatureArrays(NamedTuple):
-    """Arrays of :func:`features`."""
-
     robot: Any = Array(np.float32, f"N {len(ROBOT_COLUMNS)}")
     clyde: Any = Array(np.float32, f"N {len(CLYDE_COLUMNS)}")
     candidates: Any = Array(np.float32, f"N C {len(CANDIDATE_COLUMNS)}")
@@ -202,10 +200,7 @@ GHOST_BEARING_COLUMNS = (
 
 
 def pellet_bearings(situation: Situation, count: int) -> NDArray[np.float32]:
-    """Return bearings of the nearest pellets (N, ``count``, 7), float32, in the order of :func:`nearest_candidates`.
-
-    Raises ValueError for a situation without maps.
-    """
+    """Return bearings of the nearest pellets (N, ``count``, 7), float32. Raises ValueError without maps."""
     if situation.maps is None:
         raise ValueError("the situation has no maps to plan a path on")
     s, levels = situation, situation.maps.addresses

@@ -53,8 +53,7 @@ class Seen:
 class RobotView:
     """The robot's view of one game on a map prepared with ``config``; candidates are numbered as in simulation.
 
-    ``seed`` is the seed of the rounds, for policies that draw random numbers; ``levels`` contains the map, if it exists
-    already.
+    ``seed`` is the seed of the rounds, for policies that draw random numbers; ``levels`` may already contain the map.
     """
 
     def __init__(self, assets: MapAssets, config: Config, seed: int = 0, levels: LevelSlots | None = None) -> None:
@@ -177,10 +176,7 @@ class RobotView:
         return Place(candidate, x, y, int(self.assets.pellet_ids[candidate]) if is_pellet else None)
 
     def situation(self, seen: Seen, player: int = -1) -> Situation:
-        """Return the situation (N = 1) of the robot's policy, or of the policy of ghost ``player``.
-
-        Raises ValueError if a ghost has not been seen yet.
-        """
+        """Return the situation (N = 1) of the robot, or of ghost ``player``. Raises ValueError for unseen ghosts."""
         if self.unseen:
             raise ValueError(f"{self.unseen[0]} has not been seen yet")
         g = self._games[0]

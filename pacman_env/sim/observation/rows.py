@@ -44,8 +44,6 @@ class CandidateArrays(NamedTuple):
 
 
 class RowArrays(NamedTuple):
-    """Arrays of :func:`write_rows`."""
-
     parts: Any = Array(PART, "p")
     listed: Any = Array(np.int64, "N k")
     first: Any = Array(np.float32, "s")  # divisor, or middle of the bounds

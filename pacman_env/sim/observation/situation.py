@@ -155,8 +155,7 @@ class Nearest:
 def nearest_candidates(situation: Situation, nearest: Nearest) -> NDArray[np.int64]:
     """Return the allowed candidates (N, ``nearest.count``), sorted by the robot's path length, or ``MISSING``.
 
-    Equally near candidates are sorted by number. The current candidate is always listed, if necessary as the last one
-    of its kind.
+    Equally near ones are sorted by number. The current candidate is always listed, if necessary as last of its kind.
     """
     order = np.empty((len(situation), nearest.count), dtype=np.int64)
     _list(

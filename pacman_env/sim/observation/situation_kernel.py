@@ -37,8 +37,6 @@ REQUEST = np.dtype(
 
 
 class ViewArrays(NamedTuple):
-    """Arrays of :func:`write_situations`."""
-
     rules: Any = RuleArrays
     ghosts: Any = Array(GHOST, "N G")
     ghost_paths: Any = Array(np.int32, "N G l")  # cells of each ghost's path

@@ -68,8 +68,7 @@ def area(rect: Rect) -> float:
 def lay_out(dice: Dice, turn: float, loops: int, wall: float, door: float) -> tuple[Floor, list[Wall]]:
     """Return the rooms and one wall for each door, with ``loops`` = doors - rooms + 1 and at least one dead end.
 
-    ``turn`` is the angle of the building in the map (rad), which limits its size; ``wall`` is the thickness of walls
-    and ``door`` the smallest width of doors, m.
+    ``turn`` is the building's angle in the map (rad), which limits its size; ``wall`` is thickness, ``door`` width, m.
     """
     cos, sin = abs(math.cos(turn)), abs(math.sin(turn))
     while True:

@@ -159,8 +159,7 @@ def _largest_part(mask):  # type: ignore[no-untyped-def]
 def _drive(kind, tour, ray, seed):  # type: ignore[no-untyped-def]
     """Scan from the places of a tour that no earlier scan saw from nearby, and return ``seen`` and ``hit``.
 
-    ``seen`` (H, W) is 1 if a ray passed a cell, and 2 if it did so near a stop; ``hit`` (H, W) is 1 if a ray ended
-    there at something.
+    ``seen`` (H, W) is 1 for cells that a ray passed, 2 for those near a stop; ``hit`` (H, W) is 1 where a ray ended.
     """
     rows, columns = kind.shape
     seen, hit = np.zeros((rows, columns), np.uint8), np.zeros((rows, columns), np.uint8)

@@ -30,8 +30,6 @@ class PelletPlace:
 
 @dataclass(frozen=True)
 class MapReport:
-    """Result of checking a map."""
-
     name: str
     width: int
     height: int

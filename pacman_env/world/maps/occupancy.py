@@ -90,9 +90,8 @@ class OccupancyMap:
     ) -> Self:
         """Return the map that map_server would create from an image.
 
-        ``pixels`` (H, W) is the brightness stored in the image, row 0 at the top; ``opaque`` (H, W) is False for pixels
-        with alpha below 255. Resolution, origin and settings (such as ``occupied_thresh``) are described in the class.
-        Raises MapError if a value is out of range.
+        ``pixels`` (H, W) is the image's brightness, row 0 at the top; ``opaque`` (H, W) is False for alpha below 255.
+        The class describes all other arguments. Raises MapError if a value is out of range.
         """
         plain = cls(name, pixels, np.zeros(pixels.shape, np.int8), resolution, origin, **settings)
         occupancy = plain._nav2_table()[pixels]
@@ -137,10 +136,7 @@ class OccupancyMap:
         return digest.hexdigest()
 
     def game_free(self, free_grey: int = 250) -> Mask:
-        """Return the cells (H, W) that are free by the game's rule: brighter than ``free_grey``.
-
-        Nav2's rule is ``occupancy == 0``.
-        """
+        """Return cells (H, W) free for the game: brighter than ``free_grey`` (Nav2's rule is ``occupancy == 0``)."""
         return self.grey > free_grey
 
     def cell_to_world(self, column: ArrayLike, row: ArrayLike) -> tuple[Any, Any]:
@@ -299,8 +295,7 @@ def _read(name: str, path: Path, text: bytes, content: Callable[[Path], bytes]) 
 def _parse(path: Path, text: bytes) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Read the keys of map_server as strings and lists of strings, with notes about repeated keys.
 
-    The rules are those of yaml-cpp: the first of repeated keys counts, merge keys are ordinary keys, and further
-    documents are ignored.
+    Like in yaml-cpp, the first of repeated keys counts, merge keys are ordinary, and further documents are ignored.
     """
     values: dict[str, Any] = {}
     lines: dict[str, list[int]] = {key: [] for key in _KEYS}
@@ -362,9 +357,8 @@ def _content(path: Path) -> bytes:
 def _pixels(data: bytes) -> tuple[Grey, Mask | None]:
     """Return the brightness (H, W), row 0 at the top, and the mask of opaque pixels (None without alpha).
 
-    The rules are those of GraphicsMagick, which Nav2 uses: colour becomes grey by Rec. 601 luma, 16 bits become 8, and
-    opaque is an alpha of 255. OpenCV decodes PNG and BMP. PGM is read here, because OpenCV does not rescale binary PGMs
-    with a maxval other than 255.
+    Like in GraphicsMagick, which Nav2 uses, colour becomes grey by Rec. 601 luma, 16 bits become 8, and alpha 255 is
+    opaque. OpenCV decodes PNG and BMP, but it does not rescale binary PGMs with a maxval other than 255.
     """
     pgm = _PGM_HEADER.match(data)
     if pgm:

@@ -37,9 +37,8 @@ def _jump(clearance_cm, cells_per_cm, x, y, ux, uy, ranges):  # type: ignore[no-
 def _walk(clearance_cm, x, y, ux, uy, t, limit):  # type: ignore[no-untyped-def]
     """Return the distance from (x, y) along a unit vector to the first cell that is not free, all in cells.
 
-    No such cell is nearer than ``t``. The result is ``limit`` if there is none before, or if the ray leaves the grid.
-    The walk goes from edge to edge of the cells (Amanatides and Woo 1987) with distances from (x, y), so that the jumps
-    do not affect the result.
+    No such cell is nearer than ``t``; the result is ``limit`` without one, or if the ray leaves the grid. Edges of
+    cells (Amanatides and Woo 1987) have distances from (x, y), so that the jumps do not affect the result.
     """
     rows, columns = clearance_cm.shape
     at_x, at_y = x + t * ux, y + t * uy

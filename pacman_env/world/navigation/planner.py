@@ -205,8 +205,7 @@ def _detour(g, path, start, obstacles, clear_cm, p, fields, search):  # type: ig
 def _keep_distances(start, goal, obstacles, p, fields):  # type: ignore[no-untyped-def]
     """Set the distance to keep from each obstacle, and return the length of the free rest of the static path, cm.
 
-    The result is -1 if no obstacle blocks the path. A robot inside the distance of an obstacle only has to keep its
-    present distance, so that it can get away.
+    -1: no obstacle blocks the path. A robot near an obstacle only has to keep its present distance, to get away.
     """
     clear_cm = -1
     for k in range(len(obstacles)):
