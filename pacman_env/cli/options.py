@@ -40,7 +40,7 @@ def add_options(parser: argparse.ArgumentParser, default: Any) -> None:
             add_options(parser, value)
             continue
         shown = " ".join(map(str, value)) if isinstance(value, tuple) else value
-        if isinstance(value, Path) and value.is_absolute():  # a file in the package, whose folder does not matter
+        if isinstance(value, Path) and value.is_absolute():  # a file in the package: show its name only
             shown = value.name
         text = f"{texts.get(name, '')} ({shown})".lstrip().replace("%", "%%").replace("``", "")
         parser.add_argument(f"--{name.replace('_', '-')}", default=value, help=text, **_kind(hints[name]))

@@ -192,7 +192,7 @@ def _end(process: int, shared: NDArray[np.int64], wake: Sequence[Any], threads: 
     for one in wake:
         one.put(None)
     for thread in threads:
-        if thread.ident is not None and thread is not threading.current_thread():  # this may be one of them
+        if thread.ident is not None and thread is not threading.current_thread():  # a thread may run this itself
             thread.join(1.0)
 
 

@@ -91,7 +91,7 @@ class Sent:
 
 
 class SentGoals:
-    """Open goals by number, of which at most one is current."""
+    """Open goals by number; at most one is current."""
 
     def __init__(self) -> None:
         self.open: dict[int, Sent] = {}

@@ -75,7 +75,7 @@ LASTING = {"starting": "pacman", "running": "pacman"}
 
 
 def light_colour(light: Light) -> Colour | None:
-    """Return the colour of a light for a button: that of its ghost or its only one; None if it has several."""
+    """Return the colour of a light for a button: its ghost's colour or its only colour; None if it has several."""
     colours = {colour for ring in light.rings for colour in ring}
     return GHOST_COLOURS.get(light.word.split()[0]) or (colours.pop() if len(colours) == 1 else None)
 

@@ -35,7 +35,7 @@ _NODES: dict[str, _Nodes] = {
 class LearnedPlanner(BasePolicy):
     """Chooses the candidate with the highest logit of a trained network; pickles and copies include the model.
 
-    ``path`` is an ONNX file next to its metadata (None: the built-in planner); ``threads`` are those of onnxruntime.
+    ``path`` is an ONNX file next to its metadata (None: the built-in planner); onnxruntime uses ``threads`` threads.
     """
 
     def __init__(self, path: str | os.PathLike[str] | None = None, threads: int = 1) -> None:

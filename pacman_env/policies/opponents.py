@@ -29,7 +29,7 @@ class BehaviourOpponent(BasePolicy):
 
 
 class Opponents(BasePolicy):
-    """A pool of which one member plays each round, drawn from the round's seed in proportion to ``shares``.
+    """A pool. One member, drawn from the round's seed in proportion to ``shares``, plays each round.
 
     Members must not have state. Raises ValueError without members, if the numbers of members and shares differ, for a
     negative share, and if no share is positive.

@@ -231,8 +231,8 @@ def between_all(
 ) -> tuple[NDArray[np.int32], NDArray[np.uint8], NDArray[np.int16]]:
     """Return path lengths in mm (A, A), next blocks [target, block] (A, A) and the table of adjacent blocks (A, N).
 
-    Next blocks are given as columns of the table, whose column 0 is the block itself. ``pixel`` (A, 2) are the places
-    of the blocks; ``start`` and ``ends`` are the results of :func:`joined_blocks`.
+    Next blocks are given as columns of the table; column 0 is the block itself. ``pixel`` (A, 2) are the places of the
+    blocks; ``start`` and ``ends`` are the results of :func:`joined_blocks`.
     """
     count = len(pixel)
     first = np.repeat(np.arange(count), np.diff(start))

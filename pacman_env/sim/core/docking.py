@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from ...world.navigation.localization import Pose, compose, relative, wrap
 from .robot import SimulatedRobot
 
-# All values are those of the Create 3 simulator.
+# All values are from the Create 3 simulator.
 LIMIT_S = 30.0  # docking and undocking are aborted after this time
 _SPEED_MPS, _TURN_RADPS = 0.15, math.pi / 4
 _RANGE_M = 1.0  # the dock is visible within this distance ...

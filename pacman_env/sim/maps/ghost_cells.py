@@ -235,7 +235,7 @@ def _estimate(graph, cell, goal, a, b, c):  # type: ignore[no-untyped-def]
 def find_path(start, goal, graph, node, queue, path):  # type: ignore[no-untyped-def]
     """Fill ``path`` with the cells of a shortest path (A*) and return their number (0: no path or no room).
 
-    ``node`` is int32 (K, 4): cost so far, previous cell, number of the search that wrote them, and that settled them.
+    ``node`` is int32 (K, 4): cost so far, previous cell, and numbers of the last searches that wrote and settled it.
     """
     search = clear(queue)
     if search == 1:  # the counter has wrapped: erase old numbers

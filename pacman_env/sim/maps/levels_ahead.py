@@ -19,7 +19,7 @@ _WAIT_S = 10.0  # for the current level at interpreter exit: a thread must not b
 
 
 class LevelsAhead:
-    """Queue of requested levels, of which at most ``most`` are stored.
+    """Queue of requested levels, which stores at most ``most``.
 
     Threads start with the first level and end with :meth:`close`, the last reference or the process. A forked child
     starts its own threads and has none of its parent's levels.
