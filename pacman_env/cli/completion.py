@@ -1,4 +1,4 @@
-"""Write completion scripts for shells with shtab, which the scripts themselves do not need."""
+"""Write completion scripts for shells with shtab, which is not needed to use the scripts."""
 
 import argparse
 from collections.abc import Iterator

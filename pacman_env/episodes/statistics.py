@@ -29,7 +29,7 @@ def wilson(successes: int, trials: int, z: float = Z95) -> Interval:
 
 
 def paired_difference(ours: NDArray[np.bool_], theirs: NDArray[np.bool_], z: float = Z95) -> tuple[float, Interval]:
-    """Return the difference of two proportions (ours minus theirs) of successes (n,) in the same trials, and interval.
+    """Return the difference (ours minus theirs) of two rates of success in the same trials (n,), and its interval.
 
     The interval is method 10 of Newcombe, "Improved confidence intervals for the difference between binomial
     proportions based on paired data", Statistics in Medicine 17 (1998): Wilson's limits of both proportions,
@@ -97,7 +97,7 @@ def percentiles95(values: Floats) -> Interval:
 def bootstrapped_mean(tasks: Sequence[Floats], rng: np.random.Generator) -> tuple[float, Interval]:
     """Return the mean over tasks of the means of their scores (n,), and its stratified bootstrap interval.
 
-    The interval consists of percentiles (Efron 1979) of draws within each task. For paired scores pass differences.
+    The interval consists of percentiles (Efron 1979) of draws within each task. For paired scores pass the differences.
     """
     drawn = _drawn_means(tasks, rng).mean(axis=1)
     return float(np.mean([scores.mean() for scores in tasks])), percentiles95(drawn)

@@ -35,7 +35,7 @@ class UnacknowledgedStatuses:
         self._earlier = 0 if self._counted is None else len(self.pellets)
 
     def ended(self, word: str) -> list[ExecutorAction]:
-        """Report the end of a task, after earlier pellets: a pellet after the end would not count."""
+        """Report the end of a task after all earlier pellets, because a pellet after the end would not count."""
         self.end = word
         return [ExecutorAction("status", one) for one in (*self.pellets[: self._earlier], word)]
 

@@ -16,7 +16,7 @@ from pacman_env.sim.observation.situation import PELLET, Situation
 
 
 class Parameters(NamedTuple):
-    """Parameters, tuned by hand: costs of being caught on the experiment's house, others on generated levels."""
+    """Parameters tuned by hand: costs of a catch on the experiment's house, the others on generated levels."""
 
     robot_speed_mps: float | None = None  # None: of the configuration
     caught_soon_s: float = 300.0  # cost of being caught within 5 s ...

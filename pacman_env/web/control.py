@@ -44,7 +44,7 @@ class Roles:
 
 
 class Control:
-    """Control of the operator, and the roles. Times are of any monotonic clock, s."""
+    """Roles of the clients and the operator's control. Times come from any monotonic clock, s."""
 
     def __init__(self) -> None:
         self.operator: str | None = None

@@ -223,7 +223,7 @@ class Sessions:
             viewer.waiting.put_nowait((message, self._stops))
 
     async def _stop(self, viewer: Viewer) -> None:
-        """Execute one stop at a time; all stops that arrive meanwhile are combined to the next one."""
+        """Execute one stop at a time; all stops that arrive meanwhile are combined into the next one."""
         while viewer.stops:
             stops, viewer.stops = viewer.stops, []
             refusal = await self._attempt("a stop", in_thread(self._stop_threads, self._game.stop, viewer.name))
@@ -297,7 +297,7 @@ class Sessions:
             viewer.outbox.put_text(answer)
 
     async def _release(self, name: str, stops: int) -> None:
-        """Release the robot, unless a stop was received since; stops win whatever the order in the game."""
+        """Release the robot, unless a stop arrived after the request; a later stop always wins."""
         if stops != self._stops:
             raise Refused(STOPPED_AGAIN)
         await self.in_thread(self._game.release, name)

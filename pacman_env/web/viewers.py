@@ -69,7 +69,7 @@ class Outbox:
 
 
 class RateLimit:
-    """Token bucket with ``rate`` messages per second and as many at once."""
+    """Token bucket that allows ``rate`` messages per second, and bursts of the same size."""
 
     def __init__(self, rate: float, now: float):
         self._rate = self._left = rate

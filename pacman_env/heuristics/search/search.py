@@ -56,7 +56,7 @@ class Parameters(NamedTuple):
 
     @property
     def least_nodes(self) -> int:
-        """Number of nodes for a width of one in each layer and future."""
+        """Smallest allowed number of nodes: one in each layer of each future, with all its choices."""
         return self.samples * self.choices * (self.layers + 1)
 
     def settings(self) -> NDArray[Any]:

@@ -122,7 +122,7 @@ def _build(assets: MapAssets) -> CoarseArrays:
 
 
 def _in_units(length: NDArray[np.int32], unit_m: float) -> NDArray[np.uint16]:
-    """Round lengths in mm up to units."""
+    """Convert lengths in mm to whole units of ``unit_m`` m, rounded up."""
     units = (np.arange(length.max() + 1) / _MM).astype(np.float32) / np.float32(unit_m) - np.float32(1e-3)
     return np.asarray(_look_up(length, np.minimum(np.ceil(units), _LONGEST).astype(np.uint16)))
 

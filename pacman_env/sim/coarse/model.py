@@ -117,7 +117,7 @@ behaviour_arrays = arrays_by_address(BehaviourArrays)
 
 
 def _target(view, constants):  # type: ignore[no-untyped-def]
-    """Stand for a behaviour's function, which replaces this one in copies of :func:`_decide_behaviour`."""
+    """Represent a behaviour's function; copies of :func:`_decide_behaviour` call the real one instead."""
 
 
 _CONSTANTS = 0  # replaced by the number of the behaviour's constants

@@ -174,7 +174,7 @@ def watch(table, i):  # type: ignore[no-untyped-def]
 
 
 def _target(view, constants):  # type: ignore[no-untyped-def]
-    """Stand for a behaviour's function, which replaces this one in copies of :func:`_follow_behaviour`."""
+    """Represent a behaviour's function; copies of :func:`_follow_behaviour` call the real one instead."""
 
 
 _CONSTANTS = 0  # replaced by the number of the behaviour's constants

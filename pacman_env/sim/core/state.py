@@ -129,7 +129,7 @@ class History:
         return RoundSoFar(game, level, self.began[game].copy(), self.reseeded.get(game, ()), *decided)
 
     def resume(self, games: NDArray[Any], rounds: list[RoundSoFar]) -> bool:
-        """Set the rounds of some games, given all records ``games`` (N,); return True if the arrays were replaced."""
+        """Store present rounds and return True if arrays were replaced; ``games`` (N,) are the records of all games."""
         self._certain = 0
         replaced = self.make_room(games)
         for r in rounds:

@@ -36,7 +36,7 @@ class Pose(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """Surroundings of the robot's pose."""
+    """Clearance at the robot's pose, and Clyde's position if he is near."""
 
     free_cm: int  # clearance
     clyde_near: bool
@@ -89,7 +89,7 @@ def limit(v, w, p):  # type: ignore[no-untyped-def]
 
 @kernel
 def _turn_rate(forward, aside, limit, p):  # type: ignore[no-untyped-def]
-    """Return the fastest turn rate on the spot towards a point in the robot's frame that still allows braking."""
+    """Return the fastest turn rate towards a point in the robot's frame at which the robot can still brake in time."""
     off = math.atan2(aside, forward)
     return math.copysign(min(limit, math.sqrt(2.0 * _BRAKE * p.omega_rate * abs(off))), off)
 

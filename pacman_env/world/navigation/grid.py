@@ -64,7 +64,7 @@ class DriveGrid:
 
     @property
     def steps(self) -> NDArray[np.uint8]:
-        """Bits of the drivable ones among the 8 neighbours of each cell, (K,)."""
+        """Bits of each cell's drivable neighbours, (K,)."""
         return np.packbits(self.neighbours >= 0, axis=1, bitorder="little").ravel()
 
     def locate(self, position: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
