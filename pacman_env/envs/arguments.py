@@ -12,7 +12,7 @@ import numpy as np
 from ..config import Config, ConfigError, make_config
 from ..game.ghosts import GHOST_NAMES, POLICY, behaviour_names
 from ..plugins import PluginError
-from ..policies.base import Policy, check_reset
+from ..policies.base import Policy
 from ..policies.registry import make_policy, moved_by_policy
 from ..sim.maps.assets import MapSource, map_assets
 from ..sim.maps.level_source import FixedMap, GeneratedMaps, LevelSource
@@ -39,17 +39,6 @@ _FLAT: dict[str, Any] = {
     "observation.candidates": "nearest",
     "decisions.when": "event",
 }
-
-#: The settings that replace arguments of 0.10, and arguments of another name.
-_FORMER = {
-    **{name: name for name in ("action_range", "endless", "home", "max_cycles", "num_levels", "start_level")},
-    **{name: f"observation.{name}" for name in ("candidates", "infos", "mask", "normalize", "numeric_info")},
-    "decide": "decisions.when",
-    "execution": "execution.rules",
-    "rewards": "zero_sum",
-    "timeout": "timeout",
-}
-_RENAMED = {"autoreset": "autoreset_mode='SameStep' or 'Disabled'", "config": "settings=config"}
 
 
 @dataclass(frozen=True)
@@ -119,10 +108,6 @@ def takes_env_arguments(init: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(init)
     def wrapper(*given: Any, **named: Any) -> None:
-        for name in named:
-            now = f"settings={{{_FORMER[name]!r}: ...}}" if name in _FORMER else _RENAMED.get(name)
-            if now is not None:
-                raise TypeError(f"the argument {name} is replaced since 0.11.0: {now}")
         bound = signature.bind(*given, **named).arguments
         arguments = EnvArguments(**{name: bound.pop(name) for name in shared if name in bound})
         init(**bound, arguments=arguments)
@@ -148,7 +133,6 @@ def _behaviours(ghosts: Ghosts | None) -> tuple[tuple[str, ...] | None, dict[int
         if isinstance(one, str):
             names.append(one)
         elif hasattr(one, "select") and hasattr(one, "reset") and not isinstance(one, type):
-            check_reset(one, f"ghosts[{number}] = {one!r}")
             names.append(POLICY)
             policies[number] = one
         else:

@@ -136,7 +136,7 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     `copy.deepcopy` or `pickle` plays the round again from its seed and decisions, and goes on as this environment does.
 
     ## Version History
-    - v0: first version. `pacman_env/PacManBotFlat-v0` (`PacManBot-v1` before 0.11.0) is the same game with `flat=True`.
+    - v0: first version. `pacman_env/PacManBotFlat-v0` is the same game with `flat=True`.
     - 0.13.0 changed the planner features, and with them the observation of PacManBotFlat and of its variants but
       PacManBotFlatVelocity, from 179 to 274 numbers, without a new number in the id: models trained before cannot be
       used. The next change of this kind gets one (`docs/environments/ids.md`).

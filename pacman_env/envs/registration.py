@@ -9,7 +9,7 @@ from collections.abc import Callable
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple
 
 
 class Registered(NamedTuple):
@@ -79,8 +79,6 @@ IDS = {
         {"flat": True, **_FOUR},
     ),
 }
-#: ``FLAT_ID`` before 0.11.0. Its spec has the new name: another version of PacManBot would make v0 out of date.
-FORMER_FLAT_ID = "pacman_env/PacManBot-v1"
 
 
 def register_envs() -> None:
@@ -95,9 +93,6 @@ def register_envs() -> None:
                 vector_entry_point="pacman_env.envs.pacmanbot_vector:PacManBotVectorEnv",
                 kwargs=dict(entry.kwargs),
             )
-    refuse = f"{__name__}:refuse_former_id"
-    former = gym.envs.registration.EnvSpec(FLAT_ID, entry_point=refuse, vector_entry_point=refuse)
-    gym.registry.setdefault(FORMER_FLAT_ID, former)
 
 
 def register_parallel_envs() -> None:
@@ -111,14 +106,6 @@ def register_parallel_envs() -> None:
         for name, entry in IDS.items():
             if entry.several is not None and name not in known:
                 pettingzoo.register(kind, name, entry_point, kwargs=dict(entry.several))
-        known.setdefault(FORMER_FLAT_ID, pettingzoo.EnvSpec(FLAT_ID, entry_point=refuse_former_id))
-
-
-def refuse_former_id(**_: Any) -> NoReturn:
-    """The entry point of ``FORMER_FLAT_ID``."""
-    from gymnasium.error import DeprecatedEnv
-
-    raise DeprecatedEnv(f"{FORMER_FLAT_ID} is {FLAT_ID} since 0.11.0")
 
 
 def register_when_imported() -> None:

@@ -1,7 +1,6 @@
 """Protocol of policies, which choose goals, and a base class for most of them."""
 
-import inspect
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,14 +34,6 @@ class Policy(Protocol):
 
     def explain(self, situation: Situation) -> Explanation:
         """Return the terms of each candidate's score; must not change the policy's state."""
-
-
-def check_reset(policy: Any, name: str) -> None:
-    """Raise a ValueError with the policy's name if ``reset`` has the signature of version 0.10."""
-    try:
-        inspect.signature(policy.reset).bind("games", "config")
-    except TypeError:
-        raise ValueError(f"{name}: since 0.11.0 a policy has reset(self, games, config), add the argument") from None
 
 
 def hold_index(situation: Situation) -> NDArray[np.int64]:

@@ -7,7 +7,7 @@ from pacman_env.config import ConfigError
 from pacman_env.game.ghosts import POLICY, behaviour_names, find_behaviour
 from pacman_env.plugins import Registry
 from pacman_env.policies.asking import what_users_raise
-from pacman_env.policies.base import BasePolicy, Policy, check_reset
+from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.learned import PRETRAINED, LearnedPlanner
 
 _FILE = ".onnx"
@@ -55,7 +55,6 @@ def make_policy(spec: str, **parameters: Any) -> Policy:
     missing = [name for name in ("reset", "scores", "select", "explain", "name") if not hasattr(policy, name)]
     if missing:
         raise ValueError(f"policy {spec!r}: {policy!r} is not a policy, it has no {', '.join(missing)}")
-    check_reset(policy, f"policy {spec!r}")
     kind = type(policy)
     if getattr(kind, "scores", None) is BasePolicy.scores and kind.select is BasePolicy.select:
         raise ValueError(f"policy {spec!r}: {kind.__name__} has no scores(self, situation)")

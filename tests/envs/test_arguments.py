@@ -11,12 +11,10 @@ import numpy as np
 import pytest
 
 from pacman_env.config import Config, ConfigError, make_config
-from pacman_env.envs.arguments import _FORMER
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.envs.parallel_vec_env import parallel_vec_env
 from pacman_env.envs.pettingzoo_env import env, parallel_env
-from pacman_env.sb3 import PacManBotVecEnv
 from tests.envs.helpers import make
 
 REFUSED: list[tuple[dict[str, Any], str]] = [
@@ -80,30 +78,6 @@ def test_what_cannot_be_played_is_one_error_that_names_the_field(
 ) -> None:
     with pytest.raises(ConfigError, match=message):
         build(**chosen)
-
-
-@pytest.mark.parametrize(
-    ("former", "now"),
-    [
-        ({"decide": "event"}, r"the argument decide is replaced since 0\.11\.0: settings={'decisions\.when': \.\.\.}"),
-        ({"config": Config()}, "config is replaced since 0.11.0: settings=config"),
-        ({"map": "loop", "execution": "as_built"}, "execution is replaced .*'execution.rules'"),
-        ({"rewards": "separate"}, "rewards is replaced .*'zero_sum'"),
-        ({"autoreset": False}, "autoreset is replaced .*autoreset_mode='SameStep' or 'Disabled'"),
-    ],
-)
-@pytest.mark.parametrize("build", [PacManBotEnv, PacManBotVectorEnv, parallel_env, parallel_vec_env, PacManBotVecEnv])
-def test_an_argument_of_0_10_is_refused_with_the_setting_that_replaces_it(
-    former: dict[str, Any], now: str, build: Callable[..., Any]
-) -> None:
-    with pytest.raises(TypeError, match=now) as refusal:
-        build(**former)
-    assert "\n" not in str(refusal.value)
-
-
-def test_every_setting_that_replaces_an_argument_is_a_field() -> None:
-    for name in _FORMER.values():
-        make_config().value(name)
 
 
 def test_no_environment_takes_more_than_the_shared_arguments_and_those_of_its_kind() -> None:

@@ -53,15 +53,6 @@ def test_a_policy_sees_the_game_from_its_ghosts_seat() -> None:
     assert len(told) > 10
 
 
-def test_a_policy_of_0_10_is_refused_with_what_to_do() -> None:
-    class Former(Sentinel):
-        def reset(self, games: np.ndarray) -> None:  # type: ignore[override]
-            """Takes no configuration."""
-
-    with pytest.raises(ValueError, match=r"ghosts\[0\] = .*: since 0.11.0 a policy has reset\(self, games, config\)"):
-        make(ghosts=[Former()])  # type: ignore[list-item]
-
-
 def test_a_policy_is_told_of_every_new_episode() -> None:
     policy = Sentinel()
     env = make(ghosts=["wander", policy], settings={"time_limit_s": 2.0})  # type: ignore[list-item]

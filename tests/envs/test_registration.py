@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Callable
-from typing import Any
 
 import gymnasium as gym
 import pettingzoo
 import pytest
 
 import pacman_env
-from pacman_env.envs.registration import FLAT_ID, FORMER_FLAT_ID, IDS
+from pacman_env.envs.registration import IDS
 from tests.envs.helpers import ID
 
 HAS_REGISTRY = pytest.mark.skipif(not hasattr(pettingzoo, "register"), reason="PettingZoo before 1.27 has no registry")
@@ -63,7 +61,7 @@ def test_gymnasium_finds_the_id_by_module() -> None:
 @pytest.mark.parametrize("first", ["pacman_env", "pettingzoo"])
 def test_pettingzoo_knows_the_names_whichever_is_imported_first(first: str) -> None:
     second = {"pacman_env": "pettingzoo", "pettingzoo": "pacman_env"}[first]
-    names = sorted([FORMER_FLAT_ID, *(name for name, entry in IDS.items() if entry.several is not None)])
+    names = sorted(name for name, entry in IDS.items() if entry.several is not None)
     code = (
         f"import {first}, {second}; known = getattr(pettingzoo, 'parallel_registry', None);"
         f"print(known is None or sorted(n for n in known if n.startswith('pacman_env')) == {names})"
@@ -83,21 +81,6 @@ def test_the_unversioned_id_is_the_robots_game() -> None:
         env = gym.make(ID.removesuffix("-v0"), map="loop")
     assert env.spec is not None
     assert env.spec.id == ID
-
-
-@pytest.mark.parametrize(
-    "make",
-    [
-        gym.make,
-        gym.make_vec,
-        pytest.param(lambda name: pettingzoo.make("parallel", name), marks=HAS_REGISTRY),
-        pytest.param(lambda name: pettingzoo.make("aec", name), marks=HAS_REGISTRY),
-    ],
-    ids=["make", "make_vec", "parallel", "aec"],
-)
-def test_the_former_id_is_refused_with_the_name_of_today(make: Callable[[str], Any]) -> None:
-    with pytest.raises(gym.error.DeprecatedEnv, match=rf"^{FORMER_FLAT_ID} is {FLAT_ID} since 0\.11\.0$"):
-        make(FORMER_FLAT_ID)
 
 
 @pytest.mark.parametrize("library", ["gymnasium", pytest.param("pettingzoo", marks=HAS_REGISTRY)])

@@ -3,13 +3,11 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from pacman_env.config import ConfigError
-from pacman_env.heuristics.simple import Nearest
-from pacman_env.policies.base import Policy, check_reset
+from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import LEARNED_CLYDE, make_policy, policy_names, register_policy, split_ghosts
 from tests.policies.contract import PolicyContract
 
@@ -69,16 +67,6 @@ def test_parameters_reach_the_policy() -> None:
 def test_unknown_name_is_answered_with_known_ones(name: str, offered: str) -> None:
     with pytest.raises(ValueError, match=f"unknown policy '{name}': .*{offered}"):
         make_policy(name)
-
-
-def test_a_policy_of_0_10_is_refused_with_what_to_do() -> None:
-    class Former(Nearest):
-        def reset(self, games: Any) -> None:  # type: ignore[override]
-            """Takes no configuration."""
-
-    with pytest.raises(ValueError, match=r"add the argument") as refusal:
-        check_reset(Former(), "policy 'former'")
-    assert str(refusal.value).startswith("policy 'former': since 0.11.0 a policy has reset(self, games, config)")
 
 
 def test_a_name_is_given_once() -> None:
