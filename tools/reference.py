@@ -23,8 +23,8 @@ from pacman_env import config
 from pacman_env.cli import main as cli
 from pacman_env.cli.command import Parser, run_command
 from pacman_env.cli.options import help_texts
-from pacman_env.config import Config, composition, make_config, sections
-from pacman_env.config.described import fields_of
+from pacman_env.config import Config, make_config
+from pacman_env.config.described import description_of, unit_of
 from pacman_env.config.validation import kinds
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
@@ -40,14 +40,6 @@ from tools.scores import all_scores
 _BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(?=<!-- end -->)", re.DOTALL)
 _KINDS = {bool: "`True` or `False`", int: "whole number"}
 OWN_KINDS = ("features", "planner", "scan", "bearings", "grid")  # of observation
-#: What rewards are given for: the source has their names alone.
-EVENTS = {
-    "pellet": "each pellet collected",
-    "death": "the robot is caught",
-    "completion": "the round is complete",
-    "tick": "each tick of `execution.tick_s`",
-    "timeout": "the time limit is reached",
-}
 
 
 def _code(value: object) -> str:
@@ -69,25 +61,24 @@ def _values(unit: str, kind: Any) -> str:
 
 
 def configuration() -> str:
-    sources = {**fields_of(inspect.getsource(sections)), **fields_of(inspect.getsource(composition))}
     default = Config()
 
     def rows(owner: Any, prefix: str) -> Iterator[list[str]]:
         types = kinds(type(owner))
-        for f in sources[type(owner).__name__]:
+        for f in dataclasses.fields(owner):
             value, name = getattr(owner, f.name), f"{prefix}{f.name}"
             if not dataclasses.is_dataclass(value):
                 known = {"clyde.ghosts": BEHAVIOURS, "observation.kinds": OWN_KINDS}.get(name)  # and of plug-ins
                 own = f"each {', '.join(map(_code, known))}, or a plug-in's" if known else ""
-                values = own or _values(f.unit, types[f.name])
-                yield [f"`{name}`", _code(value), values, f.comment or EVENTS.get(f.name, "")]
+                values = own or _values(unit_of(f.name), types[f.name])
+                yield [f"`{name}`", _code(value), values, description_of(owner, f.name)]
 
     head = ("Field", "Default", "Unit or values", "Meaning, source")
     text = "## The game as a whole\n\n" + table(head, rows(default, ""))
-    for field in sources["Config"]:
+    for field in dataclasses.fields(default):
         section = getattr(default, field.name)
         if dataclasses.is_dataclass(section):
-            intro = " ".join(f"{field.comment} {inspect.getdoc(type(section)) or ''}".split())
+            intro = " ".join(f"{description_of(default, field.name)} {inspect.getdoc(type(section)) or ''}".split())
             text += f"\n## `{field.name}`\n\n{intro}\n\n" + table(head, rows(section, f"{field.name}."))
     return text
 

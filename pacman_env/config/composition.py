@@ -11,7 +11,7 @@ from typing import Any, Literal, Self
 
 from ..plugins import PluginError, Registry, nearest_names
 from . import sections
-from .validation import AtLeastOne, Checked, ConfigError, Count, Number, Positive, convert, kinds, require
+from .validation import AtLeastOne, Checked, ConfigError, Count, Number, Positive, convert, kinds, require, setting
 
 MAX_BLIND_M = 0.8  # the farthest a robot may drive between two plans
 
@@ -37,34 +37,49 @@ class Config(Checked):
     decisions: sections.DecisionConfig = field(default_factory=sections.DecisionConfig)
     show: sections.ShowConfig = field(default_factory=sections.ShowConfig)
     reward: sections.RewardConfig = field(default_factory=sections.RewardConfig)
-    #: Of each ghost that is an agent, where rewards are not zero-sum.
     ghost_reward: sections.RewardConfig = field(
         default_factory=lambda: sections.RewardConfig(
             pellet=0.0, death=10.0, completion=-5.0, tick=-0.002, timeout=-5.0
-        )
+        ),
+        metadata={"description": "Of each ghost that is an agent, where rewards are not zero-sum."},
     )
     refuges: sections.RefugeConfig = field(default_factory=sections.RefugeConfig)
     randomize: sections.RandomizeConfig = field(default_factory=sections.RandomizeConfig)
     observation: sections.ObservationConfig = field(default_factory=sections.ObservationConfig)
-    action: Literal["goal", "velocity"] = "goal"  # a candidate goal, or v and omega of the base
-    #: Of velocities: m/s and rad/s, or -1 to 1 for both: v from 0 to robot.wheel_speed_mps, omega from
-    #: -robot.omega_radps to robot.omega_radps.
-    action_range: Literal["physical", "unit"] = "physical"
-    endless: bool = False  # round follows round, Clyde faster each time, until the robot is caught
-    #: The end at the time limit: a truncation, or a termination, after which no learner adds the value of what follows.
-    timeout: Literal["truncation", "termination"] = "truncation"
-    max_cycles: AtLeastOne | None = None  # environments with several agents: truncation after so many decisions
-    zero_sum: bool = True  # ghosts that are agents share the negative of the robot's reward; False: ghost_reward
-    start_level: Count | None = None  # first of the generated houses that are played; None: the first of the split
-    #: So many generated houses are played; 0: all of the split. None: from start_level on all of them, without it the
-    #: prepared ones, 1,000 to train in and 200 to test in.
-    num_levels: Count | None = None
-    #: x, y (m) and heading (rad) of the home pose on a map that is not generated; None: (0, 0, 0) where the robot can
-    #: stand there, else the roomiest place of the largest part.
-    home: tuple[Number, Number, Number] | None = None
-    physics_step_s: Positive = 0.05  # Nav2's controller rate, 20 Hz
-    time_limit_s: Positive = 600.0  # of a round; `timeout` says what kind of end it is
-    max_pellets: AtLeastOne | None = None  # slots for pellets in the observation; None: as many as the map has
+    action: Literal["goal", "velocity"] = setting("goal", "a candidate goal, or v and omega of the base")
+    action_range: Literal["physical", "unit"] = setting(
+        "physical",
+        "Of velocities: m/s and rad/s, or -1 to 1 for both: v from 0 to robot.wheel_speed_mps, omega from "
+        "-robot.omega_radps to robot.omega_radps.",
+    )
+    endless: bool = setting(False, "round follows round, Clyde faster each time, until the robot is caught")
+    timeout: Literal["truncation", "termination"] = setting(
+        "truncation",
+        "The end at the time limit: a truncation, or a termination, after which no learner adds the value of what "
+        "follows.",
+    )
+    max_cycles: AtLeastOne | None = setting(
+        None, "environments with several agents: truncation after so many decisions"
+    )
+    zero_sum: bool = setting(
+        True, "ghosts that are agents share the negative of the robot's reward; False: ghost_reward"
+    )
+    start_level: Count | None = setting(
+        None, "first of the generated houses that are played; None: the first of the split"
+    )
+    num_levels: Count | None = setting(
+        None,
+        "So many generated houses are played; 0: all of the split. None: from start_level on all of them, without "
+        "it the prepared ones, 1,000 to train in and 200 to test in.",
+    )
+    home: tuple[Number, Number, Number] | None = setting(
+        None,
+        "x, y (m) and heading (rad) of the home pose on a map that is not generated; None: (0, 0, 0) where the "
+        "robot can stand there, else the roomiest place of the largest part.",
+    )
+    physics_step_s: Positive = setting(0.05, "Nav2's controller rate, 20 Hz")
+    time_limit_s: Positive = setting(600.0, "of a round; `timeout` says what kind of end it is")
+    max_pellets: AtLeastOne | None = setting(None, "slots for pellets in the observation; None: as many as the map has")
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,48 +1,28 @@
-"""Every field of the configuration as documents and forms show it: unit, range, comment; read from the source."""
+"""Every field of the configuration as documents and forms show it: unit, range and description."""
 
-import ast
+import dataclasses
 import functools
-import inspect
-import re
 import typing
 from typing import Any, NamedTuple
 
 from msgspec import Meta
 
-from . import composition, sections
 from .composition import FIELDS, Config
 from .validation import LARGEST
 
 _UNITS = {"_mps2": "m/s²", "_mps": "m/s", "_radps": "rad/s", "_rad": "rad", "_kg": "kg", "_m": "m", "_s": "s"}
-_COMMENT = re.compile(r"(?:^ *|  )#:? (.*)")
 _SIMPLE = {float: "number", int: "integer", bool: "bool", str: "text"}
 
 
-class Field(NamedTuple):
-    """One field of a configuration's section, as it is written in the source."""
-
-    name: str
-    comment: str
-
-    @property
-    def unit(self) -> str:
-        """By the end of its name; "" for a pure number, a name or a choice."""
-        return next((unit for ending, unit in _UNITS.items() if self.name.endswith(ending)), "")
+def unit_of(name: str) -> str:
+    """Return the unit that the end of a field's name gives; "" for a pure number, a name or a choice."""
+    return next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), "")
 
 
-def fields_of(source: str) -> dict[str, list[Field]]:
-    """Fields of every class in a source: comments are those behind a field, or alone on the lines above it."""
-    lines = source.splitlines()
-    result: dict[str, list[Field]] = {}
-    for owner in (node for node in ast.parse(source).body if isinstance(node, ast.ClassDef)):
-        for part in owner.body:
-            if isinstance(part, ast.AnnAssign) and isinstance(part.target, ast.Name):
-                first = part.lineno - 1
-                while lines[first - 1].lstrip().startswith("#"):
-                    first -= 1
-                comments = [found[1] for line in lines[first : part.end_lineno] if (found := _COMMENT.search(line))]
-                result.setdefault(owner.name, []).append(Field(part.target.id, " ".join(comments)))
-    return result
+def description_of(owner: Any, name: str) -> str:
+    """Return what the field of a section says about itself; "" if nothing."""
+    (field,) = (one for one in dataclasses.fields(owner) if one.name == name)
+    return str(field.metadata.get("description", ""))
 
 
 class Setting(NamedTuple):
@@ -55,13 +35,12 @@ class Setting(NamedTuple):
     low: float | None  # of the range that its annotation gives
     high: float | None
     options: tuple[str, ...]  # of a choice
-    words: str  # its comment
+    words: str  # its description
 
 
 @functools.cache
 def settings() -> tuple[Setting, ...]:
-    """All fields that hold one plain value, in the order of the source."""
-    sources = {**fields_of(inspect.getsource(sections)), **fields_of(inspect.getsource(composition))}
+    """Return all fields that hold one plain value, in the order of the source."""
     default = Config()
     found = []
     for name, kind in FIELDS.items():
@@ -73,10 +52,10 @@ def settings() -> tuple[Setting, ...]:
             metas += more
         options = typing.get_args(kind) if typing.get_origin(kind) is typing.Literal else ()
         if options or kind in _SIMPLE:
-            field = next(f for f in sources[type(owner).__name__] if f.name == leaf)
             low, high = _bound(metas, "ge", "gt"), _bound(metas, "le", "lt")
             type_ = "choice" if options else _SIMPLE[kind]
-            found.append(Setting(name, getattr(owner, leaf), type_, field.unit, low, high, options, field.comment))
+            words = description_of(owner, leaf)
+            found.append(Setting(name, getattr(owner, leaf), type_, unit_of(leaf), low, high, options, words))
     return tuple(found)
 
 

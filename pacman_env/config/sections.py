@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from .validation import Checked, Count, NotNegative, Number, Positive, Share, require
+from .validation import Checked, Count, NotNegative, Number, Positive, Share, require, setting
 
 _ShowTime = Annotated[float, Meta(ge=0, le=60)]  # a robot that spins longer is a nuisance
 MAX_SPEED_MPS = 5.0  # of a ghost, however many rounds an endless game has
@@ -20,30 +20,45 @@ MAX_SPEED_MPS = 5.0  # of a ghost, however many rounds an endless game has
 class RobotConfig(Checked, group="robot"):
     """TurtleBot 4 on an iRobot Create 3 base."""
 
-    radius_m: Positive = 0.171  # body (Create 3)
-    mass_kg: Positive = 3.945  # TurtleBot 4 Standard
-    inscribed_radius_m: Positive = 0.186  # Nav2 footprint of the experiment with padding
-    speed_mps: Positive = 0.306  # commanded forward speed; Create 3 with safety on
-    wheel_speed_mps: Positive = 0.306  # limit of each wheel (Create 3, safety on)
-    omega_radps: Positive = 1.9  # Create 3
-    wheel_acceleration_mps2: Positive = 0.9  # Create 3
-    wheel_base_m: Positive = 0.233  # Create 3
-    velocity_timeout_s: Positive = 0.5  # a velocity that is not repeated ends (Create 3)
-    #: Of `sim_robot` as a base alone, which a real Nav2 drives; the game's own rounds do not use what follows.
-    lidar_x_m: Number = -0.04  # of the lidar, ahead of the base's centre (URDF of the TurtleBot 4)
-    lidar_height_m: Positive = 0.193  # 0.094 to the shell and 0.099 on it (URDF of the TurtleBot 4)
-    lidar_heading_rad: Number = 1.5708  # its frame is turned to the left (URDF of the TurtleBot 4)
-    #: What the odometry's distances and turns are wrong by, drawn once from the seed. A base with encoders, gyro and
-    #: floor camera is of this order [I]; relative standard deviations.
-    odometry_distance_error: NotNegative = 0.01
-    odometry_turn_error: NotNegative = 0.01  # relative standard deviation, as of the distance [I]
-    odometry_distance_noise: NotNegative = 0.005  # its random error after 1 m, m; grows with the distance's root [I]
-    odometry_turn_noise: NotNegative = 0.01  # its random error after 1 rad, rad; grows with the turn's root [I]
-    odometry_heading_noise: NotNegative = 0.01  # its random error after 1 m, rad; grows with the distance's root [I]
-    wheel_slip: Annotated[float, Meta(ge=0, le=0.5)] = 0.005  # share of the wheels' motion that moves nothing [I]
-    odometry_pose_variance: Positive = 0.001  # reported of x and y, m2, and of the speed (Create 3's simulator)
-    odometry_heading_variance: Positive = (
-        0.01  # reported of the heading, rad2, and the turn rate (Create 3's simulator)
+    radius_m: Positive = setting(0.171, "body (Create 3)")
+    mass_kg: Positive = setting(3.945, "TurtleBot 4 Standard")
+    inscribed_radius_m: Positive = setting(0.186, "Nav2 footprint of the experiment with padding")
+    speed_mps: Positive = setting(0.306, "commanded forward speed; Create 3 with safety on")
+    wheel_speed_mps: Positive = setting(0.306, "limit of each wheel (Create 3, safety on)")
+    omega_radps: Positive = setting(1.9, "Create 3")
+    wheel_acceleration_mps2: Positive = setting(0.9, "Create 3")
+    wheel_base_m: Positive = setting(0.233, "Create 3")
+    velocity_timeout_s: Positive = setting(0.5, "a velocity that is not repeated ends (Create 3)")
+    lidar_x_m: Number = setting(
+        -0.04,
+        "Of `sim_robot` as a base alone, which a real Nav2 drives; the game's own rounds do not use what follows. "
+        "of the lidar, ahead of the base's centre (URDF of the TurtleBot 4)",
+    )
+    lidar_height_m: Positive = setting(0.193, "0.094 to the shell and 0.099 on it (URDF of the TurtleBot 4)")
+    lidar_heading_rad: Number = setting(1.5708, "its frame is turned to the left (URDF of the TurtleBot 4)")
+    odometry_distance_error: NotNegative = setting(
+        0.01,
+        "What the odometry's distances and turns are wrong by, drawn once from the seed. A base with encoders, "
+        "gyro and floor camera is of this order [I]; relative standard deviations.",
+    )
+    odometry_turn_error: NotNegative = setting(0.01, "relative standard deviation, as of the distance [I]")
+    odometry_distance_noise: NotNegative = setting(
+        0.005, "its random error after 1 m, m; grows with the distance's root [I]"
+    )
+    odometry_turn_noise: NotNegative = setting(
+        0.01, "its random error after 1 rad, rad; grows with the turn's root [I]"
+    )
+    odometry_heading_noise: NotNegative = setting(
+        0.01, "its random error after 1 m, rad; grows with the distance's root [I]"
+    )
+    wheel_slip: Annotated[float, Meta(ge=0, le=0.5)] = setting(
+        0.005, "share of the wheels' motion that moves nothing [I]"
+    )
+    odometry_pose_variance: Positive = setting(
+        0.001, "reported of x and y, m2, and of the speed (Create 3's simulator)"
+    )
+    odometry_heading_variance: Positive = setting(
+        0.01, "reported of the heading, rad2, and the turn rate (Create 3's simulator)"
     )
 
     def __post_init__(self) -> None:
@@ -58,65 +73,69 @@ class RobotConfig(Checked, group="robot"):
 class LocalizationConfig(Checked, group="localization"):
     """What the robot believes of its pose (AMCL)."""
 
-    perfect: bool = False  # True: belief = truth at every instant
-    update_distance_m: Positive = 0.25  # filter update when moved farther in x or in y (AMCL)
-    update_angle_rad: Positive = 0.2  # or turned farther (AMCL)
-    scan_period_s: Positive = 0.1  # the filter tests each scan, 10 Hz (RPLIDAR A1: 5-10 Hz)
-    sigma_xy_m: NotNegative = 0.035  # error per axis at an update [M]
-    sigma_yaw_rad: NotNegative = 0.07  # [M]
-    #: Correlation of an update's error with the one before. 0.0: drawn anew each time; AMCL's own filter: 0.93
-    #: (docs/validation.md).
-    error_kept: Share = 0.0
-    converges_m: Positive = 1.0  # a pose given in RViz that is off by at most this much ...
-    converges_rad: Positive = 0.52  # ... and this much converges: two deviations of RViz's covariance
+    perfect: bool = setting(False, "True: belief = truth at every instant")
+    update_distance_m: Positive = setting(0.25, "filter update when moved farther in x or in y (AMCL)")
+    update_angle_rad: Positive = setting(0.2, "or turned farther (AMCL)")
+    scan_period_s: Positive = setting(0.1, "the filter tests each scan, 10 Hz (RPLIDAR A1: 5-10 Hz)")
+    sigma_xy_m: NotNegative = setting(0.035, "error per axis at an update [M]")
+    sigma_yaw_rad: NotNegative = setting(0.07, "[M]")
+    error_kept: Share = setting(
+        0.0,
+        "Correlation of an update's error with the one before. 0.0: drawn anew each time; AMCL's own filter: 0.93 "
+        "(docs/validation.md).",
+    )
+    converges_m: Positive = setting(1.0, "a pose given in RViz that is off by at most this much ...")
+    converges_rad: Positive = setting(0.52, "... and this much converges: two deviations of RViz's covariance")
 
 
 @dataclass(frozen=True)
 class Nav2Config(Checked, group="nav2"):
     """The navigator as the goal selector meets it (Nav2 jazzy 1.3.13, the experiment's parameters)."""
 
-    inflation_radius_m: Positive = 0.22  # experiment
-    inflation_scale: Positive = 2.0  # cost_scaling_factor k, experiment
-    goal_tolerance_m: Positive = 0.30  # any heading, experiment
-    unreachable_tolerance_m: Positive = 0.5  # NavFn: nearest reachable point in a square of this half-width
-    planner_period_s: Positive = 1.0  # NavFn at 1 Hz: until its next tick the robot follows the old path
-    accept_delay_s: NotNegative = 0.1  # action round trip and first plan [I]
-    progress_distance_m: Positive = 0.5  # less than this ...
-    progress_time_s: Positive = 10.0  # ... in this time counts as stuck (Nav2 default)
-    no_path_abort_s: Positive = 11.0  # recoveries, then ABORTED (Nav2)
-    no_control_abort_s: Positive = 15.0  # no admissible control for this long ends ABORTED (Nav2)
-    stuck_abort_s: Positive = 150.0  # stuck through all recoveries (Nav2)
-    abort_rate: Share = 0.0  # probability that a goal is aborted at once for no reason (bad TF)
-    recovery_wait_s: Positive = 5.0  # recovery "wait" (Nav2)
-    clyde_keepout_m: Positive = 0.236  # inscribed radius + 0.05 m: Clyde and eight points around it, original
-    clear_distance_m: NotNegative = 0.5  # costmaps are cleared of Clyde when it has moved this far
+    inflation_radius_m: Positive = setting(0.22, "experiment")
+    inflation_scale: Positive = setting(2.0, "cost_scaling_factor k, experiment")
+    goal_tolerance_m: Positive = setting(0.30, "any heading, experiment")
+    unreachable_tolerance_m: Positive = setting(0.5, "NavFn: nearest reachable point in a square of this half-width")
+    planner_period_s: Positive = setting(1.0, "NavFn at 1 Hz: until its next tick the robot follows the old path")
+    accept_delay_s: NotNegative = setting(0.1, "action round trip and first plan [I]")
+    progress_distance_m: Positive = setting(0.5, "less than this ...")
+    progress_time_s: Positive = setting(10.0, "... in this time counts as stuck (Nav2 default)")
+    no_path_abort_s: Positive = setting(11.0, "recoveries, then ABORTED (Nav2)")
+    no_control_abort_s: Positive = setting(15.0, "no admissible control for this long ends ABORTED (Nav2)")
+    stuck_abort_s: Positive = setting(150.0, "stuck through all recoveries (Nav2)")
+    abort_rate: Share = setting(0.0, "probability that a goal is aborted at once for no reason (bad TF)")
+    recovery_wait_s: Positive = setting(5.0, 'recovery "wait" (Nav2)')
+    clyde_keepout_m: Positive = setting(0.236, "inscribed radius + 0.05 m: Clyde and eight points around it, original")
+    clear_distance_m: NotNegative = setting(0.5, "costmaps are cleared of Clyde when it has moved this far")
 
 
 @dataclass(frozen=True)
 class PelletConfig(Checked, group="pellets"):
     """Algorithm 1."""
 
-    spacing_m: Positive = 2.0  # original
-    wall_clearance_m: NotNegative = 0.30  # half-width of the square that must be free, original
-    free_grey: Annotated[int, Meta(ge=0, le=254)] = 250  # free means brighter than this, original
-    reachable_only: bool = True  # False, the original: also pellets the robot can never reach
+    spacing_m: Positive = setting(2.0, "original")
+    wall_clearance_m: NotNegative = setting(0.30, "half-width of the square that must be free, original")
+    free_grey: Annotated[int, Meta(ge=0, le=254)] = setting(250, "free means brighter than this, original")
+    reachable_only: bool = setting(True, "False, the original: also pellets the robot can never reach")
 
 
 @dataclass(frozen=True)
 class ClydeConfig(Checked, group="clyde"):
     """Algorithm 2, for Clyde and for the ghosts beside it."""
 
-    speed_mps: Annotated[float, Meta(ge=0, le=MAX_SPEED_MPS)] = 0.25  # round 1, original
-    speed_step_mps: NotNegative = 0.05  # per round, original
-    clearance_m: NotNegative = 0.25  # half-width of the free square around its cells, original
-    update_period_s: Positive = 0.2  # it moves, and is published, at 5 Hz; original
-    spawn: Literal["connected", "anywhere"] = "connected"  # "anywhere", the original: also in sealed pockets
-    # At least this far from the robot in a straight line; if no place is, the farthest one. Original: 0.
-    spawn_distance_m: NotNegative = 1.5
-    click_distance_m: NotNegative = 0.25  # a click in RViz this near a place where Clyde can be puts it there
-    ghosts: tuple[str, ...] = ("wander",)  # behaviours of one to four: Clyde, Blinky, Pinky, Inky
-    # Arcade: Clyde turns away at 8 tiles; a tile is the pick-up radius, what the robot sweeps on either side.
-    arcade_distance_m: Positive = 2.0
+    speed_mps: Annotated[float, Meta(ge=0, le=MAX_SPEED_MPS)] = setting(0.25, "round 1, original")
+    speed_step_mps: NotNegative = setting(0.05, "per round, original")
+    clearance_m: NotNegative = setting(0.25, "half-width of the free square around its cells, original")
+    update_period_s: Positive = setting(0.2, "it moves, and is published, at 5 Hz; original")
+    spawn: Literal["connected", "anywhere"] = setting("connected", '"anywhere", the original: also in sealed pockets')
+    spawn_distance_m: NotNegative = setting(
+        1.5, "At least this far from the robot in a straight line; if no place is, the farthest one. Original: 0."
+    )
+    click_distance_m: NotNegative = setting(0.25, "a click in RViz this near a place where Clyde can be puts it there")
+    ghosts: tuple[str, ...] = setting(("wander",), "behaviours of one to four: Clyde, Blinky, Pinky, Inky")
+    arcade_distance_m: Positive = setting(
+        2.0, "Arcade: Clyde turns away at 8 tiles; a tile is the pick-up radius, what the robot sweeps on either side."
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -127,24 +146,33 @@ class ClydeConfig(Checked, group="clyde"):
 class ExecutionConfig(Checked, group="execution"):
     """Algorithm 4: what is done with Nav2's answers and which pose is believed."""
 
-    #: As the original executor was, or corrected: sets pose_source, on_abort, switch and min_dwell_s, each of which can
-    #: be set by itself as well.
-    rules: Literal["robust", "as_built"] = "robust"
-    tick_s: Positive = 0.5  # decision period: the planner's timer, original
-    check_period_s: Positive = 0.5  # pick-up and death are tested this often; original: at each tick
-    pickup_radius_m: Positive = 0.25  # original
-    death_radius_m: Positive = 0.25  # original
-    pose_source: Literal["amcl", "tf"] = "tf"  # original: the latched amcl_pose
-    # Original, lose_pellet: an abort removes the pellet uncounted, a success collects it wherever the robot stands.
-    on_abort: Literal["back_off", "lose_pellet"] = "back_off"
-    switch: Literal["preempt", "cancel_then_send"] = "preempt"  # original: cancel, then send
-    back_off_s: Positive = 3.0  # an aborted goal is masked this long, doubled at each abort in a row
-    # A pellet is pursued this long before another is preferred; original: 0. Its goals changed every 0.5 s where Clyde
-    # begins to threaten.
-    min_dwell_s: NotNegative = 1.0
-    # A success counts this far beyond nav2.goal_tolerance_m (as_built: anywhere): Nav2's pose arrives there before the
-    # received pose does.
-    success_margin_m: NotNegative = 0.1
+    rules: Literal["robust", "as_built"] = setting(
+        "robust",
+        "As the original executor was, or corrected: sets pose_source, on_abort, switch and min_dwell_s, each of "
+        "which can be set by itself as well.",
+    )
+    tick_s: Positive = setting(0.5, "decision period: the planner's timer, original")
+    check_period_s: Positive = setting(0.5, "pick-up and death are tested this often; original: at each tick")
+    pickup_radius_m: Positive = setting(0.25, "original")
+    death_radius_m: Positive = setting(0.25, "original")
+    pose_source: Literal["amcl", "tf"] = setting("tf", "original: the latched amcl_pose")
+    on_abort: Literal["back_off", "lose_pellet"] = setting(
+        "back_off",
+        "Original, lose_pellet: an abort removes the pellet uncounted, a success collects it wherever the robot "
+        "stands.",
+    )
+    switch: Literal["preempt", "cancel_then_send"] = setting("preempt", "original: cancel, then send")
+    back_off_s: Positive = setting(3.0, "an aborted goal is masked this long, doubled at each abort in a row")
+    min_dwell_s: NotNegative = setting(
+        1.0,
+        "A pellet is pursued this long before another is preferred; original: 0. Its goals changed every 0.5 s "
+        "where Clyde begins to threaten.",
+    )
+    success_margin_m: NotNegative = setting(
+        0.1,
+        "A success counts this far beyond nav2.goal_tolerance_m (as_built: anywhere): Nav2's pose arrives there "
+        "before the received pose does.",
+    )
 
 
 #: What `execution.rules` sets.
@@ -166,49 +194,59 @@ EXECUTIONS["robust"] = {
 class DecisionConfig(Checked, group="decisions"):
     """When the planner makes a choice; in between the robot continues with the last one."""
 
-    #: At each tick, or when its goal has ended, a pellet was collected, a ghost has come near, or it has been long.
-    when: Literal["tick", "event"] = "tick"
-    longest_s: Positive = 4.0  # of event: a choice after so much time in any case
-    threat_distance_m: NotNegative = 2.0  # of event: a ghost that comes nearer, straight, is a reason for a choice ...
-    threat_longest_s: Positive = 1.0  # ... and as long as one is, the next follows after so much time
-    #: Of event: of the rewards between two decisions; and of reward.progress, whatever `when` is.
-    discount_per_s: Annotated[float, Meta(gt=0, le=1)] = 1.0
+    when: Literal["tick", "event"] = setting(
+        "tick",
+        "At each tick, or when its goal has ended, a pellet was collected, a ghost has come near, or it has been long.",
+    )
+    longest_s: Positive = setting(4.0, "of event: a choice after so much time in any case")
+    threat_distance_m: NotNegative = setting(
+        2.0, "of event: a ghost that comes nearer, straight, is a reason for a choice ..."
+    )
+    threat_longest_s: Positive = setting(1.0, "... and as long as one is, the next follows after so much time")
+    discount_per_s: Annotated[float, Meta(gt=0, le=1)] = setting(
+        1.0, "Of event: of the rewards between two decisions; and of reward.progress, whatever `when` is."
+    )
 
 
 @dataclass(frozen=True)
 class ShowConfig(Checked, group="show"):
     """Algorithm 5: how long the shows last, and how often the return home is tried."""
 
-    start_s: _ShowTime = 8.0  # before a round, original
-    death_s: _ShowTime = 5.0  # after a death, original
-    home_retries: Count = 3  # more tries after a failed return home before the game ends; original: none
-    home_retry_s: NotNegative = 5.0  # pause before each of them
-    spin_radps: Annotated[float, Meta(gt=0, le=1.9)] = 1.5  # how fast the robot turns in a show, original
-    swing_s: Positive = 0.25  # the shake goes to the other side this often, original
+    start_s: _ShowTime = setting(8.0, "before a round, original")
+    death_s: _ShowTime = setting(5.0, "after a death, original")
+    home_retries: Count = setting(3, "more tries after a failed return home before the game ends; original: none")
+    home_retry_s: NotNegative = setting(5.0, "pause before each of them")
+    spin_radps: Annotated[float, Meta(gt=0, le=1.9)] = setting(1.5, "how fast the robot turns in a show, original")
+    swing_s: Positive = setting(0.25, "the shake goes to the other side this often, original")
 
 
 @dataclass(frozen=True)
 class RewardConfig(Checked, group="reward"):
     """Reward per event; the values are those that learned best in the prototype (docs/architecture.md)."""
 
-    pellet: Number = 1.0
-    death: Number = -10.0
-    completion: Number = 5.0
-    tick: Number = -0.002
-    timeout: Number = -5.0
-    #: Per metre by which the path to the nearest pellet left has become shorter, as a potential (Ng, Harada, Russell
-    #: 1999), which does not change the best policy under the learner's own gamma and without truncations; 0: none.
-    progress: Number = 0.0
+    pellet: Number = setting(1.0, "each pellet collected")
+    death: Number = setting(-10.0, "the robot is caught")
+    completion: Number = setting(5.0, "the round is complete")
+    tick: Number = setting(-0.002, "each tick of `execution.tick_s`")
+    timeout: Number = setting(-5.0, "the time limit is reached")
+    progress: Number = setting(
+        0.0,
+        "Per metre by which the path to the nearest pellet left has become shorter, as a potential (Ng, Harada, "
+        "Russell 1999), which does not change the best policy under the learner's own gamma and without "
+        "truncations; 0: none.",
+    )
 
 
 @dataclass(frozen=True)
 class RefugeConfig(Checked, group="refuges"):
     """Which free places of a map are candidate goals beside the pellets."""
 
-    spread: Count = 7  # farthest-point places by path length, beside the home pose ...
-    clearance_m: NotNegative = 0.30  # ... this far from walls where the map has such places: a pellet's clearance
-    nooks: Count = 4  # places Clyde's centre cannot come near
-    nook_clearance_m: NotNegative = 0.42  # how near it cannot come
+    spread: Count = setting(7, "farthest-point places by path length, beside the home pose ...")
+    clearance_m: NotNegative = setting(
+        0.30, "... this far from walls where the map has such places: a pellet's clearance"
+    )
+    nooks: Count = setting(4, "places Clyde's centre cannot come near")
+    nook_clearance_m: NotNegative = setting(0.42, "how near it cannot come")
 
 
 Range = tuple[NotNegative, NotNegative] | None
@@ -222,15 +260,15 @@ class RandomizeConfig(Checked, group="randomize"):
     Each is named after the field that it replaces.
     """
 
-    speed_mps: RangeAboveZero = None  # robot.speed_mps
-    clyde_speed_mps: Range = None  # clyde.speed_mps, of round 1
-    sigma_xy_m: Range = None  # localization.sigma_xy_m
-    sigma_yaw_rad: Range = None  # localization.sigma_yaw_rad
-    update_distance_m: RangeAboveZero = None  # localization.update_distance_m: the pose's cadence
-    update_angle_rad: RangeAboveZero = None  # localization.update_angle_rad
-    accept_delay_s: Range = None  # nav2.accept_delay_s, rounded to physics steps
-    abort_rate: tuple[Share, Share] | None = None  # nav2.abort_rate
-    pickup_radius_m: RangeAboveZero = None  # execution.pickup_radius_m
+    speed_mps: RangeAboveZero = setting(None, "robot.speed_mps")
+    clyde_speed_mps: Range = setting(None, "clyde.speed_mps, of round 1")
+    sigma_xy_m: Range = setting(None, "localization.sigma_xy_m")
+    sigma_yaw_rad: Range = setting(None, "localization.sigma_yaw_rad")
+    update_distance_m: RangeAboveZero = setting(None, "localization.update_distance_m: the pose's cadence")
+    update_angle_rad: RangeAboveZero = setting(None, "localization.update_angle_rad")
+    accept_delay_s: Range = setting(None, "nav2.accept_delay_s, rounded to physics steps")
+    abort_rate: tuple[Share, Share] | None = setting(None, "nav2.abort_rate")
+    pickup_radius_m: RangeAboveZero = setting(None, "execution.pickup_radius_m")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -247,29 +285,38 @@ class RandomizeConfig(Checked, group="randomize"):
 class ObservationConfig(Checked, group="observation"):
     """What an observation holds; any combination of the kinds."""
 
-    #: Which kinds: features (robot, Clyde, candidates and round as numbers), scan (the lidar), bearings (where pellets
-    #: and ghosts lie; with a scan and, but for a grid alone, with velocities in any case), grid (picture around the
-    #: robot), planner (what the learned planner reads); in any order.
-    kinds: Annotated[tuple[str, ...], Meta(min_length=1)] = ("features",)
-    #: Those of the map by their numbers, or the nearest, in the order of the robot's path to them: as many on any map.
-    candidates: Literal["all", "nearest"] = "all"
-    nearest_pellets: Annotated[int, Meta(ge=1, le=1000)] = 4  # of nearest, and in bearings: so many are listed
-    nearest_refuges: Annotated[int, Meta(ge=0, le=1000)] = 2  # of nearest: so many are listed
-    normalize: bool = False  # all numbers in [-1, 1], by constants (sim/observation/robot_features.py)
-    flat: bool = False  # one array of all
-    #: Where the action mask is: among the arrays, in the info, only a method (which there is always), or beside the
-    #: observation: a dictionary of `observation` and `action_mask`.
-    mask: Literal["observation", "info", "method", "beside"] = "observation"
-    numeric_info: bool = False  # info["outcome"] is its number (pacman_env.OUTCOMES), not a word
-    #: Of vector environments that reset in the same step: of every game at each step, or only the last infos of games
-    #: that ended, which saves time.
-    infos: Literal["all", "ends"] = "all"
-    scan_rays: Annotated[int, Meta(ge=1, le=10_000)] = 360  # RPLIDAR A1: one per degree
-    scan_minimum_m: Positive = 0.15  # RPLIDAR A1
-    scan_maximum_m: Positive = 12.0  # RPLIDAR A1
-    scan_noise: NotNegative = 0.01  # standard deviation relative to the range (RPLIDAR A1: about 1 %)
-    grid_pixels: Annotated[int, Meta(ge=1, le=1024)] = 64  # edge of the picture
-    grid_pixel_m: Positive = 0.1  # edge of a pixel
+    kinds: Annotated[tuple[str, ...], Meta(min_length=1)] = setting(
+        ("features",),
+        "Which kinds: features (robot, Clyde, candidates and round as numbers), scan (the lidar), bearings (where "
+        "pellets and ghosts lie; with a scan and, but for a grid alone, with velocities in any case), grid "
+        "(picture around the robot), planner (what the learned planner reads); in any order.",
+    )
+    candidates: Literal["all", "nearest"] = setting(
+        "all",
+        "Those of the map by their numbers, or the nearest, in the order of the robot's path to them: as many on "
+        "any map.",
+    )
+    nearest_pellets: Annotated[int, Meta(ge=1, le=1000)] = setting(4, "of nearest, and in bearings: so many are listed")
+    nearest_refuges: Annotated[int, Meta(ge=0, le=1000)] = setting(2, "of nearest: so many are listed")
+    normalize: bool = setting(False, "all numbers in [-1, 1], by constants (sim/observation/robot_features.py)")
+    flat: bool = setting(False, "one array of all")
+    mask: Literal["observation", "info", "method", "beside"] = setting(
+        "observation",
+        "Where the action mask is: among the arrays, in the info, only a method (which there is always), or "
+        "beside the observation: a dictionary of `observation` and `action_mask`.",
+    )
+    numeric_info: bool = setting(False, 'info["outcome"] is its number (pacman_env.OUTCOMES), not a word')
+    infos: Literal["all", "ends"] = setting(
+        "all",
+        "Of vector environments that reset in the same step: of every game at each step, or only the last infos "
+        "of games that ended, which saves time.",
+    )
+    scan_rays: Annotated[int, Meta(ge=1, le=10_000)] = setting(360, "RPLIDAR A1: one per degree")
+    scan_minimum_m: Positive = setting(0.15, "RPLIDAR A1")
+    scan_maximum_m: Positive = setting(12.0, "RPLIDAR A1")
+    scan_noise: NotNegative = setting(0.01, "standard deviation relative to the range (RPLIDAR A1: about 1 %)")
+    grid_pixels: Annotated[int, Meta(ge=1, le=1024)] = setting(64, "edge of the picture")
+    grid_pixel_m: Positive = setting(0.1, "edge of a pixel")
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -4,7 +4,9 @@ msgspec checks types and ranges; a class checks the rules between its fields. A 
 """
 
 import contextlib
+import dataclasses
 import functools
+import math
 import operator
 import re
 import typing
@@ -22,25 +24,6 @@ Positive = Annotated[float, Meta(gt=0, le=LARGEST)]
 Share = Annotated[float, Meta(ge=0, le=1)]
 Count = Annotated[int, Meta(ge=0)]
 AtLeastOne = Annotated[int, Meta(ge=1)]
-
-_TYPES = {
-    "float": "a finite number",
-    "int": "a whole number",
-    "bool": "True or False",
-    "str": "a string",
-    "null": "None",
-    "array": "a list",
-    "object": "an object",
-}
-_PHRASES = {
-    " of length >=": " of at least",
-    " of length <=": " of at most",
-    " of length": " of",
-    " >=": " of at least",
-    " <=": " of at most",
-    " >": " above",
-    " <": " below",
-}
 
 
 class ConfigError(ValueError):
@@ -69,6 +52,11 @@ def convert(value: object, kind: Any, name: str = "", *, strict: bool = True) ->
         )
     except (msgspec.ValidationError, RecursionError) as error:
         raise ConfigError(_message(str(error), value, kind, name)) from None
+
+
+def setting(default: Any, description: str) -> Any:
+    """Declare a field of a dataclass with its default, and what documents and forms say about it."""
+    return dataclasses.field(default=default, metadata={"description": description})
 
 
 class Checked:
@@ -104,7 +92,7 @@ def _plain(value: Any, *, numbers: bool = False) -> Any:
 
 
 def _message(error: str, value: Any, kind: Any, name: str) -> str:
-    """msgspec's message as ``robot.speed_mps = -1.0: must be a finite number above 0.0``."""
+    """Return msgspec's message with field and value: ``robot.speed_mps = -1.0: Expected `float` > 0.0``."""
     rule, _, place = error.partition(" - at `$")
     place, in_dict, _ = place.partition("[...]")
     for key, index in re.findall(r"\.(\w+)|\[(\d+)\]", place):
@@ -114,16 +102,13 @@ def _message(error: str, value: Any, kind: Any, name: str) -> str:
     name = name.lstrip(".")
     for key, one in value.items() if in_dict else ():
         convert(one, typing.get_args(kind)[1], f"{name}.{key}")  # raises: msgspec does not name the key
-    if field := re.match("Object (missing required|contains unknown) field `(.*)`", rule):
-        inner = f"{name}.{field[2]}".lstrip(".")
-        return f"{inner} is missing" if "missing" in field[1] else f"{inner} = {value[field[2]]!r:.600}: no such field"
+    if rule.startswith("Object "):  # lacks a field, or has an unknown one
+        return f"{name}: {rule}" if name else rule
     if rule.startswith("Invalid enum value"):
-        rule = f"one of {_choices(kind)}"
-    elif expected := re.match("Expected `([^`]*)`([^,]*)", rule.replace("Number out of range", "Expected `float`")):
-        words = " or ".join(_TYPES.get(one, one) for one in expected[1].split(" | "))
-        sign, _, bound = expected[2].rpartition(" ")
-        rule = words + (f"{_PHRASES.get(sign, sign)} {bound}" if bound else "")
-    return f"{name or 'content'} = {value!r:.600}: must be {rule}"
+        rule = f"must be one of {_choices(kind)}"
+    elif isinstance(value, float) and not math.isfinite(value):
+        rule = "must be a finite number"
+    return f"{name or 'content'} = {value!r:.600}: {rule}"
 
 
 def _inside(kind: Any, place: str | int) -> Any:

@@ -24,8 +24,8 @@ from tests.envs.test_parallel_vec_env import GAMES, actions_of, make
         ({"num_threads": -1}, ValueError, "num_threads = -1"),
         ({"autoreset_mode": "no"}, ValueError, "'no' is not a valid AutoresetMode"),
         ({"autoreset_mode": "NextStep"}, ValueError, "must be AutoresetMode.SAME_STEP or DISABLED"),
-        ({"settings": {"zero_sum": "shared"}}, ConfigError, "zero_sum = 'shared': must be True or False"),
-        ({"settings": {"max_cycles": 0}}, ConfigError, "max_cycles = 0: must be a whole number of at least 1"),
+        ({"settings": {"zero_sum": "shared"}}, ConfigError, "zero_sum = 'shared': Expected `bool`"),
+        ({"settings": {"max_cycles": 0}}, ConfigError, "max_cycles = 0: Expected `int` >= 1"),
         ({"ghosts": 2}, ConfigError, "at least one must have the behaviour 'policy'"),
         ({"settings": Config()}, ConfigError, "at least one must have the behaviour 'policy'"),
         (

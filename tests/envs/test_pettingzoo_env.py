@@ -213,8 +213,8 @@ def test_max_cycles_truncate_a_game_that_still_runs() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"settings": {"zero_sum": "shared"}}, "zero_sum = 'shared': must be True or False"),
-        ({"settings": {"max_cycles": 0}}, "max_cycles = 0: must be a whole number of at least 1"),
+        ({"settings": {"zero_sum": "shared"}}, "zero_sum = 'shared': Expected `bool`"),
+        ({"settings": {"max_cycles": 0}}, "max_cycles = 0: Expected `int` >= 1"),
         ({"ghosts": ("wander", "chase")}, "at least one must have the behaviour 'policy'"),
         ({"ghosts": 2}, "at least one must have the behaviour 'policy'"),
         ({"settings": Config()}, "at least one must have the behaviour 'policy'"),

@@ -451,7 +451,7 @@ def test_what_is_no_snapshot_is_named_and_changes_nothing(change: dict[str, Any]
     assert other.snapshot(9.0) == before
     short = game.snapshot(21.0)
     del short["score"]
-    with pytest.raises(ValueError, match=r"snapshot\.score is missing"):
+    with pytest.raises(ValueError, match=r"snapshot: Object missing required field `score`"):
         other.restore(short, 9.0)
 
 

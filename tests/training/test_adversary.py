@@ -167,9 +167,9 @@ def test_a_file_that_is_no_planner_is_named(name: str, tmp_path: Path, capsys: p
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--rounds", "0"], "rounds = 0: must be a whole number of at least 1"),
-        (["--wander", "1.5"], "wander = 1.5: must be a finite number of at most 1"),
-        (["--seed", "-1"], "seed = -1: must be a whole number of at least 0"),
+        (["--rounds", "0"], "rounds = 0: Expected `int` >= 1"),
+        (["--wander", "1.5"], "wander = 1.5: Expected `float` <= 1"),
+        (["--seed", "-1"], "seed = -1: Expected `int` >= 0"),
         (["--clyde", "c.onnx"], "is for --measure"),
         (["--clyde-speed", "0.2", "-0.1"], "clyde_speed[1] = -0.1"),
     ],

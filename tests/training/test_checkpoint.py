@@ -49,7 +49,7 @@ def test_facts_are_read_as_they_were_written(tmp_path: Path) -> None:
 
 def test_facts_that_could_not_be_read_are_not_written(tmp_path: Path) -> None:
     path = tmp_path / "run.facts.json"
-    with pytest.raises(ValueError, match=r"run\.facts\.json: training\.decisions = 1\.5: must be a whole number"):
+    with pytest.raises(ValueError, match=r"run\.facts\.json: training\.decisions = 1\.5: Expected `int`"):
         write_facts(path, structs.replace(FACTS, training=structs.replace(FACTS.training, decisions=1.5)))
     with pytest.raises(ValueError, match=r"run\.facts\.json: cannot be read"):
         read_facts(path)
@@ -58,7 +58,7 @@ def test_facts_that_could_not_be_read_are_not_written(tmp_path: Path) -> None:
 def test_facts_of_another_shape_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "run.facts.json"
     path.write_text('{"robot_speed_mps": 0.256, "metrics": {}}')
-    with pytest.raises(ValueError, match=r"run\.facts\.json: training is missing"):
+    with pytest.raises(ValueError, match=r"run\.facts\.json: Object missing required field `training`"):
         read_facts(path)
 
 

@@ -242,5 +242,5 @@ def test_errors_are_one_line_with_status_2(
 
 
 def test_numbers_out_of_range_are_named(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="trials = 0: must be a whole number of at least 1"):
+    with pytest.raises(ValueError, match="trials = 0: Expected `int` >= 1"):
         settings(tmp_path, trials=0)

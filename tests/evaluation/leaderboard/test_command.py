@@ -156,12 +156,12 @@ def test_page_is_written_from_the_json_alone(tiny: Path, folder: Path) -> None:
         ({"schema": 1}, "schema = 1"),
         ({"cells": []}, "cells = []"),
         ({"planner": "nobody"}, "planner = 'nobody': must be one of policies"),
-        ({"extra": 1}, "extra = 1: no such field"),
-        ({"maps": [{}]}, "maps[0].name is missing"),
+        ({"extra": 1}, "Object contains unknown field `extra`"),
+        ({"maps": [{}]}, "maps[0]: Object missing required field `name`"),
         ({"maps": []}, "maps: must hold the test levels"),
         ({"maps": [{"name": "x", "hash": "0", "source": "x", "num_levels": 2}]}, "maps[0]: must have both start_level"),
-        ({"suite_content": {}}, "suite_content.test_levels is missing"),
-        ({"cells": [{"group": ""}]}, "cells[0].group = '': must be a string of at least 1"),
+        ({"suite_content": {}}, "suite_content: Object missing required field `test_levels`"),
+        ({"cells": [{"group": ""}]}, "cells[0].group = '': Expected `str` of length >= 1"),
     ],
 )
 def test_wrong_field_of_the_json_is_named(
@@ -192,7 +192,7 @@ def test_damaged_json_is_refused_or_makes_a_page(tiny: Path, data: st.DataObject
         render(command.read_table(path))
     except ValueError as error:
         refused = str(error)
-    assert not refused or re.match(rf"{re.escape(str(path))}: [a-z]", refused)
+    assert not refused or re.match(rf"{re.escape(str(path))}: \w", refused)
 
 
 def test_documentation_page_says_how_it_was_made() -> None:

@@ -374,8 +374,8 @@ def a_game(nodes: Session, domain: int, **changes: Any) -> dict[str, Any]:
     [
         ({"written_s": 1.0}, ""),
         ({"owner": {"namespace": "/robot_7"}}, ""),
-        ({"state": {"state": "running"}}, "snapshot.score is missing"),
-        ({"state": [1]}, "snapshot = [1]: must be an object"),
+        ({"state": {"state": "running"}}, "snapshot: Object missing required field `score`"),
+        ({"state": [1]}, "snapshot = [1]: Expected `object`"),
         ({"format": 1}, "another version"),
     ],
 )
