@@ -87,8 +87,6 @@ def commit() -> str:
 def prepare(path: Path) -> Path:
     """Create the folder of a file that will be written later; raises ValueError before the work, not after it."""
     if _is_special(path):
-        if not os.access(path, os.W_OK):
-            raise ValueError(f"{path}: cannot be written to")
         return path
     folder = path.resolve().parent
     try:
@@ -104,16 +102,12 @@ def prepare(path: Path) -> Path:
 
 @contextlib.contextmanager
 def replaced(path: Path) -> Iterator[Path]:
-    """A temporary file beside ``path``, with its suffix, that replaces it if the block succeeds.
+    """Yield a temporary file beside ``path``, with its suffix, that replaces it if the block succeeds.
 
-    Where ``path`` is a symbolic link its target is replaced; a device or a pipe is written to, once all is there.
+    If ``path`` is a symbolic link its target is replaced. A device or a pipe is written to directly.
     """
-    if _is_special(path):
-        with tempfile.TemporaryDirectory() as folder, _named(path, Path(folder)):
-            temporary = Path(folder) / path.name
-            yield temporary
-            with temporary.open("rb") as content, path.open("wb") as out:
-                shutil.copyfileobj(content, out)
+    if _is_special(path):  # /dev/stdout, or /dev/null, which root could replace with a file
+        yield path
         return
     target = path.resolve()
     temporary = target.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
@@ -147,7 +141,7 @@ def _named(path: Path, temporary: Path) -> Iterator[None]:
 
 
 def _is_special(path: Path) -> bool:
-    """Whether it is a device, a pipe or a socket, which must stay what it is."""
+    """Return whether a path is a device, a pipe or a socket."""
     return path.exists() and not (path.is_file() or path.is_dir())
 
 
