@@ -1,7 +1,9 @@
-"""Registers the environments with Gymnasium and PettingZoo: at once where they are imported already, else then.
+"""Register the environments with Gymnasium and PettingZoo, in whichever order they and this package are imported.
 
-Importing this package must load neither, as a robot's node does without their 8 MB, and neither loads plug-ins by entry
-points. The standard library has no public hook for the end of an import, so a finder in ``sys.meta_path`` waits for it.
+Importing this package loads neither: Gymnasium would take 10 MB of each of the robot's seven nodes, and ``pacman-env
+--help`` would take 0.25 s instead of 0.11 s (0.17.0). Gymnasium finds no plug-ins by entry points, and the standard
+library has no hook for the end of an import, so a finder in ``sys.meta_path`` waits for it. Registering only if
+Gymnasium is imported first would not do: a worker process may load a policy, and with it this package, before that.
 """
 
 import sys
@@ -118,7 +120,7 @@ def register_when_imported() -> None:
 
 
 class _Finder(MetaPathFinder):
-    """Finds a module as the other finders do, and calls ``then`` when it is loaded, not when it is only searched."""
+    """Find a module as the other finders do, and call ``then`` after it is loaded, not after it is only searched."""
 
     def __init__(self, module: str, then: Callable[[], None]) -> None:
         self._module, self._then = module, then
