@@ -28,7 +28,7 @@ LEARNERS = {"maskable_ppo": sb3_contrib.MaskablePPO, "ppo": stable_baselines3.PP
 
 
 class Environment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Arguments of ``PacManBotVecEnv``, or of ``parallel_vec_env`` where there are two players."""
+    """Arguments of ``PacManBotVecEnv``."""
 
     map: str = "generated"
     preset: str = "robot"
@@ -60,9 +60,8 @@ class Baseline(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     learner: Literal["maskable_ppo", "ppo"] = "maskable_ppo"
     policy: Literal["MlpPolicy", "MultiInputPolicy"] = "MlpPolicy"
     games: AtLeastOne = 8  # at once
-    decisions: AtLeastOne = 200_000  # of two players: of each
+    decisions: AtLeastOne = 200_000
     every: Count = 0  # decisions between two points of the curve; 0: those of an update
-    turns: Count = 0  # of two players: how often each learns while the other stays as it is; 0: one player
     frames: AtLeastOne = 1  # observations that the learner sees at once
     normalize: bool = False  # observations and rewards by their running mean and deviation
     test: str = "generated:test"  # the map that is played to see how good it is
@@ -131,17 +130,14 @@ def load_baselines(path: Path) -> dict[str, Baseline]:
 
 def check(name: str, baseline: Baseline) -> None:
     """Raise a ConfigError where fields do not go together."""
-    hyper, several = baseline.hyperparameters, baseline.turns > 0
+    hyper = baseline.hyperparameters
     rollout, batch = baseline.games * hyper.n_steps, hyper.batch_size
     # advantages are divided by their deviation within a minibatch
     rule = f"leaves a minibatch of 1 of games * n_steps = {rollout}"
     require(batch > 1 != rollout % batch, f"{name}.hyperparameters.batch_size", batch, rule)
     try:
-        config, _ = EnvArguments(**baseline.arguments(baseline.environment.map)).make_config(several=several)
+        config, _ = EnvArguments(**baseline.arguments(baseline.environment.map)).make_config()
     except ConfigError as error:
         raise ConfigError(f"{name}.environment: {error}") from None
-    require(not several or baseline.frames == 1, f"{name}.frames", baseline.frames, "must be 1 of two players")
-    masks = config.action == "goal"
-    rule = "must be ppo where actions are velocities, and maskable_ppo where there are two players"
-    require(baseline.learner == "ppo" or masks, f"{name}.learner", baseline.learner, rule)
-    require(not several or (masks and baseline.learner == "maskable_ppo"), f"{name}.learner", baseline.learner, rule)
+    rule = "must be ppo where actions are velocities"
+    require(baseline.learner == "ppo" or config.action == "goal", f"{name}.learner", baseline.learner, rule)

@@ -31,7 +31,6 @@ from pacman_env.episodes.rollout import play
 from pacman_env.executors.choice import local
 from pacman_env.files import prepare, replaced, write_json
 from pacman_env.training.baselines import FILE, LEARNERS, Baseline, Environment, check, load_baselines, point, shares
-from pacman_env.training.two_players import alternate
 
 _KINDS: dict[str, dict[str, Any]] = {
     "planner": {},
@@ -119,11 +118,6 @@ def curve(name: str, baseline: Baseline, seed: int, rounds: int) -> dict[str, An
         print(f"{name} seed {seed}: {new['decisions']} decisions, {done}", flush=True)
 
     entry: dict[str, Any] = {"name": name, "seed": seed, "points": points}
-    if baseline.turns:
-        for after_a_turn in alternate(baseline, seed, rounds, _TEST_SEED):
-            note(after_a_turn)
-        rows = {row["robot"]: row for row in points[-1]["pairs"] if row["ghost"] == "wander"}
-        return entry | {"references": {rule: rows[rule] for rule in _RULES}}
     model = baseline.make_model(baseline.make_games(baseline.environment.map, baseline.games), seed)
     tests = _Tests(baseline, rounds, note)
     model.learn(baseline.decisions, callback=tests)
@@ -148,16 +142,15 @@ def chosen(options: argparse.Namespace) -> dict[str, Baseline]:
 
 def _changed(baseline: Baseline, changes: dict[str, Any], options: argparse.Namespace) -> Baseline:
     replace = msgspec.structs.replace
-    environment, hyper, turns = baseline.environment, baseline.hyperparameters, baseline.turns
+    environment, hyper = baseline.environment, baseline.hyperparameters
     if options.map is not None:
         environment = replace(environment, map=options.map)
     if options.quick:
         environment = replace(environment, settings={**environment.settings, "time_limit_s": 60.0})
-        turns = min(turns, 2)
     if options.n_steps is not None:
         batch = min(hyper.batch_size, options.n_steps * baseline.games)
         hyper = replace(hyper, n_steps=options.n_steps, batch_size=batch)
-    return replace(baseline, environment=environment, hyperparameters=hyper, turns=turns, **changes)
+    return replace(baseline, environment=environment, hyperparameters=hyper, **changes)
 
 
 def entries(chosen: dict[str, Baseline], options: argparse.Namespace) -> Iterator[list[dict[str, Any]]]:
@@ -176,9 +169,8 @@ def _curve(task: tuple[str, Baseline, int, int]) -> dict[str, Any]:
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
     baselines = chosen(options)
-    for baseline in baselines.values():
-        if not baseline.turns:  # an error before the first has learned
-            baseline.make_games(baseline.environment.map, 1).close()
+    for baseline in baselines.values():  # an error before the first has learned
+        baseline.make_games(baseline.environment.map, 1).close()
     libraries = (gymnasium, stable_baselines3, sb3_contrib, torch)
     figures: dict[str, Any] = {
         "version": __version__,
@@ -259,7 +251,4 @@ def _report(options: argparse.Namespace) -> None:
     for entry in figures["curves"]:
         reached = {f"seed {entry['seed']}": entry["points"][-1], **entry["references"]}
         print(f"{entry['name']}:", *(f"{who} {100 * one['completed']:.1f} %" for who, one in reached.items()))
-        for row in entry["points"][-1].get("pairs", ()):
-            shares = f"completed {100 * row['completed']:.1f} %, caught {100 * row['caught']:.1f} %"
-            print(f"  robot {row['robot']}, ghost {row['ghost']}: {shares}")
     print(f"written: {options.json} and {options.plot}")

@@ -16,13 +16,12 @@ DRIVING = {"flat": True, "action": "velocity", "settings": {"decisions.when": "t
 
 def test_there_is_a_baseline_for_each_kind_of_action_and_observation() -> None:
     found = load_baselines(FILE)
-    assert list(found) == ["flat", "velocity_scan", "velocity_features", "grid", "two_players"]
+    assert list(found) == ["flat", "velocity_scan", "velocity_features", "grid"]
     kinds = {name: (baseline.environment.action, baseline.environment.observation) for name, baseline in found.items()}
     assert kinds["flat"] == (None, None)
     assert kinds["velocity_scan"] == ("velocity", ("scan", "flat"))
     assert kinds["velocity_features"] == ("velocity", ("features", "bearings", "flat"))
     assert kinds["grid"] == (None, ("features", "grid"))
-    assert [name for name, baseline in found.items() if baseline.turns] == ["two_players"]
 
 
 def test_what_is_not_given_is_the_libraries_own() -> None:
@@ -80,8 +79,6 @@ def test_pictures_are_not_normalized() -> None:
         ({"environment": {"observation": ["smell"]}}, "environment: observation = .*smell"),
         ({"environment": {"settings": {"clyde.colour": 1}}}, "environment: .*clyde.colour"),
         ({"environment": DRIVING}, "learner = 'maskable_ppo': must be ppo where actions are velocities"),
-        ({"learner": "ppo", "turns": 2}, "learner = 'ppo': must be .* maskable_ppo where there are two players"),
-        ({"turns": 2, "frames": 2}, r"frames = 2: must be 1 of two players"),
         (None, " = None: Expected `object`"),
     ],
 )

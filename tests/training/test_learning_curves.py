@@ -59,7 +59,6 @@ def test_every_baseline_learns_in_short(tmp_path: Path) -> None:
         assert curve["points"][-1]["decisions"] >= 256
         assert 0 <= curve["points"][-1]["completed"] <= 1
         assert set(curve["references"]) == {"nearest", "random"}
-    assert len(found["curves"][-1]["points"][-1]["pairs"]) == 6
 
 
 @pytest.mark.parametrize("name", ["planner", "planner/never", "pictures/event"])
