@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pacman_env.executors.queue import Queue
+from pacman_env.executors.queue import StickyQueue
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def simulate(setting: Setting, seed: int = 0) -> Outcome:
     order = itertools.count()
     back: list[tuple[float, int]] = []  # when a lost worker is there again
     for update in range(setting.updates):
-        queue = Queue(setting.parts, range(setting.parts), owners)  # type: ignore[arg-type]
+        queue = StickyQueue(setting.parts, range(setting.parts), owners)  # type: ignore[arg-type]
         events: list[tuple[float, int, int, int, bool]] = []  # time, order, worker, part, whether the worker is lost
         ready, idle = sorted(workers.there), list[int]()
         left = setting.parts
@@ -73,7 +73,7 @@ def simulate(setting: Setting, seed: int = 0) -> Outcome:
             began = time.perf_counter()
             some = len(idle) if not events else queue.free
             asked, idle = [*ready, *idle[:some]], idle[some:]
-            chosen = [(worker, queue.take(worker, len(workers.there))) for worker in asked]
+            chosen = [(worker, queue.next_task(worker, len(workers.there))) for worker in asked]
             queue_s += time.perf_counter() - began
             ready = []
             for worker, part in chosen:
@@ -99,8 +99,8 @@ def simulate(setting: Setting, seed: int = 0) -> Outcome:
                 lost += 1
                 workers.there.discard(worker)
                 workers.keeps[worker].clear()
-                queue.lose(worker)
-                queue.put_back(part)
+                queue.drop_worker(worker)
+                queue.retry(part)
                 heapq.heappush(back, (now + setting.back_after_s, worker))
                 continue
             workers.keeps[worker][part] = update + 1

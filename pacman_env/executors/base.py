@@ -1,4 +1,4 @@
-"""Interface of executors, which give the same results as a loop over the tasks, even if they lose workers."""
+"""The interface of executors: the same results as a loop over the tasks, whatever happens to the workers."""
 
 import contextlib
 from abc import ABC, abstractmethod
@@ -9,49 +9,49 @@ from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from .progress import LOG, Progress
-from .queue import Queue, Worker
+from .queue import StickyQueue, Worker
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
-Homes = Sequence[Hashable] | None
+Keys = Sequence[Hashable] | None
 
-#: How often a task is restarted after its worker was lost.
+#: How often a task is retried after its worker was lost.
 MOST_LOSSES = 10
 
 
 class TaskFailed(ChildProcessError):
-    """Raised if a task failed for an outside reason: a time limit, or its worker was lost too often."""
+    """A task could not be done for a reason outside it, for example because its worker was lost too often."""
 
 
 @dataclass(frozen=True)
 class Done(Generic[Result]):
-    """Result or error of one task."""
+    """The outcome of one task."""
 
     number: int  # index of the task
     value: Result | None = None
-    error: Exception | None = None  # raised by the task, or TaskFailed
+    error: Exception | None = None  # what it raised, or TaskFailed
 
     def result(self) -> Result:
-        """Return the value, or raise the error of the task."""
+        """Return the value of the task, or raise what the task raised."""
         if self.error is not None:
             raise self.error
         return self.value  # type: ignore[return-value]
 
 
 class Losses:
-    """Counts the workers that each task has lost."""
+    """Count how often each task has lost its worker."""
 
     def __init__(self, progress: Progress, most: int) -> None:
         self._count: Counter[int] = Counter()
         self._progress, self._most = progress, most
 
-    def note(self, number: int, waiting: Queue, how: str, why: str = "") -> Iterator[Done[Any]]:
-        """Put the task back into the queue, or yield a failure if it has lost too many workers."""
+    def note(self, number: int, waiting: StickyQueue, how: str, why: str = "") -> Iterator[Done[Any]]:
+        """Retry the task, or yield its failure if it has lost too many workers."""
         self._count[number] += 1
         self._progress.lost += 1
         if self._count[number] <= self._most:
             LOG.warning("task %d: %s, it is done again%s", number, how, why)
-            waiting.put_back(number)
+            waiting.retry(number)
         else:
             yield Done(number, error=TaskFailed(f"task {number}: {how} {self._count[number]} times{why}"))
 
@@ -59,30 +59,29 @@ class Losses:
 class Executor(ABC):
     """Runs calls of one function, each with one task.
 
-    A task is plain data. It has no effect but its result, which only depends on the task, so it may run twice. At most
-    ``workers`` tasks are handed out at once. An executor is a context manager that leaves no processes behind.
+    A task is plain data. Its result depends on the task alone and is its only effect, so it may be done twice. At most
+    ``workers`` tasks are handed out at once. An executor is a context manager and leaves no processes behind.
     """
 
-    #: True if workers may be on other machines, which do not have this machine's files.
+    #: Whether workers may run on other machines, without access to the files of this one.
     remote = False
     most_losses = MOST_LOSSES
 
-    def __init__(self, workers: int, limit_s: float | None = None) -> None:
-        """Create an executor; a task that takes longer than ``limit_s`` fails (None: no limit)."""
-        self.workers, self.limit_s = workers, limit_s
+    def __init__(self, workers: int) -> None:
+        self.workers = workers
         self.progress = Progress()
-        self._owners: dict[Hashable, Worker] = {}  # workers by home
+        self._owners: dict[Hashable, Worker] = {}  # the worker of each key
 
     def run(
-        self, function: Callable[[Task], Result], tasks: Sequence[Task], homes: Homes = None
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], keys: Keys = None
     ) -> Generator[Done[Result], None, None]:
-        """Yield the results of all tasks as they finish; closing the generator cancels the others.
+        """Yield the outcomes of all tasks as they come; closing the generator cancels the other tasks.
 
-        ``function`` must be importable by workers. ``homes`` contains a key for each task: a worker may have cached
-        data of earlier tasks with the same key.
+        ``function`` must be a function of a module that workers can import. ``keys``: one for each task; a worker that
+        did a task gets the later ones with the same key, also in the next run, and may keep data for them.
         """
         try:
-            with contextlib.closing(self._ends(function, tasks, homes)) as ends:
+            with contextlib.closing(self._ends(function, tasks, keys)) as ends:
                 for done in ends:
                     self.progress.done += 1
                     yield done
@@ -91,30 +90,30 @@ class Executor(ABC):
 
     @abstractmethod
     def _ends(
-        self, function: Callable[[Task], Result], tasks: Sequence[Task], homes: Homes
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], keys: Keys
     ) -> Generator[Done[Result], None, None]:
-        """Implement :meth:`run`; must set ``progress.waiting`` and count lost workers by ``Losses``."""
+        """Implement :meth:`run`; set ``progress.waiting``, and count lost workers by ``Losses``."""
 
     def map(
         self,
         function: Callable[[Task], Result],
         tasks: Sequence[Task],
         on_result: Callable[[Result], object] = lambda result: None,
-        homes: Homes = None,
+        keys: Keys = None,
     ) -> list[Result]:
-        """Return the results in the order of the tasks; ``on_result`` is called with each result when it arrives.
+        """Return the results in the order of the tasks, and call ``on_result`` with each result as it comes.
 
-        The first error of a task is raised at once, and the other tasks are cancelled.
+        Raise the first error at once and cancel the other tasks.
         """
         results: dict[int, Result] = {}
-        with contextlib.closing(self.run(function, tasks, homes)) as ends:
+        with contextlib.closing(self.run(function, tasks, keys)) as ends:
             for done in ends:
                 results[done.number] = done.result()
                 on_result(results[done.number])
         return [results[number] for number in range(len(tasks))]
 
     def close(self) -> None:
-        """End all processes of the executor."""
+        """End all processes."""
         return
 
     def __enter__(self) -> "Executor":
@@ -125,13 +124,13 @@ class Executor(ABC):
 
 
 class InProcess(Executor):
-    """Runs tasks in sequence in the caller's thread; without a time limit, because nothing can interrupt a task."""
+    """Run one task after the other, in the caller's thread."""
 
     def __init__(self) -> None:
         super().__init__(1)
 
     def _ends(
-        self, function: Callable[[Task], Result], tasks: Sequence[Task], homes: Homes
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], keys: Keys
     ) -> Generator[Done[Result], None, None]:
         for number, task in enumerate(tasks):
             self.progress.waiting = len(tasks) - number - 1
@@ -139,7 +138,7 @@ class InProcess(Executor):
 
 
 class InThreads(InProcess):
-    """Runs tasks in threads, for functions that spend most time in compiled code; without a time limit."""
+    """Run tasks in threads of this process, for functions that spend their time in compiled code."""
 
     def __init__(self, workers: int) -> None:
         super().__init__()
@@ -147,10 +146,10 @@ class InThreads(InProcess):
         self._pool = ThreadPoolExecutor(workers, "tasks")
 
     def _ends(
-        self, function: Callable[[Task], Result], tasks: Sequence[Task], homes: Homes
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], keys: Keys
     ) -> Generator[Done[Result], None, None]:
         if self.workers == 1:
-            yield from super()._ends(function, tasks, homes)
+            yield from super()._ends(function, tasks, keys)
             return
         running = [self._pool.submit(_done, function, number, task) for number, task in enumerate(tasks)]
         try:
@@ -174,7 +173,7 @@ def _done(function: Callable[[Task], Result], number: int, task: Task) -> Done[R
 
 
 def plain(error: Exception) -> Exception:
-    """Convert an error to a built-in class with the same text, which can be pickled and raised in another process."""
+    """Return an exception that another process can raise: of the same built-in class, with the same text."""
     if type(error).__module__ == "builtins" and len(error.args) == 1 and isinstance(error.args[0], str | int):
         return type(error)(error.args[0])
     if isinstance(error, ValueError):

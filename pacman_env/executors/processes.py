@@ -1,4 +1,4 @@
-"""Run tasks in processes of this machine with pebble, which ends slow tasks and notices processes that died."""
+"""Tasks in processes of this machine, by pebble, which can cancel a running task and notices a process that died."""
 
 import multiprocessing
 import os
@@ -12,26 +12,26 @@ from typing import Any
 
 from pebble import ProcessExpired, ProcessPool
 
-from .base import Done, Executor, Homes, Losses, Result, Task, TaskFailed, plain
-from .queue import Queue
+from .base import Done, Executor, Keys, Losses, Result, Task, TaskFailed, plain
+from .queue import StickyQueue
 
 
 class LocalProcesses(Executor):
-    """Runs tasks in processes. Each is a pool of one process, so that it keeps its prepared data between calls."""
+    """Run tasks in processes, each a pool of its own, so that a process keeps its data from call to call."""
 
-    def __init__(self, workers: int, limit_s: float | None = None) -> None:
-        super().__init__(workers, limit_s)
+    def __init__(self, workers: int) -> None:
+        super().__init__(workers)
         self._pools = [_new_pool() for _ in range(workers)]
 
     def _ends(
-        self, function: Callable[[Task], Result], tasks: Sequence[Task], homes: Homes
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], keys: Keys
     ) -> Generator[Done[Result], None, None]:
-        waiting, losses = Queue(len(tasks), homes, self._owners), Losses(self.progress, self.most_losses)
-        running: dict[Future[Any], tuple[int, int]] = {}  # worker and task
+        waiting, losses = StickyQueue(len(tasks), keys, self._owners), Losses(self.progress, self.most_losses)
+        running: dict[Future[Any], tuple[int, int]] = {}  # the worker and the task
         try:
             while waiting or running:
                 for worker in set(range(self.workers)) - {worker for worker, _ in running.values()}:
-                    number = waiting.take(worker, self.workers)
+                    number = waiting.next_task(worker, self.workers)
                     if number is not None:
                         running[self._begin(worker, function, tasks[number])] = worker, number
                 self.progress.waiting = len(waiting)
@@ -40,12 +40,8 @@ class LocalProcesses(Executor):
                     try:
                         yield Done(number, future.result())
                     except (ProcessExpired, BrokenProcessPool):
-                        waiting.lose(worker)
+                        waiting.drop_worker(worker)
                         yield from losses.note(number, waiting, "its process died")
-                    except TimeoutError as error:
-                        waiting.lose(worker)
-                        late = f"task {number}: more than {self.limit_s} s"
-                        yield Done(number, error=error if self.limit_s is None else TaskFailed(late))
                     except Exception as error:
                         yield Done(number, error=error)
         finally:
@@ -55,9 +51,9 @@ class LocalProcesses(Executor):
     def _begin(self, worker: int, function: Callable[[Task], Result], task: Task) -> Future[Any]:
         for _ in range(2):
             try:
-                future: Future[Any] = self._pools[worker].schedule(_call, args=(function, task), timeout=self.limit_s)
+                future: Future[Any] = self._pools[worker].schedule(_call, args=(function, task))
                 return future
-            except RuntimeError:  # the pool's process was killed while it had no task
+            except RuntimeError:  # a pool whose process is killed while it has no task can do no more
                 self._pools[worker].stop()
                 self._pools[worker].join()
                 self._pools[worker] = _new_pool()
@@ -71,7 +67,7 @@ class LocalProcesses(Executor):
 
 
 def _call(function: Callable[[Task], Result], task: Task) -> Result:
-    """Run a task; errors that pickle cannot restore are converted by :func:`plain`."""
+    """Return the result of a task; an exception that pickle cannot restore is raised as plain data."""
     try:
         return function(task)
     except Exception as error:
@@ -82,20 +78,20 @@ def _call(function: Callable[[Task], Result], task: Task) -> Result:
 
 def _survives(error: Exception) -> bool:
     try:
-        copy = pickle.loads(pickle.dumps(error))
-    except Exception:  # pickle runs code of the error, which may fail
+        again = pickle.loads(pickle.dumps(error))
+    except Exception:  # its own code is called, and may fail anywhere
         return False
-    return type(copy) is type(error) and str(copy) == str(error)
+    return type(again) is type(error) and str(again) == str(error)
 
 
 def _new_pool() -> ProcessPool:
-    # spawn, because a forked child would inherit locks of threads that it does not have
+    # spawn: a forked child would share the locks of threads that it does not have
     spawn = multiprocessing.get_context("spawn")
     return ProcessPool(1, context=spawn, initializer=_end_with, initargs=(os.getpid(),))
 
 
 def _end_with(parent: int) -> None:
-    """Let this process end soon after its parent, however the parent ends."""
+    """End this process soon after its parent has ended, for whatever reason."""
 
     def watch() -> None:
         while os.getppid() == parent:

@@ -1,4 +1,4 @@
-"""Run tasks on a Ray cluster, on this machine or others. No other module imports Ray."""
+"""Tasks on a Ray cluster, whose workers are processes of this machine or of others. Nothing else imports Ray."""
 
 import importlib
 import itertools
@@ -14,26 +14,26 @@ from pacman_env import __version__
 from pacman_env.engine.cache_folder import package_hash
 from pacman_env.plugins import PluginError
 
-from .base import Done, Executor, Homes, Losses, Result, Task, TaskFailed, plain
+from .base import Done, Executor, Keys, Losses, Result, Task, TaskFailed, plain
 from .progress import LOG, Progress
-from .queue import Queue
+from .queue import StickyQueue
 
 _LOOPBACK = "127.0.0.1"
-_ANSWER_S = 5.0  # limit for the answer of a cluster
-_POLL_S = 1.0  # interval of checking the tasks' times and the cluster's size
-_EMPTY_S = 60.0  # a cluster may be without machines for this time
+_ANSWER_S = 5.0  # within which a cluster answers
+_POLL_S = 1.0  # between two looks at the size of the cluster
+_EMPTY_S = 60.0  # so long a cluster may have no machine
 
 
 class RayCluster(Executor):
-    """Runs tasks on the cluster at ``address``, as printed by ``ray start``; None: a local cluster on the loopback.
+    """``address`` of a cluster, as ``ray start`` prints it; None: one of this machine, on the loopback alone.
 
-    A cluster runs as many tasks at once as it has CPUs, including CPUs that join later. Every worker must have this
-    package in the same version with the same sources; the first one that differs ends the run with an error.
+    On a cluster as many tasks are done at once as it has CPUs, also those that join later. Every worker must have this
+    package in the same version with the same sources; the first that has not ends the run, and is named.
     """
 
     remote = True
 
-    def __init__(self, address: str | None = None, workers: int | None = None, limit_s: float | None = None) -> None:
+    def __init__(self, address: str | None = None, workers: int | None = None) -> None:
         import ray
 
         if ray.is_initialized():
@@ -43,91 +43,86 @@ class RayCluster(Executor):
         quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
         try:
             if address is None:
-                # without "local", Ray would connect to a cluster that is already running on this machine
+                # without "local" it would connect to a cluster that someone has started on this machine
                 own: dict[str, Any] = {"include_dashboard": False, "_node_ip_address": _LOOPBACK}
-                own["_system_config"] = {"worker_niceness": 0}  # normal priority; Ray's default is 15
+                own["_system_config"] = {"worker_niceness": 0}  # as of other processes; Ray has 15
                 ray.init("local", num_cpus=workers, **own, **quiet)
             else:
                 ray.init(address=address, **quiet)
         except (ConnectionError, RuntimeError, ValueError) as error:
             raise ConnectionError(f"--ray {address or ''}: {error}") from None
         self._ray, self._actors = ray, dict[int, Any]()
-        self._empty_s = 0.0 if address is None else _EMPTY_S  # no machine can join a local cluster
+        self._empty_s = 0.0 if address is None else _EMPTY_S  # no machine joins one's own cluster
         self._had_some_s = monotonic()
         self._known, self._metrics = self._machines(), _Metrics()
-        super().__init__(max(1, sum(self._known.values())), limit_s)
-        # This class handles lost workers and errors of tasks itself.
+        super().__init__(max(1, sum(self._known.values())))
+        # Lost workers are counted here; an exception of a task is its result.
         self._kind = ray.remote(num_cpus=1, max_restarts=0, max_task_retries=0)(_Worker)
         self._numbers = itertools.count()
-        self._fit: set[int] = set()  # workers that have finished a task
+        self._answered: set[int] = set()  # workers that have done a task
 
     def _ends(
-        self, function: Callable[[Task], Result], tasks: Sequence[Task], homes: Homes
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], keys: Keys
     ) -> Generator[Done[Result], None, None]:
         ray, name = self._ray, f"{function.__module__}:{function.__qualname__}"
-        waiting, losses = Queue(len(tasks), homes, self._owners), Losses(self.progress, self.most_losses)
-        running: dict[Any, _Running] = {}
+        waiting, losses = StickyQueue(len(tasks), keys, self._owners), Losses(self.progress, self.most_losses)
+        running: dict[Any, tuple[int, int]] = {}  # the worker and the task
         looked = monotonic()
         try:
             while waiting or running:
                 if monotonic() - looked > _POLL_S:
-                    self._look()
+                    self._update_cluster()
                     looked = monotonic()
-                self._dismiss_unanswered(waiting, running)
+                self._drop_surplus(waiting, running)
                 for worker in self._idle(waiting, running):
-                    number = waiting.take(worker, self.workers)
+                    number = waiting.next_task(worker, self.workers)
                     if number is not None:
                         reference = self._actors[worker].run.remote(name, tasks[number], __version__, package_hash())
-                        running[reference] = _Running(worker, number, monotonic())
+                        running[reference] = worker, number
                 self.progress.waiting = len(waiting)
                 for reference in ray.wait(list(running), timeout=_POLL_S)[0]:
-                    worker, number, _ = running.pop(reference)
+                    worker, number = running.pop(reference)
                     try:
                         outcome = ray.get(reference)
-                    except ray.exceptions.RayTaskError as error:  # the worker failed: task errors are outcomes
+                    except ray.exceptions.RayTaskError as error:  # all that the task raises is an outcome
                         raise TaskFailed(_cannot_run(str(error))) from None
                     except ray.exceptions.RayError as error:
-                        self._dismiss(worker, waiting)
+                        self._drop_worker(worker, waiting)
                         yield from losses.note(number, waiting, "its worker was lost", f": {_line(error)}")
                         continue
-                    self._fit.add(worker)
-                    if outcome.unfit:
-                        raise TaskFailed(outcome.unfit)
+                    self._answered.add(worker)
+                    if outcome.unusable:
+                        raise TaskFailed(outcome.unusable)
                     yield Done(number, outcome.value, outcome.error)
-                for reference, (worker, number, began) in list(running.items()):
-                    if self.limit_s is not None and monotonic() - began > self.limit_s:
-                        del running[reference]
-                        self._dismiss(worker, waiting)
-                        yield Done(number, error=TaskFailed(f"task {number}: more than {self.limit_s} s"))
-        finally:  # without calls that need the cluster, which may be gone
+        finally:  # without a question to the cluster, which may be gone
             self._metrics.publish(self.progress, self.workers)
-            for one in running.values():
-                self._dismiss(one.worker, waiting)
+            for worker, _ in running.values():
+                self._drop_worker(worker, waiting)
 
-    def _idle(self, waiting: Queue, running: Mapping[Any, "_Running"]) -> Iterator[int]:
-        """Yield workers without a task, and new ones, up to the number of CPUs, for tasks that these do not take."""
+    def _idle(self, waiting: StickyQueue, running: Mapping[Any, tuple[int, int]]) -> Iterator[int]:
+        """Yield workers without a task, then new ones, up to the number of CPUs, for the tasks of no worker."""
         if waiting:
-            yield from self._actors.keys() - {one.worker for one in running.values()}
-        while waiting.free and len(self._actors) < self.workers:
+            yield from self._actors.keys() - {worker for worker, _ in running.values()}
+        while waiting.unassigned and len(self._actors) < self.workers:
             worker = next(self._numbers)
             self._actors[worker] = self._kind.remote()
             yield worker
 
-    def _dismiss_unanswered(self, waiting: Queue, running: dict[Any, "_Running"]) -> None:
-        """Dismiss workers that have never answered if CPUs were lost, because they may be on the lost machine."""
-        for reference, (worker, number, _) in list(running.items())[::-1]:
-            if worker not in self._fit and len(self._actors) > self.workers:
+    def _drop_surplus(self, waiting: StickyQueue, running: dict[Any, tuple[int, int]]) -> None:
+        """After a loss of CPUs drop workers that never answered: they may wait for a machine that is gone."""
+        for reference, (worker, number) in list(running.items())[::-1]:
+            if worker not in self._answered and len(self._actors) > self.workers:
                 del running[reference]
-                self._dismiss(worker, waiting)
-                waiting.put_back(number)
+                self._drop_worker(worker, waiting)
+                waiting.retry(number)
 
-    def _dismiss(self, worker: int, waiting: Queue) -> None:
+    def _drop_worker(self, worker: int, waiting: StickyQueue) -> None:
         self._ray.kill(self._actors.pop(worker))
-        self._fit.discard(worker)
-        waiting.lose(worker)
+        self._answered.discard(worker)
+        waiting.drop_worker(worker)
 
-    def _look(self) -> None:
-        """Update the list of machines and publish the counts; raises ConnectionError if no machine is left."""
+    def _update_cluster(self) -> None:
+        """Notice machines that come and go, and publish the counts."""
         machines = self._machines()
         workers = max(1, sum(machines.values()))
         for name in machines.keys() - self._known.keys():
@@ -142,7 +137,7 @@ class RayCluster(Executor):
         self._metrics.publish(self.progress, workers)
 
     def _machines(self) -> dict[str, int]:
-        """Return the number of CPUs by machine."""
+        """Return the number of CPUs of each machine by its name."""
         alive = (node for node in self._ray.nodes() if node["Alive"])
         return {
             _name(node["NodeManagerHostname"], node["NodeID"]): int(node["Resources"].get("CPU", 0)) for node in alive
@@ -153,7 +148,7 @@ class RayCluster(Executor):
 
 
 def _check_that_it_answers(address: str) -> None:
-    """Raise ConnectionError if no cluster answers at an address; Ray itself would try for minutes."""
+    """Raise an error at once; Ray itself would try for minutes."""
     host, colon, port = address.rpartition(":")
     if not colon or not port.isdigit():
         raise ValueError(f"--ray {address}: must be HOST:PORT, as `ray start --head` prints it")
@@ -164,7 +159,7 @@ def _check_that_it_answers(address: str) -> None:
 
 
 class _Metrics:
-    """Counts for the cluster's dashboard and Prometheus, such as ``ray_pacman_env_tasks_done_total``."""
+    """The counts, for the cluster's dashboard and Prometheus: ``ray_pacman_env_tasks_done_total`` and others."""
 
     def __init__(self) -> None:
         from ray.util.metrics import Counter, Gauge
@@ -187,44 +182,38 @@ class _Metrics:
 class _Outcome(NamedTuple):
     value: Any = None
     error: Exception | None = None
-    unfit: str = ""  # why this worker cannot run tasks
+    unusable: str = ""  # why this worker cannot do any task
 
 
 class _Worker:
-    """A worker process on any machine."""
+    """A process on any of the machines."""
 
     def run(self, name: str, task: Any, version: str, sources: str) -> _Outcome:
-        """Call the function ``module:name`` if version and sources are equal; errors are returned as plain data."""
+        """Call ``module:name``, if the version and the sources are the command's; exceptions become plain data."""
         if (__version__, package_hash()) != (version, sources):
             found = f"pacman_env {__version__}, sources {package_hash()}"
             return _Outcome(
-                unfit=f"{_where()}: {found}; the command has {version}, sources {sources}: install the same"
+                unusable=f"{_here()}: {found}; the command has {version}, sources {sources}: install the same"
             )
         module, _, function = name.partition(":")
         try:
             return _Outcome(value=getattr(importlib.import_module(module), function)(task))
         except OSError as error:
-            return _Outcome(error=OSError(f"{_where()}: {error}"))
+            return _Outcome(error=OSError(f"{_here()}: {error}"))
         except (PluginError, ImportError) as error:
-            return _Outcome(error=TaskFailed(f"{_where()}: {error}"))
+            return _Outcome(error=TaskFailed(f"{_here()}: {error}"))
         except Exception as error:
             return _Outcome(error=plain(error))
 
 
-class _Running(NamedTuple):
-    worker: int
-    number: int  # of the task
-    began_s: float
-
-
-def _where() -> str:
+def _here() -> str:
     import ray
 
     return f"worker on {_name(socket.gethostname(), ray.get_runtime_context().get_node_id())}"
 
 
 def _name(host: str, node: str) -> str:
-    """Return the name of a machine; the start of the node id (``ray list nodes``) distinguishes nodes on one host."""
+    """Return the name of a machine; the node's number, as in ``ray list nodes``, tells two on one host apart."""
     return f"{host} (node {node[:12]})"
 
 
@@ -233,7 +222,7 @@ def _line(error: BaseException) -> str:
 
 
 def _cannot_run(traceback: str) -> str:
-    """Return one line of Ray's traceback of a worker that could not start."""
-    place = re.search(r"ip=([^,)\s]+)", traceback)  # only given in the text
+    """Return one line of Ray's text about a worker that could not start."""
+    place = re.search(r"ip=([^,)\s]+)", traceback)  # Ray gives it in the text alone
     last = next((line.strip() for line in reversed(traceback.splitlines()) if line.strip()), "")
     return f"worker on {place[1] if place else 'an unknown machine'}: cannot run this package: {last[:300]}"

@@ -64,7 +64,7 @@ class Collector:
             )
             for k, part in enumerate(self.parts)
         ]
-        found = self._executor.map(fragments.play, tasks, on_fragment, homes=[task.key for task in tasks])
+        found = self._executor.map(fragments.play, tasks, on_fragment, keys=[task.key for task in tasks])
         self._played += 1
         for k, fragment in enumerate(found):
             self._states[k] = fragment.state

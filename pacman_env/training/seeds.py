@@ -99,10 +99,10 @@ def train_all(arguments: Arguments, seeds: Sequence[int], out: Path, executor: E
         forget(left[one.figures["seed"]])
         print(f"seed {one.figures['seed']}: {one.figures['completed']:.1%} of test rounds completed", flush=True)
 
-    tasks, homes = list(left.values()), list(left)
-    executor.map(train_member, tasks, keep, homes)
+    tasks, keys = list(left.values()), list(left)
+    executor.map(train_member, tasks, keep, keys)
     if executor.remote:
-        executor.map(forget, tasks, homes=homes)
+        executor.map(forget, tasks, keys=keys)
     trained = [done[seed] for seed in seeds]
     write_json(out / _TABLE, {"version": __version__, "members": trained})
     return _table(trained)

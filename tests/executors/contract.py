@@ -52,13 +52,13 @@ class ExecutorContract:
 
 
 class ProcessesContract(ExecutorContract):
-    """``limited``: a fixture, of two workers and a limit of some seconds."""
+    """What executors with workers of their own promise besides."""
 
-    def test_tasks_of_one_home_are_done_by_one_process_in_this_run_and_the_next(self, executor: Executor) -> None:
-        homes = [k % 4 for k in range(12)]
-        first, second = (executor.map(functions.process, range(12), homes=homes) for _ in range(2))
+    def test_tasks_of_one_key_are_done_by_one_process_in_this_run_and_the_next(self, executor: Executor) -> None:
+        keys = [k % 4 for k in range(12)]
+        first, second = (executor.map(functions.process, range(12), keys=keys) for _ in range(2))
         assert first == second
-        assert len({*zip(homes, first, strict=True)}) == 4
+        assert len({*zip(keys, first, strict=True)}) == 4
         assert len(set(first)) == 2
 
     def test_a_task_whose_worker_is_killed_is_done_by_another(self, executor: Executor, tmp_path: Path) -> None:
@@ -66,13 +66,13 @@ class ProcessesContract(ExecutorContract):
         assert executor.map(functions.die_once, tasks) == list(range(6))
         assert [path.name for path in tmp_path.iterdir()] == ["2"]
 
-    def test_homes_of_a_worker_that_is_killed_with_the_last_task_go_to_others(
+    def test_keys_of_a_worker_that_is_killed_with_the_last_task_go_to_others(
         self, executor: Executor, tmp_path: Path
     ) -> None:
-        homes = [0, 1, 2, 3]
-        executor.map(functions.double, homes, homes=homes)
+        keys = [0, 1, 2, 3]
+        executor.map(functions.double, keys, keys=keys)
         tasks = [(str(tmp_path), number) for number in (0, 1, 3, 2)]
-        assert executor.map(functions.die_once_late, tasks, homes=homes) == [0, 1, 3, 2]
+        assert executor.map(functions.die_once_late, tasks, keys=keys) == [0, 1, 3, 2]
 
     def test_a_worker_that_is_killed_while_it_has_no_task_is_replaced(self, executor: Executor) -> None:
         numbers = set(executor.map(functions.process, range(8)))
@@ -89,11 +89,6 @@ class ProcessesContract(ExecutorContract):
         assert isinstance(done.error, TaskFailed)
         assert re.match(r"task 0: its (process|worker) \w+( \w+)* 3 times", str(done.error))
         assert executor.map(functions.double, [4]) == [8]
-
-    def test_a_task_that_hangs_is_ended_and_the_others_are_done(self, limited: Executor) -> None:
-        ends = {done.number: done for done in limited.run(functions.hang_at_3, range(8))}
-        assert [ends[k].value for k in range(8)] == [0, 1, 2, None, 4, 5, 6, 7]
-        assert str(ends[3].error) == f"task 3: more than {limited.limit_s} s"
 
     def test_what_is_not_done_is_cancelled_when_nobody_wants_it(self, executor: Executor, tmp_path: Path) -> None:
         with contextlib.closing(executor.run(functions.note_and_wait, [(str(tmp_path), k) for k in range(50)])) as ends:

@@ -31,12 +31,6 @@ def fail_oddly(number: int) -> int:
     raise Odd(f"number {number}", "home")
 
 
-def hang_at_3(number: int) -> int:
-    if number == 3:
-        time.sleep(600.0)
-    return number
-
-
 def die_once(task: tuple[str, int]) -> int:
     """Its worker is killed at the first call of the number 2; ``folder`` remembers it."""
     folder, number = task

@@ -29,11 +29,6 @@ class TestLocalProcesses(ProcessesContract):
     def executor(self, two_processes: Executor) -> Executor:
         return two_processes
 
-    @pytest.fixture
-    def limited(self) -> Iterator[Executor]:
-        with LocalProcesses(2, limit_s=10.0) as made:
-            yield made
-
 
 def test_no_process_is_left(tmp_path: Path) -> None:
     with LocalProcesses(2) as executor:

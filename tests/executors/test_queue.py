@@ -1,4 +1,4 @@
-"""Tasks go to the worker that has their home, homes are shared evenly, and every task is handed out once."""
+"""Tasks go to the worker that has their key, keys are shared evenly, and every task is handed out once."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from collections import Counter
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pacman_env.executors.queue import Queue
+from pacman_env.executors.queue import StickyQueue
 
 
-def handed_out(homes: list[int] | None, count: int, owners: dict, workers: int, lost: frozenset[int] = frozenset()):  # type: ignore[no-untyped-def, type-arg]
+def handed_out(keys: list[int] | None, count: int, owners: dict, workers: int, lost: frozenset[int] = frozenset()):  # type: ignore[no-untyped-def, type-arg]
     """The worker of each task, in turns; the workers ``lost`` are lost after their first task, which waits again."""
-    queue, found = Queue(count, homes, owners), {}
+    queue, found = StickyQueue(count, keys, owners), {}
     alive = list(range(workers))
     while len(queue):
         before = len(queue)
         for worker in list(alive):
-            number = queue.take(worker, len(alive))
+            number = queue.next_task(worker, len(alive))
             if number is None:
                 continue
             if worker in lost and len(alive) > 1:
                 alive.remove(worker)
-                queue.lose(worker)
-                queue.put_back(number)
+                queue.drop_worker(worker)
+                queue.retry(number)
                 before += 1
                 continue
             assert number not in found
@@ -32,26 +32,26 @@ def handed_out(homes: list[int] | None, count: int, owners: dict, workers: int, 
     return found
 
 
-def test_without_homes_tasks_go_in_their_order() -> None:
-    queue = Queue(3, None, {})
-    assert [queue.take(worker, 2) for worker in (0, 1, 0, 1)] == [0, 1, 2, None]
-    queue.put_back(1)
+def test_without_keys_tasks_go_in_their_order() -> None:
+    queue = StickyQueue(3, None, {})
+    assert [queue.next_task(worker, 2) for worker in (0, 1, 0, 1)] == [0, 1, 2, None]
+    queue.retry(1)
     assert len(queue) == 1
-    assert queue.take(0, 2) == 1
+    assert queue.next_task(0, 2) == 1
 
 
-def test_a_home_stays_with_its_worker_from_run_to_run() -> None:
+def test_a_key_stays_with_its_worker_from_run_to_run() -> None:
     owners: dict = {}  # type: ignore[type-arg]
-    homes = list(range(7))
-    first = handed_out(homes, 7, owners, 3)
+    keys = list(range(7))
+    first = handed_out(keys, 7, owners, 3)
     assert max(Counter(first.values()).values()) == 3
-    assert handed_out(homes, 7, owners, 3) == first
-    fewer = handed_out(homes[:4], 4, owners, 3)
+    assert handed_out(keys, 7, owners, 3) == first
+    fewer = handed_out(keys[:4], 4, owners, 3)
     assert fewer.keys() == {0, 1, 2, 3}
     assert owners.keys() == {0, 1, 2, 3}
 
 
-def test_a_new_worker_gets_its_share_of_the_homes() -> None:
+def test_a_new_worker_gets_its_share_of_the_keys() -> None:
     owners: dict = {}  # type: ignore[type-arg]
     handed_out(list(range(8)), 8, owners, 1)
     assert Counter(handed_out(list(range(8)), 8, owners, 2).values()) == {0: 4, 1: 4}
@@ -59,9 +59,9 @@ def test_a_new_worker_gets_its_share_of_the_homes() -> None:
 
 @given(st.lists(st.integers(0, 5), max_size=20), st.integers(1, 6), st.frozensets(st.integers(0, 5)), st.booleans())
 def test_every_task_is_handed_out_once_whoever_is_lost(
-    homes: list[int], workers: int, lost: frozenset[int], with_homes: bool
+    keys: list[int], workers: int, lost: frozenset[int], with_keys: bool
 ) -> None:
     owners: dict = {}  # type: ignore[type-arg]
     for _ in range(2):
-        found = handed_out(homes if with_homes else None, len(homes), owners, workers, lost)
-        assert found.keys() == set(range(len(homes)))
+        found = handed_out(keys if with_keys else None, len(keys), owners, workers, lost)
+        assert found.keys() == set(range(len(keys)))

@@ -29,11 +29,6 @@ class TestRayCluster(ProcessesContract):
     def executor(self, cluster: RayCluster) -> Executor:
         return cluster
 
-    @pytest.fixture
-    def limited(self, cluster: RayCluster, monkeypatch: pytest.MonkeyPatch) -> Executor:
-        monkeypatch.setattr(cluster, "limit_s", 10.0)
-        return cluster
-
     @pytest.mark.daily
     def test_ten_thousand_tiny_tasks(self, executor: Executor) -> None:
         assert sum(executor.map(functions.double, range(10_000))) == 10_000 * 9_999
