@@ -71,7 +71,7 @@ def simulate(setting: Setting, seed: int = 0) -> Outcome:
         left = setting.parts
         while left:
             began = time.perf_counter()
-            some = len(idle) if not events else queue.free
+            some = len(idle) if not events else queue.unassigned
             asked, idle = [*ready, *idle[:some]], idle[some:]
             chosen = [(worker, queue.next_task(worker, len(workers.there))) for worker in asked]
             queue_s += time.perf_counter() - began
