@@ -82,10 +82,7 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
     "ros release": (("ros release --namespace robot_15", "it may drive again"),),
     "ros status": (("ros status --sim --json", "of a simulated game, as JSON"),),
     "ros doctor": (("ros doctor --map home.yaml --namespace robot_15", "before a game"),),
-    "ros record": (
-        ("ros record --out games/first", "until Ctrl-C"),
-        ("ros record --recover games/first", "after its recorder was killed"),
-    ),
+    "ros record": (("ros record --out games/first", "until Ctrl-C"),),
     "ros replay": (("ros replay games/first --map home.yaml --policy nearest", "what nearest would have done"),),
 }
 

@@ -127,20 +127,12 @@ def _doctor(arguments: argparse.Namespace) -> int:
 
 def _add_record(group: Any) -> None:
     record = group.add_parser("record", help="record a running game as an MCAP bag, until Ctrl-C")
-    record.add_argument("--out", type=Path, metavar="FOLDER", help="the new bag")
-    record.add_argument("--recover", type=Path, metavar="BAG", help="make a whole bag of one whose recorder was killed")
+    record.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="the new bag")
     record.add_argument("--sim", action="store_true", help="stamp with the simulated robot's clock, on this machine")
     _add_where(record, _record)
 
 
 def _record(arguments: argparse.Namespace) -> int:
-    if arguments.recover is not None:
-        with what_ros_needs():
-            from pacman_env.ros.bags.recover import recover
-        print(recover(arguments.recover, arguments.out).render())
-        return 0
-    if arguments.out is None:
-        raise ValueError("--out FOLDER is needed: the new bag")
     with what_ros_needs():
         from pacman_env.ros.bags.record import record
     return record(arguments.out, arguments.namespace, arguments.domain_id, arguments.sim)

@@ -1,10 +1,8 @@
 """Recorded games: one robot's messages in a ROS 2 bag, in their order. No message code of the bag's own is run.
 
-A recorder writes into ``NAME.unfinished`` and holds that folder's lock; the whole bag gets its own name."""
+A recorder writes into ``NAME.unfinished``; the whole bag gets its own name."""
 
 import contextlib
-import fcntl
-import os
 import shlex
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
@@ -19,7 +17,6 @@ from pacman_env.ros.bags.checksums import MAGIC, ChecksummedWriter, Scan, one_li
 from pacman_env.ros.topics import GAME_STATE, Topic
 
 SUFFIX = ".unfinished"
-COMMAND = "pacman-env ros record --recover"
 NO_CHECKSUM = "{} messages have no checksum: whether they are as recorded cannot be known"
 _LISTED = 8  # topics of a foreign bag that an error names
 
@@ -92,8 +89,8 @@ def open_bag(path: Path, namespace: str | None = None) -> Iterator[Bag]:
         reader.open()
     except Exception as error:  # rosbags, its storages and its YAML parser have many
         remedy = remedy_for(path)
-        why = remedy if remedy and not path.exists() else f"no bag that can be read: {one_line(error)}"
-        raise BagError(f"{path}: {why}" + (f"; {remedy}" if remedy and path.exists() else "")) from None
+        found = [f"no bag that can be read: {one_line(error)}"] if path.exists() or not remedy else []
+        raise BagError(f"{path}: {'; '.join([*found, *([remedy] if remedy else [])])}") from None
     try:
         yield Bag(reader, path, namespace)
     finally:
@@ -107,85 +104,50 @@ def check(path: Path) -> str:
     for file in files:
         with file.open("rb") as stream:
             scan = Scan(stream)
-            for _ in scan.records():
-                pass
         if problems := scan.problems() or ["bytes outside its messages"] * scan.altered:
-            remedy = f"{COMMAND} {shlex.quote(str(path))} makes a bag of the rest"
-            raise BagError(f"{path}: damaged: {'; '.join(problems)}; {remedy}")
+            raise BagError(f"{path}: damaged: {'; '.join(problems)}")
         unchecked += scan.unchecked
     return "" if files and not unchecked else NO_CHECKSUM.format(unchecked or "all")
 
 
-def new_bag(folder: Path, **more: str) -> Writer:
-    """A compressed MCAP bag with checksums and its writer's version; ``folder`` must not exist."""
+def new_bag(folder: Path) -> Writer:
+    """Make a compressed MCAP bag with checksums and its writer's version; ``folder`` must not exist."""
     writer = Writer(folder, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP)
     writer.STORAGE_PLUGINS = {StoragePlugin.MCAP: ChecksummedWriter}
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-    for name, value in {"pacman_env": __version__, **more}.items():
-        writer.set_custom_data(name, value)
+    writer.set_custom_data("pacman_env", __version__)
     return writer
+
+
+def mcap_files(bag: Path) -> list[Path]:
+    """List the file itself, or those in a bag's folder; an unfinished bag has them one folder deeper."""
+    return [bag] if bag.is_file() else sorted(bag.glob("*.mcap")) or sorted(bag.glob("*/*.mcap"))
 
 
 def unfinished_folder(bag: Path) -> Path:
     return bag.with_name(bag.name + SUFFIX)
 
 
-def unfinished_around(path: Path) -> Path | None:
-    return next((folder for folder in (path, *path.parents) if folder.name.endswith(SUFFIX)), None)
+def unfinished(path: Path) -> Path | None:
+    """Return the folder into which a recorder writes this bag, or that contains this path; None without one."""
+    candidates = (unfinished_folder(path), path, *path.parents)
+    return next((folder for folder in candidates if folder.name.endswith(SUFFIX) and folder.is_dir()), None)
 
 
-@contextlib.contextmanager
-def recording(out: Path) -> Iterator[Path]:
-    """Make the folder for a bag that is to become ``out`` and hold its lock; its content stays."""
-    folder = unfinished_folder(out)
-    try:
-        folder.mkdir(parents=True)
-    except FileExistsError:
-        if is_being_recorded(folder):
-            raise FileExistsError(f"{out}: is being recorded already, into {folder}") from None
-        raise FileExistsError(f"{folder}: left by a recorder that was killed: {_recovery(out)}, or delete it") from None
-    lock = os.open(folder, os.O_RDONLY)
-    try:
-        with contextlib.suppress(OSError):  # a file system without locks
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        yield folder
-    finally:
-        os.close(lock)
+def remedy_for(path: Path) -> str:
+    """Name the commands that make a whole bag of an unfinished one; empty if the path is no such bag."""
+    folder = unfinished(path)
+    files = mcap_files(folder or path)
+    if len(files) != 1 or not _begins_as_mcap(files[0]):
+        return ""
+    bag = folder.with_name(folder.name.removesuffix(SUFFIX)) if folder else path.with_name(f"{path.stem}_recovered")
+    out = bag / f"{bag.name}_0.mcap"  # ROS finds files by this ending
+    source, target, whole = (shlex.quote(str(one)) for one in (files[0], out, bag))
+    begin = "not finished: Ctrl-C ends its recorder; if it was killed" if folder else "if its recorder was killed"
+    return f"{begin}: mkdir {whole}; mcap recover {source} -o {target}; ros2 bag reindex {whole}"
 
 
-def is_being_recorded(folder: Path) -> bool:
-    lock = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except OSError:  # a file system without locks: it cannot be known
-        return False
-    finally:
-        os.close(lock)
+def _begins_as_mcap(file: Path) -> bool:
+    with contextlib.suppress(OSError), file.open("rb") as stream:
+        return stream.read(len(MAGIC)) == MAGIC
     return False
-
-
-def remedy_for(bag: Path) -> str | None:
-    """What can be done about a bag that cannot be read, if that is known."""
-    folder = unfinished_around(bag) if bag.exists() else unfinished_folder(bag)
-    left = folder is not None and folder.is_dir()
-    if folder is not None and left and is_being_recorded(folder):
-        return "still being recorded; Ctrl-C ends its recorder"
-    if not bag.exists():
-        return f"not finished, its recorder was killed: {_recovery(bag)}" if left else None
-    with contextlib.suppress(ValueError, OSError):
-        (file,) = mcap_files(bag)
-        with file.open("rb") as stream:
-            if stream.read(len(MAGIC)) == MAGIC:
-                return f"if its recorder was killed: {_recovery(bag)}"
-    return None
-
-
-def mcap_files(bag: Path) -> list[Path]:
-    """The file itself, or those in a bag's folder; in that of an unfinished bag it lies one folder deeper."""
-    return [bag] if bag.is_file() else sorted(bag.glob("*.mcap")) or sorted(bag.glob("*/*.mcap"))
-
-
-def _recovery(bag: Path) -> str:
-    return f"{COMMAND} {shlex.quote(str(bag))} makes a whole bag of what there is"

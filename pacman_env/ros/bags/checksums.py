@@ -3,7 +3,6 @@
 A recording without checksums (written by 0.15 or earlier, or by another recorder) can be read but not checked.
 """
 
-import contextlib
 import os
 import struct
 from collections.abc import Iterator
@@ -14,7 +13,7 @@ from zlib import crc32
 
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
-from mcap.records import McapRecord, Message
+from mcap.records import Message
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 from rosbags.rosbag2.storage_mcap import McapWriter
 
@@ -24,7 +23,6 @@ _CHUNK_CRC = slice(33, 37)  # of a chunk record's bytes
 _DATA_END = struct.Struct("<9xI")  # checksum of everything before this record
 _FOOTER = struct.Struct("<9xQQI8x")  # begin of the summary, of its offsets; the summary's checksum; magic
 _BEHIND_CRC = 8  # bytes of the magic
-_RECORDS = (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 _LISTED = 5  # damaged chunks
 
 
@@ -32,7 +30,6 @@ class ChecksummedWriter(McapWriter):
     """Write an MCAP file with the checksums that rosbags leaves out."""
 
     bio: BinaryIO
-    checked = True  # False: the next chunks get no checksum, as their messages come from a chunk without one
 
     def close_chunk(self) -> None:
         """Write the pending chunk, with its checksum, and its index at once."""
@@ -43,7 +40,7 @@ class ChecksummedWriter(McapWriter):
         finally:
             self.bio = file
         content = bytearray(part.getvalue())
-        content[_CHUNK_CRC] = (crc if self.checked else 0).to_bytes(4, "little")
+        content[_CHUNK_CRC] = crc.to_bytes(4, "little")
         file.write(content)
 
     def close(self, version: int, metadata: str) -> None:
@@ -73,34 +70,35 @@ class _Part(BytesIO):
 class Damage:
     """A chunk that cannot be used, and how many messages it has by the index behind it."""
 
-    chunk: int  # from 1, 0 in a file without chunks
+    chunk: int  # from 1
     why: str
     messages: int = 0
 
     def __str__(self) -> str:
-        place = f"chunk {self.chunk} with {self.messages} messages" if self.chunk else "a record"
-        return f"{place}: {self.why}"
+        return f"chunk {self.chunk} with {self.messages} messages: {self.why}"
 
 
 class Scan:
-    """One pass through an MCAP file, and what is wrong with the part that was read."""
+    """Read an MCAP file once and collect what is wrong with it."""
 
     def __init__(self, file: BinaryIO) -> None:
-        self.size = os.fstat(file.fileno()).st_size
-        self.chunks = self.messages = 0
-        self.unchecked = 0  # of these messages, those without a checksum
+        self.unchecked = 0  # messages without a checksum
         self.damaged: list[Damage] = []
         self.missing = 0  # messages that an index lists and no chunk contains
-        self.good = 0  # bytes that could be read
         self.why = ""  # the rest cannot be read; empty: the file was read to the end of its messages
         self.altered = False  # a section of the file differs from its checksum
         self._file = file
+        self._size = os.fstat(file.fileno()).st_size
+        self._good = 0  # bytes that could be read
+        self._chunks = 0
         self._last: Damage | None = None  # the chunk before this place, if it is damaged
         self._unlisted = 0  # its messages that no index has listed yet
-
-    @property
-    def lost_bytes(self) -> int:
-        return self.size - self.good if self.why else 0
+        try:
+            self._read()
+        except EndOfFile:
+            self.why = "cut off"
+        except Exception as error:  # whatever broken bytes lead to
+            self.why = f"damaged: {one_line(error)}"
 
     def problems(self) -> list[str]:
         """Say what the file lacks; nothing if every message is there that was written before its end."""
@@ -110,62 +108,37 @@ class Scan:
         if self.missing:
             found.append(f"{self.missing} messages that its index lists")
         if self.why:
-            found.append(f"its last {self.lost_bytes} bytes: {self.why}")
+            found.append(f"its last {self._size - self._good} bytes: {self.why}")
         return found
 
-    def records(self) -> Iterator[tuple[bool, list[McapRecord]]]:
-        """Yield the records of each chunk that is not damaged, and every other record alone; with a checksum or not."""
-        try:
-            for opcode, content in self._contents(len(MAGIC)):
-                if opcode == Opcode.DATA_END:
-                    (crc,) = _DATA_END.unpack(content)
-                    data_is_altered = crc not in (0, _crc(self._file, 0, self._file.tell() - len(content)))
-                    self.altered = data_is_altered or self._summary_is_altered()
-                    self.good = self.size
-                    return
-                if opcode == Opcode.CHUNK:
-                    yield from self._chunk(content)
-                elif opcode == Opcode.MESSAGE_INDEX:
-                    self._count(len(_parsed(content).records))
-                elif opcode in _RECORDS:
-                    yield from self._offer(False, [_parsed(content)])
-                self.good = self._file.tell()
-        except EndOfFile:
-            self.why = "cut off"
-        except Exception as error:  # whatever broken bytes lead to
-            self.why = f"damaged: {one_line(error)}"
+    def _read(self) -> None:
+        for opcode, content in self._contents(len(MAGIC)):
+            if opcode == Opcode.DATA_END:
+                (crc,) = _DATA_END.unpack(content)
+                data_is_altered = crc not in (0, _crc(self._file, 0, self._file.tell() - len(content)))
+                self.altered = data_is_altered or self._summary_is_altered()
+                return
+            if opcode == Opcode.CHUNK:
+                self._check_chunk(content)
+            elif opcode == Opcode.MESSAGE_INDEX:
+                self._count(len(_parsed(content).records))
+            elif opcode == Opcode.MESSAGE:  # of a file without chunks
+                self.unchecked += 1
+            self._good = self._file.tell()
 
-    def reject(self, error: Exception) -> None:
-        """Count the chunk that was read last as damaged."""
-        why = "its checksum differs" if isinstance(error, CRCValidationError) else one_line(error)
-        self._last = Damage(self.chunks, why)
-        self.damaged.append(self._last)
-
-    def summary(self) -> list[McapRecord]:
-        """Return schemas and channels as the end of the file repeats them; none unless they pass their checksum."""
-        with contextlib.suppress(Exception):  # an unfinished file has no summary
-            begin, crc = _summary_of(self._file, self.size)
-            if crc and not self._summary_is_altered():
-                return [_parsed(content) for opcode, content in self._contents(begin) if opcode in _RECORDS]
-        return []
-
-    def _chunk(self, content: bytes) -> Iterator[tuple[bool, list[McapRecord]]]:
-        self.chunks += 1
+    def _check_chunk(self, content: bytes) -> None:
+        self._chunks += 1
+        self._last, self._unlisted = None, 0
         try:
             chunk = _parsed(content)
-            records = breakup_chunk(chunk, validate_crc=True)
+            self._unlisted = sum(isinstance(one, Message) for one in breakup_chunk(chunk, validate_crc=True))
         except Exception as error:  # whatever broken bytes lead to
-            self.reject(error)
+            why = "its checksum differs" if isinstance(error, CRCValidationError) else one_line(error)
+            self._last = Damage(self._chunks, why)
+            self.damaged.append(self._last)
             return
-        yield from self._offer(chunk.uncompressed_crc != 0, records)
-
-    def _offer(self, checked: bool, records: list[McapRecord]) -> Iterator[tuple[bool, list[McapRecord]]]:
-        messages = sum(isinstance(one, Message) for one in records)
-        self._last, self._unlisted = None, messages
-        yield checked, records
-        if self._last is None:
-            self.messages += messages
-            self.unchecked += 0 if checked else messages
+        if not chunk.uncompressed_crc:
+            self.unchecked += self._unlisted
 
     def _count(self, listed: int) -> None:
         if self._last is not None:
@@ -176,8 +149,8 @@ class Scan:
         self._unlisted = max(0, self._unlisted)
 
     def _summary_is_altered(self) -> bool:
-        begin, crc = _summary_of(self._file, self.size)
-        return crc not in (0, _crc(self._file, begin, self.size - _BEHIND_CRC - 4))
+        begin, crc = _summary_of(self._file, self._size)
+        return crc not in (0, _crc(self._file, begin, self._size - _BEHIND_CRC - 4))
 
     def _contents(self, place: int) -> Iterator[tuple[int, bytes]]:
         """Yield the opcode and all bytes of each record up to the footer; raise EndOfFile if one is cut off."""
@@ -188,7 +161,7 @@ class Scan:
             opcode, length = _HEAD.unpack(head)
             if opcode == 0:
                 raise ValueError(f"no record at byte {self._file.tell() - len(head)}")
-            if length > self.size - self._file.tell():
+            if length > self._size - self._file.tell():
                 raise EndOfFile
             yield opcode, head + self._file.read(length)
             if opcode == Opcode.FOOTER:

@@ -16,7 +16,7 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 from rosbags.typesys import Stores, get_typestore
 
 from pacman_env.ros import topics
-from pacman_env.ros.bags.bag import new_bag, recording
+from pacman_env.ros.bags.bag import new_bag, remedy_for, unfinished_folder
 from pacman_env.ros.discovery import join
 from pacman_env.ros.node import BaseNode, run
 from pacman_env.ros.supervisor.game_nodes import full_namespace
@@ -86,26 +86,31 @@ def record(out: Path, namespace: str, domain: int | None = None, sim_time: bool 
     if out.exists():
         raise FileExistsError(f"{out}: exists already, a bag is not overwritten")
     join(domain, sim_time)
+    folder = unfinished_folder(out)
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        remedy = remedy_for(out) or "another recorder writes into it, or was killed"
+        raise FileExistsError(f"{folder}: exists already; delete it, or keep what it has: {remedy}") from None
     made: list[Recorder] = []
-    with recording(out) as folder:
 
-        def make() -> Recorder:
-            made.append(Recorder(folder / out.name, sim_time))
-            print(f"recording {full} into {out}; Ctrl-C ends it", flush=True)
-            return made[0]
+    def make() -> Recorder:
+        made.append(Recorder(folder / out.name, sim_time))
+        print(f"recording {full} into {out}; Ctrl-C ends it", flush=True)
+        return made[0]
 
-        try:
-            status = run(make, NAME, ["--ros-args", "-r", f"__ns:={full}"])
-            received = made[0].messages if made else 0
-            if status == 0 and not received:
-                raise ValueError(f"no message was received under {full}: is the namespace right, is the game up?")
-            if status == 0:
-                os.replace(folder / out.name, out)
-                size = sum(path.stat().st_size for path in out.iterdir())
-                print(f"{out}: {received} messages, {size / 1e6:.2f} MB", file=sys.stdout, flush=True)
-        finally:
-            if out.exists() or not (made and made[0].messages):  # else there is something to recover
-                shutil.rmtree(folder, ignore_errors=True)
+    try:
+        status = run(make, NAME, ["--ros-args", "-r", f"__ns:={full}"])
+        received = made[0].messages if made else 0
+        if status == 0 and not received:
+            raise ValueError(f"no message was received under {full}: is the namespace right, is the game up?")
+        if status == 0:
+            os.replace(folder / out.name, out)
+            size = sum(path.stat().st_size for path in out.iterdir())
+            print(f"{out}: {received} messages, {size / 1e6:.2f} MB", file=sys.stdout, flush=True)
+    finally:
+        if out.exists() or not (made and made[0].messages):  # else there is something to recover
+            shutil.rmtree(folder, ignore_errors=True)
     return status
 
 

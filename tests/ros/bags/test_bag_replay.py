@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -396,3 +399,24 @@ def test_simulated_poses_jump_by_the_error_that_is_drawn_anew() -> None:
     assert quantiles["jump"][1] == pytest.approx(0.058, rel=0.2)
     assert quantiles["speed"] is not None
     assert quantiles["speed"][2] <= config.robot.wheel_speed_mps
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"], ids=["written at the end", "written at once"])
+@pytest.mark.parametrize("options", [[], ["--json"]], ids=["text", "JSON"])
+def test_a_replay_whose_reader_has_enough_ends_without_a_traceback(
+    bag: Path, options: list[str], unbuffered: str
+) -> None:
+    """As ``| head`` does, but certainly before anything is written."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    command = [sys.executable, "-m", "pacman_env.cli.main", "ros", "replay", str(bag), "--map", "house"]
+    with open(writing, "wb") as output:
+        ended = subprocess.run(
+            [*command, "--policy", "nearest", *options],
+            env={**os.environ, "PYTHONUNBUFFERED": unbuffered},
+            stdout=output,
+            stderr=subprocess.PIPE,
+        )
+    assert b"Traceback" not in ended.stderr
+    assert b"Exception ignored" not in ended.stderr
+    assert ended.stderr.count(b"\n") <= 1

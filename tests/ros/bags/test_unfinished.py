@@ -1,0 +1,209 @@
+"""What a killed recorder leaves: all whole chunks, and one line with the commands that make a bag of them."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import struct
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("rosbags")
+pytest.importorskip("mcap")
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.exceptions import McapError
+from mcap.records import Channel, Chunk, Header, Message, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.writer import Writer
+from rosbags.rosbag2 import Reader
+
+from pacman_env.cli.main import main
+from pacman_env.ros import topics
+from pacman_env.ros.bags.bag import BagError, open_bag, unfinished_folder
+from pacman_env.ros.bags.record import FLUSH_S, NAME, RECORDED, Recorder, record
+from pacman_env.ros.messages import markers_of, pose_message
+from tests.ros import session
+from tests.ros.bags.test_bag_replay import write_round
+from tests.ros.bags.test_record import start_recording
+from tests.ros.selector_game import house, pellet
+
+CUT_OFF = McapError, struct.error  # what MCAP's library raises where a file is cut off
+
+
+def raw_messages(path: Path) -> list[bytes]:
+    """Read the messages of a whole bag, in order."""
+    with Reader(path) as reader:
+        return [bytes(raw) for _, _, raw in reader.messages()]
+
+
+def chunks_of(file: Path) -> list[tuple[int, list[bytes]]]:
+    """Read where each whole chunk ends, and its messages."""
+    chunks = []
+    with file.open("rb") as stream, contextlib.suppress(*CUT_OFF):  # a file may be cut off
+        for one in StreamReader(stream, emit_chunks=True).records:
+            if isinstance(one, Chunk):
+                messages = [bytes(m.data) for m in breakup_chunk(one) if isinstance(m, Message)]
+                chunks.append((stream.tell(), messages))
+    return chunks
+
+
+def recover(source: Path, out: Path) -> None:
+    """Do what ``mcap recover`` does: with the tool if it is installed, else with MCAP's library."""
+    if tool := shutil.which("mcap"):
+        assert subprocess.run([tool, "recover", source, "-o", out]).returncode in (0, 3)  # 3: the end is lost
+        return
+    with source.open("rb") as read, out.open("wb") as written, contextlib.suppress(*CUT_OFF):
+        writer, schemas, channels = Writer(written), {0: 0}, dict[int, int]()
+        try:
+            for one in StreamReader(read).records:
+                if isinstance(one, Header):
+                    writer.start(one.profile)
+                elif isinstance(one, Schema):
+                    schemas[one.id] = writer.register_schema(one.name, one.encoding, one.data)
+                elif isinstance(one, Channel):
+                    kept = one.topic, one.message_encoding, schemas[one.schema_id], one.metadata
+                    channels[one.id] = writer.register_channel(*kept)
+                elif isinstance(one, Message):
+                    times = one.log_time, one.data, one.publish_time, one.sequence
+                    writer.add_message(channels[one.channel_id], *times)
+        finally:
+            writer.finish()
+
+
+class Recording:
+    """A real recorder, and what is said beside it."""
+
+    def __init__(self, system: Any, probe: Any, out: Path) -> None:
+        self.probe, self.out = probe, out
+        self.folder = unfinished_folder(out)
+        self.file = self.folder / out.name / f"{out.name}.mcap"
+        self.said = 0
+        self.system = system
+        self.recorder = start_recording(system, out)
+        probe.wait_for(lambda: "recording /robot_15" in self.recorder.output, what="the recorder is up")
+
+    def say(self, *messages: tuple[topics.Topic, Any]) -> None:
+        """Publish, and wait until all is on the disk while the recorder goes on: nothing else is said meanwhile."""
+        for topic, message in messages:
+            self.probe.publish(topic, message)
+        self.said += len(messages)
+        self.probe.wait_for(lambda: self.on_the_disk() >= self.said, what="messages on the disk")
+
+    def on_the_disk(self) -> int:
+        return sum(len(messages) for _, messages in chunks_of(self.file))
+
+    def kill(self) -> None:
+        self.recorder.popen.kill()
+        self.recorder.popen.wait()
+        self.system.processes.remove(self.recorder)
+
+
+@pytest.fixture
+def recording(system: Any, probe: Any, tmp_path: Path) -> Recording:
+    return Recording(system, probe, tmp_path / "games" / "first")
+
+
+def test_recording_that_is_killed_contains_all_whole_chunks(
+    recording: Recording, capsys: pytest.CaptureFixture[str]
+) -> None:
+    probe, out = recording.probe, recording.out
+    here = house().grid.home.tolist()
+    pose = topics.AMCL_POSE.type()
+    pose.header.frame_id = "map"
+    pose.pose.pose = pose_message(*here, probe.stamp()).pose
+    recording.say(
+        (topics.GAME_STATE, "menu"),
+        (topics.CLYDE_SPEED, 0.25),
+        (topics.CLYDE_POSE, pose_message(50.0, 50.0, 0.0, probe.stamp())),
+        (
+            topics.PELLET_MARKERS,
+            markers_of({int(n): pellet(k) for k, n in enumerate(house().pellet_ids)}, probe.stamp()),
+        ),
+        (topics.AMCL_POSE, pose),
+        (topics.GAME_STATE, "running"),
+    )
+    recording.say((topics.SCORE, 1), (topics.GAME_STATUS, "pellet_collected:3"))
+    with pytest.raises(BagError, match="not finished: Ctrl-C ends its recorder"), open_bag(out):
+        pass
+    recording.kill()
+    assert recording.on_the_disk() == recording.said
+
+    whole = out / "first_0.mcap"
+    remedy = f"mkdir {out}; mcap recover {recording.file} -o {whole}; ros2 bag reindex {out}"
+    replay = ["--map", "house", "--policy", "nearest"]
+    assert main(["ros", "replay", str(out), *replay]) == 2
+    error = capsys.readouterr().err
+    assert error.endswith(f"if it was killed: {remedy}\n")
+    assert error.count("\n") == 1
+    with pytest.raises(FileExistsError, match=r"first\.unfinished: exists already; delete it, or .*; mcap recover "):
+        record(out, "robot_15")
+    out.mkdir()
+    recover(recording.file, whole)
+    assert main(["ros", "replay", str(whole), *replay]) == 0
+    assert "rounds 1, 1 pellet_collected" in capsys.readouterr().out
+
+
+@pytest.fixture(scope="module")
+def recorded(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bag of three chunks, written by the recorder's node."""
+    folder = tmp_path_factory.mktemp("games")
+    with session.nodes(folder) as nodes:
+        recorder = nodes.start(NAME, lambda: Recorder(folder / "first", sim_time=True))
+        chunks: list[list[tuple[topics.Topic, Any]]] = [
+            [(topics.GAME_COMMAND, word) for word in ("disable", "reset_round", "enable")],
+            [(topics.SCORE, 1), (topics.GAME_STATE, "running")],
+            [(topics.SCORE, 2)],
+        ]
+        for messages in chunks:
+            for topic, message in messages:
+                nodes.publish(topic, message)
+            nodes.advance(FLUSH_S)
+        nodes.game.remove(recorder)
+    assert [len(messages) for _, messages in chunks_of(folder / "first" / "first.mcap")] == [3, 2, 1]
+    return folder / "first"
+
+
+@pytest.mark.parametrize("chunks", [1, 2, 3])
+@pytest.mark.parametrize("more", [0, 40])
+def test_cut_recording_has_its_whole_chunks_when_recovered(
+    recorded: Path, tmp_path: Path, chunks: int, more: int
+) -> None:
+    whole, cut = recorded / "first.mcap", tmp_path / "cut.mcap"
+    end, _ = chunks_of(whole)[chunks - 1]
+    cut.write_bytes(whole.read_bytes()[: end + more])
+    recover(cut, tmp_path / "cut_recovered_0.mcap")
+    expected = [message for _, messages in chunks_of(whole)[:chunks] for message in messages]
+    assert raw_messages(tmp_path / "cut_recovered_0.mcap") == expected
+    if chunks > 1:
+        with open_bag(tmp_path / "cut_recovered_0.mcap") as bag:
+            assert len(list(bag.messages(RECORDED))) == len(expected)
+
+
+@settings(max_examples=20)
+@given(st.floats(0, 1, exclude_max=True), st.booleans())
+def test_recording_cut_anywhere_is_refused_in_one_line(recorded: Path, share: float, zeros: bool) -> None:
+    content, file = (recorded / "first.mcap").read_bytes(), recorded.parent / "cut.mcap"
+    length = int(share * len(content))
+    file.write_bytes(content[:length] + bytes((len(content) - length) * zeros))  # as a file system may fill up
+    with pytest.raises(BagError, match="no bag that can be read") as caught, open_bag(file):
+        pass
+    assert "\n" not in str(caught.value)
+    assert ("; mcap recover " in str(caught.value)) == (length >= 8)  # with MCAP's first bytes
+
+
+def test_remedy_of_unfinished_bag_quotes_its_path(tmp_path: Path) -> None:
+    write_round(tmp_path / "my game", "nearest")
+    file = tmp_path / "my game" / "my game.mcap"
+    file.write_bytes(file.read_bytes()[:-50])
+    for path in (file, file.parent):
+        with pytest.raises(BagError, match="no bag that can be read") as caught, open_bag(path):
+            pass
+        new = tmp_path / "my game" / "my game_recovered" if path == file else tmp_path / "my game_recovered"
+        out = new / "my game_recovered_0.mcap"
+        assert f"mkdir '{new}'; mcap recover '{file}' -o '{out}'; ros2 bag reindex '{new}'" in str(caught.value)
