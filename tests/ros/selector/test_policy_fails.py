@@ -106,9 +106,8 @@ def test_failing_policy_is_reported_alike_until_it_answers(
         assert terminal.spin_until(lambda: terminal.troubles, PATIENCE_S)
         assert terminal.troubles[POLICY_FAILS] == shown
     with Doctor(session.NAMESPACE, domain, None, "", False, PATIENCE_S) as doctor:
-        doctor.observe(
-            lambda: bad_game(doctor) is not None
-        )  # the message may come before the names of the robot's nodes
+        # The message may come before the names of the robot's nodes.
+        doctor.observe(lambda: bad_game(doctor) is not None)
         finding = bad_game(doctor)
     assert finding is not None
     assert (finding.summary.partition("; ")[2], finding.remedy) == (shown, REMEDIES[POLICY_FAILS])
