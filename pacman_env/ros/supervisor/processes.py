@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from . import child
-from .shared_memory import remove_unused
 
 #: For a node's end: its last messages, then a middleware that hangs, 7 s together (``node.py``), on a busy machine.
 PATIENCE_S = 30.0
@@ -138,7 +137,6 @@ class ProcessGroup:
                 member.process = None
                 self._bury(member, status, now)
             if member.process is None and member.due_s is not None and now >= member.due_s and not self.held(name):
-                remove_unused()
                 self._launch(member, "ab" if member.deaths else "wb")
         return dead
 

@@ -38,7 +38,6 @@ from pacman_env.ros.supervisor.game_nodes import (
 )
 from pacman_env.ros.supervisor.preparation import Preparation
 from pacman_env.ros.supervisor.processes import Lost, ProcessGroup
-from pacman_env.ros.supervisor.shared_memory import tidied
 from pacman_env.ros.supervisor.status_line import ANSWER_S, StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter, keyboard
 from pacman_env.ros.topics import CONTINUE, RESET_GAME, START_GAME, Service
@@ -60,6 +59,7 @@ REPORTED = {
 KEYS = {"s": START_GAME, "r": RESET_GAME, "c": CONTINUE}
 _WEB = ("starlette", "uvicorn", "websockets")  # what the page's server needs
 _BACKLOG = 20  # messages
+CLEAN = "fastdds shm clean removes what they left in shared memory"
 
 
 def up(
@@ -81,7 +81,6 @@ def up(
         number = join(domain, setup.sim)
         check(setup, play_on or rounds is not None)
         with (
-            tidied(),
             contextlib.closing(GameLock(setup.namespace, number, setup.sim)) as lock,
             StatusLine(setup.namespace, setup.sim, setup.policy) as status_line,
             keyboard(sys.stdin) as pressed,
@@ -311,6 +310,6 @@ class _Play:
         self.status_line.prepare_halt()
         killed = self.processes.stop(MOVERS, (SIMULATOR,), self.status_line.halt, waiting)
         if killed:
-            self.writer.print(f"did not stop and had to be killed: {', '.join(killed)}")
+            self.writer.print(f"did not stop and had to be killed: {', '.join(killed)}; {CLEAN}")
         self.writer.print("stopped")
         return killed

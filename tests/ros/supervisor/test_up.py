@@ -28,13 +28,10 @@ from pacman_env.ros.supervisor import up as up_module
 from pacman_env.ros.supervisor.game_lock import GameLock
 from pacman_env.ros.supervisor.game_nodes import COMPOSED, MOVERS, REFEREE, SELECTOR, STOP_ORDER, GameSetup
 from pacman_env.ros.supervisor.processes import ProcessGroup
-from pacman_env.ros.supervisor.shared_memory import FOLDER
 from pacman_env.ros.supervisor.status_line import StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter
 from pacman_env.ros.supervisor.up import HAD_TO_KILL, NO_POSE, NODE_LOST
 from tests.ros import session
-from tests.ros.supervisor.test_shared_memory import files_of, opened, own_domain  # noqa: F401 - a fixture
-from tests.waiting import wait_for
 
 if TYPE_CHECKING:
     from tests.ros.system import Probe
@@ -82,25 +79,6 @@ def test_a_node_that_cannot_be_kept_alive_ends_the_game_with_its_reason(system: 
     assert up.wait(PATIENCE_S) == NODE_LOST, up.output
     assert "audio_node died 5 times within 300 s" in up.output
     system.processes.clear()
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="shared memory is a folder on Linux only")
-@pytest.mark.usefixtures("own_domain")
-def test_what_a_killed_command_left_in_shared_memory_is_removed_by_the_next(
-    system: Any, broken_game: list[str]
-) -> None:
-    up = system.run("up", broken_game)
-    wait_for(lambda: "game on /robot_15" in up.output or system.ended_badly(), "the game")
-    left = files_of(up.popen.pid)
-    with opened(left):
-        up.popen.kill()
-        up.popen.wait()
-        system.processes.clear()
-        assert any((FOLDER / name).exists() for name in left)
-    up = system.run("up", broken_game)
-    assert up.wait(PATIENCE_S) == NODE_LOST, up.output
-    system.processes.clear()
-    wait_for(lambda: not any((FOLDER / name).exists() for name in left), f"the end of {left}")
 
 
 @pytest.fixture
