@@ -81,14 +81,13 @@ def up(
         number = join(domain, setup.sim)
         check(setup, play_on or rounds is not None)
         with (
-            contextlib.closing(GameLock(setup.namespace, number, setup.sim)) as lock,
+            GameLock(setup.namespace, number, setup.sim) as lock,
             StatusLine(setup.namespace, setup.sim, setup.policy) as status_line,
             keyboard(sys.stdin) as pressed,
             contextlib.ExitStack() as beside,
         ):
-            _acquire(lock, writer, stop)
             preparation = beside.enter_context(contextlib.closing(Preparation(setup, writer.print)))
-            _alone(status_line, writer, stop)
+            _alone(status_line, lock, writer, stop)
             preparation.check()
             if stop.asked:
                 writer.print("stopped before anything was started")
@@ -117,7 +116,7 @@ def up(
                 writer.print(f"page: http://127.0.0.1:{setup.web}/ on this computer")
             read_keys, starts = pressed or (lambda: ""), start or play_on or rounds is not None
             goes_on = play_on or rounds is not None
-            play = _Play(setup, processes, status_line, writer, stop, read_keys, lock, starts, goes_on)
+            play = _Play(setup, processes, status_line, writer, stop, read_keys, starts, goes_on)
             play.compiling = lambda: preparation.words
             return play.play(rounds)
 
@@ -134,21 +133,11 @@ def check(setup: GameSetup, play_on: bool = False) -> None:
     nav2.check(setup)
 
 
-def _acquire(lock: GameLock, writer: LineWriter, stop: Stop) -> None:
-    """Refuse to play beside a game of another ``ros up`` on this machine; one that is being stopped is waited for."""
-    while not stop.asked and (held := lock.acquire())[0]:
-        reason, stopping = held
-        if not stopping:
-            raise ValueError(reason)
-        writer.wait("waiting for another game to end")
-        time.sleep(POLL_S)
-
-
-def _alone(status_line: StatusLine, writer: LineWriter, stop: Stop) -> None:
-    """Refuse to play beside a game that is discovered, unless it ends; one that is discovered later ends by itself."""
+def _alone(status_line: StatusLine, lock: GameLock, writer: LineWriter, stop: Stop) -> None:
+    """Refuse to play beside another game, unless it ends soon; one that is discovered later ends by itself."""
     status_line.spin_until(lambda: stop.asked or status_line.others(), DISCOVERY_S)
     deadline = time.monotonic() + GOING_S
-    while not stop.asked and (reason := status_line.others()):
+    while not stop.asked and (reason := status_line.others() or lock.acquire()):
         if time.monotonic() > deadline:
             raise ValueError(reason)
         writer.wait(f"waiting for another game in {status_line.get_namespace()} to end")
@@ -164,7 +153,6 @@ class _Play:
     writer: LineWriter
     stop: Stop
     pressed: Callable[[], str]
-    lock: GameLock
     starts: bool  # the next round by itself
     play_on: bool  # and every later one
     answers: list[tuple[Service, Any, float]] = field(default_factory=list)  # of services, and when they were called
@@ -301,8 +289,6 @@ class _Play:
                 self.processes.restart(process, reason)
 
     def _stop_all(self) -> list[str]:
-        self.lock.stopping()
-
         def waiting(names: Sequence[str]) -> None:
             self.writer.wait(f"stopping {', '.join(names)}", at_once=True)
 

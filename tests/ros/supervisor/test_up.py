@@ -82,9 +82,9 @@ def test_a_node_that_cannot_be_kept_alive_ends_the_game_with_its_reason(system: 
 
 
 @pytest.fixture
-def unlocked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def own_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """No other test's game holds a lock."""
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
 
 
 @pytest.mark.parametrize(
@@ -97,18 +97,21 @@ def unlocked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ),
     ],
 )
-def test_a_game_without_a_lock_is_discovered_and_refused_by_the_names_of_its_nodes(
+@pytest.mark.usefixtures("own_locks")
+def test_game_that_is_up_is_refused_by_the_names_of_its_nodes(
     domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, namespace: str, words: str
 ) -> None:
     monkeypatch.setattr(up_module, "GOING_S", 0.0)
     setup = GameSetup("house", namespace=namespace, sim=True)
-    status_line = StatusLine(setup.namespace, setup.sim)
-    with session.nodes(tmp_path, alone=False) as nodes:
+    with (
+        StatusLine(setup.namespace, setup.sim) as status_line,
+        GameLock(setup.namespace, domain, setup.sim) as lock,
+        session.nodes(tmp_path, alone=False) as nodes,
+    ):
         nodes.start(REFEREE)
         assert status_line.spin_until(lambda: re.match(words, status_line.others()), PATIENCE_S)
         with pytest.raises(ValueError, match=words):
-            up_module._alone(status_line, LineWriter(io.StringIO()), Stop())
-    status_line.close()
+            up_module._alone(status_line, lock, LineWriter(io.StringIO()), Stop())
 
 
 class EndsOther(LineWriter):
@@ -124,28 +127,28 @@ class EndsOther(LineWriter):
         self.shown = line(False)
 
 
-@pytest.mark.usefixtures("unlocked")
-def test_a_game_that_ends_is_waited_for(domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(up_module, "DISCOVERY_S", PATIENCE_S)
+@pytest.mark.usefixtures("own_locks")
+def test_game_that_ends_is_waited_for(domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(up_module, "GOING_S", PATIENCE_S)
     setup, stop = GameSetup("house", sim=True), Stop()
+    place = setup.namespace, domain, setup.sim
     with session.nodes(tmp_path, alone=False) as nodes:
         nodes.start(REFEREE)
-        status_line = StatusLine(setup.namespace, setup.sim)
-        writer = EndsOther(nodes.game.close)
-        up_module._alone(status_line, writer, stop)
-        status_line.close()
-    assert writer.shown == "waiting for another game in /robot_15 to end"
+        with StatusLine(setup.namespace, setup.sim) as status_line, GameLock(*place) as lock, GameLock(*place) as other:
+            monkeypatch.setattr(up_module, "DISCOVERY_S", PATIENCE_S)
+            writer = EndsOther(nodes.game.close)
+            up_module._alone(status_line, lock, writer, stop)
+            assert writer.shown == "waiting for another game in /robot_15 to end"
+            lock.__exit__()
 
-    other, own = (GameLock(setup.namespace, domain, setup.sim) for _ in range(2))
-    assert other.acquire() == ("", False)
-    with pytest.raises(ValueError, match="a game is in /robot_15 already: ros up"):
-        up_module._acquire(own, writer, stop)
-    other.stopping()
-    writer = EndsOther(other.close)
-    up_module._acquire(own, writer, stop)
-    assert writer.shown == "waiting for another game to end"
-    own.close()
+            monkeypatch.setattr(up_module, "DISCOVERY_S", 0.0)
+            assert other.acquire() == ""  # of a game whose nodes are not there yet, or not any more
+            writer = EndsOther(other.__exit__)
+            up_module._alone(status_line, lock, writer, stop)
+            assert writer.shown == "waiting for another game in /robot_15 to end"
+            monkeypatch.setattr(up_module, "GOING_S", 0.0)
+            with pytest.raises(ValueError, match="a game is in /robot_15 already: another ros up on this machine"):
+                up_module._alone(status_line, other, writer, stop)
 
 
 @pytest.mark.parametrize(
@@ -251,8 +254,8 @@ def test_every_end_has_an_exit_status_of_its_own() -> None:
 
 def play_of(setup: GameSetup, folder: Path, status_line: Any, out: io.StringIO) -> up_module._Play:
     """A game of which nothing has been started."""
-    processes, lock = ProcessGroup(setup.command, folder, {}, print), GameLock(setup.namespace, 0, setup.sim)
-    return up_module._Play(setup, processes, status_line, LineWriter(out), Stop(), lambda: "", lock, False, False)
+    processes = ProcessGroup(setup.command, folder, {}, print)
+    return up_module._Play(setup, processes, status_line, LineWriter(out), Stop(), lambda: "", False, False)
 
 
 @pytest.mark.parametrize(("sim", "words"), [(True, "the simulated robot's pose"), (False, "docs/robot.md, step 5")])
