@@ -178,9 +178,9 @@ def test_its_commands_are_accepted(words: list[str], monkeypatch: pytest.MonkeyP
     pytest.importorskip("rclpy")
     up = pytest.importorskip("pacman_env.ros.supervisor.up")
     asked: list[tuple[Any, ...]] = []
-    monkeypatch.setattr(up, "up", lambda setup, *given, **more: asked.append((setup, given, more)) or 0)
+    monkeypatch.setattr(up, "up", lambda setup, options: asked.append((setup, options)) or 0)
     assert cli.main(words) == 0
-    ((setup, _, more),) = asked
+    ((setup, options),) = asked
     assert setup.sim
     assert setup.starts_nav2
-    assert more["rounds"] == 1
+    assert options.rounds == 1

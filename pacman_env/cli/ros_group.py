@@ -88,7 +88,7 @@ def _add_up(group: Any) -> None:
 def _up(arguments: argparse.Namespace) -> int:
     with what_ros_needs():
         from pacman_env.ros.supervisor.game_nodes import GameSetup
-        from pacman_env.ros.supervisor.up import up
+        from pacman_env.ros.supervisor.up import UpOptions, up
     setup = GameSetup(
         *(arguments.map, arguments.policy, arguments.namespace, arguments.sim, arguments.speed),
         *(arguments.preset, arguments.execution, tuple(arguments.set)),
@@ -99,8 +99,8 @@ def _up(arguments: argparse.Namespace) -> int:
         composed=arguments.composed,
         nav2=arguments.nav2,
     )
-    where = arguments.domain_id, arguments.logs
-    return up(setup, *where, arguments.start, arguments.play_on, rounds=arguments.rounds)
+    begins = arguments.start, arguments.play_on, arguments.rounds
+    return up(setup, UpOptions(arguments.domain_id, arguments.logs, *begins))
 
 
 def _ask(name: str, arguments: argparse.Namespace) -> int:

@@ -56,15 +56,11 @@ class ProcessGroup:
     report: Callable[[str], None]  # called with one line about each event
     spare: Collection[str] = ()  # those without which the others continue: not started again, where others are Lost
     final: Collection[str] = ()  # those that are not started again when they end
-    held: Callable[[str], bool] = lambda name: False  # whether it waits before its first start
     _members: dict[str, Member] = field(default_factory=dict)
 
     def start(self, name: str) -> None:
         member = self._members[name] = Member(name)
-        if self.held(name):
-            member.due_s = time.monotonic()
-        else:
-            self._launch(member, "wb")
+        self._launch(member, "wb")
 
     def __contains__(self, name: str) -> bool:
         return name in self._members
@@ -136,8 +132,8 @@ class ProcessGroup:
                 dead.append(name)
                 member.process = None
                 self._bury(member, status, now)
-            if member.process is None and member.due_s is not None and now >= member.due_s and not self.held(name):
-                self._launch(member, "ab" if member.deaths else "wb")
+            if member.process is None and member.due_s is not None and now >= member.due_s:
+                self._launch(member, "ab")
         return dead
 
     def _bury(self, member: Member, status: int, now: float) -> None:

@@ -27,10 +27,10 @@ from pacman_env.ros.supervisor import terminal as terminal_module
 from pacman_env.ros.supervisor import up as up_module
 from pacman_env.ros.supervisor.game_lock import GameLock
 from pacman_env.ros.supervisor.game_nodes import COMPOSED, MOVERS, REFEREE, SELECTOR, STOP_ORDER, GameSetup
-from pacman_env.ros.supervisor.processes import ProcessGroup
+from pacman_env.ros.supervisor.rounds import Rounds
 from pacman_env.ros.supervisor.status_line import StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter
-from pacman_env.ros.supervisor.up import HAD_TO_KILL, NO_POSE, NODE_LOST
+from pacman_env.ros.supervisor.up import HAD_TO_KILL, NO_POSE, NODE_LOST, UpOptions
 from tests.ros import session
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def test_game_that_is_up_is_refused_by_the_names_of_its_nodes(
         nodes.start(REFEREE)
         assert status_line.spin_until(lambda: re.match(words, status_line.others()), PATIENCE_S)
         with pytest.raises(ValueError, match=words):
-            up_module._alone(status_line, lock, LineWriter(io.StringIO()), Stop())
+            up_module.be_alone(status_line, lock, LineWriter(io.StringIO()), Stop())
 
 
 class EndsOther(LineWriter):
@@ -137,18 +137,18 @@ def test_game_that_ends_is_waited_for(domain: int, tmp_path: Path, monkeypatch: 
         with StatusLine(setup.namespace, setup.sim) as status_line, GameLock(*place) as lock, GameLock(*place) as other:
             monkeypatch.setattr(up_module, "DISCOVERY_S", PATIENCE_S)
             writer = EndsOther(nodes.game.close)
-            up_module._alone(status_line, lock, writer, stop)
+            up_module.be_alone(status_line, lock, writer, stop)
             assert writer.shown == "waiting for another game in /robot_15 to end"
             lock.__exit__()
 
             monkeypatch.setattr(up_module, "DISCOVERY_S", 0.0)
             assert other.acquire() == ""  # of a game whose nodes are not there yet, or not any more
             writer = EndsOther(other.__exit__)
-            up_module._alone(status_line, lock, writer, stop)
+            up_module.be_alone(status_line, lock, writer, stop)
             assert writer.shown == "waiting for another game in /robot_15 to end"
             monkeypatch.setattr(up_module, "GOING_S", 0.0)
             with pytest.raises(ValueError, match="a game is in /robot_15 already: another ros up on this machine"):
-                up_module._alone(status_line, other, writer, stop)
+                up_module.be_alone(status_line, other, writer, stop)
 
 
 @pytest.mark.parametrize(
@@ -252,12 +252,6 @@ def test_every_end_has_an_exit_status_of_its_own() -> None:
     assert (NO_POSE, NODE_LOST, HAD_TO_KILL) == (3, 4, 5)
 
 
-def play_of(setup: GameSetup, folder: Path, status_line: Any, out: io.StringIO) -> up_module._Play:
-    """A game of which nothing has been started."""
-    processes = ProcessGroup(setup.command, folder, {}, print)
-    return up_module._Play(setup, processes, status_line, LineWriter(out), Stop(), lambda: "", False, False)
-
-
 @pytest.mark.parametrize(("sim", "words"), [(True, "the simulated robot's pose"), (False, "docs/robot.md, step 5")])
 def test_only_a_real_robots_pose_is_waited_for_with_a_step_of_the_page(
     domain: int, tmp_path: Path, sim: bool, words: str
@@ -265,14 +259,15 @@ def test_only_a_real_robots_pose_is_waited_for_with_a_step_of_the_page(
     setup = GameSetup("house", sim=sim)
     with StatusLine(setup.namespace, setup.sim) as status_line:
         status_line.nodes |= {name: {} for name in setup.first_nodes}
-        play = play_of(setup, tmp_path, status_line, io.StringIO())
-        assert words in play._awaited()
-        assert ("step" in play._awaited()) != sim
+        options = UpOptions(logs=tmp_path)
+        game = up_module.Game(setup, options, status_line, LineWriter(io.StringIO()), Stop())  # nothing is started
+        assert words in game.awaited()
+        assert ("step" in game.awaited()) != sim
 
 
 @pytest.mark.parametrize("has_selector", [True, False])
 def test_a_start_that_a_newborn_referee_refuses_is_asked_for_again_if_a_goal_selector_is_there(
-    domain: int, tmp_path: Path, probe: Probe, has_selector: bool
+    domain: int, probe: Probe, has_selector: bool
 ) -> None:
     refusal = "start: no goal selector is there; it starts when the robot has a pose"
     asked = []
@@ -291,7 +286,7 @@ def test_a_start_that_a_newborn_referee_refuses_is_asked_for_again_if_a_goal_sel
     setup = GameSetup("house", sim=True)
     with StatusLine(setup.namespace, setup.sim) as status_line:
         probe.publish(topics.GAME_STATE, "menu")
-        play = play_of(setup, tmp_path, status_line, out)
+        rounds = Rounds(status_line, LineWriter(out))
 
         def wait(condition: Callable[[], bool], what: str) -> None:
             def holds() -> bool:
@@ -301,11 +296,11 @@ def test_a_start_that_a_newborn_referee_refuses_is_asked_for_again_if_a_goal_sel
             probe.wait_for(holds, PATIENCE_S, what)
 
         def is_done() -> bool:
-            play._call_services()
-            return not play.wanted and not play.answers
+            rounds.call_services()
+            return not rounds.wanted and not rounds.answers
 
         wait(lambda: status_line.state == "menu" and status_line.has_selector == has_selector, "the game")
-        play.wanted.append(topics.START_GAME)
+        rounds.wanted.append(topics.START_GAME)
         wait(is_done, "the last answer")
     if has_selector:
         assert len(asked) > 3
@@ -314,7 +309,7 @@ def test_a_start_that_a_newborn_referee_refuses_is_asked_for_again_if_a_goal_sel
         assert out.getvalue() == f"game/start: {refusal}\n"
 
 
-def test_a_reset_that_is_asked_for_after_a_start_stands(tmp_path: Path) -> None:
+def test_a_reset_that_is_asked_for_after_a_start_stands() -> None:
     called = []
 
     def call(service: topics.Service) -> Future[Any]:
@@ -326,9 +321,9 @@ def test_a_reset_that_is_asked_for_after_a_start_stands(tmp_path: Path) -> None:
 
     out = io.StringIO()
     there = SimpleNamespace(state="menu", has_selector=True, call=call)
-    play = play_of(GameSetup("house", sim=True), tmp_path, there, out)
-    play.wanted += [topics.START_GAME, topics.RESET_GAME]
+    rounds = Rounds(there, LineWriter(out))  # type: ignore[arg-type]
+    rounds.wanted += [topics.START_GAME, topics.RESET_GAME]
     for _ in range(2):
-        play._call_services()
+        rounds.call_services()
     assert called == [topics.START_GAME, topics.RESET_GAME]
     assert out.getvalue() == "game/start: no goal selector is there\n"

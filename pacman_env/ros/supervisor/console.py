@@ -1,0 +1,61 @@
+"""The person at the terminal of ``ros up``: keys that are pressed, and troubles that need a person."""
+
+from collections.abc import Callable
+
+from pacman_env.ros.node import Stop
+from pacman_env.ros.selector.reasons import POLICY_FAILS, POSE_JUMPED, REMEDIES, troubles_of
+from pacman_env.ros.supervisor.rounds import Rounds
+from pacman_env.ros.supervisor.status_line import StatusLine
+from pacman_env.ros.supervisor.terminal import LineWriter
+from pacman_env.ros.topics import CONTINUE, RESET_GAME, START_GAME
+
+#: Troubles that the line has no room for, with what to do about them here; the words of others change every second.
+REPORTED = {
+    POSE_JUMPED: "set the robot's pose, or c to continue as it is",
+    POLICY_FAILS: REMEDIES[POLICY_FAILS],
+}
+KEYS = {"s": START_GAME, "r": RESET_GAME, "c": CONTINUE}
+
+
+class Console:
+    """``pressed`` returns the keys since its last call; None where keys cannot be read."""
+
+    def __init__(
+        self,
+        status_line: StatusLine,
+        rounds: Rounds,
+        writer: LineWriter,
+        stop: Stop,
+        pressed: Callable[[], str] | None,
+    ) -> None:
+        self._status_line, self._rounds, self._writer, self._stop = status_line, rounds, writer, stop
+        self._pressed = pressed
+        self._reported: dict[str, str] = {}  # troubles, by kind
+
+    def greet(self) -> None:
+        if self._pressed:
+            self._writer.print("keys: s start, r reset, c continue, space stop, g release, q quit")
+
+    def handle_keys(self) -> None:
+        """Do what the keys ask for that were pressed since the last call."""
+        operator = self._status_line.operator
+        for key in self._pressed() if self._pressed else "":
+            if key == "q":
+                self._stop.asked = True
+            elif key in KEYS:
+                self._rounds.wanted.append(KEYS[key])
+            elif key == " ":
+                operator.request(True, "ros up")
+                self._status_line.halt()
+                self._writer.print("stopped: the robot stands until g")
+            elif key == "g" and operator.stopped:
+                operator.request(False, "ros up")
+                self._writer.print("released")
+
+    def report_troubles(self) -> None:
+        """Print what a person has to do something about, once, as page and doctor show it."""
+        troubles = troubles_of(self._status_line.condition)
+        before, self._reported = self._reported, {kind: troubles[kind] for kind in REPORTED if kind in troubles}
+        for kind, words in self._reported.items():
+            if words != before.get(kind):
+                self._writer.print(f"{words}: {REPORTED[kind]}")

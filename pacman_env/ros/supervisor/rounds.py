@@ -1,0 +1,85 @@
+"""What ``ros up`` asks of the referee: rounds that begin by themselves, and requests until they are answered."""
+
+import time
+from typing import Any
+
+from pacman_env.ros.supervisor.checks.check import count
+from pacman_env.ros.supervisor.status_line import ANSWER_S, StatusLine
+from pacman_env.ros.supervisor.terminal import LineWriter
+from pacman_env.ros.topics import RESET_GAME, START_GAME, Service
+
+NEXT_ROUND_S = 2.0  # in the menu, where round follows round
+
+
+class Rounds:
+    """``starts``: the next round begins by itself; ``play_on``: and every later one; ``most`` of them, if given."""
+
+    def __init__(
+        self,
+        status_line: StatusLine,
+        writer: LineWriter,
+        starts: bool = False,
+        play_on: bool = False,
+        most: int | None = None,
+    ) -> None:
+        self.status_line, self.writer = status_line, writer
+        self.starts, self.play_on, self.most = starts, play_on, most
+        self.wanted: list[Service] = []  # to be called as soon as they are there
+        self.answers: list[tuple[Service, Any, float]] = []  # of services, and when they were called
+        self._menu_s: float | None = None  # since when the game is in the menu, wall time
+        self._played, self._running = 0, False
+
+    def are_over(self, can_begin: bool) -> bool:
+        """Ask for the next round if it is due and can begin; return whether the last one was played."""
+        self._running = self._running or self.status_line.state == "running"
+        if not (self.starts and can_begin and self._in_menu()):
+            return False
+        self._played, self._running = self._played + self._running, False
+        if self._played == self.most:
+            self.writer.print(f"{count(self._played, 'round')} played: {self.status_line.result}")
+            return True
+        self.wanted.append(START_GAME)
+        return False
+
+    def _in_menu(self) -> bool:
+        """Whether the game has been in the menu for a moment, with everything there for a round."""
+        if self.status_line.state != "menu" or not self.status_line.ready or self.wanted or self.answers:
+            self._menu_s = None
+            return False
+        now = time.monotonic()
+        self._menu_s = now if self._menu_s is None else self._menu_s
+        return now - self._menu_s >= (NEXT_ROUND_S if self.status_line.result else 0.0)
+
+    def call_services(self) -> None:
+        """Call what is wanted and read the answers; a call without an answer, or refused too soon, is repeated."""
+        for service in list(self.wanted):
+            answer = self.status_line.call(service)
+            if answer is not None:
+                self.wanted.remove(service)
+                self.answers.append((service, answer, time.monotonic()))
+        for call in list(self.answers):
+            service, answer, called_s = call
+            if answer.done():
+                self.answers.remove(call)
+                self._read(service, answer.result())
+            elif time.monotonic() - called_s > ANSWER_S:
+                self.answers.remove(call)
+                self.wanted.append(service)
+
+    def _read(self, service: Service, result: Any) -> None:
+        if result.success:
+            self.starts = self.play_on or (self.starts and service is not START_GAME)
+        elif service is START_GAME and self.starts:  # asked again, if it has not begun by an answer that was lost
+            self.starts = self.play_on or self.status_line.state == "menu"
+        elif service is START_GAME and self._is_refused_too_soon():
+            self.wanted.append(service)
+        else:
+            self.writer.print(f"{service.name}: {result.message}")
+
+    def _is_refused_too_soon(self) -> bool:
+        """Whether a start is refused although a round can begin: by a referee that has just been started again.
+
+        It does not know yet of the goal selector that is there. A reset that was asked for later stands.
+        """
+        asked = [*self.wanted, *(service for service, *_ in self.answers)]
+        return self.status_line.state == "menu" and self.status_line.has_selector and RESET_GAME not in asked
