@@ -34,6 +34,7 @@ from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 
 from .discovery import avoid_shared_memory, provide_log_folder, simulated, stay_on_this_machine
 from .messages import BadMessage
+from .rclpy_private import accept_integers
 from .standstill import STOOD_STILL, Standstill, lease_s
 from .supervisor.game_nodes import QUIET, module_of
 from .surroundings import current
@@ -273,15 +274,6 @@ def parameter(
     if isinstance(value, float) and not math.isfinite(value):
         raise ValueError(f"parameter {name} = {value}: must be finite")  # one without a range may be anything
     return value
-
-
-def accept_integers(node: Any, name: str) -> None:
-    """``speed:=4`` is an integer, or an array of them, for ROS: have it mean 4.0 before the parameter is declared."""
-    given = node._parameter_overrides.get(name)
-    if given is not None and given.type_ is Parameter.Type.INTEGER:
-        node._parameter_overrides[name] = Parameter(name, Parameter.Type.DOUBLE, float(given.value))
-    elif given is not None and given.type_ is Parameter.Type.INTEGER_ARRAY:
-        node._parameter_overrides[name] = Parameter(name, Parameter.Type.DOUBLE_ARRAY, [float(n) for n in given.value])
 
 
 def node_class(name: str) -> type[BaseNode]:

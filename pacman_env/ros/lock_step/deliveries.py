@@ -14,6 +14,7 @@ from rclpy.qos import DurabilityPolicy
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 
+from ..rclpy_private import expire_goals, has_goals
 from ..topics import CLOCK
 from . import entities
 from .entities import ACTION, Index
@@ -126,7 +127,7 @@ class Deliveries:
             while (taken := entities.message_if_any(sub)) is not None:
                 self._put_taken(member, sub, taken)
         for member, waitable in index.waitables:
-            if isinstance(waitable, ActionServer) and waitable._goal_handles:
+            if isinstance(waitable, ActionServer) and has_goals(waitable):
                 self._with_statuses.add(waitable)
             while data := entities.data_of_action(waitable):
                 self._put_taken(member, waitable, data)
@@ -141,9 +142,7 @@ class Deliveries:
     def expire_goals(self) -> None:
         """Have servers of actions forget the goals that ended 15 minutes ago."""
         for member, server in self.index.waitables:
-            if not isinstance(server, ActionServer) or not server._goal_handles:  # without goals rcl raises
-                continue
-            if expired := server._handle.expire_goals(len(server._goal_handles)):
+            if isinstance(server, ActionServer) and (expired := expire_goals(server)):
                 self._put_taken(member, server, {"expired": expired})
 
     def _put_taken(self, member: Member, entity: Any, taken: Any) -> None:

@@ -15,6 +15,7 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.time_source import TimeSource
 
+from ..rclpy_private import futures_of, mark_ready, run_callbacks_in, takes_message_alone
 from .members import Delivery, Member
 
 ACTION = "/_action/"  # in the names of an action's topics and services
@@ -63,8 +64,7 @@ class Index:
             return Delivery(member, entity, name, taken[0], partial(_serve, member, entity, *taken), sender)
         if isinstance(entity, Client):
             return Delivery(member, entity, name, taken[1], partial(_answer, member, entity, *taken), sender)
-        message_only = entity._callback_type is Subscription.CallbackType.MessageOnly
-        handle = partial(call, member, entity.callback, *(taken[:1] if message_only else taken))
+        handle = partial(call, member, entity.callback, *(taken[:1] if takes_message_alone(entity) else taken))
         qos = entity.qos_profile
         reliable = qos.reliability != ReliabilityPolicy.BEST_EFFORT
         latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
@@ -99,23 +99,9 @@ def messages(entity: Subscription | Service | Client) -> Iterator[Any]:
             yield one
 
 
-#: Flags of rclpy's ends of actions, which a wait set would set. A wait set takes a millisecond each time, an attempt to
-#: take what is not there a microsecond.
-_READY = {
-    ActionServer: ("_is_goal_request_ready", "_is_cancel_request_ready", "_is_result_request_ready"),
-    ActionClient: (
-        *("_is_goal_response_ready", "_is_cancel_response_ready", "_is_result_response_ready"),
-        *("_is_feedback_ready", "_is_status_ready"),
-    ),
-}
-
-
 def data_of_action(waitable: ActionServer | ActionClient) -> dict[str, Any]:
     """What has come for an action's end; empty if nothing."""
-    if isinstance(waitable, ActionServer):
-        waitable._is_goal_expired = False
-    for flag in _READY[type(waitable)]:
-        setattr(waitable, flag, True)
+    mark_ready(waitable)
     return {name: data for name, data in waitable.take_data().items() if data}
 
 
@@ -143,11 +129,10 @@ def _answer(member: Member, client: Client, header: Any, response: Any) -> None:
         future = client.get_pending_request(header.request_id.sequence_number)
     except KeyError:  # it is not waited for any more
         return
-    future._set_executor(member.executor)
+    run_callbacks_in(member.executor, future)
     future.set_result(response)
 
 
 def _execute(member: Member, waitable: ActionServer | ActionClient, data: dict[str, Any]) -> None:
-    for future in waitable._futures:
-        future._set_executor(member.executor)
+    run_callbacks_in(member.executor, *futures_of(waitable))
     member.executor.create_task(waitable.execute, data)

@@ -11,6 +11,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from ..discovery import undiscovered
 from ..node import LAST_MESSAGES_S, BaseNode
+from ..rclpy_private import require_known_version
 from ..supervisor.game_nodes import QUIET
 from ..surroundings import within
 from .deliveries import Deliveries
@@ -33,6 +34,7 @@ class LockStep:
     def __init__(
         self, seed: int = 0, domain: int | None = None, silence_s: float = SILENCE_S, alone: bool = True
     ) -> None:
+        require_known_version()
         self.context = Context()
         arguments, signals = ["--ros-args", *QUIET], SignalHandlerOptions.NO
         with undiscovered() if alone else contextlib.nullcontext():

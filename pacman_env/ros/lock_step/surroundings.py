@@ -12,6 +12,7 @@ from rclpy.clock_type import ClockType
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.time import Time
 
+from ..rclpy_private import activate_ros_time
 from ..surroundings import Surroundings
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ class SimulatedWall:
     def __init__(self, seed: int) -> None:
         self.now_ns = 0
         self.clock = ROSClock()
-        self.clock._set_ros_time_is_active(True)
+        activate_ros_time(self.clock)
         self.advance(0)
         self._seed, self._drawn = seed, 0
 

@@ -17,7 +17,8 @@ from rclpy.parameter import Parameter
 from pacman_env.config import ConfigError
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
-from pacman_env.ros.node import GameNode, accept_integers, parameter, run
+from pacman_env.ros.node import GameNode, parameter, run
+from pacman_env.ros.rclpy_private import accept_integers, destroy_state_machine
 from pacman_env.ros.selector.pose_watch import PoseLimits
 from pacman_env.ros.selector.pursuit import Pursuit
 from pacman_env.ros.selector.reasons import POLICY_FAILS
@@ -72,9 +73,9 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         return not self._passive
 
     def destroy_node(self) -> None:
-        """As rclpy's; also destroy the state machine, which would hold the node and its logger's name."""
+        """As rclpy's; also destroy the state machine."""
         super().destroy_node()
-        self._state_machine.destroy_when_not_in_use()
+        destroy_state_machine(self)
 
     def on_configure(self, state: Any) -> TransitionCallbackReturn:
         try:
