@@ -24,7 +24,6 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--policy": {"default": "ppo", "help": "a name or an .onnx file (%(default)s)"},
     "--seed": {"type": whole_number(0), "default": 0, "metavar": "S", "help": "(%(default)s)"},
     "--rounds": {"type": whole_number(1), "default": 5, "metavar": "N", "help": "turns (%(default)s)"},
-    "--domain-id": {"type": whole_number(1), "default": 77, "metavar": "N", "help": "ROS_DOMAIN_ID of the game"},
     "--json": {"type": Path, "metavar": "OUT", "help": "write the figures"},
 }
 

@@ -22,7 +22,7 @@ LONGEST = (
     *("ros/operator_page/test_page_process.py", "ros/supervisor/test_up.py", "docs/test_site.py"),
     *("ros/supervisor/test_operating.py", "ros/supervisor/test_nav2.py", "training/test_fragments.py"),
     *("ros/test_package.py", "ros/simulated_robot/test_sim_robot.py"),
-    *("test_other_python.py", "web/test_page.py", "test_package.py", "benchmarks/test_web_load.py"),
+    *("test_other_python.py", "web/test_page.py", "test_package.py"),
     *("clients/test_scripts.py", "envs/test_promises.py", "system/test_memory.py", "web/test_page_accessible.py"),
     *("envs/test_judges.py", "engine/test_threads.py", "training/test_adversary.py", "web/test_simulated.py"),
     *("evaluation/test_benchmark.py", "training/test_ppo.py", "evaluation/report/test_report.py"),

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import psutil
 import pytest
 
 pytest.importorskip("rclpy")
@@ -59,6 +60,8 @@ def test_a_round_is_played_by_nodes_of_one_process_which_end_together_with_their
     probe.wait_for(lambda: probe.call(topics.START_GAME).success, PATIENCE_S, "the start")
     probe.wait_for(lambda: "running" in probe.values(topics.GAME_STATE), PATIENCE_S, "the round")
     probe.wait_for(lambda: probe.values(topics.SCORE)[-1:] > [0], PATIENCE_S, "a pellet")
+    resident_mb = [psutil.Process(processes[name].popen.pid).memory_info().rss / 1e6 for name in (COMPOSED, SELECTOR)]
+    assert sum(resident_mb) < 400.0
     probe.forget()
     processes[COMPOSED].send(signal.SIGINT)
     probe.wait_for(lambda: "disable" in probe.values(topics.GAME_COMMAND), PATIENCE_S, "the referee's last command")

@@ -11,9 +11,9 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
-from benchmarks.node_load import LIGHT_NODES
 from pacman_env.ros.supervisor.game_nodes import WAIT, module_of
 
+LIGHT_NODES = ("pellet_manager", "audio_node", "game_light_node", "game_event_mapper", "game_controller")
 HEAVY = ("numba", "llvmlite", "cv2", "pymunk", "gymnasium", "onnxruntime", "scipy")
 
 

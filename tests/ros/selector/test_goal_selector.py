@@ -160,7 +160,7 @@ def test_transforms_are_believed_before_the_latched_pose(game: Game) -> None:
     assert condition["pose"] == pytest.approx(game.pose)
 
 
-# How much work: ``benchmarks.node_load`` takes the time of it
+# How much work
 
 
 @pytest.mark.parametrize("policy", ["ppo", "lookahead", "clyde_aware"])
