@@ -6,6 +6,7 @@ import re
 import tomllib
 from pathlib import Path
 
+import pytest
 import yaml
 
 from pacman_env import __version__
@@ -47,6 +48,20 @@ def test_the_model_cards_front_matter_names_the_shipped_planner() -> None:
     assert "reinforcement-learning" in facts["tags"]
     assert facts["model_name"] == "ppo"
     assert (ROOT / "pacman_env" / "policies" / "pretrained" / f"{facts['model_name']}.onnx").is_file()
+
+
+@pytest.mark.parametrize(
+    "workflow", sorted((ROOT / ".github" / "workflows").glob("*.y*ml")), ids=lambda path: path.stem
+)
+def test_workflows_pin_actions_read_only_and_try_every_python(workflow: Path) -> None:
+    text, content = workflow.read_text(), yaml.safe_load(workflow.read_text())
+    actions = re.findall(r"uses: (.*)", text)
+    assert actions
+    assert all(re.fullmatch(r"[\w/-]+@[0-9a-f]{40} # v\d+\.\d+\.\d+", action) for action in actions)
+    assert content["permissions"] == {"contents": "read"}
+    assert text.count("persist-credentials: false") == text.count("actions/checkout@")
+    matrices = [job["strategy"]["matrix"] for job in content["jobs"].values() if "strategy" in job]
+    assert [matrix["python"] for matrix in matrices] == [PYTHONS] * (workflow.stem in ("tests", "release"))
 
 
 def card() -> dict[str, str]:
