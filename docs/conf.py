@@ -29,7 +29,8 @@ html_theme_options = {
     "dark_logo": "pacman.svg",
 }
 
-nb_execution_mode = "off"  # pages show what `python -m tools.notebooks` has kept
+nb_execution_mode = "off"  # pages show what the files keep
+nb_output_stderr = "remove"
 myst_heading_anchors = 4  # as GitHub makes them
 myst_enable_extensions: list[str] = []  # the theme adds to it
 suppress_warnings = ["myst.strikethrough"]
