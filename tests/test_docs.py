@@ -13,7 +13,7 @@ import pytest
 
 from pacman_env import __version__
 from pacman_env.cli.main import MODULES, main
-from tools.clients import examples
+from tests.pages import examples
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [

@@ -16,7 +16,7 @@ import pytest
 
 import pacman_env
 import pacman_env.sb3
-from tools.clients import examples
+from tests.pages import examples
 
 ROOT = Path(__file__).resolve().parents[1]
 NAMES = sorted(set(pacman_env.__all__) - {"__version__"})

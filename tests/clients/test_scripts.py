@@ -18,10 +18,36 @@ import stable_baselines3
 import torch
 
 from pacman_env.envs.registration import FLAT_ID
-from tools.clients import CACHE
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPTS = ROOT / "docs" / "examples" / "clients"
+SHARED = "evaluate"  # by several scripts
+
+
+def test_every_script_is_run_and_on_the_page_with_its_pinned_version() -> None:
+    rows = re.findall(
+        r"\| \[(\w+)\].*? \| ([\d.]+)\S* \|.*clients/(\w+)\.py", (ROOT / "docs/use_with/README.md").read_text()
+    )
+    clients = re.findall(r'"(\w+) ([\w-]+) (\w+)"', (ROOT / "scripts" / "clients").read_text())
+    assert {name for *_, name in rows} == {name for name, *_ in clients}
+    assert {name for name, *_ in clients} == {path.stem for path in SCRIPTS.glob("*.py")} - {SHARED}
+    assert all((ROOT / "docs" / "use_with" / f"{page}.md").exists() for *_, page in clients)
+    environment = {name: folder for name, folder, _ in clients if folder != "-"}
+    requirements = {path.stem: path.read_text() for path in (SCRIPTS / "requirements").glob("*.txt")}
+    assert set(environment.values()) == set(requirements)
+    for library, version, name in rows:
+        if name in environment and library != "gymnasium":  # in the version of constraints.txt
+            assert re.search(rf"^{library}(\[\w+\])?=={version}$", requirements[environment[name]], re.MULTILINE), name
+
+
+def test_gymnasiums_wrappers_work_unmodified(tmp_path: Path) -> None:
+    command = [sys.executable, str(SCRIPTS / "gymnasium_wrappers.py"), "--map", "house", "--decisions", "100"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    both = "PacManBot-v0 PacManBotFlat-v0"
+    for line in (f"single TimeAwareObservation: {both}", f"vector RecordEpisodeStatistics: {both}", "RecordVideo:"):
+        assert line in done.stdout
+    assert done.stdout.count("sync, async, vector_entry_point are equal") == 2
 
 
 def run(
@@ -86,7 +112,7 @@ def test_torchrl_s_ppo_learns_and_saves_its_actor(tmp_path: Path) -> None:
 
 def interpreter(venv: str, script: str) -> str:
     """Of the environment with a library whose pins clash with this one's."""
-    folder = CACHE / venv
+    folder = ROOT / ".clients" / venv
     if not (folder / "installed").exists():
         pytest.skip(f"scripts/clients {script} makes the environment {venv}")
     return str(folder / "bin" / "python")
