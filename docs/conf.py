@@ -1,4 +1,4 @@
-"""The site of the documentation, for Sphinx: ``scripts/docs`` builds it, with the pages that ``tools/site`` writes."""
+"""The site of the documentation, for Sphinx: ``scripts/docs`` builds it, with the pages of the ids."""
 
 import dataclasses
 import re
@@ -38,6 +38,7 @@ suppress_warnings = ["myst.strikethrough"]
 default_role = "code"  # docstrings have `names` as Markdown does
 autodoc_mock_imports = ["stable_baselines3"]  # of the extra ``train``, which is 1 GB
 autodoc_member_order = "bysource"
+autodoc_default_options = {"members": True}
 toc_object_entries_show_parents = "hide"
 autodoc_typehints_format = "short"
 napoleon_google_docstring = True
@@ -51,6 +52,7 @@ _ARRAY = re.compile(
 )
 _PAGE = re.compile(r"`+docs/((?:\w+/)*\w+)\.md`+")
 _ATTRIBUTES: dict[str, list[str]] = {}
+_BELOW = {"use_with/README": "*", "environments/ids": "ids/*"}
 _FENCE = re.compile(r"^( *)```(\w*)\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
 
 
@@ -91,8 +93,19 @@ def _shorter(
     return next(short), next(short)
 
 
+def _adapted(app: Sphinx, page: str, source: list[str]) -> None:
+    """Add what only the site has: links to the pages of the ids, and pages below a page."""
+    if page == "index":
+        source[0] = f"---\nfirstpage: true\n---\n{source[0]}"
+    elif page == "environments/ids":
+        source[0] = re.sub(r"^\| `(PacManBot\w*-v\d)` ", r"| [`\1`](ids/\1.md) ", source[0], flags=re.MULTILINE)
+    if page in _BELOW:
+        source[0] += f"\n```{{toctree}}\n:hidden:\n:glob:\n\n{_BELOW[page]}\n```\n"
+
+
 def setup(app: Sphinx) -> None:
-    """Connect what reads docstrings and signatures."""
+    """Connect what reads pages, docstrings and signatures."""
+    app.connect("source-read", _adapted)
     app.connect("autodoc-process-docstring", _restructured, priority=400)  # before Napoleon
     app.connect("autodoc-process-docstring", _restored, priority=600)
     app.connect("autodoc-process-signature", _shorter)

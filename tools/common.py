@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 from pacman_env.cli.command import Parser
 from pacman_env.files import replaced
@@ -16,8 +17,16 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
 
 
+def number(value: Any) -> str:
+    return f"{round(float(value), 3):,g}" if abs(value) < 1e6 else f"{value:.0e}"
+
+
+def as_arguments(kwargs: dict[str, Any]) -> str:
+    return ", ".join(f"{name}={value!r}".replace("'", '"') for name, value in kwargs.items())
+
+
 def update(path: Path, text: str, check: bool, complaint: str) -> int:
-    """Write a page that has changed, or complain where it is only to be checked; the exit status."""
+    """Write a page that has changed, or complain where it is only to be checked; return the exit status."""
     if path.is_file() and path.read_text(encoding="utf-8") == text:
         return 0
     if check:
@@ -29,7 +38,7 @@ def update(path: Path, text: str, check: bool, complaint: str) -> int:
 
 
 def add_names(parser: Parser, what: str, known: Collection[str]) -> None:
-    """The positional argument ``names``: some of those that are known, or none for all."""
+    """Add the positional argument ``names``: some of those that are known, or none for all."""
 
     def name(given: str) -> str:
         if given not in known:

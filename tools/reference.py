@@ -34,7 +34,7 @@ from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.kinds import BEARINGS, FEATURES, KINDS, MASK, ObservationPart, mask_part
 from pacman_env.training.arguments import Hyperparameters
 from pacman_env.world.maps.occupancy import shipped_maps
-from tools.common import ROOT, add_check, table, update
+from tools.common import ROOT, add_check, as_arguments, number, table, update
 from tools.scores import all_scores
 
 _BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(?=<!-- end -->)", re.DOTALL)
@@ -113,16 +113,18 @@ def keys() -> str:
     return table(("Key", "Shape", "dtype", "Values", "There with"), rows)
 
 
+def columns_of(key: str, part: ObservationPart) -> str:
+    """Return the section on one key of the observation."""
+    low, high = (np.broadcast_to(bound, part.shape).reshape(-1, part.shape[-1])[0] for bound in (part.low, part.high))
+    rows = [
+        [str(k), f"`{name}`", number(low[k]), number(high[k]), meaning or "no unit"]
+        for k, (name, _, _, meaning) in enumerate(part.columns)
+    ]
+    return f"\n### `{key}`\n\n" + table(("Column", "Name", "Low", "High", "Unit, meaning"), rows)
+
+
 def columns() -> str:
-    text = ""
-    for key, part in {**_parts(FEATURES.name), **_parts(BEARINGS.name)}.items():
-        low, high = (np.asarray(bound).reshape(-1, part.shape[-1])[0] for bound in (part.low, part.high))
-        rows = [
-            [str(k), f"`{name}`", number(low[k]), number(high[k]), meaning]
-            for k, (name, _, _, meaning) in enumerate(part.columns)
-        ]
-        text += f"\n### `{key}`\n\n" + table(("Column", "Name", "Low", "High", "Unit, meaning"), rows)
-    return text
+    return "".join(columns_of(key, part) for kind in (FEATURES, BEARINGS) for key, part in _parts(kind.name).items())
 
 
 def actions() -> str:
@@ -149,10 +151,6 @@ def state() -> str:
     first, last = pellets[0], pellets[-1]
     rows[first : last + 1] = [[f"{first} to {last}", f"`pellet_0` to `pellet_{last - first}`", "0", "1"]]
     return table(("Number", "Name", "Low", "High"), rows)
-
-
-def as_arguments(kwargs: dict[str, Any]) -> str:
-    return ", ".join(f"{name}={value!r}".replace("'", '"') for name, value in kwargs.items())
 
 
 def ids() -> str:
@@ -192,10 +190,6 @@ def hyperparameters() -> str:
     """What the help of ``pacman-env train`` says of them."""
     rows = [[f"`{name}`", text.replace("``", "`")] for name, text in help_texts(Hyperparameters).items()]
     return table(("Name", "Meaning"), rows)
-
-
-def number(value: Any) -> str:
-    return f"{round(float(value), 3):,g}" if abs(value) < 1e6 else f"{value:.0e}"
 
 
 TABLES: dict[str, Callable[[], str]] = {

@@ -13,21 +13,17 @@ import pytest
 from pacman_env import OUTCOMES
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.registration import IDS
-from tools.site import ids, reference
-from tools.site.__main__ import adapted
+from tests.pages import public_names
+from tools import ids
 
 
-def test_every_public_name_is_in_one_group() -> None:
-    grouped = [name for _, _, members in reference.GROUPS.values() for name in members]
-    assert sorted(grouped) == sorted(reference.names())
+def test_every_public_name_is_on_one_page_of_the_reference() -> None:
+    pages = (Path(__file__).resolve().parents[2] / "docs" / "reference").glob("*.md")
+    named = [name for page in pages for name in re.findall(r"^\.\. \S+:: pacman_env\.(\S+)", page.read_text(), re.M)]
+    assert sorted(named) == sorted(public_names())
 
 
-def test_marks_of_tools_are_not_shown() -> None:
-    page = "before\n<!-- table: actions -->\n\n| a |\n\n<!-- end -->\nafter\n"
-    assert adapted(page) == "before\n\n| a |\n\nafter\n"
-
-
-def test_the_numbers_of_a_flat_row_are_numbered_as_they_lie(tmp_path: Path) -> None:
+def test_the_numbers_of_a_flat_row_are_numbered_as_they_lie() -> None:
     env = PacManBotEnv(flat=True)
     text = ids._observations(env)
     assert "| 0 to 223 | `planner_candidates` | (7, 32) |" in text
@@ -68,6 +64,6 @@ def test_page_of_an_id_shows_arguments_for_that_id(env_id: str) -> None:
 
 @pytest.mark.parametrize("env_id", IDS)
 def test_the_example_of_an_id_plays_an_episode_to_its_end(env_id: str, capsys: pytest.CaptureFixture[str]) -> None:
-    example = ids._example(env_id, IDS[env_id].kwargs).split("```python\n")[1].split("```")[0]
+    example = ids._example(env_id).split("```python\n")[1].split("```")[0]
     exec(compile(example, env_id, "exec"), {})
     assert "'outcome': " in capsys.readouterr().out

@@ -12,10 +12,11 @@ from urllib.parse import unquote, urlsplit
 import pytest
 
 from pacman_env.envs.registration import IDS
-from tools.commands import purposes
+from tests.pages import public_names
 from tools.common import ROOT
-from tools.site.ids import file_name
-from tools.site.reference import GROUPS, names
+from tools.ids import file_name
+
+COMMANDS = set(re.findall(r"^## `(.*)`", (ROOT / "docs" / "commands.md").read_text(), re.MULTILINE))
 
 
 class Page(HTMLParser):
@@ -84,13 +85,12 @@ def test_every_id_has_a_page_with_spaces_rewards_ends_arguments_scores_and_pictu
 
 
 def test_every_public_name_has_its_place_in_the_reference(pages: dict[Path, Page], site: Path) -> None:
-    known = set().union(*(pages[site / "reference" / f"{name}.html"].ids for name in GROUPS))
-    assert {f"pacman_env.{name}" for name in names()} <= known
+    known = set().union(*(page.ids for path, page in pages.items() if path.parent == site / "reference"))
+    assert {f"pacman_env.{name}" for name in public_names()} <= known
 
 
 def test_every_command_has_a_section(pages: dict[Path, Page], site: Path) -> None:
-    groups = {"pacman-env map", "pacman-env ros"}
-    sections = {name.replace(" ", "-") for name in purposes().keys() - groups}
+    sections = {name.replace(" ", "-") for name in COMMANDS}
     assert len(sections) > 25
     assert sections <= pages[site / "commands.html"].ids
 
@@ -98,9 +98,9 @@ def test_every_command_has_a_section(pages: dict[Path, Page], site: Path) -> Non
 def test_the_index_of_the_search_has_every_id_command_and_public_name(index: dict[str, Any]) -> None:
     titles = index["alltitles"].keys()
     assert {file_name(env_id) for env_id in IDS} <= titles
-    assert {name for name in purposes() if name not in ("pacman-env map", "pacman-env ros")} <= titles
+    assert titles >= COMMANDS
     objects = {f"{owner}.{entry[4]}" for owner, entries in index["objects"].items() for entry in entries}
-    assert {f"pacman_env.{name}" for name in names()} <= objects
+    assert {f"pacman_env.{name}" for name in public_names()} <= objects
 
 
 def test_no_page_shows_the_paths_of_the_machine_that_built_it(pages: dict[Path, Page], site: Path) -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from pacman_env.envs.registration import IDS
 from tests.web.test_page_accessible import SERIOUS
-from tools.site.ids import file_name
+from tools.ids import file_name
 
 pytestmark = pytest.mark.daily
 
