@@ -1,4 +1,4 @@
-"""Definitions are read or refused, what is built carries messages, and what fails leaves nothing behind."""
+"""What is built from definitions carries messages, and what fails leaves nothing behind."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ pytest.importorskip("rclpy")
 
 from pacman_env.ros import messages, topics
 from tools.ros_interfaces import build
-from tools.ros_interfaces.build import BadDefinition, Package, check_packages, find_packages
+from tools.ros_interfaces.build import BuildError, find_packages
 
 if TYPE_CHECKING:
     from tests.ros.system import Probe, System
 
-SHARE = build.PREFIX / "share"
 pip_ros = pytest.mark.skipif(
-    not (SHARE / "rosidl_generator_c").is_dir(), reason="ROS comes from the system, nothing is built here"
+    not (build.PREFIX / "share" / "rosidl_generator_c").is_dir(),
+    reason="ROS comes from the system, nothing is built here",
 )
 #: Publishes a message of the package that was built and receives it.
 EXCHANGE = """
@@ -42,12 +42,6 @@ print(received[0].numbers.tolist(), received[0].words, received[0].at.position.x
 node.destroy_node()
 rclpy.shutdown()
 """
-
-
-def read(folder: Path) -> list[Package]:
-    packages = find_packages(folder)
-    check_packages(packages, SHARE)
-    return packages
 
 
 def write(folder: Path, **files: str) -> Path:
@@ -70,7 +64,7 @@ def tiny(folder: Path) -> Path:
 
 
 def test_the_projects_own_definitions_are_those_that_its_topics_need() -> None:
-    packages = {package.name: package.types for package in read(build.HERE)}
+    packages = {package.name: package.types for package in find_packages(build.HERE)}
     assert packages == {
         "irobot_create_msgs": [
             *(("action", name) for name in ("AudioNoteSequence", "Dock", "Undock")),
@@ -82,52 +76,10 @@ def test_the_projects_own_definitions_are_those_that_its_topics_need() -> None:
     }
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "line", "complaint"),
-    [
-        ("msg__Bad", "int32 x\nint31 y\n", 2, "int31"),
-        ("msg__Bad", "int32 x\n\nint32\n", 3, "'int32': InvalidFieldDefinition"),
-        ("msg__Bad", "int32 X\n", 1, "X"),
-        ("msg__Bad", "int32 x\nint32 x\n", 2, "'x' is there twice"),
-        ("msg__Bad", "int8 x 300\n", 1, "300"),
-        ("msg__Bad", "int8[ x\n", 1, "int8["),
-        ("msg__bad", "int8 x\n", 1, "bad"),
-        ("msg__Bad", "# first\nPart part\n", 2, "tiny_msgs/Part: no such message in this package"),
-        ("msg__Bad", "geometry_msgs/Poze at\n", 1, "geometry_msgs/Poze: not installed"),
-        ("msg__Bad", "nowhere_msgs/Pose at\n", 1, "nowhere_msgs/Pose: not installed"),
-        ("msg__Bad", "int8 x\n---\nint8 y\n", 3, "2 sections, must be 1, separated by ---"),
-        ("srv__Bad", "int8 x\n", 1, "1 sections, must be 2"),
-        ("action__Bad", "int8 x\n---\nint8 y\nint7 z\n---\n", 4, "int7"),
-    ],
-)
-def test_a_bad_definition_is_refused_with_file_and_line(
-    tmp_path: Path, name: str, text: str, line: int, complaint: str
-) -> None:
-    kind, _, stem = name.partition("__")
-    with pytest.raises(BadDefinition) as refused:
-        read(write(tmp_path, **{name: text}))
-    assert f"{tmp_path}/tiny_msgs/{kind}/{stem}.{kind}:{line}: " in str(refused.value)
-    assert complaint in str(refused.value)
-
-
-def test_folders_that_hold_no_packages_are_refused(tmp_path: Path) -> None:
+def test_folder_without_packages_is_refused(tmp_path: Path) -> None:
     for folder in (tmp_path, tmp_path / "absent"):
-        with pytest.raises(BadDefinition, match="no message definitions"):
-            read(folder)
-    write(tmp_path, msg__Tiny="int8 x\n")
-    (tmp_path / "tiny_msgs").rename(tmp_path / "Tiny-Msgs")
-    with pytest.raises(BadDefinition, match="Tiny-Msgs: not a package's name"):
-        read(tmp_path)
-
-
-def test_other_files_and_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
-    write(tmp_path, msg__Tiny="int8 x\n")
-    (tmp_path / "tiny_msgs" / "msg" / "Tiny.msg").write_bytes(b"int8 x\n# \xff\n")
-    with pytest.raises(BadDefinition, match=r"Tiny\.msg: not UTF-8"):
-        read(tmp_path)
-    (tmp_path / "tiny_msgs" / "msg" / "Tiny.msg").rename(tmp_path / "tiny_msgs" / "msg" / "Tiny.txt")
-    with pytest.raises(BadDefinition, match=r"Tiny\.txt: not a \.msg file"):
-        read(tmp_path)
+        with pytest.raises(BuildError, match="no message definitions"):
+            find_packages(folder)
 
 
 def test_what_can_be_imported_is_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,10 +6,8 @@ Needs gcc, g++ and ROS's wheels. Builds and tries all in a temporary folder; onl
 
 import argparse
 import base64
-import contextlib
 import hashlib
 import importlib
-import io
 import os
 import platform
 import shutil
@@ -18,7 +16,7 @@ import sys
 import sysconfig
 import tempfile
 import zipfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import metadata
@@ -43,8 +41,7 @@ GENERATORS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {  # of install
     INTROSPECTION: ((INTROSPECTION, "rosidl_generator_c"), (INTROSPECTION,)),
     "rosidl_generator_py": (("rosidl_generator_py", "rosidl_generator_c"), ()),
 }
-KINDS = {"msg": 1, "srv": 2, "action": 3}  # sections, separated by lines of three hyphens
-SEPARATOR = "---"
+KINDS = ("msg", "srv", "action")
 #: Loads every library, and the type support of every type, as a publisher would later.
 TRY = """
 import ctypes, importlib, sys
@@ -57,8 +54,8 @@ for name in sys.argv[1:]:
 """
 
 
-class BadDefinition(ValueError):
-    """A definition that cannot be built; the message is ``file:line: what``."""
+class BuildError(ValueError):
+    """Something that the build needs is missing, or failed."""
 
 
 @dataclass(frozen=True)
@@ -85,65 +82,8 @@ def find_packages(folder: Path) -> list[Package]:
         if files:
             packages.append(Package(path, files))
     if not packages:
-        raise BadDefinition(f"{folder}: no message definitions")
+        raise BuildError(f"{folder}: no message definitions")
     return packages
-
-
-def check_packages(packages: list[Package], share: Path) -> None:
-    """Read all definitions; what they use must be in the package, or installed in ``share``."""
-    from rosidl_adapter.parser import is_valid_package_name  # absent where nothing has to be built
-
-    names = {package.name for package in packages}
-    for package in packages:
-        if not is_valid_package_name(package.name):
-            raise BadDefinition(f"{package.folder}: not a package's name")
-        own = {name for kind, name in package.types if kind == "msg"}
-        for path in package.files:
-            if path.suffix != f".{path.parent.name}":
-                raise BadDefinition(f"{path}: not a .{path.parent.name} file")
-            for line, used_package, used in _used_types(package.name, path):
-                where = f"{path}:{line}: {used_package}/{used}"
-                if used_package == package.name:
-                    if used not in own:
-                        raise BadDefinition(f"{where}: no such message in this package")
-                elif used_package in names:
-                    raise BadDefinition(f"{where}: packages that are built together cannot use one another")
-                elif not (share / used_package / "msg" / f"{used}.idl").is_file():
-                    raise BadDefinition(f"{where}: not installed")
-
-
-def _used_types(package: str, path: Path) -> Iterator[tuple[int, str, str]]:
-    """(line, package, type) of each field whose type is a message; every line is checked."""
-    from rosidl_adapter.parser import parse_message_string
-
-    sections, seen = 1, set[str]()
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except UnicodeDecodeError as error:
-        raise BadDefinition(f"{path}: not UTF-8: {error}") from None
-    for number, line in enumerate(lines, start=1):
-        if line == SEPARATOR:
-            sections, seen = sections + 1, set()
-            continue
-        try:
-            with contextlib.redirect_stderr(io.StringIO()):  # the parser also prints what it raises
-                part = parse_message_string(package, path.stem, line)
-        except Exception as error:  # the parser's errors have no common ancestor
-            raise BadDefinition(f"{path}:{number}: {line.strip()!r}: {type(error).__name__}: {error}") from None
-        for element in (*part.fields, *part.constants):
-            if element.name in seen:
-                raise BadDefinition(f"{path}:{number}: {element.name!r} is there twice")
-            seen.add(element.name)
-        for field in part.fields:
-            if not field.type.is_primitive_type():
-                yield number, field.type.pkg_name, field.type.type
-    expected = KINDS[path.parent.name]
-    if sections != expected:
-        raise BadDefinition(f"{path}:{len(lines)}: {sections} sections, must be {expected}, separated by {SEPARATOR}")
-
-
-class BuildError(ValueError):
-    """Something that the build needs is missing, or failed."""
 
 
 def command(arguments: Iterable[object]) -> None:
@@ -273,7 +213,6 @@ def build_wheel(packages: list[Package], folder: Path) -> Path:
     header = Path(sysconfig.get_paths()["include"]) / "Python.h"
     if not header.is_file():
         raise BuildError(f"{header} not found: install Python's headers (Ubuntu: apt install python3-dev)")
-    check_packages(packages, PREFIX / "share")
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="ros-interfaces-") as temporary, ThreadPoolExecutor(os.cpu_count()) as pool:
         places = {package: Path(temporary) / package.name for package in packages}
