@@ -1,4 +1,4 @@
-"""The cost of one decision: ``python -m benchmarks.decision``.
+"""Measure the cost of one decision: ``python -m benchmarks.decision``.
 
 One game is played with the policy's own choices, and each ``select`` is timed: features and network, without the
 simulator, one situation at a time, in one thread, as on a robot. The most memory that the process ever held counts the
@@ -55,18 +55,13 @@ def decision_times_ms(policy: Policy, assets: MapAssets, config: Config, decisio
     return times[WARM_UP:]
 
 
-def parameters(texts: list[str]) -> dict[str, Any]:
-    """Of a policy, by name, of texts like ``nodes=4000``."""
-    for text in texts:
-        if "=" not in text:
-            raise ValueError(f"--parameter {text}: must be NAME=VALUE")
-    return {name: yaml.safe_load(value) for name, _, value in (text.partition("=") for text in texts)}
-
-
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
     config = make_config("robot", **parse_settings(arguments.set))
+    if wrong := [text for text in arguments.parameter if "=" not in text]:
+        raise ValueError(f"--parameter {wrong[0]}: must be NAME=VALUE")
+    parameters = {name: yaml.safe_load(value) for name, _, value in (one.partition("=") for one in arguments.parameter)}
     try:
-        policy = make_policy(arguments.policy, **parameters(arguments.parameter))
+        policy = make_policy(arguments.policy, **parameters)
     except TypeError as error:  # a name that the policy does not have
         raise ValueError(f"--parameter: {error}") from None
     assets = map_assets(arguments.map, config)
@@ -87,19 +82,17 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         "torch_imported": "torch" in sys.modules,
     }
     print("{policy} on {map}: {pellets} pellets, {candidates} candidates".format(**figures))
-    print(f"  one decision: median {p50:.3f} ms, 99 % within {p99:.3f} ms, ", end="")
-    print("longest of {decisions}: {longest_ms:.3f} ms".format(**figures))
-    torch = "" if figures["torch_imported"] else "not "
-    print(f"  memory, simulator included: {figures['peak_memory_mb']:.0f} MB at most; torch {torch}imported")
+    text = "  one decision: median {p50_ms:.3f} ms, 99 % within {p99_ms:.3f} ms, longest {longest_ms:.3f} ms"
+    print(text.format(**figures))
+    print("  memory, simulator included: {peak_memory_mb:.0f} MB; torch imported: {torch_imported}".format(**figures))
     return figures
 
 
-SET: Option = ("--set", {"action": "append", "default": [], "metavar": "NAME=VALUE", "help": "a configuration's field"})
 PARAMETER: Option = (
     "--parameter",
     {"action": "append", "default": [], "metavar": "NAME=VALUE", "help": "of the policy, such as nodes=4000"},
 )
-main = benchmark("decision", __doc__, run, "--policy", "--seed", SET, PARAMETER, count("--decisions", 2000))
+main = benchmark("decision", __doc__, run, "--policy", "--seed", "--set", PARAMETER, count("--decisions", 2000))
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -24,6 +24,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--policy": {"default": "ppo", "help": "a name or an .onnx file (%(default)s)"},
     "--seed": {"type": whole_number(0), "default": 0, "metavar": "S", "help": "(%(default)s)"},
     "--rounds": {"type": whole_number(1), "default": 5, "metavar": "N", "help": "turns (%(default)s)"},
+    "--set": {"action": "append", "default": [], "metavar": "NAME=VALUE", "help": "a configuration's field"},
     "--json": {"type": Path, "metavar": "OUT", "help": "write the figures"},
 }
 

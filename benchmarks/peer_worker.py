@@ -1,8 +1,9 @@
-"""Steps random actions in one library's environments and times them; :mod:`.peers` runs it as a script.
+"""Step random actions in one library's environments and time them; :mod:`.peers` runs it as a script.
 
 It runs with the Python of the library's own venv, without this project, and prints JSON: what it can play, or figures.
 """
 
+import importlib
 import itertools
 import json
 import os
@@ -70,7 +71,7 @@ def of_envpool(_: str) -> list[Task]:
         actions = itertools.cycle(rng.integers(env.action_space.n, size=(DRAWN, size), dtype=np.int32))
         return lambda: env.step(next(actions))
 
-    pacman = "4 frames of an Atari 2600 that is emulated, drawn: 4 x 84 x 84 grey values; no physics"
+    pacman = _ATARI.format("4 x 84 x 84")
     lander = "one Box2D step of a lander, its two legs and the sparks of its engines over ground; 8 numbers"
     return [
         Task("MsPacman-v5", 4 / 60, pacman, BATCHES, True, partial(make, "MsPacman-v5")),
@@ -149,45 +150,38 @@ def of_jumanji(_: str) -> list[Task]:
     return [Task("PacMan-v1", 0.0, pacman, BATCHES, False, make)]
 
 
-def of_ale(_: str) -> list[Task]:
-    import ale_py
+def of_gymnasium(library: str, _: str) -> list[Task]:
     import gymnasium as gym
 
-    gym.register_envs(ale_py)
-    pacman = "4 frames of an Atari 2600 that is emulated, drawn: 210 x 160 x 3 colours; no physics"
-    return [Task("MsPacman-v5", 4 / 60, pacman, ONE, False, lambda size, threads: alone(gym.make("ALE/MsPacman-v5")))]
+    module, *tasks = SINGLE[library]
+    gym.register_envs(importlib.import_module(module))
+
+    def make(env_id: str, size: int, threads: int) -> Step:
+        return alone(gym.make(env_id))
+
+    return [Task(name, lasts_s, text, ONE, False, partial(make, env_id)) for env_id, name, lasts_s, text in tasks]
 
 
-def of_minigrid(_: str) -> list[Task]:
-    import gymnasium as gym
-    import minigrid  # noqa: F401  # registers them
-
-    name = "MiniGrid-Dynamic-Obstacles-8x8-v0"
-    grid = "one cell, or a quarter turn, of a grid of 8 x 8 in Python, 4 obstacles that move; 7 x 7 x 3 numbers"
-    return [Task("Dynamic-Obstacles-8x8", 0.0, grid, ONE, False, lambda size, threads: alone(gym.make(name)))]
-
-
-def of_highway_env(_: str) -> list[Task]:
-    import gymnasium as gym
-    import highway_env  # noqa: F401  # registers them
-
-    def make(name: str, size: int, threads: int) -> Step:
-        return alone(gym.make(name))
-
-    description = "{} steps of {} cars in Python that drive by models of drivers; 5 x 5 numbers"
-    counts = {"highway-v0": (15, 51), "highway-fast-v0": (5, 21)}  # of steps, of cars
-    return [Task(name, 1.0, description.format(*n), ONE, False, partial(make, name)) for name, n in counts.items()]
-
-
+_ATARI = "4 frames of an Atari 2600 that is emulated, drawn: {} values; no physics"
+_GRID = "one cell, or a quarter turn, of a grid of 8 x 8 in Python, 4 obstacles that move; 7 x 7 x 3 numbers"
+_CARS = "{} steps of {} cars in Python that drive by models of drivers; 5 x 5 numbers"
+#: Single environments of Gymnasium, by library: its module; id, name, simulated seconds and description of each.
+SINGLE: dict[str, tuple[Any, ...]] = {
+    "ale-py": ("ale_py", ("ALE/MsPacman-v5", "MsPacman-v5", 4 / 60, _ATARI.format("210 x 160 x 3"))),
+    "minigrid": ("minigrid", ("MiniGrid-Dynamic-Obstacles-8x8-v0", "Dynamic-Obstacles-8x8", 0.0, _GRID)),
+    "highway-env": (
+        "highway_env",
+        ("highway-v0", "highway-v0", 1.0, _CARS.format(15, 51)),
+        ("highway-fast-v0", "highway-fast-v0", 1.0, _CARS.format(5, 21)),
+    ),
+}
 LIBRARIES: dict[str, Callable[[str], list[Task]]] = {
     "pacman_env": ours,
     "envpool": of_envpool,
     "vmas": of_vmas,
     "mpe2": of_mpe2,
     "jumanji": of_jumanji,
-    "ale-py": of_ale,
-    "minigrid": of_minigrid,
-    "highway-env": of_highway_env,
+    **{name: partial(of_gymnasium, name) for name in SINGLE},
 }
 
 

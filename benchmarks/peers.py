@@ -1,4 +1,4 @@
-"""Well-known environments beside ours: ``python -m benchmarks.peers``.
+"""Compare with well-known environments: ``python -m benchmarks.peers``.
 
 Each library steps in processes of its own, in its own venv if a folder for venvs is given, and ours does the same in
 turns with it. Versions are pinned; what cannot be installed or played is named with the reason.
@@ -21,6 +21,7 @@ import numpy as np
 from benchmarks.harness import CORES, ROOT, benchmark, log, median_and_range, turns
 
 Turn = dict[str, float]  # decisions_per_s and cores
+Case = tuple[int, int, int]  # a task's number, games, threads
 
 OURS = "pacman_env"
 #: By library: what its venv gets.
@@ -36,16 +37,11 @@ PEERS = {
 SCRIPT = Path(__file__).with_name("peer_worker.py")
 LIMIT_S = 600.0  # for an answer; the first may have to wait for kernels
 NOTE = """\
-Compared: how fast random actions are answered, each with an observation and a reward, ended episodes begun anew, after
-a warm-up; a figure is the median of turns that alternate with turns of ours at the same N. Ours steps in one thread,
-also beside those with more; MPE2, HighwayEnv, ALE and MiniGrid have no batches of their own. `of ours`: the median, and
-the range, of the ratio of two turns side by side. `cores`: CPU time by wall time; below 1 per thread something else had
-the processor, or a thread waited.
-Not compared: the games, the physics, what is observed and how long a decision lasts differ, as listed above, and with
-them the work in a decision. Simulated seconds are no common measure either: one of an emulated console, one of discs in
-the plane and one of a robot with its navigation have little in common, and grids have none. EnvPool's asynchronous
-mode, and VMAS and Jumanji on a graphics processor, where they are fastest, are not measured. Speed is no measure of an
-environment's quality."""
+A figure is the median of turns that alternate with turns of ours at the same N, after a warm-up; `of ours` is the
+median, and the range, of the ratio of two turns. Ours steps in one thread, also when the other has more. `cores` is
+CPU time by wall time. The games, the physics, what is observed and how long a decision lasts differ, and with them the
+work in a decision. EnvPool's asynchronous mode, and VMAS and Jumanji on a graphics processor, where they are fastest,
+are not measured. Speed is no measure of an environment's quality."""
 
 
 class PeerError(Exception):
@@ -53,7 +49,7 @@ class PeerError(Exception):
 
 
 def python_of(name: str, folder: Path) -> Path:
-    """The interpreter of a library's venv in ``folder``, which is made if it is not there or has other versions."""
+    """Return the interpreter of a library's venv in ``folder``, made anew if it is absent or has other versions."""
     venv = folder.absolute() / name
     python, stamp = venv / "bin" / "python", venv / "installed"
     wanted = hashlib.sha256(repr((platform.python_version(), PEERS[name])).encode()).hexdigest()
@@ -72,15 +68,13 @@ def python_of(name: str, folder: Path) -> Path:
 
 
 def _environment(bare: bool) -> dict[str, str]:
-    """Of a process: with this project first on its path, or for another venv without any path."""
-    found = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    if not bare:
-        found["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
-    return found
+    """Return the variables of a process: with this project first on its path, or without any path for another venv."""
+    path = [] if bare else [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(path)}
 
 
 class Worker:
-    """Plays a library's environments with the present Python, if none is given, each turn in a process of its own.
+    """Play a library's environments with the present Python, if none is given, each turn in a process of its own.
 
     What a library cannot do is a PeerError; without ours there is nothing to compare with: ValueError.
     """
@@ -93,18 +87,15 @@ class Worker:
         self.version: str = facts["version"]
         self.tasks: list[dict[str, Any]] = facts["tasks"]  # peer_worker.Task
 
-    def title(self, task: int) -> str:
-        return f"{self.name} {self.version} {self.tasks[task]['name']}"
-
-    def cases(self) -> Iterator[tuple[int, int, int]]:
-        """What is measured: a task's number, how many games, how many threads; all cores only with many games."""
+    def cases(self) -> Iterator[Case]:
+        """Yield what is measured; all cores only with many games."""
         for number, task in enumerate(self.tasks):
             for size in task["sizes"]:
                 for threads in sorted({1, CORES if task["threaded"] and size > 1 else 1}):
                     yield number, size, threads
 
     def turn(self, *case: float) -> dict[str, Any]:
-        """The figures of a task's number, how many games, threads and seconds; without them, version and tasks."""
+        """Return the figures of a case and a number of seconds; without them, version and tasks."""
         command, env = [*self._command, json.dumps(case)], self._environment
         try:
             done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=LIMIT_S)
@@ -118,9 +109,18 @@ class Worker:
             return answer
         raise ValueError(f"our own environment: {answer['error']}") if self.name == OURS else PeerError(answer["error"])
 
+    def row(self, case: Case, turns: Sequence[Turn]) -> dict[str, Any]:
+        """Return the medians of a case's turns, with what a decision is."""
+        number, size, threads = case
+        rate, cores = (float(np.median([turn[key] for turn in turns])) for key in ("decisions_per_s", "cores"))
+        task = {key: self.tasks[number][key] for key in ("name", "simulated_s", "description")}
+        simulated = rate * task["simulated_s"]
+        rates = {"decisions_per_s": rate, "simulated_s_per_s": simulated, "cores": cores}
+        return {"library": self.name, "version": self.version, **task, "n": size, "threads": threads, **rates}
+
 
 def run(names: Sequence[str], venvs: Path | None, map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
-    """All figures: of ours on a map, and of ``names`` in their venvs, if there is a folder for venvs.
+    """Return all figures: of ours on a map, and of ``names`` in their venvs, if there is a folder for venvs.
 
     ``rounds`` turns for each figure take ``seconds`` together.
     """
@@ -130,7 +130,6 @@ def run(names: Sequence[str], venvs: Path | None, map_source: str, rounds: int, 
     failed = {}
     turns_of_ours: dict[int, list[Turn]] = {}
     own = Worker(OURS, map_source)
-    steps = {own.title(0): own.tasks[0]}
 
     def own_turn(size: int) -> Turn:
         return own.turn(0, size, 1, seconds / rounds)
@@ -139,69 +138,36 @@ def run(names: Sequence[str], venvs: Path | None, map_source: str, rounds: int, 
         try:
             peer = Worker(name, map_source, python_of(name, venvs) if venvs else None)
             for case in peer.cases():
-                task, size, threads = case
-                steps[peer.title(task)] = peer.tasks[task]
-                log(f"{peer.title(task)}, N = {size}, threads: {threads} ...")
-                pairs = turns(rounds, partial(own_turn, size), partial(peer.turn, *case, seconds / rounds))
-                turns_of_ours.setdefault(size, []).extend(turn for turn, _ in pairs)
+                log(f"{name} {peer.tasks[case[0]]['name']}, N = {case[1]}, threads: {case[2]} ...")
+                pairs = turns(rounds, partial(own_turn, case[1]), partial(peer.turn, *case, seconds / rounds))
+                turns_of_ours.setdefault(case[1], []).extend(turn for turn, _ in pairs)
                 rates = [turn["decisions_per_s"] / ours["decisions_per_s"] for ours, turn in pairs]
                 ratio, *around = median_and_range(rates)
-                simulated = peer.tasks[task]["simulated_s"] / own.tasks[0]["simulated_s"]
-                ratios = {"ratio": ratio, "ratio_range": around, "simulated_ratio": ratio * simulated}
-                rows.append(_row(peer, case, [turn for _, turn in pairs]) | ratios)
+                rows.append(peer.row(case, [turn for _, turn in pairs]) | {"ratio": ratio, "ratio_range": around})
         except PeerError as error:
             failed[name] = str(error)
-    sizes = {size: turns_of_ours.get(size) or [own_turn(size) for _ in range(rounds)] for _, size, _ in own.cases()}
-    first = [_row(own, (task, size, threads), sizes[size]) for task, size, threads in own.cases()]
-    facts = {"map": map_source, "rounds": rounds, "venvs": venvs is not None, "cores": CORES}
-    return {"rows": first + rows, "steps": steps, "failed": failed, **facts}
-
-
-def _row(worker: Worker, case: tuple[int, int, int], turns: Sequence[Turn]) -> dict[str, Any]:
-    task, size, threads = case
-    rate, cores = (float(np.median([turn[key] for turn in turns])) for key in ("decisions_per_s", "cores"))
-    return {
-        "library": worker.name,
-        "version": worker.version,
-        "task": worker.tasks[task]["name"],
-        "n": size,
-        "threads": threads,
-        "decisions_per_s": rate,
-        "simulated_s_per_s": rate * worker.tasks[task]["simulated_s"],
-        "cores": cores,
-    }
+    alone = {case: turns_of_ours.get(case[1]) or [own_turn(case[1]) for _ in range(rounds)] for case in own.cases()}
+    rows = [own.row(case, played) for case, played in alone.items()] + rows
+    return {"rows": rows, "failed": failed, "rounds": rounds, "venvs": venvs is not None, "cores": CORES}
 
 
 def table(figures: dict[str, Any]) -> str:
-    """The figures, what a decision is in each, what was not measured and why, and the note."""
-    head = f"{'':<31}{'N':>4}{'threads':>9}{'decisions/s':>13}{'of ours':>32}"
-    lines = [
-        f"map {figures['map']}, {figures['rounds']} turns of each, {figures['cores']} cores",
-        f"{head}{'simulated s/s':>15}{'of ours':>9}{'cores':>7}",
-    ]
+    """Return the figures, what a decision is in each, what was not measured and why, and the note."""
+    head = f"{'':<31}{'N':>4}{'threads':>9}{'decisions/s':>13}{'of ours':>32}{'simulated s/s':>15}{'cores':>7}"
+    lines = [f"{figures['rounds']} turns of each, {figures['cores']} cores", head]
+    decisions = {}
     for row in figures["rows"]:
-        ratio, simulated = "", ""
-        if "ratio" in row:
-            ratio = "{:.3g} ({:.3g} to {:.3g})".format(row["ratio"], *row["ratio_range"])
-            simulated = f"{row['simulated_ratio']:.3g}" if row["simulated_ratio"] else "-"
-        name, rate, real = f"{row['library']} {row['task']}", row["decisions_per_s"], row["simulated_s_per_s"]
-        lines.append(
-            f"{name:<31}{row['n']:>4}{row['threads']:>9}{_rounded(rate):>13}{ratio:>32}"
-            f"{_rounded(real):>15}{simulated:>9}{row['cores']:>7.2f}"
-        )
-    lines += ["", "a decision:"]
-    steps = figures["steps"].items()
-    for title, task in steps:
-        lasts = f"{task['simulated_s']:.3g} s" if task["simulated_s"] else "no time"
-        lines.append(f"  {title}: {lasts}, {task['description']}")
+        ratio = "{:.3g} ({:.3g} to {:.3g})".format(row["ratio"], *row["ratio_range"]) if "ratio" in row else ""
+        name, rates = f"{row['library']} {row['name']}", (row["decisions_per_s"], row["simulated_s_per_s"])
+        rate, real = (f"{one:,.0f}" if one >= 100 else f"{one:.3g}" if one else "-" for one in rates)
+        lines.append(f"{name:<31}{row['n']:>4}{row['threads']:>9}{rate:>13}{ratio:>32}{real:>15}{row['cores']:>7.2f}")
+        lasts = f"{row['simulated_s']:.3g} s" if row["simulated_s"] else "no time"
+        decisions[name] = f"  {row['library']} {row['version']} {row['name']}: {lasts}, {row['description']}"
+    lines += ["", "a decision:", *decisions.values()]
     lines += [f"not measured: {name}: {reason}" for name, reason in figures["failed"].items()]
     if figures["failed"] and not figures["venvs"]:
         lines.append("  (--venvs DIR installs them there)")
     return "\n".join([*lines, "", NOTE])
-
-
-def _rounded(rate: float) -> str:
-    return f"{rate:,.0f}" if rate >= 100 else f"{rate:.3g}" if rate else "-"
 
 
 def _library(name: str) -> str:

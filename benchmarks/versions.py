@@ -66,7 +66,6 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     print("| What | here | there | here / there, median | range |\n|---|---|---|---|---|")
     found = ratios(here, there)
     for name, values in found.items():
-        key = "decisions_per_s" if "decisions_per_s" in here[0]["rows"][name] else "cpu_s"
         key, form = ("decisions_per_s", ",.0f") if "decisions_per_s" in here[0]["rows"][name] else ("cpu_s", ".1f")
         medians = (median_and_range([one["rows"][name][key] for one in side])[0] for side in (here, there))
         cells = " | ".join(format(value, form) for value in medians)
