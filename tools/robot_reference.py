@@ -1,7 +1,6 @@
 """``docs/robot_reference.md``, written from one instance of every node: ``python -m tools.robot_reference``."""
 
 import argparse
-import importlib
 import inspect
 import os
 import sys
@@ -9,19 +8,20 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from unittest.mock import patch
 
 import rclpy
+from rclpy.action import get_action_client_names_and_types_by_node as client_names_and_types
+from rclpy.action import get_action_server_names_and_types_by_node as server_names_and_types
 from rclpy.logging import get_logger_effective_level, set_logger_level
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from pacman_env.cli.command import Parser, run_command
 from pacman_env.ros.bags.record import RECORDED
-from pacman_env.ros.node import BaseNode
+from pacman_env.ros.node import node_class
 from pacman_env.ros.supervisor.checks import CHECKS
-from pacman_env.ros.supervisor.game_nodes import NODES, module_of
-from pacman_env.ros.topics import LATCHED, RECEIVED_LATCHED, RosAction
+from pacman_env.ros.supervisor.game_nodes import NODES
+from pacman_env.ros.topics import LATCHED, RECEIVED_LATCHED
 from tools.common import ROOT, add_check, table, update
 
 PAGE = ROOT / "docs" / "robot_reference.md"
@@ -33,7 +33,6 @@ are relative, so that the robot's namespace applies (`/robot_15/game_state`); pa
 """
 _EVERY_NODE_HAS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 _OWN = ("rcl_interfaces/", "type_description_interfaces/", "lifecycle_msgs/", "rosgraph_msgs/")  # of ROS itself
-_ENDS_OF_ACTIONS = {"server": "serves", "client": "calls", "goal_client": "calls"}  # methods of ``RosAction``
 _PART_OF_ACTION = "/_action/"
 _TYPES = {1: "bool", 2: "int", 3: "float", 4: "string", 8: "float array", 9: "string array"}
 _End = tuple[str, str, str, str]  # name, type, role, and QoS, "service" or "action"
@@ -48,41 +47,35 @@ class Described:
 
 def describe(name: str) -> Described:
     """Make a node and list what it has; rclpy must be initialised, with ``map_yaml`` among its arguments."""
-    module = importlib.import_module(module_of(name))
-    own = (one for one in vars(module).values() if inspect.isclass(one) and one.__module__ == module.__name__)
-    node_class: Any = next(one for one in own if issubclass(one, BaseNode))
-    actions: list[_End] = []  # noted while they are made: rclpy does not know an action's name afterwards
-
-    def noting(method: Any, role: str) -> Any:
-        def make(action: RosAction, *arguments: Any, **options: Any) -> Any:
-            actions.append((action.name, action.type_name, role, "action"))
-            return method(action, *arguments, **options)
-
-        return make
-
-    noted = {method: noting(getattr(RosAction, method), role) for method, role in _ENDS_OF_ACTIONS.items()}
-    with patch.multiple(RosAction, **noted):
-        node = node_class()
+    node: Any = node_class(name)()
     try:
         declared = list(node._parameters)  # rclpy has no public list of them within a process
         return Described(
-            purpose=(inspect.getdoc(module) or "").split("\n\n")[0].replace("\n", " ").replace("``", "`"),
+            purpose=(inspect.getdoc(sys.modules[type(node).__module__]) or "")
+            .split("\n\n")[0]
+            .replace("\n", " ")
+            .replace("``", "`"),
             parameters=[_parameter(node, one) for one in declared if not one.startswith(_EVERY_NODE_HAS)],
-            ends=sorted({*_topics_and_services(node), *actions}),
+            ends=sorted({*_ends_of(node)}),
         )
     finally:
         node.destroy_node()
 
 
-def _topics_and_services(node: Any) -> Iterator[_End]:
+def _ends_of(node: Any) -> Iterator[_End]:
     ends = [(end.topic_name, end.msg_type, "publishes", _qos(end.qos_profile)) for end in node.publishers]
     ends += [(end.topic_name, end.msg_type, "subscribes", _qos(end.qos_profile)) for end in node.subscriptions]
     ends += [(end.srv_name, end.srv_type, "serves", "service") for end in node.services]
     ends += [(end.srv_name, end.srv_type, "calls", "service") for end in node.clients]
-    for name, kind, role, qos in ends:
-        type_name = f"{kind.__module__.partition('.')[0]}/{kind.__name__}"
-        if not type_name.startswith(_OWN) and _PART_OF_ACTION not in name:
-            yield name.removeprefix(node.get_namespace().rstrip("/") + "/"), type_name, role, qos
+    found = [(name, f"{kind.__module__.split('.')[0]}/{kind.__name__}", *more) for name, kind, *more in ends]
+    arguments = node, node.get_name(), node.get_namespace()
+    for role, names_and_types in (("serves", server_names_and_types), ("calls", client_names_and_types)):
+        found += [
+            (name, kind.replace("/action/", "/"), role, "action") for name, (kind,) in names_and_types(*arguments)
+        ]
+    for name, kind, role, qos in found:
+        if not kind.startswith(_OWN) and _PART_OF_ACTION not in name:
+            yield name.removeprefix(node.get_namespace().rstrip("/") + "/"), kind, role, qos
 
 
 def _parameter(node: Any, name: str) -> list[str]:
