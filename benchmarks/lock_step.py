@@ -10,11 +10,12 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmarks.harness import CORES, benchmark, count
+from tools.common import table
 
 LIMIT_S = 3600.0  # of simulated time, for a game
 
@@ -67,42 +68,30 @@ def play(map_source: str, policy: str, seed: int, games: int) -> list[Game]:
     return played
 
 
-@contextlib.contextmanager
-def busy(cores: int) -> Iterator[None]:
-    processes = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(cores)]
-    try:
-        yield
-    finally:
-        for process in processes:
-            process.kill()
-            process.wait()
-
-
-def table(games: Sequence[Game]) -> list[str]:
-    lines = ["| game | result | simulated s | real s | times real time | times time on a core | messages | hash |"]
-    lines.append("|---|---|---|---|---|---|---|---|")
-    for number, g in enumerate(games, 1):
-        speeds = f"{g.simulated_s / g.real_s:.1f} | {g.simulated_s / g.core_s:.1f}"
-        times = f"{g.simulated_s:.1f} | {g.real_s:.1f}"
-        lines.append(f"| {number} | {g.result} | {times} | {speeds} | {g.messages} | {g.hash[:12]} |")
-    return lines
+def show(games: Sequence[Game]) -> None:
+    head = ("result", "simulated s", "real s", "times real time", "times time on a core", "messages", "hash")
+    rows = []
+    for g in games:
+        times = [g.simulated_s, g.real_s, g.simulated_s / g.real_s, g.simulated_s / g.core_s]
+        rows.append([g.result, *(f"{number:.1f}" for number in times), str(g.messages), g.hash[:12]])
+    print(table(head, rows), end="")
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Play and print the tables; ``reproducible``: whether the seed, and nothing else, decides the games."""
     given = arguments.map, arguments.policy
-    first = play(*given, arguments.seed, arguments.games)
-    print(*table(first), sep="\n")
-    with busy(arguments.busy):
-        again = play(*given, arguments.seed, arguments.games)
-    print(f"\nthe same seed with {arguments.busy} cores kept busy:", *table(again), sep="\n")
+    show(first := play(*given, arguments.seed, arguments.games))
+    print(f"\nthe same seed with {arguments.busy} cores kept busy:")
+    with contextlib.ExitStack() as stack:
+        for _ in range(arguments.busy):
+            process = stack.enter_context(subprocess.Popen([sys.executable, "-c", "while True: pass"]))
+            stack.callback(process.kill)  # before the process is waited for
+        show(again := play(*given, arguments.seed, arguments.games))
     other = play(*given, arguments.seed + 1, 1)
-    same = [g.hash for g in first] == [g.hash for g in again]
-    differs = other[0].hash != first[0].hash
+    same, differs = [g.hash for g in first] == [g.hash for g in again], other[0].hash != first[0].hash
     print(f"\nthe same seed: {'equal' if same else 'DIFFERENT'}; seed {arguments.seed + 1}: ", end="")
     print("another game" if differs else "THE SAME GAME")
-    series = {"idle": first, "busy": again, "other": other}
-    games = {name: [g._asdict() for g in games] for name, games in series.items()}
+    games = {name: [g._asdict() for g in games] for name, games in (("idle", first), ("busy", again), ("other", other))}
     return {"policy": arguments.policy, "reproducible": same and differs, **games}
 
 

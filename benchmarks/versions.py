@@ -18,6 +18,7 @@ from typing import Any
 
 from benchmarks.harness import ROOT, benchmark, in_checkout, median_and_range, turns
 from pacman_env.cli.command import finite_number
+from tools.common import table
 
 PROGRAM = ROOT / "pacman_env" / "evaluation" / "benchmark.py"
 
@@ -63,14 +64,13 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         ),
         f"map {arguments.map}, {arguments.rounds} turns, processor time\n",
     )
-    print("| What | here | there | here / there, median | range |\n|---|---|---|---|---|")
-    found = ratios(here, there)
+    found, rows = ratios(here, there), []
     for name, values in found.items():
         key, form = ("decisions_per_s", ",.0f") if "decisions_per_s" in here[0]["rows"][name] else ("cpu_s", ".1f")
         medians = (median_and_range([one["rows"][name][key] for one in side])[0] for side in (here, there))
-        cells = " | ".join(format(value, form) for value in medians)
         middle, low, high = median_and_range(values)
-        print(f"| {name} | {cells} | {middle:.2f} | {low:.2f} to {high:.2f} |")
+        rows.append([name, *(format(one, form) for one in medians), f"{middle:.2f}", f"{low:.2f} to {high:.2f}"])
+    print(table(("What", "here", "there", "here / there, median", "range"), rows), end="")
     return {"beside": there[0]["version"], "ratios": found, "here": here, "there": there}
 
 

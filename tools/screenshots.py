@@ -1,6 +1,6 @@
-"""The screenshots of the operator's page in the documentation, by Chromium: ``python -m tools.screenshots``.
+"""Take the screenshots of the operator's page in the documentation: ``python -m tools.screenshots``.
 
-Moving things are not drawn alike each time, so no test compares these pictures.
+Chromium takes them. Moving things are not drawn alike each time, so no test compares these pictures.
 """
 
 import argparse
@@ -20,14 +20,12 @@ from pacman_env.web.server import WebServer
 from pacman_env.web.simulated import SimulatedGame
 from tools.common import add_images, add_names
 
-PATIENCE_S = 120.0
 _SEED = 11
-_COLOURS = 255  # of a picture's palette
 _FLAGS = ["--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-sync", "--force-color-profile=srgb"]
 
 
 def _wait(page: Any, expression: str) -> None:
-    page.wait_for_function(f"(({{state}}) => {expression})(window.pacman ?? {{}})", timeout=1000 * PATIENCE_S)
+    page.wait_for_function(f"(({{state}}) => {expression})(window.pacman ?? {{}})", timeout=120_000)
 
 
 def _round(page: Any, pellets: int, speed: int = 10) -> None:
@@ -107,7 +105,7 @@ def shoot(browser: Any, name: str) -> Image.Image:
         prepare(page)
         _wait(page, "!document.querySelector('.notice')")
         image = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
-    return image.quantize(_COLOURS, Image.Quantize.MEDIANCUT, kmeans=2, dither=Image.Dither.NONE)
+    return image.quantize(255, Image.Quantize.MEDIANCUT, kmeans=2, dither=Image.Dither.NONE)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,7 +1,7 @@
-"""Builds the message types that cannot be imported and installs them into the running virtual environment.
+"""Build the message types that cannot be imported and install them into the running virtual environment.
 
-Needs gcc, g++ and ROS's wheels. Builds and tries all in a temporary folder; only then pip installs one wheel, which
-``pip uninstall pacman-ros-interfaces`` removes. A second run finds nothing to do.
+This needs gcc, g++ and ROS's wheels. All is built and tried in a temporary folder; only then pip installs one wheel,
+which ``pip uninstall pacman-ros-interfaces`` removes. A second run finds nothing to do.
 """
 
 import argparse
@@ -42,16 +42,10 @@ GENERATORS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {  # of install
     "rosidl_generator_py": (("rosidl_generator_py", "rosidl_generator_c"), ()),
 }
 KINDS = ("msg", "srv", "action")
-#: Loads every library, and the type support of every type, as a publisher would later.
-TRY = """
-import ctypes, importlib, sys
-for name in sys.argv[1:]:
-    if name.endswith(".so"):
-        ctypes.CDLL(name)
-    else:
-        module, _, word = name.rpartition(".")
-        getattr(importlib.import_module(module), word).__class__.__import_type_support__()
-"""
+#: Loads the type support of types, each a module and a name, as a publisher would later.
+TRY = """import importlib, sys
+for module, name in zip(sys.argv[1::2], sys.argv[2::2]):
+    getattr(importlib.import_module(module), name).__class__.__import_type_support__()"""
 
 
 class BuildError(ValueError):
@@ -75,7 +69,7 @@ class Package:
 
 
 def find_packages(folder: Path) -> list[Package]:
-    """All packages ``folder/PACKAGE/{msg,srv,action}/*``, at least one, in order of name; other things are ignored."""
+    """Return all packages ``folder/PACKAGE/{msg,srv,action}/*`` in order of name; ValueError if there is none."""
     packages = []
     for path in sorted(folder.resolve().iterdir()) if folder.is_dir() else ():
         files = tuple(sorted(file for kind in KINDS for file in path.glob(f"{kind}/*")))
@@ -86,9 +80,9 @@ def find_packages(folder: Path) -> list[Package]:
     return packages
 
 
-def command(arguments: Iterable[object]) -> None:
-    line = [str(argument) for argument in arguments]
-    done = subprocess.run(line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace")
+def command(arguments: Iterable[object], **variables: str) -> None:
+    line, env = [str(argument) for argument in arguments], {**os.environ, **variables}
+    done = subprocess.run(line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=env, text=True, errors="replace")
     if done.returncode:
         raise BuildError(f"{' '.join(line[:3])} ... failed with {done.returncode}:\n{done.stdout[-4000:]}")
 
@@ -229,12 +223,9 @@ def build_wheel(packages: list[Package], folder: Path) -> Path:
 def _try(package: Package, out: Path) -> None:
     """Load every type from where it was built, in a process of its own."""
     libraries = os.pathsep.join([str(out / "lib"), os.environ.get("LD_LIBRARY_PATH", "")])
-    environment = {**os.environ, "PYTHONPATH": str(out / "rosidl_generator_py"), "LD_LIBRARY_PATH": libraries}
-    names = [f"{package.name}.{kind}.{name}" for kind, name in package.types]
-    names += [str(path) for path in sorted((out / "lib").glob("*.so"))]
-    done = subprocess.run([sys.executable, "-c", TRY, *names], env=environment, capture_output=True, text=True)
-    if done.returncode:
-        raise BuildError(f"{package.name} was built but cannot be imported:\n{done.stderr[-2000:]}")
+    types = [word for kind, name in package.types for word in (f"{package.name}.{kind}", name)]
+    path = str(out / "rosidl_generator_py")
+    command([sys.executable, "-c", TRY, *types], PYTHONPATH=path, LD_LIBRARY_PATH=libraries)
 
 
 def _installed() -> set[str]:
@@ -246,7 +237,7 @@ def _installed() -> set[str]:
 
 
 def _importable(package: Package) -> bool:
-    """Whether all of a package's types are there; BuildError if only some are: it was not built here."""
+    """Return whether all of a package's types are installed; BuildError if only some are: it was not built here."""
 
     def there(kind: str, name: str) -> bool:
         try:
