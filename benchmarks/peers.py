@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.harness import CORES, ROOT, benchmark, log, median_and_range, turns
+from tools.common import table
 
 Turn = dict[str, float]  # decisions_per_s and cores
 Case = tuple[int, int, int]  # a task's number, games, threads
@@ -151,23 +152,21 @@ def run(names: Sequence[str], venvs: Path | None, map_source: str, rounds: int, 
     return {"rows": rows, "failed": failed, "rounds": rounds, "venvs": venvs is not None, "cores": CORES}
 
 
-def table(figures: dict[str, Any]) -> str:
+def show(figures: dict[str, Any]) -> str:
     """Return the figures, what a decision is in each, what was not measured and why, and the note."""
-    head = f"{'':<31}{'N':>4}{'threads':>9}{'decisions/s':>13}{'of ours':>32}{'simulated s/s':>15}{'cores':>7}"
-    lines = [f"{figures['rounds']} turns of each, {figures['cores']} cores", head]
-    decisions = {}
+    rows, decisions = [], {}
     for row in figures["rows"]:
         ratio = "{:.3g} ({:.3g} to {:.3g})".format(row["ratio"], *row["ratio_range"]) if "ratio" in row else ""
         name, rates = f"{row['library']} {row['name']}", (row["decisions_per_s"], row["simulated_s_per_s"])
         rate, real = (f"{one:,.0f}" if one >= 100 else f"{one:.3g}" if one else "-" for one in rates)
-        lines.append(f"{name:<31}{row['n']:>4}{row['threads']:>9}{rate:>13}{ratio:>32}{real:>15}{row['cores']:>7.2f}")
+        rows.append([name, str(row["n"]), str(row["threads"]), rate, ratio, real, f"{row['cores']:.2f}"])
         lasts = f"{row['simulated_s']:.3g} s" if row["simulated_s"] else "no time"
-        decisions[name] = f"  {row['library']} {row['version']} {row['name']}: {lasts}, {row['description']}"
-    lines += ["", "a decision:", *decisions.values()]
-    lines += [f"not measured: {name}: {reason}" for name, reason in figures["failed"].items()]
-    if figures["failed"] and not figures["venvs"]:
-        lines.append("  (--venvs DIR installs them there)")
-    return "\n".join([*lines, "", NOTE])
+        decisions[name] = f"- {row['library']} {row['version']} {row['name']}: {lasts}, {row['description']}"
+    missing = [f"- not measured: {name}: {reason}" for name, reason in figures["failed"].items()]
+    if missing and not figures["venvs"]:
+        missing.append("  (--venvs DIR installs them there)")
+    text = table(("", "N", "threads", "decisions/s", "of ours", "simulated s/s", "cores"), rows)
+    return text + "\n".join(["", "A decision:", *decisions.values(), *missing, "", NOTE])
 
 
 def _library(name: str) -> str:
@@ -179,7 +178,7 @@ def _library(name: str) -> str:
 def _report(arguments: argparse.Namespace) -> dict[str, Any]:
     names = list(dict.fromkeys(arguments.libraries or PEERS))
     figures = run(names, arguments.venvs, arguments.map, arguments.rounds, arguments.seconds)
-    print(table(figures))
+    print(show(figures))
     return figures
 
 

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 
 from pacman_env import config
 from pacman_env.cli import main as cli
@@ -128,18 +127,14 @@ def columns() -> str:
 
 
 def actions() -> str:
-    rows = []
-    for action, unit in (("goal", False), ("velocity", False), ("velocity", True)):
-        settings = {"action_range": "unit"} if unit else {}
-        space = PacManBotEnv("house", action=action, settings=settings).action_space
-        if isinstance(space, spaces.Box):
-            names = ("v", "omega") if unit else ("v, m/s", "omega, rad/s")
-            limits = zip(space.low.tolist(), space.high.tolist(), names, strict=True)
-            bounds = ", ".join(f"{name}: {number(low)} to {number(high)}" for low, high, name in limits)
-            given = f'action="{action}"' + (f", settings={settings}".replace("'", '"') if unit else "")
-            rows.append([f"`{given}`", f"`Box`, shape {space.shape}, {space.dtype}", bounds])
-        else:
-            rows.append([f'`action="{action}"`', f"`Discrete({space.n})`", "number of a candidate, the last is hold"])
+    goals = PacManBotEnv("house").action_space
+    rows = [['`action="goal"`', f"`{goals}`", "number of a candidate, the last is hold"]]
+    for settings, names in (({}, ("v, m/s", "omega, rad/s")), ({"action_range": "unit"}, ("v", "omega"))):
+        given = {"action": "velocity", **({"settings": settings} if settings else {})}
+        space: Any = PacManBotEnv("house", **given).action_space
+        limits = zip(space.low.tolist(), space.high.tolist(), names, strict=True)
+        bounds = ", ".join(f"{name}: {number(low)} to {number(high)}" for low, high, name in limits)
+        rows.append([f"`{as_arguments(given)}`", f"`Box`, shape {space.shape}, {space.dtype}", bounds])
     return table(("Argument", "Space", "Values"), rows)
 
 
@@ -162,8 +157,8 @@ def ids() -> str:
 
 
 def ids_arguments() -> str:
-    variants = {name: entry.kwargs for name, entry in IDS.items() if entry.kwargs}
-    rows = [[f"`{name.removeprefix('pacman_env/')}`", f"`{as_arguments(kwargs)}`"] for name, kwargs in variants.items()]
+    variants = {name.removeprefix("pacman_env/"): entry.kwargs for name, entry in IDS.items() if entry.kwargs}
+    rows = ([f"`{name}`", f"`{as_arguments(kwargs)}`"] for name, kwargs in variants.items())
     return table(("Id", "Arguments of `PacManBot-v0`"), rows)
 
 
@@ -173,9 +168,8 @@ def maps() -> str:
         assets = map_assets(name, make_config())
         occupancy = assets.occupancy
         free = occupancy.game_free().sum() * occupancy.resolution**2
-        candidates = assets.pellets + assets.refuges + 1
-        size = f"{occupancy.width} x {occupancy.height} px"
-        rows.append([f"`{name}`", size, f"{free:.0f}", str(assets.pellets), str(assets.refuges), str(candidates)])
+        counts = map(str, (assets.pellets, assets.refuges, assets.pellets + assets.refuges + 1))
+        rows.append([f"`{name}`", f"{occupancy.width} x {occupancy.height} px", f"{free:.0f}", *counts])
     return table(("Map", "Image", "Free, m²", "Pellets", "Refuges", "Actions (with hold)"), rows)
 
 
@@ -201,7 +195,7 @@ TABLES: dict[str, Callable[[], str]] = {
 def fill(page: str) -> str:
     def write(match: re.Match[str]) -> str:
         if match[2] not in TABLES:
-            raise ValueError(f"no table {match[2]!r}: choose of {', '.join(TABLES)}")
+            raise ValueError(f"no table {match[2]!r}: choose from {', '.join(TABLES)}")
         return match[1] + "\n" + TABLES[match[2]]().strip("\n") + "\n\n"
 
     return _BLOCK.sub(write, page)
