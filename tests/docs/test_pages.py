@@ -25,7 +25,7 @@ def test_every_public_name_is_on_one_page_of_the_reference() -> None:
 
 def test_the_numbers_of_a_flat_row_are_numbered_as_they_lie() -> None:
     env = PacManBotEnv(flat=True)
-    text = ids._observations(env)
+    text = ids.page("pacman_env/PacManBotFlat-v0", env)
     assert "| 0 to 223 | `planner_candidates` | (7, 32) |" in text
     assert "| 224 to 273 | `planner_globals` | (50,) |" in text
     assert env.observation_space.shape == (274,)
@@ -36,8 +36,9 @@ def test_the_numbers_of_a_flat_row_are_numbered_as_they_lie() -> None:
 
 @pytest.mark.parametrize("name", ["Rewards", "Episode End", "Arguments", "Version History"])
 def test_sections_of_the_docstring_link_to_pages(name: str) -> None:
-    assert ids.sections()[name]
-    assert "`docs/" not in ids.sections()[name]
+    section = ids.sections("pacman_env/PacManBot-v0")[name]
+    assert section
+    assert "`docs/" not in section
 
 
 @pytest.mark.parametrize("env_id", IDS)
@@ -50,12 +51,12 @@ def test_page_of_an_id_states_how_its_time_limit_ends(env_id: str) -> None:
         *_, terminated, truncated, info = env.step(env.action_space.low if drives else env.action_space.n - 1)
         ended = ["termination"] * terminated + ["truncation"] * truncated
     assert info["outcome"] in ("timeout", OUTCOMES.tolist().index("timeout"))
-    assert re.findall(r"time limit is a \*\*(\w+)\*\*", ids._end(env.unwrapped, "")) == ended
+    assert re.findall(r"time limit is a \*\*(\w+)\*\*", ids.page(env_id, env.unwrapped)) == ended
 
 
 @pytest.mark.parametrize("env_id", IDS)
 def test_page_of_an_id_shows_arguments_for_that_id(env_id: str) -> None:
-    code = ids._arguments(env_id, ids.sections()["Arguments"]).split("```python\n")[1].split("```")[0]
+    code = ids.sections(env_id)["Arguments"].split("```python\n")[1].split("```")[0]
     env = eval(code, {"gymnasium": gym})
     assert env.spec.id == env_id
     assert env.unwrapped.config.clyde.speed_mps == 0.35
@@ -64,6 +65,7 @@ def test_page_of_an_id_shows_arguments_for_that_id(env_id: str) -> None:
 
 @pytest.mark.parametrize("env_id", IDS)
 def test_the_example_of_an_id_plays_an_episode_to_its_end(env_id: str, capsys: pytest.CaptureFixture[str]) -> None:
-    example = ids._example(env_id).split("```python\n")[1].split("```")[0]
+    page = ids.page(env_id, gym.make(env_id).unwrapped)
+    example = page.split("```python\n")[1].split("```")[0]
     exec(compile(example, env_id, "exec"), {})
     assert "'outcome': " in capsys.readouterr().out
