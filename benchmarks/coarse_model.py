@@ -56,33 +56,34 @@ class Trials:
         self.behaviours = Behaviours([find_behaviour(name) for name in config.clyde.ghosts], config)
         self.ticks = round(seconds / config.execution.tick_s)
         self.rng = np.random.default_rng(seed)
-        self._reset(np.arange(games))
+        self._reset(np.ones(games, np.bool_))
 
-    def _reset(self, games: NDArray[np.int64]) -> None:
-        if len(games) > 0:
-            self.batch.reset(games, self.rng.integers(2**63, size=len(games), dtype=np.uint64))
+    def _reset(self, which: NDArray[np.bool_]) -> None:
+        if which.any():
+            self.batch.reset(np.flatnonzero(which), self.rng.integers(2**63, size=which.sum(), dtype=np.uint64))
 
     def trials(self) -> NDArray[Any]:
-        """(N,) of TRIAL, from where the games stand now; those that end begin anew."""
-        self._drive(round(_PLAYED_S / self.config.execution.tick_s), make_policy("nearest"))
+        """Return (N,) of TRIAL, from where the games stand now; those that end begin anew."""
+        self._drive(round(_PLAYED_S / self.config.execution.tick_s))
         situation = self.batch.situation()
         chosen = self._draw(situation)
         found = np.zeros(self.games, TRIAL)
         found["switched"] = situation.current >= 0
         places = [self._expect(situation, i, int(chosen[i]), found[i : i + 1]) for i in range(self.games)]
         self._watch(chosen, np.array(places), found)
-        self._reset(np.flatnonzero(self.batch.games["end"] != RUNNING))
+        self._reset(self.batch.games["end"] != RUNNING)
         return found
 
     def _draw(self, situation: Situation) -> NDArray[np.int64]:
         draws = self.rng.random(situation.mask.shape)
         return np.where(situation.mask & (situation.goal >= 0), draws, -1.0).argmax(axis=1)
 
-    def _drive(self, ticks: int, policy: Any) -> None:
+    def _drive(self, ticks: int) -> None:
+        policy = make_policy("nearest")
         policy.reset(np.ones(self.games, np.bool_), self.config)
         for _ in range(ticks):
             self.batch.step(policy.select(self.batch.situation()))
-            self._reset(np.flatnonzero(self.batch.games["end"] != RUNNING))
+            self._reset(self.batch.games["end"] != RUNNING)
 
     def _expect(self, situation: Situation, i: int, candidate: int, trial: NDArray[Any]) -> list[float]:
         """Fill in what the model expects of one game; returns where the robot and the nearest ghost are at the end."""

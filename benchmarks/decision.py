@@ -26,7 +26,7 @@ WARM_UP = 50  # decisions not counted: compilation, caches
 
 
 def peak_memory_mb() -> float:
-    """The most resident memory that this process has had, MB (10^6 bytes)."""
+    """Return the most resident memory that this process has had, MB (10^6 bytes)."""
     status = Path("/proc/self/status")
     if status.exists():  # getrusage would count the parent's memory before the start of the program too
         (line,) = (line for line in status.read_text().splitlines() if line.startswith("VmHWM:"))
@@ -37,7 +37,7 @@ def peak_memory_mb() -> float:
 
 
 def decision_times_ms(policy: Policy, assets: MapAssets, config: Config, decisions: int, seed: int) -> list[float]:
-    """Milliseconds of each of ``decisions`` selections, after some that are not counted."""
+    """Return the milliseconds of each of ``decisions`` selections, after some that are not counted."""
     seeds = np.random.default_rng(seed)
     batch = GameBatch(assets, config, 1)
     times: list[float] = []

@@ -1,4 +1,4 @@
-"""What the benchmarks share: their options, turns of alternatives, a process in a checkout, and the JSON file."""
+"""Share options, turns of alternatives, a process in a checkout and the JSON file among the benchmarks."""
 
 import argparse
 import os
@@ -41,7 +41,7 @@ def benchmark(
     extra: str = "eval",
     failed: Callable[[dict[str, Any]], bool] = lambda figures: False,
 ) -> Callable[..., int]:
-    """The ``main(argv)`` of ``python -m benchmarks.NAME``, with ``--map``, ``--json`` and the given options.
+    """Return the ``main(argv)`` of ``python -m benchmarks.NAME``, with ``--map``, ``--json`` and the given options.
 
     ``measure`` prints figures and returns them; ``--json`` writes them with version, map, seed and machine. ``extra``
     of the package has the libraries that it needs; the exit status is 1 where the figures are a failure.
@@ -66,7 +66,7 @@ def benchmark(
 
 
 def turns(rounds: int, *alternatives: Callable[[], T]) -> list[tuple[T, ...]]:
-    """The figures of all alternatives in each round, one after the other: a slow minute is slow for all of them."""
+    """Return the figures of all alternatives, which take turns: a slow minute is slow for all of them."""
     return [tuple(measure() for measure in alternatives) for _ in range(rounds)]
 
 
@@ -79,6 +79,6 @@ def log(message: str) -> None:
 
 
 def in_checkout(root: Path, *arguments: str, **variables: str) -> dict[str, Any]:
-    """What ``subprocess`` needs to run this Python on the code of a checkout, with environment ``variables``."""
+    """Return what ``subprocess`` needs to run this Python on the code of a checkout, with environment ``variables``."""
     environment = {**os.environ, "PYTHONPATH": str(root), **variables}
     return {"args": [sys.executable, *arguments], "cwd": root, "env": environment, "text": True}

@@ -1,4 +1,4 @@
-"""Games of the robot's nodes in lock-step, one after another: how fast, and whether a seed decides them.
+"""Play games of the robot's nodes in lock-step: how fast they are, and whether a seed decides them.
 
 The same seed is played twice, the second time beside processes that keep the cores busy, and another seed once. Each
 message that a node handles goes into a hash, with its simulated time, its topic and its contents.
@@ -30,7 +30,7 @@ class Game(NamedTuple):
 
 
 def play(map_source: str, policy: str, seed: int, games: int) -> list[Game]:
-    """Games in a row, by the same nodes; RuntimeError if a node failed, or a game has no end."""
+    """Play games in a row, by the same nodes; RuntimeError if a node failed, or a game has no end."""
     from pacman_env.ros import topics
     from pacman_env.ros.discovery import stay_on_this_machine
     from pacman_env.ros.lock_step.game import LockStepGame

@@ -34,7 +34,7 @@ class Task(NamedTuple):
 
 
 def ours(map_source: str) -> list[Task]:
-    """This project's environment, decided at every tick."""
+    """Return this project's environment, decided at every tick."""
     import gymnasium as gym
 
     from pacman_env.config import make_config
@@ -61,7 +61,7 @@ def ours(map_source: str) -> list[Task]:
 
 
 def of_envpool(_: str) -> list[Task]:
-    """Its C++ environments, stepped synchronously; episodes begin anew by themselves."""
+    """Return its C++ environments, stepped synchronously; episodes begin anew by themselves."""
     import envpool
 
     def make(name: str, size: int, threads: int) -> Step:
@@ -80,7 +80,7 @@ def of_envpool(_: str) -> list[Task]:
 
 
 def of_vmas(_: str) -> list[Task]:
-    """Its navigation scenario on the CPU; its user begins ended games anew."""
+    """Return its navigation scenario on the CPU; its user begins ended games anew."""
     import torch
     from vmas import make_env
 
@@ -125,7 +125,7 @@ def of_mpe2(_: str) -> list[Task]:
 
 
 def of_jumanji(_: str) -> list[Task]:
-    """Its PacMan, compiled by JAX for one core of the processor; episodes begin anew by its own wrapper."""
+    """Return its PacMan, compiled by JAX for one core of the processor; episodes begin anew by its own wrapper."""
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # before JAX starts its threads
     import jax
@@ -151,42 +151,39 @@ def of_jumanji(_: str) -> list[Task]:
 
 
 def of_gymnasium(library: str, _: str) -> list[Task]:
+    """Return the single environments of a library."""
     import gymnasium as gym
-
-    module, *tasks = SINGLE[library]
-    gym.register_envs(importlib.import_module(module))
 
     def make(env_id: str, size: int, threads: int) -> Step:
         return alone(gym.make(env_id))
 
-    return [Task(name, lasts_s, text, ONE, False, partial(make, env_id)) for env_id, name, lasts_s, text in tasks]
+    gym.register_envs(importlib.import_module(library.replace("-", "_")))
+    found = [one for name, *one in SINGLE if name == library]
+    return [Task(env_id, lasts_s, text, ONE, False, partial(make, env_id)) for env_id, lasts_s, text in found]
 
 
 _ATARI = "4 frames of an Atari 2600 that is emulated, drawn: {} values; no physics"
 _GRID = "one cell, or a quarter turn, of a grid of 8 x 8 in Python, 4 obstacles that move; 7 x 7 x 3 numbers"
 _CARS = "{} steps of {} cars in Python that drive by models of drivers; 5 x 5 numbers"
-#: Single environments of Gymnasium, by library: its module; id, name, simulated seconds and description of each.
-SINGLE: dict[str, tuple[Any, ...]] = {
-    "ale-py": ("ale_py", ("ALE/MsPacman-v5", "MsPacman-v5", 4 / 60, _ATARI.format("210 x 160 x 3"))),
-    "minigrid": ("minigrid", ("MiniGrid-Dynamic-Obstacles-8x8-v0", "Dynamic-Obstacles-8x8", 0.0, _GRID)),
-    "highway-env": (
-        "highway_env",
-        ("highway-v0", "highway-v0", 1.0, _CARS.format(15, 51)),
-        ("highway-fast-v0", "highway-fast-v0", 1.0, _CARS.format(5, 21)),
-    ),
-}
+#: Library, id, simulated seconds and description of single environments of Gymnasium.
+SINGLE: tuple[tuple[Any, ...], ...] = (
+    ("ale-py", "ALE/MsPacman-v5", 4 / 60, _ATARI.format("210 x 160 x 3")),
+    ("minigrid", "MiniGrid-Dynamic-Obstacles-8x8-v0", 0.0, _GRID),
+    ("highway-env", "highway-v0", 1.0, _CARS.format(15, 51)),
+    ("highway-env", "highway-fast-v0", 1.0, _CARS.format(5, 21)),
+)
 LIBRARIES: dict[str, Callable[[str], list[Task]]] = {
     "pacman_env": ours,
     "envpool": of_envpool,
     "vmas": of_vmas,
     "mpe2": of_mpe2,
     "jumanji": of_jumanji,
-    **{name: partial(of_gymnasium, name) for name in SINGLE},
+    **{name: partial(of_gymnasium, name) for name, *_ in SINGLE},
 }
 
 
 def drawn(space: Any) -> Iterator[Any]:
-    """Actions of a Gymnasium space, drawn now from the seed."""
+    """Return actions of a Gymnasium space, drawn now from the seed."""
     space.seed(SEED)
     return itertools.cycle([space.sample() for _ in range(DRAWN)])
 
@@ -204,7 +201,7 @@ def alone(env: Any) -> Step:
 
 
 def turn(step: Step, size: int, seconds: float) -> dict[str, float]:
-    """Steps for so long, at least once: decisions per second, and seconds of CPU per second, of all threads."""
+    """Step for so long, at least once; return decisions per second, and CPU time of all threads by wall time."""
     steps, cpu, began = 0, time.process_time(), time.perf_counter()
     while True:
         step()

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.harness import CORES, ROOT, benchmark, log, median_and_range, turns
-from tools.common import table
+from tools.common import names, table
 
 Turn = dict[str, float]  # decisions_per_s and cores
 Case = tuple[int, int, int]  # a task's number, games, threads
@@ -120,8 +120,8 @@ class Worker:
         return {"library": self.name, "version": self.version, **task, "n": size, "threads": threads, **rates}
 
 
-def run(names: Sequence[str], venvs: Path | None, map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
-    """Return all figures: of ours on a map, and of ``names`` in their venvs, if there is a folder for venvs.
+def run(libraries: Sequence[str], venvs: Path | None, map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
+    """Return all figures: of ours on a map, and of ``libraries`` in their venvs, if there is a folder for venvs.
 
     ``rounds`` turns for each figure take ``seconds`` together.
     """
@@ -135,7 +135,7 @@ def run(names: Sequence[str], venvs: Path | None, map_source: str, rounds: int, 
     def own_turn(size: int) -> Turn:
         return own.turn(0, size, 1, seconds / rounds)
 
-    for name in names:
+    for name in libraries:
         try:
             peer = Worker(name, map_source, python_of(name, venvs) if venvs else None)
             for case in peer.cases():
@@ -169,15 +169,9 @@ def show(figures: dict[str, Any]) -> str:
     return text + "\n".join(["", "A decision:", *decisions.values(), *missing, "", NOTE])
 
 
-def _library(name: str) -> str:
-    if name not in PEERS:
-        raise argparse.ArgumentTypeError(f"unknown library {name!r} (choose from {', '.join(PEERS)})")
-    return name
-
-
 def _report(arguments: argparse.Namespace) -> dict[str, Any]:
-    names = list(dict.fromkeys(arguments.libraries or PEERS))
-    figures = run(names, arguments.venvs, arguments.map, arguments.rounds, arguments.seconds)
+    chosen = list(dict.fromkeys(arguments.names or PEERS))
+    figures = run(chosen, arguments.venvs, arguments.map, arguments.rounds, arguments.seconds)
     print(show(figures))
     return figures
 
@@ -187,7 +181,7 @@ main = benchmark(
     __doc__,
     _report,
     "--rounds",
-    ("libraries", {"nargs": "*", "metavar": "NAME", "help": f"of {', '.join(PEERS)} (all of them)", "type": _library}),
+    names("library", PEERS),
     ("--seconds", {"type": float, "default": 6.0, "help": "roughly what each figure may take (%(default)s)"}),
     ("--venvs", {"type": Path, "metavar": "DIR", "help": "install each library there, in a venv of its own, once"}),
 )

@@ -1,4 +1,4 @@
-"""The page of all commands, from their ``--help``: ``python -m tools.commands`` (extra ``train``)."""
+"""Write the page of all commands from their ``--help``: ``python -m tools.commands`` (extra ``train``)."""
 
 import argparse
 import os

@@ -37,15 +37,20 @@ def update(path: Path, text: str, check: bool, complaint: str) -> int:
     return 0
 
 
-def add_names(parser: Parser, what: str, known: Collection[str]) -> None:
-    """Add the positional argument ``names``: some of those that are known, or none for all."""
+def names(what: str, known: Collection[str]) -> tuple[str, dict[str, Any]]:
+    """Return the positional argument ``names`` for argparse: some of those that are known, or none for all."""
 
     def name(given: str) -> str:
         if given not in known:
             raise argparse.ArgumentTypeError(f"no {what} {given!r}: choose from {', '.join(known)}")
         return given
 
-    parser.add_argument("names", nargs="*", type=name, metavar="NAME", help=f"which: {', '.join(known)} (all)")
+    return "names", {"nargs": "*", "type": name, "metavar": "NAME", "help": f"which: {', '.join(known)} (all)"}
+
+
+def add_names(parser: Parser, what: str, known: Collection[str]) -> None:
+    flag, keywords = names(what, known)
+    parser.add_argument(flag, **keywords)
 
 
 def add_check(parser: Parser) -> None:

@@ -43,8 +43,8 @@ def span(first: int, end: int) -> str:
     return f"{first} to {end - 1}" if end - first > 1 else str(first)
 
 
-_TEMPLATES.globals |= {"table": table, "number": number, "as_arguments": as_arguments, "columns_of": columns_of}
-_TEMPLATES.globals |= {"space": _space, "span": span}
+_TEMPLATES.globals.update(table=table, number=number, as_arguments=as_arguments, columns_of=columns_of)
+_TEMPLATES.globals.update(space=_space, span=span)
 
 
 def file_name(env_id: str) -> str:

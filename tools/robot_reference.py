@@ -1,6 +1,5 @@
-"""``docs/robot_reference.md``, written from one instance of every node: ``python -m tools.robot_reference``."""
+"""Write ``docs/robot_reference.md`` from one instance of every node: ``python -m tools.robot_reference``."""
 
-import argparse
 import inspect
 import os
 import sys
@@ -50,14 +49,9 @@ def describe(name: str) -> Described:
     node: Any = node_class(name)()
     try:
         declared = list(node._parameters)  # rclpy has no public list of them within a process
-        return Described(
-            purpose=(inspect.getdoc(sys.modules[type(node).__module__]) or "")
-            .split("\n\n")[0]
-            .replace("\n", " ")
-            .replace("``", "`"),
-            parameters=[_parameter(node, one) for one in declared if not one.startswith(_EVERY_NODE_HAS)],
-            ends=sorted({*_ends_of(node)}),
-        )
+        purpose = (inspect.getdoc(sys.modules[type(node).__module__]) or "").split("\n\n")[0]
+        parameters = [_parameter(node, one) for one in declared if not one.startswith(_EVERY_NODE_HAS)]
+        return Described(purpose.replace("\n", " ").replace("``", "`"), parameters, sorted({*_ends_of(node)}))
     finally:
         node.destroy_node()
 
@@ -67,7 +61,7 @@ def _ends_of(node: Any) -> Iterator[_End]:
     ends += [(end.topic_name, end.msg_type, "subscribes", _qos(end.qos_profile)) for end in node.subscriptions]
     ends += [(end.srv_name, end.srv_type, "serves", "service") for end in node.services]
     ends += [(end.srv_name, end.srv_type, "calls", "service") for end in node.clients]
-    found = [(name, f"{kind.__module__.split('.')[0]}/{kind.__name__}", *more) for name, kind, *more in ends]
+    found: list[Any] = [(name, f"{kind.__module__.split('.')[0]}/{kind.__name__}", *more) for name, kind, *more in ends]
     arguments = node, node.get_name(), node.get_namespace()
     for role, names_and_types in (("serves", server_names_and_types), ("calls", client_names_and_types)):
         found += [
@@ -129,7 +123,7 @@ def _ends(nodes: dict[str, Described]) -> str:
 
 
 def _rows(nodes: dict[str, Described], roles: Iterable[str]) -> list[list[str]]:
-    """Name, type, QoS or kind, and the nodes that have each role."""
+    """Return the name, type, QoS or kind, and the nodes that have each role."""
     users: dict[tuple[str, str, str], dict[str, list[str]]] = {}
     for node, described in nodes.items():
         for name, kind, role, qos in described.ends:
@@ -145,11 +139,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="python -m tools.robot_reference", description="Write docs/robot_reference.md.")
     parser.add_argument("page", nargs="?", type=Path, default=PAGE, help="the file (%(default)s)")
     add_check(parser)
-    return run_command(parser, argv, _write, "ros")
-
-
-def _write(arguments: argparse.Namespace) -> int:
-    return update(arguments.page, page(), arguments.check, "is not what the nodes declare: run scripts/robot_reference")
+    complaint = "is not what the nodes declare: run scripts/robot_reference"
+    return run_command(parser, argv, lambda given: update(given.page, page(), given.check, complaint), "ros")
 
 
 if __name__ == "__main__":

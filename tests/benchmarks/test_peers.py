@@ -207,7 +207,7 @@ def test_a_venv_is_used_again_and_what_cannot_be_installed_is_said(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["atari"], "unknown library 'atari' (choose from"),
+        (["atari"], "no library 'atari': choose from"),
         (["mpe2", "--map", "nowhere"], "nowhere: neither a YAML file"),
         (["--json", "."], "is a folder"),
     ],
