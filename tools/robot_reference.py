@@ -46,7 +46,8 @@ class Described:
 
 def describe(name: str) -> Described:
     """Make a node and list what it has; rclpy must be initialised, with ``map_yaml`` among its arguments."""
-    node: Any = node_class(name)()
+    kind: Any = node_class(name)
+    node = kind()
     try:
         declared = list(node._parameters)  # rclpy has no public list of them within a process
         purpose = (inspect.getdoc(sys.modules[type(node).__module__]) or "").split("\n\n")[0]
