@@ -11,11 +11,12 @@ import pytest
 
 from pacman_env.cli.options import help_texts
 from pacman_env.config import Config
+from pacman_env.config.described import settings
 from pacman_env.sim.observation.robot_features import COLUMNS, GHOST_BEARING_COLUMNS, PELLET_BEARING_COLUMNS
 from pacman_env.training.arguments import Hyperparameters
 from tests.envs.helpers import make
 from tools.common import ROOT
-from tools.reference import TABLES, configuration, fields_of, fill, main
+from tools.reference import TABLES, configuration, fill, main
 
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 
@@ -65,17 +66,11 @@ def test_the_columns_on_the_page_are_those_of_the_space() -> None:
         np.testing.assert_allclose(high, [float(row[3]) for row in rows], atol=5e-4)
 
 
-def test_comments_behind_a_field_and_above_it_are_its_own() -> None:
-    source = (
-        "class A:\n    # not of b\n\n    b_m: float = 1.0  # behind\n    #: above\n    # in two lines\n"
-        "    c: int = 2\n    d_mps: float = 3.0\n"
-    )
-    fields = fields_of(source)["A"]
-    assert [(f.name, f.comment, f.unit) for f in fields] == [
-        ("b_m", "behind", "m"),
-        ("c", "above in two lines", ""),
-        ("d_mps", "", "m/s"),
-    ]
+def test_a_form_gets_unit_and_description_of_a_field() -> None:
+    shown = {setting.name: (setting.unit, setting.words) for setting in settings()}
+    assert shown["robot.radius_m"] == ("m", "body (Create 3)")
+    assert shown["robot.wheel_acceleration_mps2"] == ("m/s²", "Create 3")
+    assert shown["localization.perfect"] == ("", "True: belief = truth at every instant")
 
 
 def test_only_what_is_between_the_marks_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
