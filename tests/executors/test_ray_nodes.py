@@ -131,7 +131,7 @@ def unmounted(tmp_path: Path) -> Iterator[None]:
         (other_version, r": pacman_env 0\.0\.1, sources \w+; the command has [\d.]+, sources \w+: install the same"),
         (other_sources, r": pacman_env [\d.]+, sources \w+; the command has [\d.]+, sources \w+: install the same"),
         (no_executors, r": pacman_env [\d.]+, sources \w+; the command has [\d.]+, sources \w+: install the same"),
-        (no_plugin, r": unknown policy 'other_package:Mine'"),
+        (no_plugin, ": policy 'other_package:Mine': module other_package cannot be imported"),
         (full_disk, r": .*/disk/sent/\w+: cannot be written: No space left on device"),
     ],
 )
