@@ -182,7 +182,7 @@ def test_the_installed_command_compares_policies_in_an_empty_folder(site: Path, 
     out = run(*script, "compare", *short, "--json", "results/numbers.json", cwd=tmp_path, site=site)
     assert "written: results/numbers.json, results/numbers.png" in out
     found = {path.name for path in (tmp_path / "results").iterdir()}
-    assert found == {"numbers.json", "numbers.parts", "numbers.png", "report.html"}
+    assert found == {"numbers.json", "numbers.parts", "numbers.png", "report.html", "report.parts"}
 
 
 @pytest.mark.parametrize("command", [["train", "--quick", "--help"], ["tune", "--help"]])
