@@ -15,7 +15,7 @@ from pacman_env.sim.observation.prediction import APPROACHED, CAUGHT, CAUGHT_SOO
 from pacman_env.sim.observation.situation import PELLET, Situation
 
 
-class Parameters(NamedTuple):
+class LookaheadParameters(NamedTuple):
     """Parameters tuned by hand: costs of a catch on the experiment's house, the others on generated levels."""
 
     robot_speed_mps: float | None = None  # None: of the configuration
@@ -30,12 +30,12 @@ class Parameters(NamedTuple):
 
 
 class Lookahead(BasePolicy):
-    """The look-ahead policy; arguments are the fields of :class:`Parameters`."""
+    """The look-ahead policy; arguments are the fields of :class:`LookaheadParameters`."""
 
     name = "lookahead"
 
     def __init__(self, **parameters: float) -> None:
-        self.parameters = Parameters(**parameters)
+        self.parameters = LookaheadParameters(**parameters)
         for name, value in self.parameters._asdict().items():
             if value is not None and (not 0 <= value < np.inf or (name == "robot_speed_mps" and value == 0)):
                 raise ValueError(f"{name} = {value!r}: must be a finite number of at least 0, a speed above 0")

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pacman_env.config import ConfigError
 from pacman_env.config.validation import require
 from pacman_env.game.ghosts import GHOST_NAMES, WANDER, find_behaviour
-from pacman_env.heuristics.search.search import Parameters
+from pacman_env.heuristics.search.search import SearchParameters
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
 
@@ -20,7 +20,7 @@ RULE = "lookahead"  # teaches where all ghosts wander; the base of ``search`` el
 _SPEEDS = "@"
 _FUTURES = 1  # of ghosts that wander beside others, in the search that teaches
 #: Segments that the search needs for a decision.
-LEAST_NODES = Parameters(samples=_FUTURES).least_nodes
+LEAST_NODES = SearchParameters(samples=_FUTURES).least_nodes
 SUB_BATCHES = 4  # of the games of a segment; with several line-ups at least, if games and levels can be divided so
 
 

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from pacman_env.config import Config
 from pacman_env.engine.jit import kernel
 from pacman_env.game.ghosts import Behaviour
-from pacman_env.heuristics.search.beam import NODE, Room, new_room, search
-from pacman_env.heuristics.search.search import Parameters
+from pacman_env.heuristics.search.beam import NODE, BeamMemory, new_memory, search
+from pacman_env.heuristics.search.search import SearchParameters
 from pacman_env.sim.coarse.model import NOWHERE, Behaviours, Lags, play
-from pacman_env.sim.coarse.start import Start, start
+from pacman_env.sim.coarse.start import CoarseStart, start
 from pacman_env.sim.observation.situation import Situation
 
 _STARTED_AGAIN = ("collected", "collected_s")  # what a search counts from its own beginning
@@ -29,11 +29,11 @@ class Estimate:
         self.config = config
         self._behaviours = Behaviours(behaviours, config)
         self._lags = Lags(step_s=config.execution.check_period_s, death_margin_m=0.0)
-        p = Parameters()
+        p = SearchParameters()
         self._segment_s = p.segment_s
         self._settings = p.settings()
         self._settings["width"] = width
-        self._room: Room = new_room(width, len(behaviours), self._settings)
+        self._room: BeamMemory = new_memory(width, len(behaviours), self._settings)
 
     def play(self, situation: Situation, i: int) -> tuple[bool, float]:
         """Whether the round of situation ``i`` is completed, and when it ends, s."""
@@ -44,7 +44,7 @@ class Estimate:
             _play(begin, np.int64(goal), float(robot["time_s"]) + self._segment_s)
         return not robot["pellets"], float(robot["time_s"])
 
-    def _choose(self, begin: Start, most: int) -> int:
+    def _choose(self, begin: CoarseStart, most: int) -> int:
         goals = self._goals(begin, begin.robot[0])
         best = np.empty(len(goals))
         again = begin._replace(robot=begin.robot.copy(), ghosts=begin.ghosts.copy())
@@ -53,10 +53,10 @@ class Estimate:
         again.robot["closest_m"] = np.inf
         search(again, goals, self._settings, self._room, best)
         # As the policy: the goal pursued is worth more.
-        best += Parameters().keep_worth * ((goals == begin.robot["goal"][0]) & (goals != NOWHERE))
+        best += SearchParameters().keep_worth * ((goals == begin.robot["goal"][0]) & (goals != NOWHERE))
         return int(goals[best.argmax()])
 
-    def _goals(self, begin: Start, robot: Any) -> NDArray[np.int64]:
+    def _goals(self, begin: CoarseStart, robot: Any) -> NDArray[np.int64]:
         """(R,) the nearest pellets that are left, the nearest refuges, and to stay."""
         length = begin.model.map.robot_length[robot["block"]]
         bit = begin.model.bit.astype(np.int64)

@@ -46,7 +46,7 @@ DEAD = -1000.0  # value of a first choice that always leads to death, plus the s
 PRUNED = -500.0  # added if no line was followed to the end
 
 
-class Room(NamedTuple):
+class BeamMemory(NamedTuple):
     """Scratch memory for L waiting layers with room for K nodes of G ghosts."""
 
     nodes: Any  # (L, K) NODE
@@ -56,11 +56,11 @@ class Room(NamedTuple):
     kept: Any  # continued nodes of a layer
 
 
-def new_room(width: int, ghosts: int, settings: NDArray[Any]) -> Room:
+def new_memory(width: int, ghosts: int, settings: NDArray[Any]) -> BeamMemory:
     layers = int(np.ceil(settings["segment_s"][0] / settings["layer_s"][0])) + 2
     choices = int(settings["pellets"][0] + settings["refuges"][0]) + 2
     most = layers * width * choices
-    return Room(
+    return BeamMemory(
         np.zeros((layers, most), NODE),
         np.zeros((layers, most, ghosts), GHOST),
         np.zeros(layers, np.int64),
@@ -155,7 +155,7 @@ def _keep(nodes, width, kept):  # type: ignore[no-untyped-def]
 def search(begin, choices, settings, room, best):  # type: ignore[no-untyped-def]
     """Write the value ``best`` (R,) of the best line that starts with each goal ``choices`` (R,).
 
-    ``begin`` is a ``Start`` whose robot is a ``NODE``. Returns the number of played segments.
+    ``begin`` is a ``CoarseStart`` whose robot is a ``NODE``. Returns the number of played segments.
     """
     s, model, start_s = settings[0], begin.model, begin.robot[0].time_s
     layers = len(room.counts)

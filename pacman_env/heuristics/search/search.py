@@ -12,17 +12,17 @@ from pacman_env.game.ghosts import POLICY, WANDER, Behaviour, find_behaviour
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.coarse.model import Behaviours, Lags
-from pacman_env.sim.coarse.start import Start, draw_futures, start
-from pacman_env.sim.observation.situation import Nearest, Situation, nearest_candidates
+from pacman_env.sim.coarse.start import CoarseStart, draw_futures, start
+from pacman_env.sim.observation.situation import NearestCounts, Situation, nearest_candidates
 
-from .beam import NODE, SETTINGS, Room, new_room, search
+from .beam import NODE, SETTINGS, BeamMemory, new_memory, search
 
 _NARROWEST, _WIDEST = 4, 1024  # widths of a search with a time limit
 _MOST_SAMPLES = 16
 _SOURCES = "belief", "configuration"
 
 
-class Parameters(NamedTuple):
+class SearchParameters(NamedTuple):
     """Parameters of the search, tuned by hand."""
 
     nodes: int = 12_500  # largest number of segments per decision
@@ -68,7 +68,7 @@ class Parameters(NamedTuple):
         return record
 
 
-def _check(p: Parameters) -> None:
+def _check(p: SearchParameters) -> None:
     above_0 = ("nodes", "samples", "horizon_s", "layer_s", "segment_s", "lead_m", "near_m")
     for name, value in p._asdict().items():
         if not 0 <= value < np.inf or (name in above_0 and value == 0):
@@ -84,7 +84,7 @@ def _check(p: Parameters) -> None:
 
 
 class Search(BasePolicy):
-    """The search policy; further arguments are the fields of :class:`Parameters`.
+    """The search policy; further arguments are the fields of :class:`SearchParameters`.
 
     ``base`` is the name or file of the policy that chooses if no ghost is predictable. ``behaviours`` is the source of
     the ghosts' behaviours: the situation's belief (``belief``), or the configuration (``configuration``), where belief
@@ -94,7 +94,7 @@ class Search(BasePolicy):
     name = "search"
 
     def __init__(self, base: str = "ppo", behaviours: str = "belief", **parameters: Any) -> None:
-        self.parameters = p = Parameters(**parameters)
+        self.parameters = p = SearchParameters(**parameters)
         _check(p)
         if behaviours not in _SOURCES:
             raise ValueError(f"behaviours = {behaviours!r}: must be one of {', '.join(_SOURCES)}")
@@ -102,7 +102,7 @@ class Search(BasePolicy):
         self._prepared: dict[tuple[str, ...], Behaviours] = {}
         self.base: Policy = make_policy(base)
         self._settings = p.settings()
-        self._room: Room | None = None
+        self._memory: BeamMemory | None = None
         self.played = 0  #: number of segments for the last situation
 
     def reset(self, games: NDArray[np.bool_], config: Config) -> None:
@@ -127,7 +127,7 @@ class Search(BasePolicy):
         searched = np.array([any(is_predictable(find_behaviour(name)) for name in names) for names in behaviours])
         if not searched.any():
             return self.base.scores(situation)
-        order = nearest_candidates(situation, Nearest(p.pellets, p.refuges))
+        order = nearest_candidates(situation, NearestCounts(p.pellets, p.refuges))
         scores = np.full(situation.mask.shape, -np.inf)
         if not searched.all():
             rest = np.flatnonzero(~searched)
@@ -158,7 +158,7 @@ class Search(BasePolicy):
             values += self._search(begin, goals, samples, until) / samples
         return values + p.keep_worth * (candidates == situation.current[i])
 
-    def _search(self, begin: Start, goals: NDArray[np.int64], samples: int, until: float) -> NDArray[np.float64]:
+    def _search(self, begin: CoarseStart, goals: NDArray[np.int64], samples: int, until: float) -> NDArray[np.float64]:
         """Return the values (R,) of one future, with its share of the nodes or until the ``perf_counter`` time."""
         p, settings = self.parameters, self._settings
         best = np.empty(len(goals))
@@ -167,10 +167,14 @@ class Search(BasePolicy):
             width = (p.nodes // samples - len(goals)) // (p.layers * p.choices)
         while True:
             start_s = time.perf_counter()
-            if self._room is None or len(self._room.kept) < width or self._room.ghosts.shape[2] != len(begin.ghosts):
-                self._room = new_room(width, len(begin.ghosts), settings)
+            if (
+                self._memory is None
+                or len(self._memory.kept) < width
+                or self._memory.ghosts.shape[2] != len(begin.ghosts)
+            ):
+                self._memory = new_memory(width, len(begin.ghosts), settings)
             settings["width"] = width
-            self.played += search(begin, goals, settings, self._room, best)
+            self.played += search(begin, goals, settings, self._memory, best)
             now = time.perf_counter()
             # The next search, which is twice as wide, must not exceed the time limit.
             if now + 2.0 * (now - start_s) > until or width >= _WIDEST:

@@ -15,7 +15,7 @@ from .model import GHOST, MOST_PELLETS, NOWHERE, ROBOT, Behaviours, Lags, Model,
 _LEAVE_M = 0.05
 
 
-class Start(NamedTuple):
+class CoarseStart(NamedTuple):
     """A coarse game that starts from a situation."""
 
     robot: NDArray[Any]  # (1,) with at least the fields of ROBOT
@@ -32,7 +32,7 @@ def start(
     behaviours: Behaviours,
     lags: Lags,
     robot: np.dtype[Any] | None = None,
-) -> Start:
+) -> CoarseStart:
     """Return the coarse game of situation ``i``; ``robot`` is the robot's dtype. Raises ValueError without maps."""
     s = situation
     if s.maps is None:
@@ -56,7 +56,7 @@ def start(
     if current >= 0 and s.mask[i, current] and np.isfinite(s.path_robot[i, current]):
         goal, left_m = int(goals[current]), float(s.path_robot[i, current])
     _put(own, ghosts, model, s.robot[i], s.ghosts[i], np.int64(goal), left_m)
-    return Start(own, ghosts, goals, model, level.facts.pellets)
+    return CoarseStart(own, ghosts, goals, model, level.facts.pellets)
 
 
 def draw_futures(ghosts: NDArray[Any], seed: int, tick: int, number: int) -> None:

@@ -24,7 +24,7 @@ class Ended:
 
 
 @dataclass(frozen=True)
-class Feedback:
+class GoalFeedback:
     key: bytes
     pose: Pose  # believed
     time_s: float  # since the goal became current
@@ -108,14 +108,14 @@ class Navigation:
         ended, self._ended = self._ended, []
         return ended
 
-    def feedback(self) -> Feedback | None:
+    def feedback(self) -> GoalFeedback | None:
         """Return the feedback of the current goal, or None without a goal or a pose."""
         goal, belief = self._current, self.robot.belief
         if goal is None or belief is None:
             return None
         distance = self.robot.distance_m(goal.slot) or 0.0  # like Nav2 while it has no path
         speed = self.robot.config.robot.speed_mps
-        return Feedback(goal.key, belief, self._age_s(goal), distance / speed, goal.recoveries, distance)
+        return GoalFeedback(goal.key, belief, self._age_s(goal), distance / speed, goal.recoveries, distance)
 
     def _age_s(self, goal: _Goal) -> float:
         return (self.robot.steps - goal.began_step) * self.robot.config.physics_step_s

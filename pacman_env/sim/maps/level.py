@@ -55,7 +55,7 @@ level_arrays = arrays_by_address(LevelArrays)
 steps_of_level = arrays_by_address(CoarseSteps)
 
 
-class Facts(NamedTuple):
+class LevelFacts(NamedTuple):
     """Sizes of a level."""
 
     pellets: int
@@ -73,7 +73,7 @@ class Level:
     """
 
     def __init__(
-        self, table: Table, walls: NDArray[np.float64], facts: Facts, prepare: Callable[[], MapAssets]
+        self, table: Table, walls: NDArray[np.float64], facts: LevelFacts, prepare: Callable[[], MapAssets]
     ) -> None:
         """Create a level from ``walls`` (S, 4) in m; ``prepare`` returns the whole map when ``assets`` needs it."""
         self.table, self.walls, self.facts, self._prepare = table, walls, facts, prepare
@@ -83,7 +83,7 @@ class Level:
     def of(cls, assets: MapAssets, config: Config) -> "Level":
         longest_cm = int((assets.length_cm + np.uint16(1)).max()) - 1  # UNREACHABLE_CM becomes 0
         ghost_cells, longest = len(assets.clyde.part), assets.clyde.longest
-        facts = Facts(assets.pellets, assets.refuges, len(assets.cell_xy), longest_cm, ghost_cells, longest)
+        facts = LevelFacts(assets.pellets, assets.refuges, len(assets.cell_xy), longest_cm, ghost_cells, longest)
         table = Table(LevelArrays, **_arrays(assets, config), later=np.zeros(2, dtype=np.int64))
         return cls(table, assets.grid.walls, facts, functools.partial(_identity, assets))
 

@@ -23,7 +23,7 @@ from ...engine.arrays import Table, address, declared
 from ...engine.cache_folder import cache_dir, check_kept, warn_unkept
 from ..coarse.coarse_map import CoarseArrays, add_coarse_map
 from .assets import MapAssets, configuration_key, prune
-from .level import COARSE_MAP, COARSE_STEPS, CoarseSteps, Facts, Level, LevelArrays
+from .level import COARSE_MAP, COARSE_STEPS, CoarseSteps, Level, LevelArrays, LevelFacts
 
 _FORMAT = b"pacman_env level 1\n"
 _ALIGNMENT = 64
@@ -36,7 +36,7 @@ _HEAD = np.dtype(
         ("format", f"S{len(_FORMAT)}"),
         ("key", "S64"),
         ("bytes", np.int64),  # of the file
-        ("facts", np.int64, len(Facts._fields)),
+        ("facts", np.int64, len(LevelFacts._fields)),
         ("walls", np.int64),  # number of walls, which come first
         *(
             (str(place), np.int64, sum(1 + len(a.axes) for a in declared(kind).values()))
@@ -133,7 +133,7 @@ def _read(memory: NDArray[np.uint8], key: str, prepare: Callable[[], MapAssets])
         raise ValueError("another kind of file, or not all of it")
     tables = {place: Table.of_memory(kind, head[str(place)], memory) for place, kind in _KINDS.items()}
     walls: NDArray[np.float64] = np.ndarray((int(head["walls"]), 4), np.float64, memory, _padded(_HEAD.itemsize))
-    level = Level(tables[_OWN], walls, Facts(*head["facts"].tolist()), prepare)
+    level = Level(tables[_OWN], walls, LevelFacts(*head["facts"].tolist()), prepare)
     for place in _LATER:
         level.add(place, tables[place])
     return level

@@ -17,7 +17,7 @@ from ..core.batch import GameBatch, situation_stage
 from .kinds import FLAT, KINDS, MASK, CompiledKind, ObservationPart, kinds_shown, mask_part
 from .robot_features import Observation, unit_scale
 from .rows import BETWEEN_BOUNDS, BY_UNIT, NOT, PART, CandidateArrays, RowArrays, list_candidates, write_rows
-from .situation import MISSING, Nearest, Situation, at_places
+from .situation import MISSING, NearestCounts, Situation, at_places
 
 
 class Observer:
@@ -33,7 +33,7 @@ class Observer:
         self._batch = batch
         self._config = config = batch.config.observation if config is None else config
         self.nearest = (
-            Nearest(config.nearest_pellets, config.nearest_refuges) if config.candidates == "nearest" else None
+            NearestCounts(config.nearest_pellets, config.nearest_refuges) if config.candidates == "nearest" else None
         )
         action = "goal" if ghost else batch.config.action
         self._masked = action == "goal" and config.mask == "observation"
@@ -200,7 +200,7 @@ class Observer:
 
     @cached_property
     def _list_stage(self) -> Stage:
-        s, nearest = self.situation, self.nearest or Nearest(0, 0)
+        s, nearest = self.situation, self.nearest or NearestCounts(0, 0)
         table = Table(
             CandidateArrays,
             kind=s.kind,

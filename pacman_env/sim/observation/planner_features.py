@@ -48,7 +48,7 @@ _SCORER = ScorerParameters()  # the handcrafted scorer, as deployed
 _TOKENS, _TOKEN = len(GlobalColumn), len(TokenColumn)  # first column of the ghosts, columns of one ghost
 
 
-class _FillArrays(NamedTuple):
+class _PlannerArrays(NamedTuple):
     seen: Any = prediction.SeenArrays
     wanted: Any = Array(np.bool_, "N C")
     candidates: Any = Array(np.float32, f"N C {len(CANDIDATE_FEATURES)}")
@@ -56,7 +56,7 @@ class _FillArrays(NamedTuple):
     outlook: Any = Array(np.int64, "1")  # address of the table of OutlookArrays
 
 
-_arrays = arrays_by_address(_FillArrays)
+_arrays = arrays_by_address(_PlannerArrays)
 _outlooks: "weakref.WeakKeyDictionary[LevelSlots, outlook.Outlook]" = weakref.WeakKeyDictionary()
 
 
@@ -92,7 +92,7 @@ def planner_stage(
     arrays = {"seen": seen, "wanted": wanted, "candidates": candidates, "whole": whole}
     maps = prediction.maps_of(situation)
     memory = _outlook_on(maps).memory(maps.most_goals, situation.ghosts.shape[1], situation.threads.number)
-    return _fill, [Table(_FillArrays, outlook=own, **arrays) for own in memory]
+    return _fill, [Table(_PlannerArrays, outlook=own, **arrays) for own in memory]
 
 
 def _outlook_on(levels: "LevelSlots") -> outlook.Outlook:

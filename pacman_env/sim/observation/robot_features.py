@@ -16,7 +16,7 @@ from ...engine.pipeline import Stage
 from ...world.navigation.grid import cell_of
 from ...world.navigation.paths import AT_GOAL, NO_STEP
 from ..maps.level import level_arrays
-from .situation import HOLD, MISSING, PELLET, REFUGE, Nearest, Situation, nearest_candidates
+from .situation import HOLD, MISSING, PELLET, REFUGE, NearestCounts, Situation, nearest_candidates
 from .situation import LAYOUT as situation_layout
 
 FAR_M = 100.0  # cap of all lengths
@@ -79,13 +79,13 @@ class FeatureArrays(NamedTuple):
     ghosts: Any = Array(np.float32, f"N G {len(GHOST_COLUMNS)}")
 
 
-class _FillArrays(NamedTuple):
+class _RobotArrays(NamedTuple):
     block: Any = Array(np.uint8, "b")  # of the situations
     lengths: Any = Array(np.int64, "3")
     seen: Any = FeatureArrays
 
 
-_fill_arrays, _situation = arrays_by_address(_FillArrays), situation_layout.arrays
+_fill_arrays, _situation = arrays_by_address(_RobotArrays), situation_layout.arrays
 
 
 def observe(situation: Situation) -> Observation:
@@ -113,7 +113,7 @@ def features_stage(situation: Situation, arrays: Observation) -> Stage:
     if ghosts is None:
         ghosts = np.zeros((lengths[0], lengths[2], len(GHOST_COLUMNS)), dtype=np.float32)
     seen = FeatureArrays(**{name: arrays[name] for name in FeatureArrays._fields if name != "ghosts"}, ghosts=ghosts)
-    return write_features, [Table(_FillArrays, block=block, lengths=np.array(lengths), seen=seen)]
+    return write_features, [Table(_RobotArrays, block=block, lengths=np.array(lengths), seen=seen)]
 
 
 @kernel
@@ -205,7 +205,7 @@ def pellet_bearings(situation: Situation, count: int) -> NDArray[np.float32]:
         raise ValueError("the situation has no maps to plan a path on")
     s, levels = situation, situation.maps.addresses
     result = np.zeros((len(s), count, len(PELLET_BEARING_COLUMNS)), dtype=np.float32)
-    order = nearest_candidates(s, Nearest(count, 0))
+    order = nearest_candidates(s, NearestCounts(count, 0))
     _fill_pellets(s.robot, s.position, s.path_robot, s.goal, s.level, order, levels, result)
     return result
 

@@ -141,7 +141,7 @@ MISSING = -1  # instead of a candidate's number, if there are fewer
 
 
 @dataclass(frozen=True)
-class Nearest:
+class NearestCounts:
     """Numbers of listed pellets and refuges; hold is listed too."""
 
     pellets: int
@@ -152,7 +152,7 @@ class Nearest:
         return self.pellets + self.refuges + 1
 
 
-def nearest_candidates(situation: Situation, nearest: Nearest) -> NDArray[np.int64]:
+def nearest_candidates(situation: Situation, nearest: NearestCounts) -> NDArray[np.int64]:
     """Return the allowed candidates (N, ``nearest.count``), sorted by the robot's path length, or ``MISSING``.
 
     Equally near ones are sorted by number. The current candidate is always listed, if necessary as last of its kind.

@@ -243,7 +243,7 @@ def _shipped() -> dict[str, Path]:
     return {p.stem: p for p in sorted(shipped("maps", "maps").glob("*.yaml"))}
 
 
-class _Loader(yaml.BaseLoader):
+class _MapLoader(yaml.BaseLoader):
     """A loader that skips tabs between the words of a line like yaml-cpp, while PyYAML refuses them."""
 
     def scan_to_next_token(self) -> None:
@@ -300,7 +300,7 @@ def _parse(path: Path, text: bytes) -> tuple[dict[str, Any], tuple[str, ...]]:
     values: dict[str, Any] = {}
     lines: dict[str, list[int]] = {key: [] for key in _KEYS}
     try:
-        loader = _Loader(text)
+        loader = _MapLoader(text)
         node = loader.get_node() if loader.check_node() else None
         if not isinstance(node, yaml.MappingNode):
             raise MapError(f"{path}: a map's YAML holds keys and values")

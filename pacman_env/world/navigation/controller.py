@@ -35,7 +35,7 @@ class Pose(NamedTuple):
     sin: float
 
 
-class Surroundings(NamedTuple):
+class Obstacles(NamedTuple):
     """Clearance at the robot's pose, and Clyde's position if he is near."""
 
     free_cm: int  # clearance
@@ -126,7 +126,7 @@ def command(g, path, pose, p, affine, clearance):  # type: ignore[no-untyped-def
     cx, cy = g.clyde_x, g.clyde_y
     reach = p.clyde_keepout + v_max * HORIZON_S + 0.05
     clyde_near = (bx - cx) ** 2 + (by - cy) ** 2 < reach * reach
-    around = Surroundings(free_here, clyde_near, cx, cy)
+    around = Obstacles(free_here, clyde_near, cx, cy)
     # Open areas need no roll-outs, and a roll-out that was clear for 0.8 s holds for one more step.
     if not clyde_near and (free_here > p.open_cm or g.nav_clear_step == g.step - 1):
         return True, v, w

@@ -10,7 +10,7 @@ from pacman_env.config import Config, make_config
 from pacman_env.game.ghosts import Behaviour, find_behaviour
 from pacman_env.sim.coarse.coarse_map import CoarseArrays
 from pacman_env.sim.coarse.model import Behaviours, Lags
-from pacman_env.sim.coarse.start import Start, draw_futures, start
+from pacman_env.sim.coarse.start import CoarseStart, draw_futures, start
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.situation import Situation
@@ -29,7 +29,7 @@ def situation_of(config: Config, games: int = 1, source: str = "house", seed: in
 
 def started(
     config: Config, situation: Situation, i: int = 0, behaviours: list[Behaviour] | None = None
-) -> tuple[Start, Behaviours]:
+) -> tuple[CoarseStart, Behaviours]:
     """A coarse game, and what must be kept as long as it is played."""
     known = [find_behaviour(name) for name in config.clyde.ghosts] if behaviours is None else behaviours
     kept = Behaviours(known, config)

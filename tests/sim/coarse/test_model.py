@@ -16,7 +16,7 @@ from pacman_env.engine.jit import kernel
 from pacman_env.game.ghosts import Behaviour, GhostView, find_behaviour
 from pacman_env.sim.coarse import model
 from pacman_env.sim.coarse.model import NOWHERE, Lags, choose, lead_m, play, step
-from pacman_env.sim.coarse.start import Start, draw_futures
+from pacman_env.sim.coarse.start import CoarseStart, draw_futures
 from tests.sim.coarse.games import config_of, lengths_of, situation_of, started
 
 
@@ -43,7 +43,7 @@ def _lead(robot, ghosts, m):  # type: ignore[no-untyped-def]
     return lead_m(robot[0], ghosts, m)
 
 
-def steps(game: Start, count: int) -> np.ndarray:
+def steps(game: CoarseStart, count: int) -> np.ndarray:
     path = np.zeros((count, 4))
     _steps(game.robot, game.ghosts, game.model, np.int64(count), path)
     return path
