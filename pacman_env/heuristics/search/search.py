@@ -167,14 +167,11 @@ class Search(BasePolicy):
             width = (p.nodes // samples - len(goals)) // (p.layers * p.choices)
         while True:
             start_s = time.perf_counter()
-            if (
-                self._memory is None
-                or len(self._memory.kept) < width
-                or self._memory.ghosts.shape[2] != len(begin.ghosts)
-            ):
-                self._memory = new_memory(width, len(begin.ghosts), settings)
+            memory, ghosts = self._memory, len(begin.ghosts)
+            if memory is None or len(memory.kept) < width or memory.ghosts.shape[2] != ghosts:
+                self._memory = memory = new_memory(width, ghosts, settings)
             settings["width"] = width
-            self.played += search(begin, goals, settings, self._memory, best)
+            self.played += search(begin, goals, settings, memory, best)
             now = time.perf_counter()
             # The next search, which is twice as wide, must not exceed the time limit.
             if now + 2.0 * (now - start_s) > until or width >= _WIDEST:
