@@ -1,4 +1,4 @@
-"""What a goal selector publishes about itself: the score of every candidate as markers, its condition as JSON."""
+"""Messages of a goal selector about itself: candidate scores as markers, diagnostics as JSON."""
 
 import math
 from collections.abc import Sequence
@@ -15,14 +15,14 @@ from pacman_env.ros.topics import SCORE_MARKERS
 from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.sim.observation.situation import HOLD, Situation
 
-_HEIGHT_M = 0.25  # of the letters
+_HEIGHT_M = 0.25  # height of letters
 _CHOSEN, _OTHER = (0.1, 0.8, 0.1), (0.4, 0.4, 0.4)
 
 
 def score_markers(situation: Situation, scores: NDArray[np.float64], chosen: int, stamp: Any) -> Any:
-    """A MarkerArray: DELETEALL, then the score of every candidate that has one at its place, the chosen one green.
+    """Return a MarkerArray: DELETEALL, then each finite score at its candidate's position, the chosen one in green.
 
-    The id is the candidate's number; hold is shown at the robot.
+    Marker ids are candidate numbers; hold is shown at the robot.
     """
     markers = [Marker(ns=SCORE_MARKERS, action=Marker.DELETEALL)]
     markers[0].header.frame_id, markers[0].header.stamp = "map", stamp
@@ -39,13 +39,13 @@ def score_markers(situation: Situation, scores: NDArray[np.float64], chosen: int
 
 
 def candidates_of(assets: MapAssets) -> dict[str, Any]:
-    """Where the candidates lie, m, by their numbers: first the pellets, whose ids are named, then refuges."""
+    """Return the candidates' positions (m) by number, pellets before refuges, and the ids of the pellets."""
     places = [[round(x, 3), round(y, 3)] for x, y in assets.goal_xy.tolist()]
     return {"map": assets.occupancy.name, "places": places, "pellets": assets.pellet_ids.tolist()}
 
 
 def reasons(policy: Policy, situation: Situation, chosen: int, time_s: float) -> dict[str, Any]:
-    """Why a policy has chosen: the terms of each candidate that it might have chosen."""
+    """Explain a choice of the policy: the terms of the chosen candidate and of each allowed one."""
     rows = []
     for candidate, terms in enumerate(policy.explain(situation)[0]):
         if situation.mask[0, candidate] or candidate == chosen:
@@ -56,7 +56,7 @@ def reasons(policy: Policy, situation: Situation, chosen: int, time_s: float) ->
 
 
 def decision_times(times_ms: Sequence[float]) -> dict[str, float | int]:
-    """Number, the last, median, 99th percentile and longest in ms."""
+    """Return the count of the times, and their last, median, 99th percentile and longest in ms."""
     if not times_ms:
         return {"count": 0}
     median, late = np.percentile(list(times_ms), (50, 99)).tolist()
@@ -65,5 +65,5 @@ def decision_times(times_ms: Sequence[float]) -> dict[str, float | int]:
 
 
 def as_json(condition: dict[str, Any]) -> str:
-    """JSON in one line; numbers that are not finite become null."""
+    """Encode as JSON in one line; numbers that are not finite become null."""
     return msgspec.json.encode(condition, enc_hook=lambda value: value.tolist()).decode()

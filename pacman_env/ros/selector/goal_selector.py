@@ -1,7 +1,6 @@
-"""The goal selector: puts any policy of the registry on the robot, in the place of ``planner_stub``.
+"""Node ``goal_selector``: drives the robot with any registered policy, instead of the original's ``planner_stub``.
 
-The node's life and its parameters; what it does while it is configured is in ``pursuit.py``. It waits for nothing but
-the next message.
+This module has the lifecycle and the parameters, ``pursuit.py`` the work of a configured node. No callback blocks.
 """
 
 import sys
@@ -32,35 +31,35 @@ _UNUSABLE = (ValueError, TypeError, ModuleNotFoundError, MapError, ConfigError, 
 
 
 class GoalSelector(LifecycleNodeMixin, GameNode):
-    """A lifecycle node; it configures and activates itself unless ``autostart`` is false."""
+    """Lifecycle node that configures and activates itself unless ``autostart`` is false."""
 
     def __init__(self) -> None:
         GameNode.__init__(self, NAME, with_map=True)
         LifecycleNodeMixin.__init__(self)
-        text = "the policy: a name of the registry or an .onnx file; may be changed while the game is in menu"
+        text = "policy: a registered name or an .onnx file; can be changed while the game is in the menu"
         self.declare_parameter("policy", "ppo", ParameterDescriptor(description=text))
-        text = "home pose x, y, heading (m, m, rad); not set: where the robot stands when it first leaves the menu"
+        text = "home pose x, y, heading (m, m, rad); not set: where the robot first leaves the menu"
         descriptor = ParameterDescriptor(description=text, read_only=True)
         accept_integers(self, "home")
         self._home = self.declare_parameter("home", Parameter.Type.DOUBLE_ARRAY, descriptor).value
         self._rate = parameter(self, "diagnostics_rate", 1.0, "diagnostics messages per second", 0.1, 10.0)
-        text = "a transform older than this gives way to the latched amcl_pose, s"
+        text = "age of a transform, s, beyond which the latched amcl_pose is used instead"
         timeout_s = parameter(self, "pose_timeout_s", PoseLimits.timeout_s, text, 0.1, 10.0)
-        # AMCL dates its transform 1 s ahead, so that Nav2 has been without one for a second by then.
-        text = "without a transform for so long the pose is lost: no goal, nothing counted, until it is back, s"
+        # AMCL stamps its transform 1 s into the future, so Nav2 has been without one for 1 s by then.
+        text = "time without a transform, s, until the pose is lost: no goals and no pellets until one arrives"
         lost_s = parameter(self, "pose_lost_s", PoseLimits.lost_s, text, 0.5, 60.0)
-        # AMCL's error was 0.03 to 0.04 m in corridors of 1 m, up to 0.8 m in those of 0.5 m: the most that it corrects.
-        text = "a pose that moves farther than odometry explains, within 3 s, has jumped: a person is asked, m"
+        # AMCL corrects at most its error: 0.03 to 0.04 m in corridors 1 m wide, up to 0.8 m in corridors 0.5 m wide.
+        text = "jump of the pose within 3 s that odometry does not explain, m, from which a person must confirm it"
         jump_m = parameter(self, "pose_jump_m", PoseLimits.jump_m, text, 0.1, 100.0)
-        text = "the same for its heading, rad"
+        text = "the same for the heading, rad"
         jump_rad = parameter(self, "pose_jump_rad", PoseLimits.jump_rad, text, 0.1, 3.2)
         self._limits = PoseLimits(timeout_s, lost_s, jump_m, jump_rad, self.config.robot.wheel_speed_mps)
         self._jump = SavedJump(self)
-        autostart = parameter(self, "autostart", True, "configure and activate without being asked")
+        autostart = parameter(self, "autostart", True, "configure and activate at the start")
 
         self._pursuit: Pursuit | None = None  # None if not configured
-        self._fault = ""  # why configuring failed
-        self._loaded: tuple[str, Policy] | None = None  # a policy about to be used
+        self._fault = ""  # reason why configuring failed
+        self._loaded: tuple[str, Policy] | None = None  # checked policy, used after the parameter is set
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._use_loaded)
         if autostart:
@@ -69,11 +68,11 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             self.trigger_activate()
 
     def acts(self) -> bool:
-        self._passive = parameter(self, "shadow", False, "decide and log beside another planner, send nothing")
+        self._passive = parameter(self, "shadow", False, "decide and log while another planner drives; send nothing")
         return not self._passive
 
     def destroy_node(self) -> None:
-        """As rclpy's; also destroy the state machine."""
+        """Destroy the node and its state machine."""
         super().destroy_node()
         destroy_state_machine(self)
 
@@ -89,7 +88,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             self._fault = str(error)
             self.get_logger().error(self._fault)
             return TransitionCallbackReturn.FAILURE
-        except Exception:  # rclpy would drop it without a message
+        except Exception:  # rclpy would discard the exception without a message
             self.get_logger().error(traceback.format_exc())
             raise
         return super().on_configure(state)
@@ -122,16 +121,16 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         return () if self._pursuit is None else self._pursuit.last_messages()
 
     def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        """Load a new policy; refuse it outside the menu, and if it cannot be used."""
-        for wanted in parameters:
-            if wanted.name != "policy" or self._pursuit is None:
+        """Load a new policy; refuse it outside the menu or if it cannot be used."""
+        for change in parameters:
+            if change.name != "policy" or self._pursuit is None:
                 continue
             selection = self._pursuit.selection
             state = selection.executor.game_state
             if state not in ("menu", None):
                 return SetParametersResult(successful=False, reason=f"policy: the game is in state {state!r}, not menu")
             try:
-                self._loaded = wanted.value, rehearsed(make_policy(wanted.value), selection.view, self.config)
+                self._loaded = change.value, rehearsed(make_policy(change.value), selection.view, self.config)
             except _UNUSABLE as error:
                 return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

@@ -1,11 +1,11 @@
-"""Goals that Nav2 ends without success one after the other: their number, its error codes, and when to send again."""
+"""Count goals in a row that Nav2 does not reach, describe its error codes and delay the next goal."""
 
 from pacman_env.game.execution import ABORTED, REJECTED, SUCCEEDED
 
-MANY = 3  # failures in a row that are reported
-_QUICK_S = 2.0  # a goal that fails sooner after it was sent was not tried; without a path Nav2 needs 11 s, stuck 150 s
-_SHORTEST_S, _LONGEST_S = 1.0, 5.0  # between two goals while all of them fail quickly
-_SERVERS = {  # of Nav2 Jazzy (1.3.13) by their first code, as in nav2_msgs/action; the navigator hands the code on
+MANY = 3  # failures in a row from which they are reported
+_QUICK_S = 2.0  # a goal that fails sooner was not tried: Nav2 needs 11 s if there is no path, 150 s if stuck
+_SHORTEST_S, _LONGEST_S = 1.0, 5.0  # between two goals while all goals fail quickly
+_SERVERS = {  # Nav2 Jazzy (1.3.13): first error code and names as in nav2_msgs/action; the navigator forwards the code
     "FollowPath": (
         100,
         (
@@ -35,25 +35,25 @@ _NAMES = {
 
 
 def error_words(code: int) -> str:
-    """``208 ComputePathToPose NO_VALID_PATH``; the number alone if it is unknown, words for 0."""
+    """Describe an error code, such as ``208 ComputePathToPose NO_VALID_PATH``; an unknown one by its number."""
     return "no error code" if code == 0 else f"{code} {_NAMES.get(code, '')}".rstrip()
 
 
 class Nav2Failures:
-    """Counts goals that were aborted or rejected one after the other.
+    """Count of goals in a row that were aborted or rejected.
 
-    While all of them fail at once, which a lost transform or a planner that is not active causes, the next goal waits:
-    1 s after the third, twice as long after each further one, 5 s at most.
+    While all goals fail at once, because of a lost transform or an inactive planner, the next goal is delayed: by 1 s
+    after the third failure, twice as long after each further one, at most 5 s.
     """
 
     def __init__(self) -> None:
         self.in_a_row = 0
-        self._quick = 0  # of them, the last ones that failed at once
+        self._quick = 0  # number of the last failures that came at once
         self._what, self._code = ABORTED, 0
         self._wait_until_s = 0.0
 
     def ended(self, status: int, code: int, lasted_s: float, now: float) -> None:
-        """The goal that was pursued has ended with a status of action_msgs/GoalStatus, or REJECTED, and Nav2's code."""
+        """Count the end of the current goal: ``status`` from action_msgs/GoalStatus or REJECTED, ``code`` from Nav2."""
         if status == SUCCEEDED:
             self.forget()
         if status not in (ABORTED, REJECTED):
@@ -65,7 +65,7 @@ class Nav2Failures:
             self._wait_until_s = now + min(_SHORTEST_S * 2.0 ** min(self._quick - MANY, 10), _LONGEST_S)
 
     def forget(self) -> None:
-        """The robot has got somewhere, or another round begins."""
+        """Restart the count, after progress of the robot or at the start of a round."""
         self.in_a_row = self._quick = 0
         self._wait_until_s = 0.0
 
@@ -74,7 +74,7 @@ class Nav2Failures:
 
     @property
     def words(self) -> str:
-        """What is to be reported; empty if nothing."""
+        """Text to report; empty if there is nothing to report."""
         if self.in_a_row < MANY:
             return ""
         if self._what == REJECTED:

@@ -1,4 +1,4 @@
-"""Nav2's NavigateToPose as numbered goals whose answers come later; nothing here waits, and nothing is decided."""
+"""Asynchronous client of Nav2's NavigateToPose with numbered goals; it never blocks and makes no decisions."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from pacman_env.ros.surroundings import current
 
 _CANCELLING, _UNKNOWN_GOAL = 0, 2  # action_msgs/CancelGoal
 _REQUEST_AGAIN_S = 5.0  # of wall time
-_CLEAR_S = 1.0  # of wall time, for all goals to be cancelled
+_CLEAR_S = 1.0  # of wall time, allowed for cancelling all goals
 _ENDED = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED)
 _RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
 
@@ -26,16 +26,17 @@ _RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
 class _Goal:
     name: UUID
     accepted: bool = False
-    request: Future | None = None  # for the result
+    request: Future | None = None  # request of the result
     requested_s: float = 0.0
-    status: int | None = None  # if it has ended, but the result has not arrived
-    overdue: bool = False  # the same, at the last call of ``end_without_results``
+    status: int | None = None  # set if the goal has ended, but its result has not arrived
+    overdue: bool = False  # ``status`` was set already at the last call of ``end_without_results``
 
 
 class NavigationClient:
-    """Sends and cancels goals by number; calls back with the number when Nav2 has accepted, rejected or finished one.
+    """Send and cancel goals by number; report when Nav2 has accepted, rejected or finished a goal.
 
-    ``finished`` also gets the status of action_msgs/GoalStatus, and where Nav2 saw the robot last.
+    All callbacks get the goal's number. ``finished`` also gets its status (action_msgs/GoalStatus) and the last
+    position of the robot in Nav2's feedback.
     """
 
     def __init__(
@@ -47,18 +48,18 @@ class NavigationClient:
     ) -> None:
         self._node, self._surroundings = node, current()
         action = topics.NAVIGATE_TO_POSE
-        # Not rclpy's ActionClient, which every feedback wakes: Nav2 sends a hundred in a second.
+        # Not rclpy's ActionClient, which wakes the executor for each feedback: Nav2 sends 100 per second.
         self._sender, self._results = action.goal_client(node), action.result_client(node)
         self._canceller = action.cancel_client(node)
         self._clients = (self._sender, self._results, self._canceller)
         self._feedback = MessageQueue(node, action.feedback, self._on_feedback)
         self._statuses = action.statuses.subscription(node, self._on_statuses)
-        self._clearing: tuple[Future, float] | None = None  # the answer, and until when it is waited for
+        self._clearing: tuple[Future, float] | None = None  # answer to ``clear``, and its deadline
         self._accepted, self._rejected, self._finished = accepted, rejected, finished
         self._goals: dict[int, _Goal] = {}
-        self._newest: Any = None  # feedback, of whichever goal
-        self.forbidden = False  # every goal is cancelled, whichever node sent it
-        self._rest: Future | None = None  # see ``rest``
+        self._newest: Any = None  # newest feedback, of any goal
+        self.forbidden = False  # if True, goals of all nodes are cancelled
+        self._rest: Future | None = None  # result of ``rest``
         self._destroyed = False
         self.last_status, self.last_error = 0, 0  # of the last goal that ended
 
@@ -67,9 +68,9 @@ class NavigationClient:
         return all(client.service_is_ready() for client in self._clients)
 
     def clear(self) -> bool:
-        """Have every earlier goal cancelled; whether that is done. To be called until it is.
+        """Cancel all earlier goals and return True once they are cancelled; call this until it returns True.
 
-        A node that was killed cannot do so itself, and Nav2 drives on. A goal sent too early would be cancelled too.
+        The goal of a killed node is still active, and Nav2 drives to it. A goal sent too early would be cancelled too.
         """
         if self._clearing is None and self.ready:
             request = self._canceller.srv_type.Request()  # all zero: every goal
@@ -91,17 +92,16 @@ class NavigationClient:
                 own.status = status
         if not self.forbidden and (self._clearing is None or self._surroundings.monotonic() > self._clearing[1]):
             return
-        # A goal of another node that appears just after all were cancelled was in transit then.
+        # A foreign goal that appears just after all goals were cancelled was in transit at that time.
         names = {bytes(own.name.uuid) for own in self._goals.values()}
         for goal in message.status_list:
             if goal.status in _RUNNING and bytes(goal.goal_info.goal_id.uuid) not in names:
                 self._canceller.call_async(self._canceller.srv_type.Request(goal_info=goal.goal_info))
 
     def end_without_results(self) -> None:
-        """End the goals whose result must be lost, for their end is known; to be called every few seconds.
+        """End goals that Nav2 reports as ended but whose result was lost; call this every few seconds.
 
-        The others' results are requested again: a server that was restarted meanwhile answers that it knows no such
-        goal.
+        Late results are requested again: a restarted server answers that it does not know the goal.
         """
         for number, goal in list(self._goals.items()):
             late = self._surroundings.monotonic() - goal.requested_s > _REQUEST_AGAIN_S
@@ -119,14 +119,14 @@ class NavigationClient:
         self._sender.call_async(request).add_done_callback(partial(self._on_answer, number, goal))
 
     def cancel(self, number: int) -> None:
-        """Request the end of a goal, whether or not its acceptance is known: the answer may have been lost."""
+        """Ask Nav2 to cancel a goal, even if its acceptance is unknown: the answer may have been lost."""
         if number in self._goals and self._canceller.service_is_ready():
             request = self._canceller.srv_type.Request()
             request.goal_info.goal_id = self._goals[number].name
             self._canceller.call_async(request).add_done_callback(partial(self._on_cancel, number))
 
     def rest(self) -> Future:
-        """Done when every goal sent has been answered and has ended; unanswered ones are cancelled."""
+        """Cancel goals without an answer, and return a future that is done when all goals have ended."""
         for number, goal in self._goals.items():
             if not goal.accepted:
                 self.cancel(number)
@@ -135,7 +135,7 @@ class NavigationClient:
         return self._rest
 
     def destroy(self) -> None:
-        """Destroy the entities; no more calls back, even for answers in transit."""
+        """Destroy all ROS entities; answers in transit are ignored."""
         self._destroyed = True
         self._goals.clear()
         self._feedback.destroy()
@@ -151,7 +151,7 @@ class NavigationClient:
             return
         if answer.result().accepted:
             goal.accepted = True
-            self._goals[number] = goal  # again, if a cancel has ended it before
+            self._goals[number] = goal  # again: a cancel may have removed it
             self._request_result(number, goal)
             self._accepted(number)
         else:
@@ -170,7 +170,7 @@ class NavigationClient:
         self._end(number, status, getattr(result.result, "error_code", 0))
 
     def _on_cancel(self, number: int, answer: Any) -> None:
-        # No result will come: from a server that was restarted, or of a goal whose acceptance was lost.
+        # No result will come: the server was restarted, or its acceptance of the goal was lost.
         goal, code = self._goals.get(number), answer.result().return_code
         if goal is not None and code == (_UNKNOWN_GOAL if goal.accepted else _CANCELLING):
             self._end(number, CANCELED, 0)

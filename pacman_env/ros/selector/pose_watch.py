@@ -1,7 +1,7 @@
-"""Whether the robot may play by the pose that it believes.
+"""Check whether the robot may play with its believed pose.
 
-Not while there has been no transform for a while, not after a jump that odometry does not explain until a person has
-answered, and not while localization uses another map than the game.
+It may not if transforms are missing for some time, after a jump that odometry does not explain until a person has
+answered, or while localization uses another map than the game.
 """
 
 import math
@@ -13,34 +13,34 @@ from pacman_env.ros.selector.believed_pose import BelievedPose, Chain
 from pacman_env.ros.selector.reasons import NO_ODOMETRY, OTHER_MAP, POSE_JUMPED, POSE_LOST
 from pacman_env.world.navigation.localization import compose, inverse, wrap
 
-_WINDOW_S = 3.0  # of corrections that are added up: AMCL makes one every 1.0 to 1.4 s while the robot drives
+_WINDOW_S = 3.0  # corrections in this window add up: AMCL makes one every 1.0 to 1.4 s while the robot drives
 
 
 @dataclass(frozen=True)
 class PoseLimits:
-    """Beyond which a pose is not the robot's; see the parameters of the goal selector."""
+    """Limits beyond which a pose is not trusted; see the parameters of the goal selector."""
 
-    timeout_s: float = 1.0  # a transform older than this gives way to the latched pose
-    lost_s: float = 2.0  # and beyond this the pose is lost
-    jump_m: float = 1.0  # corrections that odometry does not explain
+    timeout_s: float = 1.0  # age of a transform beyond which the latched pose is used
+    lost_s: float = 2.0  # age of a transform beyond which the pose is lost
+    jump_m: float = 1.0  # correction that odometry does not explain
     jump_rad: float = 1.0
-    fastest_mps: float = 0.46  # of the wheels: odometry that runs faster has jumped itself
+    fastest_mps: float = 0.46  # speed of the wheels: faster odometry has itself jumped
 
 
 class PoseWatch:
     def __init__(self, believed: BelievedPose, limits: PoseLimits) -> None:
         self._believed, self._limits = believed, limits
-        self._seen: deque[tuple[float, Chain]] = deque()  # when (s), and what, from before the window on
+        self._seen: deque[tuple[float, Chain]] = deque()  # times (s) and transforms, from just before the window
         self._restarts = 0  # of the odometry
-        self._given: tuple[Pose, Pose | None] | None = None  # by a person, and odometry's pose then
-        self.jump = ""  # what is to be answered; empty: nothing
-        self.other_map = ""  # what differs
+        self._given: tuple[Pose, Pose | None] | None = None  # pose set by a person, and odometry's pose at that time
+        self.jump = ""  # text of the jump to answer; empty: none
+        self.other_map = ""  # how localization's map differs
 
     def reasons(self, now: float) -> dict[str, str]:
-        """Each reason why the pose may not be played by, and the words for it, empty where it does not hold."""
+        """Return a text for each reason not to play with the pose, empty if the reason does not apply."""
         silent_s, without_s = self._believed.silent_s(now), self._believed.without_odometry_s(now)
         lost = silent_s > self._limits.lost_s
-        no_odometry = lost and without_s > self._limits.lost_s / 2  # of which AMCL's silence is a consequence
+        no_odometry = lost and without_s > self._limits.lost_s / 2  # AMCL is silent because odometry is
         lost = lost and not no_odometry
         return {
             NO_ODOMETRY: f"no odometry for {without_s:.0f} s: the base is silent" if no_odometry else "",
@@ -50,11 +50,11 @@ class PoseWatch:
         }
 
     def check(self, now: float) -> None:
-        """Compare the newest transforms with earlier ones; to be called before anything is decided by them."""
+        """Compare the newest transforms with earlier ones; call this before deciding with them."""
         chain = self._believed.chain()
         if chain is None or now - chain.received_s > self._limits.timeout_s:
             return
-        if self._restarts != self._believed.restarts:  # a simulated robot that was started again; as TF does it
+        if self._restarts != self._believed.restarts:  # a simulated robot was restarted; TF clears its buffer too
             self._restarts = self._believed.restarts
             self._seen.clear()
         if self.jump:
@@ -65,30 +65,30 @@ class PoseWatch:
         if self._seen:
             self.jump = self._jump_to(chain, now)
             if self.jump:
-                self._given = None  # given before the jump, it does not answer it
+                self._given = None  # a pose set before the jump is no answer to it
                 return
         self._seen.append((now, chain))
         while len(self._seen) > 1 and now - self._seen[1][0] >= _WINDOW_S:
             self._seen.popleft()
 
     def give(self, pose: Pose) -> None:
-        """A person has given the robot's pose: a jump to it is expected, and answered once the pose agrees."""
+        """Note a pose set by a person: a jump to it is expected, and answered once the pose agrees."""
         chain = self._believed.chain()
         self._given = pose, None if chain is None else chain.travelled
 
     def accept(self) -> None:
-        """Continue with the pose that is believed now."""
+        """Accept the jump: continue with the current pose."""
         self.jump, self._given = "", None
         self._seen.clear()
 
     def _jump_to(self, chain: Chain, now: float) -> str:
         limits, pose = self._limits, chain.pose
         at_s, last = self._seen[-1]
-        rolled = math.dist(chain.travelled[:2], last.travelled[:2])
-        before = self._seen[0][1]
-        expected = compose(before.correction, chain.travelled)
-        passed_s = max(now - at_s, chain.travelled_s - last.travelled_s)
-        if rolled > limits.fastest_mps * passed_s + limits.jump_m:
+        path_m = math.dist(chain.travelled[:2], last.travelled[:2])
+        oldest = self._seen[0][1]
+        expected = compose(oldest.correction, chain.travelled)
+        elapsed_s = max(now - at_s, chain.travelled_s - last.travelled_s)
+        if path_m > limits.fastest_mps * elapsed_s + limits.jump_m:
             expected = last.pose
         elif not _apart(pose, expected, limits):
             return ""
@@ -96,15 +96,15 @@ class PoseWatch:
             self._seen.clear()
             return ""
         (x, y, heading), (x0, y0, heading0) = pose, expected
-        turned = abs(math.degrees(float(wrap(heading - heading0))))
-        far = math.dist((x, y), (x0, y0))
+        turn_deg = abs(math.degrees(float(wrap(heading - heading0))))
+        gap_m = math.dist((x, y), (x0, y0))
         return (
-            f"pose jumped {far:.1f} m and {turned:.0f} degrees, from ({x0:.2f}, {y0:.2f}) to ({x:.2f}, {y:.2f}), "
+            f"pose jumped {gap_m:.1f} m and {turn_deg:.0f} degrees, from ({x0:.2f}, {y0:.2f}) to ({x:.2f}, {y:.2f}), "
             "which odometry does not explain"
         )
 
     def _agrees_with_given(self, chain: Chain) -> bool:
-        """Whether the pose is where a person has said, as far as odometry knows since."""
+        """Return True if the pose is the one set by a person, moved by odometry since."""
         if self._given is None:
             return False
         pose, travelled = self._given

@@ -1,6 +1,6 @@
-"""A goal selector at work: its subscriptions, what it publishes and what it sends to Nav2.
+"""Subscriptions, publishers and Nav2 goals of a configured goal selector.
 
-What is done, and when, is decided in ``selection.py``.
+``selection.py`` decides which actions to perform and when.
 """
 
 import math
@@ -27,8 +27,8 @@ from pacman_env.ros.selector.selection import Selection
 from pacman_env.sim.observation.situation import Situation
 
 _STOPPED = "stopped by the operator"
-_REPEAT_S = 2.0  # of wall time, however fast the game's clock runs: a referee needs as long to restart
-_NAV2_CHECK_S = 0.5  # of wall time, shorter than any start
+_REPEAT_S = 2.0  # of wall time: a referee restarts no faster when the game's clock runs faster
+_NAV2_CHECK_S = 0.5  # of wall time, shorter than any restart of a simulated robot
 _PUBLISHED = (
     *(topics.GAME_STATUS, topics.GAME_EVENT, topics.REMOVE_PELLET, topics.CMD_VEL),
     *(topics.SCORES, topics.WHY, topics.CANDIDATES, topics.DIAGNOSTICS),
@@ -37,7 +37,7 @@ _Actions = list[ExecutorAction] | None
 
 
 class Pursuit:
-    """The entities of a configured node, and what they do; it decides and logs, but sends nothing, if ``passive``."""
+    """ROS entities of a configured node and their callbacks; if ``passive``, it decides and logs but sends nothing."""
 
     def __init__(
         self, node: GameNode, selection: Selection, jump: SavedJump, diagnostics_rate: float, passive: bool
@@ -48,7 +48,7 @@ class Pursuit:
         selection.resume(jump.load())
         self._tick_timer: Any = None  # None if not active
         self._fresh = False  # activated, but no tick yet
-        self._shown_ready = False  # that Nav2 is, in the last diagnostics
+        self._shown_ready = False  # ``nav2`` in the last diagnostics
         self._cleared = False  # earlier goals have been cancelled
         self._out = {topic.name: topic.publisher(node) for topic in _PUBLISHED}
         self._nav2 = NavigationClient(node, self._on_accepted, self._on_rejected, self._on_finished)
@@ -107,20 +107,20 @@ class Pursuit:
         self._do(self._executor.deactivate(self._node.now_s()))
 
     def last_messages(self) -> tuple[Any, ...]:
-        if self._node.status is None:  # after a signal: the game ends, and with it the question
+        if self._node.status is None:  # after a signal: the game ends, so the jump needs no answer
             self._jump.save("")
         if self._passive:
             return ()
         self.deactivate()
         self._stop()
         rest = self._nav2.rest()
-        rest.add_done_callback(lambda _: self._stop())  # again: Nav2 drove on until it received the cancels
+        rest.add_done_callback(lambda _: self._stop())  # again: Nav2 drove until it received the cancels
         return (rest,)
 
     # Messages
 
     def _catch_up(self) -> None:
-        """Receive the transforms that wait, and act on what they show before anything else does."""
+        """Handle the waiting transforms first, so that everything else uses the newest pose."""
         self._transforms.catch_up()
         self._watch()
 
@@ -134,8 +134,8 @@ class Pursuit:
         self.selection.accept_pose()
         self._watch()
         response.success = bool(jump)
-        nothing = "there is nothing to continue from: the pose has not jumped"
-        response.message = f"continues although the {jump}" if jump else nothing
+        refusal = "there is nothing to continue from: the pose has not jumped"
+        response.message = f"continues although the {jump}" if jump else refusal
         return response
 
     def _handle(self, handle: Callable[[Any, float], _Actions], message: Any) -> None:
@@ -143,7 +143,7 @@ class Pursuit:
         self._do(handle(message, self._node.now_s()))
 
     def _on_stop(self, stopped: bool, who: str) -> None:
-        """The robot stops at once, and Nav2 has no goal of any node, until the release."""
+        """Stop the robot and cancel the goals of all nodes; allow no goal until the release."""
         self._nav2.forbidden = stopped
         if stopped:
             self._node.once.begin(_STOPPED, f"stopped by {who}: no goal is sent until it is released")
@@ -169,7 +169,7 @@ class Pursuit:
     def _tick(self) -> None:
         self._catch_up()
         now, once = self._node.now_s(), self._node.once
-        if self._fresh:  # what was latched has been received by now, and is acted on as a whole
+        if self._fresh:  # all latched messages have arrived by now, and are used together
             self._fresh = False
             self._do(self._executor.activate(now))
         self._cleared = self._cleared or self._passive or self._nav2.clear()
@@ -178,12 +178,12 @@ class Pursuit:
         else:
             once.warning("no Nav2", "no action server navigate_to_pose")
         self._do(self._executor.nav2(self._passive or (self._nav2.ready and self._cleared), now))
-        if self._nav2.ready != self._shown_ready:  # a round may be waiting for it
+        if self._nav2.ready != self._shown_ready:  # a round may wait for Nav2
             self._publish_diagnostics()
         self._decide()
 
     def _check_nav2(self) -> None:
-        """Without a simulated robot there is no clock, and so no tick that could notice its absence."""
+        """Notice a missing Nav2 without a tick: if the simulated robot is gone, its clock and the ticks stop."""
         if self._tick_timer is not None and not self._passive and not self._nav2.ready:
             self._do(self._executor.nav2(False, self._node.now_s()))
 
@@ -194,7 +194,7 @@ class Pursuit:
             return
         try:
             self._explain(*selection.decision, now - self._executor.began_s)
-        except PolicyError as error:  # the choice is followed all the same
+        except PolicyError as error:  # the choice counts even without an explanation
             self._node.once.warning("no scores", f"{error}; its scores are not shown")
 
     def _explain(self, situation: Situation, chosen: int, round_s: float) -> None:
@@ -208,7 +208,7 @@ class Pursuit:
             self._publish_json(topics.WHY, why)
 
     def _repeat(self) -> None:
-        """Report again what is unacknowledged; continue where an answer was lost."""
+        """Repeat unanswered reports, and end goals whose result was lost."""
         self._nav2.end_without_results()
         if self._tick_timer is not None and not self._passive:
             self._do([ExecutorAction("status", word) for word in self._executor.statuses.open()])
@@ -276,7 +276,7 @@ class Pursuit:
         return self._node.get_clock().now().to_msg()
 
     def _log(self, action: ExecutorAction) -> None:
-        """In place of the action, whose success is assumed."""
+        """Log an action instead of performing it, and assume its success."""
         now, log = self._node.now_s(), self._node.get_logger().info
         if action.kind == "send":
             log(f"shadow: goal {action.value}: {_words(action.place)}")

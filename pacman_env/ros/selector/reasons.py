@@ -1,4 +1,4 @@
-"""Why the goal selector sends no goal, or sends goals in vain, as kinds of trouble. Imports nothing of ROS."""
+"""Troubles that keep the goal selector from sending goals or reaching them. Does not import ROS."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -11,7 +11,7 @@ POSE_JUMPED = "pose jumped"
 OTHER_MAP = "another map"
 NAV2_FAILS = "Nav2 fails"
 POLICY_FAILS = "policy fails"
-#: What a person has to do something about, and what that is.
+#: Troubles that need a person, and what the person can do.
 REMEDIES: Mapping[str, str] = {
     NO_ODOMETRY: "create3_republisher may have stopped; on the robot: sudo systemctl restart turtlebot4",
     POSE_LOST: "localization must publish map to odom again: see lidar, pose and tf to base; the game goes on then",
@@ -22,16 +22,16 @@ REMEDIES: Mapping[str, str] = {
 }
 
 
-_LONGEST = 300  # characters of a trouble's words
+_LONGEST = 300  # characters of a trouble's text
 
 
 def troubles_of(condition: Mapping[str, Any]) -> dict[str, str]:
-    """Return the words that terminal, page and doctor show for each trouble in a goal selector's diagnostics, by kind.
+    """Return the text of each trouble in a goal selector's diagnostics by kind, for terminal, page and doctor.
 
-    Another project's diagnostics have none.
+    The result is empty for diagnostics of another project.
     """
     troubles, texts = condition.get("troubles"), condition.get("trouble_texts")
     if not isinstance(troubles, Mapping):
         return {}
-    known = texts if isinstance(texts, Mapping) else {}
-    return {str(kind): plain(str(known.get(kind, kind)), _LONGEST) for kind in troubles}
+    text_of = texts if isinstance(texts, Mapping) else {}
+    return {str(kind): plain(str(text_of.get(kind, kind)), _LONGEST) for kind in troubles}

@@ -1,4 +1,4 @@
-"""A policy's first decisions, which load and compile what the later ones need; they are not used."""
+"""Run a policy once before the game, so that everything that it needs is loaded and compiled."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from pacman_env.sim.observation.robot_view import RobotView
 
 
 def rehearsed(policy: Policy, view: RobotView, config: Config) -> Policy:
-    """The same policy, or ValueError, TypeError if it does not run."""
+    """Run the policy once and return it; raises ValueError or TypeError if it fails."""
     situation, first = view.rehearsal(), np.ones(1, np.bool_)
     reset(policy, first, config)
     scores(policy, situation)

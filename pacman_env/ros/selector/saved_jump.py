@@ -1,4 +1,4 @@
-"""A jump of the pose that no person has answered yet, in a file: it outlives a goal selector that is started again."""
+"""File with a pose jump that no person has answered, so that a restarted goal selector still knows it."""
 
 import contextlib
 import os
@@ -9,29 +9,29 @@ from pacman_env.files import user_folder
 from pacman_env.ros.node import parameter
 from pacman_env.ros.nodes.state_file import StateFile
 
-_MAX_AGE_S = 600.0  # of wall time: a game of long ago is not held up
+_MAX_AGE_S = 600.0  # of wall time: a jump in an old game must not stop a new one
 
 
 class SavedJump:
     def __init__(self, node: Any) -> None:
-        text = "a jump of the pose is kept in it until it is answered; auto: in the user's state folder; empty: none"
-        where = parameter(node, "state_file", "auto", text)
+        text = "file for a pose jump until it is answered; auto: in the user's state folder; empty: none"
+        setting = parameter(node, "state_file", "auto", text)
         domain, namespace = os.environ.get("ROS_DOMAIN_ID") or "0", node.get_namespace()
         name = f"{namespace.strip('/').replace('/', '-') or 'root'}-{domain}-goal_selector.json"
-        path = user_folder("state") / name if where == "auto" else Path(where) if where else None
+        path = user_folder("state") / name if setting == "auto" else Path(setting) if setting else None
         simulated = bool(node.get_parameter("use_sim_time").value)
         self._node, self._saved = node, ""
         self._file = StateFile(path, _MAX_AGE_S, {"namespace": namespace, "domain": domain, "simulated": simulated})
 
     def load(self) -> str:
-        """The words of a jump that was not answered; empty if there is none."""
+        """Return the text of the unanswered jump; empty if there is none."""
         try:
-            saved = self._file.load()
+            content = self._file.load()
         except (ValueError, OSError) as error:
             self._node.get_logger().warning(f"{self._file.path} is left alone: {error}; nothing is saved")
             self._file.path = None
             return ""
-        self._saved = saved[:500] if isinstance(saved, str) else ""
+        self._saved = content[:500] if isinstance(content, str) else ""
         return self._saved
 
     def save(self, jump: str) -> None:
@@ -41,5 +41,5 @@ class SavedJump:
         if not jump:
             self._file.remove()
             return
-        with contextlib.suppress(OSError):  # then it is known as long as the node lives
+        with contextlib.suppress(OSError):  # the node still has the jump in memory
             self._file.save(jump)

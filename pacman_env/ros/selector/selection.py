@@ -1,7 +1,7 @@
-"""How one robot chooses goals, from the messages that it receives to the actions that it takes.
+"""Choice of goals for one robot, from received messages to actions.
 
-Messages become a situation in ``robot_view.py``, the policy chooses, ``game/goal_executor.py`` decides what follows.
-Nothing is published here, and time is an argument.
+``robot_view.py`` turns messages into a situation, the policy chooses, and ``game/goal_executor.py`` decides what
+follows. Nothing is published here, and time is an argument.
 """
 
 import math
@@ -36,11 +36,11 @@ from pacman_env.sim.observation.robot_view import RobotView, Seen
 from pacman_env.sim.observation.situation import Situation
 from pacman_env.world.maps.occupancy import OccupancyMap
 
-SLOW_S = 1.0  # a choice that takes longer is not followed: the robot and the ghosts are elsewhere by then
+SLOW_S = 1.0  # a slower choice is discarded: robot and ghosts have moved on by then
 
 
 class Troubles(Protocol):
-    """Where a trouble is reported, by its kind and its words: one that may pass, or that lasts until it is over."""
+    """Receiver of troubles by kind and text: `warning` for a passing one, `begin` and `over` for a lasting one."""
 
     def warning(self, key: str, text: str) -> None: ...
 
@@ -50,11 +50,11 @@ class Troubles(Protocol):
 
 
 class Selection:
-    """A policy on a prepared map, warmed up; handlers of messages return what is to be done and raise BadMessage.
+    """Warmed-up policy on a prepared map; message handlers return the actions to perform and raise BadMessage.
 
-    Without a ``home`` it is where the robot stands when it leaves the menu for the first time, or after its pose was
-    set there: by then AMCL has corrected what was clicked. In the middle of a game it is the map's. Raises MapError,
-    and what ``make_policy`` and ``rehearsed`` raise.
+    Without ``home``, home is where the robot leaves the menu for the first time, or after its pose was set in the menu:
+    AMCL has corrected a clicked pose by then. After a start in the middle of a game, it is the map's home. Raises
+    MapError, and the exceptions of ``make_policy`` and ``rehearsed``.
     """
 
     def __init__(
@@ -70,12 +70,12 @@ class Selection:
         self._troubles = troubles
         self._config = config
         self._home_given = self._home_known = home is not None
-        made = make_policy(policy)  # what cannot be used is refused before anything is compiled
+        instance = make_policy(policy)  # refuses an unusable policy before anything is compiled
         self.view = RobotView(map_assets(map, config, home), config)
         self.executor = GoalExecutor(config, self.view.goals, None if home is None else home_place(*home))
         self._fresh = False  # the policy has been reset for this round
-        self.spec, self.policy = policy, rehearsed(made, self.view, config)
-        self.decision: tuple[Situation, int] | None = None  # if the policy was asked last: what it saw and chose
+        self.spec, self.policy = policy, rehearsed(instance, self.view, config)
+        self.decision: tuple[Situation, int] | None = None  # of the last call, if the policy was asked
         self._believed = BelievedPose(limits.timeout_s)
         self._watch = PoseWatch(self._believed, limits)
         self._nav2 = Nav2Failures()
@@ -109,9 +109,9 @@ class Selection:
         pellets = self.view.pellets(pellets_of(message))
         self._unknown_pellets = unknown = pellets.unknown
         if unknown:
-            self._warn("unknown pellets", f"pellets ignored, the map has none such there: {_listed(unknown)}")
+            self._warn("unknown pellets", f"pellets ignored, the map has none such there: {_list_of(unknown)}")
         if unreachable := self._out_of_reach(pellets.known):
-            self._warn("pellets out of reach", f"pellets that the robot cannot drive to: {_listed(unreachable)}")
+            self._warn("pellets out of reach", f"pellets that the robot cannot drive to: {_list_of(unreachable)}")
         return self.executor.pellets(pellets.known, len(unknown), now)
 
     def _out_of_reach(self, pellets: Iterable[int]) -> list[int]:
@@ -133,7 +133,7 @@ class Selection:
     # Where the robot is
 
     def on_initial_pose(self, message: Any, now: float) -> None:
-        """After a correction of the robot's pose in the menu its home is there, unless that was given."""
+        """Note a pose set by a person; in the menu it becomes the home, unless a home was given."""
         pose = pose_of(message)
         if self.view.off_the_map(*pose[:2]):
             raise BadMessage(f"({pose[0]:.2f}, {pose[1]:.2f}) is off the map")
@@ -142,20 +142,20 @@ class Selection:
             self._home_known = self._home_given
 
     def on_map(self, message: Any, now: float) -> None:
-        """Localization's map: the believed pose is one in it."""
+        """Compare the map of localization, to which the pose refers, with the map of the game."""
         try:
-            found = map_differences(grid_of(message), self.view.assets.occupancy)
+            differences = map_differences(grid_of(message), self.view.assets.occupancy)
         except ValueError as error:
             raise BadMessage(str(error)) from None
-        self._watch.other_map = "; ".join(found)
+        self._watch.other_map = "; ".join(differences)
 
     @property
     def jump(self) -> str:
-        """Of the pose, to be answered by a person; empty if there is none."""
+        """Text of the pose jump that a person must answer; empty if there is none."""
         return self._watch.jump
 
     def resume(self, jump: str) -> None:
-        """Take over a jump that was not answered yet when the node ended."""
+        """Restore an unanswered jump of an earlier process."""
         self._watch.jump = jump
 
     def accept_pose(self) -> None:
@@ -169,17 +169,17 @@ class Selection:
             self._warn("bad tf_static" if static else "bad tf", trouble)
 
     def watch(self, now: float) -> list[ExecutorAction]:
-        """Stand while the pose may not be played by; to be called after each reception of transforms."""
+        """Hold while the pose is not trusted; call this after each reception of transforms."""
         actions: list[ExecutorAction] = []
         self._watch.check(now)
-        # Those that hold first: where one follows another, nothing is sent in between.
+        # Reasons that apply come first: if one replaces another, no goal is sent in between.
         for reason, words in sorted(self._watch.reasons(now).items(), key=lambda pair: not pair[1]):
             self._report(reason, words)
             actions += self.executor.hold(reason, bool(words), now)
         return actions
 
     def _believe(self, now: float) -> Belief | None:
-        """The pose to decide by, if there is one on the map."""
+        """Update and return the pose for decisions; None if it is not trusted or off the map."""
         belief = None if any(self._watch.reasons(now).values()) else self._believed.at(now)
         if belief is not None and self.view.off_the_map(*belief.pose[:2]):
             x, y, _ = belief.pose
@@ -190,7 +190,7 @@ class Selection:
             self.executor.pose = belief.pose[:2]
         state = self.executor.game_state
         if not self._home_known and belief is not None and state is not None:
-            # After a start in the middle of a round the pose is anywhere.
+            # After a start in the middle of a round the robot may be anywhere.
             home = belief.pose if state == "menu" else self.view.assets.grid.home.tolist()
             self.executor.home, self._home_known = home_place(*home), state != "menu"
         return belief
@@ -198,10 +198,10 @@ class Selection:
     # Choosing
 
     def decide(self, now: float, do: Callable[[list[ExecutorAction]], None]) -> None:
-        """Apply the rules, and choose where a choice is wanted; ``do`` is called with what is to be done.
+        """Apply the rules and choose a goal if one is needed; pass the actions to ``do``.
 
-        The policy is asked where a decision is due (``game/decisions.py``); until then its last choice is repeated at
-        each call, as in the simulator.
+        The policy is called only if a decision is due (``game/decisions.py``). Otherwise its last choice is repeated,
+        as in the simulator.
         """
         began = self._perf_counter()
         belief = self._believe(now)
@@ -210,9 +210,9 @@ class Selection:
         self._watch_nav2()
         if belief is None or not self.executor.wants_choice(now) or self._nav2.waiting(now):
             return
-        unseen = self.view.unseen
-        if unseen:
-            self._warn(f"no {unseen[0]}", f"nothing is chosen as long as {unseen[0]}_pose has not been received")
+        missing = self.view.unseen
+        if missing:
+            self._warn(f"no {missing[0]}", f"nothing is chosen as long as {missing[0]}_pose has not been received")
             return
         seen = Seen(
             time_s=now - self.executor.began_s,
@@ -223,15 +223,15 @@ class Selection:
             masked=self.executor.round.masked(now),
             pursued=self.executor.sent.pursued,
         )
-        situation = self.view.situation(seen)  # at every call: it counts them, and measures how fast Clyde comes
+        situation = self.view.situation(seen)  # every time: it measures Clyde's approach
         distance = min(math.dist(belief.pose[:2], ghost) for ghost in self.view.ghosts)
         moment = Moment(now, seen.pursued, seen.left, distance)
         due = self._last.due(moment)
         if due:
             try:
-                chosen = _asked(self.policy, situation, None if self._fresh else self._config, self._perf_counter)
+                chosen = _ask(self.policy, situation, None if self._fresh else self._config, self._perf_counter)
                 self._fresh = True
-            except PolicyError as error:  # the robot stands, and the node goes on: it may work at the next tick
+            except PolicyError as error:  # the robot holds, and the policy may work at the next tick
                 self._report(POLICY_FAILS, f"{error}; the robot holds")
                 self._last.decide(HOLD, moment, allowed=False)
                 do(self.executor.choose(None, now))
@@ -253,7 +253,7 @@ class Selection:
     def on_finished(
         self, number: int, status: int, error: int, now: float, at: Position | None
     ) -> list[ExecutorAction]:
-        """``error``: Nav2's code; ``at``: where Nav2 saw the robot last."""
+        """Handle the end of a goal: ``error`` is Nav2's code, ``at`` the last position that Nav2 reported."""
         self._believe(now)
         self._ended["aborted"] += number == self.executor.sent.number and status == ABORTED
         self._count(number, status, error, now)
@@ -261,26 +261,26 @@ class Selection:
 
     def _count(self, number: int, status: int, error: int, now: float) -> None:
         sent = self.executor.sent
-        if number == sent.current and number in sent.open:  # one that was given up ends aborted, too
+        if number == sent.current and number in sent.open:  # a goal that was given up also ends as aborted
             self._nav2.ended(status, error, now - sent.open[number].since_s, now)
             self._watch_nav2()
 
     def _watch_nav2(self) -> None:
-        """Report failures in a row, until a goal is reached or a pellet collected."""
-        before, self._collected = self._collected, self.executor.round.record.collected
-        if self._collected > before:
+        """Report failures of Nav2 in a row, until a goal is reached or a pellet collected."""
+        previous, self._collected = self._collected, self.executor.round.record.collected
+        if self._collected > previous:
             self._nav2.forget()
         self._report(NAV2_FAILS, self._nav2.words)
 
     def _report(self, trouble: str, words: str) -> None:
-        """A trouble that lasts, or without words its end."""
+        """Report that a trouble lasts, or that it is over if ``words`` is empty."""
         if words:
             self._troubles.begin(trouble, words)
         else:
             self._troubles.over(trouble)
 
     def condition(self, now: float) -> dict[str, Any]:
-        """Everything that an operator may want to know, as plain values."""
+        """Return the diagnostics for operators, as plain values."""
         belief, executor, home = self._belief, self.executor, self.executor.home
         ghosts = dict(zip(GHOST_NAMES, self.view.ghosts, strict=False))
         metadata = getattr(self.policy, "metadata", None)
@@ -308,8 +308,8 @@ class Selection:
         }
 
 
-def _asked(policy: Policy, situation: Situation, begins: Config | None, clock_s: Callable[[], float]) -> int:
-    """The candidate that a policy chooses, at first in a round that ``begins``; PolicyError if it fails or is slow."""
+def _ask(policy: Policy, situation: Situation, begins: Config | None, clock_s: Callable[[], float]) -> int:
+    """Return the policy's choice, after a reset if a round ``begins``; PolicyError if it fails or is slow."""
     began_s = clock_s()
     if begins is not None:
         reset(policy, np.ones(1, np.bool_), begins)
@@ -319,5 +319,5 @@ def _asked(policy: Policy, situation: Situation, begins: Config | None, clock_s:
     return chosen
 
 
-def _listed(numbers: Sequence[int]) -> str:
+def _list_of(numbers: Sequence[int]) -> str:
     return ", ".join(map(str, numbers[:5])) + (", ..." if len(numbers) > 5 else "")
