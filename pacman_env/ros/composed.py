@@ -1,7 +1,7 @@
-"""The nodes that need no goal, in one process: ``python -m pacman_env.ros.composed SETUP``, a ``GameSetup`` as JSON.
+"""The nodes that send no goals, in one process: ``python -m pacman_env.ros.composed SETUP``, a ``GameSetup`` as JSON.
 
-ROS calls this composition: each node has its name, parameters and last messages; they share Python, its libraries and
-one thread, and end together.
+ROS calls this composition: each node has its name, parameters and last messages. The nodes share Python, its libraries
+and one thread, and end together.
 """
 
 import sys
@@ -18,7 +18,7 @@ from .surroundings import Surroundings, within
 
 
 class OwnArguments(Surroundings):
-    """A process of several nodes: each reads its own arguments, not the process's."""
+    """Surroundings in a process of several nodes: each node reads its own arguments."""
 
     def __init__(self, arguments: Sequence[str]) -> None:
         self._arguments = list(arguments)
@@ -33,7 +33,7 @@ def _make(kind: Callable[[], BaseNode], arguments: Sequence[str]) -> BaseNode:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    arguments = remove_ros_args(list(sys.argv[1:] if argv is None else argv))  # launch adds some
+    arguments = remove_ros_args(list(sys.argv[1:] if argv is None else argv))  # launch adds ROS arguments
     try:
         if len(arguments) != 1:
             raise ValueError(f"{len(arguments)} arguments: the setup of the game alone is needed")

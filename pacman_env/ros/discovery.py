@@ -1,6 +1,6 @@
-"""Which nodes a node can discover: its ROS domain, this machine alone or the network, and publishers beside it.
+"""Control which nodes can be discovered: ROS domain, this machine or the network, other publishers.
 
-The middleware reads what is set here when a process creates its first node. ROS is not imported."""
+The middleware reads these settings when a process creates its first node. ROS is not imported."""
 
 import contextlib
 import os
@@ -16,8 +16,8 @@ from pacman_env.files import user_folder
 
 from .supervisor.game_nodes import SIMULATOR
 
-COSTMAPS = ("local_costmap", "global_costmap")  # names of nodes
-HIGHEST_DOMAIN = 232  # of DDS, by its formula for ports
+COSTMAPS = ("local_costmap", "global_costmap")  # node names
+HIGHEST_DOMAIN = 232  # of DDS, from its formula for ports
 _NAMES_S = 1.0
 _UNKNOWN_NAMESPACE, _UNKNOWN_NAME = "_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_"  # ROS's words
 NAMELESS = "a node without a name"
@@ -27,11 +27,11 @@ _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 _UDP_ALONE = Path(__file__).with_name("udp_alone.xml")
-BEYOND = ("ROS_DISCOVERY_SERVER", "ROS_SUPER_CLIENT", "ROS_STATIC_PEERS")  # these reach other machines, too
+BEYOND = ("ROS_DISCOVERY_SERVER", "ROS_SUPER_CLIENT", "ROS_STATIC_PEERS")  # variables that also reach other machines
 
 
 def domain_of(text: str) -> int:
-    """A ROS domain from a command line or an environment; an empty text is domain 0, as for ROS."""
+    """Parse a ROS domain from a command line or the environment; an empty text is domain 0, as in ROS."""
     if not text:
         return 0
     if not (text.isascii() and text.isdigit() and int(text) <= HIGHEST_DOMAIN):
@@ -40,7 +40,7 @@ def domain_of(text: str) -> int:
 
 
 def join(domain: int | None, this_machine: bool) -> int:
-    """Choose the domain of nodes made from now on, by default that of the environment, and return it."""
+    """Choose the domain of new nodes, by default the environment's, and return it."""
     number = domain_of(os.environ.get("ROS_DOMAIN_ID", "") if domain is None else str(domain))
     os.environ["ROS_DOMAIN_ID"] = str(number)
     avoid_shared_memory()
@@ -51,7 +51,7 @@ def join(domain: int | None, this_machine: bool) -> int:
 
 
 def stay_on_this_machine(environment: MutableMapping[str, str] | None = None) -> None:
-    """Nodes that are created from now on discover none on another machine, such as a real robot."""
+    """Prevent nodes created later from discovering other machines, such as a real robot."""
     environment = os.environ if environment is None else environment
     environment[_RANGE] = "LOCALHOST"
     for name in BEYOND:
@@ -59,7 +59,7 @@ def stay_on_this_machine(environment: MutableMapping[str, str] | None = None) ->
 
 
 def provide_log_folder() -> None:
-    """Name a folder for ROS's own logs if the user has no home: ROS makes no node without one."""
+    """Set a folder for ROS's logs if the user has no home, because ROS creates no node without one."""
     if not any(os.environ.get(name) for name in ("ROS_LOG_DIR", "ROS_HOME")):
         try:
             Path(os.environ["HOME"], ".ros", "log").mkdir(parents=True, exist_ok=True)  # as ROS does
@@ -68,10 +68,10 @@ def provide_log_folder() -> None:
 
 
 def avoid_shared_memory(environment: MutableMapping[str, str] | None = None) -> None:
-    """Nodes that are created from now on talk by UDP alone, unless the user's environment or profile decides.
+    """Make nodes created later communicate by UDP only, unless the user's environment or profile decides.
 
-    Fast DDS 2.14 does not notice that a process was killed while it read its port in shared memory: it deletes that
-    port when the process is started again, and older processes may write to the deleted one for ever.
+    Fast DDS 2.14 does not notice that a process was killed while reading its shared-memory port: it deletes the port
+    when the process restarts, but older processes may write to the deleted port forever.
     """
     environment = os.environ if environment is None else environment
     if not (environment.get("RMW_IMPLEMENTATION") or "rmw_fastrtps").startswith("rmw_fastrtps"):
@@ -84,38 +84,38 @@ def avoid_shared_memory(environment: MutableMapping[str, str] | None = None) -> 
     if TRANSPORTS in environment or "ransport" in profiles:
         return
     environment[TRANSPORTS] = "UDPv4"
-    if not files:  # with LOCALHOST, ROS adds shared memory whatever the transports are; it gets no port there
+    if not files:  # with LOCALHOST, ROS always adds shared memory; this profile gives it no port
         environment[PROFILES[0]] = str(_UDP_ALONE)
 
 
 def users_environment() -> dict[str, str]:
-    """The environment without the file of profiles that :func:`avoid_shared_memory` has named."""
+    """Return the environment without the profile that :func:`avoid_shared_memory` has set."""
     return {name: value for name, value in os.environ.items() if value != str(_UDP_ALONE)}
 
 
 @contextlib.contextmanager
 def undiscovered() -> Iterator[None]:
-    """Nodes of a context of rclpy that is made in the block discover only one another."""
-    before = os.environ.get(_RANGE)
+    """Isolate nodes: those of an rclpy context created in this block discover only each other."""
+    previous = os.environ.get(_RANGE)
     os.environ[_RANGE] = "OFF"
     try:
         yield
     finally:
-        if before is None:
+        if previous is None:
             del os.environ[_RANGE]
         else:
-            os.environ[_RANGE] = before
+            os.environ[_RANGE] = previous
 
 
 def simulated(arguments: Sequence[str]) -> bool:
-    """Whether ROS arguments ask for simulated time, themselves or by a readable file of parameters."""
+    """Return True if ROS arguments, or a readable parameter file among them, set simulated time."""
     pairs = list(pairwise(arguments))
-    given = [text.partition(":=") for flag, text in pairs if flag in ("-p", "--param")]
-    values = [value for name, _, value in given if name.rpartition(":")[2].strip() == "use_sim_time"]
+    assignments = [text.partition(":=") for flag, text in pairs if flag in ("-p", "--param")]
+    values = [value for name, _, value in assignments if name.rpartition(":")[2].strip() == "use_sim_time"]
     if values:
         return _is_true(values[-1].strip())
     for file in (Path(text) for flag, text in pairs if flag == "--params-file"):
-        with contextlib.suppress(OSError, ValueError, yaml.YAMLError):  # ROS reports what is wrong
+        with contextlib.suppress(OSError, ValueError, yaml.YAMLError):  # ROS reports the error
             if _asks(yaml.load(file.read_text(), _LOADER)):
                 return True
     return False
@@ -132,29 +132,29 @@ def _asks(content: Any) -> bool:
 
 
 def costmaps_without(node: Any, topic: str) -> list[str]:
-    """Which of Nav2's two costmaps do not subscribe to a cloud; a simulated robot subscribes in place of both."""
+    """Return the costmaps of Nav2 that do not subscribe to a cloud; a simulated robot replaces both."""
     names = {info.node_name for info in node.get_subscriptions_info_by_topic(node.resolve_topic_name(topic))}
-    known = SIMULATOR in names or _UNKNOWN_NAME in names  # other nodes do not know the name of one that was frozen
-    return [] if known else [name for name in COSTMAPS if name not in names]
+    is_covered = SIMULATOR in names or _UNKNOWN_NAME in names  # the name of a frozen node is unknown to others
+    return [] if is_covered else [name for name in COSTMAPS if name not in names]
 
 
 def publishers(node: Any, topics: Iterable[str]) -> list[str]:
-    """Which other nodes publish on any of these topics: ``/robot_15/motion_control (odom)``."""
+    """List the other nodes that publish any of these topics: ``/robot_15/motion_control (odom)``."""
     own = node.get_name(), node.get_namespace()
     end = time.monotonic() + _NAMES_S
     while True:
-        found = {
+        names = {
             f"{full_name(*node_name)} ({topic})"
             for topic in topics
             for info in node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
             if (node_name := (info.node_name, info.node_namespace)) != own
         }
-        if time.monotonic() >= end or not any(NAMELESS in name for name in found):
-            return sorted(found)
-        time.sleep(0.05)  # names come after what they have
+        if time.monotonic() >= end or not any(NAMELESS in name for name in names):
+            return sorted(names)
+        time.sleep(0.05)  # names are discovered after endpoints
 
 
 def full_name(name: str, namespace: str) -> str:
-    """A node's name with its namespace, or words where ROS does not know the name."""
-    known = name != _UNKNOWN_NAME and namespace != _UNKNOWN_NAMESPACE
-    return f"{namespace.rstrip('/')}/{name}" if known else NAMELESS
+    """Return a node's name with its namespace, or a placeholder if ROS does not know the name."""
+    is_named = name != _UNKNOWN_NAME and namespace != _UNKNOWN_NAMESPACE
+    return f"{namespace.rstrip('/')}/{name}" if is_named else NAMELESS

@@ -1,4 +1,4 @@
-"""The map that localization uses, as an OccupancyGrid, compared with the game's. Imports nothing of ROS."""
+"""Compare localization's map, an OccupancyGrid, with the game's map. Does not import ROS."""
 
 import math
 from dataclasses import dataclass
@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from pacman_env.world.maps.occupancy import OccupancyMap
 
-CELLS_DIFFER = 0.001  # share; the same file gives 0
+CELLS_DIFFER = 0.001  # share of cells; the same file gives 0
 _LARGEST = 100_000_000  # cells
 
 
 @dataclass(frozen=True)
 class Grid:
-    """``origin`` is x, y (m) and yaw (rad) of the lower left corner; ``cells`` (H, W), row 0 is the lowest."""
+    """Occupancy grid: ``origin`` is x, y (m), yaw (rad) of the lower left corner, ``cells`` (H, W) has row 0 lowest."""
 
     resolution: float
     origin: tuple[float, float, float]
@@ -23,7 +23,7 @@ class Grid:
 
 
 def grid_of(message: Any) -> Grid:
-    """The map in an OccupancyGrid; ValueError for sizes that do not fit."""
+    """Read an OccupancyGrid; raises ValueError if its sizes are inconsistent."""
     info = message.info
     if info.width * info.height != len(message.data) or not 0 < len(message.data) <= _LARGEST:
         raise ValueError(f"{info.width} x {info.height} cells, {len(message.data)} values")
@@ -34,21 +34,21 @@ def grid_of(message: Any) -> Grid:
 
 
 def differing_cells(grid: Grid, game: OccupancyMap) -> float:
-    """Share of the cells, of maps of one size."""
+    """Return the share of cells that differ; both maps must have the same size."""
     return float(np.mean(np.flipud(grid.cells) != game.occupancy))
 
 
 def map_differences(grid: Grid, game: OccupancyMap) -> list[str]:
-    """In what the map is another one than the game's; empty if it is the same."""
+    """Describe the differences to the game's map; empty if the maps are the same."""
     rows, columns = grid.cells.shape
-    found = []
+    differences = []
     if (columns, rows) != (game.width, game.height):
-        found.append(f"size {columns} x {rows}, here {game.width} x {game.height}")
+        differences.append(f"size {columns} x {rows}, here {game.width} x {game.height}")
     if not math.isclose(grid.resolution, game.resolution, rel_tol=1e-4):
-        found.append(f"cells of {grid.resolution:.4g} m, here {game.resolution:.4g} m")
+        differences.append(f"cells of {grid.resolution:.4g} m, here {game.resolution:.4g} m")
     if not all(math.isclose(a, b, abs_tol=1e-3) for a, b in zip(grid.origin, game.origin, strict=True)):
         theirs, ours = (f"({x:.2f}, {y:.2f}, {yaw:.2f})" for x, y, yaw in (grid.origin, game.origin))
-        found.append(f"origin {theirs}, here {ours}")
-    if not found and (share := differing_cells(grid, game)) > CELLS_DIFFER:
-        found.append(f"{100 * share:.1f} % of cells differ")
-    return found
+        differences.append(f"origin {theirs}, here {ours}")
+    if not differences and (share := differing_cells(grid, game)) > CELLS_DIFFER:
+        differences.append(f"{100 * share:.1f} % of cells differ")
+    return differences

@@ -1,6 +1,6 @@
-"""Messages to plain values and back; what reads a message raises BadMessage. Stamps are ``builtin_interfaces/Time``.
+"""Convert messages to plain values and back; readers raise BadMessage. Stamps are ``builtin_interfaces/Time``.
 
-Poses are (x, y, theta) in m, m, rad, positions (x, y) in m, in the map frame unless another is named."""
+Poses are (x, y, theta) in m, m, rad and positions (x, y) in m, in the map frame unless another frame is given."""
 
 import json
 import math
@@ -27,12 +27,12 @@ Colour = tuple[float, float, float]  # red, green, blue, 0 to 1
 
 
 _AROUND = [(math.cos(k * math.pi / 4), math.sin(k * math.pi / 4)) for k in range(8)]
-#: (9, 2) a ghost in Nav2's costmap: its place and eight points around it, as multiples of their distance.
+#: (9, 2) a ghost in Nav2's costmap: its position and eight points around it, in multiples of their distance.
 GHOST_OBSTACLE = np.array([(0.0, 0.0), *_AROUND], dtype=np.float64)
 
 
 class BadMessage(ValueError):
-    """A message that no rule may receive, and what is wrong with it."""
+    """Raised for an invalid message; the text says why."""
 
 
 def _position(point: Any) -> Position:
@@ -48,7 +48,7 @@ def _position(point: Any) -> Position:
 def _yaw(quaternion: Any) -> float:
     x, y, z, w = quaternion.x, quaternion.y, quaternion.z, quaternion.w
     length = math.hypot(x, y, z, w)
-    if not abs(length - 1.0) <= UNIT_TOLERANCE:  # not: NaN is bad, too
+    if not abs(length - 1.0) <= UNIT_TOLERANCE:  # also refuses NaN
         raise BadMessage(f"orientation ({x:g}, {y:g}, {z:g}, {w:g}): length {length:g}, must be 1")
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
@@ -60,7 +60,7 @@ def _check_frame(header: Any, frame: str) -> None:
 
 def pose_of(message: Any, frame: str = "map") -> Pose:
     _check_frame(message.header, frame)
-    pose = getattr(message.pose, "pose", message.pose)  # PoseWithCovariance holds a Pose
+    pose = getattr(message.pose, "pose", message.pose)  # PoseWithCovariance contains a Pose
     return *_position(pose.position), _yaw(pose.orientation)
 
 
@@ -81,13 +81,13 @@ def word_of(message: Any, words: Collection[str] | None = None) -> str:
 
 def number_of(message: Any, low: float, high: float) -> float:
     value = message.data
-    if not low <= value <= high:  # nor NaN
+    if not low <= value <= high:  # also refuses NaN
         raise BadMessage(f"number {value!r}: must be within {low:g} and {high:g}")
     return value
 
 
 def pellets_of(message: Any, limit: int = 10_000, frame: str = "map") -> dict[int, Position]:
-    """Positions by id of the pellets that a MarkerArray leaves on an empty screen, in the array's order."""
+    """Return the positions by id of the pellets that a MarkerArray leaves on an empty display, in its order."""
     if len(message.markers) > limit:
         raise BadMessage(f"{len(message.markers)} markers: at most {limit}")
     pellets: dict[int, Position] = {}
@@ -109,7 +109,7 @@ def pellets_of(message: Any, limit: int = 10_000, frame: str = "map") -> dict[in
 
 
 def points_of(message: Any, limit: int = 100_000, frame: str = "map") -> NDArray[np.float64]:
-    """(N, 2) x, y in m of the finite points of a PointCloud2."""
+    """Return x and y in m, (N, 2), of the finite points of a PointCloud2."""
     _check_frame(message.header, frame)
     count = message.width * message.height
     if count > limit:
@@ -129,7 +129,7 @@ def points_of(message: Any, limit: int = 100_000, frame: str = "map") -> NDArray
 
 
 def transform_of(message: Any) -> tuple[str, str, Pose]:
-    """Parent frame, child frame and pose of the child in the parent."""
+    """Return the parent frame, the child frame and the pose of the child in the parent."""
     pose = *_position(message.transform.translation), _yaw(message.transform.rotation)
     return message.header.frame_id, message.child_frame_id, pose
 
@@ -154,7 +154,7 @@ def pose_message(x: float, y: float, theta: float, stamp: Any, frame: str = "map
 
 
 def twist_message(v_mps: float, w_radps: float, stamp: Any, frame: str = "base_link") -> Any:
-    """Forwards and to the left are positive."""
+    """Create a TwistStamped; forward and left turns are positive."""
     message = TwistStamped(header=Header(stamp=stamp, frame_id=frame))
     message.twist.linear.x, message.twist.angular.z = float(v_mps), float(w_radps)
     return message
@@ -191,7 +191,7 @@ def markers_of(pellets: Mapping[int, Position], stamp: Any, frame: str = "map") 
 
 
 def cloud_message(points: NDArray[np.float64], stamp: Any, z: float = 0.0, frame: str = "map") -> Any:
-    """Of (N, 2) x, y in m, all at height ``z``; float32."""
+    """Create a PointCloud2 of float32 from ``points`` (N, 2), x and y in m, all at height ``z``."""
     data = np.full((len(points), 3), z, dtype="<f4")
     data[:, :2] = points
     fields = [PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1) for i, name in enumerate("xyz")]
@@ -212,9 +212,9 @@ def object_of(message: Any, longest: int) -> dict[str, Any]:
     if len(message.data) > longest:
         raise BadMessage(f"{len(message.data)} characters: at most {longest}")
     try:
-        found = json.loads(message.data)
+        content = json.loads(message.data)
     except (ValueError, RecursionError):
         raise BadMessage("no JSON") from None
-    if not isinstance(found, dict):
+    if not isinstance(content, dict):
         raise BadMessage("no JSON object")
-    return found
+    return content

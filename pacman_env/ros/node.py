@@ -1,4 +1,4 @@
-"""The life of every node: start, parameters, configuration, troubles, and a stop whose last messages arrive."""
+"""The life of every node: start, parameters, configuration, troubles, and a stop that delivers its last messages."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ from .surroundings import current
 from .topics import CONFIGURATION
 
 LAST_MESSAGES_S = 2.0  # for answers and acknowledgements together
-TEARDOWN_S = 5  # many participants that leave at once can hang inside FastDDS
-POLL_S = 0.2  # a signal is noticed this late at most
+TEARDOWN_S = 5  # many participants that leave together can hang inside FastDDS
+POLL_S = 0.2  # longest delay until a signal is noticed
 BAD_START = 2  # exit status
-_LONGEST = 100_000  # characters of a configuration that is read
-_LISTED = 5  # differing fields that are named
+_LONGEST = 100_000  # most characters of a configuration
+_LISTED = 5  # most differing fields in a message
 _MADV_DONTNEED = 4  # Linux
-_LAPSE_S = 5.0  # longer than the period of every check and of every report
+_LAPSE_S = 5.0  # longer than the period of all checks and reports
 
 Value = TypeVar("Value", bool, int, float, str)
 
@@ -57,46 +57,46 @@ class BaseNode(Node):
         self.surroundings = current()
         super().__init__(name, **{**self.surroundings.options(), **options})
         self.once = Once(self.get_logger(), self.now_s)
-        self.status: int | None = None  # with which the node ends by itself, None while it runs
-        self.silent = False  # the node ends without its last messages
+        self.status: int | None = None  # exit status, None while the node runs
+        self.silent = False  # if True, the node ends without its last messages
         self._latest_s = 0.0
-        self._set_back_s = 0.0  # by how much the clock was, in all
+        self._set_back_s = 0.0  # total time by which the clock was set back
 
     def create_subscription(self, kind: Any, topic: str, callback: Any, qos_profile: Any, **options: Any) -> Any:
-        """As rclpy's; the node's surroundings may have the middleware keep more messages than the profile asks for."""
+        """Create a subscription; lock-step surroundings may queue more messages than the profile."""
         sub = super().create_subscription(kind, topic, callback, self.surroundings.kept(qos_profile), **options)
         if isinstance(qos_profile, QoSProfile):
             sub.qos_profile = qos_profile
         return sub
 
     def create_publisher(self, *arguments: Any, **options: Any) -> Any:
-        return self._made(super().create_publisher(*arguments, **options))
+        return self._register(super().create_publisher(*arguments, **options))
 
     def create_client(self, *arguments: Any, **options: Any) -> Any:
-        return self._made(super().create_client(*arguments, **options))
+        return self._register(super().create_client(*arguments, **options))
 
     def create_service(self, *arguments: Any, **options: Any) -> Any:
-        return self._made(super().create_service(*arguments, **options))
+        return self._register(super().create_service(*arguments, **options))
 
-    def _made(self, entity: Any) -> Any:
+    def _register(self, entity: Any) -> Any:
         self.surroundings.watch(entity)
         return entity
 
     def destroy_node(self) -> None:
-        """As rclpy's, which forgets the ends of actions: while anything refers to them, the node is not gone."""
+        """Destroy the node and its action clients and servers, whose references would keep it alive."""
         for waitable in [one for one in self.waitables if isinstance(one, ActionServer | ActionClient)]:
             waitable.destroy()
         super().destroy_node()
 
     def now_s(self) -> float:
-        """The node's time, s, to measure how long something takes: it continues where the clock is set back."""
+        """Return the node's time, s, for measuring durations: it continues if the clock is set back."""
         now_s = float(self.get_clock().now().nanoseconds) * 1e-9
         self._set_back_s += max(0.0, self._latest_s - now_s)
         self._latest_s = now_s
         return now_s + self._set_back_s
 
     def listen(self, topic: Any, handle: Callable[[Any], object], trouble: str) -> Any:
-        """A subscription; what ``handle`` raises as BadMessage is logged once, as that kind of trouble."""
+        """Subscribe; a BadMessage that ``handle`` raises is logged once, as this kind of trouble."""
 
         def receive(message: Any) -> None:
             try:
@@ -107,31 +107,31 @@ class BaseNode(Node):
         return topic.subscription(self, receive)
 
     def refuse(self, reason: str) -> None:
-        """End as a node that cannot be started does, without last messages: the others continue their game."""
+        """End like a node that cannot start, without last messages, so that the others continue their game."""
         print(f"{self.get_name()}: {reason}", file=sys.stderr, flush=True)
         self.status, self.silent = BAD_START, True
 
     def last_messages(self) -> Iterable[Any]:
-        """Publish stop, lights off and the like before the context is shut down; the end waits for the futures."""
+        """Publish stop, lights off and the like before shutdown, and return futures to wait for."""
         return ()
 
 
 class GameNode(BaseNode):
-    """A node that plays by a configuration, which it publishes and compares with that of every other."""
+    """Node with a configuration, which it publishes and compares with the configuration of all other nodes."""
 
-    config: Config  # of the parameters preset, execution and settings
-    map: OccupancyMap  # of the parameter map_yaml
+    config: Config  # from the parameters preset, execution and settings
+    map: OccupancyMap  # from the parameter map_yaml
 
     def __init__(self, name: str, *, with_map: bool = False, **options: Any) -> None:
         super().__init__(name, **options)
-        preset = parameter(self, "preset", "robot", f"the configuration: one of {', '.join(PRESETS)}")
-        execution = parameter(self, "execution", "robust", f"of Algorithm 4: one of {', '.join(EXECUTIONS)}")
-        text = "fields of the configuration that differ from those, each name=value"
+        preset = parameter(self, "preset", "robot", f"configuration: one of {', '.join(PRESETS)}")
+        execution = parameter(self, "execution", "robust", f"rules of Algorithm 4: one of {', '.join(EXECUTIONS)}")
+        text = "fields of the configuration that differ from preset and execution, each name=value"
         descriptor = ParameterDescriptor(description=text, read_only=True)
         settings = self.declare_parameter("settings", Parameter.Type.STRING_ARRAY, descriptor).value or ()
         self.config = make_config(preset, execution, **parse_settings(settings))
         if with_map:
-            self.map = load_map(parameter(self, "map_yaml", "", "YAML file of the map, or the name of a shipped one"))
+            self.map = load_map(parameter(self, "map_yaml", "", "YAML file of the map, or the name of a built-in map"))
         self._plays: dict[str, Any] = {
             "node": name,
             "acts": self.acts(),
@@ -143,14 +143,14 @@ class GameNode(BaseNode):
         self._configuration = CONFIGURATION.publisher(self)
         self.listen(CONFIGURATION, self._compare, "bad configuration")
         self._configuration.publish(CONFIGURATION.type(data=json.dumps(self._plays)))
-        self._differing: dict[str, str] = {}  # nodes that play by another configuration, by trouble
+        self._differing: dict[str, str] = {}  # nodes with another configuration, by trouble
 
     def acts(self) -> bool:
-        """Whether only one such node may run: the later of two is refused."""
+        """Return True if only one such node may run: the later one is refused."""
         return True
 
     def _compare(self, message: Any) -> None:
-        """Log by which fields another node differs, once for each node; again only after they agreed."""
+        """Log the fields in which another node differs, once per node and again only after they agreed."""
         own = self._plays
         try:
             other = json.loads(message.data[:_LONGEST])
@@ -163,14 +163,14 @@ class GameNode(BaseNode):
             where = self.get_namespace()
             self.refuse(f"another {node} plays in {where} already: {process_words(other)}")
             return
-        found = differences(configuration, own["configuration"])
+        fields_differ = differences(configuration, own["configuration"])
         if map != own["map"] and None not in (map, own["map"]):
-            found["map"] = map, own["map"]
+            fields_differ["map"] = map, own["map"]
         trouble = f"configuration of {node}"
-        if not found:
+        if not fields_differ:
             self._agrees(trouble)
             return
-        fields = [f"{name} {there}, here {here}" for name, (there, here) in found.items()]
+        fields = [f"{name} {theirs}, here {ours}" for name, (theirs, ours) in fields_differ.items()]
         more = [f"{len(fields) - _LISTED} fields more"] if len(fields) > _LISTED else []
         text = "; ".join([*fields[:_LISTED], *more])
         self._differing[trouble] = node
@@ -181,22 +181,22 @@ class GameNode(BaseNode):
             self.once.over(trouble)
 
     def troubles(self) -> dict[str, int]:
-        """Those that are not over, and how often each was found."""
+        """Return the current troubles and how often each occurred."""
         if self._differing:
-            there = {info.node_name for info in self.get_publishers_info_by_topic(self._configuration.topic_name)}
-            for trouble in [trouble for trouble, node in self._differing.items() if node not in there]:
+            names = {info.node_name for info in self.get_publishers_info_by_topic(self._configuration.topic_name)}
+            for trouble in [trouble for trouble, node in self._differing.items() if node not in names]:
                 self._agrees(trouble)
         return self.once.counts
 
 
 def process_of(message: Any) -> dict[str, Any] | None:
-    """The JSON in a String that describes the process of its sender; None if it does not."""
+    """Read the JSON that describes the process of a String's sender; None if it is invalid."""
     try:
-        found = json.loads(message.data[:_LONGEST])
-        started(found)
+        content = json.loads(message.data[:_LONGEST])
+        started(content)
     except (ValueError, TypeError, LookupError, RecursionError):
         return None
-    return dict(found)
+    return dict(content)
 
 
 def process_words(plays: Mapping[str, Any]) -> str:
@@ -205,47 +205,47 @@ def process_words(plays: Mapping[str, Any]) -> str:
 
 
 def started(plays: Mapping[str, Any]) -> tuple[float, str, int]:
-    """When, where and as which process; the earlier is less."""
+    """Return start, machine and number of a process; tuples sort by start."""
     started_s, host, number = plays["started"]
     return float(started_s), str(host)[:100], int(number)
 
 
 class Once:
-    """Logs each kind of trouble once and counts the rest, so that a bad peer cannot fill the log.
+    """Log each kind of trouble once and count the rest, so that a bad peer cannot fill the log.
 
-    A trouble is over 5 s (of ``now_s``) after it was last found, or when its finder calls ``over``.
+    A trouble is over 5 s (of ``now_s``) after its last occurrence, or when ``over`` is called.
     """
 
     def __init__(self, logger: Any, now_s: Callable[[], float]) -> None:
         self._logger, self._now_s = logger, now_s
         self._counts: Counter[str] = Counter()
         self._ends_s: dict[str, float] = {}
-        self.texts: dict[str, str] = {}  # the newest of each
+        self.texts: dict[str, str] = {}  # newest text of each trouble
 
     @property
     def counts(self) -> dict[str, int]:
-        """How often each trouble that is not over was found."""
+        """Number of occurrences of each current trouble."""
         now_s = self._now_s()
         for key in [key for key, end_s in self._ends_s.items() if end_s < now_s]:
             self.over(key)
         return dict(self._counts)
 
     def warning(self, key: str, text: str) -> None:
-        """For what is found again as long as it lasts, or lasts no time."""
-        self._found(key, text, self._now_s() + _LAPSE_S)
+        """Report a trouble that is reported again while it lasts, or that does not last."""
+        self._add(key, text, self._now_s() + _LAPSE_S)
 
     def begin(self, key: str, text: str) -> None:
-        """For what lasts until ``over``, though it is not found again."""
-        self._found(key, text, math.inf)
+        """Report a trouble that lasts until ``over``, without being reported again."""
+        self._add(key, text, math.inf)
 
-    def _found(self, key: str, text: str, end_s: float) -> None:
+    def _add(self, key: str, text: str, end_s: float) -> None:
         if key not in self.counts:
             self._logger.warning(text)
         self._counts[key] += 1
         self._ends_s[key], self.texts[key] = end_s, text
 
     def over(self, key: str) -> None:
-        """The trouble has ended, which is logged if there was any; the next one is logged again."""
+        """End a trouble and log its end, if it occurred; the next occurrence is logged again."""
         count = self._counts.pop(key, 0)
         self._ends_s.pop(key, None)
         self.texts.pop(key, None)
@@ -261,7 +261,7 @@ class Once:
 def parameter(
     node: Any, name: str, default: Value, description: str, low: float | None = None, high: float | None = None
 ) -> Value:
-    """Declare a parameter that is read once, at the start, and return its value; its type is that of the default."""
+    """Declare a parameter that is read once, at the start, and return its value; the default decides its type."""
     descriptor = ParameterDescriptor(description=description, read_only=True)
     if low is not None and high is not None:
         if isinstance(default, float):
@@ -272,19 +272,19 @@ def parameter(
         accept_integers(node, name)
     value: Value = node.declare_parameter(name, default, descriptor).value
     if isinstance(value, float) and not math.isfinite(value):
-        raise ValueError(f"parameter {name} = {value}: must be finite")  # one without a range may be anything
+        raise ValueError(f"parameter {name} = {value}: must be finite")  # without a range any float is accepted
     return value
 
 
 def node_class(name: str) -> type[BaseNode]:
-    """The class of a node of a game, by the node's name."""
+    """Return the class of one of the game's nodes by the node's name."""
     module = importlib.import_module(module_of(name))
     kinds = [one for one in vars(module).values() if isinstance(one, type) and issubclass(one, BaseNode)]
     return next(kind for kind in kinds if kind.__module__ == module.__name__)
 
 
 class Stop:
-    """SIGINT and SIGTERM ask for the end within the block; with ``breaks_off`` they also raise KeyboardInterrupt."""
+    """Context in which SIGINT and SIGTERM set ``asked``; with ``breaks_off`` they also raise KeyboardInterrupt."""
 
     def __init__(self, breaks_off: bool = False) -> None:
         self.asked = False
@@ -305,25 +305,25 @@ class Stop:
 
 
 def run(make: Callable[[], BaseNode], name: str, argv: Sequence[str] | None = None, stopped: int = 0) -> int:
-    """Make the node and spin it in the main thread until a signal or its own end; then its last messages and shutdown.
+    """Spin a node in the main thread until a signal or its own end, then send its last messages and shut down.
 
-    The exit status is ``stopped`` after a signal, the node's own (75 after a standstill), or 2 if it cannot be made.
+    Returns ``stopped`` after a signal, otherwise the node's status (75 after a standstill); 2 if it cannot be created.
     """
     return run_together((make,), name, list(sys.argv[1:] if argv is None else argv), stopped)
 
 
 def run_together(makes: Iterable[Callable[[], BaseNode]], name: str, arguments: list[str], stopped: int = 0) -> int:
-    """As :func:`run` for several nodes in one thread: the end of one of them is the end of all."""
+    """Run several nodes in one thread, like :func:`run`; the end of one node ends all."""
     nodes: list[BaseNode] = []
-    made = False
-    # A client that is gone before the response is no reason to end, even where warnings are errors.
+    running = False
+    # A client that ends before its response is no error, even if warnings are errors.
     warnings.filterwarnings("ignore", "failed to send response", RuntimeWarning)
     with Stop(breaks_off=True) as stop:
         try:
-            unknown = remove_ros_args(arguments)
-            if unknown:
+            extra = remove_ros_args(arguments)
+            if extra:
                 raise ValueError(
-                    f"unknown arguments {' '.join(unknown)}: parameters are given as --ros-args -p NAME:=VALUE"
+                    f"unknown arguments {' '.join(extra)}: parameters are given as --ros-args -p NAME:=VALUE"
                 )
             if simulated(arguments):
                 stay_on_this_machine()
@@ -334,13 +334,13 @@ def run_together(makes: Iterable[Callable[[], BaseNode]], name: str, arguments: 
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
             for make in makes:
                 nodes.append(make())
-            made, stop.breaks_off = True, False
+            running, stop.breaks_off = True, False
             settle()
             _spin(nodes, stop, longest_s)
         except KeyboardInterrupt:
-            pass  # there is no node yet that has last messages
+            pass  # no node with last messages exists yet
         except (ValueError, OSError, ParameterException, rclpy_implementation.RCLError) as error:
-            if made:
+            if running:
                 raise
             print(f"{name}: {error}", file=sys.stderr)
             return BAD_START
@@ -355,7 +355,7 @@ def run_together(makes: Iterable[Callable[[], BaseNode]], name: str, arguments: 
 
 
 def _spin(nodes: Sequence[BaseNode], stop: Stop, longest_s: float) -> None:
-    """Spin until the end; then let the node publish its last messages, and its peers receive them."""
+    """Spin until the end, then let the nodes publish their last messages and wait for their delivery."""
     executor = SingleThreadedExecutor()
     for node in nodes:
         executor.add_node(node)
@@ -380,19 +380,19 @@ def _spin(nodes: Sequence[BaseNode], stop: Stop, longest_s: float) -> None:
 
 
 def settle() -> int:
-    """Release the memory that only the start needed; the number of mappings released."""
+    """Release memory that only the start needed, and return the number of released mappings."""
     gc.collect()
-    gc.freeze()  # else a pass takes 10 ms, with a compiler's tables
+    gc.freeze()  # otherwise a collection takes 10 ms because of a compiler's tables
     if sys.platform != "linux":
         return 0
     madvise = ctypes.CDLL(None).madvise
     madvise.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
-    # Pages of libraries' code, above all LLVM's; those that are needed again come from the page cache.
+    # Code pages of libraries, above all LLVM; pages that are needed again come from the page cache.
     return sum(madvise(start, size, _MADV_DONTNEED) == 0 for start, size in list(_code()))
 
 
 def _code() -> Iterator[tuple[int, int]]:
-    """Address and size (bytes) of mappings of files' code, without code compiled at run time."""
+    """Yield address and size (bytes) of mapped code files, without code compiled at run time."""
     for line in Path("/proc/self/maps").read_text().splitlines():
         addresses, permissions, _, _, inode, *_ = line.split(maxsplit=5)
         if permissions == "r-xp" and inode != "0":
@@ -401,7 +401,7 @@ def _code() -> Iterator[tuple[int, int]]:
 
 
 class Observer(Node):
-    """A node beside a game: it works while it is spun, in a context of its own, which ``close`` shuts down."""
+    """Node that observes a game while it is spun, in a context of its own, which ``close`` shuts down."""
 
     def __init__(self, name: str, namespace: str, domain: int | None = None, **options: Any) -> None:
         avoid_shared_memory()
@@ -426,7 +426,7 @@ class Observer(Node):
         self._executor.spin_once(timeout_sec=timeout_s)
 
     def spin_until(self, condition: Callable[[], object], timeout_s: float) -> bool:
-        """Whether the condition holds before the time is over."""
+        """Return True if the condition becomes true within ``timeout_s``."""
         end = time.monotonic() + timeout_s
         while not (holds := bool(condition())) and time.monotonic() < end:
             self.spin(0.05)

@@ -1,4 +1,4 @@
-"""The operator's stop: one request that every node which moves the robot obeys, and that outlives its sender.
+"""The operator's stop: a request that every node which moves the robot obeys, and that outlives its sender.
 
 It is JSON on a latched topic: ``stopped``, ``at``, ``who``, ``by`` (the publishing node)."""
 
@@ -12,32 +12,32 @@ from .surroundings import current
 from .topics import OPERATOR_STOP
 
 _LONGEST = 1000  # characters
-_MOST = 100  # nodes that are remembered
+_MOST = 100  # largest number of stored nodes
 _LATEST = 2**62  # ns
-_INSISTS_S = 2.0  # a release received so soon after one's own stop was sent before it, by a clock that is ahead
+_INSISTS_S = 2.0  # an earlier release from a clock that is ahead may still arrive in this time after one's own stop
 
 
 class OperatorStop:
-    """Receives and publishes the request for one node, a ``BaseNode`` or any with ``listen``.
+    """Receive and publish the request for one node, a ``BaseNode`` or any with ``listen``.
 
-    A node that obeys publishes again what it has received: the request holds for nodes that start later, when its
-    sender is gone. Of two requests the later counts, by ``at``: nanoseconds of the wall's clock, but always more than
-    what was received before, so that a release counts where clocks differ; of two at the same time, the stop.
+    A node that obeys publishes received requests again, so that nodes started later get them even if the sender is
+    gone. The later request by ``at`` counts; of two at the same time, the stop. ``at`` is wall time in ns, but always
+    more than the last received value, so that a release counts even if clocks differ.
     """
 
     def __init__(self, node: Any, changed: Callable[[bool, str], None] | None = None, obeys: bool = True) -> None:
         self._surroundings = current()
         self._changed, self._obeys = changed, obeys
         self._by = node.get_fully_qualified_name()
-        self._received: dict[str, tuple[int, bool]] = {}  # by other node: its last request
+        self._received: dict[str, tuple[int, bool]] = {}  # other node: its last request
         self._lock = threading.RLock()
-        self._last = (0, False)  # when (ns), and whether the robot is to stand
-        self._insists_s = 0.0  # until when
+        self._last = (0, False)  # time (ns), and True for a stop
+        self._insists_s = 0.0  # until this time later releases are ignored
         self.who = ""
         self._publisher = OPERATOR_STOP.publisher(node)
         self._subscription = node.listen(OPERATOR_STOP, self._on_message, "bad stop")
         if obeys:
-            self._publish()  # the sender of a stop sees that it is obeyed
+            self._publish()  # tells the sender of a stop that this node obeys
 
     @property
     def stopped(self) -> bool:
@@ -45,23 +45,23 @@ class OperatorStop:
 
     @property
     def known(self) -> bool:
-        """Whether any other node has published a request."""
+        """True if any other node has published a request."""
         return bool(self._received)
 
     @property
     def obeyed_by(self) -> list[str]:
-        """The other nodes that have published the last request again."""
+        """The other nodes that have repeated the last request."""
         with self._lock:
             return sorted(by.rpartition("/")[2] for by, request in self._received.items() if request == self._last)
 
     @property
     def obeyed_by_all(self) -> bool:
-        """Whether every other node that has published any request has published the last one."""
+        """True if all other nodes that have published a request have published the last one."""
         with self._lock:
             return all(request == self._last for request in self._received.values())
 
     def request(self, stopped: bool, who: str) -> None:
-        """Stop or release, from any thread."""
+        """Stop or release the robot; may be called in any thread."""
         with self._lock:
             self._insists_s = self._surroundings.monotonic() + _INSISTS_S if stopped else 0.0
             self._apply((max(self._surroundings.time_ns(), self._last[0] + 1), stopped), who)
@@ -100,11 +100,11 @@ class OperatorStop:
 
 
 def _request_of(message: Any, now_ns: int, last_ns: int) -> tuple[tuple[int, bool], str, str]:
-    """When and whether the robot is to stand; who requested it; which node publishes it."""
+    """Parse a request: its time and True for a stop; who requested it; which node publishes it."""
     text = message.data
     if len(text) > _LONGEST:
         raise BadMessage(f"{len(text)} characters: at most {_LONGEST}")
-    if text.strip().lower() == "stop":  # by ROS's own tools
+    if text.strip().lower() == "stop":  # published by hand with ROS's tools
         return (max(now_ns, last_ns + 1), True), "another program", ""
     try:
         content = json.loads(text)

@@ -1,6 +1,6 @@
-"""All uses of rclpy's private attributes, as rclpy 7 (ROS 2 Jazzy) has them.
+"""All uses of rclpy's private attributes, for rclpy 7 (ROS 2 Jazzy).
 
-Lock-step cannot do without them and refuses other versions; nodes in processes of their own do without what is absent.
+Lock-step needs the attributes and refuses other versions; nodes in separate processes also work without them.
 """
 
 from importlib import metadata
@@ -14,36 +14,36 @@ KNOWN_MAJOR = "7"
 
 
 def require_known_version() -> None:
-    """Raise ValueError if rclpy says that it is another version than the one whose private attributes are known."""
+    """Raise ValueError if rclpy reports a version whose private attributes are not known."""
     try:
         version = metadata.version("rclpy")
-    except metadata.PackageNotFoundError:  # built without metadata: the attributes are tried
+    except metadata.PackageNotFoundError:  # built without metadata: try the attributes
         return
     if version.partition(".")[0] != KNOWN_MAJOR:
         raise ValueError(f"lock-step: needs rclpy {KNOWN_MAJOR} (ROS 2 Jazzy), here is rclpy {version}")
 
 
-# Of any node
+# For all nodes
 
 
 def accept_integers(node: Any, name: str) -> None:
-    """``speed:=4`` is an integer, or an array of them, for ROS: have it mean 4.0 before the parameter is declared."""
-    overrides = getattr(node, "_parameter_overrides", {})  # without them rclpy refuses the integer in words of its own
-    given = overrides.get(name)
-    if given is not None and given.type_ is Parameter.Type.INTEGER:
-        overrides[name] = Parameter(name, Parameter.Type.DOUBLE, float(given.value))
-    elif given is not None and given.type_ is Parameter.Type.INTEGER_ARRAY:
-        overrides[name] = Parameter(name, Parameter.Type.DOUBLE_ARRAY, [float(n) for n in given.value])
+    """Accept ``speed:=4`` as 4.0, and integer arrays as float arrays; call this before declaring the parameter."""
+    overrides = getattr(node, "_parameter_overrides", {})  # without the attribute rclpy refuses the integer
+    override = overrides.get(name)
+    if override is not None and override.type_ is Parameter.Type.INTEGER:
+        overrides[name] = Parameter(name, Parameter.Type.DOUBLE, float(override.value))
+    elif override is not None and override.type_ is Parameter.Type.INTEGER_ARRAY:
+        overrides[name] = Parameter(name, Parameter.Type.DOUBLE_ARRAY, [float(n) for n in override.value])
 
 
 def destroy_state_machine(node: Any) -> None:
-    """Destroy what would keep a lifecycle node and its logger's name after ``destroy_node``."""
+    """Destroy the state machine, which would keep a lifecycle node and its logger's name after ``destroy_node``."""
     machine = getattr(node, "_state_machine", None)
     if machine is not None:
         machine.destroy_when_not_in_use()
 
 
-# Of lock-step alone
+# For lock-step only
 
 
 def activate_ros_time(clock: Any) -> None:
@@ -51,7 +51,7 @@ def activate_ros_time(clock: Any) -> None:
 
 
 def takes_message_alone(sub: Subscription) -> bool:
-    """Whether the callback takes the message without its times."""
+    """Return True if the callback takes the message without its timestamps."""
     return sub._callback_type is Subscription.CallbackType.MessageOnly
 
 
@@ -60,12 +60,12 @@ def has_goals(server: ActionServer) -> bool:
 
 
 def expire_goals(server: ActionServer) -> Any:
-    """Forget the goals that ended 15 minutes ago, and return them; rcl raises an error for a server without goals."""
+    """Remove and return goals that ended 15 minutes ago; rcl raises an error for a server without goals."""
     return server._handle.expire_goals(len(server._goal_handles)) if has_goals(server) else ()
 
 
-#: Flags of rclpy's ends of actions, which a wait set would set. A wait set takes a millisecond each time, an attempt to
-#: take what is not there a microsecond.
+#: Flags of rclpy's action clients and servers that a wait set would set. A wait set takes a millisecond each time; an
+#: attempt to take missing data takes a microsecond.
 _READY = {
     ActionServer: ("_is_goal_request_ready", "_is_cancel_request_ready", "_is_result_request_ready"),
     ActionClient: (
@@ -76,7 +76,7 @@ _READY = {
 
 
 def mark_ready(waitable: ActionServer | ActionClient) -> None:
-    """Have ``take_data`` try everything that may have come for an action's end."""
+    """Make ``take_data`` try everything that an action client or server may have received."""
     if isinstance(waitable, ActionServer):
         waitable._is_goal_expired = False
     for flag in _READY[type(waitable)]:
@@ -84,7 +84,7 @@ def mark_ready(waitable: ActionServer | ActionClient) -> None:
 
 
 def run_callbacks_in(executor: Any, *futures: Any) -> None:
-    """Have futures call back by an executor of ours."""
+    """Run the callbacks of futures in an executor of this package."""
     for future in futures:
         future._set_executor(executor)
 

@@ -1,6 +1,6 @@
-"""Notices that a process stood still for longer than the middleware's lease, as when a laptop slept.
+"""Detect that a process stood still for longer than the middleware's lease, for example on a sleeping laptop.
 
-Fast DDS discovers such a participant again, but not always its endpoints (its issues 155, 457): it must start anew."""
+Fast DDS discovers such a participant again, but not always its endpoints (its issues 155, 457), so it must restart."""
 
 import math
 import os
@@ -10,12 +10,12 @@ import time
 LEASE = "PACMAN_ENV_LEASE_S"  # environment variable
 DEFAULT_LEASE_S = 20.0  # Fast DDS's leaseDuration
 STOOD_STILL = 75  # exit status: EX_TEMPFAIL of sysexits.h
-_CHECKS = 8  # in the time of a lease
+_CHECKS = 8  # per lease
 _CLOCK = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)  # Linux's runs while the machine sleeps
 
 
 def lease_s() -> float:
-    """After so much silence (s) others remove a node, by the middleware's profile."""
+    """Return the time of silence, s, after which other nodes drop a node (the middleware profile's lease)."""
     text = os.environ.get(LEASE, "")
     try:
         seconds = float(text) if text else DEFAULT_LEASE_S
@@ -27,7 +27,7 @@ def lease_s() -> float:
 
 
 class Standstill:
-    """A thread that reads the clock, whatever else the process computes; up to ``lease_s`` does no harm."""
+    """Thread that measures standstills of the process, whatever it computes; up to ``lease_s`` they are harmless."""
 
     def __init__(self, lease_s: float) -> None:
         self._lease_s = lease_s
@@ -36,15 +36,15 @@ class Standstill:
         threading.Thread(target=self._watch, daemon=True).start()
 
     def __bool__(self) -> bool:
-        """Whether others have removed this process."""
+        """Return True if other nodes have dropped this process."""
         return self.longest_s > self._lease_s
 
     def close(self) -> None:
         self._end.set()
 
     def _watch(self) -> None:
-        before_s = time.clock_gettime(_CLOCK)
+        last_s = time.clock_gettime(_CLOCK)
         while not self._end.wait(self._lease_s / _CHECKS):
             now_s = time.clock_gettime(_CLOCK)
-            self.longest_s = max(self.longest_s, now_s - before_s)
-            before_s = now_s
+            self.longest_s = max(self.longest_s, now_s - last_s)
+            last_s = now_s

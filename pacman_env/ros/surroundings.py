@@ -1,4 +1,4 @@
-"""What a node uses of its process: the wall's clock, the process's identity, unique ids.
+"""What a node uses of its process: the wall clock, the identity of the process, unique ids.
 
 Nodes of a lock-step game (``lock_step/``) share a process with a simulated wall clock and ids drawn from a seed."""
 
@@ -20,17 +20,17 @@ _POLL_S = 0.02  # between two evaluations of a condition
 
 
 class Surroundings:
-    #: The process makes the steps of the simulated robot: the node has no timer of its own for them.
+    #: True if the process steps the simulated robot, which then has no timer of its own.
     lock_step = False
 
     def options(self) -> dict[str, Any]:
         return {}
 
     def watch(self, entity: Any) -> None:
-        """Called with each publisher, client and service of the node, once it is made."""
+        """Receive each new publisher, client and service of the node."""
 
     def kept(self, qos_profile: QoSProfile | int) -> QoSProfile | int:
-        """The profile with which the middleware keeps messages for a subscription of this profile."""
+        """Return the profile with which the middleware queues messages for a subscription of this profile."""
         return qos_profile
 
     def monotonic(self) -> float:
@@ -43,11 +43,11 @@ class Surroundings:
         return time.perf_counter()
 
     def clock(self) -> Clock:
-        """The wall's clock, for timers."""
+        """Return the wall clock, for timers."""
         return Clock(clock_type=ClockType.STEADY_TIME)
 
     def wait_for(self, condition: Callable[[], object], limit_s: float) -> bool:
-        """Whether the condition holds within so long, s; not to be called in the node's thread."""
+        """Return True if the condition becomes true within ``limit_s``; do not call this in the node's thread."""
         end_s = self.monotonic() + limit_s
         while not condition():
             if self.monotonic() > end_s:
@@ -56,14 +56,14 @@ class Surroundings:
         return True
 
     def process(self) -> list[Any]:
-        """What identifies this process: when it started (s since 1970), on which machine, its number."""
+        """Identify this process: its start (s since 1970), its machine and its number."""
         return [time.time(), socket.gethostname(), os.getpid()]
 
     def new_id(self) -> bytes:
         return uuid.uuid4().bytes
 
     def new_seed(self) -> int:
-        """31 bits, for what is to differ from game to game."""
+        """Return 31 random bits, for values that differ from game to game."""
         return secrets.randbelow(2**31)
 
 
@@ -71,7 +71,7 @@ _CURRENT = ContextVar("surroundings", default=Surroundings())  # noqa: B039 - it
 
 
 def current() -> Surroundings:
-    """To be called while a node is made."""
+    """Return the surroundings; call this while a node is created."""
     return _CURRENT.get()
 
 

@@ -1,6 +1,6 @@
-"""Names, types and QoS of everything that the nodes exchange, and the words on the topics.
+"""Names, types and QoS of all topics, services and actions of the nodes, and the words on the topics.
 
-Names are relative to a node's namespace. A type is imported when its topic is first used, so others may be missing."""
+Names are relative to a node's namespace. A type is imported at its first use, so other packages may be missing."""
 
 import importlib
 from collections.abc import Callable
@@ -25,13 +25,13 @@ def _qos(depth: int, *, latched: bool = False, best_effort: bool = False) -> QoS
 
 
 LATCHED = _qos(1, latched=True)
-#: Commands come in bursts, of which a depth of 1 keeps only the last; nodes with the original's depth are compatible.
+#: Commands come in bursts, of which a depth of 1 keeps only the last; the original's depth of 1 is compatible.
 COMMANDS = _qos(32, latched=True)
-#: Of subscriptions to latched topics: with a depth of 1, another message that follows closely replaces the true one
+#: For subscriptions to latched topics: with a depth of 1, a second message right after the first would replace it
 #: before it is read.
 RECEIVED_LATCHED = _qos(10, latched=True)
 EVENTS = _qos(10)
-#: A subscriber that was absent receives all of a round: its pellets and its end.
+#: A late subscriber receives all reports of a round: its pellets and its end.
 REPORTS = _qos(200)
 SENSOR_DATA = _qos(5, best_effort=True)
 TRANSFORMS = _qos(100)
@@ -76,7 +76,7 @@ class Service(_Interface):
 
 
 class FeedbackTopic(Topic):
-    """Of an action's feedback, of which only the newest is of interest."""
+    """Topic of an action's feedback, of which only the newest message matters."""
 
     kind = "action"
 
@@ -90,7 +90,7 @@ class RosAction(_Interface):
 
     @property
     def statuses(self) -> Topic:
-        """With the statuses of all goals that the server still lists."""
+        """Topic with the statuses of all goals that the server still lists."""
         return Topic(f"{self.name}/_action/status", "action_msgs/GoalStatusArray", LATCHED)
 
     @property
@@ -101,20 +101,20 @@ class RosAction(_Interface):
         return node.create_client(self.type.Impl.SendGoalService, f"{self.name}/_action/send_goal", **options)
 
     def result_client(self, node: Any, **options: Any) -> Any:
-        """For the service that responds when a goal has ended."""
+        """Create a client of the service that responds when a goal has ended."""
         return node.create_client(self.type.Impl.GetResultService, f"{self.name}/_action/get_result", **options)
 
     def cancel_client(self, node: Any, **options: Any) -> Any:
-        """It cancels a goal by its id, accepted or not."""
+        """Create a client that cancels goals by id, accepted or not."""
         return node.create_client(CancelGoal, f"{self.name}/_action/cancel_goal", **options)
 
     def server(self, node: Any, execute: Callable[[Any], Any], **options: Any) -> Any:
         server = ActionServer(node, self.type, self.name, execute, **options)
-        server.statuses_name = node.resolve_topic_name(self.statuses.name)  # rclpy does not keep it
+        server.statuses_name = node.resolve_topic_name(self.statuses.name)  # rclpy does not store it
         return server
 
 
-#: JSON: what each node plays by (``node.py``); as deep as there are nodes, for a reader stores a topic's last alone.
+#: JSON: the configuration of each node (``node.py``); a reader has one queue for all nodes, so it must be deep.
 CONFIGURATION = Topic("game/configuration", "std_msgs/String", COMMANDS)
 GAME_STATE = Topic("game_state", "std_msgs/String", LATCHED)
 GAME_COMMAND = Topic("game_command", "std_msgs/String", COMMANDS)
@@ -126,10 +126,10 @@ ROUND = Topic("game/round", "std_msgs/Int32", LATCHED)
 BASE_CLYDE_SPEED = Topic("game/base_clyde_speed", "std_msgs/Float32", LATCHED)  # m/s
 CLYDE_SPEED = Topic("clyde/speed", "std_msgs/Float32", LATCHED)  # m/s
 
-#: JSON: nodes that do not do what the referee has asked them to, and what that is (``game/requests.py``).
+#: JSON: nodes that do not respond to the referee, and its request (``game/requests.py``).
 UNRESPONSIVE = Topic("game/unresponsive", "std_msgs/String", LATCHED)
 
-#: JSON: whether the robot is to stand whatever else is asked, by whose request and since when (``operator_stop.py``).
+#: JSON: whether the operator has stopped the robot, who did and when (``operator_stop.py``).
 OPERATOR_STOP = Topic("operator/stop", "std_msgs/String", LATCHED)
 
 PELLET_MARKERS = Topic("pellet_markers", "visualization_msgs/MarkerArray", EVENTS)
@@ -138,7 +138,7 @@ GHOST_POSES = tuple(Topic(f"{name}_pose", "geometry_msgs/PoseStamped", EVENTS) f
 CLYDE_POSE = GHOST_POSES[0]
 CLYDE_MARKER = Topic("clyde_marker", "visualization_msgs/Marker", EVENTS)
 CLYDE_OBSTACLE = Topic("clyde_obstacle", "sensor_msgs/PointCloud2", EVENTS)
-CLYDE_TRAIL = Topic("clyde_trail", "sensor_msgs/PointCloud2", EVENTS)  # what costmaps clear again: ghost_trail.py
+CLYDE_TRAIL = Topic("clyde_trail", "sensor_msgs/PointCloud2", EVENTS)  # points that costmaps clear: ghost_trail.py
 CLICKED_POINT = Topic("clicked_point", "geometry_msgs/PointStamped", EVENTS)  # places Clyde before a round
 GAME_EVENT = Topic("game_event", "std_msgs/String", EVENTS)
 GAME_STATUS = Topic("game_status", "std_msgs/String", REPORTS)
@@ -150,12 +150,12 @@ CMD_VEL = Topic("cmd_vel", "geometry_msgs/TwistStamped", EVENTS)
 MAP = Topic("map", "nav_msgs/OccupancyGrid", LATCHED)
 AMCL_POSE = Topic("amcl_pose", "geometry_msgs/PoseWithCovarianceStamped", LATCHED)
 INITIAL_POSE = Topic("initialpose", "geometry_msgs/PoseWithCovarianceStamped", EVENTS)
-#: Where a simulated robot's odometry began, in the map: with the odometry, where it truly is.
+#: Start of a simulated robot's odometry in the map; start and odometry give its true pose.
 SIMULATED_ORIGIN = Topic("sim/origin", "geometry_msgs/PoseStamped", LATCHED)
 SIMULATED_POSE = Topic("sim/true_pose", "geometry_msgs/PoseStamped", EVENTS)
 PLAN = Topic("plan", "nav_msgs/Path", EVENTS)
 ODOMETRY = Topic("odom", "nav_msgs/Odometry", SENSOR_DATA)
-#: As a base alone publishes it: some middlewares take the default of Nav2's subscriptions for reliable.
+#: Odometry of a base alone: some middlewares treat the default of Nav2's subscriptions as reliable.
 RELIABLE_ODOMETRY = Topic("odom", "nav_msgs/Odometry", _qos(10))
 BATTERY_STATE = Topic("battery_state", "sensor_msgs/BatteryState", _qos(5))
 DOCK_STATUS = Topic("dock_status", "irobot_create_msgs/DockStatus", _qos(5))
@@ -164,10 +164,10 @@ SCAN = Topic("scan", "sensor_msgs/LaserScan", SENSOR_DATA)
 TF = Topic("tf", "tf2_msgs/TFMessage", TRANSFORMS)
 TF_STATIC = Topic("tf_static", "tf2_msgs/TFMessage", STATIC_TRANSFORMS)
 CLOCK = Topic("/clock", "rosgraph_msgs/Clock", SENSOR_DATA)  # absolute, as rclpy subscribes to it
-CLOCK_OWNER = Topic("/clock_owner", "std_msgs/String", COMMANDS)  # JSON: which simulated robot gives the time
+CLOCK_OWNER = Topic("/clock_owner", "std_msgs/String", COMMANDS)  # JSON: the simulated robot that publishes the time
 
-#: What a goal selector publishes about itself (``selector/goal_scores.py``): the score of each candidate, as markers of
-#: one namespace; JSON: where the candidates lie, the terms of each at each decision, the node's condition.
+#: Messages of a goal selector about itself (``selector/goal_scores.py``): scores of candidates, as markers of one
+#: namespace; as JSON the candidates' positions, their terms at each decision, the node's diagnostics.
 SCORES = Topic("goal_selector/scores", "visualization_msgs/MarkerArray", EVENTS)
 SCORE_MARKERS = "scores"
 CANDIDATES = Topic("goal_selector/candidates", "std_msgs/String", LATCHED)
@@ -176,7 +176,7 @@ DIAGNOSTICS = Topic("goal_selector/diagnostics", "std_msgs/String", LATCHED)
 
 START_GAME = Service("game/start", "std_srvs/Trigger")
 RESET_GAME = Service("game/reset", "std_srvs/Trigger")
-CONTINUE = Service("goal_selector/continue", "std_srvs/Trigger")  # with the believed pose, after a jump
+CONTINUE = Service("goal_selector/continue", "std_srvs/Trigger")  # accepts the believed pose after a jump
 RESET_PELLETS = Service("reset_pellets", "std_srvs/Trigger")
 RESET_CLYDE = Service("reset_clyde", "std_srvs/Trigger")
 CLEAR_GLOBAL_COSTMAP = Service("global_costmap/clear_entirely_global_costmap", "nav2_msgs/ClearEntireCostmap")
@@ -186,7 +186,7 @@ DOCK = RosAction("dock", "irobot_create_msgs/Dock")
 UNDOCK = RosAction("undock", "irobot_create_msgs/Undock")
 PLAY_NOTES = RosAction("audio_note_sequence", "irobot_create_msgs/AudioNoteSequence")
 
-#: What else moves a TurtleBot 4, by name: Nav2's behaviours and other navigators, then the base's own motions.
+#: Names of other actions that move a TurtleBot 4: Nav2's behaviours and other navigators, then the base's motions.
 MOTIONS = (
     *("navigate_through_poses", "follow_waypoints", "spin", "backup", "drive_on_heading", "assisted_teleop"),
     *("dock_robot", "undock_robot"),
@@ -195,7 +195,7 @@ MOTIONS = (
 
 
 def motion_canceller(node: Any, name: str) -> Any:
-    """It cancels goals of an action whose type need not be installed."""
+    """Create a client that cancels goals of an action whose type need not be installed."""
     return node.create_client(CancelGoal, f"{name}/_action/cancel_goal")
 
 

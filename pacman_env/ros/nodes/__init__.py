@@ -1,1 +1,1 @@
-"""The nodes of the game, beside the goal selector; one module each."""
+"""The nodes of the game except the goal selector, one module each."""

@@ -24,7 +24,7 @@ class AudioNode(GameNode):
     def __init__(self) -> None:
         super().__init__(NAME)
         self._queue = SoundQueue(SOUNDS)
-        self._number = 0  # of the melody that sounds: answers about earlier ones come too late
+        self._number = 0  # number of the current melody; answers about earlier melodies are ignored
         self._player = _ACTION.client(self)
         self.listen(topics.GAME_SOUND, self._on_sound, "bad sound")
         self.create_timer(_TICK_S, self._tick)
@@ -49,7 +49,7 @@ class AudioNode(GameNode):
         notes = [
             AudioNote(frequency=frequency_hz(note), max_runtime=Duration(nanoseconds=round(seconds * 1e9)).to_msg())
             for note, seconds in SOUNDS[word].melody
-        ]  # in place of what sounds
+        ]  # replaces the current melody
         goal = _ACTION.type.Goal(iterations=1, note_sequence=AudioNoteVector(notes=notes, append=False))
         sent = self._player.send_goal_async(goal, goal_uuid=UUID(uuid=list(self.surroundings.new_id())))
         sent.add_done_callback(partial(self._on_answer, self._number))

@@ -1,7 +1,7 @@
 """Node ``clyde_ghost_node``: Clyde and the other ghosts on the map, as poses, markers and obstacles.
 
-Where they go and how they walk is the simulator's (``sim/core/ghosts.py``); here they get a clock and topics.
-Those that a policy moves see what the robot's policy sees.
+Targets and motion of ghosts are the simulator's (``sim/core/ghosts.py``); this node adds a clock and topics. Policies
+that move ghosts get the same situation as the robot's policy.
 """
 
 import math
@@ -29,18 +29,18 @@ from .ghost_trail import CostmapClearing, GhostTrail
 NAME = "clyde_ghost_node"
 _DIAMETER_M = 0.35  # of the marker; original
 _OBSTACLE_Z_M = 0.25  # where the costmap expects a ghost; original
-_LISTEN_S = 2.0  # of wall time: so long a new node waits for the robot's pose
-_CATCH_UP_S = 1.0  # of what a late timer has left out, at most so much is made up for
+_LISTEN_S = 2.0  # of wall time: a new node waits at most this time for the robot's pose
+_CATCH_UP_S = 1.0  # most time that is caught up after a late timer
 
 
 class ClydeGhostNode(GameNode):
-    """The ghosts, which move only while the game is running."""
+    """Node of the ghosts, which move only while the game is running."""
 
     def __init__(self) -> None:
         super().__init__(NAME, with_map=True)
-        seed = parameter(self, "seed", -1, "of all that is random; -1: another one at each start", -1, 2**31 - 1)
+        seed = parameter(self, "seed", -1, "random seed of the ghosts; -1: a new one at each start", -1, 2**31 - 1)
         text = (
-            "between two clearings of the whole global costmap at least, s; 0: never; the original's Nav2 file needs 5"
+            "shortest time between two clearings of the global costmap, s; 0: never; the original's Nav2 file needs 5"
         )
         clear_s = parameter(self, "clear_costmap_s", 0.0, text, 0.0, 3600.0)
         seed = self.surroundings.new_seed() if seed < 0 else seed
@@ -50,13 +50,13 @@ class ClydeGhostNode(GameNode):
         self._view = RobotView(assets, config, seed)
         self._pellets: Pellets | None = None
         self._decided_s, self._began_round_s = -math.inf, 0.0
-        self._stepped_s: float | None = None  # when the ghosts have moved last in this round
+        self._stepped_s: float | None = None  # time of the last step in this round
         self._owed_s = 0.0
         self._state = "menu"
         self._began_s = self.surroundings.monotonic()
-        self._home: Position | None = None  # the first pose there is, then where a round starts
+        self._home: Position | None = None  # the first pose, later the start of a round
         self._robot: Pose | None = None
-        self._chosen: int | None = None  # Clyde's cell for the coming round, by a click
+        self._chosen: int | None = None  # Clyde's cell for the next round, set by a click
         self.ghosts = MapGhosts(assets, config, seed)
         self.ghosts.rehearse(self._choices())
 
@@ -84,9 +84,9 @@ class ClydeGhostNode(GameNode):
             for policy in self._policies.values():
                 reset(policy, np.ones(1, np.bool_), self.config)
         if state == "returning_home" != self._state:
-            self._costmap.request(self._places())  # they are no danger on the return home and must not block it
+            self._costmap.request(self._places())  # ghosts are harmless on the return home and must not block it
         if state == "starting" != self._state and self._robot is not None:
-            self._home = self._robot[:2]  # the first pose was no home if this node came in the middle of a game
+            self._home = self._robot[:2]  # the first pose is not the home if this node was started during a game
             self._keep_away()
         self._state = state
 
@@ -102,14 +102,14 @@ class ClydeGhostNode(GameNode):
         self._robot = pose
         if first:
             self._home = pose[:2]
-            self._keep_away()  # where the robot is was not known before
+            self._keep_away()  # the ghosts were placed without the robot's pose
 
     def _keep_away(self) -> None:
-        """Move ghosts beside the robot elsewhere, but not a Clyde that was placed there by a click."""
+        """Move ghosts away from the robot, except a Clyde that was placed there by a click."""
         if self._robot is not None:
             least_m, robot = self.config.clyde.spawn_distance_m, self._robot[:2]
-            beside = [k for k, at in enumerate(self._places()) if math.dist(robot, at) < least_m]
-            self._respawn([k for k in beside if k > 0 or self._chosen is None])
+            neighbours = [k for k, at in enumerate(self._places()) if math.dist(robot, at) < least_m]
+            self._respawn([k for k in neighbours if k > 0 or self._chosen is None])
 
     def _on_click(self, message: Any) -> None:
         cell, distance = self.ghosts.cells.nearest(*messages.point_of(message))
@@ -129,9 +129,9 @@ class ClydeGhostNode(GameNode):
     def _respawn(self, numbers: Sequence[int]) -> None:
         if not numbers:
             return
-        drawn = [k for k in numbers if k > 0 or self._chosen is None]
+        random = [k for k in numbers if k > 0 or self._chosen is None]
         robot = None if self._robot is None else self._robot[:2]
-        self.ghosts.respawn([place for place in (self._home, robot) if place is not None], drawn)
+        self.ghosts.respawn([place for place in (self._home, robot) if place is not None], random)
         if self._chosen is not None and 0 in numbers:
             self.ghosts.place(0, self._chosen)
         self._show()
@@ -141,7 +141,7 @@ class ClydeGhostNode(GameNode):
 
     def _update(self) -> None:
         if self._robot is None and self.surroundings.monotonic() - self._began_s < _LISTEN_S:
-            return  # after a start in the middle of a round they would perhaps appear beside the robot
+            return  # after a start during a round ghosts might appear next to the robot
         if self._state == "running":
             now = self.now_s()
             if not 0 <= now - self._decided_s < self.config.execution.tick_s - 1e-6:
@@ -153,9 +153,9 @@ class ClydeGhostNode(GameNode):
         self._show()
 
     def _steps_due(self, now: float) -> int:
-        """1, or 2 while there is something to catch up on: a late timer leaves steps out, ghosts keep their speed."""
-        period_s, before_s, self._stepped_s = self.config.clyde.update_period_s, self._stepped_s, now
-        late_s = 0.0 if before_s is None else max(now - before_s - period_s, 0.0)
+        """Return 1, or 2 to catch up: a late timer skips steps, but ghosts keep their speed."""
+        period_s, last_s, self._stepped_s = self.config.clyde.update_period_s, self._stepped_s, now
+        late_s = 0.0 if last_s is None else max(now - last_s - period_s, 0.0)
         self._owed_s = min(self._owed_s + late_s, _CATCH_UP_S)
         if self._owed_s < period_s / 2:
             return 1
@@ -163,11 +163,11 @@ class ClydeGhostNode(GameNode):
         return 2
 
     def _choices(self) -> NDArray[np.int64]:
-        """The candidates that policies send their ghosts to, by ghost; the last candidate to wander on."""
+        """Return the candidate to which a policy sends each ghost; the last candidate lets a ghost wander."""
         choices = np.full(len(self.config.clyde.ghosts), self._view.hold, dtype=np.int64)
         for number, policy in self._policies.items():
             if self._pellets is None or self._robot is None:
-                situation = self._view.rehearsal(number)  # so that the policy is compiled or loaded now
+                situation = self._view.rehearsal(number)  # compiles or loads the policy now
             else:
                 seen = Seen(self.now_s() - self._began_round_s, self._robot, self._pellets.known)
                 situation = self._view.situation(seen, number)

@@ -1,7 +1,7 @@
 """Node ``game_controller``: the referee of the game (Algorithm 5).
 
-All decisions are made in ``game/round.py``; here its inputs come in as messages and services, and its actions go out.
-It alone knows how a game stands, so it saves it in a file: killed and started again, it goes on with it.
+``game/round.py`` makes all decisions; this node passes it messages and service calls and performs its actions. Only the
+referee knows the state of the game. It saves the state in a file and continues the game after a restart.
 """
 
 import json
@@ -26,9 +26,9 @@ from .state_file import StateFile
 
 NAME = "game_controller"
 _TICK_S = 0.05
-_PELLETS_S = 6.0  # of wall time: so long a round waits for its first pellet before that is reported
-_EARLY = 10_000  # pellets at most
-_SAVE_S = 1.0  # of wall time: what is saved is never older
+_PELLETS_S = 6.0  # of wall time: a longer wait for a round's first pellet is reported
+_EARLY = 10_000  # most stored pellets
+_SAVE_S = 1.0  # of wall time: largest age of the saved game
 _PUBLISHED = {
     "command": topics.GAME_COMMAND,
     "event": topics.GAME_EVENT,
@@ -50,17 +50,17 @@ class GameController(GameNode):
     def __init__(self) -> None:
         super().__init__(NAME)
         self.game = RoundController(self.config.clyde, self.config.show)
-        self._operator = OperatorStop(self)  # a planner that restarts receives a stop before the state of a round
+        self._operator = OperatorStop(self)  # before the round's state: a restarting planner gets a stop first
         self._out = {kind: topic.publisher(self) for kind, topic in _PUBLISHED.items()}
         self._resets = {kind: service.client(self) for kind, service in _CALLED.items()}
-        self._requests, self._removals = Requests(), Removals()  # by wall time
-        self._waits_s: float | None = None  # since when a round waits for its pellets, wall time
+        self._requests, self._removals = Requests(), Removals()  # timed by wall time
+        self._waits_s: float | None = None  # start of a round's wait for its pellets, wall time
         self._unresponsive_out = topics.UNRESPONSIVE.publisher(self)
-        self._publish_unresponsive({})  # a referee before this one may have published others
-        self._met: set[str] = set()  # services that have been there
+        self._publish_unresponsive({})  # an earlier referee may have published some
+        self._met: set[str] = set()  # services that were available at least once
         self._file = self._state_file()
-        self._saved = self._load()  # a game to resume, at the first tick: then there is a clock
-        self._early: dict[str, None] = {}  # pellets reported before that, in their order
+        self._saved = self._load()  # a game to resume at the first tick, when the clock runs
+        self._early: dict[str, None] = {}  # pellets reported before the first tick, in order
         self.listen(topics.GAME_STATUS, self._on_status, "bad status")
         self.listen(topics.PELLET_MARKERS, self._on_pellets, "bad pellets")
         self.listen(topics.BASE_CLYDE_SPEED, self._on_speed, "bad speed")
@@ -72,30 +72,30 @@ class GameController(GameNode):
             self._do(self.game.announce())
 
     def _state_file(self) -> StateFile:
-        text = "a game is saved in it, to resume after a crash; auto: in the user's state folder; empty: none"
-        where = parameter(self, "state_file", "auto", text)
-        text = "a game that was saved longer ago is not gone on with, s"
+        text = "file of the saved game, to resume after a crash; auto: in the user's state folder; empty: none"
+        setting = parameter(self, "state_file", "auto", text)
+        text = "largest age of a saved game that is resumed, s"
         max_age_s = parameter(self, "state_file_max_age_s", 60.0, text, 0.0, 86400.0)
         domain = os.environ.get("ROS_DOMAIN_ID") or "0"
         namespace = self.get_namespace()
         name = f"{namespace.strip('/').replace('/', '-') or 'root'}-{domain}.json"
-        path = user_folder("state") / name if where == "auto" else Path(where) if where else None
+        path = user_folder("state") / name if setting == "auto" else Path(setting) if setting else None
         simulated = bool(self.get_parameter("use_sim_time").value)
         return StateFile(path, max_age_s, {"namespace": namespace, "domain": domain, "simulated": simulated})
 
     def _load(self) -> Any:
         try:
-            saved = self._file.load()
-            if saved is not None:
-                RoundController().restore(saved, 0.0)
+            content = self._file.load()
+            if content is not None:
+                RoundController().restore(content, 0.0)
         except (ValueError, TypeError, OSError) as error:
             self.get_logger().warning(f"{self._file.path} is left alone: {error}; nothing is saved")
             self._file.path = None
             return None
-        return saved
+        return content
 
     def _save(self) -> None:
-        """Save the game as it is now; in the menu before the first round there is none."""
+        """Save the current game; remove the file if the game is in the menu before its first round."""
         if self._saved is not None:
             return
         if self.game.state == "menu" and not self.game.score and self.game.round == 1:
@@ -107,9 +107,9 @@ class GameController(GameNode):
             self.once.warning("no state file", f"{self._file.path}: {error.strerror}: a game is lost with this node")
 
     def _do(self, actions: Sequence[Action]) -> None:
-        """Carry out actions in their order; calls that cannot be made yet are made by the timer."""
+        """Perform actions in order; the timer makes the service calls that are not possible yet."""
         if any(action.kind != "ignored" for action in actions):
-            self._save()  # first: what was published and not saved would be published again
+            self._save()  # first: unsaved actions would be published again after a restart
         for action in actions:
             if action.kind == "ignored":
                 self.once.warning(f"ignored in state {self.game.state}", str(action.value))
@@ -120,9 +120,9 @@ class GameController(GameNode):
         self._call_services()
 
     def _call_services(self) -> None:
-        """Call each service until it answers: one that is frozen receives the call when it is back, or never."""
+        """Call each service until it answers; a frozen node gets the call later or never."""
         for kind in _CALLED:
-            if kind in self._requests and self.game.state == "running" and self.game.collected:  # the round is on
+            if kind in self._requests and self.game.state == "running" and self.game.collected:
                 self.once.warning(kind, f"{self._requests.unanswered(kind)}; the round goes on without it")
                 self._requests.answered(kind)
         for kind in self._requests.due(
@@ -139,23 +139,23 @@ class GameController(GameNode):
             self.once.warning(f"{kind} failed", f"{_CALLED[kind].name}: {problem}")
 
     def _report(self) -> None:
-        """Publish which nodes do not do what they were asked to, when that changes; the log has it, too."""
+        """Publish and log which nodes do not respond to requests, whenever that changes."""
         now = self.surroundings.monotonic()
-        found = {_SERVED_BY[kind]: words for kind, words in self._requests.overdue(now).items()}
+        reasons = {_SERVED_BY[kind]: words for kind, words in self._requests.overdue(now).items()}
         self._waits_s = None if not awaits_pellets(self.game, self.now_s()) else self._waits_s or now
         self._removals.shown(frozenset(self.game.pellets.still_shown), now)
         if words := self._removals.overdue(now):
-            found.setdefault("pellet_manager", words)
+            reasons.setdefault("pellet_manager", words)
         if self._waits_s is not None and now - self._waits_s >= _PELLETS_S:
             what = "it shows no pellet" if self.game.pellets.left is not None else f"no {topics.PELLET_MARKERS.name}"
-            found.setdefault("pellet_manager", f"{what}, so no round begins")
-        if found.keys() == self._unresponsive.keys():
+            reasons.setdefault("pellet_manager", f"{what}, so no round begins")
+        if reasons.keys() == self._unresponsive.keys():
             return
-        for node in found.keys() - self._unresponsive.keys():
-            self.once.warning(f"{node} does not respond", f"{node} does not respond: {found[node]}")
-        for node in self._unresponsive.keys() - found.keys():
+        for node in reasons.keys() - self._unresponsive.keys():
+            self.once.warning(f"{node} does not respond", f"{node} does not respond: {reasons[node]}")
+        for node in self._unresponsive.keys() - reasons.keys():
             self.once.over(f"{node} does not respond")
-        self._publish_unresponsive(found)
+        self._publish_unresponsive(reasons)
 
     def _publish_unresponsive(self, reasons: dict[str, str]) -> None:
         self._unresponsive = reasons
@@ -165,7 +165,7 @@ class GameController(GameNode):
         if self._saved is not None:
             return [Action("ignored", "start: a game is about to be gone on with")]
         if self.game.state == "menu" and not self.count_publishers(topics.GAME_STATUS.name):
-            # A round that waits for one would begin, and move the robot, at a moment that no person has chosen.
+            # Otherwise the robot would move as soon as a selector appears, at a time that no person has chosen.
             return [Action("ignored", "start: no goal selector is there; it starts when the robot has a pose")]
         return self.game.start(self.now_s())
 
@@ -194,9 +194,9 @@ class GameController(GameNode):
 
     def _on_status(self, message: Any) -> None:
         word = word_of(message)
-        if self._saved is not None:  # all else is reported again until it is answered
+        if self._saved is not None:  # all other reports are repeated until they are answered
             if word.startswith("pellet_collected:") and len(self._early) < _EARLY:
-                self._early[word] = None  # the end of the round may be reported right after it
+                self._early[word] = None  # the end of the round may be reported right after the pellet
             return
         if word == "game_complete" and "reset_pellets" in self._requests:
             self.once.warning("no pellets yet", "game_complete: the pellets of this round have not been put back yet")
@@ -205,16 +205,16 @@ class GameController(GameNode):
 
     def _on_pellets(self, message: Any) -> None:
         if self._saved is not None:
-            return  # of a game that is not gone on with yet; the next report comes within a second
+            return  # the saved game is not resumed yet; the next report comes within a second
         if "reset_pellets" in self._requests and "reset_pellets" in self._met:
-            return  # of the round before: the pellets of this one have not been put back yet
+            return  # of the previous round: the pellets of this round have not been restored yet
         self._do(self.game.pellets_left(pellets_of(message), self.now_s()))
 
     def _on_speed(self, message: Any) -> None:
         self._do(self.game.base_clyde_speed(number_of(message, 0.0, MAX_SPEED_MPS)))
 
     def last_messages(self) -> Iterable[Any]:
-        """Without a referee the robot neither drives nor shines; one that is to be restarted goes on with the game."""
+        """Stop robot and lights at the end; after a standstill save the game for the restarted referee instead."""
         if self.status == STOOD_STILL:
             self._save()
             return ()

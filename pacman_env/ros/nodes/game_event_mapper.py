@@ -14,13 +14,13 @@ from ..operator_stop import OperatorStop
 
 NAME = "game_event_mapper"
 _PERIOD_S = 0.05  # the base stops by itself 0.5 s after the last command
-#: The command with which the planner takes over from a motion. No other ends it, for a command may arrive after an
-#: event that was sent later.
+#: The command with which the planner takes over from a motion. Other commands do not end the motion: they may arrive
+#: after an event that was sent later.
 _TAKES_OVER: dict[Motion, str] = {"spin": "enable", "shake": "return_home"}
 
 
 class GameEventMapper(GameNode):
-    """Listens for events; drives only while a motion lasts."""
+    """Node that listens for events and drives only during a motion."""
 
     def __init__(self) -> None:
         super().__init__(NAME)
@@ -44,29 +44,29 @@ class GameEventMapper(GameNode):
             self._sound.publish(topics.GAME_SOUND.type(data=answer.sound.word))
         if answer.motion == "stop":
             self._stop()
-        elif answer.motion is not None and answer.motion != self._motion:  # repeated events prolong nothing
+        elif answer.motion is not None and answer.motion != self._motion:  # repeated events do not prolong a motion
             self._begin(answer.motion)
 
     def _begin(self, motion: Motion) -> None:
-        if self._command != _TAKES_OVER[motion] and not self._operator.stopped:  # else the planner drives, or nothing
+        if self._command != _TAKES_OVER[motion] and not self._operator.stopped:  # else the planner drives
             self._motion, self._since_s = motion, self.now_s()
             self._timer.reset()
             self._move()
 
     def _on_stop(self, stopped: bool, who: str) -> None:
-        if stopped:  # and the motion is not resumed later
+        if stopped:  # the release does not resume the motion
             self._stop()
 
     def _on_command(self, message: Any) -> None:
         self._command = message.data
-        if self._command == _TAKES_OVER.get(self._motion):  # a show that is longer than the referee's
+        if self._command == _TAKES_OVER.get(self._motion):  # the motion takes longer than the referee's show
             self._stop()
 
     def _move(self) -> None:
         turn = angular_velocity(self._motion, self.now_s() - self._since_s, self.config.show)
         if turn is None:
             self._stop()
-        elif turn:  # the stand before a shake is the planner's: it has stopped the robot
+        elif turn:  # before a shake the robot stands: the planner has stopped it
             self._drive(turn)
 
     def _stop(self) -> None:

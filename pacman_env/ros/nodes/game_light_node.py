@@ -1,7 +1,7 @@
 """Node ``game_light_node``: shows light words on the Create 3's ring (Algorithm 7).
 
-A ring that shows nothing belongs to the base again, whose own warnings it would otherwise hide; so does one that
-another process has left lit.
+While nothing is shown, the base controls the ring, so that its own warnings are visible. A ring that an earlier process
+left lit is given back to the base, too.
 """
 
 import sys
@@ -21,12 +21,12 @@ from ..node import GameNode, run
 
 NAME = "game_light_node"
 _PERIOD_S = 0.075  # half a frame
-_REPEAT_S = 1.0  # for a base that was not there
-_GREETINGS = 5  # so often, a second apart, the ring is published for a base that may not listen yet
+_REPEAT_S = 1.0  # for a base that started later
+_GREETINGS = 5  # unlit rings published at the start, one per second, for a base that may not listen yet
 
 
 class GameLightNode(GameNode):
-    """The light ring; its timer runs only while something is shown."""
+    """Node of the light ring; its timer runs only while something is shown."""
 
     def __init__(self) -> None:
         super().__init__(NAME)
@@ -36,21 +36,21 @@ class GameLightNode(GameNode):
         self._ring = topics.LIGHT_RING.publisher(self)
         self._timer = self.create_timer(_PERIOD_S, self._show)
         self._timer.cancel()
-        self._fresh = True  # the game's state is not known yet
+        self._fresh = True  # no state of the game received so far
         self._greetings = _GREETINGS
         self._greeting = self.create_timer(1.0, self._greet, clock=self.surroundings.clock())
         self.listen(topics.GAME_LIGHT, lambda message: self._command(word_of(message, LIGHTS)), "bad light")
         self.listen(topics.GAME_STATE, self._on_state, "bad state")
 
     def _greet(self) -> None:
-        """End what a node that was killed has left on the ring."""
+        """Clear the ring, which a killed node may have left lit."""
         self._greetings -= 1
         if self._greetings == 0:
             self._greeting.cancel()
-        self._show(anew=True)
+        self._show(again=True)
 
     def _on_state(self, message: Any) -> None:
-        """After a start in the middle of a game, continue with the light of its state."""
+        """Continue with the light of the current state after a start in the middle of a game."""
         state = word_of(message, topics.STATE_WORDS)
         if self._fresh and state in LASTING:
             self._command(LASTING[state])
@@ -60,12 +60,12 @@ class GameLightNode(GameNode):
         self._greeting.cancel()
         self._lights.command(word, self.now_s())
         self._timer.reset()
-        self._show(anew=True)
+        self._show(again=True)
 
-    def _show(self, anew: bool = False) -> None:
+    def _show(self, again: bool = False) -> None:
         now = self.now_s()
         ring = self._lights.ring(now)
-        if anew or ring != self._shown or not 0 <= now - self._shown_s < _REPEAT_S:
+        if again or ring != self._shown or not 0 <= now - self._shown_s < _REPEAT_S:
             self._publish(ring)
             self._shown, self._shown_s = ring, now
         if ring is None:

@@ -1,7 +1,7 @@
-"""The marks that ghosts leave behind in Nav2's costmaps, and how they are removed.
+"""Removal of the marks that ghosts leave in Nav2's costmaps.
 
-A costmap keeps what it has marked until a ray clears it, and the lidar's rays pass through ghosts. So their trail is
-published as points that clear and do not mark (``config/nav2.yaml``), or the whole costmap is cleared.
+A costmap keeps a mark until a ray clears it, but lidar rays pass through ghosts. Therefore the trail is published as
+points that clear and do not mark (``config/nav2.yaml``), or the whole costmap is cleared.
 """
 
 import math
@@ -14,23 +14,23 @@ from .. import topics
 from ..messages import Position
 from ..node import GameNode
 
-_APART_M = 0.04  # no cell of a costmap of 0.06 m is missed, whatever its heading
-_RADIUS_M = 0.2  # 0.05 m of obstacle and 0.15 m by which AMCL may have jumped meanwhile
+_APART_M = 0.04  # hits every cell of a costmap with cells of 0.06 m at any heading
+_RADIUS_M = 0.2  # obstacle of 0.05 m plus 0.15 m for a jump of AMCL in the meantime
 _LASTS_S = 3.0
 _STEPS = np.arange(-_RADIUS_M, _RADIUS_M + 1e-4, _APART_M)
 _DISC = np.stack(np.meshgrid(_STEPS, _STEPS), axis=-1).reshape(-1, 2)
 _DISC = _DISC[np.hypot(*_DISC.T) <= _RADIUS_M]
-_ANSWER_S = 10.0  # an answer that is not there by then will not come
+_ANSWER_S = 10.0  # an answer that takes longer is lost
 
 
 class GhostTrail:
-    """Points of a lattice around every place of the last 3 s."""
+    """Lattice points around all ghost positions of the last 3 s."""
 
     def __init__(self) -> None:
-        self._seen_s: dict[tuple[int, int], float] = {}  # by point of the lattice: when a ghost was near last
+        self._seen_s: dict[tuple[int, int], float] = {}  # lattice point: time at which a ghost was last near
 
     def points(self, places: Iterable[Position], now_s: float) -> NDArray[np.float64]:
-        """(N, 2) x, y in m, after ghosts have been shown at these places now."""
+        """Add the ghosts' current positions, and return all points (N, 2), x and y in m."""
         for place in places:
             near = np.round((_DISC + place) / _APART_M).astype(np.int64)
             self._seen_s.update(dict.fromkeys(map(tuple, near.tolist()), now_s))
@@ -39,9 +39,9 @@ class GhostTrail:
 
 
 class CostmapClearing:
-    """Requests for clearing the global costmap, one at a time because a clearing stalls Nav2.
+    """Requests to clear the global costmap, one at a time because each stalls Nav2.
 
-    ``interval_s`` is the shortest time between two clearings while ghosts move; 0 for never.
+    ``interval_s`` is the shortest time between two requests while ghosts move; 0 for none.
     """
 
     def __init__(self, node: GameNode, interval_s: float, places: Sequence[Position]) -> None:
@@ -50,9 +50,9 @@ class CostmapClearing:
         self._requested_s, self._answer = -math.inf, None
 
     def moved(self, places: Sequence[Position]) -> None:
-        """Clear it when ghosts have gone far from where they were at the last clearing."""
-        far = max(map(math.dist, self._places, places)) >= self._node.config.nav2.clear_distance_m
-        if far and not 0 <= self._node.now_s() - self._requested_s < self._interval_s:
+        """Clear the costmap if a ghost is far from its position at the last request."""
+        is_far = max(map(math.dist, self._places, places)) >= self._node.config.nav2.clear_distance_m
+        if is_far and not 0 <= self._node.now_s() - self._requested_s < self._interval_s:
             self.request(places)
 
     def request(self, places: Sequence[Position]) -> None:

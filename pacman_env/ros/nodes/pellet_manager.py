@@ -1,4 +1,4 @@
-"""Node ``pellet_manager``: shows the pellets that are left on the map, removes and restores them."""
+"""Node ``pellet_manager``: shows the remaining pellets on the map, removes and restores them."""
 
 import sys
 from functools import partial

@@ -1,4 +1,4 @@
-"""One small JSON file that outlives a node: whole or absent, and ignored after a while."""
+"""A small JSON file that outlives its node; it is written whole and ignored when too old."""
 
 import contextlib
 import json
@@ -14,9 +14,9 @@ _LARGEST = 1_000_000  # bytes
 
 
 class StateFile:
-    """The file, or none; what another owner, described by plain values, has left behind is ignored.
+    """State file of one owner, which plain values describe; without a ``path`` nothing is saved.
 
-    What was written longer than ``max_age_s`` of wall time ago is not loaded.
+    Content of another owner, or older than ``max_age_s`` of wall time, is not loaded.
     """
 
     def __init__(self, path: Path | None, max_age_s: float, owner: Mapping[str, Any]) -> None:
@@ -25,7 +25,7 @@ class StateFile:
         self._time_ns = current().time_ns
 
     def load(self) -> Any:
-        """The state saved last; None if there is none of this owner's, or too long ago.
+        """Return the last state; None if there is none of this owner, or if it is too old.
 
         Raises OSError, or ValueError with the reason why the file is of another kind and must not be overwritten.
         """
@@ -35,32 +35,32 @@ class StateFile:
             raise ValueError("not a file")
         with self.path.open("rb") as file:
             text = file.read(_LARGEST + 1)
-        if not text.strip():  # as a power cut leaves a file
+        if not text.strip():  # left by a power cut
             return None
         if len(text) > _LARGEST:
             raise ValueError(f"more than {_LARGEST} bytes")
         try:
             whole = json.loads(text)
-            known, written_s = whole["format"] == _FORMAT, float(whole["written_s"])
+            is_current, written_s = whole["format"] == _FORMAT, float(whole["written_s"])
             owner, state = whole["owner"], whole["state"]
         except (ValueError, TypeError, LookupError, OverflowError, RecursionError):
             raise ValueError("damaged, or something else") from None
-        if not known:
+        if not is_current:
             raise ValueError("of another version")
         return state if owner == self._owner and abs(self._time_ns() * 1e-9 - written_s) <= self._max_age_s else None
 
     def save(self, state: Any) -> None:
-        """Write plain values in place of those saved before; if that raises OSError, these may still be there."""
+        """Replace the state by plain values; if this raises OSError, the file may still contain the old state."""
         if self.path is None:
             return
         whole = {"format": _FORMAT, "written_s": self._time_ns() * 1e-9, "owner": self._owner, "state": state}
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = self.path.with_name(f".{self.path.name}.tmp")  # one name: a kill leaves at most one behind
+        temporary = self.path.with_name(f".{self.path.name}.tmp")  # a fixed name: a kill leaves at most one such file
         temporary.write_text(json.dumps(whole))
         os.replace(temporary, self.path)
 
     def remove(self) -> None:
-        """Remove the file; one that cannot be removed will be too old soon."""
+        """Remove the file; if that fails, it will soon be too old to load."""
         if self.path is not None:
             with contextlib.suppress(OSError):
                 self.path.unlink(missing_ok=True)

@@ -17,7 +17,7 @@ class PoseWaiter(BaseNode):
     def __init__(self) -> None:
         super().__init__(NAME)
         self._timeout_s = parameter(self, "timeout_s", 0.0, "give up after this time, s; 0: never", 0.0, 86400.0)
-        if self._timeout_s > 0.0:  # on the wall: a simulated clock may not run before the robot is there
+        if self._timeout_s > 0.0:  # wall time: a simulated clock may start with the robot
             self.create_timer(self._timeout_s, self._give_up, clock=self.surroundings.clock())
         self.listen(topics.AMCL_POSE, self._on_pose, "bad pose")
 
@@ -32,7 +32,7 @@ class PoseWaiter(BaseNode):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Wait; 0 when a pose has arrived, 1 with one line on stderr when none has, 2 for a bad start."""
+    """Wait for a pose and return 0; 1 with a line on stderr if none arrives, 2 after a bad start."""
     status = run(PoseWaiter, NAME, argv, stopped=_STOPPED)
     if status == _STOPPED:
         print(f"{NAME}: stopped before a pose arrived", file=sys.stderr)
