@@ -1,1 +1,1 @@
-"""The processes of a game: which there are, started, watched and stopped."""
+"""The processes of a game: their list, start, supervision and end."""

@@ -1,4 +1,4 @@
-"""One node's module as a process that is asked to end when its parent is gone: no node outlives ``ros up``.
+"""Run one node's module as a process that ends when its parent is gone, so that no node outlives ``ros up``.
 
 Started as ``python -m pacman_env.ros.supervisor.child PARENT_PID MODULE ARGUMENTS...``."""
 
@@ -12,7 +12,7 @@ _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 def end_with_parent(number: int = signal.SIGTERM) -> None:
-    """Have this process get that signal when the one that started it has ended; on Linux only."""
+    """Request this signal for the time when the parent process ends (Linux only)."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, number)
 
@@ -20,7 +20,7 @@ def end_with_parent(number: int = signal.SIGTERM) -> None:
 def main() -> None:
     parent, module = int(sys.argv[1]), sys.argv[2]
     end_with_parent()
-    if os.getppid() != parent:  # gone before the signal was set
+    if os.getppid() != parent:  # the parent ended before the signal was set
         sys.exit(1)
     sys.argv = sys.argv[2:]
     status: int | None = None
@@ -30,7 +30,7 @@ def main() -> None:
         if not isinstance(end.code, int | None):
             raise
         status = end.code
-    # The node has left; the end of the interpreter would take a quarter of the time of its start.
+    # The node has ended; a normal end of the interpreter would take a quarter of its start time.
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(status or 0)

@@ -1,4 +1,4 @@
-"""The person at the terminal of ``ros up``: keys that are pressed, and troubles that need a person."""
+"""The person at the terminal of ``ros up``: pressed keys, and troubles that need a person."""
 
 from collections.abc import Callable
 
@@ -9,7 +9,7 @@ from pacman_env.ros.supervisor.status_line import StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter
 from pacman_env.ros.topics import CONTINUE, RESET_GAME, START_GAME
 
-#: Troubles that the line has no room for, with what to do about them here; the words of others change every second.
+#: Troubles that do not fit in the status line, with remedies; texts of other troubles change every second.
 REPORTED = {
     POSE_JUMPED: "set the robot's pose, or c to continue as it is",
     POLICY_FAILS: REMEDIES[POLICY_FAILS],
@@ -18,7 +18,7 @@ KEYS = {"s": START_GAME, "r": RESET_GAME, "c": CONTINUE}
 
 
 class Console:
-    """``pressed`` returns the keys since its last call; None where keys cannot be read."""
+    """Terminal of a game; ``pressed`` returns the keys since its last call (None if keys cannot be read)."""
 
     def __init__(
         self,
@@ -37,7 +37,7 @@ class Console:
             self._writer.print("keys: s start, r reset, c continue, space stop, g release, q quit")
 
     def handle_keys(self) -> None:
-        """Do what the keys ask for that were pressed since the last call."""
+        """Execute the keys pressed since the last call."""
         operator = self._status_line.operator
         for key in self._pressed() if self._pressed else "":
             if key == "q":
@@ -53,9 +53,9 @@ class Console:
                 self._writer.print("released")
 
     def report_troubles(self) -> None:
-        """Print what a person has to do something about, once, as page and doctor show it."""
+        """Print each trouble that needs a person once, with the text that page and doctor show."""
         troubles = troubles_of(self._status_line.condition)
-        before, self._reported = self._reported, {kind: troubles[kind] for kind in REPORTED if kind in troubles}
+        previous, self._reported = self._reported, {kind: troubles[kind] for kind in REPORTED if kind in troubles}
         for kind, words in self._reported.items():
-            if words != before.get(kind):
+            if words != previous.get(kind):
                 self._writer.print(f"{words}: {REPORTED[kind]}")

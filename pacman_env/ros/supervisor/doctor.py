@@ -1,6 +1,6 @@
-"""``pacman-env ros doctor``: a node that observes what the checks need, and prints what is wrong, with the remedy.
+"""``pacman-env ros doctor``: a node that observes what the checks need, and prints faults with their remedies.
 
-It publishes nothing and calls only services that answer questions: nothing moves because of it."""
+It publishes nothing and only calls services that answer questions, so the robot does not move."""
 
 import contextlib
 import dataclasses
@@ -26,16 +26,16 @@ WAIT_S = 10.0
 LONGEST_S = 600.0
 NOT_READY = 1  # exit status
 
-_LEAST_S = 2.0  # rates need some time, however soon all is received
-_PERIOD_S = 0.5  # between two examinations of what has been observed
-_WAITING_S = 0.5  # for messages that have arrived
-_NAMES_S = 1.0  # names of nodes come after what they have
-_ONLOOKERS = ("pacman_", "_ros2cli")  # nodes of this kind, and the command line's
-_OF_ALL = ("/rosout", "/parameter_events")  # every node has them
+_LEAST_S = 2.0  # shortest time, for measuring rates
+_PERIOD_S = 0.5  # between examinations of the observations
+_WAITING_S = 0.5  # longest wait for messages that have arrived
+_NAMES_S = 1.0  # node names are discovered after their endpoints
+_ONLOOKERS = ("pacman_", "_ros2cli")  # prefixes of this package's observers and of ROS's command line
+_OF_ALL = ("/rosout", "/parameter_events")  # topics of every node
 
 
 class Doctor(Observer):
-    """Observes at most ``wait_s`` while :meth:`observe` runs; ``map``, named ``map_file``, is the game's."""
+    """Node that observes for at most ``wait_s`` in :meth:`observe`; ``map`` is the game's, read from ``map_file``."""
 
     def __init__(
         self, namespace: str, domain: int, map: OccupancyMap | None, map_file: str, sim: bool, wait_s: float
@@ -52,13 +52,13 @@ class Doctor(Observer):
             if isinstance(source, Source):
                 self._subscribe(source)
             else:
-                with contextlib.suppress(ImportError, AttributeError):  # then there is no response
+                with contextlib.suppress(ImportError, AttributeError):  # unknown service type: no answer
                     self._callers[source] = topics.Service(source.name, source.type_name).client(self)
 
     def observe(self, enough: Callable[[], bool]) -> None:
-        """Receive messages for ``wait_s``, less if all is settled before, or when it is ``enough``."""
-        begun = time.monotonic()
-        end, due = begun + self._observed.waited_s, begun + _LEAST_S
+        """Receive messages for ``wait_s``, or until all findings are settled or ``enough`` returns True."""
+        start_s = time.monotonic()
+        end, due = start_s + self._observed.waited_s, start_s + _LEAST_S
         while (now := time.monotonic()) < end and not enough():
             self.spin(min(0.1, end - now))
             if now >= due:
@@ -70,9 +70,9 @@ class Doctor(Observer):
         self.spin_until(lambda: not self._nameless() or enough(), _NAMES_S)
 
     def observations(self) -> Observations:
-        end, received = time.monotonic() + _WAITING_S, -1
-        while received != self._received and time.monotonic() < end:
-            received = self._received
+        end, count = time.monotonic() + _WAITING_S, -1
+        while count != self._received and time.monotonic() < end:
+            count = self._received
             self.spin(0.0)
         names = [pair for pair in self.get_node_names_and_namespaces() if not pair[0].startswith(_ONLOOKERS)]
         nodes = tuple(sorted({full_name(*pair) for pair in names}))
@@ -81,20 +81,20 @@ class Doctor(Observer):
         return dataclasses.replace(self._observed, now=now, nodes=nodes, publishers=publishers, subscribers=subscribers)
 
     def _moment(self, wall_s: float) -> Moment:
-        """The time that was ``wall_s`` by this machine's clock."""
-        clock, passed_s = self._values.get(CLOCK), max(0.0, time.time() - wall_s)
-        return Moment(wall_s, time.monotonic() - passed_s, None if clock is None else clock.clock_s)
+        """Return the moment at time ``wall_s`` of this machine's clock."""
+        clock, age_s = self._values.get(CLOCK), max(0.0, time.time() - wall_s)
+        return Moment(wall_s, time.monotonic() - age_s, None if clock is None else clock.clock_s)
 
     def _subscribe(self, source: Source[Any]) -> None:
         name, qos = source.name, getattr(topics, source.qos)
 
         def receive(message: Any, info: Mapping[str, int]) -> None:
-            # When the middleware got it: it may have waited here, on a busy machine for seconds.
+            # Time of reception by the middleware: on a busy machine a message may wait here for seconds.
             self._received += 1
             arrival = self._moment((info["received_timestamp"] or time.time_ns()) / 1e9)
             try:
                 self._values[source] = source.fold(self._values.get(source), message, arrival)
-            except Exception as error:  # whatever a foreign node publishes: it must not end the list
+            except Exception as error:  # a bad message of a foreign node must not end the list
                 self._observed.unreadable[name] = f"{type(error).__name__}: {error}"
 
         try:
@@ -103,7 +103,7 @@ class Doctor(Observer):
             self._observed.unavailable[name] = f"the message type {source.type_name} is not installed here"
 
     def _call(self, request: Request[Any], client: Any) -> None:
-        """Call a service once more, unless it has responded: what is called too early may drop its response."""
+        """Call a service again unless it has answered: the answer to an early call may be lost."""
 
         def store(future: Any) -> None:
             if future.exception() is None:
@@ -113,7 +113,7 @@ class Doctor(Observer):
             client.call_async(client.srv_type.Request()).add_done_callback(store)
 
     def _graph(self) -> tuple[dict[str, tuple[str, ...]], dict[str, tuple[str, ...]]]:
-        """The nodes that publish and that subscribe, by topic, without this one."""
+        """Return the publishing and the subscribing nodes by topic, without this node."""
         names = [name for name, _ in self.get_topic_names_and_types() if name not in _OF_ALL]
         own = self.get_fully_qualified_name()
 
@@ -137,13 +137,13 @@ def doctor(
     as_json: bool = False,
     out: TextIO | None = None,
 ) -> int:
-    """Print the findings, in the main thread; the exit status is 1 if one is BAD, and after SIGINT and SIGTERM."""
-    where = full_namespace(namespace)
-    if not 0.0 < wait_s <= LONGEST_S:  # nor NaN
+    """Print the findings; call in the main thread. Returns 1 if a finding is BAD or after SIGINT or SIGTERM, else 0."""
+    place = full_namespace(namespace)
+    if not 0.0 < wait_s <= LONGEST_S:  # also refuses NaN
         raise ValueError(f"wait {wait_s:g} s: must be more than 0 and at most {LONGEST_S:g}")
     game_map = None if map is None else load_map(map)
     number = join(domain, this_machine=sim)
-    with Stop() as stop, Doctor(where, number, game_map, map or "", sim, wait_s) as node:
+    with Stop() as stop, Doctor(place, number, game_map, map or "", sim, wait_s) as node:
         node.observe(lambda: stop.asked)
         findings = examine(node.observations())
     if stop.asked:
@@ -153,7 +153,7 @@ def doctor(
     if as_json:
         report = {
             "version": __version__,
-            "namespace": where,
+            "namespace": place,
             "domain": number,
             "map": None if game_map is None else {"name": game_map.name, "hash": game_map.hash},
             "ready": ready,
@@ -162,6 +162,6 @@ def doctor(
         text = json.dumps(report, indent=2)
     else:
         on_map = "" if game_map is None else f", map {game_map.name} {game_map.hash[:12]}"
-        text = render(findings, f"pacman-env {__version__}: {where} in domain {number}{on_map}")
+        text = render(findings, f"pacman-env {__version__}: {place} in domain {number}{on_map}")
     print(text, file=out or sys.stdout)
     return 0 if ready else NOT_READY

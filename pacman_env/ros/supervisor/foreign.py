@@ -1,7 +1,7 @@
-"""A command of others, such as ``ros2 launch``, as one process of a game: ``python -m ... COMMAND ARGUMENTS...``.
+"""Run a foreign command, such as ``ros2 launch``, as one process of a game: ``python -m ... COMMAND ARGUMENTS...``.
 
-It gets Ctrl-C (SIGINT) where this process is asked to end: on SIGTERM ``ros2 launch`` leaves its nodes behind. What it
-has started and does not end itself is killed.
+To end the command, it gets Ctrl-C (SIGINT): on SIGTERM ``ros2 launch`` would leave its nodes behind. Processes that it
+has started and does not end are killed.
 """
 
 import contextlib
@@ -15,15 +15,15 @@ from typing import Any
 from .child import end_with_parent
 from .processes import BAD_START
 
-END_S = 9.0  # less than the patience of who stops this process
+END_S = 9.0  # must be shorter than ``processes.PATIENCE_S``
 POLL_S = 0.1
 
 
 def main() -> int:
-    asked: list[int] = []
+    signals: list[int] = []
 
     def ask(number: int, frame: Any) -> None:
-        asked.append(number)
+        signals.append(number)
 
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, ask)
@@ -33,16 +33,16 @@ def main() -> int:
     except OSError as error:
         print(f"{words[0]}: {error.strerror}", file=sys.stderr)
         return BAD_START
-    while process.poll() is None and not asked:
+    while process.poll() is None and not signals:
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(POLL_S)
     _end_group(process)
     status = process.wait()
-    return 0 if asked else status if status >= 0 else 128 - status
+    return 0 if signals else status if status >= 0 else 128 - status
 
 
 def _end_group(process: subprocess.Popen[bytes]) -> None:
-    """Ask all that it has started to end, and kill what does not."""
+    """Interrupt all processes of the command, and kill those that do not end."""
     deadline = time.monotonic() + END_S
     with contextlib.suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGINT)

@@ -1,6 +1,6 @@
-"""The locks of a game of ``ros up``, while it starts or ends and its nodes cannot be discovered.
+"""Locks of a game of ``ros up``, for the time when it starts or ends and its nodes cannot be discovered.
 
-A lock ends with its process. Games of other users and machines have none that is seen here: they are discovered.
+A lock ends with its process. Games of other users and machines have no lock here: they are only discovered.
 """
 
 import contextlib
@@ -18,14 +18,14 @@ class GameLock:
 
     def __init__(self, namespace: str, domain: int, sim: bool) -> None:
         full = full_namespace(namespace)
-        wanted = {f"game-{domain}{full.replace('/', '-')}": f"a game is in {full} already: {OTHER}"}
+        texts = {f"game-{domain}{full.replace('/', '-')}": f"a game is in {full} already: {OTHER}"}
         if sim:
             clock = f"another clock runs in this ROS domain: {OTHER}; choose another --domain-id"
-            wanted[f"clock-{domain}"] = clock
+            texts[f"clock-{domain}"] = clock
         self._locks: list[tuple[BaseFileLock, str]] = []
-        with contextlib.suppress(OSError):  # nowhere to write: discovery decides alone
+        with contextlib.suppress(OSError):  # no writable folder: only discovery decides
             folder = user_folder("state")
-            self._locks = [(FileLock(folder / f"{name}.lock"), words) for name, words in wanted.items()]
+            self._locks = [(FileLock(folder / f"{name}.lock"), words) for name, words in texts.items()]
 
     def __enter__(self) -> "GameLock":
         return self
@@ -35,7 +35,7 @@ class GameLock:
             lock.release(force=True)
 
     def acquire(self) -> str:
-        """Return which lock another game holds; empty if this game holds all that can be had."""
+        """Return the reason if another game holds a lock; empty if this game holds all available locks."""
         for lock, words in self._locks:
             try:
                 if not lock.is_locked:

@@ -1,6 +1,6 @@
-"""The processes of a game, in the order of their start, their parameters, and what their end means.
+"""The processes of a game in the order of their start, their parameters, and the meaning of their end.
 
-Read by ``pacman-env ros up``, ``launch/game.launch.py`` and ``setup.py``; imports nothing of ROS."""
+Used by ``pacman-env ros up``, ``launch/game.launch.py`` and ``setup.py``; does not import ROS."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ NAMESPACE = "robot_15"  # the experiment's robot
 SIMULATOR = "sim_robot"
 WAIT = "wait_for_amcl_pose"
 SELECTOR = "goal_selector"
-ORIGINAL_SELECTOR = "planner_stub"  # the node in its place in the experiment's software
+ORIGINAL_SELECTOR = "planner_stub"  # the corresponding node of the experiment's software
 REFEREE = "game_controller"
 LOCK_STEP = "lock_step_game"  # the process that hosts all nodes of a lock-step game
-COMPOSED = "composed_nodes"  # the process that hosts those that neither simulate the robot nor select goals
-NAV2 = "nav2"  # a real one, for the simulated base: no node of the game
-NAV2_BRINGUP, NAV2_BY_HAND = "bringup", "none"  # what it may be, beside a command: Nav2's launch file; started by hand
-PAGE = "operator_page"  # no node of the game: it is left out unless asked for
+COMPOSED = "composed_nodes"  # the process that hosts the nodes of GAME
+NAV2 = "nav2"  # a real Nav2 for the simulated base; not a node of the game
+NAV2_BRINGUP, NAV2_BY_HAND = "bringup", "none"  # ``nav2`` if it is no command: its launch file; start by hand
+PAGE = "operator_page"  # optional; not a node of the game
 
-#: What the end of a process means: it is started again; the same, but the game continues where that does not help; the
-#: next one starts if all was well; the end of the game.
+#: Meaning of a process's end: it is restarted; it is restarted, and given up if that does not help; the next process
+#: starts if it succeeded; the game ends.
 RESTARTED, SPARE, FIRST_STEP, FINAL = "restarted", "spare", "first step", "final"
 
 
 @dataclass(frozen=True)
 class GameProcess:
     name: str
-    folder: str = "nodes"  # of its module, below pacman_env/ros
-    parameters: tuple[str, ...] = ()  # of the setup, beside the configuration that every node plays by
+    folder: str = "nodes"  # of its module, in pacman_env/ros
+    parameters: tuple[str, ...] = ()  # from the setup, in addition to the configuration of every node
     configured: bool = True
     end: str = RESTARTED
-    after: str = ""  # the process whose good end starts it
+    after: str = ""  # the process whose success starts it
 
 
 PROCESSES = {
@@ -58,16 +58,16 @@ PROCESSES = {
         GameProcess(COMPOSED),
     )
 }
-#: Those that are nodes: the robot where it is simulated, the game, then the two that need a pose.
+#: Processes that are nodes: the simulated robot, the game, then the two that need a pose.
 NODES = tuple(name for name in PROCESSES if name not in (NAV2, PAGE, LOCK_STEP, COMPOSED))
-#: Those that only subscribe, publish and respond.
+#: Nodes that only subscribe, publish and respond.
 GAME = tuple(name for name in NODES if name not in (SIMULATOR, WAIT, SELECTOR))
-#: What moves the robot: it stops first.
+#: Processes that move the robot and therefore stop first.
 MOVERS = (SELECTOR, COMPOSED, "game_event_mapper")
-#: The order in lock-step, before all others. Processes stop together, between the movers and the simulated robot.
+#: First nodes to stop in lock-step. As processes, all nodes but the movers and the simulated robot stop together.
 STOP_ORDER = (*MOVERS, "game_light_node", PAGE, "audio_node", REFEREE)
 
-QUIET = ("--disable-external-lib-logs",)  # what a node prints is kept once, by the process that started it
+QUIET = ("--disable-external-lib-logs",)  # a node's output is stored once, by the process that started it
 
 Value = str | bool | int | float | list[str] | list[float]
 
@@ -82,13 +82,13 @@ class GameSetup:
     preset: str = "robot"
     execution: str = "robust"
     settings: tuple[str, ...] = ()  # name=value
-    home: tuple[float, float, float] | None = None  # x, y, heading, m and rad; None: where the robot is in the menu
-    extra: dict[str, dict[str, Value]] = field(default_factory=dict)  # by node: further parameters
+    home: tuple[float, float, float] | None = None  # x, y, heading, m and rad; None: the robot's pose in the menu
+    extra: dict[str, dict[str, Value]] = field(default_factory=dict)  # more parameters by node
     web: int | None = None  # the operator's page on this port of this machine
     lock_step: bool = False  # all nodes in one process; simulated time waits for them
-    seed: int = 0  # of a lock-step game
+    seed: int = 0  # random seed of a lock-step game
     composed: bool = False  # the nodes of GAME in one process
-    nav2: str = ""  # what drives the simulated base: NAV2_BRINGUP, NAV2_BY_HAND or a command; "": a simulated Nav2
+    nav2: str = ""  # Nav2 of the simulated base: NAV2_BRINGUP, NAV2_BY_HAND or a command; "": simulated
 
     def __post_init__(self) -> None:
         if not 1.0 <= self.speed <= 10.0:
@@ -121,7 +121,7 @@ class GameSetup:
 
     @property
     def knows_its_pose(self) -> bool:
-        """Whether the robot is localized from the start on."""
+        """True if the robot is localized from the start."""
         return self.sim and not self.nav2
 
     @property
@@ -142,29 +142,29 @@ class GameSetup:
         return nodes if self.web is None else (*nodes, PAGE)
 
     def parameters(self, node: str) -> dict[str, Value]:
-        """The parameters that ``node`` is started with; all others have their defaults."""
+        """Return the parameters that ``node`` is started with; others have their defaults."""
         process, home = PROCESSES[node], self.home
-        known: dict[str, Value] = {"map_yaml": self.map, "policy": self.policy, "speed": self.speed}
+        values: dict[str, Value] = {"map_yaml": self.map, "policy": self.policy, "speed": self.speed}
         if home is not None:
-            known["home"] = ",".join(map(repr, home)) if node == SIMULATOR else list(home)
-        found = {name: known[name] for name in process.parameters if name in known}
+            values["home"] = ",".join(map(repr, home)) if node == SIMULATOR else list(home)
+        parameters = {name: values[name] for name in process.parameters if name in values}
         if process.configured:
-            played: dict[str, Value] = {"preset": self.preset, "execution": self.execution}
-            played["settings"] = list(self.settings)
-            standard = {"preset": "robot", "execution": "robust", "settings": []}  # ROS cannot pass an empty list
-            found |= {name: value for name, value in played.items() if value != standard[name]}
+            configuration: dict[str, Value] = {"preset": self.preset, "execution": self.execution}
+            configuration["settings"] = list(self.settings)
+            standard = {"preset": "robot", "execution": "robust", "settings": []}  # ROS cannot pass empty lists
+            parameters |= {name: value for name, value in configuration.items() if value != standard[name]}
         if self.sim:
-            found["use_sim_time"] = True
+            parameters["use_sim_time"] = True
         if self.nav2 and node == SIMULATOR:
-            found |= dict.fromkeys(("navigation", "localization", "map_out"), False)
-        return found | self.extra.get(node, {})
+            parameters |= dict.fromkeys(("navigation", "localization", "map_out"), False)
+        return parameters | self.extra.get(node, {})
 
     def as_json(self) -> str:
-        """All fields, as a process of several nodes reads them (:func:`from_json`)."""
+        """Encode all fields for a process with several nodes (:func:`from_json`)."""
         return json.dumps(asdict(self), ensure_ascii=False)
 
     def command(self, node: str) -> list[str]:
-        """What follows ``python -m`` to start ``node``, or the page: its module and arguments."""
+        """Return module and arguments that start ``node``, or the page, after ``python -m``."""
         if node == PAGE:
             words = ["pacman_env.ros.operator_page", "--namespace", self.namespace, "--map", self.map]
             return [*words, "--port", str(self.web), *(["--sim"] if self.sim else [])]
@@ -174,7 +174,7 @@ class GameSetup:
             return ["pacman_env.ros.composed", self.as_json()]
         words = [module_of(node), "--ros-args", *QUIET, "-r", f"__ns:={full_namespace(self.namespace)}"]
         for name, value in self.parameters(node).items():
-            words += ["-p", f"{name}:={json.dumps(value, ensure_ascii=False)}"]  # quoted: a map may be called 1e3
+            words += ["-p", f"{name}:={json.dumps(value, ensure_ascii=False)}"]  # quoted: a map's name may be 1e3
         return words
 
 
@@ -197,7 +197,7 @@ def from_json(text: str) -> GameSetup:
 
 
 def full_namespace(name: str) -> str:
-    """``robot_15`` as ROS wants it, ``/robot_15``; "" is the root."""
+    """Convert ``robot_15`` to ROS's form ``/robot_15``; "" is the root."""
     bare = name.strip("/")
     if bare and not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", bare, re.ASCII):
         raise ValueError(f"namespace {name!r}: letters, digits and _, not beginning with a digit, / between parts")

@@ -1,4 +1,4 @@
-"""A real Nav2 for the simulated base: the command that starts it, its parameters, and what of it is missing here."""
+"""A real Nav2 for the simulated base: its start command, its parameters, and whether it is installed."""
 
 import os
 import shlex
@@ -14,20 +14,20 @@ BRINGUP = (
     "ros2 launch nav2_bringup bringup_launch.py namespace:={namespace} use_namespace:={in_namespace} map:={map} "
     "params_file:={params} use_sim_time:=True use_composition:=False"
 )
-FILES = ("nav2.yaml", "localization.yaml")  # of the checkout's folder config; no key is in both
+FILES = ("nav2.yaml", "localization.yaml")  # in the folder config of the checkout; the files share no key
 PACKAGE = "nav2_bringup"
 _APT = "sudo apt install ros-jazzy-navigation2 ros-jazzy-nav2-bringup ros-jazzy-ros2launch"
 _INDEX = Path("share/ament_index/resource_index/packages")
 
 
 def check(setup: GameSetup) -> None:
-    """Refuse, with a ValueError that names what is missing, a Nav2 that cannot be started here."""
+    """Raise a ValueError that lists what is missing if Nav2 cannot be started here."""
     if not setup.nav2:
         return
     words = _words(setup, Path("params.yaml"))
     if setup.nav2 == NAV2_BRINGUP:
-        installed = any((folder / _INDEX / PACKAGE).is_file() for folder in _prefixes())
-        missing = [*(() if shutil.which(words[0]) else (words[0],)), *(() if installed else (PACKAGE,))]
+        is_installed = any((folder / _INDEX / PACKAGE).is_file() for folder in _prefixes())
+        missing = [*(() if shutil.which(words[0]) else (words[0],)), *(() if is_installed else (PACKAGE,))]
         if missing:
             raise ValueError(
                 f"--nav2: {' and '.join(missing)} not found: source /opt/ros/jazzy/setup.bash; where that does not "
@@ -40,7 +40,7 @@ def check(setup: GameSetup) -> None:
 
 
 def command(setup: GameSetup, folder: Path) -> list[str]:
-    """What starts it, as a module with arguments; its parameters are written into the folder."""
+    """Return Nav2's start command as a module with arguments, and write its parameters into the folder."""
     params = folder / f"{NAV2}.yaml"
     if "{params}" in _template(setup):
         params.write_text("\n".join(path.read_text() for path in _files()))
@@ -53,12 +53,12 @@ def _template(setup: GameSetup) -> str:
 
 def _words(setup: GameSetup, params: Path) -> list[str]:
     namespace = setup.namespace.strip("/")
-    known = {"namespace": namespace, "in_namespace": str(bool(namespace)), "map": map_file(setup.map), "params": params}
+    parts = {"namespace": namespace, "in_namespace": str(bool(namespace)), "map": map_file(setup.map), "params": params}
     try:
-        words = [word.format(**known) for word in shlex.split(_template(setup))]
+        words = [word.format(**parts) for word in shlex.split(_template(setup))]
     except (ValueError, LookupError, AttributeError) as error:
         raise ValueError(
-            f"--nav2 {setup.nav2!r}: no command ({error}); it may use {', '.join(known)} in braces"
+            f"--nav2 {setup.nav2!r}: no command ({error}); it may use {', '.join(parts)} in braces"
         ) from None
     if not words:
         raise ValueError("--nav2 '': no command")
@@ -70,10 +70,10 @@ def _prefixes() -> list[Path]:
 
 
 def _files() -> list[Path]:
-    """Those of the checkout, or of the package that colcon has installed."""
+    """Return the parameter files of the checkout, or of the package installed by colcon."""
     shares = [Path(pacman_env.__file__).parents[1], *(path / "share" / "pacman_env" for path in _prefixes())]
     for share in shares:
-        found = [share / "config" / name for name in FILES]
-        if all(path.is_file() for path in found):
-            return found
+        paths = [share / "config" / name for name in FILES]
+        if all(path.is_file() for path in paths):
+            return paths
     raise ValueError(f"--nav2: {' and '.join(FILES)} not found: install pacman_env from a checkout, pip install -e .")

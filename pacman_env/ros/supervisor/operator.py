@@ -1,4 +1,4 @@
-"""What an operator asks of a running game, from another terminal: its status, start, reset, stop, release."""
+"""Operator commands for a running game from another terminal: status, start, reset, stop, release."""
 
 import os
 import sys
@@ -13,9 +13,9 @@ from pacman_env.ros.supervisor import status
 from pacman_env.ros.supervisor.status_line import ANSWER_S, StatusLine
 from pacman_env.ros.supervisor.terminal import wrapped
 
-DONE, REFUSED, NO_ANSWER = 0, 1, 3  # exit statuses, beside 2 for bad arguments
-SETTLE_S = 0.5  # in which what is latched comes in, once anything has
-OBEY_S = 2.0  # in which all obey that have ever published
+DONE, REFUSED, NO_ANSWER = 0, 1, 3  # exit statuses besides 2 for bad arguments
+SETTLE_S = 0.5  # for latched messages to arrive after the first message
+OBEY_S = 2.0  # for all nodes that have ever published a request to obey
 
 
 def operate(command: str, namespace: str, domain: int | None, sim: bool, wait_s: float) -> int:
@@ -28,11 +28,11 @@ def _call(service: topics.Service, status_line: StatusLine, wait_s: float) -> in
     end = time.monotonic() + wait_s
     answer: Any = None
     while time.monotonic() < end:
-        asked_s = time.monotonic()
+        call_s = time.monotonic()
         answer = status_line.call(service)
         if answer is None:
             status_line.spin(0.05)
-        elif status_line.spin_until(answer.done, min(ANSWER_S, end - asked_s)):
+        elif status_line.spin_until(answer.done, min(ANSWER_S, end - call_s)):
             break
     if answer is None or not answer.done():
         return _no_answer(status_line, service.name)
@@ -90,8 +90,8 @@ def _print_obeying(status_line: StatusLine, wait_s: float, text: str) -> int:
 
 
 def _no_answer(status_line: StatusLine, what: str) -> int:
-    where, number = status_line.get_namespace(), os.environ["ROS_DOMAIN_ID"]
-    text = f"no game in {where}, ROS domain {number}: no answer on {what}; is 'pacman-env ros up' running there? "
+    place, number = status_line.get_namespace(), os.environ["ROS_DOMAIN_ID"]
+    text = f"no game in {place}, ROS domain {number}: no answer on {what}; is 'pacman-env ros up' running there? "
     text += f"for details run 'pacman-env ros doctor{' --sim' if status_line.sim else ''}'"
     print(wrapped(text) if sys.stderr.isatty() else text, file=sys.stderr)
     return NO_ANSWER

@@ -1,6 +1,6 @@
-"""The processes that prepare a game before its first node starts; imports no compiler.
+"""Processes that prepare a game before its first node starts; imports no compiler.
 
-They check what can be known to be wrong, compile what has not been compiled on this machine yet, and prepare the map
+They check the setup as far as possible, compile what this machine has not compiled yet, and prepare the map
 (``warm_up.py``).
 """
 
@@ -22,23 +22,23 @@ CHECKED = "checked"  # the first line of the first process
 
 @dataclass(frozen=True)
 class Part:
-    """What one process compiles: for some nodes, with a policy."""
+    """Work of one process: compile for some nodes, with a policy."""
 
     nodes: tuple[str, ...]
     policy: str = ""
 
     @property
     def mark(self) -> Path | None:
-        """The file that exists once it is done; None where nothing is kept."""
+        """File that exists once the part is compiled; None if compiled code cannot be stored."""
         kind = Path(self.policy).suffix.lstrip(".") or self.policy
         return mark(f"warm-{'-'.join(self.nodes)}-{kind or 'none'}")
 
 
 def parts(setup: GameSetup) -> list[Part]:
-    """List the parts that are not compiled yet; none where nothing can be kept."""
+    """List the parts that are not compiled yet; none if compiled code cannot be stored."""
     robot = [Part((SIMULATOR,))] if setup.sim else []
-    wanted = [Part((SELECTOR,), setup.policy), *robot, Part((GHOSTS,))]
-    return [part for part in wanted if part.mark is not None and not part.mark.exists()]
+    needs = [Part((SELECTOR,), setup.policy), *robot, Part((GHOSTS,))]
+    return [part for part in needs if part.mark is not None and not part.mark.exists()]
 
 
 def map_mark(setup: GameSetup) -> Path | None:
@@ -47,26 +47,26 @@ def map_mark(setup: GameSetup) -> Path | None:
 
 
 class Preparation:
-    """The processes: the first checks the setup and compiles one half of the parts, the second compiles the other."""
+    """Two processes: the first checks the setup and compiles one half of the parts, the second the other half."""
 
     def __init__(self, setup: GameSetup, report: Callable[[str], None]) -> None:
         self._setup, self._report = setup, report
-        compiled = parts(setup)
-        selector = [part for part in compiled if SELECTOR in part.nodes]
-        self._others = [part for part in compiled if part not in selector]
-        names = [node for part in compiled for node in part.nodes]
+        missing = parts(setup)
+        selector = [part for part in missing if SELECTOR in part.nodes]
+        self._others = [part for part in missing if part not in selector]
+        names = [node for part in missing for node in part.nodes]
         self.words = f"compiling (once): {', '.join(names)}" if names else ""
         self._running = [self._start(selector, check=True)]
 
-    def _start(self, compiled: list[Part], check: bool) -> Popen[str]:
-        asked = json.dumps([check, [[part.nodes, part.policy] for part in compiled]])
-        command = [sys.executable, "-m", "pacman_env.ros.supervisor.warm_up", asked, self._setup.as_json()]
+    def _start(self, work: list[Part], check: bool) -> Popen[str]:
+        request = json.dumps([check, [[part.nodes, part.policy] for part in work]])
+        command = [sys.executable, "-m", "pacman_env.ros.supervisor.warm_up", request, self._setup.as_json()]
         return Popen(command, stdin=DEVNULL, stdout=PIPE, stderr=PIPE, text=True, start_new_session=True)
 
     def check(self) -> None:
-        """Wait until what can be known to be wrong has been checked, then begin with the other half.
+        """Wait until the first process has checked the setup, then start the other half.
 
-        ValueError for what is wrong: nothing has been compiled then.
+        Raises ValueError if the setup is wrong; nothing has been compiled then.
         """
         first = self._running[0]
         if not (first.stdout and first.stdout.readline()):
@@ -76,13 +76,13 @@ class Preparation:
             self._running.append(self._start(self._others, check=False))
 
     def done(self) -> bool:
-        """Return whether all is prepared; ValueError for what is wrong with the setup."""
+        """Return True if everything is prepared; raises ValueError if the setup is wrong."""
         for process in [one for one in self._running if one.poll() is not None]:
             self._running.remove(process)
             _, errors = process.communicate()
             if process.returncode == BAD_START:
-                raise ValueError(errors.strip().rpartition("\n")[2])  # after warnings
-            if process.returncode:  # the nodes compile for themselves, and report what is wrong
+                raise ValueError(errors.strip().rpartition("\n")[2])  # the last line, after warnings
+            if process.returncode:  # the nodes will compile themselves and report the error
                 self._report(f"compiling ended with status {process.returncode}")
         return not self._running
 

@@ -1,4 +1,4 @@
-"""The nodes of a game as processes: started in order, started again when they die, stopped in three groups."""
+"""The nodes of a game as processes: started in order, restarted when they die, stopped in three groups."""
 
 import contextlib
 import os
@@ -14,48 +14,48 @@ from typing import Any
 
 from . import child
 
-#: For a node's end: its last messages, then a middleware that hangs, 7 s together (``node.py``), on a busy machine.
+#: For a node's end on a busy machine: its last messages and a hanging middleware take 7 s together (``node.py``).
 PATIENCE_S = 30.0
-SLOW_START_S = 10.0  # the pause between two starts of a dying node is doubled up to this
+SLOW_START_S = 10.0  # largest pause before a restart; it doubles at each death
 MANY = 5  # deaths ...
-SOON_S = 60.0  # ... within this time: starting it again does not help
+SOON_S = 60.0  # ... within this time: a restart does not help
 BAD_START = 2  # exit status of a node that refuses its arguments (``node.py``)
-AT_REST_S = 20.0  # a process that runs for less long may still be starting
+AT_REST_S = 20.0  # a younger process may still be starting
 _END_POLL_S = 0.01
 RESTARTS = 3  # of a process that does not respond ...
-RESTARTS_S = 600.0  # ... within this time: another one does not help
-_LOG_END = 2000  # bytes of a log that are searched for the reason of a death
-#: A line that is no reason: of the log, below a warning.
+RESTARTS_S = 600.0  # ... within this time: one more does not help
+_LOG_END = 2000  # bytes of a log in which the reason of a death is searched
+#: A log line below a warning, which is no reason.
 _NO_REASON = re.compile(r"\[(DEBUG|INFO)\]")
-#: A line that may be the reason even of a killed process: of the log, or Python's.
+#: A line of the log or of Python that may be the reason even if the process was killed.
 _ERROR = re.compile(r"\[(ERROR|FATAL)\]|^(Fatal Python error|[\w.]*(Error|Exception|Interrupt)\b)")
 
 
 class Lost(RuntimeError):
-    """A node that cannot be kept alive: it refused to start, or died too often in too short a time."""
+    """Raised for a node that cannot be kept alive: it refused to start, or died too often in a short time."""
 
 
 @dataclass
 class Member:
     name: str
     process: subprocess.Popen[bytes] | None = None
-    due_s: float | None = None  # when it is started again
-    log_begins: int = 0  # bytes that earlier lives have written
+    due_s: float | None = None  # time of the next start
+    log_begins: int = 0  # bytes of the log before the last start
     deaths: list[float] = field(default_factory=list)
     started_s: float = 0.0
-    restarts: list[float] = field(default_factory=list)  # because it did not respond
-    left_alone: bool = False  # so often that it is not started again
-    ended_by_us: bool = False  # for a restart, which has been reported
+    restarts: list[float] = field(default_factory=list)  # times of restarts because it did not respond
+    left_alone: bool = False  # True after too many restarts
+    ended_by_us: bool = False  # killed for a restart that was already reported
 
 
 @dataclass
 class ProcessGroup:
-    command: Callable[[str], Sequence[str]]  # by name: the module that runs a node, and its arguments
-    logs: Path  # folder for one file per node, with all that it prints
+    command: Callable[[str], Sequence[str]]  # by name: the module of a node, and its arguments
+    logs: Path  # folder with a file per node for its output
     environment: dict[str, str]
-    report: Callable[[str], None]  # called with one line about each event
-    spare: Collection[str] = ()  # those without which the others continue: not started again, where others are Lost
-    final: Collection[str] = ()  # those that are not started again when they end
+    report: Callable[[str], None]  # called with a line for each event
+    spare: Collection[str] = ()  # dispensable processes: given up instead of raising Lost
+    final: Collection[str] = ()  # processes that are not restarted when they end
     _members: dict[str, Member] = field(default_factory=dict)
 
     def start(self, name: str) -> None:
@@ -66,7 +66,7 @@ class ProcessGroup:
         return name in self._members
 
     def status(self, name: str) -> int | None:
-        """The exit status, None while it runs or waits to be started again."""
+        """Return the exit status; None while the process runs or waits for its restart."""
         process = self._members[name].process
         return None if process is None else process.poll()
 
@@ -77,11 +77,11 @@ class ProcessGroup:
         del self._members[name]
 
     def last_words(self, name: str) -> str:
-        """Why it may have ended, by the last line of its log since it was started, or where the log is."""
+        """Return the likely reason of an end, from the last log line since the start, or the log's path."""
         return self._reason(name) or f"no word in {self._log(name)}"
 
     def _reason(self, name: str, what: re.Pattern[str] | None = None) -> str:
-        """The last line that it has written in this life, if it is of that kind, without one no mere information."""
+        """Return the last log line since the start if it matches ``what``; by default unless it is DEBUG or INFO."""
         path = self._log(name)
         with contextlib.suppress(OSError), path.open("rb") as log:
             log.seek(max(self._members[name].log_begins, path.stat().st_size - _LOG_END))
@@ -91,23 +91,23 @@ class ProcessGroup:
         return ""
 
     def _end_of(self, member: Member, status: int) -> tuple[str, bool]:
-        """How it ended, with its reason where its log has one, and whether it is useless to start it again."""
+        """Describe an end, with its reason in the log, and return True with it if a restart is useless."""
         name = member.name
         if status == BAD_START:
             return f"does not start: {self.last_words(name)}", True
         if status < 0:
             signals = {one.value: one.name for one in signal.Signals}
-            ended, reason = f"was killed ({signals.get(-status, f'signal {-status}')})", self._reason(name, _ERROR)
+            words, reason = f"was killed ({signals.get(-status, f'signal {-status}')})", self._reason(name, _ERROR)
         else:
-            ended, reason = f"ended with status {status}", self._reason(name)
-        ended += f": {reason}" if reason else f", its log is {self._log(name)}"
+            words, reason = f"ended with status {status}", self._reason(name)
+        words += f": {reason}" if reason else f", its log is {self._log(name)}"
         if name in self.final:
-            return ended, True
+            return words, True
         many = len(member.deaths) >= MANY
-        return f"died {MANY} times within {SOON_S:.0f} s, at last it {ended}" if many else ended, many
+        return f"died {MANY} times within {SOON_S:.0f} s, at last it {words}" if many else words, many
 
     def restart(self, name: str, reason: str) -> None:
-        """Kill a process that runs and does not respond, so that ``tend`` starts it again; not too often."""
+        """Kill a running process that does not respond, so that ``tend`` restarts it; limited to ``RESTARTS``."""
         member, now = self._members[name], time.monotonic()
         if member.process is None or member.process.poll() is not None or now - member.started_s < AT_REST_S:
             return
@@ -117,14 +117,14 @@ class ProcessGroup:
             member.left_alone = False
             self.report(f"{name} is started again: {reason}")
             member.ended_by_us = True
-            member.process.kill()  # it may not be able to end by itself
+            member.process.kill()  # it may be unable to end by itself
             member.process.wait()
         elif not member.left_alone:
             member.left_alone = True
             self.report(f"{name}: {RESTARTS} restarts did not help: {reason}")
 
     def tend(self) -> list[str]:
-        """Start again what died and is due, and return the names of those found dead; Lost if that does not help."""
+        """Restart dead processes that are due, and return the newly dead ones; raises Lost if restarts do not help."""
         dead, now = [], time.monotonic()
         for member in self._members.values():
             name = member.name
@@ -137,21 +137,21 @@ class ProcessGroup:
         return dead
 
     def _bury(self, member: Member, status: int, now: float) -> None:
-        """Report a death and decide when the member is started again: after its first death at once."""
+        """Report a death and schedule the restart, which is immediate after the first death."""
         name = member.name
         member.deaths = [when for when in member.deaths if now - when < SOON_S] + [now]
-        ended, hopeless = self._end_of(member, status)
+        words, hopeless = self._end_of(member, status)
         if hopeless and name not in self.spare:
-            raise Lost(f"{name} {ended}")
+            raise Lost(f"{name} {words}")
         if hopeless:
             member.due_s = None
-            self.report(f"{name} {ended}; it is given up, the rest goes on")
+            self.report(f"{name} {words}; it is given up, the rest goes on")
         else:
             many = len(member.deaths) > 1
             pause = min(SLOW_START_S, 2.0 ** (len(member.deaths) - 1)) if many else 0.0
             member.due_s = now + pause
             if not member.ended_by_us:
-                self.report(f"{name} {ended}; again {f'in {pause:.0f} s' if many else 'at once'}")
+                self.report(f"{name} {words}; again {f'in {pause:.0f} s' if many else 'at once'}")
         member.ended_by_us = False
 
     def stop(
@@ -163,7 +163,7 @@ class ProcessGroup:
     ) -> list[str]:
         """Stop the members of ``first`` together, call ``between``, stop all others together, then ``last``.
 
-        Calls ``waiting`` with the names of the members that are still running. Returns the names of killed members.
+        Calls ``waiting`` with the names of members that still run. Returns the names of killed members.
         """
         killed = []
         others = [name for name in self._members if name not in (*first, *last)]
@@ -191,7 +191,7 @@ class ProcessGroup:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 env=self.environment,
-                start_new_session=True,  # Ctrl-C is for the command, which stops the nodes in order
+                start_new_session=True,  # Ctrl-C must only reach the command, which stops the nodes in order
             )
         member.due_s, member.started_s = None, time.monotonic()
 
@@ -201,18 +201,18 @@ def end(
     patience_s: float,
     waiting: Callable[[Sequence[str]], object] = lambda names: None,
 ) -> list[str]:
-    """Ask processes to end, all at once; kill those that do not end in time, and return their names.
+    """Terminate processes together; kill those that do not end in time, and return their names.
 
-    Calls ``waiting`` with the names of the processes that are still running, whenever one has ended.
+    Calls ``waiting`` with the names of the running processes whenever one has ended.
     """
     deadline = time.monotonic() + patience_s
     for process in processes.values():
         process.terminate()
-    left: list[str] = []
+    previous: list[str] = []
     while running := [name for name, process in processes.items() if process.poll() is None]:
-        if running != left:
+        if running != previous:
             waiting(running)
-        left = running
+        previous = running
         if time.monotonic() > deadline:
             break
         time.sleep(_END_POLL_S)

@@ -1,4 +1,4 @@
-"""What ``ros up`` asks of the referee: rounds that begin by themselves, and requests until they are answered."""
+"""Requests of ``ros up`` to the referee: automatic rounds, and service calls that are repeated until answered."""
 
 import time
 from typing import Any
@@ -8,11 +8,11 @@ from pacman_env.ros.supervisor.status_line import ANSWER_S, StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter
 from pacman_env.ros.topics import RESET_GAME, START_GAME, Service
 
-NEXT_ROUND_S = 2.0  # in the menu, where round follows round
+NEXT_ROUND_S = 2.0  # in the menu, between automatic rounds
 
 
 class Rounds:
-    """``starts``: the next round begins by itself; ``play_on``: and every later one; ``most`` of them, if given."""
+    """Rounds of a game: with ``starts`` the next one begins by itself, with ``play_on`` all do, at most ``most``."""
 
     def __init__(
         self,
@@ -24,13 +24,13 @@ class Rounds:
     ) -> None:
         self.status_line, self.writer = status_line, writer
         self.starts, self.play_on, self.most = starts, play_on, most
-        self.wanted: list[Service] = []  # to be called as soon as they are there
-        self.answers: list[tuple[Service, Any, float]] = []  # of services, and when they were called
-        self._menu_s: float | None = None  # since when the game is in the menu, wall time
+        self.wanted: list[Service] = []  # services to call once they are available
+        self.answers: list[tuple[Service, Any, float]] = []  # service, future and time of the call
+        self._menu_s: float | None = None  # wall time since when the game is in the menu
         self._played, self._running = 0, False
 
     def are_over(self, can_begin: bool) -> bool:
-        """Ask for the next round if it is due and can begin; return whether the last one was played."""
+        """Request the next round if it is due and can begin; return True if the last round was played."""
         self._running = self._running or self.status_line.state == "running"
         if not (self.starts and can_begin and self._in_menu()):
             return False
@@ -42,7 +42,7 @@ class Rounds:
         return False
 
     def _in_menu(self) -> bool:
-        """Whether the game has been in the menu for a moment, with everything there for a round."""
+        """Return True if the game has been in the menu for a moment and is ready for a round."""
         if self.status_line.state != "menu" or not self.status_line.ready or self.wanted or self.answers:
             self._menu_s = None
             return False
@@ -51,25 +51,25 @@ class Rounds:
         return now - self._menu_s >= (NEXT_ROUND_S if self.status_line.result else 0.0)
 
     def call_services(self) -> None:
-        """Call what is wanted and read the answers; a call without an answer, or refused too soon, is repeated."""
+        """Call the wanted services and read their answers; repeat calls without an answer or refused too early."""
         for service in list(self.wanted):
             answer = self.status_line.call(service)
             if answer is not None:
                 self.wanted.remove(service)
                 self.answers.append((service, answer, time.monotonic()))
         for call in list(self.answers):
-            service, answer, called_s = call
+            service, answer, start_s = call
             if answer.done():
                 self.answers.remove(call)
                 self._read(service, answer.result())
-            elif time.monotonic() - called_s > ANSWER_S:
+            elif time.monotonic() - start_s > ANSWER_S:
                 self.answers.remove(call)
                 self.wanted.append(service)
 
     def _read(self, service: Service, result: Any) -> None:
         if result.success:
             self.starts = self.play_on or (self.starts and service is not START_GAME)
-        elif service is START_GAME and self.starts:  # asked again, if it has not begun by an answer that was lost
+        elif service is START_GAME and self.starts:  # repeated, unless it has begun and its answer was lost
             self.starts = self.play_on or self.status_line.state == "menu"
         elif service is START_GAME and self._is_refused_too_soon():
             self.wanted.append(service)
@@ -77,9 +77,9 @@ class Rounds:
             self.writer.print(f"{service.name}: {result.message}")
 
     def _is_refused_too_soon(self) -> bool:
-        """Whether a start is refused although a round can begin: by a referee that has just been started again.
+        """Return True if a referee that has just restarted refuses a start although a round can begin.
 
-        It does not know yet of the goal selector that is there. A reset that was asked for later stands.
+        It has not discovered the goal selector yet. A reset that was requested later has priority.
         """
-        asked = [*self.wanted, *(service for service, *_ in self.answers)]
-        return self.status_line.state == "menu" and self.status_line.has_selector and RESET_GAME not in asked
+        requests = [*self.wanted, *(service for service, *_ in self.answers)]
+        return self.status_line.state == "menu" and self.status_line.has_selector and RESET_GAME not in requests

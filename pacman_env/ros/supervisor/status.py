@@ -1,4 +1,4 @@
-"""``pacman-env ros status``: how a game stands, and what of it is absent or not received yet."""
+"""``pacman-env ros status``: the state of a game, and what is absent or not received yet."""
 
 import json
 import math
@@ -13,10 +13,10 @@ from pacman_env.ros.supervisor.game_nodes import GAME, ORIGINAL_SELECTOR, SELECT
 from pacman_env.ros.supervisor.status_line import STOPPED, VALUES, StatusLine
 from pacman_env.ros.supervisor.terminal import wrapped
 
-#: Exit statuses beside 3, no game: all is there; something is absent or pending.
+#: Exit statuses besides 3 (no game): everything is received; something is absent or pending.
 ALL_THERE, INCOMPLETE = 0, 1
-QUIET_S = 3.0  # what has not been discovered, or received, so long after the last that has, is not waited for
-#: Where each fact comes from.
+QUIET_S = 3.0  # after this time without any discovery or message, missing things are not awaited
+#: Topic of each fact.
 _SOURCES: dict[str, topics.Topic] = {
     **{name: value.topic for name, value in VALUES.items()},
     "policy": topics.DIAGNOSTICS,
@@ -28,7 +28,7 @@ _SOURCES: dict[str, topics.Topic] = {
 
 @dataclass(frozen=True)
 class Missing:
-    """Nodes and facts without an answer: nothing that could give it was discovered, or it has not answered yet."""
+    """Nodes and facts without an answer: their source was not discovered, or has not answered yet."""
 
     absent: dict[str, list[str]] = field(default_factory=dict)  # "nodes" and "values", by name
     pending: dict[str, list[str]] = field(default_factory=dict)
@@ -38,24 +38,24 @@ class Missing:
 
 
 def settled(status_line: StatusLine, end_s: float) -> Missing:
-    """What is missing once nothing more comes: nothing as soon as all is there, at the latest at ``end_s``."""
-    before: Any = None
+    """Wait until nothing is missing, nothing more arrives, or ``end_s``, and return what is missing."""
+    previous: Any = None
     quiet_s = 0.0
     while True:
         missing = _missing(status_line)
         now_s = time.monotonic()
-        if missing != before:
-            before, quiet_s = missing, now_s + QUIET_S
+        if missing != previous:
+            previous, quiet_s = missing, now_s + QUIET_S
         if not missing or now_s >= min(quiet_s, end_s):
             return missing
         status_line.spin(0.05)
 
 
 def _missing(status_line: StatusLine) -> Missing:
-    there = {
-        name for name, where in status_line.get_node_names_and_namespaces() if where == status_line.get_namespace()
+    discovered = {
+        name for name, place in status_line.get_node_names_and_namespaces() if place == status_line.get_namespace()
     }
-    planner = ORIGINAL_SELECTOR if ORIGINAL_SELECTOR in there else SELECTOR
+    planner = ORIGINAL_SELECTOR if ORIGINAL_SELECTOR in discovered else SELECTOR
     nodes = [*((SIMULATOR,) if status_line.sim else ()), *GAME, planner]
     silent = [name for name in nodes if name not in status_line.nodes and name != ORIGINAL_SELECTOR]
     facts = status_line.facts()
@@ -63,10 +63,10 @@ def _missing(status_line: StatusLine) -> Missing:
     published = {name for name in unknown if publishers(status_line, [_SOURCES[name].name])}
     return Missing(
         {
-            "nodes": [one for one in silent if one not in there],
+            "nodes": [one for one in silent if one not in discovered],
             "values": [one for one in unknown if one not in published],
         },
-        {"nodes": [one for one in silent if one in there], "values": [one for one in unknown if one in published]},
+        {"nodes": [one for one in silent if one in discovered], "values": [one for one in unknown if one in published]},
     )
 
 
@@ -98,7 +98,7 @@ def as_rows(status_line: StatusLine, missing: Missing) -> str:
 
 
 def _place(condition: Any) -> str:
-    """Where the goal selector believes the robot to be, if it says so."""
+    """Return the goal selector's believed pose as text, if it reports one."""
     pose = (condition or {}).get("pose", ())
     if pose is None:
         return "unknown; "

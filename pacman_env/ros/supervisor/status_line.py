@@ -1,6 +1,6 @@
-"""The node of ``ros up`` and of an operator's commands: what a running game publishes, as values and as one line.
+"""Node of ``ros up`` and of operator commands: what a running game publishes, as values and as one line.
 
-It publishes nothing until it is asked to stop the robot."""
+It publishes nothing until it must stop the robot."""
 
 import contextlib
 import time
@@ -25,16 +25,16 @@ from pacman_env.ros.supervisor.game_nodes import full_namespace
 from pacman_env.ros.supervisor.terminal import fitted, plain
 from pacman_env.ros.supervisor.unresponsive import Unresponsive
 
-ANSWER_S = 2.0  # then a service is called again: an answer may be lost, a referee that ended never sends it
-HALT_S = 1.0  # for Nav2's answer
-KNOWN_S = 0.3  # a server that is ready for a client may not know its reader yet, and drops its answer
+ANSWER_S = 2.0  # before a service is called again: an answer may be lost, or never come from a referee that ended
+HALT_S = 1.0  # time for Nav2's answer
+KNOWN_S = 0.3  # a new server may not know a client's reader yet, and would drop its answer
 STOPPED = "stopped by the operator"
 _MOST = 10**9
 
 
 @dataclass(frozen=True)
 class GameValue:
-    """What the referee publishes about the game, read or refused as every message is."""
+    """A value that the referee publishes; ``read`` refuses bad messages."""
 
     topic: topics.Topic
     read: Callable[[Any], Any]
@@ -53,24 +53,24 @@ VALUES = {
     "pellets_spawned": _count(topics.PELLETS_SPAWNED),
     "clyde_speed_mps": GameValue(topics.CLYDE_SPEED, lambda message: number_of(message, 0.0, MAX_SPEED_MPS)),
 }
-#: Troubles of the goal selector that the line has other words for.
+#: Troubles of the goal selector that the line shows in other words.
 _IN_OTHER_WORDS = ("no Nav2", "ghosts unheard", STOPPED)
 
 
 class StatusLine(Observer):
-    """``sim``: time is the simulated robot's; ``policy`` is shown until the goal selector names its own."""
+    """Node that follows a game, with ``sim`` in simulated time; ``policy`` is shown until the selector reports one."""
 
     def __init__(self, namespace: str, sim: bool, policy: str = "") -> None:
         clock = Parameter("use_sim_time", Parameter.Type.BOOL, sim)
         super().__init__("pacman_up", full_namespace(namespace), parameter_overrides=[clock])
         self.sim, self._policy = sim, policy
         self._values: dict[str, Any] = {}
-        self.invalid: dict[str, str] = {}  # by name of the value: why the last message was refused
+        self.invalid: dict[str, str] = {}  # value name: why its last message was refused
         for name, value in VALUES.items():
             value.topic.subscription(self, partial(self._on_value, name))
         self.condition: dict[str, Any] = {}  # the goal selector's diagnostics
         topics.DIAGNOSTICS.subscription(self, self._on_diagnostics)
-        self.nodes: dict[str, dict[str, Any]] = {}  # by name: what each of the game's nodes plays by
+        self.nodes: dict[str, dict[str, Any]] = {}  # by name: the published configuration of each node of the game
         topics.CONFIGURATION.subscription(self, self._on_configuration)
         self._pose_ns: int | None = None
         topics.AMCL_POSE.subscription(self, self._on_pose)
@@ -78,11 +78,11 @@ class StatusLine(Observer):
         self.unresponsive = Unresponsive(self)
         self._cmd_vel: Any = None
         self._cancel: Any = None
-        self._requests: dict[str, tuple[Any, float]] = {}  # futures and when they were made, by the service's name
+        self._requests: dict[str, tuple[Any, float]] = {}  # by service name: future and time of the call
         self._callers: dict[str, Any] = {}
 
     def listen(self, topic: Any, handle: Callable[[Any], object], trouble: str) -> Any:
-        """A subscription that drops bad messages: the nodes of the game report them."""
+        """Subscribe and drop bad messages: the nodes of the game report them."""
 
         def receive(message: Any) -> None:
             with contextlib.suppress(BadMessage):
@@ -96,7 +96,7 @@ class StatusLine(Observer):
 
     @property
     def result(self) -> str | None:
-        """Of the last round, empty before the first; None until it is received."""
+        """Result of the last round, empty before the first; None until it is received."""
         return self._values.get("result")
 
     @property
@@ -105,34 +105,34 @@ class StatusLine(Observer):
 
     @property
     def has_selector(self) -> bool:
-        """Whether a goal selector is there, as the referee asks before a round, and as far as it is discovered."""
+        """True if a goal selector is discovered; the referee asks the same before a round."""
         return self.count_publishers(self.resolve_topic_name(topics.GAME_STATUS.name)) > 0
 
     @property
     def pose_age_s(self) -> float | None:
-        """Since the latched pose was measured, None before the first; AMCL is silent while the robot stands."""
+        """Age of the latched pose, None before the first; AMCL is silent while the robot stands."""
         now_ns = self.get_clock().now().nanoseconds
         no_time = self.sim and not now_ns  # the simulated robot's clock has not been received
         return None if self._pose_ns is None or no_time else (now_ns - self._pose_ns) / 1e9
 
     @property
     def troubles(self) -> dict[str, str]:
-        """Nodes that do not respond, and what the goal selector reports, with their words; none that is over."""
+        """Current troubles by kind: nodes that do not respond, and reports of the goal selector."""
         silent = {kind: plain(text, LONGEST_WORD) for kind, text in self.unresponsive.troubles.items()}
-        found = {**silent, **troubles_of(self.condition)}
-        return {plain(kind, LONGEST_WORD): text for kind, text in found.items()}
+        texts = {**silent, **troubles_of(self.condition)}
+        return {plain(kind, LONGEST_WORD): text for kind, text in texts.items()}
 
     def others(self) -> str:
-        """Which game is here already, or publishes the time, as far as it is discovered; empty if there is none."""
-        here = [f"{name} ({process_words(plays)})" for name, plays in sorted(self.nodes.items())]
-        if here and self.count_publishers(self.resolve_topic_name(topics.CONFIGURATION.name)):
-            return f"a game is in {self.get_namespace()} already: {', '.join(here)}"
+        """Describe a discovered game, or another clock, that prevents a game here; empty if there is none."""
+        nodes = [f"{name} ({process_words(plays)})" for name, plays in sorted(self.nodes.items())]
+        if nodes and self.count_publishers(self.resolve_topic_name(topics.CONFIGURATION.name)):
+            return f"a game is in {self.get_namespace()} already: {', '.join(nodes)}"
         if self.sim and (clocks := publishers(self, (topics.CLOCK.name,))):
             return f"another clock runs in this ROS domain: {', '.join(clocks)}; choose another --domain-id"
         return ""
 
     def facts(self) -> dict[str, Any]:
-        """The game as plain values; None if not received, or not valid."""
+        """Return the game as plain values; None for values that are missing or invalid."""
         return {
             "namespace": self.get_namespace(),
             **{name: self._values.get(name) for name in VALUES},
@@ -146,17 +146,17 @@ class StatusLine(Observer):
         }
 
     def line(self, pose_age: bool) -> str:
-        """The game on one line; without the pose's age where lines are compared."""
+        """Return the game as one line; without the pose's age for comparisons."""
         age, troubles = self.pose_age_s, [kind for kind in self.troubles if kind not in _IN_OTHER_WORDS]
-        shown = {name: self._values.get(name, "?" if name in self.invalid else "-") for name in VALUES}
-        if shown["state"] == "?":
-            shown["state"] = "unknown state"
+        texts = {name: self._values.get(name, "?" if name in self.invalid else "-") for name in VALUES}
+        if texts["state"] == "?":
+            texts["state"] = "unknown state"
         pose = "no pose yet" if age is None else f"pose {age:.1f} s ago" if pose_age else "pose known"
         parts = [
-            f"{shown['state']:<14}",
-            f"round {shown['round']}",
-            f"score {shown['score']}",
-            f"pellets {shown['pellets_collected']}/{shown['pellets_spawned']}",
+            f"{texts['state']:<14}",
+            f"round {texts['round']}",
+            f"score {texts['score']}",
+            f"pellets {texts['pellets_collected']}/{texts['pellets_spawned']}",
             "STOPPED" if self.operator.stopped else "",
             "Nav2 does not answer" if self.condition.get("nav2") is False else "",
             "Nav2 does not see Clyde" if self.condition.get("ghosts_heard") is False else "",
@@ -166,31 +166,31 @@ class StatusLine(Observer):
         return fitted(list(filter(None, parts)))
 
     def call(self, service: topics.Service) -> Any:
-        """A future with the response of one of the referee's services; None if that is not available yet."""
+        """Call one of the referee's services and return a future; None if the service is not available yet."""
         if service.name not in self._callers:
             self._callers[service.name] = service.client(self), time.monotonic()
-        client, made_s = self._callers[service.name]
-        if not client.service_is_ready() or time.monotonic() - made_s < KNOWN_S:
+        client, start_s = self._callers[service.name]
+        if not client.service_is_ready() or time.monotonic() - start_s < KNOWN_S:
             return None
         return client.call_async(service.type.Request())
 
     def request(self, service: topics.Service) -> bool:
-        """Whether the service has granted a request; to be called until it has, as it may refuse the first ones."""
-        pending, called_s = self._requests.get(service.name, (None, 0.0))
+        """Return True if the service has granted a request; call this until then: it may refuse the first requests."""
+        pending, call_s = self._requests.get(service.name, (None, 0.0))
         if pending is not None and pending.done() and pending.result().success:
             return True
-        if pending is None or pending.done() or time.monotonic() - called_s > ANSWER_S:
+        if pending is None or pending.done() or time.monotonic() - call_s > ANSWER_S:
             self._requests[service.name] = self.call(service), time.monotonic()
         return False
 
     def prepare_halt(self) -> None:
-        """Make what ``halt`` needs, so that it is discovered meanwhile."""
+        """Create what ``halt`` needs early, so that it is discovered by then."""
         if self._cmd_vel is None:
             self._cmd_vel = topics.CMD_VEL.publisher(self)
             self._cancel = topics.NAVIGATE_TO_POSE.cancel_client(self)
 
     def halt(self) -> None:
-        """Cancel every goal that Nav2 pursues, whichever node sent it, and command zero velocity."""
+        """Cancel all goals in Nav2, whichever node sent them, and command zero velocity."""
         self.prepare_halt()
         end = time.monotonic() + HALT_S
         if self.spin_until(self._cancel.service_is_ready, HALT_S):
@@ -209,7 +209,7 @@ class StatusLine(Observer):
             self.invalid[name] = plain(str(error), LONGEST_WORD)
 
     def _on_diagnostics(self, message: Any) -> None:
-        with contextlib.suppress(BadMessage):  # of another project's goal selector
+        with contextlib.suppress(BadMessage):  # from a goal selector of another project
             self.condition = object_of(message, LONGEST_JSON)
             self._policy = plain(str(self.condition.get("policy", self._policy)), LONGEST_WORD)
 

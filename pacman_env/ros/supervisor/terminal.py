@@ -1,4 +1,4 @@
-"""The terminal of an operator: one line that is written over and over, and keys that need no Return."""
+"""Terminal of an operator: a status line that is overwritten, and keys that need no Return."""
 
 import contextlib
 import os
@@ -11,12 +11,12 @@ import tty
 from collections.abc import Callable, Iterator, Sequence
 from typing import TextIO
 
-LINE_S = 0.5  # between two updates of the line
+LINE_S = 0.5  # between updates of the line
 _CLEAR = "\r\x1b[K"
 
 
 class LineWriter:
-    """One line that is written over and over on a terminal; elsewhere a line whenever something but time changes."""
+    """Status line that is overwritten on a terminal; elsewhere a new line whenever more than the time changes."""
 
     def __init__(self, out: TextIO) -> None:
         self._out, self._is_terminal = out, out.isatty()
@@ -24,13 +24,13 @@ class LineWriter:
         self._awaited, self._since_s = "", 0.0
 
     def print(self, text: str, whole: bool = False) -> None:
-        """A line that stays, on a terminal broken between words; ``whole``: a command, which is to be copied."""
+        """Print a permanent line, wrapped on a terminal unless ``whole`` (for commands that a person may copy)."""
         text = text if whole or not self._is_terminal else wrapped(text, 2)
         print(f"{_CLEAR if self._is_terminal else ''}{text}", file=self._out, flush=True)
         self._due_s = 0.0
 
     def show(self, line: Callable[[bool], str], at_once: bool = False) -> None:
-        """``line(True)`` is with what only time changes, ``line(False)`` without."""
+        """Show the status line: ``line(True)`` contains the times, ``line(False)`` does not."""
         if time.monotonic() < self._due_s and not at_once:
             return
         self._due_s = time.monotonic() + LINE_S
@@ -44,12 +44,12 @@ class LineWriter:
     def wait(self, what: str, at_once: bool = False) -> None:
         if what != self._awaited:
             self._awaited, self._since_s = what, time.monotonic()
-        waited = f"{time.monotonic() - self._since_s:.0f} s"
-        self.show(lambda with_time: fitted([what, waited] if with_time else [what]), at_once)
+        wait_time = f"{time.monotonic() - self._since_s:.0f} s"
+        self.show(lambda with_time: fitted([what, wait_time] if with_time else [what]), at_once)
 
 
 def fitted(parts: Sequence[str], width: int | None = None) -> str:
-    """As many parts, the most important first, as fit on a line of ``width`` characters, or of the terminal's width."""
+    """Join as many parts, most important first, as fit in ``width`` characters or the terminal's width."""
     width = shutil.get_terminal_size().columns - 1 if width is None else width
     line = parts[0]
     for part in parts[1:]:
@@ -59,7 +59,7 @@ def fitted(parts: Sequence[str], width: int | None = None) -> str:
 
 
 def wrapped(text: str, indent: int = 0) -> str:
-    """Lines as wide as the terminal, broken between words; those after the first are indented. Paths stay whole."""
+    """Wrap text between words to the terminal's width and indent all lines but the first. Paths stay whole."""
     width = shutil.get_terminal_size().columns
     indented = " " * indent
     return "\n".join(
@@ -68,20 +68,20 @@ def wrapped(text: str, indent: int = 0) -> str:
 
 
 def plain(text: str, longest: int) -> str:
-    """On one line and without control characters: names and words come from other machines."""
+    """Reduce text of other machines to one line without control characters, of at most ``longest`` characters."""
     words = " ".join("".join(c if c.isprintable() else " " for c in text).split())
     return words if len(words) <= longest else f"{words[: longest - 3]}..."
 
 
 @contextlib.contextmanager
 def keyboard(source: TextIO) -> Iterator[Callable[[], str] | None]:
-    """A function that returns the keys pressed since its last call, in lower case; None where keys cannot be read."""
-    before = None
+    """Yield a function that returns the keys pressed since its last call, in lower case; None without keyboard."""
+    settings = None
     with contextlib.suppress(OSError, ValueError, AttributeError):  # no terminal, or one of another process group
         if source.isatty() and os.tcgetpgrp(source.fileno()) == os.getpgrp():
-            before = termios.tcgetattr(source)
+            settings = termios.tcgetattr(source)
             tty.setcbreak(source)
-    if before is None:
+    if settings is None:
         yield None
         return
 
@@ -95,4 +95,4 @@ def keyboard(source: TextIO) -> Iterator[Callable[[], str] | None]:
         yield pressed
     finally:
         with contextlib.suppress(OSError, termios.error):
-            termios.tcsetattr(source, termios.TCSADRAIN, before)
+            termios.tcsetattr(source, termios.TCSADRAIN, settings)

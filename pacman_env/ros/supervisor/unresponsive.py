@@ -1,4 +1,4 @@
-"""Nodes that do not do what the referee asks them to, as it reports them."""
+"""Nodes that do not respond to the referee's requests, as the referee reports them."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -11,15 +11,15 @@ WORDS = "{} does not respond"  # a node
 
 
 def reasons_of(message: Any) -> dict[str, str]:
-    """What is wrong, by node; BadMessage for what no referee publishes."""
-    found = object_of(message, _LONGEST)
-    if not all(isinstance(reason, str) for reason in found.values()):
+    """Return the reason by node; raises BadMessage for a message that no referee publishes."""
+    reasons = object_of(message, _LONGEST)
+    if not all(isinstance(reason, str) for reason in reasons.values()):
         raise BadMessage("reasons that are no text")
-    return {str(node)[:100]: str(reason)[:200] for node, reason in found.items()}
+    return {str(node)[:100]: str(reason)[:200] for node, reason in reasons.items()}
 
 
 class Unresponsive:
-    """The latest report, received by a node that has ``listen``."""
+    """Latest report, received through a node that has ``listen``."""
 
     def __init__(self, node: Any) -> None:
         self.reasons: Mapping[str, str] = {}
@@ -30,5 +30,5 @@ class Unresponsive:
 
     @property
     def troubles(self) -> dict[str, str]:
-        """By kind, with their words."""
+        """Texts of the troubles by kind."""
         return {words: f"{words}: {reason}" for node, reason in self.reasons.items() for words in (WORDS.format(node),)}

@@ -29,13 +29,13 @@ from pacman_env.ros.supervisor.status_line import StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter, keyboard
 from pacman_env.world.maps.occupancy import load_map
 
-# Exit statuses beside 0, stopped as asked, and 2, bad arguments or no ROS: the robot is not localized; a node could not
-# be kept alive; a node did not stop and was killed.
+# Exit statuses besides 0 (stopped on request) and 2 (bad arguments or no ROS): the robot is not localized; a node
+# could not be kept alive; a node did not stop and was killed.
 NO_POSE, NODE_LOST, HAD_TO_KILL = 3, 4, 5
 POLL_S = 0.1
 PREPARED_POLL_S = 0.02
-DISCOVERY_S = 1.0  # of other games, before anything is started
-GOING_S = 8.0  # a game that is just being stopped is waited for so long
+DISCOVERY_S = 1.0  # time to discover other games before the start
+GOING_S = 8.0  # longest wait for another game that is being stopped
 FAST_DDS = "rmw_fastrtps_cpp"
 CLEAN = "fastdds shm clean removes what they left in shared memory"
 _WEB = ("starlette", "uvicorn", "websockets")  # what the page's server needs
@@ -44,13 +44,13 @@ _BACKLOG = 20  # messages
 
 @dataclass(frozen=True)
 class UpOptions:
-    """How ``ros up`` plays a game, beside the game's setup."""
+    """How ``ros up`` plays a game, in addition to the game's setup."""
 
-    domain: int | None = None  # of ROS; None: that of the environment
-    logs: Path | None = None  # folder for what the nodes print; None: in the user's log folder
-    start: bool = False  # the first round begins by itself
-    play_on: bool = False  # every round does
-    rounds: int | None = None  # so many rounds do, then the game ends
+    domain: int | None = None  # of ROS; None: from the environment
+    logs: Path | None = None  # folder for the nodes' output; None: in the user's log folder
+    start: bool = False  # the first round starts by itself
+    play_on: bool = False  # every round starts by itself
+    rounds: int | None = None  # number of automatic rounds, then the game ends
 
     @property
     def plays_on(self) -> bool:
@@ -58,16 +58,16 @@ class UpOptions:
 
 
 def up(setup: GameSetup, options: UpOptions = UpOptions(), out: TextIO | None = None) -> int:
-    """Play until SIGINT, SIGTERM, the key q or the last round, and return the exit status. In the main thread."""
-    atexit.register(gc.freeze)  # the end of the interpreter would go through all objects, several times
+    """Play until SIGINT, SIGTERM, the key q or the last round, and return the exit status. Call in the main thread."""
+    atexit.register(gc.freeze)  # otherwise the interpreter would traverse all objects several times at its end
     writer = LineWriter(out or sys.stdout)
-    with Stop() as stop, contextlib.ExitStack() as held:
+    with Stop() as stop, contextlib.ExitStack() as stack:
         domain = join(options.domain, setup.sim)
         check(setup, options.plays_on)
-        preparation = held.enter_context(contextlib.closing(Preparation(setup, writer.print)))
-        lock = held.enter_context(GameLock(setup.namespace, domain, setup.sim))
-        status_line = held.enter_context(StatusLine(setup.namespace, setup.sim, setup.policy))
-        pressed = held.enter_context(keyboard(sys.stdin))
+        preparation = stack.enter_context(contextlib.closing(Preparation(setup, writer.print)))
+        lock = stack.enter_context(GameLock(setup.namespace, domain, setup.sim))
+        status_line = stack.enter_context(StatusLine(setup.namespace, setup.sim, setup.policy))
+        pressed = stack.enter_context(keyboard(sys.stdin))
         be_alone(status_line, lock, writer, stop)
         prepare(preparation, writer, stop)
         if stop.asked:
@@ -87,7 +87,7 @@ def up(setup: GameSetup, options: UpOptions = UpOptions(), out: TextIO | None = 
 
 
 def check(setup: GameSetup, plays_on: bool = False) -> None:
-    """Refuse what can be known to be wrong before anything is started."""
+    """Raise ValueError for everything that is known to be wrong before the start."""
     if setup.web is not None and (missing := [name for name in _WEB if find_spec(name) is None]):
         raise ValueError(f"--web needs {', '.join(missing)}: {install_command('web')}")
     if plays_on and not setup.sim:
@@ -99,7 +99,7 @@ def check(setup: GameSetup, plays_on: bool = False) -> None:
 
 
 def be_alone(status_line: StatusLine, lock: GameLock, writer: LineWriter, stop: Stop) -> None:
-    """Refuse to play beside another game, unless it ends soon; one that is discovered later ends by itself."""
+    """Refuse to play while another game runs, unless it ends soon; a game discovered later ends itself."""
     status_line.spin_until(lambda: stop.asked or status_line.others(), DISCOVERY_S)
     deadline = time.monotonic() + GOING_S
     while not stop.asked and (reason := status_line.others() or lock.acquire()):
@@ -111,7 +111,7 @@ def be_alone(status_line: StatusLine, lock: GameLock, writer: LineWriter, stop: 
 
 
 def prepare(preparation: Preparation, writer: LineWriter, stop: Stop) -> None:
-    """Wait until the setup is checked, everything is compiled and the map is prepared; ValueError for a bad setup."""
+    """Wait until the setup is checked, code is compiled and the map is prepared; ValueError for a bad setup."""
     preparation.check()
     while not stop.asked and not preparation.done():
         if preparation.words:
@@ -120,7 +120,7 @@ def prepare(preparation: Preparation, writer: LineWriter, stop: Stop) -> None:
 
 
 class Game:
-    """The processes of a game, what a person asks of them, and what they report."""
+    """The processes of a game, requests of the person at the terminal, and reports of the processes."""
 
     def __init__(
         self,
@@ -151,7 +151,7 @@ class Game:
         self.console = Console(status_line, self.rounds, writer, stop, pressed)
 
     def announce(self) -> None:
-        """Forget the game of an earlier command, and say what a person can do."""
+        """Delete the saved game of an earlier command, and print what a person can do."""
         for name in (REFEREE, SELECTOR):
             (self.logs / f"{name}.json").unlink(missing_ok=True)
         self.writer.print(f"game on {game_nodes.full_namespace(self.setup.namespace)}")
@@ -165,11 +165,11 @@ class Game:
     def start(self) -> None:
         """Start the processes that need no pose."""
         for name in self.setup.first_processes:
-            # A simulated robot knows from the start where it is.
+            # A simulated robot knows its pose from the start.
             self.processes.start(SELECTOR if name == WAIT and self.setup.knows_its_pose else name)
 
     def watch(self) -> int:
-        """Keep the processes alive and show the game, until the end is asked for; return the exit status."""
+        """Keep the processes alive and show the game until its end is requested; return the exit status."""
         while not self.asked.asked:
             self._receive()
             if not self._is_localized():
@@ -182,7 +182,7 @@ class Game:
             self.rounds.call_services()
             self._restart_unresponsive()
             if SELECTOR in self.processes.tend():
-                self.status_line.halt()  # no node watches over its goal any more
+                self.status_line.halt()  # no node supervises the robot's goal any more
             if awaited:
                 self.writer.wait(f"starting: {awaited}")
             else:
@@ -190,7 +190,7 @@ class Game:
         return 0
 
     def stop(self) -> list[str]:
-        """Stop the robot, then all processes; return the names of those that had to be killed."""
+        """Stop the robot, then all processes; return the names of killed processes."""
 
         def waiting(names: Sequence[str]) -> None:
             self.writer.wait(f"stopping {', '.join(names)}", at_once=True)
@@ -204,7 +204,7 @@ class Game:
         return killed
 
     def awaited(self) -> str:
-        """What must come before a round can be played; empty if nothing."""
+        """Describe what is missing before a round can start; empty if nothing is missing."""
         status_line, processes = self.status_line, self.processes
         missing = [name for name in self.setup.first_nodes if name != WAIT and name not in status_line.nodes]
         if missing:
@@ -216,16 +216,16 @@ class Game:
 
     def _receive(self) -> None:
         self.status_line.spin(POLL_S)
-        for _ in range(_BACKLOG if self.setup.lock_step else 0):  # of seconds that last milliseconds
+        for _ in range(_BACKLOG if self.setup.lock_step else 0):  # time runs fast: drain the backlog
             self.status_line.spin(0.0)
 
     def _is_localized(self) -> bool:
-        """Start what needs a pose once there is one; return False if there will be none."""
-        if WAIT not in self.processes or (ended := self.processes.status(WAIT)) is None:
+        """Start the processes that need a pose once there is one; return False if there will be none."""
+        if WAIT not in self.processes or (status := self.processes.status(WAIT)) is None:
             return True
         words = self.processes.last_words(WAIT)
         self.processes.dismiss(WAIT)
-        if ended != 0:
+        if status != 0:
             self.writer.print(f"the robot is not localized: {words}")
             return False
         for name in game_nodes.following(WAIT):
@@ -233,7 +233,7 @@ class Game:
         return True
 
     def _restart_unresponsive(self) -> None:
-        """Of nodes that do not do what the referee asks them to: frozen ones, or those that receive nothing."""
+        """Restart nodes that do not respond to the referee: they are frozen or receive nothing."""
         for node, reason in self.status_line.unresponsive.reasons.items():
             composed = node in game_nodes.GAME and game_nodes.COMPOSED in self.processes
             process = game_nodes.COMPOSED if composed else node

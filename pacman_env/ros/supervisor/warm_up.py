@@ -1,4 +1,4 @@
-"""``python -m pacman_env.ros.supervisor.warm_up``: checks a setup, compiles what nodes need and prepares the map."""
+"""``python -m pacman_env.ros.supervisor.warm_up``: check a setup, compile for the nodes and prepare the map."""
 
 import contextlib
 import io
@@ -37,7 +37,7 @@ def rehearse(part: Part, setup: GameSetup) -> None:
 
 
 def _note(mark: Path | None) -> None:
-    """Mark something as prepared, unless it could not be kept."""
+    """Mark something as prepared, unless it could not be stored."""
     if mark is not None:
         with contextlib.suppress(OSError):
             check_kept()
@@ -45,7 +45,7 @@ def _note(mark: Path | None) -> None:
 
 
 def main() -> int:
-    check, compiled = json.loads(sys.argv[1])
+    check, parts = json.loads(sys.argv[1])
     try:
         setup = from_json(sys.argv[2])
         config = setup.config()
@@ -53,12 +53,12 @@ def main() -> int:
             make_policy(setup.policy)
             split_ghosts(config.clyde.ghosts)
             print(CHECKED, flush=True)
-        with contextlib.redirect_stderr(io.StringIO()):  # that it waits for another part's kernels is no error
-            for nodes, policy in compiled:
+        with contextlib.redirect_stderr(io.StringIO()):  # hides the notice that it waits for another process's kernels
+            for nodes, policy in parts:
                 rehearse(Part(tuple(nodes), policy), setup)
-            if check and (kept := map_mark(setup)) is not None and not kept.exists():
+            if check and (file := map_mark(setup)) is not None and not file.exists():
                 map_assets(setup.map, config)
-                _note(kept)
+                _note(file)
     except (ValueError, OSError, TypeError, ModuleNotFoundError) as error:
         print(" ".join(str(error).split()), file=sys.stderr)
         return BAD_START
@@ -66,6 +66,6 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    ended = main()
+    status = main()
     sys.stderr.flush()
-    os._exit(ended)  # the game waits for it, and the end of the interpreter takes a second
+    os._exit(status)  # skips the interpreter's end: it takes a second, for which the game would wait

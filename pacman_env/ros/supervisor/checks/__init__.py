@@ -1,4 +1,4 @@
-"""What ``pacman-env ros doctor`` and the operator's page check of a robot, one function a check, without ROS."""
+"""Checks of ``pacman-env ros doctor`` and the operator's page, one function each, without ROS."""
 
 import textwrap
 from collections.abc import Iterable, Sequence
@@ -7,17 +7,17 @@ from ..terminal import plain
 from . import game, network, robot
 from .check import BAD, UNKNOWN, Finding, Observations
 
-#: In the order in which what is wrong is to be remedied.
+#: In the order in which faults should be remedied.
 CHECKS = (*network.CHECKS, *robot.CHECKS, *game.CHECKS)
 _NO_ROBOT = Finding(
     *("robot", "Is there a robot?", UNKNOWN, "no other check is possible without a robot", "see above"), settled=False
 )
-_LONGEST = 300  # characters of a summary
+_LONGEST = 300  # most characters of a summary
 
 
 def examine(observations: Observations) -> list[Finding]:
-    found = [check.find(observations) for check in CHECKS if observations.own or not check.needs_robot]
-    return [finding for finding in found if finding is not None] + ([] if observations.own else [_NO_ROBOT])
+    findings = [check.find(observations) for check in CHECKS if observations.own or not check.needs_robot]
+    return [finding for finding in findings if finding is not None] + ([] if observations.own else [_NO_ROBOT])
 
 
 def is_ready(findings: Iterable[Finding]) -> bool:
@@ -25,7 +25,7 @@ def is_ready(findings: Iterable[Finding]) -> bool:
 
 
 def render(findings: Sequence[Finding], title: str, width: int = 80) -> str:
-    """The list as lines of at most ``width`` columns, but for commands, which stay whole."""
+    """Format the findings as lines of at most ``width`` columns; commands stay whole."""
     indent = max(len(finding.check) for finding in findings) + 6
     space, lines = " " * indent, [title]
 

@@ -1,6 +1,6 @@
-"""What a check is: a question about a robot, answered from what was observed of it. Imports nothing of ROS.
+"""Base of all checks: a check answers a question about a robot from observations. Does not import ROS.
 
-A new check is a function in one of this folder's files, and an entry in ``CHECKS`` at that file's end."""
+A new check is a function in one of this folder's files, and an entry in ``CHECKS`` at the end of that file."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from ..game_nodes import SIMULATOR
 
 OK, BAD, UNKNOWN = "ok", "BAD", "-"
 LONGEST_JSON = 100_000  # characters
-FIREWALL = "sudo ufw allow proto udp from 192.168.0.0/16"  # these two are commands
+FIREWALL = "sudo ufw allow proto udp from 192.168.0.0/16"  # this and the next are commands
 RESTART = "sudo systemctl restart turtlebot4"
 RESTART_GAME = "start or restart the simulated game"
 START_AGAIN = "ros up starts it again, at most 3 times in 10 min; under ros2 launch end its process"
-_LISTED = 5  # names in one summary
+_LISTED = 5  # most names in one summary
 _NAV2_LOG = (
     "Nav2 is not up yet, or has ended: read nav2.log in the folder that ros up prints; with --nav2 none, start it with "
     "the command that is printed there"
@@ -29,13 +29,13 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Finding:
-    check: str  # name; with the question, set by Check.find
+    check: str  # name; set by Check.find, like the question
     question: str
     status: str  # OK, BAD or UNKNOWN: the question cannot be answered, or does not apply
     summary: str  # what was observed, with figures and units
     remedy: str = ""
-    command: str = ""  # the one command of the remedy, if it is a command
-    settled: bool = True  # False while more time may change it
+    command: str = ""  # command of the remedy, if it consists of one
+    settled: bool = True  # False if more time may change it
 
     @classmethod
     def ok(cls, summary: str) -> Finding:
@@ -51,7 +51,7 @@ class Finding:
 
 
 class Moment(NamedTuple):
-    """A time, s, by this machine's clock, by its monotonic clock and by ``/clock`` (None if it is not published)."""
+    """A time in s of this machine's clock, of its monotonic clock and of ``/clock`` (None if not published)."""
 
     wall_s: float
     monotonic_s: float
@@ -60,17 +60,17 @@ class Moment(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Source(Generic[T]):
-    """A topic that a check needs, and what is kept of its messages."""
+    """Topic that a check needs; ``fold`` summarizes its messages."""
 
     name: str  # relative to the robot's namespace
     type_name: str  # package/Type
-    fold: Callable[[T | None, Any, Moment], T]  # what is kept after a message, from before (None at first) and arrival
+    fold: Callable[[T | None, Any, Moment], T]  # previous summary (None at first), message and arrival -> new summary
     qos: str = "EVENTS"  # name of a profile in topics.py
 
 
 @dataclass(frozen=True, eq=False)
 class Request(Generic[T]):
-    """A service that a check needs, and what is kept of its response."""
+    """Service that a check needs; ``read`` extracts a value from its response."""
 
     name: str
     type_name: str
@@ -78,31 +78,31 @@ class Request(Generic[T]):
 
 
 def newest(read: Callable[[Any], T]) -> Callable[[T | None, Any, Moment], T]:
-    return lambda before, message, arrival: read(message)
+    return lambda previous, message, arrival: read(message)
 
 
 @dataclass(frozen=True)
 class Observations:
-    """All that was observed of a robot. Names of nodes are full, as are those of the graph's topics."""
+    """All observations of a robot. Names of nodes and of topics in the graph are absolute."""
 
-    namespace: str  # with its slash
-    waited_s: float  # at most
+    namespace: str  # with a leading slash
+    waited_s: float  # longest observation time
     now: Moment
     domain: int = 0
-    simulated: bool = False  # a simulated robot was asked for
+    simulated: bool = False  # True if a simulated robot was requested
     map: OccupancyMap | None = None  # the game's
-    map_file: str = ""  # how it was named
+    map_file: str = ""  # name or file of the map, as given
     environment: Mapping[str, str] = field(default_factory=dict)
     middleware: str = ""
-    nodes: tuple[str, ...] = ()  # all others in the domain
+    nodes: tuple[str, ...] = ()  # all other nodes in the domain
     publishers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # by topic: a node for each publisher
     subscribers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    values: dict[Source[Any] | Request[Any], Any] = field(default_factory=dict)  # what is kept
-    unavailable: dict[str, str] = field(default_factory=dict)  # by relative topic, why there is no subscription
-    unreadable: dict[str, str] = field(default_factory=dict)  # by relative topic, what was wrong with messages
+    values: dict[Source[Any] | Request[Any], Any] = field(default_factory=dict)  # summaries of topics, and responses
+    unavailable: dict[str, str] = field(default_factory=dict)  # relative topic: why there is no subscription
+    unreadable: dict[str, str] = field(default_factory=dict)  # relative topic: error in its messages
 
     def full(self, name: str) -> str:
-        """A name in the robot's namespace; an absolute one stays as it is."""
+        """Return a name in the robot's namespace; an absolute name stays unchanged."""
         return name if name.startswith("/") else f"{self.namespace.rstrip('/')}/{name}"
 
     def get(self, source: Source[T] | Request[T]) -> T | None:
@@ -116,7 +116,7 @@ class Observations:
 
     @property
     def own(self) -> list[str]:
-        """The nodes in the robot's namespace."""
+        """Nodes in the robot's namespace."""
         return [name for name in self.nodes if name.startswith(self.full(""))]
 
     @property
@@ -125,12 +125,12 @@ class Observations:
 
     @property
     def virtual(self) -> bool:
-        """Whether a simulated robot is there, or should be."""
+        """True if a simulated robot exists or was requested."""
         return self.simulated or self.in_simulation
 
     @property
     def real_nav2(self) -> bool:
-        """Whether a Nav2 is to drive: that of a real robot, or a real one on a simulated base."""
+        """True if a real Nav2 drives: on a real robot or on a simulated base."""
         return not self.virtual or self.full(SIMULATOR) in self.publishers_of("battery_state")
 
     @property
@@ -138,7 +138,7 @@ class Observations:
         return f"within {self.waited_s:g} s"
 
     def silence(self, topic: str) -> str:
-        """Why nothing of a topic was received, as far as is known."""
+        """Explain, as far as possible, why no message of a topic was received."""
         if topic in self.unavailable:
             return self.unavailable[topic]
         if topic in self.unreadable:
@@ -146,21 +146,21 @@ class Observations:
         return f"{topic} not received {self.within}"
 
     def waiting_remedy(self, topic: str) -> tuple[str, str]:
-        """Remedy and command where a topic that may be published rarely was not received."""
+        """Return remedy and command for a topic that may be rare and was not received."""
         if topic in self.unavailable:
             build = "python -m tools.ros_interfaces.build"
             return "source /opt/ros/jazzy/setup.bash; without a ROS installation", build
         return "some bases publish it rarely: listen for longer, --wait 60", ""
 
     def not_yet(self, summary: str, remedy: str, command: str = "") -> Finding:
-        """BAD for now; where the robot is simulated, with a remedy for that."""
+        """Return a BAD finding that is not settled; a simulated robot has its own remedy."""
         if self.virtual:
             of_nav2 = self.real_nav2 and command in (self.start_nav2, self.start_localization)
             remedy, command = _NAV2_LOG if of_nav2 else RESTART_GAME, self.start_game
         return Finding.bad(summary, remedy, command, settled=False)
 
     def not_received(self, source: Source[Any]) -> Finding:
-        """UNKNOWN: a topic of a real base was not received."""
+        """Return an UNKNOWN finding for a topic of a real base that was not received."""
         if not self.real_nav2:
             return Finding.unknown("a simulated robot has none")
         return Finding.unknown(self.silence(source.name), *self.waiting_remedy(source.name), settled=False)
@@ -171,7 +171,7 @@ class Observations:
 
     @property
     def start_game(self) -> str:
-        """The command; so are the next two."""
+        """Command that starts the game."""
         sim = (" --sim --nav2" if self.real_nav2 else " --sim") if self.virtual else ""
         where = self.namespace.strip("/") or "/"
         return f"pacman-env ros up --map {self.map_file or 'FILE_OR_NAME'} --namespace {where}{sim}"
@@ -194,9 +194,9 @@ class Observations:
 class Check:
     name: str
     question: str
-    answer: Callable[[Observations], Finding | None]  # None if the question does not arise
+    answer: Callable[[Observations], Finding | None]  # None if the question does not apply
     sources: tuple[Source[Any] | Request[Any], ...] = ()
-    needs_robot: bool = True  # False: it is asked without a robot, too
+    needs_robot: bool = True  # False: also answered without a robot
 
     def find(self, robot: Observations) -> Finding | None:
         finding = self.answer(robot)
@@ -204,13 +204,13 @@ class Check:
 
 
 def listed(names: Iterable[str]) -> str:
-    found = list(names)
-    more = f" and {len(found) - _LISTED} more" if len(found) > _LISTED else ""
-    return ", ".join(found[:_LISTED]) + more
+    items = list(names)
+    more = f" and {len(items) - _LISTED} more" if len(items) > _LISTED else ""
+    return ", ".join(items[:_LISTED]) + more
 
 
 def both(names: Sequence[str]) -> str:
-    """``a``, ``a and b``, ``a, b and c``."""
+    """Join names as ``a``, ``a and b``, or ``a, b and c``."""
     return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 

@@ -1,4 +1,4 @@
-"""Checks of Nav2 and of the game: servers, nodes, what costmaps see of ghosts, configuration, state."""
+"""Checks of Nav2 and of the game: servers, nodes, ghosts in costmaps, configuration, state."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ from .check import (
 )
 
 CLOUDS = ("clyde_obstacle", "clyde_trail")
-#: Nodes that Nav2's launch files for Jazzy bring up by these two managers (nav2_bringup 1.3.13, f4108e5).
+#: Managers in Nav2's launch files for Jazzy and the nodes they start (nav2_bringup 1.3.13, f4108e5).
 MANAGED: Mapping[str, tuple[str, ...]] = {
     "lifecycle_manager_localization": ("map_server", "amcl"),
     "lifecycle_manager_navigation": (
@@ -93,30 +93,30 @@ def _check_cloud(topic: str, robot: Observations) -> Finding:
     if not missing:
         return Finding.ok(f"{' and '.join(COSTMAPS)} subscribe to it")
     summary = f"no subscription of {' and '.join(missing)} discovered {robot.within}"
-    others = [robot.full(f"{costmap}/{topic}") for costmap in COSTMAPS]  # where the name in their file is relative
+    others = [robot.full(f"{costmap}/{topic}") for costmap in COSTMAPS]  # if their file has a relative topic
     if others := [name for name in others if robot.subscribers_of(name)]:
         summary += f", but of {listed(others)}, which no node publishes"
     remedy = "Nav2 does not see Clyde: launch it with the game's config/nav2.yaml, from the checkout"
     return robot.not_yet(summary, remedy, robot.start_nav2)
 
 
-_NODES = 100  # configurations that are kept
+_NODES = 100  # most stored configurations
 
-#: By a node's name and when, where and as which process it was started: what it plays by.
+#: Configurations by the node's name and the start, machine and number of its process.
 Configurations = dict[tuple[str, tuple[float, str, int]], Mapping[str, Any]]
 
 
-def _configured(before: Configurations | None, message: Any, arrival: Moment) -> Configurations:
+def _add_configuration(previous: Configurations | None, message: Any, arrival: Moment) -> Configurations:
     from pacman_env.ros.node import started
 
-    found, content = before or {}, _object(message)
+    configurations, content = previous or {}, _object(message)
     key = str(content["node"])[:100], started(content)
     node_map = None if content["map"] is None else str(content["map"])[:100]
-    configured = {"node": key[0], "acts": bool(content.get("acts")), "started": key[1], "map": node_map}
-    configured |= {"hash": str(content["hash"])[:100], "configuration": dict(content["configuration"])}
-    if key in found or len(found) < _NODES:
-        found[key] = configured
-    return found
+    configuration = {"node": key[0], "acts": bool(content.get("acts")), "started": key[1], "map": node_map}
+    configuration |= {"hash": str(content["hash"])[:100], "configuration": dict(content["configuration"])}
+    if key in configurations or len(configurations) < _NODES:
+        configurations[key] = configuration
+    return configurations
 
 
 def _state(message: Any) -> str:
@@ -132,7 +132,7 @@ def _object(message: Any) -> Mapping[str, Any]:
     return object_of(message, LONGEST_JSON)
 
 
-CONFIGURATIONS = Source("game/configuration", "std_msgs/String", _configured, "COMMANDS")
+CONFIGURATIONS = Source("game/configuration", "std_msgs/String", _add_configuration, "COMMANDS")
 STATE = Source("game_state", "std_msgs/String", newest(_state), "LATCHED")
 DIAGNOSTICS = Source("goal_selector/diagnostics", "std_msgs/String", newest(_object), "LATCHED")
 
@@ -147,27 +147,27 @@ UNRESPONSIVE = Source("game/unresponsive", "std_msgs/String", newest(_reasons), 
 
 
 def _configurations(robot: Observations) -> list[Mapping[str, Any]]:
-    """Of the nodes that are there; a node that was started again meanwhile has published two."""
-    there = Counter(name.rpartition("/")[2] for name in robot.publishers.get(robot.full(CONFIGURATIONS.name), ()))
-    found: list[Mapping[str, Any]] = []
+    """Return the configurations of existing nodes; a restarted node has published several."""
+    counts = Counter(name.rpartition("/")[2] for name in robot.publishers.get(robot.full(CONFIGURATIONS.name), ()))
+    nodes: list[Mapping[str, Any]] = []
     for (name, _), configured in sorted((robot.get(CONFIGURATIONS) or {}).items(), key=lambda pair: pair[0])[::-1]:
-        if sum(other["node"] == name for other in found) < max(there[name], 1):
-            found.append(configured)
-    return found
+        if sum(other["node"] == name for other in nodes) < max(counts[name], 1):
+            nodes.append(configured)
+    return nodes
 
 
 def _check_game_nodes(robot: Observations) -> Finding:
-    wanted = [*((SIMULATOR,) if robot.virtual else ()), *GAME, SELECTOR]
-    here = {name for name in wanted if robot.full(name) in robot.nodes}
+    names = [*((SIMULATOR,) if robot.virtual else ()), *GAME, SELECTOR]
+    discovered = {name for name in names if robot.full(name) in robot.nodes}
     if robot.full(ORIGINAL_SELECTOR) in robot.nodes:
-        here.add(SELECTOR)
-    missing = [name for name in wanted if name not in here]
+        discovered.add(SELECTOR)
+    missing = [name for name in names if name not in discovered]
     if duplicates := _duplicates(robot):
         remedy = "end all but one: Ctrl-C in the terminal of the other ros up or ros2 launch"
         return Finding.bad("; ".join(duplicates), remedy)
     if not missing:
-        return Finding.ok(f"all {len(wanted)} are there")
-    if not here - {SIMULATOR}:
+        return Finding.ok(f"all {len(names)} are there")
+    if not discovered - {SIMULATOR}:
         return Finding.unknown(
             "no node of the game discovered",
             "start the game when all other checks are ok",
@@ -177,18 +177,18 @@ def _check_game_nodes(robot: Observations) -> Finding:
     remedy = "Ctrl-C in the game's terminal, then start it again; its log names the reason why a node ended"
     if missing == [SELECTOR]:
         remedy = f"it starts when the robot has a pose; else {remedy}"
-    summary = f"{len(here)} of {len(wanted)}; not discovered {robot.within}: {listed(missing)}"
+    summary = f"{len(discovered)} of {len(names)}; not discovered {robot.within}: {listed(missing)}"
     return Finding.bad(summary, remedy, robot.start_game, settled=False)
 
 
 def _duplicates(robot: Observations) -> list[str]:
-    """Nodes of one kind of which only one may act, and as which processes they run."""
-    found: dict[str, list[str]] = {}
+    """List nodes that run several times although only one may act, with their processes."""
+    processes: dict[str, list[str]] = {}
     for configured in reversed(_configurations(robot)):
         if configured["acts"]:
             _, host, number = configured["started"]
-            found.setdefault(configured["node"], []).append(f"process {number} on {host}")
-    return [f"{name} runs {len(ids)} times: {listed(ids)}" for name, ids in found.items() if len(ids) > 1]
+            processes.setdefault(configured["node"], []).append(f"process {number} on {host}")
+    return [f"{name} runs {len(ids)} times: {listed(ids)}" for name, ids in processes.items() if len(ids) > 1]
 
 
 def _check_responses(robot: Observations) -> Finding | None:
@@ -216,17 +216,17 @@ def _check_configuration(robot: Observations) -> Finding:
     for one in nodes[1:]:
         fields = differences(one["configuration"], first["configuration"])
         if fields:
-            words = [f"{name} {there}, there {here}" for name, (there, here) in fields.items()]
+            words = [f"{name} {own}, there {other}" for name, (own, other) in fields.items()]
             wrong.append(f"{one['node']} plays by {listed(words)}")
         elif one["hash"] != first["hash"]:
             wrong.append(f"{one['node']} plays by {one['hash']}, {first['node']} by {first['hash']}")
     reference = f" (there: {first['node']})" if wrong else ""
     maps = {str(one["node"]): str(one["map"]) for one in nodes if one["map"] is not None}
-    whose, ours = next(((f"{node}'s map", there) for node, there in maps.items()), ("", None))
+    whose, ours = next(((f"{node}'s map", other) for node, other in maps.items()), ("", None))
     if robot.map is not None:
         whose, ours = f"map {robot.map.name}", robot.map.hash[:12]
-    for other in dict.fromkeys(there for there in maps.values() if there != ours):
-        names = [node for node, there in maps.items() if there == other]
+    for other in dict.fromkeys(one for one in maps.values() if one != ours):
+        names = [node for node, one in maps.items() if one == other]
         wrong.append(f"{both(names)} play{'s' if len(names) == 1 else ''} on {other}, {whose} is {ours}")
     if wrong:
         remedy = "start all nodes with the same --map, --preset, --execution and --set"
@@ -238,7 +238,7 @@ def _check_configuration(robot: Observations) -> Finding:
 
 
 def _remedy(robot: Observations, trouble: str) -> tuple[str, str]:
-    """What to do about a trouble of the goal selector's, and the command."""
+    """Return remedy and command for a trouble of the goal selector."""
     if trouble == NO_ODOMETRY and robot.virtual:
         return RESTART_GAME, robot.start_game
     if trouble == POSE_JUMPED:

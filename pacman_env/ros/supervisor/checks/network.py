@@ -1,4 +1,4 @@
-"""Checks of what can be discovered, and of time: ROS, domain, namespace, base, simulated clock, stamps."""
+"""Checks of discovery and of time: ROS, domain, namespace, base, simulated clock, stamps."""
 
 import math
 import statistics
@@ -13,7 +13,7 @@ from ..game_nodes import SIMULATOR
 from .check import FIREWALL, RESTART, Check, Finding, Moment, Observations, Source, count, listed, seconds
 
 _RANGE, _LOCAL, _SERVER = "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_DISCOVERY_SERVER"
-#: Beside domain and range, what decides in the environment which nodes are discovered.
+#: Environment variables besides domain and range that affect discovery.
 _VARIABLES = *BEYOND, "RMW_IMPLEMENTATION", "FASTRTPS_DEFAULT_PROFILES_FILE"
 _REACHES = {"LOCALHOST": "this machine only", "OFF": "no other program", "SUBNET": "this machine and its network"}
 _TRUE = ("1", "true", "yes", "on")
@@ -85,14 +85,14 @@ def _check_base(robot: Observations) -> Finding:
     return robot.not_yet(summary, "on the robot", RESTART)
 
 
-SKEW_S = 0.2  # Nav2's layer for Clyde keeps it for 0.5 s after the stamp (config/nav2.yaml)
+SKEW_S = 0.2  # Nav2's layer for Clyde drops its points 0.5 s after the stamp (config/nav2.yaml)
 _FEWEST, _MOST = 5, 2000  # stamps
-_SPAN_S = 0.5  # of a rate
+_SPAN_S = 0.5  # shortest time for a rate
 _LONGEST_TURN_S = 0.5
 
 
 class Clock(NamedTuple):
-    """``/clock``: monotonic time and content of the first and of the last message, s."""
+    """Monotonic time and content of the first and the last message on ``/clock``, s."""
 
     first_s: float
     first_clock_s: float
@@ -101,56 +101,56 @@ class Clock(NamedTuple):
 
     @property
     def rate(self) -> float | None:
-        """Times as fast as monotonic time; None before it is known."""
+        """Speed of the clock relative to monotonic time; None until known."""
         span_s = self.last_s - self.first_s
         return (self.clock_s - self.first_clock_s) / span_s if span_s > _SPAN_S else None
 
 
 @dataclass
 class Delays:
-    """Arrival less stamp, s, of the messages of one topic: by this machine's clock, and by ``/clock``."""
+    """Arrival minus stamp, s, of one topic's messages: by this machine's clock, and by ``/clock``."""
 
     wall_s: deque[float] = field(default_factory=lambda: deque(maxlen=_MOST))
     clock_s: deque[float] = field(default_factory=lambda: deque(maxlen=_MOST))
-    turn_s: float = 0.0  # from a scan's stamp to its end
+    turn_s: float = 0.0  # duration of a scan, from its stamp to its end
     last_s: float = math.inf  # monotonic time of the last arrival
 
 
-def _ticked(before: Clock | None, message: Any, arrival: Moment) -> Clock:
+def _add_tick(previous: Clock | None, message: Any, arrival: Moment) -> Clock:
     now = arrival.monotonic_s, seconds(message.clock)
-    return Clock(*(now if before is None else before[:2]), *now)
+    return Clock(*(now if previous is None else previous[:2]), *now)
 
 
-def _delayed(before: Delays | None, message: Any, arrival: Moment) -> Delays:
-    delays = before or Delays()
+def _add_delay(previous: Delays | None, message: Any, arrival: Moment) -> Delays:
+    delays = previous or Delays()
     delays.last_s = arrival.monotonic_s
-    # Of transforms, those from odom: AMCL stamps those to odom ahead.
+    # Only transforms from odom: AMCL stamps transforms to odom ahead.
     transforms = [one for one in getattr(message, "transforms", ()) if one.header.frame_id.lstrip("/") == "odom"]
     for stamp_s in (seconds(one.header.stamp) for one in ([message] if hasattr(message, "header") else transforms)):
         delays.wall_s.append(arrival.wall_s - stamp_s)
         if arrival.clock_s is not None:
             delays.clock_s.append(arrival.clock_s - stamp_s)
     turn_s = float(getattr(message, "scan_time", 0.0))
-    delays.turn_s = min(turn_s, _LONGEST_TURN_S) if turn_s > 0 else 0.0  # nor NaN
+    delays.turn_s = min(turn_s, _LONGEST_TURN_S) if turn_s > 0 else 0.0  # also refuses NaN
     return delays
 
 
-CLOCK = Source("/clock", "rosgraph_msgs/Clock", _ticked, "SENSOR_DATA")
+CLOCK = Source("/clock", "rosgraph_msgs/Clock", _add_tick, "SENSOR_DATA")
 STAMPS = {
-    "odom": Source("odom", "nav_msgs/Odometry", _delayed, "SENSOR_DATA"),
-    "scan": Source("scan", "sensor_msgs/LaserScan", _delayed, "SENSOR_DATA"),
-    "tf": Source("tf", "tf2_msgs/TFMessage", _delayed),
+    "odom": Source("odom", "nav_msgs/Odometry", _add_delay, "SENSOR_DATA"),
+    "scan": Source("scan", "sensor_msgs/LaserScan", _add_delay, "SENSOR_DATA"),
+    "tf": Source("tf", "tf2_msgs/TFMessage", _add_delay),
 }
 
 
 def by_clock(robot: Observations) -> bool:
-    """Whether the robot's stamps are by ``/clock``, not by a wall clock."""
+    """Return True if the robot's stamps follow ``/clock``, not a wall clock."""
     clock = robot.get(CLOCK)
     if clock is None or clock.rate is None:
         return False
-    delays = [kept for source in STAMPS.values() if (kept := robot.get(source))]
-    wall_s = [abs(s) for kept in delays for s in kept.wall_s]
-    clock_s = [abs(s) for kept in delays for s in kept.clock_s]
+    delays = [one for source in STAMPS.values() if (one := robot.get(source))]
+    wall_s = [abs(s) for one in delays for s in one.wall_s]
+    clock_s = [abs(s) for one in delays for s in one.clock_s]
     if not wall_s or not clock_s:
         return robot.in_simulation
     return statistics.median(clock_s) < statistics.median(wall_s)
@@ -175,14 +175,14 @@ def _check_clock(robot: Observations) -> Finding:
 
 def _check_stamps(topic: str, robot: Observations) -> Finding | None:
     if by_clock(robot) or (robot.in_simulation and robot.publishers_of("/clock")):
-        return None  # one clock for all, or one that is not received yet, which is the line above
+        return None  # one clock for all, or a clock that was not received, which its own check reports
     delays = robot.get(STAMPS[topic]) or Delays()
     if len(delays.wall_s) < _FEWEST:
         return _too_few(topic, robot, len(delays.wall_s))
     late_s = statistics.median(delays.wall_s)
     side = "behind" if late_s >= 0 else "ahead of"
     summary = f"{abs(late_s):.2f} s {side} this machine's clock (median of {len(delays.wall_s)})"
-    if -SKEW_S <= late_s <= SKEW_S + delays.turn_s:  # a scan is stamped when it begins
+    if -SKEW_S <= late_s <= SKEW_S + delays.turn_s:  # a scan is stamped at its start
         return Finding.ok(summary)
     scans = robot.get(STAMPS["scan"])
     if topic != "scan" and scans and abs(statistics.median(scans.wall_s or (0.0,))) < SKEW_S:
@@ -195,7 +195,7 @@ def _check_stamps(topic: str, robot: Observations) -> Finding | None:
 def _too_few(topic: str, robot: Observations, stamps: int) -> Finding | None:
     summary = f"{count(stamps, 'stamp')} received {robot.within}" if stamps else robot.silence(topic)
     if topic == "scan" or (topic == "odom" and robot.get(STAMPS["scan"]) is not None):
-        return None  # a silent lidar has a line of its own, and so has a silent base
+        return None  # silence of the lidar and of the base is reported by their own checks
     if topic in robot.unavailable:
         return Finding.unknown(summary, *robot.waiting_remedy(topic), settled=False)
     if topic == "odom" and robot.publishers_of(topic) and not stamps:

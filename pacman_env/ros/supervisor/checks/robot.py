@@ -10,23 +10,23 @@ from ...grid import differing_cells, grid_of, map_differences
 from .check import RESTART, Check, Finding, Moment, Observations, Source, count, newest, seconds
 from .network import CLOCK, STAMPS, by_clock
 
-FLAT = 0.2  # charge at which a TurtleBot 4 warns; it switches itself off at 0.12
+FLAT = 0.2  # charge at which a TurtleBot 4 warns; it switches off at 0.12
 SLOWEST_SCAN_HZ = 4.0  # the RPLIDAR turns 5 to 10 times a second
 FEWEST_SCANS = 3
-FEWEST_RETURNS = 0.1  # share of rays; less is a lidar that is covered
+FEWEST_RETURNS = 0.1  # share of rays; fewer mean that the lidar is covered
 
 
 class Scan(NamedTuple):
     stamp_s: float
     rays: int
-    returns: int  # rays with one
+    returns: int  # number of rays with a return
     nearest_m: float
     farthest_m: float
     frame: str
 
 
-def _add_scan(before: deque[Scan] | None, message: Any, arrival: Moment) -> deque[Scan]:
-    scans = deque(maxlen=2000) if before is None else before
+def _add_scan(previous: deque[Scan] | None, message: Any, arrival: Moment) -> deque[Scan]:
+    scans = deque(maxlen=2000) if previous is None else previous
     ranges = np.asarray(message.ranges, dtype=np.float64)
     good = ranges[np.isfinite(ranges) & (ranges >= message.range_min) & (ranges <= message.range_max)]
     nearest_m, farthest_m = float(good.min(initial=math.inf)), float(good.max(initial=0.0))
@@ -37,23 +37,23 @@ def _add_scan(before: deque[Scan] | None, message: Any, arrival: Moment) -> dequ
 
 def _charge(message: Any) -> float:
     charge = float(message.percentage)
-    if not 0.0 <= charge <= 1.0:  # nor NaN
+    if not 0.0 <= charge <= 1.0:  # also refuses NaN
         raise ValueError(f"percentage {charge:g}: must be 0 to 1")
     return charge
 
 
-# A TurtleBot 4 subscribes to both as sensor data: best effort receives from every publisher.
+# A TurtleBot 4 subscribes to both as sensor data; best effort receives from every publisher.
 DOCKED = Source("dock_status", "irobot_create_msgs/DockStatus", newest(lambda m: bool(m.is_docked)), "SENSOR_DATA")
 CHARGE = Source("battery_state", "sensor_msgs/BatteryState", newest(_charge), "SENSOR_DATA")
 SCANS = Source("scan", "sensor_msgs/LaserScan", _add_scan, "SENSOR_DATA")
 
 
-SILENT_S = 2.0  # a base publishes odometry 20 times a second and more
+SILENT_S = 2.0  # a base publishes odometry at least 20 times per second
 _SILENT = "create3_republisher, through which odometry, tf, battery and dock pass, may have stopped; on the robot"
 
 
 def _check_silence(robot: Observations) -> Finding | None:
-    """Odometry comes through the republisher, scans do not: where both are silent, it is the network."""
+    """Compare odometry, which passes the republisher, with scans, which do not: both are silent if the network is."""
     odometry = robot.get(STAMPS["odom"])
     if not robot.publishers_of("odom") or "odom" in robot.unavailable or not robot.get(STAMPS["scan"]):
         return None
@@ -116,8 +116,8 @@ def _lidar_remedy(robot: Observations) -> tuple[str, str]:
     return "start its motor", f'ros2 service call {robot.full("start_motor")} std_srvs/srv/Empty "{{}}"'
 
 
-FRESH_S = 1.0  # of a transform; the goal selector's pose_timeout_s
-LIDAR_FRAME = "rplidar_link"  # of the TurtleBot 4, as long as no scan names another
+FRESH_S = 1.0  # age of a transform; the goal selector's pose_timeout_s
+LIDAR_FRAME = "rplidar_link"  # of the TurtleBot 4, until a scan gives another frame
 _FRAMES = 1000
 _ESTIMATE = 'give the initial pose: RViz, "2D Pose Estimate", click where it stands, drag to where it faces'
 _CELLS = {None: "off the map", 100: "in a wall", -1: "where the map is unknown"}
@@ -131,7 +131,7 @@ class StampedPose(NamedTuple):
 
 
 class Link(NamedTuple):
-    """A frame's parent, and the monotonic time at which it was received last, s; None: it is static."""
+    """Parent of a frame, and the monotonic time of the last reception, s (None if static)."""
 
     parent: str
     received_s: float | None
@@ -143,10 +143,10 @@ def _pose(message: Any) -> StampedPose:
     return StampedPose(pose_of(message), seconds(message.header.stamp))
 
 
-def _add_links(before: dict[str, Link] | None, message: Any, arrival: Moment) -> dict[str, Link]:
+def _add_links(previous: dict[str, Link] | None, message: Any, arrival: Moment) -> dict[str, Link]:
     from pacman_env.ros.messages import transform_of
 
-    links = before or {}
+    links = previous or {}
     for transform in message.transforms:
         parent, child, _ = transform_of(transform)
         child = child.lstrip("/")
@@ -155,8 +155,8 @@ def _add_links(before: dict[str, Link] | None, message: Any, arrival: Moment) ->
     return links
 
 
-def _add_static_links(before: dict[str, Link] | None, message: Any, arrival: Moment) -> dict[str, Link]:
-    return {child: Link(parent, None) for child, (parent, _) in _add_links(before, message, arrival).items()}
+def _add_static_links(previous: dict[str, Link] | None, message: Any, arrival: Moment) -> dict[str, Link]:
+    return {child: Link(parent, None) for child, (parent, _) in _add_links(previous, message, arrival).items()}
 
 
 GRID = Source("map", "nav_msgs/OccupancyGrid", newest(grid_of), "LATCHED")
@@ -239,9 +239,9 @@ def _check_lidar_tf(robot: Observations) -> Finding:
 
 
 def _climb(robot: Observations, frame: str, top: str) -> tuple[list[str], dict[str, float]]:
-    """The frames upwards as far as they go, and the ages (s) of the links that are not static, by child."""
-    static, moving = robot.get(STATIC_LINKS), robot.get(LINKS)
-    links = {**(static or {}), **(moving or {})}
+    """Return the frames up to ``top`` or the last known parent, and the ages (s) of non-static links, by child."""
+    static, dynamic = robot.get(STATIC_LINKS), robot.get(LINKS)
+    links = {**(static or {}), **(dynamic or {})}
     frames, ages = [frame], {}
     while frame != top and frame in links and len(frames) <= len(links):
         parent, received_s = links[frame]
