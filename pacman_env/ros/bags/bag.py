@@ -1,6 +1,6 @@
-"""Recorded games: one robot's messages in a ROS 2 bag, in their order. No message code of the bag's own is run.
+"""Recorded games: messages of one robot in a ROS 2 bag, in order. Message code from the bag is never executed.
 
-A recorder writes into ``NAME.unfinished``; the whole bag gets its own name."""
+A recorder writes into ``NAME.unfinished``, and renames the bag when it is complete."""
 
 import contextlib
 import shlex
@@ -18,26 +18,26 @@ from pacman_env.ros.topics import GAME_STATE, Topic
 
 SUFFIX = ".unfinished"
 NO_CHECKSUM = "{} messages have no checksum: whether they are as recorded cannot be known"
-_LISTED = 8  # topics of a foreign bag that an error names
+_LISTED = 8  # most topics of a foreign bag in an error
 
 
 class BagError(ValueError):
-    """A bag that cannot be read, or that holds no game; names it and the reason."""
+    """Raised for a bag that cannot be read or contains no game; the text gives bag and reason."""
 
 
 @dataclass(frozen=True)
 class Recorded:
-    at_s: float  # since the bag's first message
+    at_s: float  # time since the bag's first message
     topic: str  # relative, as in ``topics.py``
     message: Any
 
 
 class Bag:
-    """One robot's game in an open bag; made by :func:`open_bag`."""
+    """Game of one robot in an open bag; created by :func:`open_bag`."""
 
     def __init__(self, reader: Reader, path: Path, namespace: str | None) -> None:
         self._reader, self._path = reader, path
-        self.unchecked = check(path)  # why damage to its messages cannot be ruled out; empty if it can
+        self.unchecked = check(path)  # why its messages may be damaged; empty if they were checked
         self.namespace = self._namespace(namespace)  # "" or "/robot_15"
         self.duration_s = reader.duration / 1e9
 
@@ -46,51 +46,51 @@ class Bag:
         return any(connection.topic == name and connection.msgcount for connection in self._reader.connections)
 
     def messages(self, topics: Collection[Topic]) -> Iterator[Recorded]:
-        """The messages on these topics; BagError if one has another type, or cannot be decoded."""
+        """Yield the messages on these topics; BagError if one has a different type or cannot be decoded."""
         store = get_typestore(Stores.ROS2_JAZZY)
-        wanted = {f"{self.namespace}/{topic.name}": topic for topic in topics}
-        chosen = [connection for connection in self._reader.connections if connection.topic in wanted]
-        for connection in chosen:
-            expected = wanted[connection.topic].type_name.replace("/", "/msg/")
+        topic_of = {f"{self.namespace}/{topic.name}": topic for topic in topics}
+        connections = [connection for connection in self._reader.connections if connection.topic in topic_of]
+        for connection in connections:
+            expected = topic_of[connection.topic].type_name.replace("/", "/msg/")
             if connection.msgtype != expected:
                 raise BagError(f"{self._path}: {connection.topic} is {connection.msgtype}, expected {expected}")
-        if not chosen:
+        if not connections:
             return
         start = self._reader.start_time
         try:
-            for connection, at_ns, raw in self._reader.messages(chosen):
+            for connection, at_ns, raw in self._reader.messages(connections):
                 message = store.deserialize_cdr(raw, connection.msgtype)
-                yield Recorded((at_ns - start) / 1e9, wanted[connection.topic].name, message)
-        except Exception as error:  # whatever broken bytes lead to
+                yield Recorded((at_ns - start) / 1e9, topic_of[connection.topic].name, message)
+        except Exception as error:  # any error that broken bytes cause
             raise BagError(f"{self._path}: broken: {one_line(error)}") from None
 
-    def _namespace(self, given: str | None) -> str:
+    def _namespace(self, choice: str | None) -> str:
         names = {connection.topic for connection in self._reader.connections}
         ending = f"/{GAME_STATE.name}"
-        found = sorted(name.removesuffix(ending) for name in names if name.endswith(ending))
-        if given is not None:
-            found = [name for name in found if name.strip("/") == given.strip("/")]
-        if len(found) > 1:
-            raise BagError(f"{self._path}: games of several robots: choose one of {', '.join(found)} as namespace")
-        if not found:
-            listed = ", ".join(sorted(names)[:_LISTED]) or "nothing"
-            raise BagError(f"{self._path}: no game of this kind: no topic {GAME_STATE.name}, but {listed}")
-        return found[0]
+        namespaces = sorted(name.removesuffix(ending) for name in names if name.endswith(ending))
+        if choice is not None:
+            namespaces = [name for name in namespaces if name.strip("/") == choice.strip("/")]
+        if len(namespaces) > 1:
+            raise BagError(f"{self._path}: games of several robots: choose one of {', '.join(namespaces)} as namespace")
+        if not namespaces:
+            topics = ", ".join(sorted(names)[:_LISTED]) or "nothing"
+            raise BagError(f"{self._path}: no game of this kind: no topic {GAME_STATE.name}, but {topics}")
+        return namespaces[0]
 
 
 @contextlib.contextmanager
 def open_bag(path: Path, namespace: str | None = None) -> Iterator[Bag]:
-    """The game of one robot, or of the only one, in a bag's folder or in its .mcap or .db3 file.
+    """Open the game of one robot, or of the only one, in a bag's folder or in its .mcap or .db3 file.
 
-    Raises BagError if the bag cannot be read, or differs from its checksums.
+    Raises BagError if the bag cannot be read or differs from its checksums.
     """
     try:
         reader = Reader(path)
         reader.open()
-    except Exception as error:  # rosbags, its storages and its YAML parser have many
+    except Exception as error:  # rosbags, its storages and its YAML parser raise many kinds
         remedy = remedy_for(path)
-        found = [f"no bag that can be read: {one_line(error)}"] if path.exists() or not remedy else []
-        raise BagError(f"{path}: {'; '.join([*found, *([remedy] if remedy else [])])}") from None
+        problems = [f"no bag that can be read: {one_line(error)}"] if path.exists() or not remedy else []
+        raise BagError(f"{path}: {'; '.join([*problems, *([remedy] if remedy else [])])}") from None
     try:
         yield Bag(reader, path, namespace)
     finally:
@@ -98,7 +98,7 @@ def open_bag(path: Path, namespace: str | None = None) -> Iterator[Bag]:
 
 
 def check(path: Path) -> str:
-    """Raise BagError if a file differs from its checksums; return what cannot be checked, empty if nothing."""
+    """Raise BagError if a file differs from its checksums; return what could not be checked, empty if nothing."""
     unchecked = 0
     files = [file for file in mcap_files(path) if file.suffix == ".mcap"]
     for file in files:
@@ -111,7 +111,7 @@ def check(path: Path) -> str:
 
 
 def new_bag(folder: Path) -> Writer:
-    """Make a compressed MCAP bag with checksums and its writer's version; ``folder`` must not exist."""
+    """Create a compressed MCAP bag with checksums and the writer's version; ``folder`` must not exist."""
     writer = Writer(folder, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP)
     writer.STORAGE_PLUGINS = {StoragePlugin.MCAP: ChecksummedWriter}
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
@@ -120,7 +120,7 @@ def new_bag(folder: Path) -> Writer:
 
 
 def mcap_files(bag: Path) -> list[Path]:
-    """List the file itself, or those in a bag's folder; an unfinished bag has them one folder deeper."""
+    """List the file itself, or the files in a bag's folder; an unfinished bag has them one folder deeper."""
     return [bag] if bag.is_file() else sorted(bag.glob("*.mcap")) or sorted(bag.glob("*/*.mcap"))
 
 
@@ -129,19 +129,19 @@ def unfinished_folder(bag: Path) -> Path:
 
 
 def unfinished(path: Path) -> Path | None:
-    """Return the folder into which a recorder writes this bag, or that contains this path; None without one."""
+    """Return the folder into which a recorder writes this bag, or that contains this path; None if there is none."""
     candidates = (unfinished_folder(path), path, *path.parents)
     return next((folder for folder in candidates if folder.name.endswith(SUFFIX) and folder.is_dir()), None)
 
 
 def remedy_for(path: Path) -> str:
-    """Name the commands that make a whole bag of an unfinished one; empty if the path is no such bag."""
+    """Return the commands that complete an unfinished bag; empty if the path is no unfinished bag."""
     folder = unfinished(path)
     files = mcap_files(folder or path)
     if len(files) != 1 or not _begins_as_mcap(files[0]):
         return ""
     bag = folder.with_name(folder.name.removesuffix(SUFFIX)) if folder else path.with_name(f"{path.stem}_recovered")
-    out = bag / f"{bag.name}_0.mcap"  # ROS finds files by this ending
+    out = bag / f"{bag.name}_0.mcap"  # ROS expects this file name
     source, target, whole = (shlex.quote(str(one)) for one in (files[0], out, bag))
     begin = "not finished: Ctrl-C ends its recorder; if it was killed" if folder else "if its recorder was killed"
     return f"{begin}: mkdir {whole}; mcap recover {source} -o {target}; ros2 bag reindex {whole}"

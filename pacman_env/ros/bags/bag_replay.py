@@ -1,6 +1,6 @@
-"""``pacman-env ros replay``: a policy is asked at every decision of a recorded game, with what the robot knew then.
+"""``pacman-env ros replay``: call a policy at each decision of a recorded game, with the robot's knowledge then.
 
-The game continues as it was recorded, whatever the policy chooses."""
+The game continues as recorded, whatever the policy chooses."""
 
 import time
 from dataclasses import dataclass, field
@@ -27,9 +27,9 @@ _LISTED = 20
 
 @dataclass
 class Otherwise:
-    """Decisions in a row in which the policy would have chosen another goal."""
+    """Consecutive decisions in which the policy would have chosen another goal."""
 
-    at_s: float  # since the bag began
+    at_s: float  # time since the start of the bag
     decisions: int
     recorded: str
     chosen: str
@@ -37,7 +37,7 @@ class Otherwise:
 
 @dataclass
 class ReplayReport:
-    """The result of a replay; times in s since the bag began."""
+    """Result of a replay; times in s since the start of the bag."""
 
     bag: str
     namespace: str
@@ -47,10 +47,10 @@ class ReplayReport:
     rounds: int = 0
     statuses: dict[str, int] = field(default_factory=dict)
     bad_messages: dict[str, int] = field(default_factory=dict)
-    unchecked: str = ""  # why damage to the bag's messages cannot be ruled out
+    unchecked: str = ""  # why the bag's messages may be damaged
     decisions: int = 0
     same: int = 0
-    unknown: int = 0  # decisions without a record of where the robot was sent
+    unknown: int = 0  # decisions without a recorded goal
     otherwise: list[Otherwise] = field(default_factory=list)
     decision_ms: list[float] | None = None  # 50 %, 99 %, most
     robot: dict[str, list[float] | None] = field(default_factory=dict)  # 10 %, 50 %, 90 %
@@ -103,7 +103,7 @@ def replay_bag(path: Path, map: str, policy: str, namespace: str | None = None) 
 
 
 class _Replay:
-    """Asks the policy at every decision, and notes where it chooses otherwise."""
+    """Call the policy at each decision, and note where its choice differs."""
 
     view: RobotView
 
@@ -124,9 +124,9 @@ class _Replay:
         pass
 
     def decide(self, at_s: float, situation: Situation, recorded: int | None) -> None:
-        began = time.perf_counter()
+        start_s = time.perf_counter()
         chosen = int(choose(self._policy, situation)[0])
-        self._elapsed_ms.append((time.perf_counter() - began) * 1e3)
+        self._elapsed_ms.append((time.perf_counter() - start_s) * 1e3)
         self._report.decisions += 1
         if recorded is None:
             self._report.unknown += 1

@@ -1,4 +1,4 @@
-"""A recorded game from its beginning to its end: what the robot knew at each decision, and where it was sent."""
+"""Walk through a recorded game: what the robot knew at each decision, and where it was sent."""
 
 import json
 from collections.abc import Iterator
@@ -21,27 +21,27 @@ _READ = (
     *(topics.GAME_STATE, topics.GAME_STATUS, topics.PELLET_MARKERS, topics.REMOVE_PELLET, *topics.GHOST_POSES),
     *(topics.CLYDE_SPEED, topics.AMCL_POSE, topics.ODOMETRY, topics.TF, topics.TF_STATIC, topics.SCORES),
 )
-PLAN_LASTS_S = 2.5  # Nav2 plans anew every second while it has a goal
-PLAN_LATE_S = 1.2  # a choice is visible in the first plan after it, this late at most
-TICK_LATE = 0.1  # of a tick: what the goal selector chose in it is known by then
-TF_S = 1.0  # a transform that is older is no use, by default of the goal selector
-END_OF_PLAN_M = 0.75  # Nav2 may end a plan beside its goal, half a metre in x and in y
+PLAN_LASTS_S = 2.5  # Nav2 replans every second while it has a goal
+PLAN_LATE_S = 1.2  # longest delay of the first plan after a choice
+TICK_LATE = 0.1  # of a tick: longest delay of the goal selector's choice
+TF_S = 1.0  # maximum age of transforms, as in the goal selector
+END_OF_PLAN_M = 0.75  # Nav2 may end a plan next to its goal, half a metre off in x and in y
 
 
 class Follower(Protocol):
-    """Follows a walk; times are in s since the bag began."""
+    """Receiver of the events of a walk; times are in s since the start of the bag."""
 
     def begin(self, at_s: float) -> None:
-        """A round begins."""
+        """Handle the start of a round."""
 
     def decide(self, at_s: float, situation: Situation, recorded: int | None) -> None:
-        """A decision of the round: ``recorded`` is the candidate that was chosen, None if that is not known."""
+        """Handle a decision of the round; ``recorded`` is the recorded choice of candidate, None if it is unknown."""
 
     def report(self, at_s: float, status: str) -> None:
-        """A message on ``game_status``."""
+        """Handle a message on ``game_status``."""
 
     def end(self, at_s: float, state: str, situation: Situation | None) -> None:
-        """The round has ended, with the game in that state; None: too little is known of where the robot is."""
+        """Handle the end of a round; ``state`` is the game's, ``situation`` None if the robot's pose is unknown."""
 
 
 class Walk:
@@ -55,18 +55,18 @@ class Walk:
         self._tick_s = config.execution.tick_s
         self._by_event = config.decisions.when == "event"
         self._ghosts = {topics.GHOST_POSES[k].name: k for k in range(len(config.clyde.ghosts))}
-        self._has_scores = bag.has(topics.SCORES)  # else it is another planner's game
+        self._has_scores = bag.has(topics.SCORES)  # otherwise the game is of another planner
         self._chosen_before = -1
         self._plans = [] if self._has_scores else list(_plans(bag, assets))
-        self._believed = BelievedPose(TF_S)  # as the goal selector has it
+        self._believed = BelievedPose(TF_S)  # as in the goal selector
         self._running = False
         self._began_s = self._due_s = 0.0
         self._left: set[int] = set()
-        self._gone: set[int] = set()  # of this round
+        self._gone: set[int] = set()  # pellets removed in this round
         self._velocity = (0.0, 0.0)
 
     def run(self) -> None:
-        """Decisions are those of the recorded goal selector, else due every tick."""
+        """Read the bag; decisions are those of the recorded goal selector, or due every tick without one."""
         for recorded in self._bag.messages(_READ):
             self._decisions_before(recorded)
             try:
@@ -126,20 +126,20 @@ class Walk:
             self.view.begin()
             self._follower.begin(at_s)
         elif not running:
-            self.motion.counts = False  # shows and the drive home are no driving for pellets
+            self.motion.counts = False  # shows and the drive home do not count as driving
             if self._running:
                 self._follower.end(at_s, state, self._situation(at_s, -1, over=True))
             self._gone.clear()
         self._running = running
 
     def _situation(self, at_s: float, pursued: int, over: bool = False) -> Situation | None:
-        """What a policy sees at a tick; None if too little is known."""
+        """Return a policy's situation at a tick; None if too little is known."""
         belief, left = self._believed.at(at_s), self._left - self._gone
-        pose = self.motion.believed if belief is None else belief.pose  # of a bag without transforms
+        pose = self.motion.believed if belief is None else belief.pose  # for a bag without transforms
         velocity = self._velocity if belief is None else belief.velocity
         goal = None if pursued < 0 else self.view.goal(pursued)
         if goal is not None and goal.pellet is not None and goal.pellet not in left:
-            pursued = -1  # it was collected since
+            pursued = -1  # it has been collected
         if pose is None or self.view.unseen or not (left or over) or self.view.off_the_map(*pose[:2]):
             return None
         age_s = 0.0 if belief is None else belief.age_s
@@ -147,47 +147,47 @@ class Walk:
         return self.view.situation(seen)
 
     def _decide(self, at_s: float, pursued: int, recorded: int | None) -> None:
-        """``pursued``: where the robot was going, ``recorded``: what was chosen (-1 for nothing, None if not known)."""
+        """Report a decision: ``pursued`` was the current goal, ``recorded`` the choice (-1: none, None: unknown)."""
         situation = self._situation(at_s, pursued)
         if situation is not None:
             chosen = self.view.hold if recorded is not None and recorded < 0 else recorded
             self._follower.decide(at_s, situation, chosen)
 
     def _planned(self, at_s: float) -> int:
-        """The candidate that Nav2 planned to, -1 for none."""
-        before = [candidate for when, candidate in self._plans if at_s - PLAN_LASTS_S < when <= at_s]
-        return before[-1] if before else -1
+        """Return the candidate to which Nav2 planned, -1 for none."""
+        recent = [candidate for when, candidate in self._plans if at_s - PLAN_LASTS_S < when <= at_s]
+        return recent[-1] if recent else -1
 
 
 def recorded_config(bag: Bag) -> Config:
-    """The configuration that the goal selector published, else the default one."""
-    found = make_config()
+    """Return the recorded configuration of the goal selector, or the default one."""
+    config = make_config()
     for recorded in bag.messages((topics.CONFIGURATION,)):
         try:
             plays = json.loads(recorded.message.data)
             if plays["node"] == SELECTOR:
                 fields = differences(make_config().as_dict(), plays["configuration"])
-                known = {name: value for name, (_, value) in fields.items() if value is not None}  # else of 0.10
-                found = make_config(**known)
-                ghosts = ("policy" if name.endswith(".onnx") else name for name in found.clyde.ghosts)  # only seen here
-                found = found.with_fields(**{"clyde.ghosts": tuple(ghosts)})
+                values = {name: value for name, (_, value) in fields.items() if value is not None}  # as of 0.10
+                config = make_config(**values)
+                ghosts = ("policy" if name.endswith(".onnx") else name for name in config.clyde.ghosts)  # not run here
+                config = config.with_fields(**{"clyde.ghosts": tuple(ghosts)})
         except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
             raise BagError(f"{topics.CONFIGURATION.name}: not a configuration of this version: {error}") from None
-    return found
+    return config
 
 
 def _plans(bag: Bag, assets: MapAssets) -> Iterator[tuple[float, int]]:
-    """When Nav2 planned, and to which candidate, or to none (-1), such as home."""
+    """Yield the time of each plan of Nav2 and its candidate, -1 for another goal such as home."""
     for recorded in bag.messages((topics.PLAN,)):
         if recorded.message.poses:
             end = recorded.message.poses[-1].pose.position
-            away = np.hypot(assets.goal_xy[:, 0] - end.x, assets.goal_xy[:, 1] - end.y)
-            nearest = int(away.argmin())
-            yield recorded.at_s, nearest if away[nearest] <= END_OF_PLAN_M else -1
+            distance_m = np.hypot(assets.goal_xy[:, 0] - end.x, assets.goal_xy[:, 1] - end.y)
+            nearest = int(distance_m.argmin())
+            yield recorded.at_s, nearest if distance_m[nearest] <= END_OF_PLAN_M else -1
 
 
 def chosen_of(markers: Any) -> int:
-    """The candidate that a MarkerArray of scores shows in green, -1 for none."""
+    """Return the candidate that a MarkerArray of scores shows in green, -1 for none."""
     for marker in markers.markers:
         if marker.color.g > 0.5 > max(marker.color.r, marker.color.b):
             return int(marker.id)

@@ -1,6 +1,6 @@
-"""Checksums of recordings: every chunk is written with one, and a damaged chunk is found before it is used.
+"""Checksums of recordings: each chunk is written with a checksum, and damaged chunks are detected before use.
 
-A recording without checksums (written by 0.15 or earlier, or by another recorder) can be read but not checked.
+A recording without checksums (of 0.15 or earlier, or another recorder) can be read but not checked.
 """
 
 import os
@@ -18,12 +18,12 @@ from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 from rosbags.rosbag2.storage_mcap import McapWriter
 
 MAGIC = b"\x89MCAP0\r\n"
-_HEAD = struct.Struct("<BQ")  # of every record: opcode, number of bytes that follow
-_CHUNK_CRC = slice(33, 37)  # of a chunk record's bytes
+_HEAD = struct.Struct("<BQ")  # head of each record: opcode, number of bytes that follow
+_CHUNK_CRC = slice(33, 37)  # position in a chunk record
 _DATA_END = struct.Struct("<9xI")  # checksum of everything before this record
-_FOOTER = struct.Struct("<9xQQI8x")  # begin of the summary, of its offsets; the summary's checksum; magic
-_BEHIND_CRC = 8  # bytes of the magic
-_LISTED = 5  # damaged chunks
+_FOOTER = struct.Struct("<9xQQI8x")  # start of the summary, of its offsets; the summary's checksum; magic
+_BEHIND_CRC = 8  # bytes behind the checksum: the magic
+_LISTED = 5  # most damaged chunks in an error
 
 
 class ChecksummedWriter(McapWriter):
@@ -32,7 +32,7 @@ class ChecksummedWriter(McapWriter):
     bio: BinaryIO
 
     def close_chunk(self) -> None:
-        """Write the pending chunk, with its checksum, and its index at once."""
+        """Write the pending chunk with its checksum, and its index, immediately."""
         file, crc = self.bio, crc32(self.chunk.bio.getvalue())
         self.bio = part = _Part(file.tell())
         try:
@@ -56,7 +56,7 @@ class ChecksummedWriter(McapWriter):
 
 
 class _Part(BytesIO):
-    """The next bytes of a file, in memory; ``tell`` is the place in that file."""
+    """Next bytes of a file, in memory; ``tell`` returns the position in that file."""
 
     def __init__(self, begin: int) -> None:
         super().__init__()
@@ -68,9 +68,9 @@ class _Part(BytesIO):
 
 @dataclass
 class Damage:
-    """A chunk that cannot be used, and how many messages it has by the index behind it."""
+    """A damaged chunk, and its number of messages in the index that follows."""
 
-    chunk: int  # from 1
+    chunk: int  # number, starting at 1
     why: str
     messages: int = 0
 
@@ -79,37 +79,37 @@ class Damage:
 
 
 class Scan:
-    """Read an MCAP file once and collect what is wrong with it."""
+    """Result of reading an MCAP file once: everything that is wrong with the file."""
 
     def __init__(self, file: BinaryIO) -> None:
         self.unchecked = 0  # messages without a checksum
         self.damaged: list[Damage] = []
-        self.missing = 0  # messages that an index lists and no chunk contains
-        self.why = ""  # the rest cannot be read; empty: the file was read to the end of its messages
-        self.altered = False  # a section of the file differs from its checksum
+        self.missing = 0  # messages in an index but in no chunk
+        self.why = ""  # why the rest cannot be read; empty: the file was read completely
+        self.altered = False  # True if a section differs from its checksum
         self._file = file
         self._size = os.fstat(file.fileno()).st_size
-        self._good = 0  # bytes that could be read
+        self._good = 0  # number of readable bytes
         self._chunks = 0
-        self._last: Damage | None = None  # the chunk before this place, if it is damaged
-        self._unlisted = 0  # its messages that no index has listed yet
+        self._last: Damage | None = None  # the previous chunk, if it is damaged
+        self._unlisted = 0  # messages of the previous chunk that no index has listed yet
         try:
             self._read()
         except EndOfFile:
             self.why = "cut off"
-        except Exception as error:  # whatever broken bytes lead to
+        except Exception as error:  # any error that broken bytes cause
             self.why = f"damaged: {one_line(error)}"
 
     def problems(self) -> list[str]:
-        """Say what the file lacks; nothing if every message is there that was written before its end."""
-        found = [str(damage) for damage in self.damaged[:_LISTED]]
+        """Describe what the file lacks; empty if it contains all messages written before its end."""
+        problems = [str(damage) for damage in self.damaged[:_LISTED]]
         if more := self.damaged[_LISTED:]:
-            found.append(f"{len(more)} more chunks with {sum(damage.messages for damage in more)} messages")
+            problems.append(f"{len(more)} more chunks with {sum(damage.messages for damage in more)} messages")
         if self.missing:
-            found.append(f"{self.missing} messages that its index lists")
+            problems.append(f"{self.missing} messages that its index lists")
         if self.why:
-            found.append(f"its last {self._size - self._good} bytes: {self.why}")
-        return found
+            problems.append(f"its last {self._size - self._good} bytes: {self.why}")
+        return problems
 
     def _read(self) -> None:
         for opcode, content in self._contents(len(MAGIC)):
@@ -122,7 +122,7 @@ class Scan:
                 self._check_chunk(content)
             elif opcode == Opcode.MESSAGE_INDEX:
                 self._count(len(_parsed(content).records))
-            elif opcode == Opcode.MESSAGE:  # of a file without chunks
+            elif opcode == Opcode.MESSAGE:  # in a file without chunks
                 self.unchecked += 1
             self._good = self._file.tell()
 
@@ -132,7 +132,7 @@ class Scan:
         try:
             chunk = _parsed(content)
             self._unlisted = sum(isinstance(one, Message) for one in breakup_chunk(chunk, validate_crc=True))
-        except Exception as error:  # whatever broken bytes lead to
+        except Exception as error:  # any error that broken bytes cause
             why = "its checksum differs" if isinstance(error, CRCValidationError) else one_line(error)
             self._last = Damage(self._chunks, why)
             self.damaged.append(self._last)

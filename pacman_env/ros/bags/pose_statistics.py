@@ -1,4 +1,4 @@
-"""Statistics of a robot's motion and of the poses that it receives, alike for a recorded game and for the simulator."""
+"""Statistics of a robot's motion and received poses, the same for recorded and simulated games."""
 
 import math
 from dataclasses import dataclass, field
@@ -15,11 +15,11 @@ from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.world.navigation.localization import Pose, compose, relative
 
-DRIVING_MPS = 0.05  # slower is standing
-STANDING_S = 5.0  # a longer pause between two poses is no cadence: AMCL is silent while the robot stands
-MOST_S = 300.0  # of a simulated game
-_PERIOD_S = 0.1  # of the lidar: no pose is received more often
-#: The quantities that are compared, with their units.
+DRIVING_MPS = 0.05  # a slower robot stands
+STANDING_S = 5.0  # a longer pause between poses is no cadence: AMCL is silent while the robot stands
+MOST_S = 300.0  # longest simulated game
+_PERIOD_S = 0.1  # period of the lidar, the shortest time between poses
+#: Compared quantities with their units.
 QUANTITIES = {
     "speed": "driving speed, m/s",
     "interval": "time between poses, s",
@@ -32,19 +32,19 @@ QUANTITIES = {
 
 @dataclass
 class PoseStatistics:
-    """Samples of one or several games; times in s, in order."""
+    """Samples of one or several games in order; times in s."""
 
     samples: dict[str, list[float]] = field(default_factory=lambda: {name: [] for name in QUANTITIES})
-    pose: Pose | None = None  # the last received
-    odometry: Pose | None = None  # now, in a frame of its own
-    counts: bool = True  # False: what is received makes no sample
+    pose: Pose | None = None  # last received pose
+    odometry: Pose | None = None  # current odometry, in its own frame
+    counts: bool = True  # False: received values make no samples
     _pose_s: float = 0.0
-    _pose_odometry: Pose | None = None  # when the last pose was received
-    _clyde: tuple[float, float, float] | None = None  # x, y, when
+    _pose_odometry: Pose | None = None  # odometry when the last pose was received
+    _clyde: tuple[float, float, float] | None = None  # x, y, time
 
     @property
     def believed(self) -> Pose | None:
-        """The last pose continued by odometry, as TF has it; None before the first."""
+        """Last pose continued by odometry, like TF; None before the first pose."""
         if self.pose is None or self.odometry is None or self._pose_odometry is None:
             return self.pose
         return compose(self.pose, relative(self._pose_odometry, self.odometry))
@@ -76,11 +76,11 @@ class PoseStatistics:
             self.samples[name].append(value)
 
     def forget(self) -> None:
-        """Another game begins: nothing that follows continues what was received."""
+        """Start another game, which does not continue the received poses."""
         self.pose = self.odometry = self._pose_odometry = self._clyde = None
 
     def quantiles(self) -> dict[str, list[float] | None]:
-        """10 %, 50 % and 90 % of each quantity, None where there is no sample."""
+        """Return the 10 %, 50 % and 90 % quantiles of each quantity, None without samples."""
         return {
             name: [float(q) for q in np.quantile(values, (0.1, 0.5, 0.9))] if values else None
             for name, values in self.samples.items()
@@ -88,7 +88,7 @@ class PoseStatistics:
 
 
 def simulated_statistics(assets: MapAssets, config: Config, policy: Policy, rounds: int = 4) -> PoseStatistics:
-    """Of rounds with the seeds 0 to ``rounds`` - 1, observed at the rate at which poses can be received."""
+    """Simulate rounds with the seeds 0 to ``rounds`` - 1, sampled at the highest rate of received poses."""
     statistics = PoseStatistics()
     finer = config.with_fields(**{"execution.tick_s": _PERIOD_S, "execution.check_period_s": _PERIOD_S})
     decide_every = round(config.execution.tick_s / _PERIOD_S)

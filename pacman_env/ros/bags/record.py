@@ -1,6 +1,6 @@
-"""``pacman-env ros record``: the topics of a running game as an MCAP bag that ROS's own tools can play, too.
+"""``pacman-env ros record``: record the topics of a running game as an MCAP bag, which ROS's tools can also play.
 
-A home's inside is left out on purpose: no map, no scan, no picture; poses show where the robot has been."""
+For privacy, bags contain no map, scan or picture of the home; but poses show where the robot has been."""
 
 import os
 import shutil
@@ -30,13 +30,13 @@ RECORDED = (
     *(topics.SCORES, topics.DIAGNOSTICS, topics.AMCL_POSE, topics.INITIAL_POSE, topics.PLAN, topics.ODOMETRY),
     *(topics.TF, topics.TF_STATIC),
 )
-FLUSH_S = 2.0  # of wall time: a recorder that is killed loses no more
-_DEPTH = 1000  # messages that may wait while the disk is busy
-_FOR_EVER = QosTime(2147483647, 4294967295)  # as rosbag2 writes "no limit"
+FLUSH_S = 2.0  # of wall time: a killed recorder loses at most this time
+_DEPTH = 1000  # messages that can wait while the disk is busy
+_FOR_EVER = QosTime(2147483647, 4294967295)  # rosbag2's "no limit"
 
 
 class Recorder(BaseNode):
-    """Writes every message of :data:`RECORDED` as it is received; the bag is whole after the last messages."""
+    """Node that writes each message of :data:`RECORDED` on reception; the bag is complete after the last messages."""
 
     def __init__(self, folder: Path, sim_time: bool) -> None:
         super().__init__(NAME, parameter_overrides=[Parameter("use_sim_time", Parameter.Type.BOOL, sim_time)])
@@ -48,7 +48,7 @@ class Recorder(BaseNode):
         store = get_typestore(Stores.ROS2_JAZZY)
         for topic in RECORDED:
             name, type_name = self.resolve_topic_name(topic.name), topic.type_name.replace("/", "/msg/")
-            qos = [_described(topic.qos)]
+            qos = [_bag_qos(topic.qos)]
             connection = self._writer.add_connection(name, type_name, typestore=store, offered_qos_profiles=qos)
             deep = QoSProfile(depth=_DEPTH, durability=topic.qos.durability, reliability=topic.qos.reliability)
             write = partial(self._write, connection)
@@ -60,8 +60,8 @@ class Recorder(BaseNode):
         if self._open:
             for subscription, connection in self._subscribed:
                 with subscription.handle:
-                    while (received := subscription.handle.take_message(subscription.msg_type, True)) is not None:
-                        self._write(connection, received[0])
+                    while (item := subscription.handle.take_message(subscription.msg_type, True)) is not None:
+                        self._write(connection, item[0])
             self._open = False
             self._writer.close()
         return ()
@@ -72,7 +72,7 @@ class Recorder(BaseNode):
             self.messages += 1
 
     def _flush(self) -> None:
-        """End a chunk, so that it can be read without the next, and have it written to the disk."""
+        """Close a chunk, so that it can be read without the next one, and write it to disk."""
         storage = self._writer.storage
         if self._open and storage.chunk.msgs:
             storage.close_chunk()
@@ -81,7 +81,7 @@ class Recorder(BaseNode):
 
 
 def record(out: Path, namespace: str, domain: int | None = None, sim_time: bool = False) -> int:
-    """Record until SIGINT or SIGTERM, in the main thread; ``sim_time``: by /clock instead of the wall's time."""
+    """Record until SIGINT or SIGTERM, in the main thread; with ``sim_time`` by /clock instead of wall time."""
     full = full_namespace(namespace)
     if out.exists():
         raise FileExistsError(f"{out}: exists already, a bag is not overwritten")
@@ -92,30 +92,30 @@ def record(out: Path, namespace: str, domain: int | None = None, sim_time: bool 
     except FileExistsError:
         remedy = remedy_for(out) or "another recorder writes into it, or was killed"
         raise FileExistsError(f"{folder}: exists already; delete it, or keep what it has: {remedy}") from None
-    made: list[Recorder] = []
+    recorders: list[Recorder] = []
 
     def make() -> Recorder:
-        made.append(Recorder(folder / out.name, sim_time))
+        recorders.append(Recorder(folder / out.name, sim_time))
         print(f"recording {full} into {out}; Ctrl-C ends it", flush=True)
-        return made[0]
+        return recorders[0]
 
     try:
         status = run(make, NAME, ["--ros-args", "-r", f"__ns:={full}"])
-        received = made[0].messages if made else 0
-        if status == 0 and not received:
+        count = recorders[0].messages if recorders else 0
+        if status == 0 and not count:
             raise ValueError(f"no message was received under {full}: is the namespace right, is the game up?")
         if status == 0:
             os.replace(folder / out.name, out)
             size = sum(path.stat().st_size for path in out.iterdir())
-            print(f"{out}: {received} messages, {size / 1e6:.2f} MB", file=sys.stdout, flush=True)
+            print(f"{out}: {count} messages, {size / 1e6:.2f} MB", file=sys.stdout, flush=True)
     finally:
-        if out.exists() or not (made and made[0].messages):  # else there is something to recover
+        if out.exists() or not (recorders and recorders[0].messages):  # otherwise keep what can be recovered
             shutil.rmtree(folder, ignore_errors=True)
     return status
 
 
-def _described(qos: QoSProfile) -> Qos:
-    """A QoS profile as bags hold it, so that a replayed latched topic is latched."""
+def _bag_qos(qos: QoSProfile) -> Qos:
+    """Convert a QoS profile to the bag's form, so that replayed latched topics are latched."""
     reliability, durability = QosReliability[qos.reliability.name], QosDurability[qos.durability.name]
-    lasting = _FOR_EVER, _FOR_EVER, QosLiveliness.AUTOMATIC, _FOR_EVER, False
-    return Qos(QosHistory.KEEP_LAST, qos.depth, reliability, durability, *lasting)
+    durations = _FOR_EVER, _FOR_EVER, QosLiveliness.AUTOMATIC, _FOR_EVER, False
+    return Qos(QosHistory.KEEP_LAST, qos.depth, reliability, durability, *durations)
