@@ -1,1 +1,1 @@
-"""The operator's page over a running game: what the page's server requires of a game, by ROS."""
+"""The operator's page for a running game: the game interface of the page's server, over ROS."""

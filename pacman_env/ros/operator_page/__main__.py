@@ -1,4 +1,4 @@
-"""The page as a process of its own beside a game's nodes, for this machine alone: ``pacman-env ros up --web``."""
+"""The operator's page as a separate process next to a game, for this machine only: ``pacman-env ros up --web``."""
 
 import argparse
 import sys

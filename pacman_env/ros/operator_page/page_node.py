@@ -1,6 +1,6 @@
-"""The node behind the page: it receives what a running game publishes, in the one thread that spins it, and keeps the
-last of every message as plain values, the map as a picture, a scan as rays.
-"""
+"""The node behind the page: it stores the latest messages of a running game as plain values.
+
+It stores the map as a picture and a scan as rays. Only the thread that spins the node changes its state."""
 
 import contextlib
 import json
@@ -38,25 +38,25 @@ from pacman_env.web.game import News
 from pacman_env.world.navigation.localization import compose
 
 RAYS = 180
-FREE, UNKNOWN = 254, 205  # grey, as map_server's files have it; 0: solid
+FREE, UNKNOWN = 254, 205  # grey values of map_server's files; 0: solid
 _POSE_TIMEOUT_S = 1.0
-_FRESH_S = 3.0  # odometry that is older is that of a robot that is gone
+_FRESH_S = 3.0  # older odometry means that the robot is gone
 _MOST_TRANSFORMS = 10_000
 _MOST_CELLS = 50_000_000
 _RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
-_LONGEST = 1_000_000  # characters of JSON
-_MOST = 10_000  # candidates
-NAME = "pacman_page"  # the doctor ignores nodes whose names begin so
+_LONGEST = 1_000_000  # most characters of JSON
+_MOST = 10_000  # most candidates
+NAME = "pacman_page"  # the doctor ignores nodes with this prefix
 
 
 @dataclass(frozen=True)
 class MapPicture:
     png: bytes
-    facts: dict[str, Any]  # for the scene: ``resolution``, ``width``, ``height`` and ``origin``
+    facts: dict[str, Any]  # of the scene: ``resolution``, ``width``, ``height`` and ``origin``
 
 
 def picture_of(message: Any) -> MapPicture:
-    """The picture of an OccupancyGrid, top row first; BadMessage for sizes that do not fit, numbers not finite."""
+    """Return an OccupancyGrid's picture, top row first; BadMessage for wrong sizes or numbers that are not finite."""
     info = message.info
     count = info.width * info.height
     if count != len(message.data) or not 0 < count <= _MOST_CELLS:
@@ -68,50 +68,50 @@ def picture_of(message: Any) -> MapPicture:
         raise BadMessage("numbers that are not finite")
     cells = np.frombuffer(bytes(memoryview(message.data).cast("B")), np.int8).reshape(info.height, info.width)[::-1]
     pixels = np.where(cells < 0, UNKNOWN, FREE - np.clip(cells, 0, 100).astype(np.int16) * FREE // 100)
-    done, png = cv2.imencode(".png", pixels.astype(np.uint8))
-    if not done:
+    success, png = cv2.imencode(".png", pixels.astype(np.uint8))
+    if not success:
         raise BadMessage("no picture can be made of it")
     size = {"resolution": resolution, "width": int(info.width), "height": int(info.height)}
     return MapPicture(png.tobytes(), {**size, "origin": [float(position.x), float(position.y), yaw]})
 
 
 def rays_of(message: Any, yaw: float) -> NDArray[np.float64]:
-    """(RAYS,) m from a LaserScan: the nearest point in each direction, ray 0 ahead, NaN: nothing met.
+    """Return the distance in m of the nearest point in each direction of a LaserScan, (RAYS,); NaN: no point.
 
-    ``yaw`` is that of the lidar in the robot, rad.
+    Ray 0 points ahead; ``yaw`` is the lidar's heading in the robot, rad.
     """
     ranges = np.asarray(message.ranges, dtype=np.float64)
     rays = np.full(RAYS, np.inf)
     angles = yaw + message.angle_min + message.angle_increment * np.arange(len(ranges))
-    good = np.isfinite(ranges) & np.isfinite(angles) & (ranges >= message.range_min) & (ranges <= message.range_max)
-    numbers = np.round(angles[good] / (2.0 * math.pi / RAYS)).astype(np.int64) % RAYS
-    np.minimum.at(rays, numbers, ranges[good])
+    valid = np.isfinite(ranges) & np.isfinite(angles) & (ranges >= message.range_min) & (ranges <= message.range_max)
+    numbers = np.round(angles[valid] / (2.0 * math.pi / RAYS)).astype(np.int64) % RAYS
+    np.minimum.at(rays, numbers, ranges[valid])
     return np.where(np.isfinite(rays), rays, np.nan)
 
 
 class RobotState:
-    """What the robot has published last; ``None`` and empty: nothing yet."""
+    """Latest messages of the robot; ``None`` and empty before the first."""
 
     def __init__(self, node: BaseNode) -> None:
         self._node = node
         self._surroundings = node.surroundings
         self.velocity = (0.0, 0.0)  # m/s, rad/s
-        self.navigating = False  # Nav2 pursues a goal, of any client
-        self.rate = 1.0  # of the robot's clock, times real time
+        self.navigating = False  # Nav2 drives to a goal of any client
+        self.rate = 1.0  # speed of the robot's clock, in real time
         self._odometry_s = -math.inf
-        self._clock: tuple[float, float, float] | None = None  # wall s and its s a while ago, its s now
+        self._clock: tuple[float, float, float] | None = None  # wall time and clock a while ago, clock now; s
         self._static: dict[str, tuple[str, Pose]] = {}
         self.forget()
 
     def forget(self) -> None:
-        """The robot is gone: nothing of it is to be shown."""
+        """Delete all state of a robot that is gone, so that nothing of it is shown."""
         self.belief = BelievedPose(_POSE_TIMEOUT_S)
         self.map: MapPicture | None = None
         self.plan: NDArray[np.float64] = np.zeros((0, 2))
         self.scan: NDArray[np.float64] = np.zeros(0)
         self.ring: Ring | None = None
         self._odometry: Pose | None = None
-        self._origin: Pose | None = None  # where a simulated robot's odometry began
+        self._origin: Pose | None = None  # start of a simulated robot's odometry
 
     @property
     def clock_s(self) -> float:
@@ -128,10 +128,10 @@ class RobotState:
 
     @property
     def true(self) -> Pose | None:
-        """The pose of a simulated robot: its odometry does not drift."""
+        """True pose of a simulated robot, whose odometry does not drift."""
         return None if self._origin is None or self._odometry is None else compose(self._origin, self._odometry)
 
-    # Messages; ``waited_s``: received so long ago
+    # Messages; ``waited_s``: time since reception
 
     def on_map(self, message: Any) -> None:
         self.map = picture_of(message)
@@ -183,7 +183,7 @@ class RobotState:
             self.plan = np.zeros((0, 2))
 
     def on_scan(self, message: Any) -> None:
-        frame, yaw = message.header.frame_id.lstrip("/"), 0.0  # of the lidar in the robot, where it is known
+        frame, yaw = message.header.frame_id.lstrip("/"), 0.0  # heading of the lidar in the robot, if it is known
         for _ in range(10):
             if frame == BASE or frame not in self._static:
                 break
@@ -193,32 +193,32 @@ class RobotState:
 
 
 class GameState:
-    """What the nodes of the game have published last; ``None`` and empty: nothing yet. Events become ``news``."""
+    """Latest messages of the game's nodes; ``None`` and empty before the first. Events are added to ``news``."""
 
     def __init__(self, robot: RobotState, news: News) -> None:
         self._robot, self._news = robot, news
         self.state: str | None = None
         self.result = ""
         self.numbers: dict[str, float] = {}
-        self.condition: dict[str, Any] = {}  # the goal selector's own
-        self.unresponsive: dict[str, str] = {}  # by node, as the referee reports
+        self.condition: dict[str, Any] = {}  # the goal selector's diagnostics
+        self.unresponsive: dict[str, str] = {}  # reasons by node, from the referee
         self.configuration: dict[str, Any] = {}
         self.configuration_text = ""  # as JSON
-        self._began_s: float | None = None  # the round, by the robot's clock
-        self._round_s = 0.0  # how long it lasted
+        self._began_s: float | None = None  # start of the round, by the robot's clock
+        self._round_s = 0.0  # length of the last round
         self.forget()
 
     def forget(self) -> None:
         self.pellets: dict[int, Position] = {}
         self.ghosts: dict[int, Position] = {}
-        self.places: list[Position] = []  # of the candidates
-        self.pellet_ids: list[int] = []  # of those candidates that are pellets, the first ones
+        self.places: list[Position] = []  # positions of the candidates
+        self.pellet_ids: list[int] = []  # ids of the pellets among the candidates, which come first
         self.scores: dict[int, float] = {}
         self.goal = -1
 
     @property
     def round_time_s(self) -> float:
-        """Since the round began, or how long the last one was; from its first message on."""
+        """Time since the first message of the round, or length of the last round, s."""
         return self._round_s if self._began_s is None else max(0.0, self._robot.clock_s - self._began_s)
 
     def on_result(self, message: Any) -> None:
@@ -256,28 +256,28 @@ class GameState:
             self.configuration_text = json.dumps(configuration, sort_keys=True)
 
     def on_condition(self, message: Any) -> None:
-        before, self.condition = self.condition, object_of(message, _LONGEST)
-        known, troubles = troubles_of(before), troubles_of(self.condition)
+        previous, self.condition = self.condition, object_of(message, _LONGEST)
+        earlier, troubles = troubles_of(previous), troubles_of(self.condition)
         for kind, words in troubles.items():
-            if kind not in known:
+            if kind not in earlier:
                 self._news.add(words=f"goal_selector: {words}"[:200])
-        for kind in known.keys() - troubles.keys():
+        for kind in earlier.keys() - troubles.keys():
             self._news.add(words=f"goal_selector: {kind}: over"[:200])
         pursued = self.condition.get("pursued")
         self.goal = pursued if isinstance(pursued, int) and pursued >= 0 else -1
 
     def on_unresponsive(self, message: Any) -> None:
-        before, self.unresponsive = self.unresponsive, reasons_of(message)
+        previous, self.unresponsive = self.unresponsive, reasons_of(message)
         for node, reason in self.unresponsive.items():
-            if node not in before:
+            if node not in previous:
                 self._news.add(words=f"{WORDS.format(node)}: {reason}")
-        for node in before.keys() - self.unresponsive.keys():
+        for node in previous.keys() - self.unresponsive.keys():
             self._news.add(words=f"{node} responds again")
 
     def on_candidates(self, message: Any) -> None:
-        given = object_of(message, _LONGEST)
-        places = [(float(x), float(y)) for x, y in given["places"][:_MOST]]
-        self.pellet_ids = [int(number) for number in given["pellets"][: len(places)]]
+        content = object_of(message, _LONGEST)
+        places = [(float(x), float(y)) for x, y in content["places"][:_MOST]]
+        self.pellet_ids = [int(number) for number in content["pellets"][: len(places)]]
         self.places = places
 
     def on_scores(self, message: Any) -> None:
@@ -289,7 +289,7 @@ class GameState:
 
 
 class PageNode(BaseNode):
-    """Keeps the last of every message; with ``sim`` a simulated robot gives the time. Events become ``news``."""
+    """Node that stores the latest messages; with ``sim`` it follows a simulated clock. Events are added to ``news``."""
 
     def __init__(self, sim: bool, news: News, **options: Any) -> None:
         super().__init__(NAME, **options)
@@ -325,23 +325,23 @@ class PageNode(BaseNode):
         ]
         for topic, receive in callbacks:
             self._subscribe(topic, receive)
-        # These come far more often than a page is sent anything.
+        # These topics are much faster than updates of the page.
         queues = [(topics.TF, robot.on_transforms), (topics.ODOMETRY, robot.on_odometry)]
         if sim:
             queues.append((topics.CLOCK, robot.on_clock))
         self._queues = [MessageQueue(self, topic, callback) for topic, callback in queues]
 
     def _subscribe(self, topic: topics.Topic, receive: Callable[[Any], object]) -> Any:
-        def checked(message: Any) -> None:
+        def receive_safely(message: Any) -> None:
             try:
                 receive(message)
             except BadMessage:
                 raise
-            except Exception as error:  # no message of an unrelated node may end the page
+            except Exception as error:  # no message of a foreign node may end the page
                 raise BadMessage(f"{type(error).__name__}: {error}") from error
 
-        with contextlib.suppress(ImportError, AttributeError):  # of a package that is not installed here
-            return self.listen(topic, checked, f"bad {topic.name}")
+        with contextlib.suppress(ImportError, AttributeError):  # a package that is not installed here
+            return self.listen(topic, receive_safely, f"bad {topic.name}")
         self._news.add(words=f"{topic.name} cannot be shown: {topic.type_name} is not installed here")
         return None
 
@@ -350,11 +350,11 @@ class PageNode(BaseNode):
             queue.catch_up()
 
     def watch(self, *, why: bool, lidar: bool) -> None:
-        """Subscribe to the terms and the scan, which cost something, only while a page shows them."""
-        for topic, wanted, receive in ((topics.WHY, why, self.game.on_why), (topics.SCAN, lidar, self.robot.on_scan)):
-            if wanted and topic.name not in self._watched:
+        """Subscribe to terms and scans, which are expensive, only while a page shows them."""
+        for topic, needed, receive in ((topics.WHY, why, self.game.on_why), (topics.SCAN, lidar, self.robot.on_scan)):
+            if needed and topic.name not in self._watched:
                 self._watched[topic.name] = self._subscribe(topic, receive)
-            elif not wanted and topic.name in self._watched:
+            elif not needed and topic.name in self._watched:
                 subscription = self._watched.pop(topic.name)
                 if subscription is not None:
                     self.destroy_subscription(subscription)

@@ -1,7 +1,7 @@
-"""Driving a robot by hand, its motions at events, and the operator's stop.
+"""Manual driving of a robot, its motions at events, and the operator's stop.
 
-A stop has three effects at once: zero velocity from a thread that does nothing else (``Wheels``), the end of every
-goal that Nav2 pursues, and the message that the nodes obey until the release (``operator_stop.py``).
+A stop has three immediate effects: zero velocity from a thread with no other task (``Wheels``), the end of all goals in
+Nav2, and the message that the nodes obey until the release (``operator_stop.py``).
 """
 
 import threading
@@ -17,12 +17,12 @@ from pacman_env.ros.operator_stop import OperatorStop
 from pacman_env.web.control import DEAD_MAN_S, ROBOT, Roles
 from pacman_env.web.game import News, Refused
 
-PERIOD_S = 0.05  # while stopped, as often as Nav2 publishes the opposite
-_ENDS = 5  # zero velocities at the end of a drive: one may be lost
+PERIOD_S = 0.05  # while stopped, the rate at which Nav2 may publish the opposite
+_ENDS = 5  # zero velocities at the end of a drive, because one may be lost
 _CANCEL_AGAIN_S = 0.2  # while stopped and a goal still runs
-_CANCEL_UNSEEN_S = 0.5  # while stopped and none is seen: the base's own motions are not published
+_CANCEL_UNSEEN_S = 0.5  # while stopped and no goal is visible: the base's own motions are not published
 _LONGEST_SHOW_S = 30.0
-_SHOWN: dict[str, tuple[Collection[str], topics.Topic]] = {  # by kind: the words, and their topic
+_SHOWN: dict[str, tuple[Collection[str], topics.Topic]] = {  # words and topic by kind
     "event": (FEEDBACK, topics.GAME_EVENT),
     "light": (LIGHTS, topics.GAME_LIGHT),
     "sound": (SOUNDS, topics.GAME_SOUND),
@@ -30,7 +30,7 @@ _SHOWN: dict[str, tuple[Collection[str], topics.Topic]] = {  # by kind: the word
 
 
 class Wheels:
-    """Publishes velocities while a person drives by hand, zero while the robot is stopped, and nothing else."""
+    """Publisher of velocities while a person drives, and of zero while the robot is stopped; no other messages."""
 
     def __init__(
         self,
@@ -39,17 +39,17 @@ class Wheels:
         own_thread: bool = True,  # False: the caller calls ``beat`` every ``PERIOD_S``
     ) -> None:
         self._publish, self._monotonic = publish, monotonic
-        self.driven: tuple[float, float, float] | None = None  # by hand: v, omega, since when
+        self.driven: tuple[float, float, float] | None = None  # manual v, omega, and start
         self._lock = threading.RLock()
         self._stopped = False
-        self._zeros = 0  # to be published yet
+        self._zeros = 0  # zero velocities left to publish
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._run, name="wheels", daemon=True)
         if own_thread:
             self._thread.start()
 
     def stop(self) -> None:
-        """Zero velocity now, and again and again until ``release``; a drive has ended."""
+        """End a drive and publish zero velocity now and repeatedly until ``release``."""
         with self._lock:
             self._stopped, self.driven = True, None
             self._publish(0.0, 0.0)
@@ -59,7 +59,7 @@ class Wheels:
             self._stopped = False
 
     def drive(self, v: float, omega: float) -> bool:
-        """That velocity, for half a second at most; False: the robot is stopped."""
+        """Drive at this velocity for at most half a second; return False if the robot is stopped."""
         with self._lock:
             if self._stopped or self._closed.is_set():
                 return False
@@ -74,7 +74,7 @@ class Wheels:
                 self._publish(0.0, 0.0)
 
     def close(self) -> None:
-        """Publish no more; what was driven by hand stands."""
+        """End a drive and publish no more."""
         with self._lock:
             self.end_drive()
             self._closed.set()
@@ -104,14 +104,14 @@ class Wheels:
 
 
 class RosDriving:
-    """Everything by which the page moves the robot, or holds it; stops and releases are added to the ``news``."""
+    """Everything with which the page moves or holds the robot; stops and releases are added to ``news``."""
 
     def __init__(self, node: PageNode, news: News) -> None:
         self._node, self._news = node, news
         self._surroundings = node.surroundings
         self.roles = Roles()
-        self._armed: str | None = None  # by which person
-        self._shows_until_s = 0.0  # a motion that an operator has asked for
+        self._armed: str | None = None  # by this person
+        self._shows_until_s = 0.0  # end of a motion that an operator requested
         self._cancelled_s = 0.0
         self._velocity = topics.CMD_VEL.publisher(node)
         lock_step = self._surroundings.lock_step
@@ -130,10 +130,10 @@ class RosDriving:
         return self._stop.stopped
 
     def stop(self, person: str) -> None:
-        """Zero velocity, no goal, and no other until the release; from any thread."""
+        """Stop the robot and forbid goals until the release; may be called in any thread."""
         try:
             self.wheels.stop()
-        finally:  # each of the three although another fails
+        finally:  # each of the three even if another fails
             try:
                 self._stop.request(True, person)
             finally:
@@ -168,7 +168,7 @@ class RosDriving:
             self.wheels.release()
 
     def _cancel_goals(self) -> None:
-        """End every goal that Nav2 pursues and every motion of the base's own, of any client."""
+        """Cancel all goals in Nav2 and all motions of the base, of any client."""
         self._cancelled_s = self._surroundings.monotonic()
         for canceller in self._cancellers:
             if canceller.service_is_ready():
@@ -178,7 +178,7 @@ class RosDriving:
         self._velocity.publish(twist_message(v, omega, self._node.get_clock().now().to_msg()))
 
     def leave(self, person: str) -> None:
-        """What the person drove by hand stands, and what the person armed is not armed any more."""
+        """End the person's drive, and disarm what the person armed."""
         if self._armed == person:
             self.arm(None)
         if self.roles.leave(person) is not None:
@@ -195,7 +195,7 @@ class RosDriving:
         self.roles.assume(person, role)
 
     def drive(self, v: float, omega: float, most: dict[str, Any]) -> None:
-        """By hand, m/s and rad/s, while nothing else drives; ``most``: the limits, as in the facts of the scene."""
+        """Drive by hand, in m/s and rad/s, if nothing else drives; ``most``: limits from the facts of the scene."""
         if self._node.game.state != "menu":
             raise Refused("the game drives the robot; to drive by hand, press Reset first")
         if self._node.robot.navigating:
@@ -205,7 +205,7 @@ class RosDriving:
             self.require_not_stopped()
 
     def show(self, what: str, word: str) -> None:
-        """A light or a sound; an event is sent to the game only when it may move the robot."""
+        """Show a light or a sound; an event only reaches the game if it may move the robot."""
         if what != "event":
             self._publish(what, word)
             return
@@ -224,7 +224,7 @@ class RosDriving:
             self._publish("sound", answer.sound.word)
 
     def arm(self, by: str | None) -> None:
-        """Events move the robot from now on, or, with None, no more."""
+        """Let events move the robot from now on (``by`` a person), or not (None)."""
         self._armed = by
         if by is None and self._surroundings.monotonic() < self._shows_until_s and self._node.game.state == "menu":
             self._publish("event", "reset")  # ends the motion

@@ -1,7 +1,7 @@
-"""A running game of a robot as the operator's page sees it: the interface ``Game`` over ROS.
+"""A running game of a robot for the operator's page: the interface ``Game`` over ROS.
 
-A request is carried out in the thread of its caller, by the referee's services and the public topics. The node has a
-context and a thread of its own, but in a lock-step game, where it is one of the game's.
+Requests run in the caller's thread, through the referee's services and the public topics. The node has its own context
+and thread, except in a lock-step game, to which it belongs.
 """
 
 import logging
@@ -38,13 +38,13 @@ from pacman_env.web.messages import Message
 from pacman_env.world.maps.occupancy import load_map
 
 _LOG = logging.getLogger(__name__)
-_PERIOD_S = 0.05  # between two frames
-_FIND_S = 0.5  # between two searches for the game
-_THERE_S = 2.0  # for a service to be there
+_PERIOD_S = 0.05  # between frames
+_FIND_S = 0.5  # between searches for the game
+_THERE_S = 2.0  # longest wait for a service
 _ANSWER_S = 5.0
-_PLACED_S = 2.0  # for a ghost that was placed
+_PLACED_S = 2.0  # longest wait for a ghost to be placed
 _PLACED_M = 0.5
-_CHECKS_S = 6.0  # for the readiness list
+_CHECKS_S = 6.0  # observation time for the readiness list
 _SET_PARAMETERS = topics.Service(f"{SELECTOR}/set_parameters", "rcl_interfaces/SetParameters")
 _REFUSALS: dict[type[Message], str] = {
     messages.Pause: "a robot's time cannot be held: STOP holds the robot, and Reset ends the round",
@@ -55,9 +55,9 @@ _REFUSALS: dict[type[Message], str] = {
 
 
 class RosGame:
-    """A :class:`~pacman_env.web.game.Game` that the nodes of a namespace, with its slash, play.
+    """:class:`~pacman_env.web.game.Game` played by the nodes of a namespace (with a leading slash).
 
-    The readiness list compares the robot's map with ``map``, which raises MapError or OSError if it cannot be read.
+    The readiness list compares the robot's map with ``map``; MapError or OSError if ``map`` cannot be read.
     """
 
     source: Literal["simulator", "ros"] = "ros"
@@ -70,7 +70,7 @@ class RosGame:
         self._why = self._lidar = False
         self._state: str | None = None
         self._found_s = 0.0
-        self._error = ""  # the last
+        self._error = ""  # the last error
         self._closed = threading.Event()
         self._doctors = threading.Lock()
         self._surroundings = current()
@@ -99,7 +99,7 @@ class RosGame:
             self._thread.start()
 
     def close(self) -> None:
-        """Receive no more. What was driven by hand stands, a stop stays, a game goes on."""
+        """Stop receiving. A manual drive ends; a stop remains and the game continues."""
         if self._closed.is_set():
             return
         self._closed.set()
@@ -112,10 +112,10 @@ class RosGame:
         rclpy.shutdown(context=self._context)
 
     def greet(self) -> None:
-        """Do nothing: a robot is as fast as it is, and who leaves disarms it."""
+        """Do nothing: a robot's speed is fixed, and leaving disarms it."""
 
     def choices(self) -> dict[str, Any]:
-        """The policies; all else was chosen when the game was started."""
+        """Return the policies; everything else was chosen at the start of the game."""
         return {"maps": [], "presets": [], "policies": policy_names(), "behaviours": [], "settings": []}
 
     def scene(self) -> Scene:
@@ -131,7 +131,7 @@ class RosGame:
         raise Refused(f"map {name}: a robot's map is chosen when its localization and the game are started")
 
     def story(self, number: int) -> bytes | None:
-        """None: rounds of a robot are recorded by ``pacman-env ros record``."""
+        """Return None: rounds of a robot are recorded by ``pacman-env ros record``."""
         return None
 
     def handle(self, person: str, message: Message) -> Any:
@@ -218,7 +218,7 @@ class RosGame:
             raise Refused(str(answer.message))
 
     def _set_pose(self, x: float, y: float, heading: float) -> None:
-        """As RViz's 2D Pose Estimate, with its covariance."""
+        """Publish a pose like RViz's 2D Pose Estimate, with its covariance."""
         message = topics.INITIAL_POSE.type()
         stamped = pose_message(x, y, heading, self.node.get_clock().now().to_msg())
         message.header, message.pose.pose = stamped.header, stamped.pose
@@ -239,7 +239,7 @@ class RosGame:
         return answer.result()
 
     def _set_up(self, setup: messages.Setup) -> None:
-        """The policy can be changed while the game runs, in the menu; a second one is ignored, all else refused."""
+        """Change the policy, which is possible in the menu; ignore a second policy and refuse everything else."""
         others = {name for name in setup.__struct_fields__ if name not in ("id", "policy", "second")}
         if setup.policy is None or any(getattr(setup, name) not in (None, False) for name in others):
             raise Refused("on a robot only the policy can be changed here; set all else with pacman-env ros up")
@@ -265,7 +265,7 @@ class RosGame:
             raise Refused("Clyde cannot be there: no place near it is wide enough for a ghost")
 
     def _ready(self) -> list[dict[str, str]]:
-        """The findings of ``pacman-env ros doctor``, one doctor at a time, and the nodes that obey a stop."""
+        """Return the findings of ``pacman-env ros doctor``, one run at a time, and the nodes that obey a stop."""
         with self._doctors:
             doctor = self._make_doctor()
             try:
@@ -288,8 +288,8 @@ class RosGame:
 def open_game(
     namespace: str = "robot_15", domain: int | None = None, sim: bool = False, map: str | None = None
 ) -> RosGame:
-    """The game in a robot's namespace, running or not yet; ValueError for a domain or map that does not exist.
+    """Open the game in a robot's namespace, running or not; ValueError for an invalid domain or map.
 
-    ``domain`` None: ROS_DOMAIN_ID; ``sim``: a simulated robot, on this machine alone; ``map``: a file or shipped name.
+    ``domain`` None: ROS_DOMAIN_ID; ``sim``: a simulated robot, on this machine only; ``map``: a file or built-in name.
     """
     return RosGame(full_namespace(namespace), join(domain, this_machine=sim), sim, map)

@@ -1,4 +1,4 @@
-"""What is shown of a robot's game: whether there is one, its scene and its frames, from what the node has received."""
+"""View of a robot's game for the page: whether a game runs, its scene and its frames, from the node's state."""
 
 import json
 import math
@@ -24,33 +24,33 @@ from pacman_env.web.game import News, Scene
 
 
 class RosView:
-    """The scene and the newest frame of the game at ``where``; that it comes and goes is added to the ``news``."""
+    """Scene and newest frame of the game at ``where``; its appearance and end are added to ``news``."""
 
     def __init__(self, node: PageNode, where: str, news: News) -> None:
         self.scene = Scene(1, {"map": None, "preparing": True})
-        self.frame: Frame | None = None  # None: there is neither a game nor a robot
-        self.game_is_there: bool | None = None  # None: not known yet
-        self._robot_gone = True  # neither referee nor robot
+        self.frame: Frame | None = None  # None: neither a game nor a robot
+        self.game_is_there: bool | None = None  # None: unknown so far
+        self._robot_gone = True  # True if there is neither referee nor robot
         self._node, self._where, self._news = node, where, news
         self._scene_key = ""
         self._pellet_ids: list[int] = []
         self._encoded, self._number = "", 0
-        self._notice = ""  # what a page shows in the place of a game
+        self._notice = ""  # text that the page shows instead of a game
 
     def find_game(self) -> bool:
-        """Check whether there is a referee; returns whether it has gone."""
+        """Check whether there is a referee; return True if it has just disappeared."""
         node = self._node
-        there = node.count_publishers(node.resolve_topic_name(topics.GAME_STATE.name)) > 0
-        was, self.game_is_there = self.game_is_there, there
-        self._notice = "" if there else f"no game is found in {self._where}: is 'pacman-env ros up' running there?"
-        gone = bool(was and not there)
-        if there and not was:
+        exists = node.count_publishers(node.resolve_topic_name(topics.GAME_STATE.name)) > 0
+        existed, self.game_is_there = self.game_is_there, exists
+        self._notice = "" if exists else f"no game is found in {self._where}: is 'pacman-env ros up' running there?"
+        gone = bool(existed and not exists)
+        if exists and not existed:
             self._news.add(words=f"the game in {self._where} is running")
         elif gone:
             self._news.add(words=f"the game is gone: {self._notice}")
             node.game.state = None
-        robot_gone = not there and not node.robot.alive
-        if robot_gone and not self._robot_gone:  # once: what is latched of the next robot may come before its odometry
+        robot_gone = not exists and not node.robot.alive
+        if robot_gone and not self._robot_gone:  # once: the next robot's latched messages may come before its odometry
             node.robot.forget()
             node.game.forget()
         self._robot_gone = robot_gone
@@ -69,13 +69,13 @@ class RosView:
         if not (self.game_is_there or self._node.robot.alive):
             self.frame, self._encoded = None, ""
             return
-        frame = self._framed(stopped, lidar)
+        frame = self._frame_now(stopped, lidar)
         encoded = frame.encode()
         if encoded != self._encoded:
             self._encoded, self._number = encoded, self._number + 1
             self.frame = replace(frame, number=self._number)
 
-    def _framed(self, stopped: bool, lidar: bool) -> Frame:
+    def _frame_now(self, stopped: bool, lidar: bool) -> Frame:
         robot, game = self._node.robot, self._node.game
         numbers, candidates = game.numbers, len(game.places)
         scores = [game.scores.get(k, math.nan) for k in range(candidates + 1)] if candidates else []
@@ -106,9 +106,9 @@ class RosView:
 
 
 def _pellets(game: GameState) -> dict[int, Position]:
-    """Places by id: first the candidates, as they are numbered, then those that cannot be driven to."""
-    known = dict(zip(game.pellet_ids, game.places, strict=False))
-    return known | {number: game.pellets[number] for number in sorted(game.pellets) if number not in known}
+    """Return positions by id: first the candidates in their order, then unreachable pellets."""
+    positions = dict(zip(game.pellet_ids, game.places, strict=False))
+    return positions | {number: game.pellets[number] for number in sorted(game.pellets) if number not in positions}
 
 
 def _facts(node: PageNode, pellets: dict[int, Position]) -> dict[str, Any]:
@@ -121,7 +121,7 @@ def _facts(node: PageNode, pellets: dict[int, Position]) -> dict[str, Any]:
     home = condition.get("home")
 
     def number(name: str) -> float:
-        """Of the robot's configuration, as far as it is valid."""
+        """Return a number of the robot's configuration, or its default if it is invalid."""
         group, _, key = name.partition(".")
         value = (configuration.get(group) or {}).get(key)
         return float(value if isinstance(value, int | float) and math.isfinite(value) else own.value(name))
@@ -159,7 +159,7 @@ def _facts(node: PageNode, pellets: dict[int, Position]) -> dict[str, Any]:
 
 
 def _alerts(node: PageNode) -> list[dict[str, Any]]:
-    """What a person has to do something about; without seconds, for a scene has what stays."""
+    """Return the alerts that need a person, without seconds, because a scene contains lasting facts."""
     troubles = troubles_of(node.game.condition)
     remedies = {**REMEDIES, **({NO_ODOMETRY: RESTART_GAME} if node.sim else {})}
     alerts = [
@@ -182,13 +182,13 @@ def _alerts(node: PageNode) -> list[dict[str, Any]]:
 
 @lru_cache(maxsize=4)
 def played_by(text: str) -> tuple[str, dict[str, Any]]:
-    """The preset that a configuration, as JSON, is nearest to, and its differences, by dotted names."""
-    configuration, found = json.loads(text), {}
+    """Return the preset nearest to a configuration (JSON), and the differences by dotted names."""
+    configuration, fields_by_preset = json.loads(text), {}
     for preset, execution in product(PRESETS, EXECUTIONS):
         fields = make_config(preset, execution).as_dict()
         name = preset if execution == "robust" else f"{preset}, {execution}"
         try:
-            found[name] = {field: value for field, (value, _) in differences(configuration, fields).items()}
-        except (TypeError, ValueError, AttributeError):  # of another version
+            fields_by_preset[name] = {field: value for field, (value, _) in differences(configuration, fields).items()}
+        except (TypeError, ValueError, AttributeError):  # a configuration of another version
             return "", {}
-    return min(found.items(), key=lambda pair: len(pair[1]))
+    return min(fields_by_preset.items(), key=lambda pair: len(pair[1]))
