@@ -1,1 +1,1 @@
-"""A simulated robot behind the interface of the real one."""
+"""A simulated robot with the interface of the real robot."""

@@ -1,6 +1,6 @@
 """The simulated robot's two actions: ``navigate_to_pose`` and ``audio_note_sequence``.
 
-What becomes of goals is decided in ``sim/core/navigate_to_pose.py``; here they are received, checked, and answered.
+``sim/core/navigate_to_pose.py`` decides what happens to goals; this module receives, checks and answers them.
 """
 
 import math
@@ -22,15 +22,15 @@ from ..node import GameNode
 from .sim_faults import Faults
 
 MOST_NOTES = 1000
-LONGEST_S = 600.0  # of a sequence
+LONGEST_S = 600.0  # longest sequence of notes
 
 
 class Server(ABC):
-    """An action server whose goals end by a call of :meth:`end`."""
+    """Action server whose goals end by a call of :meth:`end`."""
 
     def __init__(self, node: GameNode, action: topics.RosAction) -> None:
         self.node, self.action = node, action
-        self._group = ReentrantCallbackGroup()  # a goal that waits for its acceptance holds nothing else up
+        self._group = ReentrantCallbackGroup()  # a goal that waits for acceptance does not block others
         self._handles: dict[bytes, Any] = {}  # goals that have not ended
         self._results: dict[bytes, Future] = {}  # goals whose clients have no result yet
         self._server: Any = None
@@ -48,7 +48,7 @@ class Server(ABC):
             )
 
     def close(self) -> None:
-        """Disappear, as a process that died: goals get no result."""
+        """Disappear like a dead process, without results for goals."""
         if self._server is not None:
             self._server.destroy()
             self._server = None
@@ -90,18 +90,18 @@ class Server(ABC):
     async def check(self, request: Any) -> None: ...  # raises BadMessage to reject a goal
 
     @abstractmethod
-    def begin(self, key: bytes, request: Any) -> None: ...  # of an accepted goal
+    def begin(self, key: bytes, request: Any) -> None: ...  # starts an accepted goal
 
     @abstractmethod
-    def cancel(self, key: bytes) -> bool: ...  # whether that is possible
+    def cancel(self, key: bytes) -> bool: ...  # True if that is possible
 
 
 class NavigateServer(Server):
-    """``navigate_to_pose``, one call of :meth:`step` for each of the world's."""
+    """Server of ``navigate_to_pose``; :meth:`step` is called once for each step of the world."""
 
     def __init__(self, node: GameNode, navigation: Navigation, faults: Faults) -> None:
         self.navigation, self.faults = navigation, faults
-        self._late: list[tuple[float, Future]] = []  # time of the robot's at which they are accepted
+        self._late: list[tuple[float, Future]] = []  # robot time of their acceptance
         super().__init__(node, topics.NAVIGATE_TO_POSE)
 
     def close(self) -> None:
@@ -115,9 +115,9 @@ class NavigateServer(Server):
             raise BadMessage("as asked for by a fault")
         wait_s = self.faults.number("late_acceptance")
         if wait_s is not None:
-            waiting: Future = Future()
-            self._late.append((self.navigation.robot.time_s + wait_s, waiting))
-            await waiting
+            acceptance: Future = Future()
+            self._late.append((self.navigation.robot.time_s + wait_s, acceptance))
+            await acceptance
 
     def begin(self, key: bytes, request: Any) -> None:
         x, y, _ = pose_of(request.pose)
@@ -127,14 +127,14 @@ class NavigateServer(Server):
         return self.navigation.cancel(key)
 
     def step(self) -> None:
-        for ended in self.navigation.step():
-            if ended.message:
-                self.node.get_logger().info(f"goal ended with code {ended.error_code}: {ended.message}")
-            self.end(ended.key, ended.status, error_code=ended.error_code, error_msg=ended.message)
+        for goal in self.navigation.step():
+            if goal.message:
+                self.node.get_logger().info(f"goal ended with code {goal.error_code}: {goal.message}")
+            self.end(goal.key, goal.status, error_code=goal.error_code, error_msg=goal.message)
         now = self.navigation.robot.time_s
-        for due, waiting in self._late:
+        for due, acceptance in self._late:
             if due <= now:
-                waiting.set_result(None)
+                acceptance.set_result(None)
         self._late = [one for one in self._late if one[0] > now]
 
     def send_feedback(self, stamp: Any) -> None:
@@ -152,7 +152,7 @@ class NavigateServer(Server):
 
 @dataclass
 class _Melody:
-    """What sounds, since when (s) and how often its notes of ``length_s`` in all are to be played."""
+    """A melody: its start (s), and how often its notes of ``length_s`` in all are played."""
 
     key: bytes
     began_s: float
@@ -162,9 +162,9 @@ class _Melody:
 
 
 class NotesServer(Server):
-    """``audio_note_sequence``: one melody at a time; a newer one ends the one before it.
+    """Server of ``audio_note_sequence`` with one melody at a time; a new melody ends the current one.
 
-    ``show`` is called with what sounds when that changes.
+    ``show`` is called with the current sound at each change.
     """
 
     def __init__(self, node: GameNode, show: Callable[[dict[str, Any]], None]) -> None:
@@ -211,7 +211,7 @@ class NotesServer(Server):
             self.publish_feedback(self._playing.key, iterations_played=played, current_runtime=runtime)
 
     def _progress(self, playing: _Melody) -> tuple[int, Any]:
-        """Whole iterations played, and for how long."""
+        """Return the number of complete iterations, and the playing time."""
         runtime_s = self._now_s - playing.began_s
         played = math.floor(runtime_s / playing.length_s + 1e-6)
         if playing.iterations > 0:

@@ -1,4 +1,4 @@
-"""What a Create 3 has beside wheels and lidar: battery, dock with its two actions, bumper, and the limit backwards."""
+"""Parts of a Create 3 besides wheels and lidar: battery, dock with two actions, bumper, backup limit."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -16,20 +16,20 @@ from ..messages import BadMessage, pose_message
 from ..node import GameNode
 from .sim_actions import Server
 
-#: Of the Create 3 (its simulator): capacity, Ah; current, A, while it stands, drives, charges; voltage, V, full, empty.
+#: From the Create 3's simulator: capacity, Ah; current, A, at rest, driving, charging; voltage, V, full and empty.
 CAPACITY_AH, IDLE_A, DRIVING_A, CHARGING_A, FULL_V, EMPTY_V = 2.046, -0.404, -0.526, 0.9, 16.474, 13.2
-#: Zones of the bumper from left to right, and where each ends, rad from ahead (Create 3's simulator).
+#: Zones of the bumper from left to right (Create 3's simulator).
 ZONES = ("bump_left", "bump_front_left", "bump_front_center", "bump_front_right", "bump_right")
-#: Share of the charge by which it falls and rises, per s, while the base stands, drives, charges (its simulator).
+#: Change of the charge (0 to 1) per s while the base stands, drives, charges (Create 3's simulator).
 IDLE_PER_S, DRIVING_PER_S, CHARGING_PER_S = -5.634e-5, -8.875e-5, 1.2658e-4
 RVIZ_VARIANCE = (0.25, 0.25, 0.0685)  # m2, m2, rad2, of "2D Pose Estimate"
-_SLOW = 0.005  # m/s and rad/s; below it stands
-_STATUS_S = 1.0  # between two messages of the battery, and of the dock
-_BACK_MPS = -0.01  # what asks for more than this, asks for the way back that the base refuses
+_SLOW = 0.005  # m/s and rad/s; a slower base stands
+_STATUS_S = 1.0  # between messages of the battery, and of the dock
+_BACK_MPS = -0.01  # a faster command backwards triggers the base's backup limit
 
 
 class MotionServer(Server):
-    """``dock`` or ``undock``: it drives itself, whatever ``cmd_vel`` asks for."""
+    """Server of ``dock`` or ``undock``: it drives by itself and ignores ``cmd_vel``."""
 
     def __init__(self, node: GameNode, action: topics.RosAction, base: "Base") -> None:
         self.base, self._docks = base, action is topics.DOCK
@@ -62,12 +62,12 @@ class MotionServer(Server):
 
 
 class Base:
-    """Its topics and actions; ``step`` is called before each of the robot's, ``publish`` with each scan."""
+    """Topics and actions of the base; call ``step`` before each step of the robot, ``publish`` with each scan."""
 
     def __init__(self, node: GameNode, robot: SimulatedRobot, dock: Pose | None, charge: float) -> None:
         self.robot, self.dock = robot, Dock(robot, dock)
         self._charge, self._published_s = charge, -math.inf
-        self._bumped: set[str] = set()  # zones, since the last message
+        self._bumped: set[str] = set()  # bumper zones since the last message
         self._backed = False
         self._motion: Velocities | None = None
         self._motion_began_s, self._canceled = 0.0, False
@@ -96,7 +96,7 @@ class Base:
         self._canceled = True
 
     def command(self, v: float, omega: float) -> None:
-        """A velocity that someone asks for: refused backwards, and without effect on the dock and while it docks."""
+        """Apply a commanded velocity; it is refused backwards, and ignored on the dock and while docking."""
         self._backed = self._backed or v < _BACK_MPS
         if self._motion is None:
             self.robot.set_velocity(*((0.0, 0.0) if self.dock.docked else (v, omega)))
@@ -134,9 +134,9 @@ class Base:
     def _publish_hazards(self, stamp: Any) -> None:
         message = topics.HAZARD_DETECTION.type()
         message.header.stamp, message.header.frame_id = stamp, "base_link"
-        found = [(zone, irobot.HazardDetection.BUMP) for zone in sorted(self._bumped)]
-        found += [("base_link", irobot.HazardDetection.BACKUP_LIMIT)] if self._backed else []
-        for frame, kind in found:
+        hazards = [(zone, irobot.HazardDetection.BUMP) for zone in sorted(self._bumped)]
+        hazards += [("base_link", irobot.HazardDetection.BACKUP_LIMIT)] if self._backed else []
+        for frame, kind in hazards:
             hazard = irobot.HazardDetection(type=kind)
             hazard.header.stamp, hazard.header.frame_id = stamp, frame
             message.detections.append(hazard)
@@ -160,7 +160,7 @@ class Base:
 
 
 class InitialPose:
-    """Gives a real AMCL the true pose, as a person does in RViz, until it has published one."""
+    """Publisher of the true pose for a real AMCL, like a person in RViz, until AMCL has published a pose."""
 
     def __init__(self, node: GameNode, robot: SimulatedRobot) -> None:
         self._node, self._robot = node, robot
@@ -173,7 +173,7 @@ class InitialPose:
 
     def give(self, stamp: Any) -> None:
         if self._node.count_publishers(topics.AMCL_POSE.name) == 0:
-            self._known = False  # one that is started again has none
+            self._known = False  # a restarted AMCL has no pose
         elif not self._known and self._robot.time_s - self._given_s >= _STATUS_S - 1e-6:
             self._given_s = self._robot.time_s
             message = topics.INITIAL_POSE.type()
@@ -184,7 +184,7 @@ class InitialPose:
 
 
 def zone_of(angle: float) -> str:
-    """The zone of the bumper that is touched at an angle from ahead, rad; behind it there is none."""
+    """Return the bumper zone at an angle from ahead, rad; "" behind the bumper."""
     if abs(angle) > math.pi / 2:
         return ""
     return ZONES[min(int((math.pi / 2 - angle) / (math.pi / 5)), len(ZONES) - 1)]

@@ -1,21 +1,21 @@
-"""What can be made to go wrong with the simulated robot, in words: ``abort 2.0``, ``end abort``, ``end``."""
+"""Faults of the simulated robot, given in words: ``abort 2.0``, ``end abort``, ``end``."""
 
 import math
 
-#: Each fault, and the names of the numbers that follow it.
+#: Each fault and the names of its numbers.
 FAULTS: dict[str, tuple[str, ...]] = {
-    "reject": (),  # every goal is rejected
-    "abort": ("seconds",),  # every goal is aborted that long after it was accepted
+    "reject": (),  # all goals are rejected
+    "abort": ("seconds",),  # all goals are aborted this time after their acceptance
     "nav2_away": (),  # the navigator's servers are gone
-    "late_acceptance": ("seconds",),  # goals are accepted that much later
+    "late_acceptance": ("seconds",),  # goals are accepted with this delay
     "pose_lost": (),  # no amcl_pose, no transform from map to odom
-    "pose_jump": ("x", "y", "heading"),  # m, m, rad: the filter converges that far beside the truth
-    "kidnap": ("x", "y", "heading"),  # m, m, rad of the map: put there; odometry and AMCL notice nothing until it ends
-    "wheels_slip": ("seconds",),  # for so long they turn and the robot stands; AMCL notices nothing until it ends
-    "base_silent": (),  # only the lidar publishes, as when a TurtleBot 4's create3_republisher has stopped
-    "clock_jump": ("seconds",),  # /clock and all stamps are that much ahead, or behind
+    "pose_jump": ("x", "y", "heading"),  # m, m, rad: the filter converges this far from the truth
+    "kidnap": ("x", "y", "heading"),  # m, m, rad in the map: moved there; odometry and AMCL do not notice until the end
+    "wheels_slip": ("seconds",),  # the wheels turn, but the robot stands this time; AMCL does not notice until then
+    "base_silent": (),  # only the lidar publishes, as after a stop of a TurtleBot 4's create3_republisher
+    "clock_jump": ("seconds",),  # /clock and all stamps are ahead by this time (negative: behind)
 }
-#: Those of the simulated Nav2, and of the simulated AMCL.
+#: Faults of the simulated Nav2, and of the simulated AMCL.
 OF_NAVIGATION = frozenset({"reject", "abort", "nav2_away", "late_acceptance"})
 OF_LOCALIZATION = frozenset({"pose_lost", "pose_jump"})
 _LIMITS = {"seconds": 3600.0, "x": 1000.0, "y": 1000.0, "heading": math.pi}
@@ -25,7 +25,7 @@ _USAGE = f"must be {', '.join(_USAGES)}, end or end NAME"
 
 class Faults:
     def __init__(self) -> None:
-        self.now: dict[str, tuple[float, ...]] = {}  # by name, each with its numbers
+        self.now: dict[str, tuple[float, ...]] = {}  # current faults by name, with their numbers
 
     def __contains__(self, name: str) -> bool:
         return name in self.now
@@ -34,10 +34,10 @@ class Faults:
         return self.now[name][0] if name in self.now else None
 
     def apply(self, text: str) -> str:
-        """Begin a fault, ``NAME NUMBERS``, or end one, ``end NAME``, or all, ``end``; case does not matter.
+        """Begin a fault (``NAME NUMBERS``), or end one (``end NAME``) or all (``end``); case does not matter.
 
-        Returns the name of the fault that begins, or "".
-        Nothing has changed when it raises ValueError: no such fault, or other numbers than it needs.
+        Returns the name of a fault that begins, else "". Raises ValueError, without any change, for an unknown fault or
+        wrong numbers.
         """
         words = text.lower().split()
         if not words:
@@ -60,16 +60,16 @@ class Faults:
 
 
 def _numbers(name: str, words: list[str]) -> tuple[float, ...]:
-    wanted = FAULTS[name]
-    if len(words) != len(wanted):
-        raise ValueError(f"fault {name}: needs {' '.join(map(str.upper, wanted)) or 'no number'}, got {words}")
+    fields = FAULTS[name]
+    if len(words) != len(fields):
+        raise ValueError(f"fault {name}: needs {' '.join(map(str.upper, fields)) or 'no number'}, got {words}")
     values = []
-    for what, word in zip(wanted, words, strict=True):
+    for what, word in zip(fields, words, strict=True):
         try:
             value = float(word)
         except ValueError:
             raise ValueError(f"fault {name}: {what} {word!r} is no number") from None
-        if not abs(value) <= _LIMITS[what]:  # nor NaN
+        if not abs(value) <= _LIMITS[what]:  # also refuses NaN
             raise ValueError(f"fault {name}: {what} {word} must be within {_LIMITS[what]:g}")
         if value < 0 and what == "seconds" and name != "clock_jump":
             raise ValueError(f"fault {name}: {what} {word} must not be negative")

@@ -1,4 +1,4 @@
-"""Nav2 as the game meets it: goals, the clearing of the global costmap, and ghosts as obstacles of the planner."""
+"""Nav2 as the game uses it: goals, clearing of the global costmap, and ghosts as obstacles of the planner."""
 
 from collections.abc import Callable
 from functools import partial
@@ -11,7 +11,7 @@ from ..node import GameNode
 from .sim_actions import NavigateServer
 from .sim_faults import Faults
 
-MARK_LASTS_S = 2.0  # what is no longer published of a ghost, the lidar clears from the costmap
+MARK_LASTS_S = 2.0  # the lidar clears a ghost from the costmap when it is no longer published
 
 Handlers = tuple[tuple[topics.Topic, Callable[[Any], None]], ...]
 
@@ -19,8 +19,8 @@ Handlers = tuple[tuple[topics.Topic, Callable[[Any], None]], ...]
 class Nav2StandIn:
     def __init__(self, node: GameNode, navigation: Navigation, faults: Faults) -> None:
         self.node, self.navigation, self.robot = node, navigation, navigation.robot
-        self._marks: dict[int, tuple[float, float]] = {}  # where ghosts were seen
-        self._marked_step: int | None = None  # when one was seen last
+        self._marks: dict[int, tuple[float, float]] = {}  # last positions of ghosts
+        self._marked_step: int | None = None  # step of the last position
         self.server = NavigateServer(node, navigation, faults)
         self._clear_costmap = topics.CLEAR_GLOBAL_COSTMAP.server(node, self._clear)
 
@@ -40,7 +40,7 @@ class Nav2StandIn:
         self._clear_costmap = topics.CLEAR_GLOBAL_COSTMAP.server(self.node, self._clear)
 
     def close(self) -> None:
-        """Disappear, as a process that died."""
+        """Disappear like a dead process."""
         self.server.close()
         self.node.destroy_service(self._clear_costmap)
 

@@ -1,7 +1,7 @@
-"""The node ``sim_robot``: the simulated robot behind the robot's interface, in place of base, lidar, AMCL and Nav2.
+"""Node ``sim_robot``: the simulated robot with the robot's interface, instead of base, lidar, AMCL and Nav2.
 
-It owns the pace of time, receives velocities, poses, lights and faults, and steps the world (``sim/core/robot.py``).
-Without ``navigation`` it is the base and the lidar of a TurtleBot 4 (``sim_base.py``), for a Nav2 that drives it.
+It sets the pace of time, receives velocities, poses, lights and faults, and steps the world (``sim/core/robot.py``).
+Without ``navigation`` it is only a TurtleBot 4's base and lidar (``sim_base.py``), for a real Nav2.
 """
 
 import dataclasses
@@ -36,16 +36,16 @@ FAULT = topics.Topic("sim/fault", "std_msgs/String", topics.EVENTS)  # see sim_f
 FAULTS_NOW = topics.Topic("sim/faults", "std_msgs/String", topics.LATCHED)  # JSON: list of faults
 
 FASTEST = 10.0
-CATCH_UP_S = 0.5  # of wall time; what is late by more than that is left out
-AT_ONCE = 10  # steps; then messages that came meanwhile are received
-#: A publisher of these in the robot's namespace is a robot's base, a publisher of this is another simulation.
+CATCH_UP_S = 0.5  # of wall time; a longer delay is skipped
+AT_ONCE = 10  # most steps before messages are received again
+#: Topics whose publisher in the robot's namespace is a robot's base; topic whose publisher is another simulation.
 BASE, CLOCK = (topics.ODOMETRY.name, topics.SCAN.name), (topics.CLOCK.name,)
-OTHERS_S = 1.0  # of wall time, between two searches for other robots
+OTHERS_S = 1.0  # of wall time, between searches for other robots
 ONE_CLOCK = "give one of them another domain"
-RATES_HZ = (20, 40, 50, 100)  # of odometry; whole milliseconds, and whole steps in every period of the configuration
-BASE_HZ = 50  # without navigation: several messages in each period of Nav2's controller
+RATES_HZ = (20, 40, 50, 100)  # of odometry; whole milliseconds, and whole steps in all periods of the configuration
+BASE_HZ = 50  # without navigation: several messages per period of Nav2's controller
 AT_HOME = "home"
-START_NS = 1_000_000_000  # of simulated time: a stamp of zero means "no time"
+START_NS = 1_000_000_000  # of simulated time, because a stamp of zero means "no time"
 
 
 def _pose(text: str, name: str) -> Pose | None:
@@ -59,26 +59,26 @@ def _pose(text: str, name: str) -> Pose | None:
 
 
 class SimRobot(GameNode):
-    """The node; :meth:`tick` is called at the physics' rate times the speed."""
+    """Node of the simulated robot; :meth:`tick` is called at the physics rate times the speed."""
 
     def __init__(self) -> None:
         super().__init__(NAME, with_map=True)
         config = self.config
-        seed = parameter(self, "seed", 0, "of all that is drawn", 0, 2**63 - 1)
-        home = parameter(self, "home", "", "x,y,heading where the robot stands, m and rad; empty: as in the game")
-        localized = parameter(self, "set_initial_pose", True, "AMCL is given home; false: it waits for initialpose")
-        self._speed = parameter(self, "speed", 1.0, "of simulated time, in wall time; needs use_sim_time", 0.1, FASTEST)
-        navigates = parameter(self, "navigation", True, "Nav2 is simulated; false: the base alone, for a real Nav2")
-        text = "AMCL is simulated; false: neither amcl_pose nor map to odom, and the odometry drifts"
+        seed = parameter(self, "seed", 0, "random seed of the robot", 0, 2**63 - 1)
+        home = parameter(self, "home", "", "start pose x,y,heading, m and rad; empty: as in the game")
+        localized = parameter(self, "set_initial_pose", True, "AMCL starts with home; false: it waits for initialpose")
+        self._speed = parameter(self, "speed", 1.0, "simulated per wall time; needs use_sim_time", 0.1, FASTEST)
+        navigates = parameter(self, "navigation", True, "simulate Nav2; false: only the base, for a real Nav2")
+        text = "simulate AMCL; false: neither amcl_pose nor map to odom, and the odometry drifts"
         self._localizes = parameter(self, "localization", True, text)
-        map_out = parameter(self, "map_out", True, "publish the map; false: a map_server does")
-        text = f"of odometry, tf and clock: {', '.join(map(str, RATES_HZ))}; 0: 20, without navigation {BASE_HZ}"
+        map_out = parameter(self, "map_out", True, "publish the map; false: a map_server publishes it")
+        text = f"rate of odometry, tf and clock: {', '.join(map(str, RATES_HZ))}; 0: 20, without navigation {BASE_HZ}"
         rate_hz = parameter(self, "odometry_hz", 0, text, 0, RATES_HZ[-1]) or (RATES_HZ[0] if navigates else BASE_HZ)
-        text = f"x,y,heading of the docked robot, m and rad, or {AT_HOME}: it starts docked; empty: no dock"
+        text = f"pose x,y,heading of the docked robot, m and rad, or {AT_HOME}: it starts docked; empty: no dock"
         dock = parameter(self, "dock", "", f"without navigation: {text}")
-        charge = parameter(self, "charge", 1.0, "without navigation: of the battery, at the start", 0.0, 1.0)
+        charge = parameter(self, "charge", 1.0, "without navigation: charge of the battery at the start", 0.0, 1.0)
         stamped = parameter(self, "stamped_cmd_vel", True, "cmd_vel is TwistStamped, as on Jazzy; false: Twist")
-        faults = parameter(self, "fault", "", "faults from the start on, separated by semicolons (see sim/fault)")
+        faults = parameter(self, "fault", "", "faults from the start, separated by semicolons (see sim/fault)")
         self._simulated = bool(self.get_parameter("use_sim_time").value)
         if self._speed != 1.0 and not self._simulated:
             raise ValueError(f"parameter speed = {self._speed}: needs use_sim_time, for the clock to run faster")
@@ -91,7 +91,7 @@ class SimRobot(GameNode):
         at, here = _pose(home, "home"), localized and self._localizes
         robot = SimulatedRobot(self.map, config, seed, home=at, localized=here, drifts=not self._localizes)
         self.robot = robot
-        robot.rehearse()  # meanwhile others become known
+        robot.rehearse()  # other nodes are discovered meanwhile
         self._starting = True
         if reason := self._other_robot():
             raise ValueError(reason)
@@ -126,7 +126,7 @@ class SimRobot(GameNode):
         self.get_logger().info(f"{robot.occupancy.name}: robot at ({x:.2f}, {y:.2f}, {heading:.2f}), seed {seed}")
 
     def _other_robot(self) -> str:
-        """Why a simulated robot must not be here; empty if it may."""
+        """Return the reason why a simulated robot must not run here; empty if it may."""
         where = self.get_namespace()
         if bases := publishers(self, BASE):
             return f"a robot's base answers in {where}: {', '.join(bases)}; a simulated one must not drive it"
@@ -140,7 +140,7 @@ class SimRobot(GameNode):
             self.refuse(reason)
 
     def _on_clock_owner(self, message: Any) -> None:
-        """The later of two simulated robots in one domain goes, wherever it is; in one namespace, by its name."""
+        """Refuse to run if an earlier simulated robot publishes the time in this domain, in any namespace."""
         other = process_of(message)
         if other is not None and started(other) < started(self._owner):
             where = str(other.get("namespace"))[:100]
@@ -159,7 +159,7 @@ class SimRobot(GameNode):
             topic.subscription(self, partial(self._handle, topic.name, handle))
 
     def _handle(self, name: str, handle: Callable[[Any], None], message: Any) -> None:
-        """Bad messages are logged once, and change nothing."""
+        """Handle a message; a bad one is logged once and changes nothing."""
         try:
             handle(message)
         except ValueError as error:
@@ -176,7 +176,7 @@ class SimRobot(GameNode):
         return Time(sec=seconds, nanosec=nanoseconds)
 
     def tick(self) -> None:
-        """Step the world on to the wall's clock, at most ``AT_ONCE`` steps."""
+        """Step the world up to the wall clock, at most ``AT_ONCE`` steps."""
         step_s = self.step_ns * 1e-9 / self._speed
         behind = math.floor((self.surroundings.monotonic() - self._began) / step_s) - self.robot.steps
         most = max(round(CATCH_UP_S / step_s), 1)
@@ -184,7 +184,7 @@ class SimRobot(GameNode):
         if lost > 0:
             self.once.warning("too slow", f"too slow for {self._speed:g} times wall time: {lost} steps left out")
             self._began += lost * step_s
-            if not self._simulated:  # stamps stay with the wall's clock
+            if not self._simulated:  # stamps follow the wall clock
                 self._start_ns += lost * self.step_ns
         for _ in range(min(behind, most, AT_ONCE)):
             self.step()
@@ -209,7 +209,7 @@ class SimRobot(GameNode):
             if self._base is not None:
                 if not silent:
                     self._base.publish(stamp)
-                self._sensors.lidar_turns = not self._base.dock.docked  # a TurtleBot 4 stops it there
+                self._sensors.lidar_turns = not self._base.dock.docked  # a TurtleBot 4 stops the lidar on its dock
             if self._initial_pose is not None:
                 self._initial_pose.give(stamp)
             self._notes.send_feedback()
@@ -218,7 +218,7 @@ class SimRobot(GameNode):
 
     def _on_velocity(self, message: Any) -> None:
         if "base_silent" in self._faults:
-            return  # velocities take the same way
+            return  # velocities pass through the same process
         twist = getattr(message, "twist", message)
         (self.robot.set_velocity if self._base is None else self._base.command)(twist.linear.x, twist.angular.z)
 
@@ -238,15 +238,15 @@ class SimRobot(GameNode):
     # Faults
 
     def _apply_fault(self, text: str) -> None:
-        before = dict(self._faults.now)
-        begun = self._faults.apply(text)
+        previous = dict(self._faults.now)
+        fault = self._faults.apply(text)
         now = self._faults.now
         try:
-            self._begin_fault(begun)
+            self._begin_fault(fault)
         except ValueError as error:
-            self._faults.now = before
-            raise ValueError(f"fault {begun}: {error}") from error
-        changed = {name for name in before.keys() | now.keys() if before.get(name) != now.get(name)}
+            self._faults.now = previous
+            raise ValueError(f"fault {fault}: {error}") from error
+        changed = {name for name in previous.keys() | now.keys() if previous.get(name) != now.get(name)}
         if self._nav2 is not None:
             self._nav2.navigation.abort_after_s = self._faults.number("abort")
             if "nav2_away" in changed:
@@ -258,7 +258,7 @@ class SimRobot(GameNode):
             self.robot.shift_belief((x, y, heading))
 
     def _begin_fault(self, name: str) -> None:
-        """What happens at once, or why it cannot (ValueError)."""
+        """Apply the immediate effect of a fault; raises ValueError if the fault is impossible."""
         if name in OF_NAVIGATION and self._nav2 is None:
             raise ValueError("needs the simulated Nav2 (parameter navigation)")
         if name in OF_LOCALIZATION and not self._localizes:

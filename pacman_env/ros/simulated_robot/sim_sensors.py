@@ -1,4 +1,4 @@
-"""What the simulated robot publishes, at the real rates: odometry, transforms, scans, AMCL's pose, the map."""
+"""Sensor messages of the simulated robot at real rates: odometry, transforms, scans, AMCL's pose, the map."""
 
 import array
 import math
@@ -19,9 +19,9 @@ from .. import topics
 from ..messages import pose_message, transform_message
 
 LIDAR_FRAME, FOOTPRINT_FRAME = "rplidar_link", "base_footprint"
-#: AMCL dates its transform ahead by this, so that it is still valid when the next one comes (TurtleBot 4's file).
+#: AMCL stamps its transform this far ahead, so that it stays valid until the next one (TurtleBot 4's file).
 TRANSFORM_TOLERANCE_NS = 1_000_000_000
-#: Variances that AMCL reports, m2 and rad2; they are no measure of its error [M].
+#: Variances that AMCL reports, m2 and rad2; they do not measure its error [M].
 REPORTED_VARIANCE = (0.25, 0.25, 0.07)
 
 
@@ -37,7 +37,7 @@ def map_message(occupancy: OccupancyMap, stamp: Any) -> Any:
 
 
 class Sensors:
-    """``alone``: as a TurtleBot 4's base and lidar publish, for real consumers; else as the game needs it."""
+    """Publisher of sensor messages: ``alone`` like a TurtleBot 4's base and lidar, otherwise as the game needs them."""
 
     def __init__(self, node: Any, robot: SimulatedRobot, stamp: Any, *, alone: bool, map_out: bool) -> None:
         self._robot, self._alone, self.lidar_turns = robot, alone, True
@@ -47,10 +47,10 @@ class Sensors:
         self._amcl_out = topics.AMCL_POSE.publisher(node) if robot.localizing or not alone else None
         self._amcl_before: tuple[int, Pose] | None = None
         turn_steps = round(robot.config.localization.scan_period_s / robot.config.physics_step_s)
-        self._turn: deque[Pose] = deque(maxlen=turn_steps)  # true poses of the lidar's turn
-        self._latched = []  # their publishers
+        self._turn: deque[Pose] = deque(maxlen=turn_steps)  # true poses during the lidar's turn
+        self._latched = []  # publishers of latched topics
         for topic, message in (
-            (topics.TF_STATIC, TFMessage(transforms=self._fixed(stamp))),
+            (topics.TF_STATIC, TFMessage(transforms=self._static_transforms(stamp))),
             (topics.MAP, map_message(robot.occupancy, stamp) if map_out else None),
         ):
             if message is not None:
@@ -60,7 +60,7 @@ class Sensors:
         self.publish_origin(stamp)
 
     def publish_origin(self, stamp: Any) -> None:
-        """Where the frame of the odometry lies in the map."""
+        """Publish the pose of the odometry's frame in the map."""
         robot = self._robot
         self._origin_out.publish(pose_message(*compose(robot.pose, inverse(robot.odometry)), stamp))
 
@@ -69,7 +69,7 @@ class Sensors:
         base = self._robot.config.robot
         return (base.lidar_x_m, 0.0, base.lidar_heading_rad) if self._alone else (0.0, 0.0, 0.0)
 
-    def _fixed(self, stamp: Any) -> list[Any]:
+    def _static_transforms(self, stamp: Any) -> list[Any]:
         lidar = transform_message("base_link", LIDAR_FRAME, self._lidar, stamp)
         if not self._alone:
             return [lidar]
@@ -77,9 +77,9 @@ class Sensors:
         return [lidar, transform_message("base_link", FOOTPRINT_FRAME, (0.0, 0.0, 0.0), stamp)]
 
     def publish(self, stamp_of: Callable[[int], Any], with_scan: bool, base_silent: bool) -> None:
-        """What is due after a step, and ``with_scan`` after a turn of the lidar.
+        """Publish what is due after a step, and ``with_scan`` after a turn of the lidar.
 
-        ``stamp_of`` gives the time of the step and so many ns.
+        ``stamp_of`` returns the time of the step plus an offset in ns.
         """
         stamp = stamp_of(0)
         robot = self._robot
@@ -115,7 +115,7 @@ class Sensors:
         self._odometry_out.publish(odometry)
 
     def _ranges(self) -> NDArray[np.float32]:
-        """Of one turn; with the base alone each ray is from where the robot was when it was measured."""
+        """Return the ranges of one turn; if ``alone``, each ray starts at the robot's pose at its time."""
         if not self._alone:
             return self._robot.scan()
         parts, ranges = len(self._turn), np.empty(self._robot.config.observation.scan_rays, dtype=np.float32)
@@ -135,7 +135,7 @@ class Sensors:
             scan.angle_min, scan.angle_max = -math.pi, math.pi - scan.angle_increment
             scan.time_increment = scan.scan_time / config.observation.scan_rays
         scan.range_min, scan.range_max = config.observation.scan_minimum_m, config.observation.scan_maximum_m
-        ranges[ranges >= np.float32(scan.range_max)] = np.inf  # nothing there
+        ranges[ranges >= np.float32(scan.range_max)] = np.inf  # no obstacle
         scan.ranges = array.array("f", ranges.tobytes())
         self._scan_out.publish(scan)
 
