@@ -1,7 +1,7 @@
 """The process of a lock-step game: ``python -m pacman_env.ros.lock_step SETUP``, a ``GameSetup`` as JSON.
 
-A page, a terminal or RViz takes part as in any other game: what it has sent is received every few milliseconds, and
-nothing waits for it.
+A page, a terminal or RViz takes part as in any game: its messages are received every few milliseconds, and the game
+does not wait for it.
 """
 
 import sys
@@ -16,12 +16,12 @@ from ..supervisor.game_nodes import LOCK_STEP, from_json
 from .deliveries import NodeFailed
 from .game import LockStepGame
 
-OUTSIDE_S = 0.01  # of real time, after which messages from outside are received again
+OUTSIDE_S = 0.01  # of real time, between receptions from outside
 FAILED = 1  # exit status
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    arguments = remove_ros_args(list(sys.argv[1:] if argv is None else argv))  # launch adds some
+    arguments = remove_ros_args(list(sys.argv[1:] if argv is None else argv))  # launch adds ROS arguments
     stay_on_this_machine()
     with Stop() as stop:
         try:

@@ -1,4 +1,4 @@
-"""The messages between the nodes of a lock-step game: each is taken as it is sent, and waits in one queue."""
+"""Messages between the nodes of a lock-step game: each is taken when sent, and waits in one queue."""
 
 import contextlib
 import time
@@ -23,36 +23,36 @@ from .members import Delivery, Member
 from .surroundings import SimulatedWall
 from .watchdog import Watchdog
 
-MOST_DELIVERIES = 100_000  # in one step
-_JOIN_S = 30.0  # of real time, for what is latched to reach a node that has just been made
-_Span = tuple[int, int]  # begin and end of a publication, ns of the machine's clock
+MOST_DELIVERIES = 100_000  # most deliveries in one step
+_JOIN_S = 30.0  # of real time, for latched messages to reach a new node
+_Span = tuple[int, int]  # start and end of a publication, ns of the machine's clock
 _ANY: _Span = (0, 2**63)
 _Ended = Callable[[Member], None]
 
 
 class NodeFailed(RuntimeError):
-    """A callback of a node has raised an exception, or nodes answer one another without end."""
+    """Raised if a node's callback raises an exception, or if nodes answer each other endlessly."""
 
 
 class Deliveries:
-    """The queue of what members have sent to one another.
+    """Queue of the messages between members.
 
-    ``ended`` is called with a member whose node has a status after its callback, which may take ``silence_s`` of real
-    time.
+    ``ended`` is called with a member whose node has a status after its callback. A callback may take ``silence_s`` of
+    real time.
     """
 
     def __init__(
         self, members: list[Member], wall: SimulatedWall, losses: Losses, silence_s: float, ended: _Ended
     ) -> None:
         self._members, self._wall, self._losses, self._ended = members, wall, losses, ended
-        self.witnesses: list[Callable[[Delivery], None]] = []  # called with each delivery before it is handled
+        self.witnesses: list[Callable[[Delivery], None]] = []  # called with each delivery before its handling
         self.observed: defaultdict[str, list[tuple[Member, Callable[[Any], None]]]] = defaultdict(list)
-        self._changed = True  # entities were made or destroyed since the index was made
+        self._changed = True  # True if entities have changed since the index was built
         self.watchdog = Watchdog(silence_s)
         self.queue: deque[Delivery] = deque()
-        self._turn: Member | None = None  # whose code runs
-        self._latched: dict[Any, deque[_Span]] = {}  # by publisher: what the middleware keeps for later subscriptions
-        self._with_statuses: set[ActionServer] = set()  # rclpy publishes these in C
+        self._turn: Member | None = None  # member whose code runs
+        self._latched: dict[Any, deque[_Span]] = {}  # by publisher: kept for later subscriptions
+        self._with_statuses: set[ActionServer] = set()  # servers whose statuses rclpy publishes in C
         self._index = Index([])
 
     @property
@@ -68,17 +68,17 @@ class Deliveries:
 
     @contextlib.contextmanager
     def making(self, name: str) -> Iterator[None]:
-        before, self._turn = self._turn, None
+        previous, self._turn = self._turn, None
         try:
             with self.watchdog.during(name):
                 yield
         finally:
-            self._turn = before
+            self._turn = previous
 
     # What members send
 
     def watch(self, entity: Any) -> None:
-        """Have what the entity sends taken at once by those that are to receive it."""
+        """Make receivers take the entity's messages immediately after sending."""
         if isinstance(entity, Publisher):
             entity.publish = partial(self._publish, entity, entity.publish)
         elif isinstance(entity, Client):
@@ -95,8 +95,8 @@ class Deliveries:
             self._latched[publisher].append((begin_ns, time.time_ns()))
         if self._turn is not None:
             for member, sub in self.index.by_topic[self.index.name_of(publisher)]:
-                if (taken := entities.message(sub)) is not None:
-                    self._put_taken(member, sub, taken)
+                if (item := entities.message(sub)) is not None:
+                    self._put_taken(member, sub, item)
 
     def _request(self, client: Client, call: Callable[[Any], Any], request: Any) -> Any:
         name = self.index.name_of(client)
@@ -115,17 +115,17 @@ class Deliveries:
             self._take(member, client)
 
     def _take(self, member: Member, entity: Subscription | Service | Client) -> None:
-        for taken in entities.messages(entity):
-            self._put_taken(member, entity, taken)
+        for item in entities.messages(entity):
+            self._put_taken(member, entity, item)
 
     def _take_actions(self) -> None:
-        """What actions' clients and servers have sent, which rclpy does not report in Python."""
+        """Take pending action messages, which rclpy sends in C, so that calls cannot be intercepted."""
         index = self.index
         for member, client in index.clients_of_actions:
             self._take(member, client)
         for member, sub in index.topics_of_actions:
-            while (taken := entities.message_if_any(sub)) is not None:
-                self._put_taken(member, sub, taken)
+            while (item := entities.message_if_any(sub)) is not None:
+                self._put_taken(member, sub, item)
         for member, waitable in index.waitables:
             if isinstance(waitable, ActionServer) and has_goals(waitable):
                 self._with_statuses.add(waitable)
@@ -133,20 +133,20 @@ class Deliveries:
                 self._put_taken(member, waitable, data)
 
     def take_all(self) -> None:
-        """What others than the members have sent, too."""
+        """Take all messages, including those from outside."""
         self._turn = None
         for member, entity in self.index.all:
             self._take(member, entity)
         self._take_actions()
 
     def expire_goals(self) -> None:
-        """Have servers of actions forget the goals that ended 15 minutes ago."""
+        """Make action servers forget the goals that ended 15 minutes ago."""
         for member, server in self.index.waitables:
             if isinstance(server, ActionServer) and (expired := expire_goals(server)):
                 self._put_taken(member, server, {"expired": expired})
 
-    def _put_taken(self, member: Member, entity: Any, taken: Any) -> None:
-        delivery = self.index.delivery(member, entity, taken, self._turn)
+    def _put_taken(self, member: Member, entity: Any, item: Any) -> None:
+        delivery = self.index.delivery(member, entity, item, self._turn)
         if not self._losses.holds(delivery, self._wall.now_s):
             self.put(delivery)
 
@@ -159,35 +159,35 @@ class Deliveries:
     # New subscriptions
 
     def join(self, member: Member, known: set[Subscription]) -> None:
-        """Take what was published while a member was made, and what is latched for its subscriptions but the ``known``.
+        """Take messages published while a member was created, and latched ones for its subscriptions not in ``known``.
 
-        All in the order of the times of publication.
+        They are handled in the order of their publication.
         """
-        taken: list[tuple[int, Member, Subscription, Any]] = []
-        came: defaultdict[Subscription, list[int]] = defaultdict(list)  # times of publication, ns
-        owed = {sub: self._latched_for(member, sub) for sub in member.node.subscriptions if sub not in known}
+        items: list[tuple[int, Member, Subscription, Any]] = []
+        times_ns: defaultdict[Subscription, list[int]] = defaultdict(list)  # times of publication, ns
+        latched_of = {sub: self._latched_for(member, sub) for sub in member.node.subscriptions if sub not in known}
         end = time.monotonic() + _JOIN_S
         while True:
             for other, sub in self.index.subscriptions:
                 for message in entities.messages(sub):
                     at_ns = message[1]["source_timestamp"]
-                    taken.append((at_ns, other, sub, message))
-                    came[sub].append(at_ns)
-            missing = [sub for sub, latched in owed.items() if not _complete(latched, came[sub])]
+                    items.append((at_ns, other, sub, message))
+                    times_ns[sub].append(at_ns)
+            missing = [sub for sub, latched in latched_of.items() if not _complete(latched, times_ns[sub])]
             if not missing:
                 break
             if time.monotonic() > end:
                 names = ", ".join(sub.topic_name for sub in missing)
                 raise NodeFailed(f"{member.name}: what is latched on {names} has not arrived within {_JOIN_S:g} s")
             time.sleep(0.001)
-        newest = {sub: sorted(came[sub])[-sub.qos_profile.depth :] for sub in owed}
-        for at_ns, other, sub, message in sorted(taken, key=lambda one: one[0]):
-            if sub not in owed or at_ns in newest[sub]:
+        newest = {sub: sorted(times_ns[sub])[-sub.qos_profile.depth :] for sub in latched_of}
+        for at_ns, other, sub, message in sorted(items, key=lambda one: one[0]):
+            if sub not in latched_of or at_ns in newest[sub]:
                 self._put_taken(other, sub, message)
         self.drain()
 
     def _latched_for(self, member: Member, sub: Subscription) -> list[deque[_Span]]:
-        """What other members have published that the middleware keeps for a subscription that was made now."""
+        """Return the publications of other members that the middleware keeps for a new subscription."""
         if sub.qos_profile.durability != DurabilityPolicy.TRANSIENT_LOCAL:
             return []
         name = sub.topic_name
@@ -204,7 +204,7 @@ class Deliveries:
     # Handling
 
     def drain(self) -> None:
-        """Have everything handled that waits, and what follows from it; raises NodeFailed."""
+        """Handle all waiting messages and those that follow; raises NodeFailed."""
         for _ in range(MOST_DELIVERIES):
             if not self.queue:
                 return
@@ -219,7 +219,7 @@ class Deliveries:
                 continue
             for witness in self.witnesses:
                 witness(delivery)
-            if delivery.name == CLOCK.name and entities.sets_time(delivery.entity):  # and sends nothing
+            if delivery.name == CLOCK.name and entities.sets_time(delivery.entity):  # it sends no messages
                 delivery.handle()
             else:
                 self.run(member, delivery.handle)
@@ -227,8 +227,8 @@ class Deliveries:
         raise NodeFailed(f"no end to messages in one step, {MOST_DELIVERIES} so far; waiting: {', '.join(names)}")
 
     def run(self, member: Member, handle: Callable[[], Any]) -> Any:
-        """Call a member's callback and run its tasks; what the callback returns, NodeFailed for what they raise."""
-        before, self._turn = self._turn, member
+        """Call a member's callback, run its tasks and return the callback's result; NodeFailed for their exceptions."""
+        previous, self._turn = self._turn, member
         try:
             with self.watchdog.during(member.name):
                 result = handle()
@@ -238,13 +238,13 @@ class Deliveries:
         except Exception as error:
             raise NodeFailed(f"{member.name}: {type(error).__name__}: {error}") from error
         finally:
-            self._turn = before
+            self._turn = previous
         if member.node.status is not None and not member.ending:
             self._ended(member)
         return result
 
 
-def _complete(latched: list[deque[_Span]], came_ns: list[int]) -> bool:
-    """Whether all that is latched for a subscription has come, by the times of publication of what has."""
+def _complete(latched: list[deque[_Span]], times_ns: list[int]) -> bool:
+    """Return True if all publications in ``latched`` have arrived, judged by the publication times ``times_ns``."""
     spans = (span for one in latched for span in one)
-    return all(any(begin_ns <= at_ns <= end_ns for at_ns in came_ns) for begin_ns, end_ns in spans)
+    return all(any(begin_ns <= at_ns <= end_ns for at_ns in times_ns) for begin_ns, end_ns in spans)

@@ -1,4 +1,4 @@
-"""The entities of members, by their names: how what has come for one is taken from the middleware, and handled."""
+"""Entities of members by name: take their messages from the middleware and handle them."""
 
 import inspect
 from collections import defaultdict
@@ -18,7 +18,7 @@ from rclpy.time_source import TimeSource
 from ..rclpy_private import futures_of, mark_ready, run_callbacks_in, takes_message_alone
 from .members import Delivery, Member
 
-ACTION = "/_action/"  # in the names of an action's topics and services
+ACTION = "/_action/"  # part of the names of an action's topics and services
 _Pairs = list[tuple[Member, Any]]
 
 
@@ -39,53 +39,53 @@ class Index:
         self._entities = {entity for _, entity in (*self.all, *self.waitables)}
 
     def _by_name(self, pairs: _Pairs) -> defaultdict[str, _Pairs]:
-        found: defaultdict[str, _Pairs] = defaultdict(list)
+        pairs_by_name: defaultdict[str, _Pairs] = defaultdict(list)
         for member, entity in pairs:
-            found[self.name_of(entity)].append((member, entity))
-        return found
+            pairs_by_name[self.name_of(entity)].append((member, entity))
+        return pairs_by_name
 
     def destroyed(self, entity: Any) -> bool:
-        """Whether its node has destroyed it since something came for it."""
+        """Return True if the node has destroyed the entity since its message was taken."""
         kinds = Subscription | Service | Client | ActionServer | ActionClient
         return isinstance(entity, kinds) and entity not in self._entities
 
     def name_of(self, entity: Any) -> str:
-        """The full name of its topic or service."""
+        """Return the full name of the entity's topic or service."""
         if entity not in self._names:
             by_topic = isinstance(entity, Publisher | Subscription)
             self._names[entity] = entity.topic_name if by_topic else entity.service_name
         return self._names[entity]
 
-    def delivery(self, member: Member, entity: Any, taken: Any, sender: Member | None) -> Delivery:
+    def delivery(self, member: Member, entity: Any, item: Any, sender: Member | None) -> Delivery:
         if isinstance(entity, ActionServer | ActionClient):
-            return Delivery(member, entity, "action", taken, partial(_execute, member, entity, taken), sender)
+            return Delivery(member, entity, "action", item, partial(_execute, member, entity, item), sender)
         name = self.name_of(entity)
         if isinstance(entity, Service):
-            return Delivery(member, entity, name, taken[0], partial(_serve, member, entity, *taken), sender)
+            return Delivery(member, entity, name, item[0], partial(_serve, member, entity, *item), sender)
         if isinstance(entity, Client):
-            return Delivery(member, entity, name, taken[1], partial(_answer, member, entity, *taken), sender)
-        handle = partial(call, member, entity.callback, *(taken[:1] if takes_message_alone(entity) else taken))
+            return Delivery(member, entity, name, item[1], partial(_answer, member, entity, *item), sender)
+        handle = partial(call, member, entity.callback, *(item[:1] if takes_message_alone(entity) else item))
         qos = entity.qos_profile
         reliable = qos.reliability != ReliabilityPolicy.BEST_EFFORT
         latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
-        return Delivery(member, entity, name, taken[0], handle, sender, qos.depth, reliable, latched)
+        return Delivery(member, entity, name, item[0], handle, sender, qos.depth, reliable, latched)
 
 
 def message(sub: Subscription) -> Any:
-    """A message and its times; None if there is none."""
+    """Take a message and its times; None if there is none."""
     with sub.handle:
         return sub.handle.take_message(sub.msg_type, sub.raw)
 
 
 def message_if_any(sub: Subscription) -> Any:
-    """The same, for topics on which there mostly is none: an attempt to take bytes makes no message in vain."""
+    """Take a message like ``message`` from a mostly silent topic: taking bytes creates no message if there is none."""
     with sub.handle:
         one = sub.handle.take_message(sub.msg_type, True)
     return None if one is None else (deserialize_message(one[0], sub.msg_type), one[1])
 
 
 def messages(entity: Subscription | Service | Client) -> Iterator[Any]:
-    """All that has come for an entity: (message, its times), (request, header) or (header, response)."""
+    """Yield everything received: (message, its times), (request, header) or (header, response)."""
     if isinstance(entity, Subscription):
         while (one := message(entity)) is not None:
             yield one
@@ -100,13 +100,13 @@ def messages(entity: Subscription | Service | Client) -> Iterator[Any]:
 
 
 def data_of_action(waitable: ActionServer | ActionClient) -> dict[str, Any]:
-    """What has come for an action's end; empty if nothing."""
+    """Take the data received by an action client or server; empty if there is none."""
     mark_ready(waitable)
     return {name: data for name, data in waitable.take_data().items() if data}
 
 
 def sets_time(sub: Subscription) -> bool:
-    """Whether it is rclpy's own, which sets a node's clock."""
+    """Return True for rclpy's own subscription that sets a node's clock."""
     return isinstance(getattr(sub.callback, "__self__", None), TimeSource)
 
 
@@ -127,7 +127,7 @@ def _serve(member: Member, service: Service, request: Any, header: Any) -> None:
 def _answer(member: Member, client: Client, header: Any, response: Any) -> None:
     try:
         future = client.get_pending_request(header.request_id.sequence_number)
-    except KeyError:  # it is not waited for any more
+    except KeyError:  # no longer awaited
         return
     run_callbacks_in(member.executor, future)
     future.set_result(response)

@@ -1,4 +1,4 @@
-"""A whole game over the simulated robot, in lock-step: the nodes that ``ros up --sim`` starts, in one process."""
+"""A whole game with the simulated robot in lock-step: the nodes of ``ros up --sim`` in one process."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,16 +14,16 @@ from .deliveries import NodeFailed
 from .members import Member
 from .stepper import LockStep
 
-RESTART_S = 3.0  # of simulated time: the pause before a node is started again, and its start
+RESTART_S = 3.0  # of simulated time, for pause and restart of a node
 LOCALIZED_S = 60.0  # of simulated time, for the robot's first pose
 SEEDED = (SIMULATOR, "clyde_ghost_node")
 
 
 class LockStepGame(LockStep):
-    """The nodes of a game; after the making the robot has its pose and every node is there.
+    """Nodes of a game; after construction the robot has its pose and all nodes run.
 
-    ``seed`` is that of everything that is drawn, ``options`` are those of ``LockStep``. Raises ValueError for a setup
-    that cannot be played, NodeFailed if a node does not start or the robot is not localized.
+    ``seed`` decides all random values, ``options`` are those of ``LockStep``. Raises ValueError for an unplayable
+    setup, NodeFailed if a node does not start or the robot is not localized.
     """
 
     def __init__(self, setup: GameSetup, seed: int = 0, **options: Any) -> None:
@@ -32,8 +32,8 @@ class LockStepGame(LockStep):
         extra = {name: {"seed": seed, **setup.extra.get(name, {})} for name in SEEDED}
         self.setup = replace(setup, speed=1.0, extra={**setup.extra, **extra})
         super().__init__(seed, **options)
-        self.restarts: list[tuple[float, str, int | None]] = []  # when (s), which node, and with which status it ended
-        self._due: dict[str, float] = {}  # nodes that are started again, and when, s
+        self.restarts: list[tuple[float, str, int | None]] = []  # time (s), node, and its exit status
+        self._due: dict[str, float] = {}  # nodes to restart, and the time, s
         self.namespace = game_nodes.full_namespace(setup.namespace)
         try:
             for name in self.setup.first_nodes:
@@ -49,12 +49,12 @@ class LockStepGame(LockStep):
         return self.add(node_class(name), self.setup.command(name)[1:])
 
     def join(self, make: Callable[[], BaseNode]) -> Any:
-        """Add a node of another kind to the game's namespace, which no loss concerns; the node."""
+        """Add a node of another kind, without losses, to the game's namespace and return the node."""
         arguments = ["--ros-args", "-r", f"__ns:={self.namespace}", "-p", "use_sim_time:=true"]
         return self.add(make, arguments, loses=False).node
 
     def call(self, node: BaseNode, service: Service, limit_s: float = 10.0) -> Any:
-        """The answer to a node that has joined; raises NodeFailed after so much simulated time, s."""
+        """Call a service from a joined node and return the answer; NodeFailed after ``limit_s`` of simulated time."""
         client = service.client(node)
         answer = self.within(node, lambda: client.call_async(service.type.Request()))
         if not self.until(answer.done, limit_s):
@@ -63,7 +63,7 @@ class LockStepGame(LockStep):
         return answer.result()
 
     def kill(self, name: str) -> None:
-        """The node is gone, without last messages; it is started again as ``ros up`` does."""
+        """Kill a node without last messages; it restarts as under ``ros up``."""
         if (member := self.member(name)) is not None:
             self.remove(member, last_messages=False)
             self._start_again(name, None)
@@ -73,7 +73,7 @@ class LockStepGame(LockStep):
             self.freeze(member)
 
     def thaw_node(self, name: str) -> None:
-        """It goes on; after a standstill of more than the middleware's lease it ends, to be started again."""
+        """Let a frozen node continue; after more than the middleware's lease it ends and is restarted."""
         member = self.member(name)
         if member is None or member.frozen_s is None:
             return
@@ -98,7 +98,7 @@ class LockStepGame(LockStep):
         self._due[name] = self.wall.now_s + RESTART_S
 
     def step(self) -> None:
-        """As of any lock-step; nodes that ended a while ago are started again."""
+        """Advance by one step, and restart nodes whose pause is over."""
         super().step()
         for name in [name for name, due_s in self._due.items() if due_s <= self.wall.now_s]:
             del self._due[name]

@@ -1,4 +1,4 @@
-"""The nodes of a lock-step game, each with what waits for it: messages, tasks, and what a fault holds back."""
+"""The nodes of a lock-step game, each with its waiting messages and tasks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..node import BaseNode
 
 
 class NodeExecutor(Executor):
-    """One node's executor, which never waits: it keeps tasks, and reports that entities were made or destroyed."""
+    """Executor of one node that never waits: it collects tasks and reports created or destroyed entities."""
 
     def __init__(self, context: Context, changed: Callable[[], None]) -> None:
         super().__init__(context=context)
@@ -22,7 +22,7 @@ class NodeExecutor(Executor):
         self._changed = changed
 
     def create_task(self, callback: Any, *arguments: Any, **options: Any) -> Task:
-        """As of any executor; the task runs after the callback that makes it."""
+        """Create a task like any executor; it runs after the current callback."""
         task = Task(callback, arguments, options, executor=self)
         self.tasks.append(task)
         return task
@@ -31,20 +31,20 @@ class NodeExecutor(Executor):
         self._changed()
 
     def run_tasks(self) -> None:
-        """Run what can be run now, and what follows from it; raises what a task has raised."""
-        moved = bool(self.tasks)
-        while moved:
-            waiting, self.tasks = self.tasks, []
-            moved = False
-            for task in waiting:
+        """Run all tasks that can run, and tasks that follow; raises exceptions of tasks."""
+        progress = bool(self.tasks)
+        while progress:
+            tasks, self.tasks = self.tasks, []
+            progress = False
+            for task in tasks:
                 task()
                 if not task.done():
                     self.tasks.append(task)
                     continue
-                moved = True
+                progress = True
                 if (error := task.exception()) is not None:
                     raise error
-            moved = moved and bool(self.tasks)
+            progress = progress and bool(self.tasks)
 
 
 @dataclass
@@ -53,28 +53,28 @@ class Delivery:
     entity: Any  # subscription, service, client or action's end
     name: str  # of topic or service
     content: Any
-    handle: Callable[[], object]  # what the node does with it
+    handle: Callable[[], object]  # the node's handling of the content
     sender: Member | None  # None if it came from outside
-    depth: int = 1000  # so many wait for the entity at most, the newest
-    reliable: bool = True  # a network that loses it delivers it later
-    latched: bool = False  # and even after a long loss
+    depth: int = 1000  # most deliveries that wait for the entity; the newest stay
+    reliable: bool = True  # True if a lossy network delivers it later
+    latched: bool = False  # True if it is delivered even after a long loss
 
 
 @dataclass(eq=False)
 class Member:
     name: str
-    number: int  # in the order of all starts
+    number: int  # counts all starts
     node: BaseNode
     executor: NodeExecutor
-    loses: bool = True  # losses concern what it sends and receives, too
-    ending: bool = False  # it sends its last messages, or is gone
+    loses: bool = True  # losses also affect its messages
+    ending: bool = False  # True while it sends its last messages, and afterwards
     present: bool = True  # False once it was killed or has ended
-    frozen_s: float | None = None  # since when it stands still, s of the game's wall clock; None if it runs
-    inbox: list[Delivery] = field(default_factory=list)  # what came while it was frozen
+    frozen_s: float | None = None  # start of a freeze, s of the game's wall clock; None if it runs
+    inbox: list[Delivery] = field(default_factory=list)  # deliveries during a freeze
 
     def keep(self, delivery: Delivery) -> None:
-        """Of a frozen member: keep the delivery, with as many for the same entity as that keeps."""
+        """Store a delivery for a frozen member, within the depth of the entity."""
         self.inbox.append(delivery)
-        same = [one for one in self.inbox if one.entity is delivery.entity]
-        if len(same) > delivery.depth:
-            self.inbox.remove(same[0])
+        waiting = [one for one in self.inbox if one.entity is delivery.entity]
+        if len(waiting) > delivery.depth:
+            self.inbox.remove(waiting[0])

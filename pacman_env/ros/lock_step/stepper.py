@@ -1,4 +1,4 @@
-"""Steps the nodes of one process: each message is handled before the next one, and all of them before time goes on."""
+"""Step the nodes of one process: each message is handled before the next, and all before time advances."""
 
 import contextlib
 from collections.abc import Callable
@@ -20,15 +20,15 @@ from .losses import Losses
 from .members import Member, NodeExecutor
 from .surroundings import LockStepSurroundings, SimulatedWall
 
-STEP_NS = 50_000_000  # of physics: Nav2's controller rate
-SILENCE_S = 60.0  # of real time that one callback may take
+STEP_NS = 50_000_000  # step of the physics: Nav2's controller rate
+SILENCE_S = 60.0  # of real time, the longest duration of a callback
 
 
 class LockStep:
-    """Nodes of this process, and the simulated time that they share.
+    """Nodes of this process and their simulated time.
 
-    ``seed`` is that of nodes' draws and of losses. Without a ROS ``domain`` it is that of the environment. After
-    ``silence_s`` of real time in one callback the process ends. If ``alone``, no node of another process meets these.
+    ``seed`` decides all draws of nodes and losses. ``domain`` None: ROS domain of the environment. The process ends if
+    a callback takes ``silence_s`` of real time. If ``alone``, the nodes discover no other process.
     """
 
     def __init__(
@@ -43,21 +43,21 @@ class LockStep:
         self.losses = Losses(seed)
         self.members: list[Member] = []
         self.messages = Deliveries(self.members, self.wall, self.losses, silence_s, self._end)
-        self.step_ns = STEP_NS  # of the simulated robot, once there is one
+        self.step_ns = STEP_NS  # of the simulated robot, if there is one
         self._alone = alone
         self._started = 0
         self._closed = False
 
     def add(self, make: Callable[[], BaseNode], arguments: list[str], loses: bool = True) -> Member:
-        """Make a node with arguments of ROS, ``--ros-args ...``; what is latched reaches it before this returns.
+        """Create a node with ROS arguments ``--ros-args ...``; latched messages reach it before this returns.
 
-        Losses concern it if ``loses``. Raises what the making raises, and NodeFailed.
+        Losses affect the node if ``loses``. Raises NodeFailed, and the exceptions of ``make``.
         """
         self._started += 1
         surroundings = LockStepSurroundings(self, self._started, arguments, self._alone)
         with within(surroundings), self.messages.making(f"the making of node {self._started}"):
             node = make()
-            for service in node.services:  # those of the lifecycle, which rclpy makes by itself, are not watched yet
+            for service in node.services:  # rclpy creates the lifecycle services unwatched
                 self.messages.watch(service)
         executor = NodeExecutor(self.context, self.messages.entities_changed)
         member = Member(node.get_name(), self._started, node, executor, loses)
@@ -69,14 +69,14 @@ class LockStep:
         return member
 
     def subscribe(self, node: BaseNode, subscribe: Callable[[], Any]) -> Any:
-        """Have a member make subscriptions between two steps; what is latched reaches them before this returns."""
+        """Let a member subscribe between two steps; latched messages arrive before this returns."""
         before = set(node.subscriptions)
         made = subscribe()
         self.messages.join(self._member_of(node), before)
         return made
 
     def observe_requests(self, node: BaseNode, service: str, callback: Callable[[Any], None]) -> None:
-        """Have a member receive each request for a service, by its absolute name, too, whether or not it arrives."""
+        """Let a member receive all requests to a service (absolute name), even those that do not arrive."""
         self.messages.observed[service].append((self._member_of(node), callback))
 
     def member(self, name: str) -> Member | None:
@@ -86,7 +86,7 @@ class LockStep:
         return next(one for one in self.members if one.node is node)
 
     def remove(self, member: Member, last_messages: bool = True) -> None:
-        """End a node, as a signal does; or as a kill does, without its last messages. What waits for it is lost."""
+        """End a node as by a signal, or as by a kill without ``last_messages``. Its waiting messages are lost."""
         if member.ending:
             return
         member.ending = True
@@ -109,10 +109,10 @@ class LockStep:
         self.ended(member)
 
     def ended(self, member: Member) -> None:
-        """Called after a node has ended by itself."""
+        """Handle the end of a node that ended by itself."""
 
     def close(self) -> None:
-        """End all nodes that are left, without last messages, and ROS."""
+        """End the remaining nodes without last messages, and ROS."""
         if self._closed:
             return
         self._closed = True
@@ -122,7 +122,7 @@ class LockStep:
         self.context.try_shutdown()
 
     def freeze(self, member: Member) -> None:
-        """The node does not run any more; what comes for it waits."""
+        """Stop running the node; its messages wait."""
         member.frozen_s = self.wall.now_s
 
     def thaw(self, member: Member) -> None:
@@ -131,7 +131,7 @@ class LockStep:
         self.messages.queue.extend(inbox)
 
     def step(self) -> None:
-        """Advance time by one step of the simulated robot, and have everything handled; raises NodeFailed."""
+        """Advance time by one step of the simulated robot and handle everything; raises NodeFailed."""
         self.wall.advance(self.step_ns)
         for delivery in self.losses.due(self.wall.now_s):
             self.messages.put(delivery)
@@ -156,7 +156,7 @@ class LockStep:
                 self.messages.drain()
 
     def until(self, condition: Callable[[], object], limit_s: float) -> bool:
-        """Step until the condition holds, at most so much simulated time, s; whether it does."""
+        """Step until the condition is true, at most ``limit_s`` of simulated time; return True if it became true."""
         end_s = self.wall.now_s + limit_s
         while not condition():
             if self.wall.now_s >= end_s:

@@ -1,4 +1,4 @@
-"""The surroundings of the nodes of a lock-step game: a wall clock that is simulated, ids that are drawn from a seed."""
+"""Surroundings of nodes in a lock-step game: a simulated wall clock, and ids drawn from a seed."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from ..surroundings import Surroundings
 if TYPE_CHECKING:
     from .stepper import LockStep
 
-#: The wall's clock at the beginning of a game: an instant in 2017, so that it is no machine's now.
+#: The wall clock at the start of a game: in 2017, to differ from the clock of any machine.
 EPOCH_NS = 1_500_000_000_000_000_000
-_LATCHED = 1000  # messages of one topic, of all publishers: more than there can be
+_LATCHED = 1000  # more messages than all publishers of a topic can send
 
 
 class SimulatedWall:
-    """The wall's clock of a game, which goes on only when it is advanced, and what is drawn from the game's seed."""
+    """Wall clock of a game, which moves only by ``advance``, and random values from the game's seed."""
 
     def __init__(self, seed: int) -> None:
         self.now_ns = 0
@@ -35,7 +35,7 @@ class SimulatedWall:
 
     @property
     def now_s(self) -> float:
-        """Since the beginning of the game, s."""
+        """Time since the start of the game, s."""
         return self.now_ns * 1e-9
 
     def advance(self, nanoseconds: int) -> None:
@@ -43,13 +43,13 @@ class SimulatedWall:
         self.clock.set_ros_time_override(Time(nanoseconds=EPOCH_NS + self.now_ns, clock_type=ClockType.ROS_TIME))
 
     def draw(self) -> bytes:
-        """16 bytes, other ones at each call."""
+        """Return 16 new random bytes."""
         self._drawn += 1
         return hashlib.blake2b(f"{self._seed} {self._drawn}".encode(), digest_size=16).digest()
 
 
 class LockStepSurroundings(Surroundings):
-    """Those of one node, whose number is in the order of starts; ``alone`` if no node of another process meets it."""
+    """Surroundings of one node, the ``number``-th started; ``alone`` if it discovers no other process."""
 
     lock_step = True
 
@@ -64,12 +64,12 @@ class LockStepSurroundings(Surroundings):
         self._game.messages.watch(entity)
 
     def kept(self, qos_profile: QoSProfile | int) -> QoSProfile | int:
-        """Of latched topics, everything: which messages the middleware drops of several depends on its threads."""
+        """Queue all messages of latched topics: which ones the middleware drops depends on its threads."""
         if not isinstance(qos_profile, QoSProfile) or qos_profile.durability != DurabilityPolicy.TRANSIENT_LOCAL:
             return qos_profile
-        everything = copy.copy(qos_profile)
-        everything.depth = _LATCHED
-        return everything
+        profile = copy.copy(qos_profile)
+        profile.depth = _LATCHED
+        return profile
 
     def monotonic(self) -> float:
         return self._wall.now_s
@@ -78,7 +78,7 @@ class LockStepSurroundings(Surroundings):
         return EPOCH_NS + self._wall.now_ns
 
     def perf_counter(self) -> float:
-        """No time passes while a node computes."""
+        """Return the wall time: no time passes while a node computes."""
         return self._wall.now_s
 
     def clock(self) -> Clock:
@@ -88,7 +88,7 @@ class LockStepSurroundings(Surroundings):
         return self._game.until(condition, limit_s)
 
     def process(self) -> list[Any]:
-        """When the node was started, and its number in place of a process's."""
+        """Return the node's start, and its number instead of a process's."""
         return [self.time_ns() * 1e-9, "lock-step", self._number] if self._alone else super().process()
 
     def new_id(self) -> bytes:

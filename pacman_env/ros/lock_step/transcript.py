@@ -1,4 +1,4 @@
-"""The transcript of a lock-step game: one hash over every message that a node has handled, in order."""
+"""Transcript of a lock-step game: one hash over all messages that nodes have handled, in order."""
 
 import array
 import hashlib
@@ -15,7 +15,7 @@ class Transcript:
     def __init__(self, game: LockStep) -> None:
         self._game = game
         self._hash = hashlib.sha256()
-        self.messages = 0  # how many were handled
+        self.messages = 0  # number of messages
         game.messages.witnesses.append(self._add)
 
     def _add(self, delivery: Delivery) -> None:
@@ -28,21 +28,21 @@ class Transcript:
         self._game.messages.witnesses.remove(self._add)
 
     def hexdigest(self) -> str:
-        """Of simulated times, receivers, topics and contents so far, 64 hexadecimal digits."""
+        """Return the hash of simulated times, receivers, topics and contents so far, 64 hexadecimal digits."""
         return self._hash.hexdigest()
 
 
 def _fields(content: Any) -> Iterator[bytes]:
-    """The fields of a message as bytes; of several messages, one after another.
+    """Yield the fields of a message, or of several messages in order, as bytes.
 
-    Not its serialized form: Fast CDR leaves the bytes between aligned fields as they were.
+    The serialized form is unsuitable: Fast CDR leaves the padding between fields unset.
     """
     if hasattr(content, "get_fields_and_field_types"):
         for name in content.get_fields_and_field_types():
             yield from _fields(getattr(content, name))
     elif isinstance(content, array.array | np.ndarray):
         yield content.tobytes()
-    elif isinstance(content, dict):  # what an action's end has received, by kind
+    elif isinstance(content, dict):  # data of an action client or server, by kind
         for name, one in content.items():
             yield name.encode()
             yield from _fields(one)
@@ -51,4 +51,4 @@ def _fields(content: Any) -> Iterator[bytes]:
     elif isinstance(content, Iterable):
         for one in content:
             yield from _fields(one)
-    # a header of rmw, with the writer's own random id, is no content
+    # an rmw header is skipped: it contains a random id of the writer

@@ -1,4 +1,4 @@
-"""Ends a process, with the name of the node, when one of its callbacks takes too long."""
+"""End the process, and print the node's name, if one of its callbacks takes too long."""
 
 import contextlib
 import os
@@ -12,21 +12,21 @@ _PERIOD_S = 0.25
 
 
 class Watchdog:
-    """A thread that ends the process when the callback that runs takes longer than ``silence_s`` of real time."""
+    """Thread that ends the process if a callback takes longer than ``silence_s`` of real time."""
 
     def __init__(self, silence_s: float) -> None:
         self._silence_s = silence_s
-        self._running = "", 0.0  # name of the node, and since when
+        self._running = "", 0.0  # name of the node, and start of its callback
         self._end = threading.Event()
         threading.Thread(target=self._watch, daemon=True).start()
 
     @contextlib.contextmanager
     def during(self, name: str) -> Iterator[None]:
-        before, self._running = self._running, (name, time.monotonic())
+        previous, self._running = self._running, (name, time.monotonic())
         try:
             yield
         finally:
-            self._running = before
+            self._running = previous
 
     def close(self) -> None:
         self._end.set()
