@@ -160,8 +160,8 @@ class GameNode(BaseNode):
         except (ValueError, TypeError, LookupError, RecursionError):
             raise BadMessage("not the configuration of a node of this game") from None
         if came_first:
-            where = self.get_namespace()
-            self.refuse(f"another {node} plays in {where} already: {process_words(other)}")
+            place = self.get_namespace()
+            self.refuse(f"another {node} plays in {place} already: {process_words(other)}")
             return
         fields_differ = differences(configuration, own["configuration"])
         if map != own["map"] and None not in (map, own["map"]):

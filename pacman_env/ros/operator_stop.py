@@ -73,9 +73,9 @@ class OperatorStop:
         self._publisher.publish(OPERATOR_STOP.type(data=json.dumps(content)))
 
     def _apply(self, request: tuple[int, bool], who: str) -> None:
-        was = self.stopped
+        previous = self.stopped
         self._last, self.who = request, who
-        if was != self.stopped and self._changed is not None:
+        if previous != self.stopped and self._changed is not None:
             self._changed(self.stopped, who)
 
     def _on_message(self, message: Any) -> None:

@@ -70,10 +70,10 @@ class LockStep:
 
     def subscribe(self, node: BaseNode, subscribe: Callable[[], Any]) -> Any:
         """Let a member subscribe between two steps; latched messages arrive before this returns."""
-        before = set(node.subscriptions)
-        made = subscribe()
-        self.messages.join(self._member_of(node), before)
-        return made
+        earlier = set(node.subscriptions)
+        subscriptions = subscribe()
+        self.messages.join(self._member_of(node), earlier)
+        return subscriptions
 
     def observe_requests(self, node: BaseNode, service: str, callback: Callable[[Any], None]) -> None:
         """Let a member receive all requests to a service (absolute name), even those that do not arrive."""

@@ -32,8 +32,8 @@ class GhostTrail:
     def points(self, places: Iterable[Position], now_s: float) -> NDArray[np.float64]:
         """Add the ghosts' current positions, and return all points (N, 2), x and y in m."""
         for place in places:
-            near = np.round((_DISC + place) / _APART_M).astype(np.int64)
-            self._seen_s.update(dict.fromkeys(map(tuple, near.tolist()), now_s))
+            points = np.round((_DISC + place) / _APART_M).astype(np.int64)
+            self._seen_s.update(dict.fromkeys(map(tuple, points.tolist()), now_s))
         self._seen_s = {cell: seen_s for cell, seen_s in self._seen_s.items() if 0 <= now_s - seen_s < _LASTS_S}
         return np.array(list(self._seen_s), dtype=np.float64).reshape(-1, 2) * _APART_M
 

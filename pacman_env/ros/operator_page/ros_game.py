@@ -89,8 +89,8 @@ class RosGame:
         self.news = self._news.after
         services = (topics.START_GAME, topics.RESET_GAME, topics.CONTINUE, _SET_PARAMETERS)
         self._services = {service.name: service.client(node) for service in services}
-        published = (topics.CLICKED_POINT, topics.INITIAL_POSE, topics.BASE_CLYDE_SPEED)
-        self._out = {topic.name: topic.publisher(node) for topic in published}
+        outputs = (topics.CLICKED_POINT, topics.INITIAL_POSE, topics.BASE_CLYDE_SPEED)
+        self._out = {topic.name: topic.publisher(node) for topic in outputs}
         node.create_timer(_PERIOD_S, self._update, clock=self._surroundings.clock())
         if not lock_step:
             self._executor = SingleThreadedExecutor(context=self._context)

@@ -43,10 +43,10 @@ class RosView:
         exists = node.count_publishers(node.resolve_topic_name(topics.GAME_STATE.name)) > 0
         existed, self.game_is_there = self.game_is_there, exists
         self._notice = "" if exists else f"no game is found in {self._where}: is 'pacman-env ros up' running there?"
-        gone = bool(existed and not exists)
+        disappears = bool(existed and not exists)
         if exists and not existed:
             self._news.add(words=f"the game in {self._where} is running")
-        elif gone:
+        elif disappears:
             self._news.add(words=f"the game is gone: {self._notice}")
             node.game.state = None
         robot_gone = not exists and not node.robot.alive
@@ -54,7 +54,7 @@ class RosView:
             node.robot.forget()
             node.game.forget()
         self._robot_gone = robot_gone
-        return gone
+        return disappears
 
     def update_scene(self) -> None:
         pellets = _pellets(self._node.game)

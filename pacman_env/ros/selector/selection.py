@@ -203,7 +203,7 @@ class Selection:
         The policy is called only if a decision is due (``game/decisions.py``). Otherwise its last choice is repeated,
         as in the simulator.
         """
-        began = self._perf_counter()
+        start_s = self._perf_counter()
         belief = self._believe(now)
         do(self.executor.check(None if belief is None else belief.pose[:2], self.view.ghosts, now))
         self.decision = None
@@ -242,7 +242,7 @@ class Selection:
         choice = self._last.choice
         do(self.executor.choose(None if choice == HOLD else self.view.goal(choice), now))
         if due:
-            self._times_ms.append(1000 * (self._perf_counter() - began))
+            self._times_ms.append(1000 * (self._perf_counter() - start_s))
             self.decision = situation, chosen
 
     def on_rejected(self, number: int, now: float) -> list[ExecutorAction]:
@@ -310,11 +310,11 @@ class Selection:
 
 def _ask(policy: Policy, situation: Situation, begins: Config | None, clock_s: Callable[[], float]) -> int:
     """Return the policy's choice, after a reset if a round ``begins``; PolicyError if it fails or is slow."""
-    began_s = clock_s()
+    start_s = clock_s()
     if begins is not None:
         reset(policy, np.ones(1, np.bool_), begins)
     chosen = int(choose(policy, situation)[0])
-    if clock_s() - began_s > SLOW_S:
+    if clock_s() - start_s > SLOW_S:
         raise PolicyError(f"policy {name_of(policy)!r}: takes more than {SLOW_S:g} s to choose")
     return chosen
 

@@ -88,8 +88,8 @@ class SimRobot(GameNode):
             config = config.with_fields(physics_step_s=1.0 / rate_hz)
         if navigates and not self._localizes:
             raise ValueError("parameter localization = false: needs navigation = false, too")
-        at, here = _pose(home, "home"), localized and self._localizes
-        robot = SimulatedRobot(self.map, config, seed, home=at, localized=here, drifts=not self._localizes)
+        at, is_localized = _pose(home, "home"), localized and self._localizes
+        robot = SimulatedRobot(self.map, config, seed, home=at, localized=is_localized, drifts=not self._localizes)
         self.robot = robot
         robot.rehearse()  # other nodes are discovered meanwhile
         self._starting = True
@@ -127,9 +127,9 @@ class SimRobot(GameNode):
 
     def _other_robot(self) -> str:
         """Return the reason why a simulated robot must not run here; empty if it may."""
-        where = self.get_namespace()
+        place = self.get_namespace()
         if bases := publishers(self, BASE):
-            return f"a robot's base answers in {where}: {', '.join(bases)}; a simulated one must not drive it"
+            return f"a robot's base answers in {place}: {', '.join(bases)}; a simulated one must not drive it"
         if self._simulated and self._starting and (clocks := publishers(self, CLOCK)):
             return f"another clock runs in this ROS domain: {', '.join(clocks)}; {ONE_CLOCK}"
         return ""
@@ -143,8 +143,8 @@ class SimRobot(GameNode):
         """Refuse to run if an earlier simulated robot publishes the time in this domain, in any namespace."""
         other = process_of(message)
         if other is not None and started(other) < started(self._owner):
-            where = str(other.get("namespace"))[:100]
-            self.refuse(f"another clock runs in this ROS domain: {where}/{NAME}, {process_words(other)}; {ONE_CLOCK}")
+            place = str(other.get("namespace"))[:100]
+            self.refuse(f"another clock runs in this ROS domain: {place}/{NAME}, {process_words(other)}; {ONE_CLOCK}")
 
     def _listen(self, stamped: bool) -> None:
         velocity = topics.CMD_VEL if stamped else dataclasses.replace(topics.CMD_VEL, type_name="geometry_msgs/Twist")

@@ -169,8 +169,8 @@ class ProcessGroup:
         others = [name for name in self._members if name not in (*first, *last)]
         for names in (first, others, last):
             members = [self._members.pop(name) for name in names if name in self._members]
-            found = {member.name: member.process for member in members}
-            running = {name: process for name, process in found.items() if process and process.poll() is None}
+            processes = {member.name: member.process for member in members}
+            running = {name: process for name, process in processes.items() if process and process.poll() is None}
             killed += end(running, PATIENCE_S, waiting)
             for name, process in running.items():
                 if process.returncode == -signal.SIGALRM:

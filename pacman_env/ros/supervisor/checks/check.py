@@ -173,8 +173,8 @@ class Observations:
     def start_game(self) -> str:
         """Command that starts the game."""
         sim = (" --sim --nav2" if self.real_nav2 else " --sim") if self.virtual else ""
-        where = self.namespace.strip("/") or "/"
-        return f"pacman-env ros up --map {self.map_file or 'FILE_OR_NAME'} --namespace {where}{sim}"
+        place = self.namespace.strip("/") or "/"
+        return f"pacman-env ros up --map {self.map_file or 'FILE_OR_NAME'} --namespace {place}{sim}"
 
     @property
     def start_localization(self) -> str:

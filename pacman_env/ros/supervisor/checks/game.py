@@ -242,8 +242,8 @@ def _remedy(robot: Observations, trouble: str) -> tuple[str, str]:
     if trouble == NO_ODOMETRY and robot.virtual:
         return RESTART_GAME, robot.start_game
     if trouble == POSE_JUMPED:
-        where = robot.namespace.strip("/") or "/"
-        return REMEDIES[trouble], f"pacman-env ros continue --namespace {where}{' --sim' if robot.virtual else ''}"
+        place = robot.namespace.strip("/") or "/"
+        return REMEDIES[trouble], f"pacman-env ros continue --namespace {place}{' --sim' if robot.virtual else ''}"
     return REMEDIES[trouble], ""
 
 
