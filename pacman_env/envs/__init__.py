@@ -1,1 +1,1 @@
-"""Gymnasium environments over the simulator, their pictures and their registration."""
+"""Gymnasium and PettingZoo environments over the simulator, and their registration."""

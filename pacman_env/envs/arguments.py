@@ -1,4 +1,4 @@
-"""The arguments of every environment, and all that follows from them: a configuration, maps, the policies of ghosts."""
+"""Arguments shared by all environments, and the configuration, maps and ghost policies that follow from them."""
 
 import functools
 import inspect
@@ -19,10 +19,10 @@ from ..sim.maps.level_source import FixedMap, GeneratedMaps, LevelSource
 from ..sim.observation.kinds import FLAT, KINDS
 from ..world.maps.occupancy import OccupancyMap
 
-#: How many wander, or for each a behaviour or a policy of its own.
+#: A number of wandering ghosts, or a behaviour or policy for each ghost.
 Ghosts = int | str | Policy | Sequence[str | Policy]
 
-#: Settings under ``flat=True``, of environments with several agents, which all decide at each tick ...
+#: Settings of ``flat=True`` for environments with several agents, which all decide at each tick ...
 _FLAT_OF_SEVERAL: dict[str, Any] = {
     "observation.kinds": ("features",),
     "observation.flat": True,
@@ -31,7 +31,7 @@ _FLAT_OF_SEVERAL: dict[str, Any] = {
     "observation.numeric_info": True,
     "timeout": "termination",
 }
-#: ... and of environments with one.
+#: ... and for environments with one agent.
 _FLAT: dict[str, Any] = {
     **_FLAT_OF_SEVERAL,
     "observation.kinds": ("planner",),
@@ -43,7 +43,7 @@ _FLAT: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class EnvArguments:
-    """All environments take these; :class:`~pacman_env.envs.pacmanbot.PacManBotEnv` describes each."""
+    """Arguments of every environment; :class:`~pacman_env.envs.pacmanbot.PacManBotEnv` describes each."""
 
     map: MapSource = "house"
     _: KW_ONLY
@@ -57,7 +57,7 @@ class EnvArguments:
     defaults: Mapping[str, Any] | None = None
 
     def make_config(self, *, several: bool = False) -> tuple[Config, dict[int, Policy]]:
-        """The configuration, of an environment with several agents or one, and the policies by the ghost's number."""
+        """Return the configuration (``several``: for several agents) and the policy objects by ghost number."""
         settings = {} if self.settings is None else self.settings
         behaviours, policies = _behaviours(self.ghosts)
         changes = {} if self.observation is None else _kinds(self.observation)
@@ -88,7 +88,7 @@ class EnvArguments:
         return make_config(self.preset, **{**defaults, **below, **changes, **settings}), policies
 
     def make_source(self, config: Config) -> LevelSource:
-        """The maps: ``generated`` ones, ``generated:test``, or one map."""
+        """Return the source of the maps: one map, or houses for ``generated`` and ``generated:test``."""
         if not isinstance(self.map, (str, os.PathLike, OccupancyMap)):
             raise ConfigError(f"map = {self.map!r}: must be a name, a YAML file or an OccupancyMap")
         name = os.fspath(self.map) if isinstance(self.map, (str, os.PathLike)) else ""
@@ -100,7 +100,7 @@ class EnvArguments:
 
 
 def takes_env_arguments(init: Callable[..., None]) -> Callable[..., None]:
-    """``__init__`` with the fields of :class:`EnvArguments` in its signature, in place of ``arguments``."""
+    """Replace the parameter ``arguments`` of an ``__init__`` by the fields of :class:`EnvArguments`."""
     shared = inspect.signature(EnvArguments).parameters
     own = inspect.signature(init)
     parameters = [*(p for name, p in own.parameters.items() if name != "arguments"), *shared.values()]
@@ -129,15 +129,15 @@ def _behaviours(ghosts: Ghosts | None) -> tuple[tuple[str, ...] | None, dict[int
     names, policies = [], {}
     for number, one in enumerate(each):
         if isinstance(one, str) and moved_by_policy(one):
-            one = make_policy(one)  # by name, so that Gymnasium's spec of the environment can be written to a file
+            one = make_policy(one)  # a name, unlike an object, can be saved in Gymnasium's spec
         if isinstance(one, str):
             names.append(one)
         elif hasattr(one, "select") and hasattr(one, "reset") and not isinstance(one, type):
             names.append(POLICY)
             policies[number] = one
         else:
-            known = ", ".join(name for name in behaviour_names() if name != POLICY)
-            raise ConfigError(f"ghosts[{number}] = {one!r}: must be one of {known}, or an object with reset and select")
+            kinds = ", ".join(name for name in behaviour_names() if name != POLICY)
+            raise ConfigError(f"ghosts[{number}] = {one!r}: must be one of {kinds}, or an object with reset and select")
     return tuple(names), policies
 
 
@@ -158,18 +158,18 @@ def _kinds(observation: str | Sequence[str]) -> dict[str, Any]:
 
 
 def check_render_mode(render_mode: str | None, known: Sequence[str]) -> None:
-    """Raise ValueError for a render mode that the environment does not have."""
+    """Raise ValueError unless the render mode is None or in ``known``."""
     if render_mode is not None and render_mode not in known:
         raise ValueError(f"render_mode = {render_mode!r}: choose one of {known} or None")
 
 
 def is_count(value: Any) -> bool:
-    """Whether it is a whole number of at least 1."""
+    """Return True if ``value`` is a whole number of at least 1."""
     return isinstance(value, (int, np.integer)) and not isinstance(value, bool) and bool(value >= 1)
 
 
 def checked_games(num_envs: Any) -> int:
-    """How many games; raises ValueError for what is no such number."""
+    """Return the number of games as an int; raises ValueError unless it is a whole number of at least 1."""
     if not is_count(num_envs):
         raise ValueError(f"num_envs = {num_envs!r}: must be a whole number of at least 1")
     return int(num_envs)

@@ -1,4 +1,4 @@
-"""What every environment has, whatever its interface: the games behind it, its spec, masks and pictures."""
+"""Base class of all environments: games, spec, action masks and pictures, whatever the interface."""
 
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -13,11 +13,11 @@ from ..sim.observation.situation import Situation
 from .arguments import EnvArguments, check_render_mode
 from .core import EnvCore
 
-_FIXED = ("observation_space", "action_space", "ghost_agents")  # of an environment
+_FIXED = ("observation_space", "action_space", "ghost_agents")  # settings of a reset must not change these
 
 
 class CoreEnv:
-    """An environment over an :class:`EnvCore`, whatever its interface."""
+    """Base class of the environments over an :class:`EnvCore`, for any interface."""
 
     metadata: dict[str, Any]
     render_mode: str | None
@@ -32,7 +32,7 @@ class CoreEnv:
 
     @property
     def spec(self) -> Any:
-        """Return the spec, its arguments as JSON gives them back, so that specs compare equal."""
+        """Return the spec. Its arguments are plain JSON data, so that specs compare equal."""
         return self._spec
 
     @spec.setter
@@ -43,7 +43,7 @@ class CoreEnv:
 
     @property
     def batch(self) -> GameBatch:
-        """Return the games."""
+        """Return the batch of games."""
         return self._core.batch
 
     @property
@@ -53,11 +53,11 @@ class CoreEnv:
 
     @property
     def started(self) -> bool:
-        """Return whether a first round has begun."""
+        """Return True after the first reset."""
         return self._core.begun
 
     def _core_by(self, settings: Mapping[str, Any]) -> EnvCore:
-        """Return this environment's core, or another one if it plays by settings other than the arguments."""
+        """Return a core with ``settings``; raises ConfigError if they change the spaces or the agents."""
         if settings == self._core.settings:
             return self._core
         n, arguments, more = self._made_from
@@ -69,25 +69,25 @@ class CoreEnv:
 
     @property
     def situation(self) -> Situation:
-        """Return what a policy of this package sees of each game now; raises ResetNeeded before the first reset."""
+        """Return the situation of each game, as policies of this package read it; raises ResetNeeded before a reset."""
         return self._core.situation
 
     @property
     def action_masks(self) -> Callable[[], NDArray[np.bool_]]:
-        """Return which candidates may be chosen now, under the name that sb3-contrib calls.
+        """Return the function that gives the current action mask, under the name that sb3-contrib calls.
 
-        (C,) bool, of a vector environment (N, C); ``action_space.sample`` takes it as int8. Raises AttributeError with
-        velocities, which have no mask.
+        Masks are bool, (C,) or for a vector environment (N, C); ``action_space.sample`` takes them as int8. Raises
+        AttributeError if actions are velocities, which have no mask.
         """
         if self.config.action != "goal":
             raise AttributeError("velocity actions have no masks")
         return self._masks
 
     def action_of(self, candidates: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the actions (N,) that stand now for candidates (N,) as a policy of this package chooses them.
+        """Return the actions (N,) for the candidates (N,) that a policy of this package chose.
 
-        Of the nearest candidates those that are not listed are the last action, hold. Raises AttributeError with
-        velocities, and ResetNeeded before the first reset.
+        With ``observation.candidates="nearest"``, candidates that are not listed become the last action, hold. Raises
+        AttributeError if actions are velocities, and ResetNeeded before the first reset.
         """
         if self.config.action != "goal":
             raise AttributeError("velocity actions choose no candidate")
@@ -98,7 +98,7 @@ class CoreEnv:
         return self._core.masks()
 
     def _pictures(self, cores: Sequence[EnvCore]) -> tuple[NDArray[np.uint8], ...] | None:
-        """Return a picture of each game, if there is a render mode."""
+        """Return one picture per game, or None without a render mode."""
         if self.render_mode is None:
             return None
         from ..render.frames import render_frame
@@ -107,7 +107,7 @@ class CoreEnv:
 
 
 def as_json(value: Any) -> Any:
-    """Return plain data as JSON gives it back, a configuration as settings, a path as text, and all else unchanged."""
+    """Convert a configuration to settings, a path to text, and containers as JSON does; keep other values."""
     if isinstance(value, Config):
         value = value.as_settings()
     if isinstance(value, os.PathLike):

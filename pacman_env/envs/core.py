@@ -1,4 +1,4 @@
-"""The common core of the environments: the games, the ghosts' policies, observations, rewards, infos."""
+"""Common core of the environments: games, ghost policies, observations, rewards and infos."""
 
 import functools
 from collections.abc import Mapping
@@ -30,10 +30,10 @@ _NONE_OVER = np.zeros(0, dtype=np.bool_)
 
 
 class EnvCore:
-    """N games of one environment, from its arguments.
+    """N games of one environment, built from its arguments.
 
-    ``ghost_agents``: the caller of ``step`` chooses for ghosts whose behaviour is ``policy``. Without ``copy``,
-    situations and features are written to two sets of arrays in turn. ``settings`` replace those of the arguments.
+    With ``ghost_agents`` the caller of ``step`` chooses for ghosts whose behaviour is ``policy``. Without ``copy``,
+    situations and features alternate between two sets of arrays. ``settings`` override those of the arguments.
     """
 
     def __init__(
@@ -64,24 +64,24 @@ class EnvCore:
         if (self._mask_beside or self._mask_in_info) and self.config.action != "goal":
             raise ConfigError(f"observation.mask = {self.config.observation.mask!r}: velocities have no mask")
         beside = self.candidates if self._mask_beside else None
-        self.observation_space = observation_space(self.observer.parts, beside)  # of the robot's agent
+        self.observation_space = observation_space(self.observer.parts, beside)  # for the agent of the robot
         self.action_space = action_space(self.batch, self.candidates)
-        self.begun = False  # a first round
+        self.begun = False  # True after the first reset
         self._copies = copy
-        self._shown: Situation | None = None  # the situation as it was given away since the last step
-        self.elapsed_s = np.zeros(n)  # simulated, in the last step
+        self._shown: Situation | None = None  # copy returned by ``situation`` since the last step
+        self.elapsed_s = np.zeros(n)  # simulated time of the last step
         self._most_steps = max_episode_steps
-        self._steps = np.zeros(n, dtype=np.int64)  # of each episode
-        self.cut = np.zeros(n, dtype=np.bool_)  # by the most steps, and not reset since
+        self._steps = np.zeros(n, dtype=np.int64)  # decisions in the current episode
+        self.cut = np.zeros(n, dtype=np.bool_)  # truncated by the step limit and not yet reset
         self._path_counts = bool(self.config.reward.progress or self.config.ghost_reward.progress)
-        self._path_left = np.zeros(n)  # m, from the believed pose to the nearest pellet left; 0: none, or no path
-        self._nearer = np.zeros(n)  # m, in the last step
-        self._was_over = _NONE_OVER  # (N,) before the last step, where a reward asks for it
+        self._path_left = np.zeros(n)  # m, path from the believed pose to the nearest pellet; 0 if there is none
+        self._nearer = np.zeros(n)  # m by which this path became shorter in the last step
+        self._was_over = _NONE_OVER  # (N,) over before the last step; only set if a reward needs it
         self._draws = bool(self.config.randomize.ranges())
         self._by_event = self.config.decisions.when == "event"
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the copy of a situation that was given away."""
+        """Return the state without the copied situation."""
         return {**self.__dict__, "_shown": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -93,11 +93,11 @@ class EnvCore:
 
     @property
     def observer(self) -> Observer:
-        """Return the observer that holds the present observation."""
+        """Return the observer with the current observation."""
         return self._games.observer
 
     def require_reset(self, running: bool = False) -> None:
-        """Raise ResetNeeded before the first reset, or with ``running`` where every episode is over."""
+        """Raise ResetNeeded before the first reset, or with ``running`` if every episode is over."""
         if not self.begun:
             raise gym.error.ResetNeeded("call reset() first")
         if running and self.batch.games["end"][0] != RUNNING and (self.batch.games["end"] != RUNNING).all():
@@ -105,20 +105,20 @@ class EnvCore:
 
     @property
     def situation(self) -> Situation:
-        """Return what the robot's policy sees now, in arrays that no later step changes."""
+        """Return the current situation of the robot's policy, in arrays that later steps do not change."""
         self.require_reset()
         if self._shown is None:
             self._shown = self.observer.situation.copy()
         return self._shown
 
     def ghost_observation_space(self) -> spaces.Dict | spaces.Box:
-        """Return the observation space of a ghost's agent."""
+        """Return the observation space of a ghost agent."""
         return observation_space(self._ghost_observer.parts, self.candidates if self._mask_beside else None)
 
     def reset(
         self, index: Indices, seeds: NDArray[np.uint64], levels: Indices | None = None, *, in_step: bool = False
     ) -> None:
-        """Begin episodes in the games ``index``; ``in_step``: the situation after the last step is not in use."""
+        """Start episodes in the games ``index``; with ``in_step`` the last situation may be overwritten."""
         self.elapsed_s[index] = 0.0
         self._steps[index] = 0
         self.cut[index] = False
@@ -136,7 +136,7 @@ class EnvCore:
         self.begun = True
 
     def _seen(self) -> None:
-        """Keep what is asked of the new situations."""
+        """Update the values that depend on the new situations."""
         self._shown = None
         if self._path_counts:
             alive = self.batch.alive  # (N, P)
@@ -145,29 +145,29 @@ class EnvCore:
 
     @functools.cached_property
     def _ghost_observer(self) -> Observer:
-        """Return the observer of ghosts that are agents: the features, laid out as the robot's observation."""
+        """Return the observer of ghost agents: the features, in the layout of the robot's observation."""
         config = replace(self.config.observation, kinds=("features",))
         return Observer(self.batch, config, ghost=True)
 
     def masks(self) -> Flags:
-        """Return which actions are allowed now, (N, C)."""
+        """Return the mask of the allowed actions, (N, C)."""
         self.require_reset()
         return self.observer.allowed != 0
 
     def observe_from(self, situation: Situation) -> Any:
-        """Observe situations from elsewhere, such as a robot's; masks and actions are of them from now on.
+        """Observe external situations, such as a robot's; masks and actions refer to them from then on.
 
-        Kinds that are made of the games themselves, such as a scan, are those of the games.
+        Observation kinds that read the games themselves, such as a scan, still show the games.
         """
         self.observer.look_at(situation)
         self._shown, self.begun = situation, True
         return self.observe()
 
     def step(self, actions: NDArray[Any], ghost_choices: Mapping[int, Indices] | None = None) -> Ends:
-        """Play one decision; games that were over get no reward.
+        """Play one decision and return rewards, terminations and truncations; games that were over get no reward.
 
-        ``ghost_choices`` (N,) are those of ``ghost_agents`` by the ghost's number; the policies of the others are
-        asked. With several agents, games that were cut stand still as if they were over.
+        ``ghost_choices`` maps each of ``ghost_agents`` to its choices (N,); policy objects choose for the other ghosts.
+        With several agents, truncated games stand still as if they were over.
         """
         self.require_reset()
         batch, path_before = self.batch, self._path_left
@@ -198,7 +198,7 @@ class EnvCore:
         return reward, terminated, truncated
 
     def _cut_long_episodes(self, terminated: Flags, truncated: Flags) -> None:
-        """Truncate episodes at the most steps; with one agent terminated ones too, as Gymnasium's ``TimeLimit``."""
+        """Truncate episodes at the step limit; with one agent also terminated ones, like Gymnasium's ``TimeLimit``."""
         most = self.config.max_cycles if self.ghost_agents else self._most_steps
         if most is not None:
             self._steps += 1
@@ -207,9 +207,9 @@ class EnvCore:
             truncated |= long & ~terminated if self.ghost_agents else long
 
     def _progress(self, path_before: Floats, terminated: Flags) -> Floats:
-        """Return gamma phi(s') - phi(s), m, (N,): phi is minus the path length to the nearest pellet, 0 at an end.
+        """Return gamma phi(s') - phi(s), m, (N,), where phi is minus the path to the nearest pellet and 0 after an end.
 
-        Over an episode it telescopes: with gamma = 1, to the path length at its beginning, whatever was done.
+        With gamma = 1 the sum over an episode is the path length at its start, whatever the agent did.
         """
         config = self.config
         passed_s = self.elapsed_s if self._by_event else config.execution.tick_s
@@ -217,14 +217,14 @@ class EnvCore:
         return np.where(self._was_over, 0.0, path_before - config.decisions.discount_per_s**passed_s * left)
 
     def ghost_reward(self) -> Floats:
-        """Return a ghost's reward in the last step (N,), by ``config.ghost_reward``; 0 in games that were over."""
+        """Return a ghost's reward (N,) in the last step, from ``config.ghost_reward``; 0 in games that were over."""
         reward = outcome.reward_and_end(self.batch.games, self._was_over, self.config.ghost_reward)[0]
         return reward + self.config.ghost_reward.progress * self._nearer if self._path_counts else reward
 
     def observe(self, copy: bool | None = None) -> Any:
-        """Return the robot's observation: one array (N, ...) per key, or one array where observations are flat.
+        """Return the robot's observation: one array (N, ...) per key, or one array if observations are flat.
 
-        Without ``copy`` (None: as the environment was made) the arrays are written again by a later step.
+        Without ``copy`` (None: the setting of the environment), a later step overwrites the arrays.
         """
         observer = self.observer
         return self._laid_out(observer.result, observer.allowed, self._copies if copy is None else copy)
@@ -234,7 +234,7 @@ class EnvCore:
         return self._laid_out(*self.observer.first_game, True)
 
     def observe_ghost(self, number: int) -> tuple[Any, Flags, Indices | None]:
-        """Return a ghost's observation, laid out alike; its mask (N, C) and ``listed``, as the robot's."""
+        """Return a ghost's observation, its mask (N, C) and its listed candidates (None: all, by number)."""
         observer = self._ghost_observer
         observer.observe(number)
         listed = None if observer.listed is None else observer.listed.copy()
@@ -247,7 +247,7 @@ class EnvCore:
         return {OBSERVATION: observation, MASK: allowed.copy()} if self._mask_beside else observation
 
     def info_of_game(self) -> dict[str, Any]:
-        """Return the infos of the only game, as Python's numbers."""
+        """Return the infos of the only game as Python numbers."""
         info = outcome.info(self.batch.summary, self.config.observation.numeric_info)
         for key, array in self._more_infos().items():
             info[key] = array[0].copy() if array.ndim > 1 else array.tolist()[0]
@@ -255,13 +255,13 @@ class EnvCore:
 
     @staticmethod
     def of_game(observation: Any, game: int) -> Any:
-        """Return one game's observation, of all."""
+        """Return one game's part of an observation of all games."""
         if isinstance(observation, dict):
             return {key: EnvCore.of_game(part, game) for key, part in observation.items()}
         return observation[game]
 
     def infos(self) -> dict[str, NDArray[Any]]:
-        """Return infos per game (N,), and with a mask in them (N, C), as the environment describes them."""
+        """Return the infos, (N,) each; a mask among them is (N, C)."""
         return outcome.infos(self.batch.summary, self.config.observation.numeric_info) | self._more_infos()
 
     def _more_infos(self) -> dict[str, NDArray[Any]]:
@@ -278,7 +278,7 @@ class EnvCore:
         return result | drawn_values(games, self.config) if self._draws else result
 
     def _ghost_choices(self, given: Mapping[int, Indices]) -> Indices | None:
-        """Return the ghosts' choices (N, G), from the policies and as given; None: every ghost has a behaviour."""
+        """Return the choices (N, G) of all ghosts from their policies and ``given``; None if no ghost needs one."""
         if not (self._policies or given):
             return None
         choices = np.full(self.batch.ghosts.shape, self.batch.hold, dtype=np.int64)

@@ -1,4 +1,4 @@
-"""The games of an environment and what is seen of them: a step is one compiled call wherever it can be."""
+"""Games with their observer; a step is one compiled call unless it needs Python."""
 
 from collections.abc import Callable
 from typing import Any
@@ -15,7 +15,7 @@ from .spaces import velocities
 
 
 class ObservedGames:
-    """A batch with the observer of its robots; without ``copy`` there are two of these, which take turns."""
+    """A batch with the observer of its robots; without ``copy``, two observers alternate."""
 
     def __init__(self, batch: GameBatch, copy: bool) -> None:
         self.batch, self.config = batch, batch.config
@@ -25,24 +25,24 @@ class ObservedGames:
 
     @property
     def observer(self) -> Observer:
-        """Return the observer that holds the present observation."""
+        """Return the observer with the current observation."""
         return self._observers[0]
 
     def maps_changed(self, index: Indices) -> None:
-        """Prepare for the maps that the games ``index`` (M,) are on now."""
+        """Prepare the observers for the new maps of the games ``index`` (M,)."""
         for observer in self._observers:
             observer.maps_changed(index)
 
     def look(self, index: Indices | None = None) -> None:
-        """Observe all games anew, or those in ``index`` alone."""
+        """Observe all games, or only those in ``index`` (M,)."""
         self.observer.observe(index=index)
 
     def take_turns(self) -> None:
-        """Let the next observation go to the other arrays, if there are two sets."""
+        """Switch to the other set of arrays for the next observation, if there are two."""
         self._observers.reverse()
 
     def play_in_one_call(self, actions: NDArray[Any]) -> None:
-        """Play one decision by checked actions (N,) or (N, 2), with nothing but kernels up to the observation."""
+        """Play one decision with checked actions (N,) or (N, 2), in kernels only up to the observation."""
         batch = self.batch
         if self.config.action == "velocity":
             batch.arrays["velocities"][:] = velocities(actions, self.config)
@@ -52,7 +52,7 @@ class ObservedGames:
         batch.prepare_ticks(watch=self._by_event, most=ALL_TICKS if self._by_event else 1)
         self.take_turns()
         result = self.observer.pipeline(before=self._play_stages).run(batch.n)
-        if result:  # a game waits for a space, a map is to be prepared, or a ghost's function has raised
+        if result:  # a physics space or a map must be prepared, or a ghost's function raised
             batch.resume(max(result, 1) if result <= NEEDS_MAPS else result)
             self.observer.observe()
         else:
@@ -65,7 +65,7 @@ class ObservedGames:
         ghost_choices: Indices | None,
         plays: Flags | None,
     ) -> None:
-        """Play one decision with Python between the ticks: ghosts' policies, rounds that follow one another."""
+        """Play one decision with Python between the ticks, for ghost policies and rounds that follow one another."""
         if self._by_event:
             self.batch.step_until_due(*self.observer.chosen(actions), choose)
         else:
@@ -78,7 +78,7 @@ class ObservedGames:
         self.look()
 
     def _play_stages(self) -> list[Stage]:
-        """Return what plays a decision; actions stand for candidates as the observation before lists them."""
+        """Return the stages that play a decision; actions refer to candidates as the last observation lists them."""
         batch, last = self.batch, self._observers[-1]
         stages = [batch.tick_stage()]
         if self.config.action == "goal":

@@ -1,4 +1,4 @@
-"""Reward and infos of the games of a batch after a tick."""
+"""Rewards and infos of the games of a batch after a tick."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ Ends = tuple[Floats, Flags, Flags]  # reward, terminated, truncated, each (N,)
 
 
 def reward_and_end(games: NDArray[Any], over_before: Flags, config: RewardConfig) -> Ends:
-    """Of the last tick; no reward where the game was ``over_before`` it (N,)."""
+    """Return reward, terminated and truncated (N,) of the last tick; games in ``over_before`` (N,) get no reward."""
     n = len(games)
     reward, terminated, truncated = np.empty(n), np.empty(n, dtype=np.bool_), np.empty(n, dtype=np.bool_)
     kernels.reward_and_end(games, reward_record(config), terminated, truncated, over_before, reward)
@@ -24,20 +24,20 @@ def reward_and_end(games: NDArray[Any], over_before: Flags, config: RewardConfig
 
 
 def infos(summary: Indices, numeric: bool = False) -> dict[str, NDArray[Any]]:
-    """Return new arrays (N,) from a batch's ``summary`` (6, N), by the names ``kernels.SUMMARY``.
+    """Return the infos as new arrays (N,) from a batch's ``summary`` (6, N); ``kernels.SUMMARY`` names them.
 
-    ``outcome`` is a word (object), or with ``numeric`` the number of its place in ``OUTCOMES``. ``round_seed`` is int64
-    as all numbers, or uint64 if one of the seeds needs it, which was then given as an option of a reset.
+    ``outcome`` is a word (object), or with ``numeric`` its index in ``OUTCOMES``. ``round_seed`` is int64, or uint64
+    if a seed given to a reset does not fit into int64.
     """
     summary = summary.copy()
     result: dict[str, NDArray[Any]] = dict(zip(kernels.SUMMARY, summary, strict=True))
-    if (result["round_seed"] < 0).any():  # a summary has the bits
+    if (result["round_seed"] < 0).any():  # the summary stores the bits of a uint64
         result["round_seed"] = result["round_seed"].view(np.uint64)
     return result if numeric else {**result, "outcome": OUTCOMES[summary[0]]}
 
 
 def info(summary: Indices, numeric: bool = False) -> dict[str, Any]:
-    """The same of the first game, as Python's numbers."""
+    """Return the infos of the first game as Python numbers."""
     result = dict(zip(kernels.SUMMARY, summary[:, 0].tolist(), strict=True))
     result["round_seed"] %= 2**64
     return result if numeric else {**result, "outcome": OUTCOMES[result["outcome"]]}

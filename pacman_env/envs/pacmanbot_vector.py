@@ -1,4 +1,4 @@
-"""The native vector environment: a batch of many games behind Gymnasium's VectorEnv."""
+"""Native vector environment: a batch of games with the interface of Gymnasium's VectorEnv."""
 
 from copy import deepcopy
 from typing import Any
@@ -22,29 +22,28 @@ from .sub_batches import Step, SubBatches
 class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
     """Many games of :class:`~pacman_env.envs.pacmanbot.PacManBotEnv` at once.
 
-    They share one map, or with ``map="generated"`` each is in a house of its own.
+    All games share one map, or with ``map="generated"`` each has its own house.
 
-    ```python
-    gymnasium.make_vec("pacman_env/PacManBot-v0", num_envs=64, vectorization_mode="vector_entry_point")
-    ```
+        ```python
+        gymnasium.make_vec("pacman_env/PacManBot-v0", num_envs=64, vectorization_mode="vector_entry_point")
+        ```
 
-    Spaces, rewards and arguments are those of the single environment, arrays (N,) and (N, ...); game i with seed s is a
-    single environment with seed s, bit for bit. ``autoreset_mode`` is one of Gymnasium's three; with ``DISABLED`` pass
-    ``options={"reset_mask": mask}`` to ``reset``. Episodes are truncated after ``max_episode_steps`` decisions.
+        Spaces, rewards and arguments are those of the single environment, with arrays (N,) and (N, ...). Game i with
+        seed s equals a single environment with seed s, bit for bit. ``autoreset_mode`` is one of Gymnasium's three;
+        with ``DISABLED`` pass ``options={"reset_mask": mask}`` to ``reset``. Episodes are truncated after
+        ``max_episode_steps`` decisions. ``num_threads`` play the games (0: one thread per core); the results do not
+        depend on it.
 
-    ``num_threads`` share the games (0: one for each core); nothing else depends on it.
+        A ``batch_size`` below the number of games divides the games into sub-batches of this size. While one is stepped
+        in the background the network chooses for another, with EnvPool's methods (``async_reset``, ``recv``, ``send``)
+        and the same games. Each sub-batch has its own copies of ghost policies that are given as objects. ``batch``,
+        ``situation`` and ``action_masks()`` then refer to the sub-batch received last; after ``reset`` and ``step`` the
+        masks cover all games.
 
-    With a ``batch_size`` below the number of games, these are in sub-batches of that size, and while one is stepped
-    in the background the network chooses for another, with EnvPool's methods (``async_reset``, ``recv``, ``send``) and
-    the same games; each sub-batch has copies of ghosts' policies that are given as objects. ``batch``, ``situation``
-    and ``action_masks()`` are then those of the sub-batch received last; after ``reset`` and ``step`` the masks are of
-    all games.
+        With ``copy=False`` the step after the next one overwrites the arrays of an observation; copy them to keep them.
 
-    ``copy=False``: the arrays of an observation are written anew by the step after the next one, instead of being new
-    at each step; to keep one for longer, copy it.
-
-    The setting ``observation.infos`` ``"ends"`` (``SAME_STEP`` only) saves time: a step returns ``final_info`` of the
-    games that ended, no more.
+        The setting ``observation.infos`` ``"ends"`` (``SAME_STEP`` only) saves time: infos contain only the
+        ``final_info`` of games that ended.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -66,7 +65,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         batch_size: int | None = None,
         copy: bool = True,
     ) -> None:
-        """See the single environment; raises ConfigError or MapError for arguments that cannot be played."""
+        """Create the games; raises ConfigError, MapError or ValueError for arguments that cannot be played."""
         self.num_envs = num_envs = checked_games(num_envs)
         steps, size = max_episode_steps, num_envs if batch_size is None else batch_size
         if steps is not None and not is_count(steps):
@@ -74,13 +73,13 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         if not is_count(size) or num_envs % size:
             raise ValueError(f"batch_size = {batch_size!r}: must be a whole number that divides num_envs = {num_envs}")
         self._sub_batches: SubBatches | None = None
-        self._whole: SubBatches | None = None  # all games as one sub-batch
+        self._whole: SubBatches | None = None  # all games as one sub-batch, for the asynchronous methods
         more: dict[str, Any] = {"num_threads": num_threads, "copy": copy, "max_episode_steps": steps}
         if size == num_envs:
             self._make_core(num_envs, arguments, **more)
         else:
             more |= {"autoreset_mode": autoreset_mode, **vars(arguments)}
-            ghosts = [deepcopy(arguments.ghosts) for _ in range(num_envs // size)]  # policies remember games by number
+            ghosts = [deepcopy(arguments.ghosts) for _ in range(num_envs // size)]  # policies keep state by game number
             self._sub_batches = SubBatches([PacManBotVectorEnv(int(size), **{**more, "ghosts": one}) for one in ghosts])
             self._core, self.render_mode = self._sub_batches.envs[0]._core, arguments.render_mode
         self.autoreset_mode = AutoresetMode(autoreset_mode)
@@ -95,12 +94,12 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         self._make_generators()
 
     def reset(self, *, seed: Seeds = None, options: Options = None) -> tuple[Observation, dict[str, Any]]:
-        """Start new rounds, in all games or those of ``options["reset_mask"]``, bool (N,).
+        """Start new rounds in all games, or in those of ``options["reset_mask"]``, bool (N,).
 
-        ``seed`` is one seed s (game i gets s + i), one per game, or None: the generators go on. Other options are the
-        single environment's: ``round_seed`` and ``level``, one for all games or one for each; ``settings``, for all
-        games and until the next reset of all. Raises ValueError for what does not fit, and ResetNeeded where the first
-        reset is not of all games. A step that was sent is waited for and dropped.
+        ``seed`` is one seed s (game i gets s + i), one seed per game, or None (the generators continue). Other options
+        are those of the single environment: ``round_seed`` and ``level``, one value for all games or one per game, and
+        ``settings`` for all games until the next reset of all. Raises ValueError for invalid arguments, and ResetNeeded
+        if the first reset does not include all games. A running step is awaited and dropped.
         """
         if self._sub_batches is not None:
             self.async_reset(seed=seed, options=options)
@@ -115,10 +114,10 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         return self._core.observe(), self._infos(index)
 
     def step(self, actions: NDArray[Any]) -> Step:
-        """Observations, rewards, terminated, truncated and infos of a decision in every game: actions (N,) or (N, 2).
+        """Play one decision in every game, actions (N,) or (N, 2); return observations, rewards, ends and infos.
 
-        Raises ValueError for actions that are not in the space, or while a step that was sent has not been received,
-        and ResetNeeded before the first reset.
+        Rewards, terminated and truncated are (N,). Raises ValueError for actions outside the space or while a sent step
+        has not been received, and ResetNeeded before the first reset.
         """
         if self._sub_batches is not None:
             actions = np.asarray(actions)
@@ -131,7 +130,6 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         return self._stepped(self.check(actions))
 
     def _stepped(self, actions: NDArray[Any]) -> Step:
-        """A step by checked actions."""
         core = self._core
         over = (self.batch.summary[0] != RUNNING) | core.cut
         reward, terminated, truncated = core.step(actions)
@@ -160,17 +158,17 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         self._show_last()
 
     def send(self, actions: NDArray[Any], env_id: NDArray[np.int64] | None = None) -> None:
-        """Step a sub-batch in the background: that with the games ``env_id``, by default the one received last.
+        """Step a sub-batch in the background: the one with the games ``env_id``, by default the one received last.
 
-        Nothing is stepped where it raises: ValueError for an action that is not valid or a sub-batch that is being
-        stepped, ResetNeeded before :meth:`async_reset`.
+        Raises, without any step, ValueError for an invalid action or a sub-batch that is still being stepped, and
+        ResetNeeded before :meth:`async_reset`.
         """
         self._in_sub_batches().send(actions, env_id)
 
     def recv(self) -> Step:
-        """What :meth:`step` returns, of the sub-batch that was sent first; ``info["env_id"]`` numbers its games.
+        """Return the result of :meth:`step` for the sub-batch sent first, with its games in ``info["env_id"]``.
 
-        Raises ValueError where nothing was sent.
+        Raises ValueError if no step was sent.
         """
         result = self._in_sub_batches().receive()
         self._show_last()
@@ -183,7 +181,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         return result
 
     def _show_last(self) -> None:
-        """What is read of this environment is the sub-batch received last."""
+        """Let the properties of this environment refer to the sub-batch received last."""
         if self._sub_batches is not None:
             self._core = self._sub_batches.envs[self._sub_batches.last]._core
 
@@ -200,12 +198,12 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         return self._whole
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """One picture (H, W, 3) per game."""
+        """Return one picture (H, W, 3) per game, or None without a render mode."""
         envs = [self] if self._sub_batches is None else self._sub_batches.envs
         return self._pictures([env._core for env in envs])
 
     def check(self, actions: NDArray[Any]) -> NDArray[Any]:
-        """Actions as the games need them; raises ValueError where shape, dtype or a value is not valid."""
+        """Convert actions to int64 (N,) or float64 (N, 2); raises ValueError for an invalid shape, dtype or value."""
         actions = np.asarray(actions)
         if self.config.action == "velocity":
             if actions.shape != (self.num_envs, 2) or actions.dtype.kind not in "fiu":
@@ -220,13 +218,13 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         return actions.astype(np.int64, copy=False)
 
     def close_extras(self, **_: Any) -> None:
-        """Wait for sub-batches that are being stepped."""
+        """Wait for sub-batches that are still being stepped."""
         for sub_batches in (self._sub_batches, self._whole):
             if sub_batches is not None:
                 sub_batches.close()
 
     def _infos(self, index: NDArray[np.int64] | None = None) -> dict[str, Any]:
-        """Gymnasium's layout: an array per key and a mask of the games that have it, ``index`` or all."""
+        """Return infos in Gymnasium's layout: an array per key, and a mask of the games ``index`` (None: all)."""
         present = np.ones(self.num_envs, dtype=np.bool_) if index is None else self._mask(index)
         result: dict[str, Any] = {}
         for key, array in self._core.infos().items():
@@ -236,7 +234,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         return result
 
     def _final(self, ended: NDArray[np.int64]) -> dict[str, Any]:
-        """Last observation and info of the games that have just ended."""
+        """Return the last observations and infos of games that have just ended."""
         if not self.reports_all:
             return {"final_info": self._infos(ended)}
         final = {"final_obs": self._last_of(ended, self._core.observe(copy=False)), "final_info": self._infos(ended)}

@@ -1,4 +1,4 @@
-"""Games of several agents: what all such environments share, and many of them at once, as arrays."""
+"""Environments with several agents: the common base class, and many games at once as arrays."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -22,12 +22,12 @@ from .spaces import state_limits
 from .sub_batches import Step
 
 PACMAN = "pacman"
-Observations = dict[str, Any]  # an agent's: a dictionary of arrays, or one array
+Observations = dict[str, Any]  # by agent: a dictionary of arrays, or one array
 _TURN = 2 * np.pi
 
 
 class SeveralAgents(CoreEnv):
-    """``pacman`` and the ghosts that are agents, in N games."""
+    """Base class for N games with the agents ``pacman`` and the ghosts that are agents."""
 
     def _make_agents(self, n: int, arguments: EnvArguments, **more: Any) -> None:
         self._make_core(n, arguments, ghost_agents=True, **more)
@@ -38,7 +38,7 @@ class SeveralAgents(CoreEnv):
         if not self._ghosts:
             raise ConfigError("ghosts: at least one must have the behaviour 'policy', as in ('policy', 'policy')")
         self._ghost_masks: dict[str, NDArray[np.bool_]] = {}  # (N, C) each, of the last observations
-        self._ghost_listed: dict[str, NDArray[np.int64] | None] = {}  # likewise, the candidates of actions
+        self._ghost_listed: dict[str, NDArray[np.int64] | None] = {}  # (N, C) candidates of actions
         self.possible_agents = [PACMAN, *self._ghosts]
         self.observation_spaces: dict[str, spaces.Space[Any]] = {PACMAN: core.observation_space}
         self.action_spaces: dict[str, spaces.Space[Any]] = {PACMAN: core.action_space}
@@ -49,32 +49,32 @@ class SeveralAgents(CoreEnv):
         self.state_space = spaces.Box(low, high, dtype=np.float64)
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
-        """Of one agent, in one game; the same object each time."""
+        """Return the observation space of an agent in one game, always the same object."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> spaces.Space[Any]:
-        """Of one agent, in one game; the same object each time."""
+        """Return the action space of an agent in one game, always the same object."""
         return self.action_spaces[agent]
 
     @property
     def state_names(self) -> list[str]:
-        """The names of the numbers of ``state()``."""
+        """Return the names of the numbers of ``state()``."""
         return list(state_limits(self.batch))
 
     def _decide(self, actions: dict[str, NDArray[Any]]) -> Ends:
-        """One decision of every agent, whose actions (N,) are checked; rewards are (N, A)."""
+        """Play one decision with checked actions (N,) by agent; return rewards (N, A) and two ends (N,)."""
         choices = {number: self._ghost_choice(name, actions[name]) for name, number in self._ghosts.items()}
         reward, terminated, truncated = self._core.step(actions[PACMAN], choices)
         of_ghosts = -reward / len(self._ghosts) if self.config.zero_sum else self._core.ghost_reward()
         return np.stack([reward, *[of_ghosts] * len(self._ghosts)], axis=1), terminated, truncated
 
     def _ghost_choice(self, name: str, actions: NDArray[Any]) -> NDArray[Any]:
-        """(N,) the candidates that a ghost's actions stand for."""
+        """Convert a ghost's actions (N,) to candidates."""
         listed = self._ghost_listed[name]
         return actions if listed is None else at_places(listed, actions, self.batch.hold)[0]
 
     def _observed(self) -> Observations:
-        """Of all agents in all games, (N, ...); their masks, and what their actions stand for, are kept."""
+        """Observe all games for all agents, (N, ...), and store masks and listed candidates of the ghosts."""
         core = self._core
         observed: Observations = {PACMAN: core.observe()}
         for name, number in self._ghosts.items():
@@ -83,7 +83,7 @@ class SeveralAgents(CoreEnv):
         return observed
 
     def _states(self) -> NDArray[np.float64]:
-        """(N, S) the games as they truly are; the numbers are named by ``state_names``."""
+        """Return the true state of the games, (N, S); ``state_names`` names the numbers."""
         believed, batch = self.situation.robot, self.batch
         g, ghosts = batch.games, batch.ghosts
         turns = (g["right"] - g["left"]) / batch.config.robot.wheel_base_m
@@ -106,18 +106,17 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
     observations, rewards, terminated, truncated, infos = env.step(actions)
     ```
 
-    Agents, spaces (of one game), rewards and arguments are those of the PettingZoo environment; game i with seed s is
-    one with seed s, bit for bit. Observations are a dictionary by agent, of arrays (N, ...) or of dictionaries of such.
-    ``rewards`` are float64 (N, A), agents in the order of ``possible_agents``; ``terminated`` and ``truncated`` bool
-    (N,); ``infos`` arrays (N,) by name; with ``observation.mask`` ``"info"`` the masks there are int8 (N, A, C).
+    Agents, spaces (of one game), rewards and arguments are those of the PettingZoo environment; game i with seed s
+    equals that environment with seed s, bit for bit. Observations are a dictionary by agent; its values are arrays
+    (N, ...) or dictionaries of arrays. ``rewards`` are float64 (N, A), agents in the order of ``possible_agents``;
+    ``terminated`` and ``truncated`` are bool (N,), ``infos`` arrays (N,) by name. With ``observation.mask`` ``"info"``
+    the infos contain the masks, int8 (N, A, C).
 
-    ``autoreset_mode`` ``SAME_STEP``: a game that ends begins anew in the same step. ``infos["final_observation"]`` (N,)
-    then holds the last observations by agent, None in games that did not end; ``final_info`` the last infos and
-    ``final_state`` (N, S) the last states, 0 in the others; each with a mask ``_final_...``.
-    ``DISABLED``: a game that is over stands still, with no reward and its flags as they were, until
-    ``reset(mask=...)`` begins it anew.
-
-    ``num_threads`` share the games (0: one for each core); nothing else depends on it.
+    ``autoreset_mode`` ``SAME_STEP``: a game that ends starts again in the same step. ``infos["final_observation"]``
+    (N,) then contains the last observations by agent (None for other games), ``final_info`` the last infos and
+    ``final_state`` (N, S) the last states (0 for other games); each has a mask ``_final_...``. ``DISABLED``: a game
+    that is over stands still, without reward and with its flags unchanged, until ``reset(mask=...)`` starts it again.
+    ``num_threads`` play the games (0: one thread per core), with the same results.
     """
 
     metadata: dict[str, Any] = {"name": "pacmanbot_v0", "render_modes": ["rgb_array"], "render_fps": RENDER_FPS}  # noqa: RUF012
@@ -131,7 +130,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         num_threads: int = 1,
     ) -> None:
-        """See the PettingZoo environment; raises ConfigError or MapError for arguments that cannot be played."""
+        """Create the games; raises ConfigError, MapError or ValueError for arguments that cannot be played."""
         self.num_envs = checked_games(num_envs)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         if self.autoreset_mode == AutoresetMode.NEXT_STEP:
@@ -141,31 +140,32 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
 
     @property
     def agents(self) -> list[str]:
-        """All of ``possible_agents``: none leaves before the others."""
+        """Return all ``possible_agents``: the agents of a game end together."""
         return list(self.possible_agents)
 
     @property
     def num_agents(self) -> int:
-        """A, how many there are."""
+        """Return the number of agents, A."""
         return len(self.possible_agents)
 
     def reset(
         self, seed: Seeds = None, options: Options = None, mask: NDArray[np.bool_] | None = None
     ) -> tuple[Observations, dict[str, Any]]:
-        """Start new episodes, in all games or those of the mask, bool (N,); what is returned is of all games.
+        """Start new episodes in all games, or in those of ``mask``, bool (N,); the result covers all games.
 
-        ``seed`` and ``options`` are those of :class:`~pacman_env.envs.pacmanbot_vector.PacManBotVectorEnv`. Nothing has
-        been changed where it raises: ValueError for what does not fit, ResetNeeded where the first reset is not of all.
+        ``seed`` and ``options`` are those of :class:`~pacman_env.envs.pacmanbot_vector.PacManBotVectorEnv`. Raises,
+        without any change, ValueError for invalid arguments and ResetNeeded if the first reset does not include all
+        games.
         """
         self._reset_games(seed, options, mask, "mask")
         return self._observed(), self._infos()
 
     def step(self, actions: NDArray[np.integer[Any]] | Mapping[str, NDArray[Any]]) -> Step:
-        """One decision of every agent in every game.
+        """Play one decision of every agent in every game.
 
-        Actions are integers (N, A), agents in the order of ``possible_agents``; or by agent (N,), velocities of
-        ``pacman`` as numbers (N, 2), v and omega, cut to the limits. Raises ValueError for others, before anything has
-        been changed, and ResetNeeded before the first reset.
+        Actions are integers (N, A), agents in the order of ``possible_agents``, or arrays (N,) by agent; velocities of
+        ``pacman`` are numbers (N, 2), v and omega, and are clipped. Raises ValueError, without any change, for invalid
+        actions, and ResetNeeded before the first reset.
         """
         self._core.require_reset()
         rewards, terminated, truncated = self._decide(self._checked(actions))
@@ -178,7 +178,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
         return observations, rewards, terminated, truncated, {**self._infos(), **final}
 
     def action_masks(self) -> Any:
-        """Which actions are allowed now: bool (N, A, C), or with velocities (N, C) by the ghost's name.
+        """Return the masks of allowed actions: bool (N, A, C), or with velocities (N, C) by ghost name.
 
         Raises ResetNeeded before the first reset.
         """
@@ -188,23 +188,23 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
         return np.stack([self._core.masks(), *self._ghost_masks.values()], axis=1)
 
     def state(self) -> NDArray[np.float64]:
-        """(N, S) the games as they truly are, numbers by ``state_names``; raises ResetNeeded before the first reset."""
+        """Return the true states (N, S), named by ``state_names``; raises ResetNeeded before the first reset."""
         return self._states()
 
     def stacked(self, observations: Observations) -> Any:
-        """Observations of all agents in one: arrays (N, A, ...), or a dictionary of such.
+        """Stack the observations of all agents: an array (N, A, ...), or a dictionary of arrays.
 
-        Raises ValueError where those of two agents differ in their arrays or in the shape of one.
+        Raises ValueError if the observations of two agents differ in their keys or shapes.
         """
         return _stacked(self._by_agent(observations, "observation"), "")
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """One picture (H, W, 3) per game, in mode ``rgb_array``."""
+        """Return one picture (H, W, 3) per game, or None without a render mode."""
         self._core.require_reset()
         return self._pictures([self._core])
 
     def close(self) -> None:
-        """Do nothing: nothing is open."""
+        """Do nothing; there is nothing to close."""
 
     def _by_agent(self, given: Mapping[str, Any], what: str) -> dict[str, Any]:
         missing = [agent for agent in self.possible_agents if agent not in given]
@@ -213,7 +213,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
         return {agent: given[agent] for agent in self.possible_agents}
 
     def _checked(self, actions: Any) -> dict[str, NDArray[Any]]:
-        """By agent, as the games take them."""
+        """Check actions and return them by agent."""
         if isinstance(actions, Mapping):
             by_agent = self._by_agent(actions, "actions")
             unknown = [str(agent) for agent in actions if agent not in by_agent]
@@ -249,7 +249,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
         return infos
 
     def _final(self, ended: NDArray[np.int64], observations: Observations) -> dict[str, Any]:
-        """Last observations, infos and states of the games that have just ended."""
+        """Return the last observations, infos and states of games that have just ended."""
         present, infos, states = self._mask(ended), self._infos(), self._states()
         for array in (*infos.values(), states):
             array[~present] = None if array.dtype == object else 0
@@ -274,6 +274,5 @@ def _stacked(by_agent: dict[str, Any], where: str) -> Any:
 
 
 def _within_half_a_turn(angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N,) the same angles from -pi to pi, without rounding: ``math.remainder`` of each."""
-    rest = np.fmod(angles, _TURN)
+    rest = np.fmod(angles, _TURN)  # without rounding errors, like math.remainder
     return np.where(np.abs(rest) > np.pi, rest - np.copysign(_TURN, rest), rest)

@@ -1,4 +1,4 @@
-"""The multi-agent PettingZoo environment: the same game with ghosts that are agents."""
+"""PettingZoo environments: the same game with ghosts that are agents."""
 
 import inspect
 from typing import Any
@@ -23,7 +23,7 @@ Infos = dict[str, dict[str, Any]]  # by agent
 
 
 class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, Any], Any]):
-    """The game of `pacman_env/PacManBot-v0` for two players and more, agents deciding at the same time, every 0.5 s.
+    """The game of `pacman_env/PacManBot-v0` for two or more agents, which decide at the same time, every 0.5 s.
 
     ```python
     env = pacman_env.parallel_env(map="house", settings={"clyde.speed_mps": 0.35})
@@ -33,17 +33,17 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
     ```
 
     - Agents: `pacman`, and the ghosts whose behaviour is `"policy"`: `clyde`, `blinky`, `pinky`, `inky` in this order.
-    - Actions: of `pacman` as in the Gymnasium environment; of a ghost `Discrete(C)`, the candidate to whose place it
-      goes, the last one to wander on. What the mask forbids makes the robot hold and the ghost wander on. With the
-      setting `observation.candidates` `"nearest"` the places of all agents are those nearest to the robot.
-    - Observations: of `pacman` as in the Gymnasium environment; of a ghost the features with itself as Clyde, in the
-      robot's frame. Settings of the observation hold for all agents.
-    - Rewards: of `pacman` as in the Gymnasium environment; the ghosts share its negative, or with the setting
-      `zero_sum` False each has `config.ghost_reward`. Episodes end for all agents at once.
+    - Actions: `pacman` acts as in the Gymnasium environment. The action of a ghost is `Discrete(C)`: the candidate to
+      go to; the last one makes it wander. A forbidden action makes the robot hold and the ghost wander. With the
+      setting `observation.candidates` `"nearest"` all agents choose among the places nearest to the robot.
+    - Observations: `pacman` observes as in the Gymnasium environment. A ghost observes the features with itself as
+      Clyde, in the robot's frame. Settings of the observation apply to all agents.
+    - Rewards: the reward of `pacman` is that of the Gymnasium environment. The ghosts share its negative, or with the
+      setting `zero_sum` False each gets `config.ghost_reward`. Episodes end for all agents at once.
     - Arguments: those of the Gymnasium environment; `ghosts` is `("policy",)` by default. The setting `max_cycles`
-      truncates an episode after so many decisions. With `flat=True` the mask is beside the flat observation.
+      truncates episodes after that many decisions. With `flat=True` the mask is next to the flat observation.
 
-    `docs/environments/pettingzoo.md` has all of this in detail, and how it is found in PettingZoo's registry.
+    `docs/environments/pettingzoo.md` describes all of this in detail, PettingZoo's registry included.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -55,14 +55,14 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
 
     @takes_env_arguments
     def __init__(self, *, arguments: EnvArguments) -> None:
-        """See the class; raises ConfigError or MapError for arguments that cannot be played."""
+        """Create the environment; raises ConfigError or MapError for arguments that cannot be played."""
         self._make_agents(1, arguments)
         self.agents: list[str] = []
         self._generator: np.random.Generator | None = None
 
     def reset(self, seed: int | None = None, options: Options = None) -> tuple[Observations, Infos]:
-        """Start a new episode; seed and options are as the Gymnasium environment's."""
-        wanted = ResetOptions.of(options, 1, "options")  # PettingZoo's test passes this name and expects nothing of it
+        """Start a new episode; ``seed`` and ``options`` are those of the Gymnasium environment."""
+        wanted = ResetOptions.of(options, 1, "options")  # PettingZoo's test passes this name and expects no effect
         core = self._core_by(wanted.settings)
         levels = wanted.levels(core.batch.source, _ONE)
         if seed is not None:
@@ -77,10 +77,10 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
     def step(
         self, actions: dict[str, Any]
     ) -> tuple[Observations, dict[str, float], dict[str, bool], dict[str, bool], Infos]:
-        """One decision of every agent.
+        """Play one decision of every agent.
 
-        Raises ValueError, before anything has been changed, where an agent has no action or one that is not in its
-        space, and ResetNeeded before the first reset.
+        Raises ValueError, without any change, if an agent has no action or one outside its space, and ResetNeeded
+        before the first reset.
         """
         self._core.require_reset()
         if not self.agents:
@@ -102,17 +102,17 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
 
     @property
     def np_random(self) -> np.random.Generator:
-        """Draws the seeds of the episodes, as in Gymnasium; SuperSuit's ``frame_skip_v0`` draws from it."""
+        """Return the generator of the episode seeds, as in Gymnasium; SuperSuit's ``frame_skip_v0`` uses it too."""
         if self._generator is None:
             self._generator, _ = seeding.np_random()
         return self._generator
 
     def checked(self, agent: str, action: Any) -> Any:
-        """The action as the game needs it; raises ValueError outside of the space, but velocities are cut to it."""
+        """Convert one agent's action for the game; raises ValueError outside the space (velocities are clipped)."""
         return checked_action(self.action_spaces[agent], action, f" of {agent}")
 
     def state(self) -> NDArray[np.float64]:
-        """(S,) the game as it truly is, numbers by ``state_names``; raises ResetNeeded before the first reset."""
+        """Return the true state (S,), named by ``state_names``; raises ResetNeeded before the first reset."""
         return self._states()[0]
 
     def _seen(self) -> tuple[Observations, Infos]:
@@ -125,7 +125,7 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
 
 
 class _InTurn(parallel_to_aec_wrapper):
-    """PettingZoo's own, but a wrong action is refused when it is made, not when the last agent has made its own."""
+    """PettingZoo's wrapper, but it refuses a wrong action at once instead of after the last agent's action."""
 
     def step(self, action: Any) -> None:
         agent = self.agent_selection
@@ -138,7 +138,7 @@ parallel_env = PacManBotParallelEnv
 
 
 def env(*arguments: Any, **named: Any) -> AECEnv[str, Any, Any]:
-    """:class:`PacManBotParallelEnv` agent by agent: ``pacman``, then the ghosts; the world moves after the last."""
+    """Create :class:`PacManBotParallelEnv` as an AEC environment: ``pacman`` acts first, then the ghosts."""
     return OrderEnforcingWrapper(_InTurn(PacManBotParallelEnv(*arguments, **named)))
 
 

@@ -1,9 +1,9 @@
-"""Register the environments with Gymnasium and PettingZoo, in whichever order they and this package are imported.
+"""Register the environments with Gymnasium and PettingZoo, whether these are imported before or after this package.
 
-Importing this package loads neither: Gymnasium would take 10 MB of each of the robot's seven nodes, and ``pacman-env
---help`` would take 0.25 s instead of 0.11 s (0.17.0). Gymnasium finds no plug-ins by entry points, and the standard
+Importing this package loads neither: Gymnasium would add 10 MB to each of the robot's seven nodes, and ``pacman-env
+--help`` would take 0.25 s instead of 0.11 s (0.17.0). Gymnasium has no entry points for plug-ins, and the standard
 library has no hook for the end of an import, so a finder in ``sys.meta_path`` waits for it. Registering only if
-Gymnasium is imported first would not do: a worker process may load a policy, and with it this package, before that.
+Gymnasium is already imported is not enough: a worker process may load a policy, and this package with it, earlier.
 """
 
 import sys
@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 
 
 class Registered(NamedTuple):
-    """What an id stands for, to programs that take nothing but an id."""
+    """An id with its arguments, for programs that only receive an id."""
 
-    purpose: str  # in one line
-    kwargs: dict[str, Any] = {}  # noqa: RUF012  # of the environment with one agent
-    #: Of PettingZoo's environment of the same name; None: there is none.
+    purpose: str  # one line for listings
+    kwargs: dict[str, Any] = {}  # noqa: RUF012  # of the single-agent environment
+    #: Arguments of the PettingZoo environment of the same name; None: not registered there.
     several: dict[str, Any] | None = {}  # noqa: RUF012
 
 
@@ -103,15 +103,15 @@ def register_parallel_envs() -> None:
 
     if not hasattr(pettingzoo, "register"):
         return
-    for kind, known in (("parallel", pettingzoo.parallel_registry), ("aec", pettingzoo.aec_registry)):
+    for kind, registry in (("parallel", pettingzoo.parallel_registry), ("aec", pettingzoo.aec_registry)):
         entry_point = f"pacman_env:{'parallel_env' if kind == 'parallel' else 'env'}"
         for name, entry in IDS.items():
-            if entry.several is not None and name not in known:
+            if entry.several is not None and name not in registry:
                 pettingzoo.register(kind, name, entry_point, kwargs=dict(entry.several))
 
 
 def register_when_imported() -> None:
-    """Register now with what is imported, else at the end of its import."""
+    """Register with each library now if it is imported, otherwise at the end of its import."""
     for name, register in (("gymnasium", register_envs), ("pettingzoo", register_parallel_envs)):
         if name in sys.modules:
             register()
@@ -120,7 +120,7 @@ def register_when_imported() -> None:
 
 
 class _Finder(MetaPathFinder):
-    """Find a module as the other finders do, and call ``then`` after it is loaded, not after it is only searched."""
+    """A finder that calls ``then`` after a module was loaded (a mere search for the module does not count)."""
 
     def __init__(self, module: str, then: Callable[[], None]) -> None:
         self._module, self._then = module, then
@@ -129,7 +129,7 @@ class _Finder(MetaPathFinder):
         if fullname != self._module:
             return None
         others = (finder for finder in sys.meta_path if finder is not self)
-        spec = next((found for one in others if (found := one.find_spec(fullname, path, target))), None)
+        spec = next((candidate for one in others if (candidate := one.find_spec(fullname, path, target))), None)
         if spec is not None and spec.loader is not None:
             load = spec.loader.exec_module
 

@@ -1,4 +1,4 @@
-"""What ``reset`` is asked for, checked: a level, a round's seed, settings; and resets of some of many games."""
+"""Check the options of ``reset`` (level, round seed, settings), and reset some of many games."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from .core import EnvCore
 
 SEEDS = 2**63  # environments draw the seeds of their rounds below this
 _MOST = {"level": SEEDS - 1, "round_seed": 2**64 - 1}
-Seeds = int | Sequence[int | None] | None  # of many games
+Seeds = int | Sequence[int | None] | None  # for many games
 Options = dict[str, Any] | None
 
 
 @dataclass(frozen=True)
 class ResetOptions:
-    """Of N games; None: as the environment draws it."""
+    """Options of a reset of N games; None: the environment draws the value."""
 
     level: Indices | None = None
     round_seed: NDArray[np.uint64] | None = None
@@ -34,15 +34,15 @@ class ResetOptions:
 
     @classmethod
     def of(cls, options: Mapping[str, Any] | None, games: int, *more: str) -> ResetOptions:
-        """From the argument of ``reset``; one value is for all games; ``more`` names are read by the caller."""
+        """Parse ``options`` of a reset; raises ValueError for unknown ones, except ``more``, which the caller reads."""
         if options is None:
             return cls()
         if not isinstance(options, Mapping):
             raise ValueError(f"options = {options!r}: must be a dictionary or None")
-        known = ("level", "round_seed", "settings", *more)
-        unknown = sorted(map(str, options.keys() - set(known)))
+        names = ("level", "round_seed", "settings", *more)
+        unknown = sorted(map(str, options.keys() - set(names)))
         if unknown:
-            raise ValueError(f"options[{unknown[0]!r}]: choose among {', '.join(known)}")
+            raise ValueError(f"options[{unknown[0]!r}]: choose among {', '.join(names)}")
         settings = options.get("settings") or {}
         if not (isinstance(settings, Mapping) and all(isinstance(key, str) for key in settings)):
             raise ConfigError(f"options['settings'] = {settings!r}: must be values by the dotted names of fields")
@@ -50,19 +50,19 @@ class ResetOptions:
         return cls(None if level is None else level.astype(np.int64), seed, dict(settings))
 
     def of_games(self, index: Indices) -> ResetOptions:
-        """Those of some of the games."""
+        """Return the options of the games ``index`` (M,)."""
         level = None if self.level is None else self.level[index]
         return replace(self, level=level, round_seed=None if self.round_seed is None else self.round_seed[index])
 
     def seeds(self, index: Indices, generators: Sequence[np.random.Generator | None]) -> NDArray[np.uint64]:
-        """(M,) those asked for, of the games ``index`` (M,), or one from the generator of each, which was seeded."""
+        """Return the round seeds (M,) of the games ``index``: the requested ones, or one draw from each generator."""
         if self.round_seed is not None:
             return self.round_seed[index]
         drawn = [generators[i].integers(SEEDS, dtype=np.uint64) for i in index.tolist()]
         return np.array(drawn, dtype=np.uint64)
 
     def levels(self, source: LevelSource, index: Indices) -> Indices | None:
-        """Those asked for, of the games ``index``; raises ConfigError where the map does not have them."""
+        """Return the requested levels (M,) of the games ``index``; raises ConfigError for unknown ones."""
         if self.level is None:
             return None
         if not isinstance(source, GeneratedMaps):
@@ -77,12 +77,12 @@ class ResetOptions:
 
 @dataclass(frozen=True)
 class Reset:
-    """New episodes that can be begun: all that may raise an error is behind."""
+    """A checked reset, which cannot fail any more."""
 
     core: EnvCore
-    index: Indices  # the games
+    index: Indices  # games to reset, (M,)
     levels: Indices | None
-    generators: Mapping[int, np.random.Generator]  # new ones, by game
+    generators: Mapping[int, np.random.Generator]  # new generators by game
     wanted: ResetOptions
 
 
@@ -93,15 +93,15 @@ class ManyGames(CoreEnv):
 
     def _make_generators(self) -> None:
         self._generators: list[np.random.Generator | None] = [None] * self.num_envs
-        self._next: list[np.uint64 | None] = [None] * self.num_envs  # drawn already, where levels are to be prepared
+        self._next: list[np.uint64 | None] = [None] * self.num_envs  # next seeds, drawn early to prepare levels
 
     def _reset_games(self, seed: Any, options: Any, mask: Any, mask_name: str, *more: str) -> Indices:
-        """Begin new episodes in the games of the mask (None: all), which are returned; errors come before changes."""
+        """Start new episodes in the games of the mask (None: all) and return their indices; check everything first."""
         wanted = ResetOptions.of(options, self.num_envs, *more)
         return self._begin(self._prepared(seed, wanted, mask, mask_name))
 
     def _prepared(self, seed: Any, wanted: ResetOptions, mask: Any = None, mask_name: str = "") -> Reset:
-        """What a reset needs; changes nothing."""
+        """Check a reset and return it without changing anything."""
         index = np.arange(self.num_envs) if mask is None else _chosen_games(mask, self.num_envs, mask_name)
         every = len(index) == self.num_envs
         if not self.started and not every:
@@ -122,7 +122,7 @@ class ManyGames(CoreEnv):
         return reset.index
 
     def _follow(self, ended: Indices) -> None:
-        """Begin the next episodes in games of a step, whose last observations are not in use any more."""
+        """Start the next episodes in the games ``ended``, whose last observations may be overwritten."""
         self._core.reset(ended, self._episode_seeds(ended, ResetOptions()), in_step=True)
 
     def _mask(self, index: Indices) -> Flags:
@@ -131,14 +131,14 @@ class ManyGames(CoreEnv):
         return mask
 
     def _last_of(self, ended: Indices, observations: Any) -> NDArray[Any]:
-        """(N,) copies of the observations of games that ended, as another step may write to them; None elsewhere."""
+        """Return copies (N,) of the observations of the games ``ended``, which later steps may overwrite; else None."""
         last = np.full(self.num_envs, None, dtype=object)
         for i in ended.tolist():
             last[i] = deepcopy(self._core.of_game(observations, i))
         return last
 
     def _episode_seeds(self, index: Indices, wanted: ResetOptions) -> NDArray[np.uint64]:
-        """Where games have maps of their own, following ones are drawn as well, for the batch to prepare their maps."""
+        """Return the seeds of new episodes, and announce the next seeds to the batch so that it prepares their maps."""
         batch = self.batch
         if wanted.round_seed is not None or len(batch.levels) == 1 or batch.threads.number == 1:
             return wanted.seeds(index, self._generators)
@@ -153,7 +153,7 @@ class ManyGames(CoreEnv):
 
 
 def one_for_each(seed: Any, games: int) -> Sequence[int | None]:
-    """A seed for each game: of one s they are s + i, of None they are None; raises ValueError for what is neither."""
+    """Return a seed for each game: s + i for one seed s, and None for None; raises ValueError for invalid seeds."""
     if seed is None or isinstance(seed, (int, np.integer)):
         return [None if seed is None else int(seed) + i for i in range(games)]
     if not isinstance(seed, (Sequence, np.ndarray)) or isinstance(seed, str):

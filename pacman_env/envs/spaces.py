@@ -1,4 +1,4 @@
-"""Gymnasium spaces of the environments, and actions checked against them."""
+"""Gymnasium spaces of the environments, and checks of actions against them."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -13,12 +13,12 @@ from ..sim.core.batch import GameBatch
 from ..sim.observation.kinds import FLAT, MASK, ObservationPart, bounds
 from ..sim.observation.robot_features import FAST_MPS
 
-OBSERVATION = "observation"  # where the mask is beside it
-_MANY = 1e9  # rounds, or pellets over all rounds
+OBSERVATION = "observation"  # key of the observation next to a mask
+_MANY = 1e9  # upper bound of rounds and of pellets over all rounds
 
 
 def observation_space(parts: Mapping[str, ObservationPart], beside: int | None = None) -> spaces.Dict | spaces.Box:
-    """Of one game; with the mask of ``beside`` candidates beside it, as PettingZoo's games have it."""
+    """Return the observation space of one game; with ``beside`` it also contains a mask of so many candidates."""
     if beside is not None:
         mask = spaces.Box(0, 1, (beside,), np.int8)
         return spaces.Dict({OBSERVATION: observation_space(parts), MASK: mask})
@@ -34,7 +34,7 @@ def observation_space(parts: Mapping[str, ObservationPart], beside: int | None =
 
 
 def action_space(batch: GameBatch, candidates: int | None = None) -> spaces.Discrete | spaces.Box:
-    """Of one game: the candidate to drive to, of so many (None: all of the batch's), or v and omega."""
+    """Return the action space of one game: ``candidates`` goals (None: all of the batch), or the velocities (2,)."""
     if batch.config.action == "goal":
         return spaces.Discrete(batch.candidates if candidates is None else candidates)
     if batch.config.action_range == "unit":
@@ -45,9 +45,9 @@ def action_space(batch: GameBatch, candidates: int | None = None) -> spaces.Disc
 
 
 def state_limits(batch: GameBatch) -> dict[str, tuple[float, float]]:
-    """Lowest and highest value of each number of the state of a whole game, by its name."""
-    known, robot = bounds(batch), batch.config.robot
-    x, y, turn, fast = known["x"], known["y"], (-np.pi, np.pi), (-FAST_MPS, FAST_MPS)
+    """Return the lowest and highest value of each number of ``state()`` by its name."""
+    limit, robot = bounds(batch), batch.config.robot
+    x, y, turn, fast = limit["x"], limit["y"], (-np.pi, np.pi), (-FAST_MPS, FAST_MPS)
     wheels, place = 2 * robot.wheel_speed_mps, (-1.0, float(batch.hold))
     limits = {"x": x, "y": y, "heading": turn, "believed_x": x, "believed_y": y, "believed_heading": turn}
     limits |= {"v": (-wheels, wheels), "omega": (-wheels / robot.wheel_base_m, wheels / robot.wheel_base_m)}
@@ -55,11 +55,11 @@ def state_limits(batch: GameBatch) -> dict[str, tuple[float, float]]:
     for ghost in GHOST_NAMES[: batch.ghosts.shape[1]]:
         limits |= {f"{ghost}_{part}": value for part, value in each.items()}
     limits |= {f"pellet_{k}": (0.0, 1.0) for k in range(batch.pellet_slots)}
-    return limits | {"goal": place, "time": known["time"], "round": (1.0, _MANY), "score": (0.0, _MANY)}
+    return limits | {"goal": place, "time": limit["time"], "round": (1.0, _MANY), "score": (0.0, _MANY)}
 
 
 def velocities(actions: NDArray[np.float64], config: Config) -> NDArray[np.float64]:
-    """(N, 2) v in m/s and omega in rad/s from actions in the configured range; the game cuts them to its limits."""
+    """Scale actions (N, 2) from the configured range to v in m/s and omega in rad/s; the game clips them later."""
     if config.action_range == "physical":
         return actions
     v, omega = actions.T
@@ -67,7 +67,7 @@ def velocities(actions: NDArray[np.float64], config: Config) -> NDArray[np.float
 
 
 def checked_action(space: spaces.Space[Any], action: Any, agent: str = "") -> Any:
-    """An action of one game as an int64, or as two float64 (v, omega) of any size; ValueError outside of the space."""
+    """Return one game's action as int64 or two unlimited float64 (v, omega); raises ValueError outside the space."""
     whole = type(action) is int or isinstance(action, np.integer)
     if whole and isinstance(space, spaces.Discrete) and space.start <= action < space.start + space.n:
         return np.int64(action)

@@ -1,4 +1,4 @@
-"""The games of a vector environment in sub-batches, one of which is stepped while a network chooses for another."""
+"""Sub-batches of a vector environment: one is stepped while the network chooses for another."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Step = tuple[Any, Floats, Flags, Flags, dict[str, Any]]
 
 
 class SubBatches:
-    """Sub-batches of equal size; each is stepped by its own thread and received in the order in which it was sent."""
+    """Sub-batches of equal size; each has a thread, and results come in the order in which steps were sent."""
 
     def __init__(self, envs: Sequence[PacManBotVectorEnv]) -> None:
         self.envs = envs
@@ -30,8 +30,8 @@ class SubBatches:
         self._sent: collections.deque[tuple[int, Future[Step]]] = collections.deque()
         self._pool: ThreadPoolExecutor | None = None
         self._started = False
-        self.last = 0  # the sub-batch received last
-        self.received_all = False  # at once
+        self.last = 0  # index of the sub-batch received last
+        self.received_all = False  # True if the last call received all sub-batches
 
     def __getstate__(self) -> dict[str, Any]:
         if self._sent:
@@ -42,10 +42,10 @@ class SubBatches:
         return np.arange(number * self._size, (number + 1) * self._size)
 
     def reset(self, seed: Any, options: dict[str, Any] | None) -> None:
-        """Begin new rounds in all sub-batches, as if they had been sent. Steps that run are waited for and dropped."""
+        """Start new rounds in all sub-batches, as if they had been sent; running steps are awaited and dropped."""
         games = len(self.envs) * self._size
         seeds, wanted = one_for_each(seed, games), ResetOptions.of(options, games)
-        self._wait()  # the games stand still before they are asked what they can play
+        self._wait()  # a running step would change the games that are checked
         resets = []
         for k, env in enumerate(self.envs):
             own = [seeds[i] for i in self._ids(k)]
@@ -56,7 +56,7 @@ class SubBatches:
         self._started = True
 
     def send(self, actions: NDArray[Any], ids: NDArray[Any] | None) -> None:
-        """Step the sub-batch with these games, by default the one received last."""
+        """Step the sub-batch with the games ``ids``, by default the one received last."""
         self._require_reset()
         number = self.last
         if ids is not None:
@@ -67,10 +67,10 @@ class SubBatches:
         if any(number == other for other, _ in self._sent):
             raise ValueError(f"games {self._ids(number)[[0, -1]].tolist()} are being stepped: recv() them first")
         env = self.envs[number]
-        self._submit(number, partial(env._stepped, env.check(actions).copy()))  # the caller may write to its own
+        self._submit(number, partial(env._stepped, env.check(actions).copy()))  # the caller may reuse its array
 
     def receive(self) -> Step:
-        """What came of the sub-batch that was sent first; its info has ``env_id``, the numbers of its games."""
+        """Return the result of the sub-batch that was sent first; ``info["env_id"]`` lists its games."""
         if not self._sent:
             raise ValueError("nothing is being stepped: send() first")
         number, future = self._sent.popleft()
@@ -79,7 +79,7 @@ class SubBatches:
         return observation, reward, terminated, truncated, {**info, "env_id": self._ids(number)}
 
     def send_all(self, actions: NDArray[Any]) -> None:
-        """Step every sub-batch; none may be being stepped."""
+        """Step every sub-batch; raises ValueError if one is still being stepped."""
         self._require_reset()
         self.require_received()
         checked = [env.check(actions[self._ids(k)]) for k, env in enumerate(self.envs)]
@@ -87,12 +87,12 @@ class SubBatches:
             self._submit(k, partial(env._stepped, checked[k]))
 
     def require_received(self) -> None:
-        """Raise ValueError where a step that was sent has not been received."""
+        """Raise ValueError if a step was sent and not received."""
         if self._sent:
             raise ValueError(f"{len(self._sent)} sub-batches are being stepped: recv() them before step()")
 
     def received(self) -> Step:
-        """All sub-batches, in the order of their games; where one raised an error, none is left to be received."""
+        """Return the results of all sub-batches in the order of their games; after an error, drop the others."""
         self._wait()
         try:
             observations, *numbers, infos = zip(*[self.receive() for _ in self.envs], strict=True)
@@ -103,7 +103,7 @@ class SubBatches:
         return _join(observations), reward, terminated, truncated, _join_infos(infos)
 
     def close(self) -> None:
-        """Wait for steps that run, and drop their results."""
+        """Wait for running steps and drop their results."""
         self._wait()
         self._sent.clear()
         if self._pool is not None:
@@ -137,7 +137,7 @@ def _join(values: Sequence[Any]) -> Any:
 
 
 def _join_infos(infos: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Gymnasium's layout; a key that only some sub-batches have is empty in the others, and its mask False."""
+    """Join infos in Gymnasium's layout; a key that some sub-batches lack is empty there, with a False mask."""
     result: dict[str, Any] = {}
     for key in dict.fromkeys(key for info in infos for key in info):
         like = next(info[key] for info in infos if key in info)
