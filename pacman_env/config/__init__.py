@@ -1,4 +1,4 @@
-"""The configuration of a game: every number of the rules, the robot and the simulator, once, with unit and source."""
+"""Configuration of a game: every number of the rules, the robot and the simulator, once, with unit and source."""
 
 from .composition import PRESETS as PRESETS
 from .composition import Config as Config

@@ -1,4 +1,4 @@
-"""One complete configuration: the groups together, the checks between them, changes by dotted name, and presets."""
+"""The complete configuration: its groups, the checks between them, changes by dotted name, and presets."""
 
 import dataclasses
 import hashlib
@@ -13,7 +13,7 @@ from ..plugins import PluginError, Registry, nearest_names
 from . import sections
 from .validation import AtLeastOne, Checked, ConfigError, Count, Number, Positive, convert, kinds, require, setting
 
-MAX_BLIND_M = 0.8  # the farthest a robot may drive between two plans
+MAX_BLIND_M = 0.8  # longest distance that a robot may drive between two plans
 
 
 def _as_json(fields: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -111,11 +111,11 @@ class Config(Checked):
 
     @property
     def fastest_mps(self) -> float:
-        """The highest speed that the robot can have in an episode."""
+        """Return the highest speed, m/s, that the robot can have in an episode."""
         return max(self.robot.speed_mps, (self.randomize.speed_mps or (0.0, 0.0))[1])
 
     def with_fields(self, **changes: Any) -> Self:
-        """A copy with fields replaced by dotted names, ``with_fields(**{"clyde.speed_mps": 0.35})``.
+        """Return a copy with fields replaced by dotted names, ``with_fields(**{"clyde.speed_mps": 0.35})``.
 
         Raises ConfigError for an unknown name or a value out of range.
         """
@@ -135,27 +135,27 @@ class Config(Checked):
                 top[name] = value
         for group, fields in groups.items():
             owner = top.get(group, getattr(self, group))
-            if isinstance(owner, Checked):  # else Config reports what is wrong
+            if isinstance(owner, Checked):  # otherwise Config reports the error
                 top[group] = dataclasses.replace(owner, **fields)  # type: ignore[type-var]
         return dataclasses.replace(self, **top)
 
     def value(self, name: str) -> Any:
-        """One field by its dotted name; a ConfigError for an unknown one."""
+        """Return a field by its dotted name; raises ConfigError for an unknown name."""
         kind_of(name)
         return operator.attrgetter(name)(self)
 
     def as_settings(self) -> dict[str, Any]:
-        """All fields by dotted name, as ``settings`` take them."""
+        """Return all fields by dotted name, in the form of ``settings``."""
         groups = {name.rpartition(".")[0] for name in FIELDS}
         return {name: self.value(name) for name in FIELDS if name not in groups}
 
     def as_dict(self) -> dict[str, Any]:
-        """All fields as nested plain data, as JSON has it, for results and logs."""
+        """Return all fields as nested plain data for JSON results and logs."""
         return dataclasses.asdict(self, dict_factory=_as_json)
 
     @property
     def hash(self) -> str:
-        """12 hexadecimal digits that distinguish two configurations: equal fields, equal hash."""
+        """Return 12 hexadecimal digits that identify the configuration: equal fields, equal hash."""
         text = json.dumps(self.as_dict(), sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
@@ -168,7 +168,7 @@ for _group, _kind in kinds(Config).items():
 
 
 def kind_of(name: str) -> Any:
-    """The type of a field, or the class of a group, by its dotted name; a ConfigError names the nearest ones."""
+    """Return the type of a field, or the class of a group; raises ConfigError, with the nearest names, if unknown."""
     if name in FIELDS:
         return FIELDS[name]
     close = nearest_names(name, FIELDS)
@@ -178,21 +178,21 @@ def kind_of(name: str) -> Any:
 
 
 def differences(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
-    """Both values, None where there is no such field, of all that differs between two results of ``as_dict``."""
-    found: dict[str, tuple[Any, Any]] = {}
+    """Return the fields that differ between two results of ``as_dict``, with both values (None: no such field)."""
+    pairs: dict[str, tuple[Any, Any]] = {}
     for name in sorted({*a, *b}):
         one, other = a.get(name), b.get(name)
         if isinstance(one, Mapping) and isinstance(other, Mapping):
-            found |= {f"{name}.{inner}": pair for inner, pair in differences(one, other).items()}
+            pairs |= {f"{name}.{inner}": pair for inner, pair in differences(one, other).items()}
         elif one != other:
-            found[name] = (one, other)
-    return found
+            pairs[name] = (one, other)
+    return pairs
 
 
 PRESETS: dict[str, dict[str, Any]] = {
-    # What the ten real trials had: measured speed, AMCL's cadence and error, Nav2's delays.
+    # As in the ten real trials: measured speed, AMCL's cadence and error, Nav2's delays.
     "robot": {"robot.speed_mps": 0.256},  # driving speed in the logs [M]
-    # Perfect localization, the base's full speed, goals and rules that act at once.
+    # Perfect localization, the base's full speed, goals and rules without delay.
     "ideal": {
         "localization.perfect": True,
         "nav2.accept_delay_s": 0.0,
@@ -201,14 +201,14 @@ PRESETS: dict[str, dict[str, Any]] = {
     },
 }
 _WORDS = {"true": True, "false": False, "none": None}
-#: Those, and what other packages add as entry points: fields by dotted name.
+#: Built-in presets and those of entry points in other packages: fields by dotted name.
 _ALL_PRESETS: Registry[Mapping[str, Any]] = Registry("preset", "pacman_env.presets", dict(sorted(PRESETS.items())))
 preset_names = _ALL_PRESETS.names
 register_preset = _ALL_PRESETS.register
 
 
 def make_config(preset: str = "robot", execution: str | None = None, **changes: Any) -> Config:
-    """Compose a preset, an execution and single fields given by dotted name.
+    """Return the configuration of a preset, an execution and single fields given by dotted name.
 
     Raises ConfigError for an unknown preset, execution or field, or a value out of range.
     """
@@ -223,7 +223,7 @@ def make_config(preset: str = "robot", execution: str | None = None, **changes: 
 
 
 def parse_settings(texts: Iterable[str]) -> dict[str, Any]:
-    """Values by dotted name, for :func:`make_config`, of texts like ``clyde.speed_mps=0.3``; several have commas."""
+    """Parse texts like ``clyde.speed_mps=0.3`` for :func:`make_config`; commas separate the values of a sequence."""
     changes = {}
     for text in texts:
         name, equals, value = text.partition("=")

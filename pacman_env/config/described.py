@@ -1,4 +1,4 @@
-"""Every field of the configuration as documents and forms show it: unit, range and description."""
+"""Fields of the configuration for documents and forms: unit, range and description."""
 
 import dataclasses
 import functools
@@ -15,24 +15,24 @@ _SIMPLE = {float: "number", int: "integer", bool: "bool", str: "text"}
 
 
 def unit_of(name: str) -> str:
-    """Return the unit that the end of a field's name gives; "" for a pure number, a name or a choice."""
+    """Return the unit from the suffix of a field's name; "" for a pure number, a name or a choice."""
     return next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), "")
 
 
 def description_of(owner: Any, name: str) -> str:
-    """Return what the field of a section says about itself; "" if nothing."""
+    """Return the description of a field of a section; "" if it has none."""
     (field,) = (one for one in dataclasses.fields(owner) if one.name == name)
     return str(field.metadata.get("description", ""))
 
 
 class Setting(NamedTuple):
-    """One field as a form shows it."""
+    """A field of the configuration, described for a form."""
 
     name: str  # dotted
     value: Any  # the default
     type: str  # "number", "integer", "bool", "choice" or "text"
     unit: str  # "" for a pure number, a name or a choice
-    low: float | None  # of the range that its annotation gives
+    low: float | None  # range of the field's annotation
     high: float | None
     options: tuple[str, ...]  # of a choice
     words: str  # its description
@@ -40,9 +40,9 @@ class Setting(NamedTuple):
 
 @functools.cache
 def settings() -> tuple[Setting, ...]:
-    """Return all fields that hold one plain value, in the order of the source."""
+    """Return all fields with a single plain value, in the order of the source."""
     default = Config()
-    found = []
+    fields = []
     for name, kind in FIELDS.items():
         group, _, leaf = name.rpartition(".")
         owner = getattr(default, group) if group else default
@@ -55,8 +55,8 @@ def settings() -> tuple[Setting, ...]:
             low, high = _bound(metas, "ge", "gt"), _bound(metas, "le", "lt")
             type_ = "choice" if options else _SIMPLE[kind]
             words = description_of(owner, leaf)
-            found.append(Setting(name, getattr(owner, leaf), type_, unit_of(leaf), low, high, options, words))
-    return tuple(found)
+            fields.append(Setting(name, getattr(owner, leaf), type_, unit_of(leaf), low, high, options, words))
+    return tuple(fields)
 
 
 def _bound(metas: list[Meta], *names: str) -> float | None:

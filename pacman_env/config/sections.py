@@ -1,7 +1,7 @@
-"""The groups of a configuration: every number of the game, the robot and the simulator, once, with unit and source.
+"""Groups of the configuration: every number of the game, the robot and the simulator, once, with unit and source.
 
-"[M]" marks values measured from the robot's logs, "[I]" values inferred from the original source; "Create 3",
-"Nav2" and "map_server" are the vendors' documents. Nothing here is tuned to make a result.
+"[M]" marks values measured from the robot's logs, "[I]" values inferred from the original source; "Create 3", "Nav2"
+and "map_server" refer to the vendors' documents. No value is tuned to improve a result.
 """
 
 import dataclasses
@@ -13,12 +13,12 @@ from msgspec import Meta
 from .validation import Checked, Count, NotNegative, Number, Positive, Share, require, setting
 
 _ShowTime = Annotated[float, Meta(ge=0, le=60)]  # a robot that spins longer is a nuisance
-MAX_SPEED_MPS = 5.0  # of a ghost, however many rounds an endless game has
+MAX_SPEED_MPS = 5.0  # limit for ghosts in late rounds of an endless game
 
 
 @dataclass(frozen=True)
 class RobotConfig(Checked, group="robot"):
-    """TurtleBot 4 on an iRobot Create 3 base."""
+    """Robot: TurtleBot 4 on an iRobot Create 3 base."""
 
     radius_m: Positive = setting(0.171, "body (Create 3)")
     mass_kg: Positive = setting(3.945, "TurtleBot 4 Standard")
@@ -71,7 +71,7 @@ class RobotConfig(Checked, group="robot"):
 
 @dataclass(frozen=True)
 class LocalizationConfig(Checked, group="localization"):
-    """What the robot believes of its pose (AMCL)."""
+    """Localization: the robot's estimate of its pose (AMCL)."""
 
     perfect: bool = setting(False, "True: belief = truth at every instant")
     update_distance_m: Positive = setting(0.25, "filter update when moved farther in x or in y (AMCL)")
@@ -90,7 +90,7 @@ class LocalizationConfig(Checked, group="localization"):
 
 @dataclass(frozen=True)
 class Nav2Config(Checked, group="nav2"):
-    """The navigator as the goal selector meets it (Nav2 jazzy 1.3.13, the experiment's parameters)."""
+    """Navigator as the goal selector experiences it (Nav2 jazzy 1.3.13, the experiment's parameters)."""
 
     inflation_radius_m: Positive = setting(0.22, "experiment")
     inflation_scale: Positive = setting(2.0, "cost_scaling_factor k, experiment")
@@ -111,7 +111,7 @@ class Nav2Config(Checked, group="nav2"):
 
 @dataclass(frozen=True)
 class PelletConfig(Checked, group="pellets"):
-    """Algorithm 1."""
+    """Pellets (Algorithm 1)."""
 
     spacing_m: Positive = setting(2.0, "original")
     wall_clearance_m: NotNegative = setting(0.30, "half-width of the square that must be free, original")
@@ -121,7 +121,7 @@ class PelletConfig(Checked, group="pellets"):
 
 @dataclass(frozen=True)
 class ClydeConfig(Checked, group="clyde"):
-    """Algorithm 2, for Clyde and for the ghosts beside it."""
+    """Clyde and the other ghosts (Algorithm 2)."""
 
     speed_mps: Annotated[float, Meta(ge=0, le=MAX_SPEED_MPS)] = setting(0.25, "round 1, original")
     speed_step_mps: NotNegative = setting(0.05, "per round, original")
@@ -144,7 +144,7 @@ class ClydeConfig(Checked, group="clyde"):
 
 @dataclass(frozen=True)
 class ExecutionConfig(Checked, group="execution"):
-    """Algorithm 4: what is done with Nav2's answers and which pose is believed."""
+    """Execution of goals (Algorithm 4): reactions to Nav2's results, and the pose that counts."""
 
     rules: Literal["robust", "as_built"] = setting(
         "robust",
@@ -175,7 +175,7 @@ class ExecutionConfig(Checked, group="execution"):
     )
 
 
-#: What `execution.rules` sets.
+#: Fields that `execution.rules` sets.
 EXECUTIONS: dict[str, dict[str, object]] = {
     "as_built": {
         "execution.pose_source": "amcl",
@@ -184,7 +184,7 @@ EXECUTIONS: dict[str, dict[str, object]] = {
         "execution.min_dwell_s": 0.0,
     },
 }
-#: The corrected rules are the defaults.
+#: The defaults are the corrected rules.
 EXECUTIONS["robust"] = {
     name: getattr(ExecutionConfig(), name.removeprefix("execution.")) for name in EXECUTIONS["as_built"]
 }
@@ -192,7 +192,7 @@ EXECUTIONS["robust"] = {
 
 @dataclass(frozen=True)
 class DecisionConfig(Checked, group="decisions"):
-    """When the planner makes a choice; in between the robot continues with the last one."""
+    """When a policy chooses; in between the robot continues with the last choice."""
 
     when: Literal["tick", "event"] = setting(
         "tick",
@@ -210,7 +210,7 @@ class DecisionConfig(Checked, group="decisions"):
 
 @dataclass(frozen=True)
 class ShowConfig(Checked, group="show"):
-    """Algorithm 5: how long the shows last, and how often the return home is tried."""
+    """Shows and the return home (Algorithm 5): durations and retries."""
 
     start_s: _ShowTime = setting(8.0, "before a round, original")
     death_s: _ShowTime = setting(5.0, "after a death, original")
@@ -222,7 +222,7 @@ class ShowConfig(Checked, group="show"):
 
 @dataclass(frozen=True)
 class RewardConfig(Checked, group="reward"):
-    """Reward per event; the values are those that learned best in the prototype (docs/architecture.md)."""
+    """Reward per event; these values learned best in the prototype (docs/architecture.md)."""
 
     pellet: Number = setting(1.0, "each pellet collected")
     death: Number = setting(-10.0, "the robot is caught")
@@ -239,7 +239,7 @@ class RewardConfig(Checked, group="reward"):
 
 @dataclass(frozen=True)
 class RefugeConfig(Checked, group="refuges"):
-    """Which free places of a map are candidate goals beside the pellets."""
+    """Selection of refuges, the free places of a map that are candidate goals in addition to pellets."""
 
     spread: Count = setting(7, "farthest-point places by path length, beside the home pose ...")
     clearance_m: NotNegative = setting(
@@ -255,9 +255,9 @@ RangeAboveZero = tuple[Positive, Positive] | None
 
 @dataclass(frozen=True)
 class RandomizeConfig(Checked, group="randomize"):
-    """Ranges (low, high) that a value is drawn from uniformly at the start of each episode; None: the fixed value.
+    """Ranges (low, high) from which a value is drawn uniformly at the start of each episode; None: the fixed value.
 
-    Each is named after the field that it replaces.
+    A range has the name of the field that it replaces.
     """
 
     speed_mps: RangeAboveZero = setting(None, "robot.speed_mps")
@@ -276,14 +276,14 @@ class RandomizeConfig(Checked, group="randomize"):
             require(low <= high, f"randomize.{name}", (low, high), "must be (low, high)")
 
     def ranges(self) -> list[tuple[str, float, float]]:
-        """Name, low and high of each field that is drawn."""
+        """Return name, low and high of each field that is drawn."""
         named = ((f.name, getattr(self, f.name)) for f in dataclasses.fields(self))
         return [(name, *value) for name, value in named if value is not None]
 
 
 @dataclass(frozen=True)
 class ObservationConfig(Checked, group="observation"):
-    """What an observation holds; any combination of the kinds."""
+    """Contents and layout of an observation; kinds can be combined."""
 
     kinds: Annotated[tuple[str, ...], Meta(min_length=1)] = setting(
         ("features",),

@@ -1,6 +1,6 @@
-"""The one check of typed values: settings, fields of a configuration, files, snapshots.
+"""Check typed values: settings, fields of a configuration, files and snapshots.
 
-msgspec checks types and ranges; a class checks the rules between its fields. A message has field, value and rule.
+msgspec checks types and ranges; each class checks the rules between its fields. Messages give field, value and rule.
 """
 
 import contextlib
@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
-LARGEST = 1e300  # so that a number is finite
+LARGEST = 1e300  # bound that excludes infinity
 Number = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]
 NotNegative = Annotated[float, Meta(ge=0, le=LARGEST)]
 Positive = Annotated[float, Meta(gt=0, le=LARGEST)]
@@ -27,7 +27,7 @@ AtLeastOne = Annotated[int, Meta(ge=1)]
 
 
 class ConfigError(ValueError):
-    """A value is of another type or out of range; the message names the field, the value and the rule."""
+    """Raised for a value of a wrong type or out of range; the message gives the field, the value and the rule."""
 
 
 def require(condition: bool, field_name: str, value: object, rule: str) -> None:
@@ -37,14 +37,14 @@ def require(condition: bool, field_name: str, value: object, rule: str) -> None:
         raise ConfigError(f"{field_name} = {shown!r:.600}: {rule}")
 
 
-#: The fields of a class with their types, ranges included.
+#: Returns the fields of a class with their types, ranges included.
 kinds: Callable[[Any], dict[str, Any]] = functools.cache(functools.partial(typing.get_type_hints, include_extras=True))
 
 
 def convert(value: object, kind: Any, name: str = "", *, strict: bool = True) -> Any:
-    """The value as ``kind``: lists become tuples, whole numbers floats, NumPy's numbers Python's; or a ConfigError.
+    """Convert ``value`` to ``kind``: lists become tuples, whole numbers floats, NumPy numbers Python numbers.
 
-    ``kind`` is a type, with ``msgspec.Meta`` where it has a range; text becomes a number only if not ``strict``.
+    ``kind`` may have a range (``msgspec.Meta``); text becomes a number only if not ``strict``. Raises ConfigError.
     """
     try:
         return msgspec.convert(
@@ -55,12 +55,12 @@ def convert(value: object, kind: Any, name: str = "", *, strict: bool = True) ->
 
 
 def setting(default: Any, description: str) -> Any:
-    """Declare a field of a dataclass with its default, and what documents and forms say about it."""
+    """Declare a field of a dataclass with its default and its description for documents and forms."""
     return dataclasses.field(default=default, metadata={"description": description})
 
 
 class Checked:
-    """A dataclass whose values have the types and ranges of their annotations; ``group`` is for messages."""
+    """Base class of dataclasses whose values are checked against their annotations; ``group`` is for messages."""
 
     _prefix = ""
 
@@ -76,18 +76,18 @@ class Checked:
                 object.__setattr__(self, field, convert(value, kind, name))
 
     def _require(self, condition: bool, name: str, rule: str) -> None:
-        """:func:`require` for a field, which is named without this group."""
+        """Call :func:`require` for a field, given by its name within this group."""
         require(condition, self._prefix + name, operator.attrgetter(name)(self), rule)
 
 
 def _plain(value: Any, *, numbers: bool = False) -> Any:
-    """Turn NumPy's values and sequences into Python's, and with ``numbers`` what Python reads as one into JSON's."""
+    """Convert NumPy values and sequences to Python's, and with ``numbers`` Python's number literals to JSON's."""
     if isinstance(value, (list, tuple)):
         return [_plain(one, numbers=numbers) for one in value]
     if isinstance(value, str) and numbers:
         for kind in (int, float):
             with contextlib.suppress(ValueError):
-                return str(kind(value))  # of .3, +60, 5. and 1_000 msgspec would refuse the text
+                return str(kind(value))  # msgspec refuses texts such as .3, +60, 5. and 1_000
     return value.tolist() if hasattr(value, "tolist") else value
 
 
@@ -112,14 +112,14 @@ def _message(error: str, value: Any, kind: Any, name: str) -> str:
 
 
 def _inside(kind: Any, place: str | int) -> Any:
-    """The type of a field, or of an entry of a list, in a type that may have a range or be optional; None: none."""
+    """Return the type of a field or list entry inside a type with a range or an optional type; None if unknown."""
     origin, inner = typing.get_origin(kind), typing.get_args(kind)
     if origin is None:
         return kinds(kind).get(place) if isinstance(kind, type) and isinstance(place, str) else None
     if origin in (tuple, list):
         many = origin is list or inner[1:] == (...,)
         return None if isinstance(place, str) else inner[0 if many else place]
-    return next((found for one in inner if (found := _inside(one, place)) is not None), None)
+    return next((part for one in inner if (part := _inside(one, place)) is not None), None)
 
 
 def _choices(kind: Any) -> tuple[str, ...]:

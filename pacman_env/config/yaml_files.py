@@ -1,4 +1,4 @@
-"""YAML files that people edit, read strictly."""
+"""Strict reading of YAML files that people edit."""
 
 import re
 from pathlib import Path
@@ -8,9 +8,9 @@ import yaml
 
 
 def read_yaml(path: Path) -> Any:
-    """Read the plain data in a file.
+    """Return the plain data in a file.
 
-    Raises ValueError for a file that cannot be read, is no YAML, or repeats a key, of which YAML would keep the last.
+    Raises ValueError for an unreadable file, invalid YAML, or a repeated key (of which YAML would keep the last).
     """
     try:
         return yaml.load(path.read_text(), _Loader)
@@ -27,6 +27,6 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-# YAML 1.1, which PyYAML reads, takes 1e3 for a string; YAML 1.2 and Python's float take it for a number.
+# PyYAML reads YAML 1.1, which takes 1e3 for a string; YAML 1.2 and Python's float take it for a number.
 _FLOAT = re.compile(r"[-+]?(\d[\d_]*\.?[\d_]*|\.\d[\d_]*)[eE][-+]?\d+$")
 _Loader.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+.0123456789"))
