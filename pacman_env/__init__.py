@@ -1,8 +1,8 @@
 """PacManBot as a learning environment: maps, game rules, simulator, policies.
 
-Importing this package registers the environments with Gymnasium and PettingZoo, be these imported before or after, and
-loads nothing else: a public name loads its module when it is first asked for. Public are the names in ``__all__`` and
-those of :mod:`pacman_env.sb3`; every other module is private and may change.
+Importing this package registers the environments with Gymnasium and PettingZoo, whether these are imported before or
+after, and loads nothing else: a public name loads its module on first use. The names in ``__all__`` and those of
+:mod:`pacman_env.sb3` are public; every other module is private and may change.
 """
 
 from importlib import import_module
@@ -38,7 +38,7 @@ __all__ += ["Behaviour", "GhostView", "ObservationKind", "ObservationPart", "reg
 __all__ += ["Config", "ConfigError", "MapError", "OccupancyMap", "load_map", "make_config", "register_preset"]
 __all__ += ["paired_difference", "wilson"]
 
-#: By module, the names that it holds.
+#: Public names by module.
 _EXPORTS = {
     "config": "Config ConfigError make_config",
     "config.composition": "register_preset",

@@ -1,4 +1,4 @@
-"""User folders, shipped data, how to install extras, the commit of the sources, and result files, whole or absent."""
+"""User folders, shipped data, install commands, the commit of the sources, and atomic writing of result files."""
 
 import contextlib
 import functools
@@ -15,26 +15,26 @@ from typing import Any
 
 
 def shipped(in_package: str, in_checkout: str) -> Path:
-    """A folder of data that comes with the project: in the installed package, or at the top of a checkout."""
+    """Return a folder of shipped data: in the installed package, or at the top of a checkout."""
     package = Path(__file__).parent
     installed = package / in_package
     return installed if installed.is_dir() else package.parent / in_checkout
 
 
 def install_command(extra: str) -> str:
-    """Return the command that installs what ``extra`` adds: from the checkout if the package lies in one."""
+    """Return the command that installs the extra ``extra``: from the checkout if the package lies in one."""
     checkout = Path(__file__).resolve().parents[1]
     if (checkout / "pyproject.toml").is_file():
         return f"cd {shlex.quote(str(checkout))} && pip install -e '.[{extra}]'"
-    return f"pip install 'pacman_env[{extra}]'"  # pip completes what is installed under this name
+    return f"pip install 'pacman_env[{extra}]'"  # pip only adds the missing packages
 
 
 def user_folder(kind: str) -> Path:
-    """Return the user's folder of a kind ("cache", "log", "state"), which exists, or a temporary one without a home.
+    """Return the user's existing folder of a kind ("cache", "log", "state"), or a temporary one if there is no home.
 
-    Raises OSError if there is neither.
+    Raises OSError if neither can be created.
     """
-    import platformdirs  # here: every command imports this module
+    import platformdirs  # imported here because every command imports this module
 
     try:
         folder = Path(getattr(platformdirs, f"user_{kind}_dir")("pacman_env"))
@@ -49,9 +49,9 @@ def user_folder(kind: str) -> Path:
 
 @functools.cache
 def temporary_folder() -> Path:
-    """Return this user's own folder among the temporary files; warns of it.
+    """Return this user's folder for temporary files, with a warning.
 
-    Raises PermissionError if another user may have made it: Numba unpickles what lies in a cache.
+    Raises PermissionError if another user may have created it, because Numba unpickles cache files.
     """
     folder = Path(tempfile.gettempdir()) / f"pacman_env-{os.getuid()}"
     folder.mkdir(mode=0o700, exist_ok=True)
@@ -64,9 +64,9 @@ def temporary_folder() -> Path:
 
 
 def commit() -> str:
-    """Return the commit of these sources, with "+" if files have changed since; "unknown" outside their checkout.
+    """Return the commit of these sources, with "+" if files have changed; "unknown" outside a checkout.
 
-    The repository must track the package at its top: an installed package may lie inside another project's.
+    The repository must track this very package: an installed package may lie inside another project's checkout.
     """
     import subprocess  # every command imports this module, few ask for the commit
 
@@ -75,17 +75,17 @@ def commit() -> str:
     tracked = ["ls-files", "--full-name", "--error-unmatch", own]
     described = ["describe", "--always", "--exclude=*", "--abbrev=40", "--dirty=+"]
     try:
-        name, found = (
+        name, version = (
             subprocess.run(["git", *words], cwd=checkout, capture_output=True, text=True, check=True).stdout.strip()
             for words in (tracked, described)
         )
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
-    return found if name == own else "unknown"
+    return version if name == own else "unknown"
 
 
 def prepare(path: Path) -> Path:
-    """Create the folder of a file that will be written later; raises ValueError before the work, not after it."""
+    """Create the folder of a file that is written later; raises ValueError early if that will not be possible."""
     if _is_special(path):
         return path
     folder = path.resolve().parent
@@ -102,11 +102,11 @@ def prepare(path: Path) -> Path:
 
 @contextlib.contextmanager
 def replaced(path: Path) -> Iterator[Path]:
-    """Yield a temporary file beside ``path``, with its suffix, that replaces it if the block succeeds.
+    """Yield a temporary file next to ``path``, with its suffix, that replaces it if the block succeeds.
 
-    If ``path`` is a symbolic link its target is replaced. A device or a pipe is written to directly.
+    For a symbolic link the target is replaced. A device or a pipe is written directly.
     """
-    if _is_special(path):  # /dev/stdout, or /dev/null, which root could replace with a file
+    if _is_special(path):  # such as /dev/null, which root could replace with a file
         yield path
         return
     target = path.resolve()
@@ -120,7 +120,7 @@ def replaced(path: Path) -> Iterator[Path]:
 
 
 def reason(error: OSError) -> str:
-    """``PATH: REASON`` of an error of the system, its text if it is one of ours."""
+    """Format an OSError as ``PATH: REASON``; return the text of our own errors unchanged."""
     if error.strerror is None:
         return str(error)
     return error.strerror if error.filename is None else f"{os.fsdecode(error.filename)}: {error.strerror}"
@@ -128,7 +128,7 @@ def reason(error: OSError) -> str:
 
 @contextlib.contextmanager
 def _named(path: Path, temporary: Path) -> Iterator[None]:
-    """Errors of the system that name no file, as that of a full disk, or a temporary one, name ``path``."""
+    """Make errors name ``path`` if they name no file (full disk) or only the temporary one."""
     try:
         yield
     except BrokenPipeError:
@@ -141,13 +141,13 @@ def _named(path: Path, temporary: Path) -> Iterator[None]:
 
 
 def _is_special(path: Path) -> bool:
-    """Return whether a path is a device, a pipe or a socket."""
+    """Return True if a path is a device, a pipe or a socket."""
     return path.exists() and not (path.is_file() or path.is_dir())
 
 
 @contextlib.contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
-    """A temporary folder beside ``path`` that becomes it if the block succeeds."""
+    """Yield a temporary folder next to ``path`` that is renamed to ``path`` if the block succeeds."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         with _named(path, temporary):
@@ -159,6 +159,6 @@ def new_folder(path: Path) -> Iterator[Path]:
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write plain data; what JSON does not know is written as its text."""
+    """Write plain data as JSON; values that JSON does not support are written as text."""
     with replaced(path) as temporary:
         temporary.write_text(json.dumps(content, indent=2, default=str) + "\n")

@@ -19,7 +19,7 @@ from .sim.observation.robot_features import Observation
 __all__ = ["PacManBotVecEnv"]
 
 _FINAL = ("final_obs", "final_info")
-_METHODS = ("action_masks", "render")  # those that a single environment has too
+_METHODS = ("action_masks", "render")  # methods that a single environment has too
 _SPACES = {"observation_space": "single_observation_space", "action_space": "single_action_space"}
 
 
@@ -31,20 +31,20 @@ class PacManBotVecEnv(VecEnv):
     model = sb3_contrib.MaskablePPO("MlpPolicy", env)
     ```
 
-    Equal to ``DummyVecEnv`` of single environments in ``Monitor``, step by step. ``infos[i]`` holds the single
-    environment's info and ``TimeLimit.truncated``; at the end of an episode, ``terminal_observation`` and, unless
-    ``monitor`` is False for SB3's ``VecMonitor``, ``episode``: ``r`` (sum of rewards), ``l`` (decisions), ``t`` (s
-    since this object was made). The games of a batch share their attributes, which can be set for all of them only.
+    Equals ``DummyVecEnv`` of single environments in ``Monitor``, step by step. ``infos[i]`` contains the single
+    environment's info and ``TimeLimit.truncated``. At the end of an episode it also contains ``terminal_observation``
+    and ``episode``: ``r`` (sum of rewards), ``l`` (decisions), ``t`` (s since this object was created); set ``monitor``
+    to False to use SB3's ``VecMonitor`` instead. Attributes are shared by all games and can only be set for all.
 
-    With ``observation.infos="ends"``, which saves time, ``infos[i]`` is empty but at the end of an episode, without
-    ``terminal_observation``.
+    With ``observation.infos="ends"``, which saves time, ``infos[i]`` is empty except at the end of an episode, and
+    ``terminal_observation`` is missing.
     """
 
     def __init__(self, env: PacManBotVectorEnv | int = 64, *, monitor: bool = True, **arguments: Any) -> None:
-        """Wrap a vector environment, or one of ``env`` games with the arguments of ``PacManBotVectorEnv``.
+        """Wrap a vector environment, or create one of ``env`` games with the arguments of ``PacManBotVectorEnv``.
 
-        Raises TypeError where ``env`` is neither, or arguments come with an environment that is made already, and
-        ValueError where the autoreset mode is not ``SAME_STEP``, or an argument cannot be played.
+        Raises TypeError if ``env`` is neither or if arguments are given with an existing environment, and ValueError if
+        the autoreset mode is not ``SAME_STEP`` or an argument is invalid.
         """
         if isinstance(env, (int, np.integer)) and not isinstance(env, bool):
             env = PacManBotVectorEnv(int(env), **{"autoreset_mode": AutoresetMode.SAME_STEP, **arguments})
@@ -63,9 +63,9 @@ class PacManBotVecEnv(VecEnv):
         self._actions: Any = None
 
     def reset(self) -> Observation:
-        """Start new rounds in all games, with what ``seed`` and ``set_options`` have asked for since the last reset.
+        """Start new rounds in all games with the seeds and options of ``seed`` and ``set_options``.
 
-        Raises ValueError where the options are not the same for all games, or ask for some games only.
+        Raises ValueError if the options differ between games or select some games only.
         """
         options = self._options[0]
         if any(other != options for other in self._options) or "reset_mask" in options:
@@ -79,13 +79,13 @@ class PacManBotVecEnv(VecEnv):
         return observations
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Keep the actions for ``step_wait``."""
+        """Store the actions for ``step_wait``."""
         self._actions = actions
 
     def step_wait(self) -> tuple[Observation, NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
-        """One decision in every game; where a round ended, the observation is the first of the next one.
+        """Play one decision in every game; after the end of a round, return the first observation of the next one.
 
-        Rewards and dones are (N,). Raises ValueError for actions that do not fit, ResetNeeded before the first reset.
+        Rewards and dones are (N,). Raises ValueError for invalid actions, and ResetNeeded before the first reset.
         """
         observations, rewards, terminated, truncated, infos = self.env.step(self._actions)
         dones = terminated | truncated
@@ -100,7 +100,7 @@ class PacManBotVecEnv(VecEnv):
     def _end_episodes(
         self, ended: list[int], rows: list[dict[str, Any]], infos: dict[str, Any], cut: NDArray[np.bool_]
     ) -> None:
-        """Replace the first info of the next round by the last of the one that ended, and start new sums."""
+        """Replace the first info of the next round by the last info of the ended round, and reset the sums."""
         final = _rows(infos["final_info"], **{"TimeLimit.truncated": cut})
         elapsed = round(time.time() - self._start, 6)
         for i in ended:
@@ -119,13 +119,13 @@ class PacManBotVecEnv(VecEnv):
         self.env.close()
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
-        """One picture per game; None, with a warning, where ``render_mode`` is None."""
+        """Return one picture per game, or None, with a warning, if ``render_mode`` is None."""
         if self.env.render_mode is None:
             warnings.warn("the render mode is None, pass render_mode='rgb_array' to get pictures", stacklevel=2)
         return self._of_games("render")
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """An attribute as each single environment has it; raises AttributeError where there is none of this name."""
+        """Return an attribute as each single environment has it; raises AttributeError for an unknown name."""
         chosen = self._indices(indices)
         if attr_name in _METHODS:
             getattr(self.env, attr_name)  # velocity actions have no masks
@@ -136,7 +136,7 @@ class PacManBotVecEnv(VecEnv):
         return [value] * len(chosen)
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set an attribute for all games; raises ValueError for some games only, or a render mode that there is not."""
+        """Set an attribute for all games; raises ValueError for a selection of games or an unknown render mode."""
         if set(self._indices(indices)) != set(range(self.num_envs)):
             raise ValueError(f"{attr_name}: the games of a batch share it, it cannot be set for some of them only")
         if attr_name == "render_mode":
@@ -155,7 +155,7 @@ class PacManBotVecEnv(VecEnv):
         return [results[i] for i in self._indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: type, indices: VecEnvIndices = None) -> list[bool]:
-        """Whether the wrapper is ``Monitor`` and its work is done here."""
+        """Return True for each game if the wrapper is ``Monitor`` and this class does its work."""
         return [self._monitor and wrapper_class is Monitor] * len(self._indices(indices))
 
     def _of_games(self, method: str, *arguments: Any, **named: Any) -> Sequence[Any]:
@@ -168,7 +168,7 @@ class PacManBotVecEnv(VecEnv):
 
 
 def _rows(infos: dict[str, Any], **more: NDArray[Any]) -> list[dict[str, Any]]:
-    """One dict per game from Gymnasium's arrays, numbers as Python's; masks (``_key``) and final values left out."""
+    """Convert Gymnasium's arrays to one dict of Python numbers per game, without masks (``_key``) and final values."""
     columns = {key: value for key, value in infos.items() if key[0] != "_" and key not in _FINAL} | more
     names = tuple(columns)
     values = [list(v) if v.ndim > 1 else v.tolist() for v in columns.values()]
