@@ -1,1 +1,1 @@
-"""Comparison of policies: rounds, tables, reports, films, and checks of the simulator; ``eval/`` starts them."""
+"""Evaluation of policies: rounds, tables, reports, films, and checks of the simulator; ``eval/`` starts them."""

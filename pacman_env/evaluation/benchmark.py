@@ -1,10 +1,10 @@
 """Measure the speed of the environments as learners use them: ``pacman-env benchmark``.
 
-Each row of the table is an environment id, made as a learner makes it: by ``gymnasium.make``, by ``gymnasium.make_vec``
+Each row of the table is an environment id, created as learners do: by ``gymnasium.make``, by ``gymnasium.make_vec``
 with the native vector environment, or as the wrapper for Stable-Baselines3. Rates are decisions and simulated seconds
-per second of processor time of this process, in one thread, resets included; choosing counts only for ``ppo``. Random
-actions are drawn among the allowed ones. Bare Chipmunk steps the bodies of 64 games among the same walls and does
-nothing else. All rows are measured in turns, and the table shows the median over the rounds.
+per second of processor time of this process, in one thread, resets included. The time to choose actions counts only
+for ``ppo``; random actions are drawn among the allowed ones. The row of bare Chipmunk only steps the bodies of 64 games
+among the same walls. All rows are measured in turns, and the table shows the median over the rounds.
 """
 
 import argparse
@@ -36,18 +36,18 @@ from pacman_env.policies.registry import make_policy
 from pacman_env.sim.maps import level_source
 from pacman_env.world.navigation.physics import bare_stepper
 
-HELD = 20  # decisions for which a random action is held where each lasts a tick: about what a planner does
+HELD = 20  # ticks for which a random action is repeated, about as long as a planner pursues a goal
 ROUNDS = 9
 BARE = "bare Chipmunk, 64 bodies"
 TRAINED = 65_536  # decisions of the short training
-#: Houses that are prepared before a row on generated houses; 0: an older version, which keeps none.
+#: Number of houses to prepare before a row on generated houses; 0 for older versions without prepared houses.
 HOUSES: int = getattr(level_source, "TRAIN_SET", 0)
 Rates = tuple[float, float]  # decisions and simulated seconds per second of processor time
 
 
 @dataclass(frozen=True)
 class Row:
-    """One environment of the table, the number of its games, and who chooses."""
+    """A row of the table: an environment, the number of its games, and the policy."""
 
     env: str
     made: str  # "make", "make_vec" or "sb3"
@@ -57,7 +57,7 @@ class Row:
 
     @property
     def name(self) -> str:
-        """Return what the table shows and ``--only`` searches."""
+        """Return the name that the table shows and ``--only`` searches."""
         more = "".join(f", {value}" for value in self.arguments.values())
         return f"{self.env}{more}, {self.made}, N = {self.games}, {self.policy}"
 
@@ -81,7 +81,7 @@ ROWS = (
 
 
 class Player:
-    """A row's environment while it is played; ``game`` is the package's own environment below all wrappers."""
+    """Plays the environment of a row; ``game`` is this package's environment without wrappers."""
 
     def __init__(self, row: Row, map_source: str) -> None:
         spec = f"pacman_env/{row.env}"
@@ -115,7 +115,7 @@ class Player:
             self._policy.reset(~self._over, self.game.config)
 
     def rates(self, seconds: float) -> Rates:
-        """Play for about ``seconds`` of processor time."""
+        """Play for about ``seconds`` of processor time and return the rates."""
         spent, decisions, simulated = 0.0, 0, 0.0
         waits = self.row.made == "make_vec"  # NEXT_STEP: the step after an end is a reset, not a decision
         while spent < seconds or decisions == 0:
@@ -139,7 +139,7 @@ class Player:
         self._actions = (self.rng.random(masks.shape) * masks).argmax(axis=1)
 
     def _step(self) -> tuple[NDArray[np.float64] | None, NDArray[np.bool_]]:
-        """Return what each game's decision lasted (s; None: a tick), and whether its episode ended."""
+        """Step; return the duration of each game's decision (s; None: a tick) and whether its episode ended."""
         if self.row.made == "sb3":
             _, _, over, rows = self.env.step(self._actions)
             return np.array([row["elapsed_s"] for row in rows]) if "elapsed_s" in rows[0] else None, over
@@ -152,14 +152,14 @@ class Player:
 
 
 def keep_houses() -> None:
-    """Start a round in each house of the set, which prepares those that are not in the cache yet."""
+    """Start a round in each house of the training set, so that all houses are in the cache."""
     env = Player(Row(_GENERATED, "make_vec", 64), "").env
     for first in range(0, HOUSES, 64):
         env.reset(options={"level": (first + np.arange(64)) % HOUSES})
 
 
 def bare_rates(map_source: str) -> Callable[[float], Rates]:
-    """Make what measures decisions that are only physics: 64 robots in one space of Chipmunk's, from Python."""
+    """Return a function that measures physics alone: 64 robots in one Chipmunk space, stepped from Python."""
     env: Any = Player(Row(_BOT, "make_vec", 64), map_source).game
     robot, config, substeps = env.config.robot, env.config, env.batch.substeps
     step = bare_stepper(
@@ -183,7 +183,7 @@ def bare_rates(map_source: str) -> Callable[[float], Rates]:
 
 
 def measured(rows: Sequence[Row], map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
-    """Return by row the medians, or the reason why it is skipped; ``seconds`` is what each row takes in all rounds."""
+    """Return the medians, or the reason for skipping, by row; each row plays ``seconds`` in total."""
     if any(row.env == _GENERATED for row in rows) and HOUSES:
         keep_houses()
     figures: dict[str, Any] = {}
@@ -195,7 +195,7 @@ def measured(rows: Sequence[Row], map_source: str, rounds: int, seconds: float) 
             if str(error.name).startswith("pacman_env"):
                 raise
             figures[row.name] = {"skipped": f"{error.name} is not installed"}
-    for rates in players.values():  # compiles, and fills the caches
+    for rates in players.values():  # compiles kernels and fills the caches
         rates(min(seconds, 1.0))
     gc.collect()
     turns = np.array([[rates(seconds / rounds) for rates in players.values()] for _ in range(rounds)])
@@ -209,19 +209,19 @@ def measured(rows: Sequence[Row], map_source: str, rounds: int, seconds: float) 
 
 
 def _child(*command: str, **variables: str) -> tuple[float, float]:
-    """Run a Python on this package; returns its wall and processor seconds. Raises ValueError if it fails."""
+    """Run Python on this package and return its wall and processor seconds; raises ValueError if it fails."""
     environment = {**os.environ, "PYTHONPATH": str(Path(pacman_env.__file__).parents[1]), **variables}
-    before = os.times()
+    start = os.times()
     done = subprocess.run([sys.executable, *command], env=environment, capture_output=True, text=True)
     if done.returncode != 0:
         raise ValueError(f"{command}: {done.stderr.strip()}")
-    after = os.times()
-    cpu_s = after.children_user + after.children_system - before.children_user - before.children_system
-    return after.elapsed - before.elapsed, cpu_s
+    end = os.times()
+    cpu_s = end.children_user + end.children_system - start.children_user - start.children_system
+    return end.elapsed - start.elapsed, cpu_s
 
 
 def first_start(map_source: str) -> dict[str, Any]:
-    """Measure a process that makes, resets and steps each id, on an empty cache and on what that leaves."""
+    """Measure processes that create, reset and step each id, with an empty cache and with the cache that results."""
     figures = {}
     for env in (_BOT, _FLAT):
         code = f"import gymnasium, pacman_env; env = gymnasium.make('pacman_env/{env}', map={map_source!r})"
@@ -234,7 +234,7 @@ def first_start(map_source: str) -> dict[str, Any]:
 
 
 def training() -> dict[str, Any]:
-    """Measure ``train --quick`` cut short: the whole command in s, and PPO's decisions per second by the clock."""
+    """Measure a shortened ``train --quick``: seconds of the command, and PPO's decisions per second of wall time."""
     with tempfile.TemporaryDirectory() as folder:
         code = "import sys; from pacman_env.training.ppo import main; sys.exit(main(sys.argv[1:]))"
         options = ["--quick", "--imitation", "8192", "--decisions", str(TRAINED), "--segment", str(TRAINED)]
@@ -245,7 +245,7 @@ def training() -> dict[str, Any]:
 
 
 def machine() -> dict[str, Any]:
-    """Return what the figures depend on beside the code."""
+    """Return the properties of the machine and the versions on which the figures depend."""
     cpus = Path("/proc/cpuinfo")
     names = re.findall(r"model name\s*: (.+)", cpus.read_text()) if cpus.exists() else []
     processor = names[0] if names else platform.processor() or platform.machine()
@@ -287,7 +287,7 @@ def _report(arguments: argparse.Namespace, given: str) -> None:
 
 
 def table(figures: dict[str, Any]) -> list[str]:
-    """Return the lines of a Markdown table of all rows, below a line on what was measured where and how."""
+    """Return the lines of a Markdown table of all rows, below a line about machine, versions and command."""
     about = "pacman_env {version}, Python {python}, {cores} x {processor}, {date}, map {map}: `{command}`"
     lines = [about.format(**figures), "", "| What | decisions/s | simulated s/s | of bare | wall s | CPU s |"]
     lines.append("|---|---|---|---|---|---|")

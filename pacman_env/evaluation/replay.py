@@ -1,7 +1,7 @@
-"""One round again, every policy side by side: ``pacman-env replay SEED`` and the comparison's arguments.
+"""Replay one round with several policies next to each other: ``pacman-env replay SEED``.
 
-Writes a film, or a page with the film in it, and prints what happened, and when and why each policy changed its goal. A
-game is bit for bit that of :func:`pacman_env.episodes.rollout.play` with the same seed.
+Writes a film, or a page with the film, and prints the outcomes and when and why each policy changed its goal. Games are
+bit for bit those of :func:`pacman_env.episodes.rollout.play` with the same seed.
 """
 
 import argparse
@@ -36,13 +36,13 @@ from pacman_env.sim.observation.situation import HOLD, PELLET, Situation
 
 SPEED_UP = 4.0
 _SUFFIXES = (".mp4", ".gif", ".html")
-_LAST_FRAME_S = 1.5  # of film, so that the end can be seen
+_LAST_FRAME_S = 1.5  # duration of the last frame, so that the end can be seen
 
 Frame = NDArray[np.uint8]  # (height, W, 3) RGB
 
 
 class Change(NamedTuple):
-    when: str  # since the round began; in an endless game with its number
+    when: str  # time since the start of the round; with the round's number in an endless game
     goal: str
     why: str
 
@@ -50,11 +50,11 @@ class Change(NamedTuple):
 class RecordedGame:
     def __init__(self, source: LevelSource, config: Config, spec: str, seed: np.uint64, name: str) -> None:
         self.name, self.tick_s = name, config.execution.tick_s
-        self.changes: list[Change] = []  # of the goal, so far
+        self.changes: list[Change] = []  # changes of the goal so far
         self._batch, self._ghosts = open_games(source, config)
         self._policy = scenarios.load_policy(spec)
         self._last = LastDecision(config)
-        self._chosen = -1  # none yet
+        self._chosen = -1  # no choice so far
         self._before_s = 0.0
         self._batch.reset(np.zeros(1, dtype=np.int64), np.array([seed], dtype=np.uint64))
         self._forget()
@@ -66,11 +66,11 @@ class RecordedGame:
 
     @property
     def level(self) -> int:
-        """Number of the level, 0 where there is one map."""
+        """Return the number of the level, 0 if there is one map."""
         return int(self._batch.level_numbers()[0])
 
     def step(self) -> None:
-        """One tick, with a decision where one is due; a game that is over stands still."""
+        """Play one tick, with a decision if one is due; a game that is over stands still."""
         if self.over:
             return
         batch = self._batch
@@ -85,14 +85,14 @@ class RecordedGame:
             self._chosen = -1
 
     def _forget(self) -> None:
-        """A round begins, for the robot's policy and for those of the ghosts."""
+        """Reset the robot's policy and the ghosts' policies for a new round."""
         for policy in (self._policy, *self._ghosts.values()):
             reset(policy, np.ones(1, dtype=np.bool_), self._batch.config)
 
     def _decide(self, moment: Moment) -> None:
         batch = self._batch
         situation = batch.situation()
-        terms = self._policy.explain(situation)[0]  # before the policy's state goes on
+        terms = self._policy.explain(situation)[0]  # explain() must come before choose(), which changes the state
         selected = choose(self._policy, situation)
         choice = int(allowed(situation, selected, batch.hold)[0])
         if choice != self._chosen:
@@ -124,7 +124,7 @@ class RecordedGame:
 
 
 def film(games: Sequence[RecordedGame], height: int) -> Iterator[Frame]:
-    """Frames, one per tick, the games side by side, until the last has ended."""
+    """Yield one frame per tick, the games next to each other, until all games have ended."""
     panels = [game.picture(height) for game in games]
     yield np.hstack(panels)
     while not all(game.over for game in games):
@@ -138,7 +138,7 @@ def film(games: Sequence[RecordedGame], height: int) -> Iterator[Frame]:
 def record_games(
     scenario: Scenario, config: Config, policies: Mapping[str, str], seed: int | np.uint64
 ) -> list[RecordedGame]:
-    """The same round for each of the policies, given as names by spec."""
+    """Return the same round for each of the policies, which map specs to names."""
     source = scenarios.open_scenario(scenario, config)
     return [RecordedGame(source, config, spec, np.uint64(seed), name) for spec, name in policies.items()]
 
@@ -148,7 +148,7 @@ def film_games(games: Sequence[RecordedGame], path: Path, height: int = 480) -> 
 
 
 def save_video(frames: Iterator[Frame], path: Path, tick_s: float) -> None:
-    """Write frames, ``tick_s`` apart and of even sides, as .mp4 or .gif, ``SPEED_UP`` times as fast."""
+    """Write frames, ``tick_s`` apart and with even sides, as .mp4 or .gif, sped up by ``SPEED_UP``."""
     import imageio.v2 as imageio
 
     fps = SPEED_UP / tick_s
@@ -167,13 +167,13 @@ def save_video(frames: Iterator[Frame], path: Path, tick_s: float) -> None:
         except OSError as error:
             if error.errno is not None:
                 raise
-            raise OSError(cut) from error  # instead of imageio's, which is ffmpeg's whole command
+            raise OSError(cut) from error  # imageio's message is ffmpeg's whole command
         if path.suffix != ".gif" and not _can_be_read(temporary):
             raise OSError(cut)
 
 
 def _can_be_read(film: Path) -> bool:
-    """Whether its end, by which a film is read, is there: the writer does not look at ffmpeg's exit status."""
+    """Return True if ffmpeg can read the film to its end: the writer ignores ffmpeg's exit status."""
     from imageio_ffmpeg import get_ffmpeg_exe
 
     read = [get_ffmpeg_exe(), "-v", "error", "-i", str(film), "-c", "copy", "-f", "null", "-"]
@@ -183,7 +183,7 @@ def _can_be_read(film: Path) -> bool:
 def _reason(
     situation: Situation, terms: list[dict[str, Any]], choice: int, before: int, alive: NDArray[np.bool_]
 ) -> str:
-    """Why the choice has replaced the one before (-1: none), from the policy's own explanation."""
+    """Explain, from the policy's terms, why ``choice`` replaced the candidate ``before`` (-1: none)."""
     mask = situation.mask[0]
     reasons = []
     other, called = -1, ""

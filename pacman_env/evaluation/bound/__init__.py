@@ -1,1 +1,1 @@
-"""What is possible on a map against ghosts whose reaction is known: ``pacman-env bound``."""
+"""Bounds on the share of completed rounds against predictable ghosts: ``pacman-env bound``."""

@@ -1,7 +1,7 @@
-"""What is possible on a map: ``pacman-env bound``.
+"""Bound and estimate the share of rounds that can be completed on a map: ``pacman-env bound``.
 
-A start is a beginning of a round. ``rows`` counts those that a pursuit (``graph``, ``pursuit``) and the least time
-to collect all pellets (``collecting``) leave open, and those that a search wins (``estimate``).
+A start is the beginning of a round. ``rows`` counts the starts that are not lost by a pursuit (``graph``, ``pursuit``)
+and the least time to collect all pellets (``collecting``), and the starts that a search wins (``estimate``).
 """
 
 import argparse
@@ -29,7 +29,7 @@ from pacman_env.world.maps.occupancy import load_map
 
 SCHEMA = 1
 _OWN = {"clyde.ghosts": "--ghosts", "clyde.speed_mps": "--speeds"}
-#: What pursuit, least time and estimate assume; a range would take the place of the value that they use.
+#: Values that pursuit, least time and estimate assume; a range would replace the value that they use.
 _ASSUMED = {
     "localization.perfect": True,
     "action": "goal",
@@ -76,7 +76,7 @@ def make_parser() -> Parser:
 
 
 def configs_of(arguments: argparse.Namespace) -> list[Config]:
-    """One for each kind of ghosts and each speed; ConfigError names what is wrong."""
+    """Return a configuration for each line-up of ghosts and each speed; raises ConfigError for invalid arguments."""
     changes = parse_settings(arguments.set)
     for name, option in _OWN.items():
         if name in changes:
@@ -112,15 +112,15 @@ def _bound(arguments: argparse.Namespace) -> None:
     tasks = [RowTask(pixels[name], configs[0], config, seeds, arguments.width) for name, config in work]
     total = len(tasks) * len(seeds)
     with executor_of(arguments) as executor, bar_of(executor, total, "start") as bar:
-        if isinstance(executor, InProcess):  # shows every start
-            found = executor.map(functools.partial(make_row, played=bar.update), tasks)
+        if isinstance(executor, InProcess):  # can report every start
+            results = executor.map(functools.partial(make_row, played=bar.update), tasks)
         else:
-            found = executor.map(make_row, tasks, lambda row: bar.update(row["starts"]))
-    rows: list[Row] = [{"map": name} | row for (name, _), row in zip(work, found, strict=True)]
+            results = executor.map(make_row, tasks, lambda row: bar.update(row["starts"]))
+    rows: list[Row] = [{"map": name} | row for (name, _), row in zip(work, results, strict=True)]
     settings = ", ".join([f"preset {arguments.preset}, perfect localization, seed {arguments.seed}", *arguments.set])
     print(f"{settings}\n\n{render(rows)}")
     if path is not None:
-        content = {  # all that is needed to get the rows again
+        content = {  # everything needed to reproduce the rows
             "schema": SCHEMA,
             "version": __version__,
             "seed": arguments.seed,

@@ -1,4 +1,4 @@
-"""Rounds of the coarse model played by a wide beam search that knows everything: what is possible, about."""
+"""Estimate of what is possible: rounds of the coarse model, played by a wide beam search with perfect information."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ from pacman_env.sim.coarse.model import NOWHERE, Behaviours, Lags, play
 from pacman_env.sim.coarse.start import CoarseStart, start
 from pacman_env.sim.observation.situation import Situation
 
-_STARTED_AGAIN = ("collected", "collected_s")  # what a search counts from its own beginning
+_STARTED_AGAIN = ("collected", "collected_s")  # counted from the start of a search
 
 
 @kernel
@@ -23,7 +23,7 @@ def _play(begin, goal, until_s):  # type: ignore[no-untyped-def]
 
 
 class Estimate:
-    """Plays starts of one configuration; the ghosts' next steps are known, the robot's lags are the model's."""
+    """Plays starts of one configuration with the ghosts' next steps known and the robot's lags of the model."""
 
     def __init__(self, behaviours: list[Behaviour], config: Config, width: int) -> None:
         self.config = config
@@ -36,7 +36,7 @@ class Estimate:
         self._room: BeamMemory = new_memory(width, len(behaviours), self._settings)
 
     def play(self, situation: Situation, i: int) -> tuple[bool, float]:
-        """Whether the round of situation ``i`` is completed, and when it ends, s."""
+        """Return whether the round of situation ``i`` is completed, and when it ends, s."""
         begin = start(situation, i, self.config, self._behaviours, self._lags, NODE)
         robot = begin.robot[0]
         while robot["pellets"] and not robot["dead"] and robot["time_s"] < self.config.time_limit_s:
@@ -47,23 +47,23 @@ class Estimate:
     def _choose(self, begin: CoarseStart, most: int) -> int:
         goals = self._goals(begin, begin.robot[0])
         best = np.empty(len(goals))
-        again = begin._replace(robot=begin.robot.copy(), ghosts=begin.ghosts.copy())
+        copy = begin._replace(robot=begin.robot.copy(), ghosts=begin.ghosts.copy())
         for name in _STARTED_AGAIN:
-            again.robot[name] = 0
-        again.robot["closest_m"] = np.inf
-        search(again, goals, self._settings, self._room, best)
-        # As the policy: the goal pursued is worth more.
+            copy.robot[name] = 0
+        copy.robot["closest_m"] = np.inf
+        search(copy, goals, self._settings, self._room, best)
+        # Like the policy, prefer the current goal.
         best += SearchParameters().keep_worth * ((goals == begin.robot["goal"][0]) & (goals != NOWHERE))
         return int(goals[best.argmax()])
 
     def _goals(self, begin: CoarseStart, robot: Any) -> NDArray[np.int64]:
-        """(R,) the nearest pellets that are left, the nearest refuges, and to stay."""
+        """Return the goals (R,): the nearest remaining pellets, the nearest refuges, and staying."""
         length = begin.model.map.robot_length[robot["block"]]
         bit = begin.model.bit.astype(np.int64)
         left = (np.uint64(robot["pellets"]) >> np.maximum(bit, 0).astype(np.uint64)) & np.uint64(1)
-        there = (bit >= 0) & (left == 1) & np.isfinite(length)
+        pellet = (bit >= 0) & (left == 1) & np.isfinite(length)
         refuge = (np.arange(len(length)) >= begin.pellets) & np.isfinite(length)
         order = np.argsort(length, kind="stable")
-        found = [order[there[order]][: int(self._settings["pellets"][0])]]
-        found += [order[refuge[order]][: int(self._settings["refuges"][0])], np.array([NOWHERE])]
-        return np.concatenate(found).astype(np.int64)
+        goals = [order[pellet[order]][: int(self._settings["pellets"][0])]]
+        goals += [order[refuge[order]][: int(self._settings["refuges"][0])], np.array([NOWHERE])]
+        return np.concatenate(goals).astype(np.int64)

@@ -1,7 +1,7 @@
-"""The pursuit of one robot by one ghost as a game on blocks: moves of the robot, ways of the ghost, its targets.
+"""The pursuit of one robot by one ghost as a game on blocks: robot moves, ghost paths and ghost targets.
 
-Robot and ghost share one lattice of squares; the cells of each that are connected inside a square are a block. Times
-follow from whole squares, so that the rounding inside blocks does not add up from move to move.
+Robot and ghost share one lattice of squares. A block is a set of cells, of the robot or of the ghost, that are
+connected inside a square. Times are computed from whole squares, so that rounding inside blocks does not accumulate.
 """
 
 import math
@@ -19,16 +19,16 @@ from pacman_env.sim.coarse.model import Behaviours, behaviour_arrays
 from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.world.navigation.grid import cell_of
 
-MOST_PAIRS = 5_000_000  # of a robot's and a ghost's block: memory and time grow with them
+MOST_PAIRS = 5_000_000  # limit of pairs (robot block, ghost block), for memory and time
 LEAST_EDGE_M = 0.2
-STRAIGHT, DIAGONAL = range(2)  # moves by their offset in squares: (1, 0), (1, 1)
-SQUARES = np.array([1.0, np.sqrt(2.0)])  # length of each
-TARGETS = 5  # of a ghost while it and the robot are in one block each
-MOST_APART = 5.0  # squares: targets that are nearer to each other are one
+STRAIGHT, DIAGONAL = range(2)  # moves by offset in squares: (1, 0), (1, 1)
+SQUARES = np.array([1.0, np.sqrt(2.0)])  # length of each move
+TARGETS = 5  # most targets of a ghost for one pair of blocks
+MOST_APART = 5.0  # squares: nearer targets count as one
 
 
 class Graph(NamedTuple):
-    """B blocks of the robot, A of the ghost."""
+    """Graph of the pursuit with B blocks of the robot and A blocks of the ghost."""
 
     edge_m: Any  # side of a square
     robot_xy: Any  # (B, 2) float64, m
@@ -38,21 +38,21 @@ class Graph(NamedTuple):
     first_move: Any  # (B + 1,) int64: the moves from block r are first_move[r] to first_move[r + 1]
     move_to: Any  # (M,) int32, block
     move_kind: Any  # (M,) int8; a block's moves are sorted by it
-    ghost_length: Any  # (A, A) float32, m, over whole squares
-    ghost_next: Any  # (A, A) int16, [target, block]
+    ghost_length: Any  # (A, A) float32, m, shortest paths over whole squares
+    ghost_next: Any  # (A, A) int16, next block by [target, block]
     reach_m: Any  # (B,) float64: from the place in the block farthest from ghosts, to their nearest cell
     snap: Any  # (B,) int32: the ghosts' block nearest to a block's place
     sides: Any  # (B, 5, 2) float64, m: a block's place and its cells farthest left, right, down and up
 
 
 def build_graph(assets: MapAssets, most_pairs: int = MOST_PAIRS) -> Graph:
-    """The blocks of a map; squares have 0.2 m, or more where there would be more than ``most_pairs`` pairs."""
+    """Return the graph of a map; squares have sides of 0.2 m, or more to stay below ``most_pairs`` pairs."""
     grid, clyde = assets.grid, assets.clyde
     cells = clyde.cells_in(assets.clyde_part)
     number = np.full(len(clyde.position), -1, dtype=np.int32)
     number[cells] = np.arange(len(cells))
     near = np.where(clyde.neighbours[cells] >= 0, number[clyde.neighbours[cells]], -1).astype(np.int32)
-    # Columns and rows as the robot's, from the bottom.
+    # Columns and rows from the bottom, like the robot's.
     pixel = clyde.pixel[cells]
     rows = assets.occupancy.height - 1 - pixel[:, 1] - grid.offset[1]
     place = np.stack([pixel[:, 0] - grid.offset[0], rows], axis=1).astype(np.int32)
@@ -76,7 +76,7 @@ def build_graph(assets: MapAssets, most_pairs: int = MOST_PAIRS) -> Graph:
     xy = assets.cell_xy.astype(np.float64)
     ghost_xy = clyde.position[cells]
     corners = _ends(robot_cell, robot_block, robot_place)
-    snapped = number[assets.ghost_targets.snap[grid.cell[:, 1], grid.cell[:, 0]]]  # of each of the robot's cells
+    snapped = number[assets.ghost_targets.snap[grid.cell[:, 1], grid.cell[:, 0]]]  # for each of the robot's cells
     blocks = np.full(len(clyde.position), -1, dtype=np.int32)
     blocks[cells] = ghost_block
     away = np.hypot(*(xy - ghost_xy[snapped]).T)
@@ -103,72 +103,72 @@ def build_graph(assets: MapAssets, most_pairs: int = MOST_PAIRS) -> Graph:
 def _moves(
     start: NDArray[np.int64], ends: NDArray[np.int64], square: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int8]]:
-    """First move of each block, and by move the block that it leads to and its kind.
+    """Return the first move of each block, and for each move its destination block and its kind.
 
-    A way that touches a block between two others is as long as the direct one, so two steps count as one move where
-    their squares touch.
+    A path through a corner block is as long as the direct one, so two steps count as one move if their squares touch.
     """
     count = len(square)
-    here = np.repeat(np.arange(count), np.diff(start))
-    codes = np.unique(here * count + ends)
-    here, there = codes // count, codes % count
-    begins = np.searchsorted(here, np.arange(count + 1))
-    more = np.diff(begins)[there]
-    source = np.repeat(here, more)
+    origin = np.repeat(np.arange(count), np.diff(start))
+    codes = np.unique(origin * count + ends)
+    origin, target = codes // count, codes % count
+    begins = np.searchsorted(origin, np.arange(count + 1))
+    more = np.diff(begins)[target]
+    source = np.repeat(origin, more)
     offset = np.arange(len(source)) - np.repeat(np.cumsum(more) - more, more)
-    codes = np.unique(np.concatenate([codes, source * count + there[np.repeat(begins[there], more) + offset]]))
+    codes = np.unique(np.concatenate([codes, source * count + target[np.repeat(begins[target], more) + offset]]))
     codes = codes[np.abs(square[codes // count] - square[codes % count]).max(axis=1) == 1]
-    here, there = codes // count, codes % count
-    apart = np.sort(np.abs(square[here] - square[there]), axis=1)
+    origin, target = codes // count, codes % count
+    apart = np.sort(np.abs(square[origin] - square[target]), axis=1)
     kind = np.where(apart[:, 0] == 1, DIAGONAL, STRAIGHT)
-    order = np.lexsort((kind, here))
-    here, there, kind = here[order], there[order], kind[order]
-    return np.searchsorted(here, np.arange(count + 1)), there.astype(np.int32), kind.astype(np.int8)
+    order = np.lexsort((kind, origin))
+    origin, target, kind = origin[order], target[order], kind[order]
+    return np.searchsorted(origin, np.arange(count + 1)), target.astype(np.int32), kind.astype(np.int8)
 
 
 def _ends(cell: NDArray[np.int32], block: NDArray[np.int32], place: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(B, 5) cells of each block: its place, and those farthest left, right, down and up."""
-    found = [place]
+    """Return cells (B, 5) of each block: its place, and the cells farthest left, right, down and up."""
+    cells = [place]
     for axis, sign in ((0, 1), (0, -1), (1, 1), (1, -1)):
         order = np.lexsort((sign * cell[:, axis], block))
-        found.append(order[np.searchsorted(block[order], np.arange(len(place)))])
-    return np.stack(found, axis=1)
+        cells.append(order[np.searchsorted(block[order], np.arange(len(place)))])
+    return np.stack(cells, axis=1)
 
 
 def targets_of(
     graph: Graph, assets: MapAssets, behaviour: Behaviour, config: Config, number: int = 0
 ) -> NDArray[np.int16]:
-    """(B, A, 5) blocks that ghost ``number`` may go to, -1: no other; the first one by the places of both blocks.
+    """Return the blocks (B, A, 5) that ghost ``number`` may go to; -1: no further target.
 
-    The others are those by other places in the two blocks that are farther from the first one than a block and a half.
-    ValueError if the behaviour wanders or looks at more than positions.
+    The first target follows from the places of both blocks, the others from other positions inside the blocks if they
+    are more than ``MOST_APART`` squares away from the earlier ones. Raises ValueError if the behaviour wanders or
+    depends on more than positions.
     """
-    known = Behaviours([behaviour] * (number + 1), config)
+    behaviours = Behaviours([behaviour] * (number + 1), config)
     grid = assets.grid
-    seen = assets.ghost_targets
+    ghost_targets = assets.ghost_targets
     corner = assets.clyde.position[assets.ghost_corner[number]]
-    blocks = graph.ghost_block[seen.snap]
+    blocks = graph.ghost_block[ghost_targets.snap]
     map_ = Map(grid.affine, blocks, graph.ghost_length, MOST_APART * graph.edge_m)
     reach = 0.5 * graph.edge_m
     places = graph.sides, graph.ghost_xy
-    found = np.full((len(graph.robot_xy), len(graph.ghost_xy), TARGETS), -1, dtype=np.int16)
-    if _choose(known.table.address, number, map_, places, corner, reach, found) < 0:
+    targets = np.full((len(graph.robot_xy), len(graph.ghost_xy), TARGETS), -1, dtype=np.int16)
+    if _choose(behaviours.table.address, number, map_, places, corner, reach, targets) < 0:
         raise ValueError(
             f"ghosts {behaviour.name}: where such a ghost goes must follow from where it and the robot are"
         )
-    return found
+    return targets
 
 
 class Map(NamedTuple):
-    affine: Any  # from m to the drive grid's cells
-    block: Any  # (H, W) of the ghosts' nearest cell
+    affine: Any  # transform from m to cells of the drive grid
+    block: Any  # (H, W) block of the ghosts' nearest cell
     length: Any  # (A, A) m
-    apart_m: Any  # targets nearer than this to each other are one
+    apart_m: Any  # nearer targets count as one
 
 
 @kernel
 def _ask(table, k, robot, ghost, corner, other):  # type: ignore[no-untyped-def]
-    """Where ghost k goes, m; ``other`` are its velocity and the robot's heading. NaN if it wanders, or fails."""
+    """Return the target of ghost k, m; NaN if it wanders or fails. ``other``: ghost velocity and robot heading."""
     a = behaviour_arrays(table)
     v = a.views[k]
     v[0], v[1], v[2], v[3], v[4] = k, ghost[0], ghost[1], other[0], other[1]
@@ -179,8 +179,8 @@ def _ask(table, k, robot, ghost, corner, other):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _choose(table, k, m, places, corner, reach, found):  # type: ignore[no-untyped-def]
-    """Fill in the targets of :func:`targets_of`; -1 if the behaviour is not one of positions."""
+def _choose(table, k, m, places, corner, reach, targets):  # type: ignore[no-untyped-def]
+    """Write the targets of :func:`targets_of`; return -1 if the behaviour depends on more than positions."""
     sides, ghost_xy = places
     rows, columns = m.block.shape
     ghost = np.empty(2)
@@ -189,7 +189,7 @@ def _choose(table, k, m, places, corner, reach, found):  # type: ignore[no-untyp
         for g in range(len(ghost_xy)):
             count = 0
             for j in range(9):
-                # The place of each block, then the robot at its block's ends, then the ghost at those of its own.
+                # Centres of both blocks, then the robot at its block's ends, then the ghost at its own block's ends.
                 ghost[0], ghost[1] = ghost_xy[g, 0], ghost_xy[g, 1]
                 if j > 4:
                     ghost[(j - 5) // 2] += reach if j % 2 else -reach
@@ -205,8 +205,8 @@ def _choose(table, k, m, places, corner, reach, found):  # type: ignore[no-untyp
                 target = m.block[row, column]
                 new = count < TARGETS
                 for i in range(count):
-                    new &= m.length[target, found[r, g, i]] > m.apart_m
+                    new &= m.length[target, targets[r, g, i]] > m.apart_m
                 if new:
-                    found[r, g, count] = target
+                    targets[r, g, count] = target
                     count += 1
     return 0

@@ -1,8 +1,8 @@
-"""From which pairs of blocks can a robot with perfect information avoid a ghost for ever, and else for how long?
+"""Solve the pursuit: the pairs of blocks from which a robot with perfect information is never caught, or how late.
 
-States are (robot's block, ghost's block, credit): credit is how far the ghost has walked from its block to the next, in
-units that are a whole number to the square. A state is lost when all moves of the robot lead to lost states. The other
-states are the safe set, the greatest in which the robot can stay.
+States are (robot block, ghost block, credit), where credit is how far the ghost has walked from its block to the next
+one, in fractions of a square. A state is lost if all moves of the robot lead to lost states. The other states are the
+safe set, the largest set in which the robot can stay.
 """
 
 from typing import Any, NamedTuple
@@ -14,24 +14,24 @@ from pacman_env.engine.jit import kernel
 
 from .graph import SQUARES, Graph
 
-#: A lattice way of straight and diagonal moves is so much longer than the straight line, at most.
+#: Largest ratio of a lattice path with straight and diagonal moves to the straight line.
 LATTICE = 1.0824
-UNIT_S = 0.05  # of times in tables
+UNIT_S = 0.05  # unit of times in tables
 FOR_EVER = 65_535  # units
-_UNITS = 4  # of credit to a square
+_UNITS = 4  # of credit per square
 
 
 class Pace(NamedTuple):
-    """How far the ghost comes, in units of credit, and how long it takes the robot."""
+    """Distance of the ghost, in units of credit, and time of the robot per move."""
 
-    walked: Any  # (2,) int64: by the ghost during each kind of move, rounded down
-    lasts: Any  # (2,) int64: each kind of move, in UNIT_S, rounded up
-    levels: Any  # credits: 0 to levels - 1
-    cost: Any  # (A, A) int16: of the ghost's step between blocks that are joined, by [block, next], else 0
+    walked: Any  # (2,) int64: credit of the ghost during each kind of move, rounded down
+    lasts: Any  # (2,) int64: duration of each kind of move, in UNIT_S, rounded up
+    levels: Any  # number of credits, 0 to levels - 1
+    cost: Any  # (A, A) int16: credit of the ghost's step [block, next] between adjacent blocks, else 0
 
 
 def pace(graph: Graph, robot_mps: float, ghost_mps: float) -> Pace:
-    """Rounded in the robot's favour; the lattice makes no way of the robot's longer than it is."""
+    """Return the paces, rounded in favour of the robot, whose speed makes up for the detours of the lattice."""
     speed = LATTICE * robot_mps
     walked = np.floor(_UNITS * SQUARES * ghost_mps / speed + 1e-9).astype(np.int64)
     lasts = np.ceil(SQUARES * graph.edge_m / speed / UNIT_S - 1e-9).astype(np.int64)
@@ -42,9 +42,9 @@ def pace(graph: Graph, robot_mps: float, ghost_mps: float) -> Pace:
 
 @kernel
 def _caught(r, g, credit, targets, graph, p, radius):  # type: ignore[no-untyped-def]
-    """Whether the ghost, at its place between blocks, has caught the robot, at that of its block.
+    """Return True if the ghost, between two blocks, has caught the robot at the place of its block.
 
-    Beside a wall, where a ghost comes no nearer than its nearest cell, it has when it is there and that is enough.
+    Ghosts cannot reach places near a wall: there it is enough that the ghost is on its nearest cell.
     """
     x, y = graph.ghost_xy[g, 0], graph.ghost_xy[g, 1]
     target = np.int64(targets[r, g, 0])
@@ -62,7 +62,7 @@ def _caught(r, g, credit, targets, graph, p, radius):  # type: ignore[no-untyped
 
 @kernel
 def _turn(g, credit, before, target, graph, p):  # type: ignore[no-untyped-def]
-    """A ghost on its way from g to ``before``, as it is reckoned on its way to ``target``: no nearer than it is."""
+    """Redirect a ghost between g and the block after it from target ``before`` to ``target``, without a gain for it."""
     if credit == 0 or g == before or before == target:
         return g, credit
     ahead = graph.ghost_next[before, g]
@@ -80,7 +80,7 @@ def _turn(g, credit, before, target, graph, p):  # type: ignore[no-untyped-def]
 
 @kernel
 def _after(state, to, kind, j, targets, graph, p):  # type: ignore[no-untyped-def]
-    """The ghost's block and credit after the robot's move to a block, if it goes to its ``j``-th target; else -1."""
+    """Return the ghost's block and credit after a robot move, on the way to its ``j``-th target; block -1: none."""
     r, g, credit = state
     target = np.int64(targets[to, g, j])
     if target < 0:
@@ -95,19 +95,19 @@ def _after(state, to, kind, j, targets, graph, p):  # type: ignore[no-untyped-de
         g = following
     if g == target:
         credit = np.int64(0)
-    elif j > 0:  # from here on it is reckoned on its way to the first target
+    elif j > 0:  # states store the credit on the way to the first target
         g, credit = _turn(g, credit, target, np.int64(targets[to, g, 0]), graph, p)
     return g, credit
 
 
 @kernel
 def _longest(r, g, credit, held, targets, graph, p, left):  # type: ignore[no-untyped-def]
-    """The most time that a move leaves, FOR_EVER at the first that has it, and the number of that move.
+    """Return the longest time that a move of the robot leaves (FOR_EVER at once if one does), and that move.
 
-    ``held`` is the number of the move that is tried first.
+    The move ``held`` is tried first.
     """
     begin = graph.first_move[r]
-    many = graph.first_move[r + 1] - begin + 1  # with waiting, which is the first
+    many = graph.first_move[r + 1] - begin + 1  # move 0 is waiting
     most = 0
     for k in range(-1, many * targets.shape[2]):
         number = held if k < 0 else k
@@ -127,9 +127,9 @@ def _longest(r, g, credit, held, targets, graph, p, left):  # type: ignore[no-un
 
 @kernel
 def _solve(graph, targets, p, radius, left):  # type: ignore[no-untyped-def]
-    """Fill in ``left`` as :func:`survival`; returns how often the blocks were gone through.
+    """Write the times of :func:`survival` to ``left`` and return the number of sweeps over the blocks.
 
-    A row of a robot's block is looked at again when one that its moves lead to has changed.
+    The row of a robot block is updated again after a change of a row that its moves lead to.
     """
     blocks, ghosts, levels = left.shape
     left[:] = FOR_EVER
@@ -168,16 +168,16 @@ def _solve(graph, targets, p, radius, left):  # type: ignore[no-untyped-def]
 
 
 def survival(graph: Graph, targets: NDArray[np.int16], p: Pace, radius_m: float) -> NDArray[np.uint16]:
-    """(B, A, levels) the longest time until the ghost catches the robot, in UNIT_S; FOR_EVER: it never does."""
+    """Return the longest times (B, A, levels) until the ghost catches the robot, in UNIT_S; FOR_EVER: never."""
     left = np.empty((len(graph.robot_xy), len(graph.ghost_xy), p.levels), dtype=np.uint16)
     _solve(graph, targets, p, radius_m, left)
     return left
 
 
 def from_start(graph: Graph, left: NDArray[np.uint16], p: Pace, robot: int, ghosts: NDArray[np.int32]) -> NDArray:
-    """(N,) the time in s, inf: for ever, of a robot in block ``robot`` that makes two moves before each ghost's first.
+    """Return the times (N,) until the robot is caught, s (inf: never), from block ``robot`` and ``ghosts`` (N,).
 
-    ``ghosts`` (N,) are their blocks.
+    The robot makes two moves before the first step of the ghost.
     """
     reached, spent = {robot: 0}, {robot: 0}
     for _ in range(2):

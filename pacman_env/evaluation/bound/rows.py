@@ -1,18 +1,18 @@
-"""What is possible on one map against ghosts of one kind at one speed: a row of plain numbers.
+"""Bound and estimate on one map against one line-up of ghosts at one speed: a row of plain numbers.
 
 The JSON of ``pacman-env bound`` is ``{"schema": 1, "version", "seed", "seeds", "preset", "maps", "arguments", "config",
-"rows"}``; ``seeds`` and ``maps`` as ``pacman-env compare`` writes them. Every row holds ``map``, ``ghosts``,
+"rows"}``, with ``seeds`` and ``maps`` as written by ``pacman-env compare``. Every row contains ``map``, ``ghosts``,
 ``clyde_speed`` (m/s), ``starts``, ``block_m`` (side of a block), ``robot_blocks`` and ``ghost_blocks``, and
 
-- ``least_s``: no robot collects all pellets in less time, whatever the ghosts do;
-- ``bounded``: numbers of the ghosts whose reaction is known; without any, nothing is lost and what follows is trivial;
+- ``least_s``: lower bound of the time to collect all pellets, whatever the ghosts do;
+- ``bounded``: numbers of the predictable ghosts; without any, the following bounds are trivial;
 - ``safe_pairs``: share of the pairs of blocks from which the robot is never caught in the relaxed pursuit, by ghost;
-- ``survival_bound``: share of the starts from which it is never caught there, by any of the ghosts alone;
-- ``caught_s``: of each start, the longest time until it is caught there, null: never;
-- ``bound``: share of the starts that are not lost: the upper bound. ``lost``: numbers of those that are;
-- ``estimate``, ``estimate_ci`` (95 % Wilson), ``estimate_s`` (mean time of those won, null: none), ``won`` (numbers
-  of the starts): rounds of the coarse model, played by a search that knows all; null where there is no estimate;
-- ``contradictions``: how many starts are won there though they are lost by the bound.
+- ``survival_bound``: share of the starts from which no single ghost ever catches the robot in the pursuit;
+- ``caught_s``: for each start, the longest time until the robot is caught in the pursuit, null: never;
+- ``bound``: share of the starts that are not lost, the upper bound; ``lost``: numbers of the lost starts;
+- ``estimate``, ``estimate_ci`` (95 % Wilson), ``estimate_s`` (mean time if won, null: none), ``won`` (numbers of the
+  starts): rounds of the coarse model, won by a search with perfect information; null without an estimate;
+- ``contradictions``: number of starts that the search wins although the bound counts them as lost.
 """
 
 from collections.abc import Callable, Sequence
@@ -42,26 +42,26 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class RowTask:
-    """One row. Plain data: it goes to other processes, and other machines."""
+    """Work of one row, as plain data that can be sent to other processes and machines."""
 
     occupancy: OccupancyMap
-    prepared: Config  # that of the first row, under which the map is prepared for all of them
+    prepared: Config  # configuration of the first row, with which the map is prepared for all rows
     config: Config
     seeds: NDArray[np.uint64]
     width: int
 
 
 def make_row(task: RowTask, played: Callable[[], Any] = lambda: None) -> Row:
-    """``played`` is called at the end of each start."""
+    """Compute a row; ``played`` is called at the end of each start."""
     key = task.occupancy.hash, task.prepared, task.seeds.tolist()
-    if _kept.key != key:
-        _kept.key, _kept.bounds = key, MapBounds(map_assets(task.occupancy, task.prepared), task.seeds)
-    assert _kept.bounds is not None
-    return _kept.bounds.row(task.config, task.width, played)
+    if _cache.key != key:
+        _cache.key, _cache.bounds = key, MapBounds(map_assets(task.occupancy, task.prepared), task.seeds)
+    assert _cache.bounds is not None
+    return _cache.bounds.row(task.config, task.width, played)
 
 
 class MapBounds:
-    """The rows of one map; of each ghost and speed the pursuit is solved once."""
+    """Computes the rows of one map; the pursuit of each ghost and speed is solved once."""
 
     def __init__(self, assets: MapAssets, seeds: NDArray[np.uint64]) -> None:
         self.assets, self.seeds = assets, seeds
@@ -75,7 +75,7 @@ class MapBounds:
         return int(self.graph.robot_block[self.assets.grid.snap[row, column]])
 
     def starts(self, config: Config) -> Situation:
-        """The beginnings of the rounds, drawn as the game draws them."""
+        """Return the starts of the rounds, drawn like those of the game."""
         batch = GameBatch(self.assets, config, len(self.seeds))
         batch.reset(np.arange(len(self.seeds)), self.seeds)
         return batch.situation()
@@ -83,7 +83,7 @@ class MapBounds:
     def caught_s(
         self, situation: Situation, number: int, behaviour: Behaviour, config: Config
     ) -> tuple[NDArray[np.float64], float]:
-        """(N,) the longest time until that ghost alone catches the robot, inf: never; and the share of safe pairs."""
+        """Return the longest times (N,) until this ghost alone catches the robot (inf: never), and the safe share."""
         key = behaviour.name, number, config.clyde.speed_mps
         if key not in self._solved:
             if key[:2] not in self._targets:
@@ -93,21 +93,21 @@ class MapBounds:
             column, row, _ = self.assets.grid.locate(situation.ghosts[:, number, :2].astype(np.float64))
             rows, columns = self.assets.grid.shape
             cells = self.assets.ghost_targets.snap[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
-            found = from_start(self.graph, left, step, self.home, self.graph.ghost_block[cells])
-            self._solved[key] = found, float(np.mean(left[:, :, 0] == FOR_EVER))
+            times = from_start(self.graph, left, step, self.home, self.graph.ghost_block[cells])
+            self._solved[key] = times, float(np.mean(left[:, :, 0] == FOR_EVER))
         return self._solved[key]
 
     def row(self, config: Config, width: int, played: Callable[[], Any] = lambda: None) -> Row:
-        """``config`` has the ghosts and their speed; ``width`` of the search, 0: no estimate."""
-        known = [find_behaviour(name) for name in config.clyde.ghosts]
+        """Compute a row for the ghosts and speed in ``config``; ``width`` is that of the search (0: no estimate)."""
+        behaviours = [find_behaviour(name) for name in config.clyde.ghosts]
         situation = self.starts(config)
-        bounded = [k for k, one in enumerate(known) if is_predictable(one)]
+        bounded = [k for k, one in enumerate(behaviours) if is_predictable(one)]
         goals = self.assets.goal_xy[: self.assets.pellets]
         pellets = np.array([self._block(x, y) for x, y in goals.tolist()], dtype=np.int32)
         least = least_collection_s(self.graph, self.home, pellets, config)
-        found = [self.caught_s(situation, k, known[k], config) for k in bounded]
+        times = [self.caught_s(situation, k, behaviours[k], config) for k in bounded]
         caught = np.full(len(self.seeds), np.inf)
-        for one, _ in found:
+        for one, _ in times:
             caught = np.minimum(caught, one)
         lost = (caught < least) | (least > config.time_limit_s)
         row: Row = {
@@ -120,18 +120,18 @@ class MapBounds:
             "ghost_blocks": len(self.graph.ghost_xy),
             "least_s": least,
             "bounded": bounded,
-            "safe_pairs": [share for _, share in found],
+            "safe_pairs": [share for _, share in times],
             "survival_bound": float(np.isinf(caught).mean()),
             "caught_s": [None if np.isinf(s) else round(float(s), 2) for s in caught],
             "bound": float(np.mean(~lost)),
             "lost": np.flatnonzero(lost).tolist(),
         }
-        playable = width > 0 and len(bounded) == len(known) and self.assets.pellets <= MOST_PELLETS
-        return row | self._estimated(known, situation, config, width if playable else 0, lost, played)
+        playable = width > 0 and len(bounded) == len(behaviours) and self.assets.pellets <= MOST_PELLETS
+        return row | self._estimated(behaviours, situation, config, width if playable else 0, lost, played)
 
     def _estimated(
         self,
-        known: Sequence[Behaviour],
+        behaviours: Sequence[Behaviour],
         situation: Situation,
         config: Config,
         width: int,
@@ -143,7 +143,7 @@ class MapBounds:
                 played()
             names = ("estimate", "estimate_ci", "estimate_s", "won", "contradictions")
             return dict.fromkeys(names)
-        estimate = Estimate(list(known), config, width)
+        estimate = Estimate(list(behaviours), config, width)
         won, times = np.zeros(len(self.seeds), dtype=np.bool_), np.zeros(len(self.seeds))
         for i in range(len(self.seeds)):
             won[i], times[i] = estimate.play(situation, i)
@@ -157,11 +157,11 @@ class MapBounds:
         }
 
 
-class _Kept:
-    """The last map of this process, with what was solved on it."""
+class _Cache:
+    """The last map of this process with its solutions."""
 
     key: Any = None
     bounds: MapBounds | None = None
 
 
-_kept = _Kept()
+_cache = _Cache()

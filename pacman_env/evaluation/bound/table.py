@@ -1,4 +1,4 @@
-"""The bounds as aligned plain text of 80 columns."""
+"""Aligned plain text of the bounds, 80 columns wide."""
 
 import itertools
 import textwrap

@@ -1,8 +1,8 @@
-"""Generated levels judged by an independent reading of their map files: ``pacman-env houses``.
+"""Check generated levels by an independent reading of their map files: ``pacman-env houses``.
 
-Each level is saved as the YAML and PGM that map_server loads, read back with PyYAML and a few lines of NumPy, and
-flooded with OpenCV: home and every pellet must lie in one part where the robot's disc fits. Nothing of the project's
-own loader, grid or path fields is used.
+Each level is saved as the YAML and PGM files that map_server loads, and read back with PyYAML and a few lines of NumPy.
+An OpenCV flood fill checks that the robot's disc can go from home to every pellet. The check uses neither the project's
+loader nor its grid or path fields.
 """
 
 import argparse
@@ -26,7 +26,7 @@ FREE_ABOVE = 250  # grey, Algorithm 1
 
 
 def read_pgm(path: Path) -> NDArray[np.uint8]:
-    """Grey (H, W) of a binary PGM with 8 bits."""
+    """Return the grey values (H, W) of a binary PGM file with 8 bits."""
     data = path.read_bytes()
     header = re.match(rb"P5\s+(?:#.*\n\s*)*(\d+)\s+(\d+)\s+255\s", data)
     if header is None:
@@ -39,7 +39,7 @@ def read_pgm(path: Path) -> NDArray[np.uint8]:
 
 
 def objection(yaml_path: Path, places: NDArray[np.float64], radius_m: float) -> str:
-    """Why a disc of that radius cannot go from the first of the places (P, 2), m, to all others; "" if it can."""
+    """Explain why a disc cannot go from the first of the places (P, 2), m, to all others; "" if it can."""
     keys: dict[str, Any] = yaml.safe_load(yaml_path.read_text())
     x0, y0, yaw = keys["origin"]
     resolution = keys["resolution"]
@@ -47,7 +47,7 @@ def objection(yaml_path: Path, places: NDArray[np.float64], radius_m: float) -> 
     if not (plain and keys["free_thresh"] < keys["occupied_thresh"]):
         raise ValueError(f"{yaml_path}: {keys}")
     free = (read_pgm(yaml_path.parent / keys["image"]) > FREE_ABOVE).astype(np.uint8)
-    # Beyond the image is wall; a wall runs through the centres of its pixels.
+    # Pixels beyond the image are walls; a wall passes through the centres of its pixels.
     bordered = cv2.copyMakeBorder(free, 1, 1, 1, 1, cv2.BORDER_CONSTANT)
     room_m = resolution * cv2.distanceTransform(bordered, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
     fits = (room_m >= radius_m).astype(np.uint8)
@@ -65,7 +65,7 @@ def objection(yaml_path: Path, places: NDArray[np.float64], radius_m: float) -> 
 
 
 def judge(level: int, folder: Path) -> tuple[int, str]:
-    """The number of pellets of a level, and why it is not playable, "" if it is; its files are left in the folder."""
+    """Return the number of pellets of a level and why it is not playable ("": it is); its files stay in the folder."""
     config = make_config()
     assets = prepare_level(level, config)
     path = assets.occupancy.save(folder / f"level-{level}.yaml")

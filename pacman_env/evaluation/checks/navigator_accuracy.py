@@ -1,7 +1,7 @@
-"""The Nav2 stand-in driving to random goals without Clyde: ``pacman-env navigation``.
+"""Drive the Nav2 stand-in to random goals without Clyde: ``pacman-env navigation``.
 
-Reports the share of goals that end SUCCEEDED, the travel time against path length over speed, and the deepest
-overlap of a body with a wall. Also drives to a goal that cannot be reached, which must end ABORTED.
+Reports the share of goals that end SUCCEEDED, the travel time relative to path length over speed, and the deepest
+overlap of a body with a wall. Also drives to an unreachable goal, which must end ABORTED.
 """
 
 import argparse
@@ -36,9 +36,9 @@ ALONE: dict[str, Any] = {
 
 
 def deepest_contact(batch: GameBatch) -> float:
-    """Return the depth of the deepest overlap of a robot with a wall now, m, 0 without any."""
+    """Return the depth of the deepest overlap of a robot with a wall, m; 0 without overlap."""
     radius, places = batch.config.robot.radius_m, batch.bodies[:, :2]
-    near = np.flatnonzero(batch.games["touch"] > 0).tolist()  # elsewhere no wall is within reach
+    near = np.flatnonzero(batch.games["touch"] > 0).tolist()  # the other robots reach no wall
     depths = (overlap_m(batch.assets_of(i).grid.walls, places[i : i + 1], radius)[0] for i in near)
     return max([0.0, *map(float, depths)])
 
@@ -56,16 +56,16 @@ class Trials:
 
 
 def with_goals(assets: MapAssets, cells: NDArray[np.int64]) -> MapAssets:
-    """The same map with drivable cells as its refuges (-1: one that cannot be reached)."""
+    """Return the same map with drivable cells as its refuges (-1: an unreachable one)."""
     goal_cell = np.concatenate([assets.goal_cell[: assets.pellets], cells]).astype(np.int32)
     goal_xy = np.concatenate([assets.goal_xy[: assets.pellets], assets.cell_xy[cells].astype(np.float64)])
     fields: dict[str, Any] = path_fields(assets.grid, goal_cell)
-    apart_m = np.zeros(len(goal_xy), dtype=np.float32)  # for planner features, which nobody asks for
+    apart_m = np.zeros(len(goal_xy), dtype=np.float32)  # only planner features need it
     return dataclasses.replace(assets, goal_xy=goal_xy, goal_cell=goal_cell, goal_apart_m=apart_m, **fields)
 
 
 def drive_to_random_goals(source: str, goals: int, seed: int, preset: str = "ideal") -> Trials:
-    """Drive to ``goals`` random drivable cells, each game from where its last goal was."""
+    """Drive to ``goals`` random drivable cells; each game continues from its last goal."""
     assets = map_assets(source, make_config(preset))
     cells = np.random.default_rng(seed).choice(len(assets.cell_xy), size=goals)
     games = min(GAMES, goals)
@@ -82,7 +82,7 @@ def drive_to_random_goals(source: str, goals: int, seed: int, preset: str = "ide
 
 
 def watch_contacts(batch: GameBatch) -> list[float]:
-    """A list with the deepest overlap of a body with a wall (m), kept up to date at every physics step."""
+    """Return a list with the deepest overlap of a body with a wall (m), updated at every physics step."""
     deepest = [0.0]
 
     def watched() -> None:
@@ -93,9 +93,9 @@ def watch_contacts(batch: GameBatch) -> list[float]:
 
 
 def drive_leg(batch: GameBatch, refuge: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Drive each game to a refuge (-1: none): (N, 4) status, path length, time, distance to the goal at the end.
+    """Drive each game to a refuge (-1: none); return status, path length, time and final distance to the goal, (N, 4).
 
-    A robot that is within the goal's tolerance of its refuge has arrived: the rules send no such goal.
+    A robot within the goal tolerance of its refuge has already arrived: the rules send no such goal.
     """
     candidate = np.where(refuge >= 0, batch.pellet_slots + refuge, batch.hold)
     start, rows, step_s = batch.situation(), np.arange(batch.n), batch.config.physics_step_s
@@ -119,7 +119,7 @@ def drive_leg(batch: GameBatch, refuge: NDArray[np.int64]) -> NDArray[np.float64
 
 
 def unreachable_goal_status(source: str, seed: int, preset: str = "ideal") -> int:
-    """Status of a goal that no cell of the robot's area is near to."""
+    """Return the status of a goal that is far from all cells of the robot's area."""
     assets = map_assets(source, make_config(preset))
     batch = GameBatch(with_goals(assets, np.array([-1])), make_config(preset, **ALONE), 1)
     batch.reset(np.zeros(1, dtype=np.int64), np.array([seed], dtype=np.uint64))

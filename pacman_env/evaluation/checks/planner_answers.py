@@ -1,8 +1,8 @@
-"""Recorded paths of another planner beside the stand-in's: ``pacman-env validation --planner-answers``.
+"""Compare the stand-in's paths with recorded paths of another planner: ``pacman-env validation --planner-answers``.
 
-A file of answers is JSON: ``planner`` is the planner's name, ``settings`` are the fields of our configuration that its
-costmap had, by dotted name, and ``maps`` holds a list of answers for each map: ``start``, ``goal``, and the ``path``,
-null where it found none; all (x, y) in m.
+A file of answers is JSON: ``planner`` is the planner's name, ``settings`` are the fields of our configuration for its
+costmap, by dotted name, and ``maps`` contains a list of answers for each map: ``start``, ``goal`` and ``path`` (null:
+no path), all as (x, y) in m.
 """
 
 import json
@@ -20,13 +20,13 @@ from pacman_env.world.navigation.grid import DriveGrid, build_grid
 from pacman_env.world.navigation.paths import AT_GOAL, NO_STEP, PathFields
 
 Points = NDArray[np.float64]  # (N, 2) m
-_STEP_M = 0.02  # paths are compared at points so far apart
-_SHORT_M = 0.5  # the lengths of shorter paths are not compared
-_ANOTHER_WAY_M = 0.5  # paths this far apart lead round different sides of something
+_STEP_M = 0.02  # distance of the points at which paths are compared
+_SHORT_M = 0.5  # lengths below this are not compared
+_ANOTHER_WAY_M = 0.5  # paths farther apart pass an obstacle on different sides
 
 
 def our_path(grid: DriveGrid, fields: PathFields, start: Points, goal: Points, tolerance_m: float) -> Points | None:
-    """The stand-in's path without ghosts, through the centres of cells; None: there is none."""
+    """Return the stand-in's path without ghosts, through the centres of cells; None if there is no path."""
     column, row = grid.to_cell(*start)
     cell, end = int(grid.snap[row, column]), goal
     last = int(grid.cells_under(goal[None])[0])
@@ -48,14 +48,14 @@ def length_m(path: Points) -> float:
 
 
 def resampled(path: Points, step_m: float = _STEP_M) -> Points:
-    """Points along the path at most ``step_m`` apart, its ends among them."""
+    """Return points along the path at most ``step_m`` apart, both ends included."""
     along = np.append(0.0, np.hypot(*np.diff(path, axis=0).T).cumsum())
     at = np.linspace(0.0, along[-1], max(2, math.ceil(along[-1] / step_m) + 1))
     return np.stack([np.interp(at, along, path[:, k]) for k in (0, 1)], axis=1)
 
 
 def distances_m(points: Points, path: Points) -> NDArray[np.float64]:
-    """(N,) distance of each point to the polyline."""
+    """Return the distance (N,) of each point to the polyline."""
     first, along = path[:-1], np.diff(path, axis=0)
     off = points[:, None] - first
     share = np.clip((off * along).sum(axis=2) / np.maximum((along**2).sum(axis=1), 1e-12), 0.0, 1.0)
@@ -63,7 +63,7 @@ def distances_m(points: Points, path: Points) -> NDArray[np.float64]:
 
 
 def clearances_m(grid: DriveGrid, path: Points) -> NDArray[np.float64]:
-    """(N,) distance to the nearest solid cell's centre along a path, interpolated between the centres of cells."""
+    """Return the distances (N,) to the nearest solid cell along a path, interpolated between the centres of cells."""
     points, a = resampled(path), grid.affine
     rows, columns = grid.shape
     u = np.clip(a[0] * points[:, 0] + a[1] * points[:, 1] + a[2] - 0.5, 0.0, columns - 1.001)
@@ -77,17 +77,17 @@ def clearances_m(grid: DriveGrid, path: Points) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Pair:
-    """Our path and the other planner's; None: it found none."""
+    """The path of the stand-in and that of the other planner; None: no path."""
 
     ours: Points | None
     theirs: Points | None
 
     def apart_m(self) -> NDArray[np.float64]:
-        """Distances between the paths, from each to the other."""
+        """Return the distances between the paths, from each path to the other."""
         assert self.ours is not None
         assert self.theirs is not None
-        there = distances_m(resampled(self.ours), self.theirs), distances_m(resampled(self.theirs), self.ours)
-        return np.concatenate(there)
+        distances = distances_m(resampled(self.ours), self.theirs), distances_m(resampled(self.theirs), self.ours)
+        return np.concatenate(distances)
 
 
 def pairs_of(grid: DriveGrid, answers: list[dict[str, Any]], tolerance_m: float) -> list[Pair]:
@@ -99,7 +99,7 @@ def pairs_of(grid: DriveGrid, answers: list[dict[str, Any]], tolerance_m: float)
 
 
 def figures(grid: DriveGrid, pairs: list[Pair]) -> dict[str, float]:
-    """Counts, shares, ratios and distances (m) over all pairs on one map."""
+    """Return counts, shares, ratios and distances (m) over all pairs on one map."""
     both = [(p, p.ours, p.theirs) for p in pairs if p.ours is not None and p.theirs is not None]
     lengths = np.array([(length_m(ours), length_m(theirs)) for _, ours, theirs in both])
     ratio = np.divide(*lengths[lengths.min(axis=1) > _SHORT_M].T)
@@ -123,7 +123,7 @@ def figures(grid: DriveGrid, pairs: list[Pair]) -> dict[str, float]:
 
 
 def read_answers(path: Path) -> tuple[str, Config, dict[str, list[dict[str, Any]]]]:
-    """The planner's name, the configuration, and the answers for each map. Raises ValueError."""
+    """Return the planner's name, the configuration, and the answers for each map; raises ValueError for a bad file."""
     try:
         data = json.loads(path.read_text())
         return str(data["planner"]), make_config("robot", **data["settings"]), dict(data["maps"])
@@ -132,7 +132,7 @@ def read_answers(path: Path) -> tuple[str, Config, dict[str, list[dict[str, Any]
 
 
 def compare(path: Path) -> dict[str, dict[str, float]]:
-    """:func:`figures` for each map of a file of answers."""
+    """Return :func:`figures` for each map of a file of answers."""
     _, config, maps = read_answers(path)
     result = {}
     for name, answers in maps.items():

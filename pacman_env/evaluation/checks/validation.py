@@ -1,8 +1,8 @@
-"""The simulator beside the ten real trials, and what each cause costs: ``pacman-env validation``.
+"""Compare the simulator with the ten real trials and measure the effect of each cause: ``pacman-env validation``.
 
-The reference is the original as it was: deployed scorer, executor as built, measured speed, AMCL's latched pose, Clyde
-spawning anywhere. Every other row changes one cause and nothing else, in the same rounds. With ``--planner-answers``
-the stand-in's paths beside recorded ones of another planner.
+The reference is the original game: deployed scorer, executor as built, measured speed, AMCL's latched pose, Clyde
+spawning anywhere. Every other row changes a single cause in the same rounds. ``--planner-answers`` compares the
+stand-in's paths with recorded paths of another planner instead.
 """
 
 import argparse

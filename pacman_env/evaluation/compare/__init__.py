@@ -1,1 +1,1 @@
-"""Policies on the same rounds: ``pacman-env compare``."""
+"""Comparison of policies in the same rounds: ``pacman-env compare``."""

@@ -1,6 +1,6 @@
-"""Compare policies on the same rounds: ``pacman-env compare``.
+"""Compare policies in the same rounds: ``pacman-env compare``.
 
-``rounds`` plays, keeps and summarizes the rounds; ``table``, ``plot`` and ``evaluation.replay`` show them.
+``rounds`` plays, stores and summarizes the rounds; ``table``, ``plot`` and ``evaluation.replay`` show them.
 """
 
 import argparse
@@ -24,7 +24,7 @@ from pacman_env.executors.progress import bar_of
 from pacman_env.files import prepare, replaced
 
 _VIDEO_SUFFIXES = (".mp4", ".gif")
-#: In JSON: a list of plain values, which gets a line of its own, and a break in it; strings have no line breaks.
+#: A list of plain values in JSON, which is written on one line, and a line break in it.
 _LIST, _BREAK = re.compile(r"\[\n\s+([^][{}]*?)\n\s+\]"), re.compile(r"\n\s+")
 
 
@@ -68,12 +68,12 @@ def _compare(arguments: argparse.Namespace) -> None:
     work = list(itertools.product(maps.items(), configs, policies.items()))
     matchups = [Matchup(scenario, one, spec, seeds, arguments.threads) for (_, scenario), one, (spec, _) in work]
     parts = arguments.parts or (arguments.json or Path("results/compare")).with_suffix(".parts")
-    kept = KeptRounds(parts, matchups, arguments.resume)
+    store = KeptRounds(parts, matchups, arguments.resume)
     with (
         executor_of(arguments) as executor,
-        bar_of(executor, kept.left, "game" if config.endless else "episode") as bar,
+        bar_of(executor, store.left, "game" if config.endless else "episode") as bar,
     ):
-        played = kept.play(executor, bar.update)
+        played = store.play(executor, bar.update)
     rows = []
     for k, (((place, _), one, (_, policy)), result) in enumerate(zip(work, played, strict=True)):
         first = k - k % len(policies)  # the first policy in the same rounds
@@ -89,7 +89,7 @@ def _compare(arguments: argparse.Namespace) -> None:
         content["arguments"] = {k: v for k, v in without_executor(arguments).items() if k not in ("parts", "resume")}
         text = json.dumps(content | {"rows": rows}, indent=2, default=str, allow_nan=False)
         with replaced(json_path) as temporary:
-            temporary.write_text(_LIST.sub(lambda found: f"[{_BREAK.sub(' ', found[1])}]", text) + "\n")
+            temporary.write_text(_LIST.sub(lambda match: f"[{_BREAK.sub(' ', match[1])}]", text) + "\n")
     rounds = "endless games" if config.endless else "rounds"
     save_plot(rows, plot_path, f"Same {len(seeds)} {rounds} for every policy  ({settings})")
     if video_path is not None:

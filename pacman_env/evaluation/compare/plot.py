@@ -1,4 +1,4 @@
-"""The comparison as a picture: completion with intervals, and how the rounds ended; of endless games, pellets."""
+"""Plot of a comparison: completion with intervals and how the rounds ended, or pellets of endless games."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,7 +12,7 @@ from pacman_env.evaluation.compare.table import group_title, groups, short_name
 from pacman_env.evaluation.rounds.summary import Row
 from pacman_env.files import replaced
 
-# Okabe and Ito's palette, which the colour-blind can distinguish too
+# Okabe and Ito's palette for colour-blind readers
 _COMPLETE, _ALL_BUT_ONE = "#0072B2", "#56B4E9"
 _ENDS = (
     ("completion_rate", "complete", "#0072B2"),
@@ -20,7 +20,7 @@ _ENDS = (
     ("timeout_rate", "time-out", "#F0E442"),
     ("death_rate", "caught by Clyde", "#D55E00"),
 )
-_ROOM_FOR_TEXT = 0.08  # narrower parts of a bar carry no number
+_ROOM_FOR_TEXT = 0.08  # narrower parts of a bar have no number
 
 
 def save_plot(rows: Sequence[Row], path: Path, title: str) -> None:

@@ -1,4 +1,4 @@
-"""The comparison as aligned plain text for a terminal."""
+"""Aligned plain text of a comparison for a terminal."""
 
 import itertools
 import textwrap
@@ -6,14 +6,14 @@ from collections.abc import Callable, Sequence
 
 from pacman_env.evaluation.rounds.summary import Row
 
-WIDTH = 136  # that fits all columns, unless names are long
+WIDTH = 136  # columns of text; fits the table unless names are long
 _NAME_WIDTH = 22
 
 _Cell = Callable[[Row], str]
 
 
 def short_name(policy: str, width: int = _NAME_WIDTH) -> str:
-    """A policy's name; of a long path, its end."""
+    """Return a policy's name, shortened to its end if it is a long path."""
     return policy if len(policy) <= width else "…" + policy[1 - width :]
 
 
@@ -30,7 +30,7 @@ def group_title(row: Row) -> str:
 
 
 def render(rows: Sequence[Row], width: int = WIDTH) -> str:
-    """Return the table of all rows; columns that do not fit into ``width`` follow below, with the policies again."""
+    """Return the table of all rows; columns beyond ``width`` follow below, next to the policies again."""
     endless = rows[0]["kind"] == "endless"
     columns = _ENDLESS if endless else _ROUND
     header = (*columns, "difference")
@@ -40,7 +40,7 @@ def render(rows: Sequence[Row], width: int = WIDTH) -> str:
     ]
     widths = [max(map(len, column)) for column in zip(header, *itertools.chain.from_iterable(cells), strict=True)]
 
-    bands: list[list[int]] = [[]]  # columns that stand next to each other, without the policies'
+    bands: list[list[int]] = [[]]  # columns printed next to each other, without the column of policies
     for column in range(1, len(header)):
         if bands[-1] and sum(widths[k] + 2 for k in (*bands[-1], column)) + widths[0] > width:
             bands.append([])
@@ -59,7 +59,7 @@ def render(rows: Sequence[Row], width: int = WIDTH) -> str:
 
 
 def percent(rate: float, sign: str = "") -> str:
-    """A rate 0..1 as percent."""
+    """Format a rate 0..1 as percent."""
     return f"{100 * rate + 0.0:{sign}.1f}"
 
 

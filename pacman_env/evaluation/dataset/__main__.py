@@ -1,7 +1,7 @@
-"""Rounds as a data set for offline learning: ``pacman-env dataset``.
+"""Write rounds as a data set for offline learning: ``pacman-env dataset``.
 
-Rounds are played by ``recording``, or come from a robot's bags by ``robot_rounds``; ``minari_files`` and ``tables``
-write them, ``card`` describes them.
+``recording`` plays rounds, or ``robot_rounds`` reads them from a robot's bags; ``minari_files`` and ``tables`` write
+them, and ``card`` describes them.
 """
 
 import argparse
@@ -71,11 +71,11 @@ def make_parser() -> Parser:
 
 
 def arguments_of(arguments: argparse.Namespace) -> tuple[str, dict[str, Any]]:
-    """The environment's whole id, and the arguments that were given beside it, as Gymnasium takes them."""
+    """Return the environment's whole id and the arguments given in addition, as Gymnasium takes them."""
     env_id = arguments.id if arguments.id.startswith(_PREFIX) else _PREFIX + arguments.id
     if env_id not in IDS:
-        known = [one.removeprefix(_PREFIX) for one in IDS]
-        raise ValueError(f"--id {arguments.id}: {offer(arguments.id.removeprefix(_PREFIX), known)}")
+        names = [one.removeprefix(_PREFIX) for one in IDS]
+        raise ValueError(f"--id {arguments.id}: {offer(arguments.id.removeprefix(_PREFIX), names)}")
     named: dict[str, Any] = {"map": arguments.map, "settings": parse_settings(arguments.set) or None}
     named["observation"] = arguments.observation and tuple(arguments.observation)
     named["ghosts"] = arguments.ghosts and tuple(arguments.ghosts)
@@ -126,7 +126,7 @@ def _of_robot(arguments: argparse.Namespace, made: EnvArguments) -> Any:
 
 
 def _folder(arguments: argparse.Namespace) -> Path:
-    """Where the data set goes; raises ValueError before the work, not after it."""
+    """Return the folder of the data set; raises ValueError early if it cannot be written."""
     if not _is_name(arguments.name, "minari" in arguments.format):
         rule = (
             "must be as pacman-env/lookahead-v0: letters, digits, - and _, with a version; a namespace has two or more"
@@ -139,8 +139,8 @@ def _folder(arguments: argparse.Namespace) -> Path:
 
 
 def _is_name(name: str, for_minari: bool) -> bool:
-    """Tell whether a folder of this name, and for Minari a data set, can be found again."""
-    if not _NAME.fullmatch(name) or "data" in name.split("/"):  # Minari takes every folder with a "data" for a data set
+    """Return True if a folder of this name, and a Minari data set in it, can be found by its reader."""
+    if not _NAME.fullmatch(name) or "data" in name.split("/"):  # Minari treats every folder with a "data" as a data set
         return False
     if not for_minari:
         return True
@@ -157,7 +157,7 @@ def _facts(arguments: argparse.Namespace, given: Sequence[str], env_id: str, cor
         "bags": [path.name for path in arguments.bags or ()],
         "id": env_id,
         "map": arguments.map or IDS[env_id].kwargs.get("map", "house"),
-        "map_hash": first.hash,  # of generated levels that of the first
+        "map_hash": first.hash,  # for generated levels, the hash of the first
         "seed": None if arguments.bags else arguments.seed,
         "version": __version__,
         "sources": package_hash(),
@@ -170,7 +170,7 @@ def _facts(arguments: argparse.Namespace, given: Sequence[str], env_id: str, cor
 
 
 def _command(given: Sequence[str]) -> str:
-    """Without what does not matter to the files' content: where rounds are played, and where the files are."""
+    """Return the arguments without executor and output options, which do not affect the files."""
     other = argparse.ArgumentParser(add_help=False)
     other.add_argument("--root")
     add_executor_arguments(other)
@@ -195,7 +195,7 @@ def _writers(
 
 @contextlib.contextmanager
 def _simulated(arguments: argparse.Namespace, tasks: Sequence[Recording]) -> Iterator[Iterator[Rounds]]:
-    """The rounds while they are played, with a bar."""
+    """Play the rounds, and yield them while a progress bar runs."""
     total = sum(len(task.seeds) for task in tasks)
     with executor_of(arguments) as executor, bar_of(executor, total, "round") as bar:
 
@@ -208,7 +208,7 @@ def _simulated(arguments: argparse.Namespace, tasks: Sequence[Recording]) -> Ite
 
 
 def _written(parts: Iterable[Rounds], writers: Sequence[Any]) -> dict[str, Any]:
-    """Write, and count."""
+    """Write all rounds and return their totals; raises ValueError without rounds."""
     notes = []
     for played in parts:
         for writer in writers:

@@ -1,7 +1,7 @@
-"""Rounds as a data set of Minari: ``data/main_data.hdf5`` and its metadata.
+"""Write rounds as a Minari data set: ``data/main_data.hdf5`` and its metadata.
 
-Minari makes the storage and its metadata. The rounds are written by HDF5's own functions, as Minari's writer takes
-some times as long; its reader is what the tests read them with.
+Minari creates the storage and its metadata. Rounds are written with HDF5's own functions, because Minari's writer is
+several times slower; the tests read them with Minari.
 """
 
 import copy
@@ -26,11 +26,11 @@ from pacman_env.sim.observation.kinds import MASK
 
 from .recording import Rounds, outcomes
 
-_ROUND_BYTES, _FILE_BYTES = 2**14, 2**21  # more than HDF5 takes beside the arrays
+_ROUND_BYTES, _FILE_BYTES = 2**14, 2**21  # upper bounds of HDF5's overhead
 
 
 def is_dataset_id(name: str) -> bool:
-    """Tell whether Minari takes a name, and gives the same one back."""
+    """Return True if Minari accepts a name and returns the same one."""
     try:
         return gen_dataset_id(*parse_dataset_id(name)) == name
     except ValueError:
@@ -38,24 +38,24 @@ def is_dataset_id(name: str) -> bool:
 
 
 class MinariFiles:
-    """The writer of one data set, a context manager; the folder must not have a data set of Minari yet."""
+    """Writer of one data set, a context manager; the folder must not contain a Minari data set yet."""
 
     def __init__(self, folder: Path, spec: EnvSpec, spaces: tuple[Any, Any], facts: dict[str, Any]) -> None:
-        """``spaces`` are those of observations and of actions; ``facts`` are further metadata, as JSON has it."""
+        """Create the storage with the spaces of observations and actions, and ``facts`` as additional metadata."""
         self._folder = folder
         self._require_room(0)
-        data = folder.absolute() / "data"  # Minari joins a relative path to itself where it measures the size
+        data = folder.absolute() / "data"  # Minari joins a relative path to itself to measure the size
         self._storage = MinariStorage.new(data, *spaces, env_spec=spec, data_format="hdf5", jpeg_encoding=False)
         self._storage.update_metadata({"minari_version": minari.__version__, **facts})
         self._file = h5py.File(data / "main_data.hdf5", "w", libver="latest")
         self._types: dict[str, Any] = {}
         self._arrays, self._groups = h5p.create(h5p.DATASET_CREATE), h5p.create(h5p.GROUP_CREATE)
         for properties in (self._arrays, self._groups):
-            properties.set_obj_track_times(False)  # the same rounds are the same bytes
+            properties.set_obj_track_times(False)  # so that the same rounds give the same bytes
         self._number = self._steps = 0
 
     def write(self, played: Rounds) -> None:
-        """Append rounds; raises OSError where the disk has no room for twice their size."""
+        """Append rounds; raises OSError unless the disk has room for twice their size."""
         arrays = [*vars(played).values(), *played.observations.values()]
         size = sum(array.nbytes for array in arrays if isinstance(array, np.ndarray))
         self._require_room(2 * (size + len(played.rounds) * _ROUND_BYTES))
@@ -87,7 +87,7 @@ class MinariFiles:
         self._steps += len(played.actions)
 
     def _require_room(self, size: int) -> None:
-        """HDF5 ends the whole process by a segmentation fault after a write that failed: none may fail."""
+        """Raise OSError if the disk may become full: after a failed write, HDF5 crashes with a segmentation fault."""
         if shutil.disk_usage(self._folder).free < size + _FILE_BYTES:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._folder))
 
@@ -103,7 +103,7 @@ class MinariFiles:
         return h5g.create(above, name.encode(), gcpl=self._groups)
 
     def _parent(self, groups: dict[str, Any], path: str) -> Any:
-        """The group of this path in a round, made where it is not there."""
+        """Return the group of this path in a round, and create it if necessary."""
         if path not in groups:
             above, _, name = path.rpartition("/")
             groups[path] = self._group(self._parent(groups, above), name)
@@ -119,7 +119,7 @@ class MinariFiles:
 
 
 def spec_of(env_id: str, arguments: dict[str, Any]) -> EnvSpec:
-    """Gymnasium's spec of an environment with these arguments, by which a reader makes it again."""
+    """Return Gymnasium's spec of an environment with these arguments, so that readers can create it again."""
     spec = copy.deepcopy(gym.spec(env_id))
     spec.kwargs.update(as_json(arguments))
     return spec

@@ -1,6 +1,6 @@
-"""Rounds of a policy in an environment, many at once, with all that was seen and done, as arrays.
+"""Record rounds of a policy in an environment, many at once, with observations and decisions as arrays.
 
-A task is plain data, and the arrays depend on it alone: not on the batch that a round is played in, nor on the
+A task is plain data, and the arrays depend on it alone, neither on the batch in which a round is played nor on the
 executor.
 """
 
@@ -26,40 +26,40 @@ from pacman_env.policies.asking import choose, reset
 from pacman_env.sim.maps.level_source import FixedMap
 from pacman_env.world.maps.occupancy import load_map, shipped_maps
 
-_MOST_PER_TASK = 500  # rounds
-_TASK_BYTES = 2**27  # of observations, about
-_DECISIONS = 100  # of a round, about
-#: What is known of a round.
+_MOST_PER_TASK = 500  # most rounds of a task
+_TASK_BYTES = 2**27  # approximate bytes of a task's observations
+_DECISIONS = 100  # approximate number of decisions in a round
+#: Record of a round.
 ROUND = np.dtype(
     [
         ("seed", np.uint64),  # ``options={"round_seed": seed}`` plays it again
-        ("level", np.int64),  # 0 where there is one map
-        ("outcome", np.int64),  # place in OUTCOMES
+        ("level", np.int64),  # 0 if there is one map
+        ("outcome", np.int64),  # index in OUTCOMES
         ("decisions", np.int64),
         ("return", np.float64),
-        ("collected", np.int64),  # in an endless game of all rounds
+        ("collected", np.int64),  # in an endless game, of all rounds
         ("spawned", np.int64),
-        ("unlisted", np.int64),  # choices that no action stands for: hold was played
+        ("unlisted", np.int64),  # choices without an action, for which hold was played
     ]
 )
 
 
 @dataclass(frozen=True)
 class Recording:
-    """Rounds of one policy in one environment."""
+    """A task: rounds of one policy in one environment."""
 
     policy: str  # a name or a file
     arguments: EnvArguments
     seeds: NDArray[np.uint64]  # (E,)
-    files: Mapping[str, dict[str, bytes]] = field(default_factory=dict)  # the policies' for another machine, by path
+    files: Mapping[str, dict[str, bytes]] = field(default_factory=dict)  # policy files by path, for another machine
 
 
 @dataclass(frozen=True)
 class Rounds:
-    """E rounds with D decisions in all, one after the other; of what is seen there is one more in each round."""
+    """E rounds with D decisions in total, one after the other; each round has one more observation than decisions."""
 
     rounds: NDArray  # (E,) ROUND
-    observations: dict[str, NDArray[Any]]  # (D + E, ...), keys of nested observations joined by "/", of an array ""
+    observations: dict[str, NDArray[Any]]  # (D + E, ...), nested keys joined by "/"; "" for a single array
     masks: NDArray[np.int8]  # (D + E, C)
     actions: NDArray[np.int64]  # (D,)
     rewards: NDArray[np.float64]  # (D,)
@@ -68,14 +68,14 @@ class Rounds:
     elapsed_s: NDArray[np.float64]  # (D,) simulated, until the next decision
 
     def slices(self) -> Iterator[tuple[slice, slice]]:
-        """Of each round: its decisions, and what was seen."""
+        """Yield the slices of the decisions and of the observations of each round."""
         ends = np.cumsum(self.rounds["decisions"]).tolist()
         for number, (end, count) in enumerate(zip(ends, self.rounds["decisions"].tolist(), strict=True)):
             yield slice(end - count, end), slice(end - count + number, end + number + 1)
 
 
 def round_seeds(seed: int, episodes: int) -> NDArray[np.uint64]:
-    """Draw the seeds (E,) as for a comparison, cut to 63 bits as environments draw them."""
+    """Draw the seeds (E,) like a comparison, cut to 63 bits like those of environments."""
     return episode_seeds(seed, episodes) % np.uint64(SEEDS)
 
 
@@ -86,9 +86,9 @@ def check(config: Config) -> None:
 
 
 def tasks_of(policy: str, arguments: EnvArguments, seeds: NDArray[np.uint64]) -> list[Recording]:
-    """In the order of the data set: rounds of a level are neighbours, so that its map is prepared once.
+    """Return the tasks in the order of the data set; rounds of a level are adjacent, so that its map is prepared once.
 
-    Raises ConfigError, MapError, or what making the policy raises.
+    Raises ConfigError, MapError, or the error of creating the policy.
     """
     load_policy(policy)
     config, _ = arguments.make_config()
@@ -104,7 +104,7 @@ def tasks_of(policy: str, arguments: EnvArguments, seeds: NDArray[np.uint64]) ->
 
 
 def recorded(tasks: Sequence[Recording], executor: Executor) -> Generator[Rounds, None, None]:
-    """The rounds of all tasks, in their order whatever the executor; raises the first error."""
+    """Yield the rounds of all tasks in order, whatever the executor; raises the first error."""
     if executor.remote:
         tasks = [_sent(task) for task in tasks]
     early: dict[int, Rounds] = {}
@@ -118,7 +118,7 @@ def recorded(tasks: Sequence[Recording], executor: Executor) -> Generator[Rounds
 
 
 def _sent(task: Recording) -> Recording:
-    """With the map's pixels and the policy's file."""
+    """Return the task with the map's pixels and the policies' files, for another machine."""
     arguments = task.arguments
     source = arguments.map
     if isinstance(source, str) and source.partition(":")[0] not in (*shipped_maps(), "generated"):
@@ -139,15 +139,15 @@ def record(task: Recording) -> Rounds:
     return _Recorder(core, policy, task.seeds).play()
 
 
-class _Seen(NamedTuple):
-    """Before a decision in every game, or after its last."""
+class _View(NamedTuple):
+    """Observations and mask of every game, before a decision or after the last one."""
 
     observations: dict[str, NDArray[Any]]
     mask: NDArray[np.bool_]
 
 
-class _Done(NamedTuple):
-    """A decision in every game, each (N,)."""
+class _Decision(NamedTuple):
+    """Decision and results of every game, each (N,)."""
 
     action: NDArray[np.int64]
     reward: NDArray[np.float64]
@@ -157,51 +157,51 @@ class _Done(NamedTuple):
 
 
 class _Recorder:
-    """A game that has ended begins its next round with the step of the others: so each step is observed once."""
+    """Plays rounds in a batch; an ended game starts its next round in the step of the others, so one view is enough."""
 
     def __init__(self, core: EnvCore, policy: Any, seeds: NDArray[np.uint64]) -> None:
         self._core, self._policy, self._seeds = core, policy, seeds
         n = core.batch.n
-        self._round = np.arange(n)  # that each game plays, -1: none
-        self._began = np.zeros(n, dtype=np.int64)  # the step of its first decision
+        self._round = np.arange(n)  # round that each game plays, -1: none
+        self._began = np.zeros(n, dtype=np.int64)  # step of the first decision in the round
         self._unlisted = np.zeros(n, dtype=np.int64)
-        self._next = n  # round to begin
+        self._next = n  # next round to start
         self._rounds = np.zeros(len(seeds), dtype=ROUND)
-        self._places = np.zeros((len(seeds), 2), dtype=np.int64)  # of each round: its game, and its first step
+        self._places = np.zeros((len(seeds), 2), dtype=np.int64)  # game and first step of each round
 
     def play(self) -> Rounds:
         core, n = self._core, self._core.batch.n
         core.reset(np.arange(n), self._seeds[:n])
         reset(self._policy, np.ones(n, dtype=np.bool_), core.config)
         over = np.zeros(n, dtype=np.bool_)
-        seen, done = [self._look()], list[_Done]()
+        seen, done = [self._look()], list[_Decision]()
         while (self._round >= 0).any():
             done.append(self._decide(over))
-            again = np.flatnonzero(over & (self._round >= 0))
-            if len(again):
-                core.reset(again, self._seeds[self._round[again]], in_step=True)
-                self._began[again], self._unlisted[again] = len(done), 0
-            begun = np.isin(np.arange(n), again) | (core.batch.completed_s > 0)
-            if begun.any():
-                reset(self._policy, begun, core.config)
+            restarts = np.flatnonzero(over & (self._round >= 0))
+            if len(restarts):
+                core.reset(restarts, self._seeds[self._round[restarts]], in_step=True)
+                self._began[restarts], self._unlisted[restarts] = len(done), 0
+            starts = np.isin(np.arange(n), restarts) | (core.batch.completed_s > 0)
+            if starts.any():
+                reset(self._policy, starts, core.config)
             seen.append(self._look())
             over = self._end(done[-1], over, len(done))
         return self._collected(seen, done)
 
-    def _look(self) -> _Seen:
-        return _Seen(flattened(self._core.observe()), self._core.masks())
+    def _look(self) -> _View:
+        return _View(flattened(self._core.observe()), self._core.masks())
 
-    def _decide(self, over: NDArray[np.bool_]) -> _Done:
-        """The policy's choice, and the ticks until the next; games that are over stand still."""
+    def _decide(self, over: NDArray[np.bool_]) -> _Decision:
+        """Play the policy's choice until the next decision; games that are over stand still."""
         core = self._core
         chosen = choose(self._policy, core.situation)
         action, listed = core.observer.actions_of(chosen)
         self._unlisted += ~listed
         rewards, terminated, truncated = core.step(action)
-        return _Done(action, rewards, terminated & ~over, truncated & ~over, core.elapsed_s.copy())
+        return _Decision(action, rewards, terminated & ~over, truncated & ~over, core.elapsed_s.copy())
 
-    def _end(self, done: _Done, over: NDArray[np.bool_], steps: int) -> NDArray[np.bool_]:
-        """(N,) which games are over now; notes their rounds and gives them the next ones."""
+    def _end(self, done: _Decision, over: NDArray[np.bool_], steps: int) -> NDArray[np.bool_]:
+        """Return the mask (N,) of games that are over; record their rounds and assign the next ones."""
         batch = self._core.batch
         many = (batch.games["round"] > MOST_ROUNDS) & ~over
         done.truncated[many & ~done.terminated] = True
@@ -221,8 +221,8 @@ class _Recorder:
         self._next += len(ended)
         return (batch.games["end"] != RUNNING) | many | (self._round < 0)
 
-    def _collected(self, seen: list[_Seen], done: list[_Done]) -> Rounds:
-        """The rows of each round, in the order of the seeds."""
+    def _collected(self, seen: list[_View], done: list[_Decision]) -> Rounds:
+        """Return the rows of each round, in the order of the seeds."""
         counts, games, began = self._rounds["decisions"], self._places[:, 0], self._places[:, 1]
 
         def rows(steps: list[Any], extra: int) -> NDArray[Any]:
@@ -239,7 +239,7 @@ class _Recorder:
 
 
 def flattened(observation: Any, key: str = "") -> dict[str, Any]:
-    """The arrays of a nested observation, or the spaces of its space, by their keys joined by "/"."""
+    """Return the arrays of a nested observation, or the parts of its space, by their keys joined by "/"."""
     if not hasattr(observation, "items"):
         return {key: observation}
     parts = (flattened(part, f"{key}/{name}".lstrip("/")) for name, part in observation.items())
@@ -247,5 +247,5 @@ def flattened(observation: Any, key: str = "") -> dict[str, Any]:
 
 
 def outcomes(rounds: NDArray) -> list[str]:
-    """Of each round as a word."""
+    """Return the outcome of each round as a word."""
     return [str(word) for word in OUTCOMES[rounds["outcome"]].tolist()]

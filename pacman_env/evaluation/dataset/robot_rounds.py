@@ -1,6 +1,6 @@
-"""Rounds that a robot has played, from its bags, as if they were recorded in the environment.
+"""Read a robot's rounds from its bags as if they were recorded in the environment.
 
-What was seen is made from what the robot knew; rewards follow from the statuses of the game, by the configuration.
+Observations are made from the robot's knowledge; rewards follow from the game's statuses and the configuration.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from pacman_env.sim.observation.situation import Situation
 
 from .recording import ROUND, Rounds, flattened
 
-#: Kinds that are made of a situation alone.
+#: Observation kinds that need nothing but a situation.
 KINDS = ("features", "planner", "bearings")
 _CODES = {word: code for code, word in enumerate(OUTCOMES.tolist())}
 
 
-#: Sections of a configuration that say how rounds are shown to a learner, not how they are played.
+#: Sections of a configuration that affect how learners see rounds, but not how rounds are played.
 _NOT_PLAYED = ("observation", "action", "decisions", "randomize", "max_cycles", "num_levels", "start_level")
 
 
 class RobotRounds:
-    """The rounds of some bags in an environment; raises BagError, or ConfigError for kinds that need the simulator."""
+    """Rounds of bags in an environment; raises BagError, or ConfigError for kinds that need the simulator."""
 
     def __init__(self, bags: Sequence[Path], arguments: EnvArguments, namespace: str | None = None) -> None:
-        """``arguments`` of the environment but for what the first bag's game was played by."""
+        """Read the game's configuration from the first bag; ``arguments`` supply everything else."""
         self._bags, self._namespace = bags, namespace
-        self.unchecked: dict[str, str] = {}  # by bag that was read: why damage to its messages cannot be ruled out
+        self.unchecked: dict[str, str] = {}  # by bag: why damage to its messages cannot be ruled out
         with open_bag(bags[0], namespace) as bag:
             self.arguments = _played_by(recorded_config(bag), arguments)
         self._core = EnvCore(1, self.arguments)
@@ -50,13 +50,13 @@ class RobotRounds:
                 raise ConfigError(f"observation kind {kind!r}: of a robot's rounds there are only {', '.join(KINDS)}")
 
     def rounds(self) -> Iterator[Rounds]:
-        """Those with a decision, bag after bag."""
+        """Yield the rounds with at least one decision, bag after bag."""
         for path in self._bags:
             with open_bag(path, self._namespace) as bag:
                 if not bag.has(topics.SCORES):
                     raise BagError(f"{path}: no {topics.SCORES.name}: the choices of its goal selector are not known")
-                taken, config = _Taken(self._core), recorded_config(bag)
-                walk = Walk(bag, map_assets(self.arguments.map, config), config, taken)
+                recorder, config = _RoundRecorder(self._core), recorded_config(bag)
+                walk = Walk(bag, map_assets(self.arguments.map, config), config, recorder)
                 if (
                     walk.view.hold != self._core.batch.hold
                     or len(config.clyde.ghosts) != self._core.batch.ghosts.shape[1]
@@ -65,13 +65,13 @@ class RobotRounds:
                 walk.run()
             if bag.unchecked:
                 self.unchecked[path.name] = bag.unchecked
-            yield from taken.rounds
+            yield from recorder.rounds
 
 
 def _played_by(played: Config, arguments: EnvArguments) -> EnvArguments:
-    """Ghosts that a policy moved wander: the observation has their number alone."""
-    found = differences(make_config("robot").as_dict(), played.as_dict())
-    changed = {name: value for name, (_, value) in found.items() if name.partition(".")[0] not in _NOT_PLAYED}
+    """Return the arguments of a played game; ghosts of a policy become wandering ones, as only their number matters."""
+    changes = differences(make_config("robot").as_dict(), played.as_dict())
+    changed = {name: value for name, (_, value) in changes.items() if name.partition(".")[0] not in _NOT_PLAYED}
     changed.pop("clyde.ghosts", None)
     ghosts = tuple("wander" if name == "policy" else name for name in played.clyde.ghosts)
     if isinstance(arguments.settings, Config):
@@ -79,8 +79,8 @@ def _played_by(played: Config, arguments: EnvArguments) -> EnvArguments:
     return replace(arguments, ghosts=ghosts, preset="robot", settings={**changed, **(arguments.settings or {})})
 
 
-class _Taken:
-    """Follows a walk, and takes down its rounds; one without a decision is left out."""
+class _RoundRecorder:
+    """Listener of a walk that collects its rounds and omits those without a decision."""
 
     def __init__(self, core: EnvCore) -> None:
         self.rounds: list[Rounds] = []
@@ -101,7 +101,7 @@ class _Taken:
 
     def report(self, at_s: float, status: str) -> None:
         word, _, number = status.partition(":")
-        if word == "pellet_collected" and number not in [known for _, known in self._collected]:
+        if word == "pellet_collected" and number not in [pellet for _, pellet in self._collected]:
             self._collected.append((at_s, number))
         elif word in ("death_detected", "game_complete"):
             self._word = word
@@ -110,7 +110,7 @@ class _Taken:
         core = self._core
         self._look(situation)
         self._spawned = max(self._spawned, int(situation.pellets_left[0]) + len(self._collected))
-        assert recorded is not None  # the bag has the choices
+        assert recorded is not None  # bags without choices are refused above
         (action,), (listed,) = core.observer.actions_of(np.array([recorded]))
         self._unlisted += not listed
         self._actions.append(int(action))
@@ -119,7 +119,7 @@ class _Taken:
     def end(self, at_s: float, state: str, situation: Situation | None) -> None:
         if not self._actions:
             return
-        if situation is None:  # as it was seen last
+        if situation is None:  # repeat the last observation
             self._seen.append(self._seen[-1])
             self._masks.append(self._masks[-1])
         else:
@@ -145,7 +145,7 @@ class _Taken:
         self._masks.append(self._core.masks()[0])
 
     def _outcome(self, state: str) -> str:
-        """``running`` where a person broke it off."""
+        """Return the outcome of a round; ``running`` if a person interrupted it."""
         if state == "dying" or self._word == "death_detected":
             return "caught"
         if state == "complete" or self._word == "game_complete":
@@ -153,7 +153,7 @@ class _Taken:
         return "running"
 
     def _rewards(self, elapsed_s: Any, outcome: str) -> Any:
-        """(D,) as in the environment, but for ``reward.progress``: ticks, pellets and the end."""
+        """Return the rewards (D,) of ticks, pellets and the end as in the environment, without ``reward.progress``."""
         config = self._core.config
         rewards = config.reward.tick * elapsed_s / config.execution.tick_s
         pellet_of = np.searchsorted(self._at_s, [at_s for at_s, _ in self._collected], side="right") - 1

@@ -1,6 +1,6 @@
-"""Rounds as two Parquet tables: ``decisions.parquet`` has a row for each decision, ``rounds.parquet`` for each round.
+"""Write rounds as two Parquet tables: ``decisions.parquet`` with a row per decision, ``rounds.parquet`` per round.
 
-Numbers are columns, arrays are lists of a fixed size, laid out in a row; their shapes are in the columns' metadata.
+Numbers are columns. Arrays are flattened to lists of a fixed size; the columns' metadata contains their shapes.
 """
 
 import json
@@ -20,10 +20,10 @@ DECISIONS, ROUNDS = "decisions.parquet", "rounds.parquet"
 
 
 class Tables:
-    """The writer of both, a context manager."""
+    """Writer of both tables, a context manager."""
 
     def __init__(self, folder: Path, facts: dict[str, Any]) -> None:
-        """``facts`` are kept under the key ``pacman_env`` in the schemas' metadata, as JSON."""
+        """Write ``facts`` as JSON to the schemas' metadata, under the key ``pacman_env``."""
         self._folder, self._metadata = folder, {"pacman_env": json.dumps(facts)}
         self._writers: dict[str, pq.ParquetWriter] = {}
         self._number = 0
@@ -84,12 +84,12 @@ class Tables:
 
 
 def _column(key: str) -> str:
-    """Of a part of an observation."""
+    """Return the column name of a part of an observation."""
     return f"observation.{key.removeprefix('observation/').replace('/', '.')}" if key else "observation"
 
 
 def _list(array: NDArray[Any]) -> pa.Array:
-    """(R, ...) as R rows."""
+    """Convert an array (R, ...) to R rows."""
     if array.ndim == 1:
         return pa.array(array)
     values = pa.array(np.ascontiguousarray(array).reshape(-1))

@@ -1,1 +1,1 @@
-"""The league table of policies: ``pacman-env leaderboard``."""
+"""League table of policies: ``pacman-env leaderboard``."""

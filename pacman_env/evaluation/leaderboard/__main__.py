@@ -1,6 +1,6 @@
 """Write the league table of policies: ``pacman-env leaderboard``.
 
-``suites`` chooses the cells, ``rounds`` plays, keeps and summarizes the rounds, ``numbers`` compares, ``page`` shows.
+``suites`` chooses the cells, ``rounds`` plays, stores and summarizes the rounds, ``numbers`` compares, ``page`` shows.
 """
 
 import argparse
@@ -49,14 +49,14 @@ _FOLDER = Path("results/leaderboard")
 
 @dataclass(frozen=True)
 class Plan:
-    """What to play: every policy on every map of every cell."""
+    """Rounds to play: every policy on every map of every cell."""
 
     suite: Suite
     maps: dict[str, Scenario]  # the real maps by name
-    policies: dict[str, str]  # names in results, by spec
-    hashes: dict[str, str | None]  # of planner files, by spec
-    planner: str  # its name
-    apart: frozenset[str]  # names
+    policies: dict[str, str]  # names in results by spec
+    hashes: dict[str, str | None]  # hashes of planner files by spec
+    planner: str  # name of the planner
+    apart: frozenset[str]  # names of policies that do not count among the best others
     seed: int
 
     @functools.cached_property
@@ -65,7 +65,7 @@ class Plan:
 
     @functools.cached_property
     def places(self) -> dict[str, tuple[Scenario, Config]]:
-        """Every scenario by name, with a configuration to open it."""
+        """Return every scenario by name, with a configuration to open it."""
         places: dict[str, tuple[Scenario, Config]] = {}
         for cell in self.cells:
             for name, one in cell.scenarios.items():
@@ -124,9 +124,9 @@ def _leaderboard(arguments: argparse.Namespace) -> None:
         plan = _plan(arguments)
         prepare(arguments.json)
         prepare(page)
-        kept = KeptRounds(arguments.parts, plan.matchups(), arguments.resume)
-        with executor_of(arguments) as executor, bar_of(executor, kept.left, "round") as bar:
-            played = kept.play(executor, bar.update)
+        store = KeptRounds(arguments.parts, plan.matchups(), arguments.resume)
+        with executor_of(arguments) as executor, bar_of(executor, store.left, "round") as bar:
+            played = store.play(executor, bar.update)
         table = _table(plan, [records for records, _ in played], arguments)
         text = dump(table, arguments.json)
         with replaced(arguments.json) as temporary:
@@ -139,7 +139,7 @@ def _leaderboard(arguments: argparse.Namespace) -> None:
 
 
 def read_table(path: Path) -> LeagueTable:
-    """The numbers of a table; a ValueError names the file and the field that is wrong."""
+    """Read the numbers of a table; raises ValueError, with file and field, if they are invalid."""
     try:
         text = path.read_bytes()
     except OSError as error:
@@ -189,7 +189,7 @@ def _plan(arguments: argparse.Namespace) -> Plan:
 
 
 def _table(plan: Plan, played: Sequence[NDArray], arguments: argparse.Namespace) -> LeagueTable:
-    results, following = [], iter(played)  # in the order of plan.matchups()
+    results, following = [], iter(played)  # rounds in the order of plan.matchups()
     for cell in plan.cells:
         rounds: dict[str, list[NDArray]] = {name: [] for name in plan.policies.values()}
         for _, name in itertools.product(cell.scenarios, rounds):
@@ -234,7 +234,7 @@ def _table(plan: Plan, played: Sequence[NDArray], arguments: argparse.Namespace)
 
 
 def _command(arguments: argparse.Namespace, specs: list[str], planner: str) -> str:
-    """The command that repeats the rounds of these policies, without what does not change them."""
+    """Return the command that repeats the rounds of these policies, without options that do not affect the rounds."""
     words = ["pacman-env", "leaderboard", "--suite", arguments.suite]
     words += [] if arguments.suites is None else ["--suites", str(arguments.suites)]
     words += ["--seed", str(arguments.seed), "--policies", *specs, "--planner", planner]

@@ -1,7 +1,7 @@
-"""The numbers of a league table, from the rounds of its parts: what its JSON holds and its page shows.
+"""Numbers of a league table, computed from the rounds of its parts, for its JSON and its page.
 
-Rates are 0..1. A share of rounds has Wilson's interval, a difference of two shares in the same rounds Newcombe's for
-pairs; both are 95 %.
+Rates are 0..1. Shares of rounds have Wilson's interval, and differences of two shares in the same rounds have
+Newcombe's interval for pairs; both are 95 %.
 """
 
 import math
@@ -20,23 +20,23 @@ from pacman_env.evaluation.rounds.summary import compare_completion, of_rounds
 from pacman_env.game.execution import COMPLETE
 
 SCHEMA: Literal[2] = 2
-LEAST_ROUNDS = 4  # of a place that counts for the worst tenth
+LEAST_ROUNDS = 4  # least rounds of a place that counts for the worst tenth
 Verdict = Literal["better", "not different", "WORSE"]
 Difference = Annotated[float, Meta(ge=-1, le=1)]
 Group = Annotated[str, Meta(min_length=1)]
 
 
 class WorstTenth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Mean completion over the worst tenth of places; its expectation is between those of ``low`` and ``high``."""
+    """Mean completion over the worst tenth of places; the true value is expected between ``low`` and ``high``."""
 
     places: AtLeastOne  # levels or maps with at least LEAST_ROUNDS rounds
-    worst: AtLeastOne  # how many of them are the worst tenth
-    low: Share  # chosen and measured by the same rounds
-    high: Share  # chosen by one half of the rounds, measured by the other
+    worst: AtLeastOne  # number of places in the worst tenth
+    low: Share  # places chosen and measured by the same rounds
+    high: Share  # places chosen by one half of the rounds, measured by the other half
 
 
 class PolicyInCell(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One policy in one cell."""
+    """Results of one policy in one cell."""
 
     policy: str
     completion_rate: Share
@@ -44,13 +44,13 @@ class PolicyInCell(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     death_rate: Share
     timeout_rate: Share
     cleared_rate: Share  # no pellet left, some lost
-    pellets_share: Share  # collected of a round's pellets, mean
+    pellets_share: Share  # mean share of a round's pellets that was collected
     worst_tenth: WorstTenth | None  # None: no place has enough rounds
-    win_time_mean_s: NotNegative | None  # of completed rounds; None: there is none
+    win_time_mean_s: NotNegative | None  # of completed rounds; None: no round was completed
 
 
 class Against(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The planner's completion minus that of the best other policy, in the same rounds."""
+    """Completion of the planner minus that of the best other policy, in the same rounds."""
 
     other: str
     difference: Difference
@@ -59,7 +59,7 @@ class Against(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class CellResult(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One cell with all policies."""
+    """Results of all policies in one cell."""
 
     group: Group
     ghosts: Ghosts
@@ -70,30 +70,30 @@ class CellResult(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class PolicyEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A policy of the table, and how it was made."""
+    """A policy of the table and how its rounds were made."""
 
     name: str
-    spec: str  # as was asked for
-    sha256: str | None  # of a planner's file
+    spec: str  # as given on the command line
+    sha256: str | None  # hash of a planner's file
     apart: bool  # not counted among the best others
-    command: str  # that repeats it
+    command: str  # command that repeats the rounds
 
 
 class PolicyMean(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A policy over all cells of a group, each counting the same."""
+    """Completion of a policy over all cells of a group, each cell with the same weight."""
 
     group: str
     policy: str
     mean: Share
     least: Share
-    least_cell: Count  # its number in ``cells``
+    least_cell: Count  # index in ``cells``
 
 
 class MapEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """A map, or the levels that count as one, as ``describe_scenario`` gives it."""
+    """A map, or levels that count as one map, as returned by ``describe_scenario``."""
 
     name: str
-    hash: str  # of levels that of the first
+    hash: str  # for levels, the hash of the first
     source: str
     start_level: Count | None = None  # None: a map
     num_levels: AtLeastOne | None = None
@@ -102,9 +102,9 @@ class MapEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
 class LeagueTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The JSON of ``pacman-env leaderboard``."""
 
-    schema: Literal[2]  # first: another schema has other fields
+    schema: Literal[2]  # first field, because other schemas have other fields
     version: str
-    commit: str  # of the sources
+    commit: str  # commit of the sources
     command: str
     suite: str
     suite_content: Suite
@@ -120,13 +120,13 @@ class LeagueTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def worst_tenth(complete: NDArray[np.bool_], place: NDArray[np.int64]) -> WorstTenth | None:
-    """Conditional value at risk over places, of (n,) rounds with the level or map of each.
+    """Return the conditional value at risk over places, from (n,) rounds with the level or map of each.
 
-    The worst tenth are the ceil(m / 10) of the m places with at least ``LEAST_ROUNDS`` rounds that have the lowest
-    completion; each counts the same. Places that are chosen by the rounds that also measure them look worse than they
-    are: few rounds a place make ``low`` too low. ``high`` is free of that: every second round of a place chooses, the
-    others measure, then the other way round, and the mean is taken; it is too high, as half of the rounds seldom finds
-    the worst places. None where no place has enough rounds.
+    The worst tenth are the ceil(m / 10) places with the lowest completion of the m places with at least
+    ``LEAST_ROUNDS`` rounds; all have the same weight. ``low`` is too low, most of all with few rounds per place,
+    because the same rounds choose the places and measure them. ``high`` avoids that: every second round of a place
+    chooses and the others measure, then the other way round, and the mean is taken. It is too high, because half of the
+    rounds seldom finds the worst places. Returns None if no place has enough rounds.
     """
     rounds = [complete[place == one] for one in np.unique(place)]
     rounds = [one for one in rounds if len(one) >= LEAST_ROUNDS]
@@ -140,7 +140,7 @@ def worst_tenth(complete: NDArray[np.bool_], place: NDArray[np.int64]) -> WorstT
     def measured(by: NDArray[np.float64], chosen_by: NDArray[np.float64]) -> float:
         limit = np.sort(chosen_by)[worst - 1]
         below, equal = chosen_by < limit, chosen_by == limit
-        weight = below + equal * (worst - below.sum()) / equal.sum()  # equal places share what is left
+        weight = below + equal * (worst - below.sum()) / equal.sum()  # equal places share the remaining weight
         return float(np.sum(by * weight) / worst)
 
     high = (measured(first, second) + measured(second, first)) / 2
@@ -148,9 +148,9 @@ def worst_tenth(complete: NDArray[np.bool_], place: NDArray[np.int64]) -> WorstT
 
 
 def policy_in_cell(policy: str, parts: Sequence[NDArray]) -> PolicyInCell:
-    """Return a policy's numbers; ``parts`` are the records of its rounds on each map of the cell."""
+    """Return the numbers of a policy from ``parts``, the records of its rounds on each map of the cell."""
     complete = np.concatenate(parts)["end"] == COMPLETE
-    # A map is a place, and on levels a level is.
+    # A place is a map, or a level if the cell has levels.
     places = [part["level"] if len(parts) == 1 else np.full(len(part), k) for k, part in enumerate(parts)]
     row, own = of_rounds(parts), ("policy", "worst_tenth")
     shared = {name: row[name] for name in PolicyInCell.__struct_fields__ if name not in own}
@@ -158,7 +158,7 @@ def policy_in_cell(policy: str, parts: Sequence[NDArray]) -> PolicyInCell:
 
 
 def against(planner: Sequence[NDArray], others: Mapping[str, Sequence[NDArray]]) -> Against | None:
-    """Compare the planner's rounds with those of the other policy that completed most, the first of equals."""
+    """Compare the planner's rounds with those of the other policy that completed most (the first one if equal)."""
     complete = {name: sum(int((part["end"] == COMPLETE).sum()) for part in parts) for name, parts in others.items()}
     if not complete:
         return None
@@ -169,7 +169,7 @@ def against(planner: Sequence[NDArray], others: Mapping[str, Sequence[NDArray]])
 
 
 def means(results: Sequence[CellResult]) -> tuple[PolicyMean, ...]:
-    """By group and policy, over the cells of the group."""
+    """Return the mean and least completion of each policy in each group, over the cells of the group."""
     rows = []
     for group in dict.fromkeys(cell.group for cell in results):
         numbers = [number for number, cell in enumerate(results) if cell.group == group]
@@ -181,6 +181,6 @@ def means(results: Sequence[CellResult]) -> tuple[PolicyMean, ...]:
 
 
 def verdicts(results: Sequence[CellResult]) -> dict[str, int]:
-    """The number of cells of each verdict."""
-    found = [cell.against.verdict for cell in results if cell.against is not None]
-    return {verdict: found.count(verdict) for verdict in ("better", "not different", "WORSE")}
+    """Return the number of cells for each verdict."""
+    all_verdicts = [cell.against.verdict for cell in results if cell.against is not None]
+    return {verdict: all_verdicts.count(verdict) for verdict in ("better", "not different", "WORSE")}

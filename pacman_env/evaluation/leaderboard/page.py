@@ -1,4 +1,4 @@
-"""The page of a league table: Markdown from its JSON alone, the same text for the same numbers."""
+"""Page of a league table: Markdown from its JSON alone, the same text for the same numbers."""
 
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
@@ -26,7 +26,7 @@ intervals.
 
 
 def render(table: LeagueTable) -> str:
-    """The page; the last character is a line break."""
+    """Return the page, which ends with a line break."""
     blocks = [
         *_head(table),
         "## Summary",
@@ -74,7 +74,7 @@ def _place(cell: CellResult) -> str:
 
 
 def _ghosts(cell: CellResult) -> str:
-    """``2 chase``, ``arcade, chase, wander``."""
+    """Format the ghosts of a cell: ``2 chase`` or ``arcade, chase, wander``."""
     kinds = set(cell.ghosts)
     return f"{len(cell.ghosts)} {cell.ghosts[0]}" if len(kinds) == 1 else ", ".join(cell.ghosts)
 
@@ -138,7 +138,7 @@ def _policies(cells: Iterable[CellResult]) -> str:
 def _worst(row: PolicyInCell) -> str:
     if row.worst_tenth is None:
         return "-"
-    low, high = map(percent, sorted((row.worst_tenth.low, row.worst_tenth.high)))  # chance may have put low above high
+    low, high = map(percent, sorted((row.worst_tenth.low, row.worst_tenth.high)))  # by chance, low may be above high
     return low if low == high else f"{low} to {high}"
 
 
@@ -162,7 +162,7 @@ def _count(number: int, noun: str) -> str:
 
 
 def _markdown(head: Sequence[str], align: str, rows: Sequence[Sequence[str]]) -> str:
-    """A table whose source is aligned too; ``align`` has l or r for each column."""
+    """Return a Markdown table with an aligned source; ``align`` contains l or r for each column."""
     clean = [[cell.replace("|", "\\|") for cell in row] for row in rows]
     widths = [max(3, *map(len, column)) for column in zip(head, *clean, strict=True)]
 

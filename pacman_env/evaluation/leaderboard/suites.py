@@ -1,6 +1,6 @@
 """Suites of cells, read strictly from a YAML file that people edit: ``eval/suites/leaderboard.yaml``.
 
-A cell is one list of ghosts at one speed in one group of maps: generated test levels, or the real maps that are named.
+A cell is one list of ghosts at one speed in one group of maps, which are generated test levels or given real maps.
 """
 
 import itertools
@@ -22,19 +22,19 @@ SUITES = shipped("evaluation/suites", "eval/suites") / "leaderboard.yaml"
 PRESET, EXECUTION = "robot", "robust"
 TEST_LEVELS, REAL_MAPS = "test levels", "real maps"  # the groups of maps
 _GHOSTS, _SPEED = "clyde.ghosts", "clyde.speed_mps"
-#: Fields that a suite has by other names, or not at all.
+#: Fields that a suite sets by other names or cannot set.
 _OWN = (_GHOSTS, _SPEED, "randomize.clyde_speed_mps", "endless")
 
 
 class LevelRounds(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How many test levels, and how many rounds on all of them together."""
+    """Number of test levels, and of rounds on all levels together."""
 
     levels: AtLeastOne
     rounds: AtLeastOne
 
 
 class MapRounds(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How many rounds on each real map."""
+    """Number of rounds on each real map."""
 
     rounds: AtLeastOne
 
@@ -43,7 +43,7 @@ Ghosts = Annotated[tuple[str, ...], Meta(min_length=1, max_length=4)]
 
 
 class Suite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Every list of ghosts at every speed (m/s), on test levels and on real maps."""
+    """Suite of all lists of ghosts at all speeds (m/s), on test levels and on real maps."""
 
     test_levels: LevelRounds
     real_maps: MapRounds
@@ -54,7 +54,7 @@ class Suite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class Cell:
-    """What all policies play under one configuration: ``rounds`` on each of the scenarios."""
+    """Rounds of all policies under one configuration: ``rounds`` on each of the scenarios."""
 
     group: str  # TEST_LEVELS or REAL_MAPS
     config: Config
@@ -63,7 +63,7 @@ class Cell:
 
 
 def read_suites(path: Path) -> dict[str, Suite]:
-    """The suites of a file by name; a ValueError names the file and the field that is wrong."""
+    """Return the suites of a file by name; raises ValueError, with file and field, if they are invalid."""
     content = read_yaml(path)
     if not isinstance(content, dict) or not content:
         raise ValueError(f"{path}: must have suites by name")
@@ -71,7 +71,7 @@ def read_suites(path: Path) -> dict[str, Suite]:
 
 
 def choose_suite(path: Path, name: str) -> Suite:
-    """One suite of a file; raises ValueError."""
+    """Return one suite of a file; raises ValueError for an unknown name or an invalid file."""
     suites = read_suites(path)
     if name not in suites:
         raise ValueError(f"{path}: no suite {name!r}: {offer(name, suites)}")
@@ -79,7 +79,7 @@ def choose_suite(path: Path, name: str) -> Suite:
 
 
 def configs(suite: Suite) -> list[Config]:
-    """A configuration for every list of ghosts and, in it, every speed."""
+    """Return a configuration for every list of ghosts and every speed, ordered by ghosts, then by speed."""
     return [
         make_config(PRESET, EXECUTION, **{**suite.settings, _GHOSTS: ghosts, _SPEED: speed})
         for ghosts, speed in itertools.product(suite.ghosts, suite.speeds_mps)
@@ -87,7 +87,7 @@ def configs(suite: Suite) -> list[Config]:
 
 
 def cells(suite: Suite, maps: dict[str, Scenario]) -> list[Cell]:
-    """The cells of a suite; ``maps`` are the real maps by name, none: there is no such group."""
+    """Return the cells of a suite; ``maps`` are the real maps by name (without any, this group is missing)."""
     levels = Levels("test", count=suite.test_levels.levels)
     groups: list[tuple[str, dict[str, Scenario], int]] = [
         (TEST_LEVELS, {"generated:test": levels}, suite.test_levels.rounds)

@@ -1,1 +1,1 @@
-"""The page that explains a comparison: ``pacman-env report``."""
+"""HTML page about a comparison: ``pacman-env report``."""

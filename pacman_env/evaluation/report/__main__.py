@@ -1,7 +1,6 @@
 """Write an HTML page that compares policies: ``pacman-env report``.
 
-``plan`` chooses the rounds, ``rounds`` plays, keeps and summarizes them, ``numbers`` puts them together, ``page`` shows
-them.
+``plan`` chooses the rounds, ``rounds`` plays, stores and summarizes them, ``numbers`` combines and ``page`` shows them.
 """
 
 import argparse
@@ -33,7 +32,7 @@ from pacman_env.policies.learned import PRETRAINED
 from pacman_env.policies.metadata import read_planner
 
 _SPEEDS = tuple(round(0.15 + 0.05 * k, 2) for k in range(10))
-#: What ``--quick`` and its absence stand for where an argument is not given.
+#: Defaults of arguments, by ``--quick``.
 _NUMBERS = {
     False: {"episodes": 200, "endless": 100, "speeds": _SPEEDS},
     True: {"episodes": 24, "endless": 12, "speeds": (0.15, 0.35, 0.6)},
@@ -96,11 +95,11 @@ def _report(arguments: argparse.Namespace, command: str) -> None:
     for path in filter(None, (page, json_path)):
         prepare(path)
     work = matchups(plan)
-    kept = KeptRounds(arguments.parts or page.with_suffix(".parts"), list(work.values()), arguments.resume)
-    with executor_of(arguments) as executor, bar_of(executor, kept.left, "round") as bar:
-        played = kept.play(executor, bar.update)
+    store = KeptRounds(arguments.parts or page.with_suffix(".parts"), list(work.values()), arguments.resume)
+    with executor_of(arguments) as executor, bar_of(executor, store.left, "round") as bar:
+        played = store.play(executor, bar.update)
     report |= Results(plan, dict(zip(work, played, strict=True))).numbers()
-    _write(report, page, json_path)  # before the films: one that fails loses no numbers
+    _write(report, page, json_path)  # before the films, so that a failing film loses no numbers
     films = _films(plan, report["pair"], arguments.replays, page)
     if films:
         _write(report, page, json_path)  # again, with their links
@@ -160,7 +159,7 @@ def _plan(arguments: argparse.Namespace) -> Plan:
 
 
 def _header(plan: Plan, arguments: argparse.Namespace, command: str) -> dict[str, Any]:
-    """Return all that is needed to play the rounds again."""
+    """Return everything needed to play the rounds again."""
     rules = (plan.preset, plan.execution)
     head = describe_rounds("report", plan.config, rules, plan.seed, plan.seeds, plan.maps, plan.policies)
     for place, scenario in zip(head["maps"], plan.maps.values(), strict=True):
@@ -185,7 +184,7 @@ def _header(plan: Plan, arguments: argparse.Namespace, command: str) -> dict[str
 
 
 def _films(plan: Plan, pair: dict[str, Any] | None, wanted: int, page: Path) -> list[Path]:
-    """Films of the pair's first rounds, won and lost in turn, in a folder beside the page; each round gets its link."""
+    """Film the pair's first rounds, won and lost in turn, next to the page; add a link to each round."""
     if pair is None or wanted == 0:
         return []
     from pacman_env.evaluation.replay import film_games, record_games
@@ -207,7 +206,7 @@ def _films(plan: Plan, pair: dict[str, Any] | None, wanted: int, page: Path) -> 
 
 
 def model_facts(spec: str) -> dict[str, str]:
-    """The metadata of ``FILE.onnx``, or of the shipped planner, by dotted name; {} for other policies."""
+    """Return the metadata of ``FILE.onnx`` or the shipped planner by dotted name; {} for other policies."""
     path = PRETRAINED if spec == "ppo" else Path(spec)
     return dict(_flat(msgspec.to_builtins(read_planner(path)[0]))) if path.suffix == ".onnx" else {}
 

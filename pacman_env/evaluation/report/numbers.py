@@ -1,10 +1,10 @@
-"""Compute the numbers of a report as plain data: its JSON holds them and its page shows them.
+"""Compute the numbers of a report as plain data, for its JSON and its page.
 
-``rows`` are those of ``rounds.summary``, with ``part`` (``rounds``, ``endless games`` or the name of a variant), on
-each map and on all maps together (``map`` null), over Clyde's speeds. They are compared with the baseline; rows of a
-variant with the same policy without it. ``summary`` treats maps as tasks: interquartile mean of completion, and the
-probability of improvement over the baseline in *score*, the share of a round's pellets. ``pair`` lists the rounds that
-one of two policies completes and the other does not. All intervals are 95 %; rates and probabilities are 0..1.
+``rows`` are rows of ``rounds.summary`` with ``part`` (``rounds``, ``endless games`` or the name of a variant), on each
+map and on all maps together (``map`` null), over Clyde's speeds. They are compared with the baseline; rows of a variant
+are compared with the same policy without the variant. ``summary`` treats maps as tasks: interquartile mean of
+completion, and the probability of improvement over the baseline in *score*, the share of a round's pellets. ``pair``
+lists the rounds that only one of two policies completes. All intervals are 95 %; rates and probabilities are 0..1.
 """
 
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ END_NAMES = {COMPLETE: "complete", DEAD: "caught", TIMEOUT: "time-out", CLEARED:
 
 
 class Results:
-    """What was played of a plan."""
+    """Results of the rounds of a plan."""
 
     def __init__(self, plan: Plan, played: Mapping[Cell, Played]) -> None:
         self._plan, self._played = plan, played
@@ -55,7 +55,7 @@ class Results:
         return {name: self._played[Cell(ROUNDS, name, policy, self._plan.speed)][0] for name in self._plan.maps}
 
     def _rng(self) -> np.random.Generator:
-        """Return the same draws for each number: rows differ only by what was played."""
+        """Return a new generator with the same draws for each number, so that only rounds cause differences."""
         return np.random.default_rng(self._plan.seed)
 
     def _summary(self, policy: str) -> Row:
@@ -83,13 +83,13 @@ class Results:
                     seed = int(ours["seed"][k])
                     row = {
                         "map": map_name,
-                        "seed": str(seed),  # as in "seeds"
+                        "seed": str(seed),  # as in ``seeds``
                         "ours": _outcome(ours[k]),
                         "theirs": _outcome(theirs[k]),
                         "command": replay_command(plan, map_name, seed),
                     }
                     sides[name].append((place, row))
-        # the first of each map, then the second of each: the beginning of the list has every map
+        # Order by place, then by map, so that the start of the list shows every map.
         mixed = {name: [row for _, row in sorted(rows, key=lambda pair: pair[0])] for name, rows in sides.items()}
         return {"policy": plan.challenger, "baseline": plan.baseline, **mixed}
 

@@ -1,4 +1,4 @@
-"""The report's numbers as one HTML page that needs nothing else. Which numbers there are is decided by ``numbers``."""
+"""Self-contained HTML page of a report's numbers; ``numbers`` decides which numbers there are."""
 
 import itertools
 import json
@@ -15,19 +15,19 @@ from pacman_env.evaluation.report.plan import ENDLESS_GAMES, ROUNDS
 from pacman_env.evaluation.rounds.summary import Row
 from pacman_env.evaluation.templates import render
 
-#: By how a round ended, the field of a row that has its share.
+#: Field of a row that contains the share of each end.
 _SHARES = dict(zip(END_NAMES.values(), ("completion_rate", "death_rate", "timeout_rate", "cleared_rate"), strict=True))
 COLOURS = 7  # classes c0, c1, ... of the style sheet
 _WIDTH, _HEIGHT = 760, 400
 _LEFT, _RIGHT, _TOP, _BOTTOM = 52, 168, 22, 46
-_LABEL_PX = 17  # between two labels at the end of the lines
+_LABEL_PX = 17  # distance between two labels at the end of the lines
 _BAR_WIDTH, _BAR_HEIGHT = 104, 12
-_ROUNDS_SHOWN = 12  # of either kind
-_IQM_MAPS = 4  # with fewer maps than these nothing is left out of the mean
+_ROUNDS_SHOWN = 12  # rounds shown per kind
+_IQM_MAPS = 4  # with fewer maps the interquartile mean omits none
 
 
 def render_page(report: dict[str, Any]) -> str:
-    """The page of a report as ``pacman-env report`` writes it to JSON; every text in it is escaped."""
+    """Return the page of a report, given as the JSON data of ``pacman-env report``; all text in it is escaped."""
     names = [policy["name"] for policy in report["policies"]]
     robot = report["config"]["robot"]["speed_mps"]
     rows = {(row["part"], row["map"], row["policy"], row["clyde_speed"]): row for row in report["rows"]}
@@ -103,7 +103,7 @@ def numbers(interval: Sequence[float], sign: str = "") -> str:
 
 
 class Line(NamedTuple):
-    """One policy's line: (x, rate, low, high) from left to right; rates are 0..1."""
+    """Line of one policy: (x, rate, low, high) from left to right; rates are 0..1."""
 
     label: str
     points: Sequence[tuple[float, float, float, float]]
@@ -129,7 +129,7 @@ def interval_bar(value: float, interval: Sequence[float], colour: int, low: floa
 def curve_chart(
     lines: Sequence[Line], *, x_title: str, y_title: str, marks: Sequence[tuple[float, str]] = ()
 ) -> Markup:
-    """Rates against x, the same for all lines, with intervals as bands; ``marks`` are dashed lines with labels."""
+    """Draw rates over x, with intervals as bands; all lines have the same x. ``marks`` are dashed lines with labels."""
     xs = sorted({x for line in lines for x, *_ in line.points})
     first, last, right, base = xs[0], xs[-1], _WIDTH - _RIGHT, _HEIGHT - _BOTTOM
 
@@ -145,13 +145,13 @@ def curve_chart(
         "px": px,
         "py": lambda rate, shift=0.0: f"{height(rate) + shift:.1f}",
         "marks": [(x, label) for x, label in marks if first <= x <= last],
-        "label_tops": _apart([height(line.points[-1][1]) for line in lines]),
+        "label_tops": _spread([height(line.points[-1][1]) for line in lines]),
     }
     return Markup(render("chart.svg.j2", **values))
 
 
-def _apart(tops: Sequence[float]) -> list[float]:
-    """The heights, moved as far as labels need that must not cover one another."""
+def _spread(tops: Sequence[float]) -> list[float]:
+    """Return the heights of labels, moved so that the labels do not overlap."""
     order = sorted(range(len(tops)), key=lambda k: tops[k])
     placed = list(tops)
     for above, below in itertools.pairwise(order):

@@ -1,4 +1,4 @@
-"""Plan a report: from policies, maps, speeds and variants to the matchups that are played."""
+"""Plan a report: derive the matchups to play from policies, maps, speeds and variants."""
 
 import itertools
 import re
@@ -37,8 +37,8 @@ ROUNDS, ENDLESS_GAMES = "rounds", "endless games"
 @dataclass(frozen=True)
 class Plan:
     maps: dict[str, Scenario]  # by name
-    policies: dict[str, str]  # by name, what each is made from
-    baseline: str  # its name
+    policies: dict[str, str]  # specs by name
+    baseline: str  # name of the baseline
     preset: str
     execution: str
     settings: tuple[str, ...]
@@ -51,26 +51,26 @@ class Plan:
 
     @property
     def speed(self) -> float:
-        """Clyde's, of everything but the curve, m/s."""
+        """Speed of Clyde in all parts except the curve, m/s."""
         return self.config.clyde.speed_mps
 
     @property
     def parts(self) -> list[tuple[str, Config, NDArray[np.uint64]]]:
-        """Return name, configuration and seeds of what is played on every map by every policy."""
+        """Return name, configuration and seeds of each part, which every policy plays on every map."""
         speeds = dict.fromkeys((self.speed, *self.speeds))
-        found = [(ROUNDS, self.config.with_fields(**{"clyde.speed_mps": v}), self.seeds) for v in speeds]
+        parts = [(ROUNDS, self.config.with_fields(**{"clyde.speed_mps": v}), self.seeds) for v in speeds]
         if len(self.endless_seeds):
-            found.append((ENDLESS_GAMES, self.config.with_fields(endless=True), self.endless_seeds))
-        return [*found, *((variant.name, variant.config, self.seeds) for variant in self.variants)]
+            parts.append((ENDLESS_GAMES, self.config.with_fields(endless=True), self.endless_seeds))
+        return [*parts, *((variant.name, variant.config, self.seeds) for variant in self.variants)]
 
     @property
     def challenger(self) -> str | None:
-        """The first policy that is not the baseline; the two are compared round by round."""
+        """Return the first policy that is not the baseline; the two are compared round by round."""
         return next((name for name in self.policies if name != self.baseline), None)
 
 
 def parse_variant(text: str, preset: str, execution: str, settings: Sequence[str]) -> Variant:
-    """A variant from ``NAME=SETTINGS``: fields, ``preset`` and ``execution``, between commas, semicolons or blanks."""
+    """Parse ``NAME=SETTINGS``: fields, ``preset`` and ``execution``, separated by commas, semicolons or blanks."""
     name, equals, given = text.partition("=")
     name = name.strip()
     if not name or not equals or "=" not in given:
@@ -93,7 +93,7 @@ def parse_variant(text: str, preset: str, execution: str, settings: Sequence[str
 
 
 def check_single_rounds(config: Config, where: str = "") -> None:
-    """Raise ConfigError for what the report adds by itself (endless games), or cannot measure."""
+    """Raise ConfigError for endless games, which the report adds itself, and for games that it cannot measure."""
     try:
         check_goals(config)
         if config.endless:
@@ -103,7 +103,7 @@ def check_single_rounds(config: Config, where: str = "") -> None:
 
 
 def matchups(plan: Plan) -> dict[Cell, Matchup]:
-    """Return everything to play; matchups on one map follow one another, so that the map stays in the cache."""
+    """Return all matchups by cell; matchups on one map are adjacent, so that the map stays in the cache."""
     result = {}
     for (name, scenario), (part, config, seeds) in itertools.product(plan.maps.items(), plan.parts):
         for policy, spec in plan.policies.items():

@@ -1,1 +1,1 @@
-"""Play policies on the same rounds, keep the rounds, and summarize them; every evaluation command uses this."""
+"""Play policies in the same rounds, store the rounds, and summarize them; all evaluation commands use this."""

@@ -1,8 +1,8 @@
-"""Rounds kept on disk, so that ``--resume`` continues after a run that was stopped.
+"""Rounds stored on disk, so that ``--resume`` continues an interrupted run.
 
 A file is called ``KEY-SEEDS.json``: KEY is a hash of everything that decides the rounds except their seeds (version,
-sources, policy, map, configuration), SEEDS a hash of the seeds. Rounds are therefore found again for any number of
-workers, of rounds, and for any command. A file is written as a whole; a damaged one is reported and played again.
+sources, policy, map, configuration), and SEEDS is a hash of the seeds. Therefore any command with any number of workers
+and rounds finds them. Files are written atomically; a damaged file is reported and its rounds are played again.
 """
 
 import contextlib
@@ -38,12 +38,12 @@ from pacman_env.policies.registry import POLICIES, make_policy, moved_by_policy
 from pacman_env.world.maps.occupancy import OccupancyMap
 
 SCHEMA: Literal[1] = 1
-_DIGITS = 24  # of a hash in a file name
+_DIGITS = 24  # digits of a hash in a file name
 _FIELDS = EPISODE.names or ()
 
 
 class PlayedRounds(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """(n,) records of rounds, each field as in ``EPISODE``, and (m,) decision times in ms."""
+    """Records of n rounds, one tuple per field of ``EPISODE``, and (m,) decision times in ms."""
 
     seed: tuple[int, ...]
     level: tuple[int, ...]
@@ -58,20 +58,20 @@ class PlayedRounds(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class RoundsFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The content of a file."""
+    """Content of a file of rounds."""
 
     schema: Literal[1]
     decides: dict[str, Any]  # everything that decides the rounds
-    commit: str  # of the sources that played it
+    commit: str  # commit of the sources that played the rounds
     rounds: PlayedRounds
-    sha256: str  # of ``rounds``: a changed digit is noticed
+    sha256: str  # hash of ``rounds``, to detect damage
 
 
 class KeptRounds:
-    """Rounds of matchups: those that a folder has, and those that are left to play."""
+    """Rounds of matchups, of which some are stored in a folder and the others are left to play."""
 
     def __init__(self, folder: Path, matchups: Sequence[Matchup], resume: bool) -> None:
-        """Read what the folder has if ``resume``; report damaged files on stderr. Raises OSError or ValueError."""
+        """Read the stored rounds if ``resume``; report damaged files on stderr. Raises OSError or ValueError."""
         prepare(folder / "part.json")
         self._folder, self._matchups, self._commit = folder, matchups, commit()
         describe = cache(_describe_spec)
@@ -91,7 +91,7 @@ class KeptRounds:
         return sum(map(len, self._seeds_left))
 
     def play(self, executor: Executor, on_end: Callable[[int], object]) -> list[Played]:
-        """Return the rounds of every matchup, as ``play_all`` does; keep each piece as soon as it is played."""
+        """Return the rounds of every matchup like ``play_all``; store each piece as soon as it is played."""
         numbers = [number for number, seeds in enumerate(self._seeds_left) if len(seeds)]
         left = [replace(self._matchups[number], seeds=self._seeds_left[number]) for number in numbers]
         new = play_all(left, executor, on_end, lambda number, played: self._keep(numbers[number], played))
@@ -127,7 +127,7 @@ class KeptRounds:
 
 
 def decides(policy: dict[str, Any], scenario: Scenario | OccupancyMap, config: Config) -> dict[str, Any]:
-    """Return plain data of everything that decides rounds but their seeds; ``policy`` is its description."""
+    """Return plain data of everything that decides rounds except their seeds; ``policy`` is its description."""
     about = describe_scenario("", scenario, config)
     return {
         "version": __version__,
@@ -140,14 +140,14 @@ def decides(policy: dict[str, Any], scenario: Scenario | OccupancyMap, config: C
 
 
 def describe_policy(policy: Policy, spec: str) -> dict[str, Any]:
-    """Return what decides the choices of a policy made from ``spec``: a planner's file, or names, code and base."""
+    """Describe the choices of a policy with ``spec`` as plain data: a planner's file, or names, code and base."""
     if isinstance(policy, LearnedPlanner):
         return {"sha256": policy.metadata.sha256, "robot_speed_mps": policy.metadata.robot_speed_mps}
     base = getattr(policy, "base", None)
     kind = type(policy)
     about: dict[str, Any] = {"name": spec, "class": f"{kind.__module__}:{kind.__qualname__}", "code": _code_of(kind)}
-    with contextlib.suppress(PluginError):  # a base that has a name of its own
-        about["made_by"] = _code_of(POLICIES.find(spec))  # a function's file says with which parameters
+    with contextlib.suppress(PluginError):  # a base may have a name that is not registered
+        about["made_by"] = _code_of(POLICIES.find(spec))  # the function's file contains the parameters
     return about if base is None else about | {"base": describe_policy(base, base.name)}
 
 
@@ -161,7 +161,7 @@ def _describe_spec(spec: str) -> dict[str, Any]:
 
 
 def _describe_ghost(name: str) -> dict[str, Any] | str | None:
-    """Return what decides a ghost's moves beside its name: the policy that moves it, or the code of its behaviour."""
+    """Describe a ghost's moves by the policy that moves it or the code of its behaviour; None: built-in code."""
     if moved_by_policy(name):
         return describe_policy(make_policy(name), name)
     return _code_of(find_behaviour(name).target)
@@ -183,7 +183,7 @@ def _rounds_hash(rounds: PlayedRounds) -> str:
 
 
 def _read_file(path: Path, what: dict[str, Any]) -> Played:
-    """Return the rounds of a file; raises OSError, or ValueError, which names the file, if it is damaged."""
+    """Return the rounds of a file; raises OSError, or ValueError with the file's name if it is damaged."""
     content = parse(RoundsFile, path.read_bytes(), path)
     if content.decides != what:
         raise ValueError(f"{path}: decides: of other rounds")
@@ -207,6 +207,6 @@ def _concatenated(pieces: Sequence[Played]) -> Played:
 
 
 def _in_order(seeds: NDArray[np.uint64], records: NDArray, times: NDArray[np.float64]) -> Played:
-    """Return the records of these seeds, in their order; other records are left out."""
+    """Return the records of these seeds in their order, without other records."""
     place = {seed: number for number, seed in enumerate(records["seed"].tolist())}
     return records[[place[seed] for seed in seeds.tolist()]], times

@@ -1,4 +1,4 @@
-"""Play the rounds of matchups on an executor. Records do not depend on the executor."""
+"""Play the rounds of matchups on an executor; records do not depend on the executor."""
 
 import contextlib
 import functools
@@ -23,16 +23,16 @@ _LARGEST_PIECE = 200  # rounds: enough pieces to keep processes busy, and few ro
 
 @dataclass(frozen=True)
 class Matchup:
-    """Rounds of one policy on one map under one configuration. Plain data: it goes to other processes."""
+    """Rounds of one policy on one map under one configuration, as plain data for other processes."""
 
     scenario: Scenario | OccupancyMap
     config: Config
     policy: str
     seeds: NDArray[np.uint64]
-    threads: int = 1  # of a process
+    threads: int = 1  # threads per process
 
 
-#: Records of rounds (``EPISODE``) and decision times in ms, as ``play`` returns them.
+#: Records of rounds (``EPISODE``) and decision times in ms, as returned by ``play``.
 Played = tuple[NDArray, NDArray[np.float64]]
 
 
@@ -52,8 +52,8 @@ def play_all(
 ) -> list[Played]:
     """Return the rounds of every matchup, in the order of the matchups.
 
-    ``on_end`` gets the number of rounds that have just ended; ``on_piece`` gets the number of a matchup and a piece of
-    its rounds as soon as the piece is played.
+    ``on_end`` receives the number of rounds that have just ended; ``on_piece`` receives the number of a matchup and a
+    piece of its rounds as soon as the piece is played.
     """
     pieces = _pieces(matchups, executor.workers)
     records = [np.empty(len(matchup.seeds), dtype=EPISODE) for matchup in matchups]
@@ -77,13 +77,13 @@ def _ends(
     on_end: Callable[[int], object],
 ) -> Generator[Done[Played], None, None]:
     tasks = [replace(matchups[number], seeds=matchups[number].seeds[rounds]) for number, rounds in pieces]
-    if isinstance(executor, InProcess):  # it reports every round
+    if isinstance(executor, InProcess):  # an in-process executor reports every round
         return executor.run(functools.partial(play_matchup, on_end=on_end), tasks)
     if not executor.remote:
         return executor.run(play_matchup, tasks)
     from pacman_env.evaluation.rounds.shipping import pack, play_packed
 
-    whole = list(map(pack, matchups))  # files are read once for all pieces of a matchup
+    whole = list(map(pack, matchups))  # read files once for all pieces of a matchup
     parts = [
         replace(whole[number], matchup=replace(whole[number].matchup, seeds=task.seeds))
         for (number, _), task in zip(pieces, tasks, strict=True)
@@ -92,9 +92,9 @@ def _ends(
 
 
 def _pieces(matchups: Sequence[Matchup], workers: int) -> list[tuple[int, NDArray[np.int64]]]:
-    """Return numbers of matchups, and of rounds in them.
+    """Return pieces of work: the number of a matchup, and the numbers of its rounds.
 
-    On generated levels, the pieces of all matchups on the same levels follow one another while these are cached.
+    Pieces of all matchups on the same generated levels are adjacent, while these levels are cached.
     """
     pieces: list[tuple[int, NDArray[np.int64]]] = []
     for scenario, group in itertools.groupby(enumerate(matchups), key=lambda numbered: numbered[1].scenario):

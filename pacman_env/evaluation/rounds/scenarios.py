@@ -1,8 +1,7 @@
-"""What evaluation commands play, from their arguments: policies, scenarios (a map, or generated levels),
-configurations.
+"""Arguments of the evaluation commands: policies, scenarios (a map, or generated levels) and configurations.
 
-Scenarios are plain data that goes to other processes. A process keeps the levels that it has prepared last, because
-policies and speeds play the same ones one after the other.
+Scenarios are plain data for other processes. A process caches the levels that it has prepared last, because all
+policies and speeds play the same levels one after the other.
 """
 
 import argparse
@@ -28,55 +27,55 @@ from pacman_env.sim.maps.level import Level
 from pacman_env.sim.maps.level_source import TEST_LEVEL, FixedMap, GeneratedMaps, LevelSource, prepare_level
 from pacman_env.world.maps.occupancy import OccupancyMap
 
-LEVELS_PLAYED = 200  # of a split by default
+LEVELS_PLAYED = 200  # default number of levels of a split
 _POLICY_FILES = (".onnx", ".zip")
-_KEPT_LEVELS = 100  # about 4 MB each
-_LEVELS_PER_PART = 80  # on average: parts have the same number of rounds, not of levels
+_CACHED_LEVELS = 100  # about 4 MB each
+_LEVELS_PER_PART = 80  # on average, as parts have equally many rounds, not levels
 
 
 @dataclass(frozen=True)
 class Levels:
-    """Generated houses of one split, of which each round's seed draws one; all together they count as one map."""
+    """Generated houses of one split, which count as one map; each round's seed draws one house."""
 
     split: str  # "test" or "train"
-    start: int | None = None  # number of the first level, None: that of the split
+    start: int | None = None  # number of the first level, None: first of the split
     count: int = LEVELS_PLAYED
 
     def open(self, config: Config) -> GeneratedMaps:
-        return _KeptMaps.named(f"generated:{self.split}", config, self.start, self.count)
+        return _CachedMaps.named(f"generated:{self.split}", config, self.start, self.count)
 
 
-#: A map's name or YAML file, or levels.
+#: Name of a map, a YAML file, or levels.
 Scenario = str | Levels
 
 
-class _KeptMaps(GeneratedMaps):
+class _CachedMaps(GeneratedMaps):
     @property
     def first(self) -> MapAssets:
         return self.prepare(self.start_level).assets
 
     def prepare(self, level: int) -> Level:
-        # In these the configurations of a comparison differ, and they do not matter to a map.
+        # The configurations of a comparison differ in these fields, which do not affect a map.
         changes = {"clyde.speed_mps": 0.0, "clyde.ghosts": ("wander",), "endless": False}
         return _prepared(level, self._config.with_fields(**changes))
 
 
-@functools.lru_cache(maxsize=_KEPT_LEVELS)
+@functools.lru_cache(maxsize=_CACHED_LEVELS)
 def _prepared(level: int, config: Config) -> Level:
     return Level.of(prepare_level(level, config), config)
 
 
 def open_scenario(scenario: Scenario | OccupancyMap, config: Config) -> LevelSource:
-    """The maps of a scenario; raises MapError or ConfigError if it cannot be played on under the configuration."""
+    """Return the maps of a scenario; raises MapError or ConfigError if the configuration cannot be played on them."""
     return scenario.open(config) if isinstance(scenario, Levels) else FixedMap(map_assets(scenario, config), config)
 
 
 def parts_of_play(
     scenario: Scenario | OccupancyMap, config: Config, seeds: NDArray[np.uint64], parts: int
 ) -> list[NDArray[np.int64]]:
-    """The rounds' numbers in parts to be played one after the other, ``parts`` of them or more.
+    """Divide the numbers of the rounds into at least ``parts`` parts that are played one after the other.
 
-    On levels, rounds of one level are neighbours, and a part has no more levels than are kept; results do not change.
+    Rounds of one level are adjacent, and a part has no more levels than are cached; results do not change.
     """
     order = np.arange(len(seeds))
     if isinstance(scenario, Levels):
@@ -102,7 +101,7 @@ def scenario_name(scenario: Scenario, config: Config) -> str:
 
 
 def describe_scenario(name: str, scenario: Scenario | OccupancyMap, config: Config) -> dict[str, Any]:
-    """Plain data for a result file, enough to find the scenario again; of levels the hash is that of the first."""
+    """Return plain data that identifies the scenario in a result file; for levels, the hash is that of the first."""
     about: dict[str, Any] = {"name": name, "hash": open_scenario(scenario, config).first.occupancy.hash}
     if not isinstance(scenario, Levels):
         return about | {"source": scenario}
@@ -112,7 +111,7 @@ def describe_scenario(name: str, scenario: Scenario | OccupancyMap, config: Conf
 
 
 def add_scenario_arguments(parser: argparse.ArgumentParser, *, several: bool) -> None:
-    """The arguments that :func:`from_arguments` reads; ``several``: more maps than one may be given."""
+    """Add the arguments of :func:`from_arguments`; with ``several`` more than one map may be given."""
     add = parser.add_argument
     nargs: str | int = "+" if several else 1
     add("--map", nargs=nargs, default=[], metavar="FILE_OR_NAME", help="map to play on (house, if no levels are given)")
@@ -123,7 +122,7 @@ def add_scenario_arguments(parser: argparse.ArgumentParser, *, several: bool) ->
 
 
 def from_arguments(arguments: argparse.Namespace) -> list[Scenario]:
-    """The scenarios that the arguments name, each once: maps first, then levels."""
+    """Return the scenarios of the arguments without duplicates: maps first, then levels."""
     for source in arguments.map:
         if source.partition(":")[0] == "generated":
             raise ValueError(f"--map {source}: generated houses are given as --levels test or --levels train")
@@ -137,7 +136,7 @@ def from_arguments(arguments: argparse.Namespace) -> list[Scenario]:
 
 
 def add_rule_arguments(parser: argparse.ArgumentParser) -> None:
-    """``--preset``, ``--execution`` and ``--set``: every configuration but for Clyde's speed."""
+    """Add ``--preset``, ``--execution`` and ``--set``, for every field except Clyde's speed."""
     add = parser.add_argument
     add("--preset", default="robot", metavar="NAME", help=f"one of {', '.join(preset_names())} (%(default)s)")
     add("--execution", choices=sorted(EXECUTIONS), default="robust", help="how goals are executed (%(default)s)")
@@ -146,7 +145,7 @@ def add_rule_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_game_arguments(parser: argparse.ArgumentParser, *, several: bool) -> None:
-    """The arguments for scenarios and rules; without ``several``, --map and --clyde-speed are lists of one."""
+    """Add the arguments for scenarios and rules; without ``several``, --map and --clyde-speed are lists of one."""
     add_scenario_arguments(parser, several=several)
     add_rule_arguments(parser)
     add = parser.add_argument
@@ -167,13 +166,13 @@ def rule_changes(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def check_speed(config: Config) -> None:
-    """Raise ConfigError if a game draws Clyde's speed, as results are labelled with the speed that is asked for."""
+    """Raise ConfigError if a game draws Clyde's speed: results are labelled with the speed of ``--clyde-speed``."""
     drawn = config.randomize.clyde_speed_mps
     require(drawn is None, "randomize.clyde_speed_mps", drawn, "must be None, the speed is that of --clyde-speed")
 
 
 def check_goals(config: Config) -> None:
-    """Raise ConfigError if a game takes velocities instead of goals, or has a ghost that nothing moves."""
+    """Raise ConfigError if a game takes velocities instead of goals, or has a ghost without behaviour or policy."""
     if config.action != "goal":
         raise ConfigError(f"action = {config.action!r}: played by policies that name goals")
     split_ghosts(config.clyde.ghosts)
@@ -201,23 +200,23 @@ def game_configs(arguments: argparse.Namespace) -> list[Config]:
 
 
 def add_policy_arguments(parser: argparse.ArgumentParser, default: Sequence[str], order: str) -> None:
-    """``--policies``; ``order`` is the meaning of their order."""
+    """Add ``--policies``; ``order`` explains their order."""
     names = f"names ({', '.join(policy_names())}), .onnx files, checkpoints of a training (.zip)"
     words = f"{order}; {names}; without: {' '.join(default)}"
     parser.add_argument("--policies", nargs="+", default=list(default), metavar="POLICY", help=words)
 
 
 def load_policy(spec: str) -> Policy:
-    """A new policy, from a name or file that the registry knows, or from a checkpoint (``.zip``)."""
+    """Create a policy from a registered name, a file, or a checkpoint (``.zip``)."""
     if not is_checkpoint(spec):
         return make_policy(spec)
     try:
         import torch
 
-        checkpoint = import_module("pacman_env.training.checkpoint")  # by name: the two rooms do not import each other
+        checkpoint = import_module("pacman_env.training.checkpoint")  # by name: evaluation must not import training
     except ModuleNotFoundError as error:
         raise ValueError(f"{spec}: needs {error.name}: {install_command('train')}") from None
-    torch.set_num_threads(1)  # cores are for processes: threads of each would wait for one another at every decision
+    torch.set_num_threads(1)  # each core runs a process, so more threads would only wait
     policy: Policy = checkpoint.load_planner(Path(spec))
     return policy
 
@@ -227,14 +226,14 @@ def is_checkpoint(spec: str) -> bool:
 
 
 def named_policies(specs: Sequence[str]) -> dict[str, str]:
-    """Names in results by spec, each spec once; raises ValueError if a policy cannot be made."""
+    """Return the names in results by spec, without duplicates; raises ValueError if a policy cannot be created."""
     for spec in specs:
         load_policy(spec)
     return result_names(specs)
 
 
 def result_names(specs: Sequence[str]) -> dict[str, str]:
-    """By spec, a name that no other has: the spec, of a file its stem unless another is called that too."""
+    """Return a unique name for each spec: the stem of a file if no other has it, else the spec itself."""
     short = {spec: Path(spec).stem if Path(spec).suffix in _POLICY_FILES else spec for spec in specs}
     names = list(short.values())
     return {spec: name if names.count(name) == 1 or name == spec else spec for spec, name in short.items()}

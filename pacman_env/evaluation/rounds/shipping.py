@@ -1,4 +1,4 @@
-"""Send matchups to other machines: maps as pixels, policy files as bytes, which nothing unpickles."""
+"""Send matchups to other machines: maps as pixels, policy files as bytes that are never unpickled."""
 
 import hashlib
 from collections.abc import Iterable
@@ -10,19 +10,19 @@ from pacman_env.evaluation.rounds.play import Matchup, Played, play_matchup
 from pacman_env.files import replaced
 from pacman_env.world.maps.occupancy import load_map, shipped_maps
 
-_METADATA = {".onnx": ".json", ".zip": ".facts.json"}  # suffix of a policy file, and of its metadata file
+_METADATA = {".onnx": ".json", ".zip": ".facts.json"}  # suffix of a policy file: suffix of its metadata file
 
 
 @dataclass(frozen=True)
 class Packed:
-    """Hold a matchup whose map is pixels, and the content of its policy files, by path and file name."""
+    """A matchup with the pixels of its map and the content of its policy files, by path and file name."""
 
     matchup: Matchup
     files: dict[str, dict[str, bytes]]
 
 
 def pack(matchup: Matchup) -> Packed:
-    """Read the files of a matchup. Names that are no files stay names: the worker finds them."""
+    """Read the files of a matchup; other names stay unchanged, the worker resolves them."""
     scenario = matchup.scenario
     if isinstance(scenario, str) and scenario not in shipped_maps():
         scenario = load_map(scenario)
@@ -30,7 +30,7 @@ def pack(matchup: Matchup) -> Packed:
 
 
 def play_packed(task: Packed) -> Played:
-    """Play a matchup on the worker, from copies of its files that are named by their content."""
+    """Play a matchup on the worker, from copies of its files named by their content."""
     matchup, places = task.matchup, {spec: write_cached(content, spec) for spec, content in task.files.items()}
     ghosts = tuple(places.get(name, name) for name in matchup.config.clyde.ghosts)
     config = matchup.config.with_fields(**{"clyde.ghosts": ghosts})
@@ -53,7 +53,7 @@ def _content(path: Path) -> dict[str, bytes]:
 
 
 def write_cached(content: dict[str, bytes], spec: str) -> str:
-    """Write the files of a policy, as :func:`contents` returns them, to the cache; return the path of the policy."""
+    """Write the policy files of :func:`contents` to the cache and return the path of the policy."""
     folder = cache_dir() / "sent" / _hash(content.items())
     try:
         _write(content, folder)

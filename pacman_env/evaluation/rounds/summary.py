@@ -1,23 +1,23 @@
 """Summarize rounds: rates, means, intervals and paired differences, in rows of plain data.
 
-The JSON files of ``pacman-env compare`` and ``pacman-env report`` begin with the fields of :func:`describe_rounds`
+The JSON files of ``pacman-env compare`` and ``pacman-env report`` start with the fields of :func:`describe_rounds`
 (``schema``, ``version``, ``kind`` ``compare`` or ``report``, ``seed``, ``seeds``, ``preset``, ``execution``, ``maps``,
 ``policies``, ``config``) and have ``rows``:
 
-- ``seeds``: of each round, uint64 in decimal as strings (more digits than some readers of JSON keep). Round k of
-  every row has the k-th.
+- ``seeds``: seed of each round, uint64 in decimal as strings (more digits than some JSON readers support). Round k of
+  every row has the k-th seed.
 - ``maps``: ``name``, ``source``, ``hash``; generated levels together are one map, with ``start_level``,
-  ``num_levels`` and the hash of the first. ``policies``: ``name`` (as in the rows) and ``spec`` (the argument).
+    ``num_levels`` and the hash of the first level. ``policies``: ``name`` (as in the rows) and ``spec`` (the argument).
 - ``config`` is the configuration at the first of Clyde's speeds.
 
 Every row has ``map`` (null: all maps), ``policy``, ``clyde_speed`` (m/s), ``kind`` (``round``, or ``endless`` for
-endless games), ``episodes``, ``levels`` (how many were played on), ``pellets`` and ``pellets_least`` (most and least of
-a round); rates 0..1 with 95 % Wilson intervals [low, high]: ``death_rate``/``_ci``, ``timeout_rate``, ``cleared_rate``
-(no pellet left, some lost); means per episode: ``pellets_mean``, ``time_mean_s``; times of one decision of the policy
-alone, ``decision_ms_p50`` and ``_p99``, and ``decision_ms`` with more percentiles, over ``decisions_timed`` samples. A
-row of one map also has the results of its rounds, in the order of the seeds: ``outcomes`` with ``end`` (a letter each,
-``ENDS``: C complete, L cleared but some lost, D caught, T time-out), ``collected``, ``time_s`` and, on several levels,
-``level``.
+endless games), ``episodes``, ``levels`` (number of different levels), ``pellets`` and ``pellets_least`` (most and
+fewest in a round); rates 0..1 with 95 % Wilson intervals [low, high]: ``death_rate``/``_ci``, ``timeout_rate``,
+``cleared_rate`` (no pellet left, some lost); means per episode: ``pellets_mean``, ``time_mean_s``; times of one
+decision of the policy alone, ``decision_ms_p50`` and ``_p99``, and ``decision_ms`` with more percentiles, over
+``decisions_timed`` samples. A row of one map also has the results of its rounds, in the order of the seeds:
+``outcomes`` with ``end`` (a letter each, ``ENDS``: C complete, L cleared but some lost, D caught, T time-out),
+``collected``, ``time_s`` and, on several levels, ``level``.
 
 A row of kind ``round`` adds ``completion_rate``/``_ci``, ``all_but_one_rate``/``_ci``, ``pellets_share`` (mean share of
 a round's pellets), ``lost_mean``, ``aborts_mean``, ``win_time_mean_s`` (null without a win), and
@@ -43,7 +43,7 @@ from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, TIMEOUT
 SCHEMA = 3
 Row = dict[str, Any]
 ENDS = {COMPLETE: "C", CLEARED: "L", DEAD: "D", TIMEOUT: "T"}
-_DRAWS = 0  # seed of each bootstrap: rows differ only by what was played
+_DRAWS = 0  # the same seed for each bootstrap, so that only rounds cause differences
 _PERCENTILES = (1, 5, 25, 50, 75, 95, 99, 99.9)
 
 
@@ -56,7 +56,7 @@ def describe_rounds(
     maps: Mapping[str, Scenario],
     policies: Mapping[str, str],
 ) -> dict[str, Any]:
-    """Return the fields that results begin with; ``rules`` are preset and execution, ``policies`` specs by name."""
+    """Return the first fields of results; ``rules`` are preset and execution, ``policies`` specs by name."""
     return {
         "schema": SCHEMA,
         "version": __version__,
@@ -77,7 +77,7 @@ def make_row(
     """Return the row of one policy.
 
     ``about`` are the fields that identify the row, ``played`` its rounds on each map, ``others`` the records of the
-    policy it is compared with on the same maps. Raises ValueError if the two have other seeds.
+    policy for comparison on the same maps. Raises ValueError if the seeds of the two differ.
     """
     parts = [records for records, _ in played]
     for ours, theirs in zip(parts, others or parts, strict=True):
@@ -90,12 +90,12 @@ def make_row(
 
 
 def compare_completion(ours: Sequence[NDArray], theirs: Sequence[NDArray]) -> tuple[float, Interval]:
-    """Return the completion of our rounds minus that of theirs, which have the same seeds, with its interval."""
+    """Return our completion rate minus theirs, in rounds with the same seeds, with its interval."""
     return paired_difference(*(np.concatenate(parts)["end"] == COMPLETE for parts in (ours, theirs)))
 
 
 def of_rounds(parts: Sequence[NDArray], others: Sequence[NDArray] | None = None) -> Row:
-    """Return what a row of kind ``round`` has, of the records on each map."""
+    """Return the fields of a row of kind ``round``, from the records on each map."""
     records = np.concatenate(parts)
     complete = records["end"] == COMPLETE
     difference, interval = (0.0, (0.0, 0.0)) if others is None else compare_completion(parts, others)

@@ -1,4 +1,4 @@
-"""Templates of HTML pages that need nothing beside them; every text in them is escaped."""
+"""Templates of self-contained HTML pages; all text in them is escaped."""
 
 from collections.abc import Callable
 from pathlib import Path
