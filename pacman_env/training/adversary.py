@@ -1,6 +1,6 @@
-"""Planner and Clyde trained against each other in turns: ``pacman-env adversary``.
+"""Train planner and Clyde against each other in turns: ``pacman-env adversary``.
 
-Arguments, the rounds in order, the planner's opponents, the table of completion for each pair, and the record.
+Arguments, the sequence of rounds, the planner's opponents, the table of completion for each pair, and the record.
 """
 
 import contextlib
@@ -57,41 +57,41 @@ class Arguments(Checked):
     """Train a planner and a Clyde against each other, in turns, or measure what has been trained."""
 
     start: Path | None = None
-    """The planner to begin with: an ONNX file, or a checkpoint such as best.zip; without: imitation of lookahead."""
+    """Planner to start with: an ONNX file, or a checkpoint such as best.zip; without: imitation of lookahead."""
     out: Path = Path("results/adversary")
     """Folder of the run: record.json, planner-K.onnx, clyde-K.onnx."""
     seed: Count = 0
-    """All that is random comes from it."""
+    """Seed of everything random."""
     rounds: AtLeastOne = 3
-    """In each a Clyde learns against the planner, then the planner against all Clydes."""
+    """Rounds; in each, a Clyde learns against the planner, then the planner against all Clydes."""
     clyde_decisions: AtLeastOne = 196608
-    """Of Clyde, per round."""
+    """Decisions of Clyde per round."""
     planner_decisions: Count = 524288
-    """Of the planner, per round; 0: it stays as it is, and only Clydes learn."""
+    """Decisions of the planner per round; 0: it stays unchanged, and only Clydes learn."""
     imitation: Count = 131072
-    """Decisions of lookahead that are imitated where there is no planner to begin with."""
+    """Decisions of lookahead to imitate if there is no planner to start with."""
     wander: Share = 0.4
-    """Share of the planner's training rounds that the original Clyde plays."""
+    """Share of the planner's training rounds against the original Clyde."""
     games: AtLeastOne = 128
-    """Of the planner at once."""
+    """Games of the planner in parallel."""
     clyde_games: AtLeastOne = 32
-    """Of Clyde at once."""
+    """Games of Clyde in parallel."""
     levels: AtLeastOne = 96
     """Generated houses per round."""
     clyde_speed: tuple[NotNegative, NotNegative] | None = None
-    """m/s, drawn for each game, in training and in the table; without: as in pacman_env.training.ppo."""
+    """Range of Clyde's speed, m/s, for each game in training and table; without: as in pacman_env.training.ppo."""
     learning_rate: tuple[NotNegative, NotNegative] = (3e-4, 5e-5)
-    """Of the planner, at the beginning and at the end of each round."""
+    """Learning rate of the planner, at the start and at the end of each round."""
     clyde_learning_rate: tuple[NotNegative, NotNegative] = (1e-3, 1e-4)
-    """Of Clyde, likewise."""
+    """Learning rate of Clyde, at the start and at the end of each round."""
     evaluation: AtLeastOne = 256
     """Games on validation levels for every pair in the table."""
     measure: Path | None = None
     """Do not train: print the table of this planner."""
     clyde: Path | None = None
-    """With --measure: a learned Clyde to play against, beside the built-in ones."""
+    """With --measure: a learned Clyde to play against, in addition to the built-in ones."""
     threads: Count = 2
-    """That compute an update, step games and play rounds; 0: one for each core."""
+    """Threads that compute an update, step games and play rounds; 0: one per core."""
     progress: bool = True
     """Show a progress bar."""
 
@@ -175,8 +175,8 @@ class Alternation:
         print(f"written: {self.record}, {self._path(newest)}, {self._path(clydes[-1])}")
 
     def _round(self, number: int, bar: Any) -> None:
-        before, clyde, after = f"planner-{number - 1}", f"clyde-{number}", f"planner-{number}"
-        robot = LearnedPlanner(self._path(before))
+        opponent, clyde, planner = f"planner-{number - 1}", f"clyde-{number}", f"planner-{number}"
+        robot = LearnedPlanner(self._path(opponent))
         clyde_parts = make_ghost_parts(_games(self.arguments, _CLYDE), number - 1, robot)
         clyde_seconds = self._learn(_CLYDE, number, clyde_parts, bar)
         self._export(_CLYDE, clyde)
@@ -186,9 +186,9 @@ class Alternation:
             pool = make_pool(clydes, self.arguments.wander)
             parts = make_parts(_games(self.arguments, _PLANNER, LEARNED), number, pool)
             planner_seconds = self._learn(_PLANNER, number, parts, bar)
-        self._export(_PLANNER, after)
-        self.table.play(before, [clyde])
-        for policy in (after, *RULES):
+        self._export(_PLANNER, planner)
+        self.table.play(opponent, [clyde])
+        for policy in (planner, *RULES):
             self.table.play(policy, [*BUILT_IN, clyde])
         self.rounds.append(
             {
@@ -199,17 +199,17 @@ class Alternation:
                 "planner_seconds": round(planner_seconds, 1),
             }
         )
-        # Again, with the results.
+        # Export again, with the results.
         shares = self.table.shares()
-        self._export(_PLANNER, after, {f"completed_{rival}": share for rival, share in shares[after].items()})
-        self._export(_CLYDE, clyde, {f"completed_{name}": shares[name][clyde] for name in (before, after, *RULES)})
+        self._export(_PLANNER, planner, {f"completed_{rival}": share for rival, share in shares[planner].items()})
+        self._export(_CLYDE, clyde, {f"completed_{name}": shares[name][clyde] for name in (opponent, planner, *RULES)})
         self._write()
 
     def _learn(self, side: int, number: int, parts: list[Part], bar: Any) -> float:
-        """PPO of one side in its games; returns how long it took, s."""
+        """Train one side with PPO in its games; return the duration, s."""
         model, (torch_seed, games_seed) = self._models[side], _seeds(self.arguments, side, number)
         torch.manual_seed(torch_seed)
-        model.decisions = 0  # of this round: its rates begin anew
+        model.decisions = 0  # in this round: the schedules start again
         began = time.perf_counter()
         with contextlib.closing(Collector(parts, self._executor)) as games:
             model.learn(games, model.hyper.decisions, games_seed, bar)
@@ -221,7 +221,7 @@ class Alternation:
 
     def _export(self, side: int, name: str, metrics: dict[str, float] | None = None) -> None:
         facts = facts_of(_games(self.arguments, side), self._decisions[side], metrics or {})
-        if self._decisions[_CLYDE] > 0:  # after the first round's first half
+        if self._decisions[_CLYDE] > 0:  # from the second half of the first round on
             ghosts = (*BUILT_IN, POLICY) if side == _PLANNER else (POLICY,)
             facts = msgspec.structs.replace(facts, training=msgspec.structs.replace(facts.training, ghosts=ghosts))
         export_planner(self._models[side].network, self._path(name), facts)
@@ -238,7 +238,7 @@ class Alternation:
 
 
 def starting_model(arguments: Arguments, executor: Executor) -> tuple[Learner, int]:
-    """The planner to begin with, and how many decisions it has been trained for."""
+    """Return the planner to start with and the number of decisions of its training so far."""
     game, path = _games(arguments, _PLANNER), arguments.start
     torch_seed, games_seed = _seeds(arguments, _PLANNER, 0)
     make = partial(Learner, game.hyper, torch_seed, threads=arguments.threads)
@@ -261,7 +261,7 @@ def starting_model(arguments: Arguments, executor: Executor) -> tuple[Learner, i
 
 
 def _games(arguments: Arguments, side: int, ghost: str = WANDER) -> GameArguments:
-    """The arguments of the games and the learning of a side; ``ghost``: the behaviour of the planner's opponent."""
+    """Return the arguments of a side's games and training; ``ghost`` is the behaviour of the planner's opponent."""
     hyper = load_hyperparameters(FOLDER / "PacManBot-v0.yaml", "headline")
     if side == _CLYDE:
         games, decisions, rate = arguments.clyde_games, arguments.clyde_decisions, arguments.clyde_learning_rate
@@ -283,23 +283,23 @@ def _games(arguments: Arguments, side: int, ghost: str = WANDER) -> GameArgument
 
 
 def _seeds(arguments: Arguments, side: int, number: int) -> list[int]:
-    """Of a side in a round: for torch and for the games."""
+    """Return the seeds of a side in a round: for torch and for the games."""
     return np.random.SeedSequence(arguments.seed, spawn_key=(number, side)).generate_state(2).tolist()
 
 
 def make_pool(learned: Sequence[Policy], wander: float) -> Opponents:
-    """Wander with this share of the rounds; the rules and the learned Clydes share the others equally."""
+    """Return a pool that wanders with this share; the rules and the learned Clydes share the other rounds equally."""
     others: list[Policy] = [BehaviourOpponent("chase"), BehaviourOpponent("arcade"), *learned]
     return Opponents([BehaviourOpponent("wander"), *others], [wander, *[(1.0 - wander) / len(others)] * len(others)])
 
 
 class Table:
-    """Share of validation rounds that a policy completes against a Clyde; every pair is played once."""
+    """Shares of validation rounds that policies complete against Clydes; every pair plays once."""
 
     def __init__(self, arguments: GameArguments, rounds: int, executor: Executor) -> None:
         self._arguments, self._rounds, self._executor = arguments, rounds, executor
-        self.files: dict[str, Path] = {}  # of planners and learned Clydes, by name
-        self.completed: dict[str, dict[str, NDArray[np.bool_]]] = {}  # by policy, by Clyde
+        self.files: dict[str, Path] = {}  # files of planners and learned Clydes by name
+        self.completed: dict[str, dict[str, NDArray[np.bool_]]] = {}  # results by policy, then by Clyde
 
     def play(self, policy: str, clydes: Sequence[str]) -> None:
         row = self.completed.setdefault(policy, {})
@@ -316,7 +316,7 @@ class Table:
         return {policy: {clyde: float(ended.mean()) for clyde, ended in row.items()} for policy, row in completed}
 
     def render(self) -> str:
-        """As Markdown, with Wilson's intervals; empty where a pair has not been played."""
+        """Return the table as Markdown with Wilson's intervals; pairs that did not play are empty."""
         clydes = list(dict.fromkeys(clyde for row in self.completed.values() for clyde in row))
         lines = [f"| completed of {self._rounds} | {' | '.join(clydes)} |", "|---" * (len(clydes) + 1) + "|"]
         for policy, row in self.completed.items():
@@ -329,7 +329,7 @@ class Table:
 
 
 def robustness(planner: Path, clyde: Path | None, table: Table) -> Table:
-    """One planner and the rules in an empty table, for a model card; ``clyde`` is a learned one to be in it too."""
+    """Play one planner and the rules for the table of a model card; ``clyde`` is an additional learned Clyde."""
     table.files |= {"planner": planner} | ({} if clyde is None else {"clyde": clyde})
     for policy in ("planner", *RULES):
         table.play(policy, BUILT_IN if clyde is None else (*BUILT_IN, "clyde"))

@@ -1,4 +1,4 @@
-"""Arguments of a training run: hyperparameters come from YAML per environment, the command line may replace each."""
+"""Arguments of a training run: hyperparameters from a YAML file per environment, which options can override."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,42 +17,42 @@ FOLDER = shipped("training/hyperparameters", "train/hyperparameters")
 
 @dataclass(frozen=True)
 class Hyperparameters(Checked):
-    """What is tuned. Pairs are the values at the beginning and at the end of a cycle, linear in between."""
+    """Tunable values. Pairs are the values at the start and at the end of a cycle, linear in between."""
 
     decisions: AtLeastOne
-    """Of PPO, in all games together; 0.5 s of a game each, more with ``decide: event``."""
+    """Decisions of PPO in all games together; 0.5 s of a game each, more with ``decide: event``."""
     cycles: AtLeastOne
-    """How often learning rate and weight of entropy go from their first to their last value."""
+    """Cycles of learning rate and entropy coefficient; both go from their first to their last value in each cycle."""
     segment: AtLeastOne
     """Decisions between two checkpoints; a multiple of ``games`` x ``n_steps``."""
     games: AtLeastOne
-    """Games at once."""
+    """Games that run in parallel."""
     n_steps: AtLeastOne
-    """Decisions of each game between two updates."""
+    """Decisions of each game per rollout."""
     batch_size: AtLeastOne
     """Decisions in a minibatch."""
     n_epochs: AtLeastOne
-    """How often each decision is learned from."""
+    """Epochs over a rollout in an update."""
     learning_rate: tuple[NotNegative, NotNegative]
-    """Step size at the beginning and at the end of a cycle, linear in between."""
+    """Step size at the start and at the end of a cycle, linear in between."""
     ent_coef: tuple[NotNegative, NotNegative]
-    """Weight of entropy, against certainty too early; at the beginning and at the end of a cycle, linear in between."""
+    """Entropy coefficient, against early certainty, at the start and at the end of a cycle, linear in between."""
     gamma: Share
     """Discount per decision; decisions of 0.5 s: half after 346 s at 0.999, after 173 s at 0.998."""
     gae_lambda: Share
-    """Bias against variance of advantages."""
+    """Lambda of GAE, bias against variance of advantages."""
     clip_range: NotNegative
-    """How far a policy may move in an update."""
+    """Clip range of the probability ratio in an update."""
     vf_coef: NotNegative
-    """Weight of the value's error."""
+    """Coefficient of the value loss."""
     max_grad_norm: NotNegative
-    """Bound on gradients."""
+    """Largest norm of the gradient."""
     width: AtLeastOne
-    """Of each hidden layer."""
+    """Width of each hidden layer."""
     reward_scale: NotNegative
-    """Rewards are multiplied by it, so that values are of the order of one."""
+    """Factor of rewards, so that values are of the order of one."""
     timeout: Number
-    """Reward at the time limit, not scaled; -10, as for death, where a robot may survive without collecting."""
+    """Reward at the time limit, not scaled; -10, as for death, if a robot may survive without collecting."""
     levels: AtLeastOne
     """Generated houses per segment."""
     clyde_speed: tuple[NotNegative, NotNegative]
@@ -62,23 +62,23 @@ class Hyperparameters(Checked):
     ghosts: Annotated[tuple[str, ...], Meta(min_length=1)]
     """Line-ups that share the games, such as wander "arcade,chase@0.1-0.3"."""
     league_every: Count
-    """Segments between two Clydes that join the league; 0: none."""
+    """Segments between two Clydes that join the league; 0: no league."""
     imitation: Count
-    """Decisions of a rule that are imitated first; 0: none, PPO from random weights."""
+    """Decisions of a rule to imitate first; 0: none, PPO starts from random weights."""
     teacher_nodes: AtLeastOne
-    """Segments that ``search`` plays for an imitated decision, at least 221; not used where all ghosts wander."""
+    """Segments that ``search`` plays for an imitated decision, at least 221; not used if all ghosts wander."""
     decide: Literal["tick", "event"]
-    """When the planner decides in training: tick, every 0.5 s, or event, when there is something to decide."""
+    """When the planner decides in training: tick, every 0.5 s, or event, when something happened."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         rollout, batch = f"games * n_steps = {self.rollout}", self.batch_size
         require(self.segment % self.rollout == 0, "segment", self.segment, f"must be a multiple of {rollout}")
-        # advantages are divided by their deviation within a minibatch
+        # Advantages are divided by their standard deviation within a minibatch.
         require(batch > 1 != self.rollout % batch, "batch_size", batch, f"leaves a minibatch of 1 of {rollout}")
         object.__setattr__(self, "ghosts", tuple(checked(one, f"ghosts[{k}]") for k, one in enumerate(self.ghosts)))
         if len(self.lineups) > 1:
-            sub_batches(self.ghosts, self.games, self.levels)  # raises where they cannot be divided
+            sub_batches(self.ghosts, self.games, self.levels)  # raises if they cannot be divided
         learned = any(LEARNED in behaviours(one) for one in self.lineups)
         require(self.league_every > 0 or not learned, "league_every", 0, f"must be at least 1 with a ghost {LEARNED!r}")
         nodes, least = self.teacher_nodes, LEAST_NODES if any(map(searches, self.lineups)) else 0
@@ -86,22 +86,22 @@ class Hyperparameters(Checked):
 
     @property
     def lineups(self) -> tuple[str, ...]:
-        """The line-ups of ``ghosts`` without repetition."""
+        """Return the line-ups of ``ghosts`` without repetition."""
         return tuple(dict.fromkeys(self.ghosts))
 
     @property
     def rollout(self) -> int:
-        """Decisions between two updates."""
+        """Return the number of decisions in a rollout."""
         return self.games * self.n_steps
 
     def progress(self, decisions: int) -> float:
-        """Within a cycle, above 0 and at most 1, after this number of decisions."""
-        parts = min(decisions, self.decisions) * self.cycles  # whole numbers: a cycle has as many as the run decisions
+        """Return the progress within a cycle, above 0 and at most 1, after this number of decisions."""
+        parts = min(decisions, self.decisions) * self.cycles  # in integers, to avoid rounding
         return ((parts - 1) % self.decisions + 1) / self.decisions
 
     @property
     def segments(self) -> int:
-        """Number of segments, which have at least ``decisions`` decisions."""
+        """Return the number of segments, which have at least ``decisions`` decisions in total."""
         return -(-self.decisions // self.segment)
 
 
@@ -113,23 +113,23 @@ class Arguments(Checked):
     out: Path = Path("results/ppo")
     """Folder of the run: checkpoints, planner.onnx, run.json, TensorBoard's files."""
     seed: Annotated[int, Meta(ge=0, lt=2**32)] = 0
-    """All that is random comes from it."""
+    """Seed of everything random."""
     resume: bool = False
     """Resume the run in ``out``."""
     preset: str = "robot"
-    """Of the configuration, such as robot or ideal."""
+    """Preset of the configuration, such as robot or ideal."""
     execution: str = "robust"
-    """Of the configuration: robust or as_built."""
+    """Execution of goals: robust or as_built."""
     randomize: bool = False
-    """Draw localization errors, Nav2's delay and aborts for each round as well."""
+    """Also draw localization errors, Nav2's delay and aborts for each round."""
     curriculum: bool = False
-    """Begin with slow Clydes: the highest speed grows over the first half of the run."""
+    """Start with slow Clydes; the highest speed grows over the first half of the run."""
     without: tuple[Part, ...] = ()
-    """Ablations: candidates or features that the network does not have."""
+    """Ablations: candidates or features that the network does not use."""
     threads: Count = 2
-    """That compute an update, step games and play rounds; 0: one for each core."""
+    """Threads that compute an update, step games and play rounds; 0: one per core."""
     device: str = "cpu"
-    """Where the network learns and chooses: cpu, or a graphics processor such as cuda or cuda:1."""
+    """Device of the network: cpu, or a graphics processor such as cuda or cuda:1."""
     evaluation: Count = 256
     """Rounds on validation levels at the end of each segment, and on test levels at the end; 0: none."""
     progress: bool = True
@@ -143,7 +143,7 @@ class Arguments(Checked):
 
 
 def load_hyperparameters(path: Path, section: str) -> Hyperparameters:
-    """A section of a YAML file; ValueError names the file and the section that do not fit."""
+    """Read a section of a YAML file; raises ValueError, with file and section, if it is invalid."""
     content = read_yaml(path)
     values = content.get(section) if isinstance(content, dict) else None
     if not isinstance(values, dict):
@@ -152,12 +152,12 @@ def load_hyperparameters(path: Path, section: str) -> Hyperparameters:
 
 
 def from_values(values: dict[str, Any], where: str) -> Hyperparameters:
-    known = kinds(Hyperparameters)
-    if set(values) != set(known):
-        unknown, missing = sorted(map(str, set(values) - set(known))), sorted(set(known) - set(values))
+    fields = kinds(Hyperparameters)
+    if set(values) != set(fields):
+        unknown, missing = sorted(map(str, set(values) - set(fields))), sorted(set(fields) - set(values))
         raise ValueError(f"{where}: unknown {unknown}, missing {missing}")
     whole = (AtLeastOne, Count)
     try:  # a number may be in quotes
-        return Hyperparameters(**{n: convert(values[n], kind, n, strict=kind in whole) for n, kind in known.items()})
+        return Hyperparameters(**{n: convert(values[n], kind, n, strict=kind in whole) for n, kind in fields.items()})
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None

@@ -1,4 +1,4 @@
-"""Stock learners' configurations, read strictly from ``train/hyperparameters/baselines.yaml``."""
+"""Configurations of stock learners, read strictly from ``train/hyperparameters/baselines.yaml``."""
 
 from pathlib import Path
 from typing import Any, Literal
@@ -39,36 +39,36 @@ class Environment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Hyperparameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Of PPO; the defaults are the libraries' own."""
+    """Hyperparameters of PPO; the defaults are those of the libraries."""
 
-    n_steps: AtLeastOne = 2048  # decisions per game between two updates
+    n_steps: AtLeastOne = 2048  # decisions per game in a rollout
     batch_size: AtLeastOne = 64
     n_epochs: AtLeastOne = 10
-    learning_rate: tuple[Positive, Positive] = (3e-4, 3e-4)  # at the beginning and at the end, linear in between
+    learning_rate: tuple[Positive, Positive] = (3e-4, 3e-4)  # at the start and at the end, linear in between
     gamma: Share = 0.99
     gae_lambda: Share = 0.95
     clip_range: Positive = 0.2
     ent_coef: NotNegative = 0.0
-    log_std_init: Number | None = None  # of velocities: logarithm of their first standard deviation
+    log_std_init: Number | None = None  # with velocities: logarithm of the initial standard deviation
     net_arch: tuple[AtLeastOne, ...] | None = None  # widths of the hidden layers of actor and critic
 
 
 class Baseline(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What is learned, and how."""
+    """Configuration of a training with a stock learner."""
 
     environment: Environment = Environment()
     learner: Literal["maskable_ppo", "ppo"] = "maskable_ppo"
     policy: Literal["MlpPolicy", "MultiInputPolicy"] = "MlpPolicy"
-    games: AtLeastOne = 8  # at once
+    games: AtLeastOne = 8  # games in parallel
     decisions: AtLeastOne = 200_000
-    every: Count = 0  # decisions between two points of the curve; 0: those of an update
-    frames: AtLeastOne = 1  # observations that the learner sees at once
-    normalize: bool = False  # observations and rewards by their running mean and deviation
-    test: str = "generated:test"  # the map that is played to see how good it is
+    every: Count = 0  # decisions between two points of the curve; 0: one update
+    frames: AtLeastOne = 1  # stacked observations
+    normalize: bool = False  # normalize observations and rewards by running mean and deviation
+    test: str = "generated:test"  # map of the test rounds
     hyperparameters: Hyperparameters = Hyperparameters()
 
     def arguments(self, map_name: str) -> dict[str, Any]:
-        """Of the environment on a map; outcomes are numbers."""
+        """Return the arguments of the environment on a map; outcomes are numbers."""
         settings = {"observation.numeric_info": True, **self.environment.settings}
         return {**msgspec.structs.asdict(self.environment), "map": map_name, "settings": settings}
 
@@ -76,7 +76,7 @@ class Baseline(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         return PacManBotVecEnv(games, **self.arguments(map_name))
 
     def wrapped(self, games: VecEnv, training: bool = True) -> VecEnv:
-        """As the learner sees the games."""
+        """Return the games with the wrappers for the learner."""
         if self.frames > 1:
             games = VecFrameStack(games, self.frames)
         if self.normalize:
@@ -98,7 +98,7 @@ class Baseline(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
 
 def shares(ends: NDArray[np.integer[Any]], pellets: NDArray[np.float64]) -> dict[str, Any]:
-    """What became of rounds, from how each ended and its share of pellets collected."""
+    """Return the shares of results of rounds, from the end of each and its share of pellets collected."""
     rounds = len(ends)
     result: dict[str, Any] = {"pellets": float(pellets.mean())}
     for name, end in (("completed", COMPLETE), ("caught", DEAD)):
@@ -108,31 +108,31 @@ def shares(ends: NDArray[np.integer[Any]], pellets: NDArray[np.float64]) -> dict
 
 
 def point(model: BaseAlgorithm, decisions: int, learning_s: float, reached: dict[str, Any]) -> dict[str, Any]:
-    """Of a curve: what was reached after so many decisions, and the mean return of the last rounds of training."""
+    """Return a point of a curve: the results after ``decisions``, and the mean return of recent training rounds."""
     returns = [episode["r"] for episode in model.ep_info_buffer or ()]
     mean = float(np.mean(returns)) if returns else None
     return {"decisions": decisions, "return": mean, "learning_s": learning_s, **reached}
 
 
 def load_baselines(path: Path) -> dict[str, Baseline]:
-    """The baselines of a file by name; a ValueError names file, section and field that are wrong."""
+    """Return the baselines of a file by name; raises ValueError, with file, section and field, if they are invalid."""
     content = read_yaml(path)
     if not isinstance(content, dict) or not content:
         raise ValueError(f"{path}: must have baselines by name")
     try:
-        found = {str(name): convert(values, Baseline, str(name)) for name, values in content.items()}
-        for name, baseline in found.items():
+        baselines = {str(name): convert(values, Baseline, str(name)) for name, values in content.items()}
+        for name, baseline in baselines.items():
             check(name, baseline)
-        return found
+        return baselines
     except ConfigError as error:
         raise ValueError(f"{path}: {error}") from None
 
 
 def check(name: str, baseline: Baseline) -> None:
-    """Raise a ConfigError where fields do not go together."""
+    """Raise ConfigError if fields contradict each other."""
     hyper = baseline.hyperparameters
     rollout, batch = baseline.games * hyper.n_steps, hyper.batch_size
-    # advantages are divided by their deviation within a minibatch
+    # Advantages are divided by their standard deviation within a minibatch.
     rule = f"leaves a minibatch of 1 of games * n_steps = {rollout}"
     require(batch > 1 != rollout % batch, f"{name}.hyperparameters.batch_size", batch, rule)
     try:

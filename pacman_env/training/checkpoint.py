@@ -1,7 +1,7 @@
-"""Trained planners on disk, the zip with the facts beside it, and both as a policy.
+"""Checkpoints of planners: the zip of the network, its file of facts, and both loaded as a policy.
 
-A checkpoint is laid out as the zips of Stable-Baselines3, which earlier versions wrote. Those hold pickled objects too,
-which would run any code when they are loaded: only tensors and plain JSON are read here.
+A checkpoint has the layout of Stable-Baselines3's zips, which earlier versions wrote. Those zips also contain pickled
+objects, which could run any code. Therefore only tensors and plain JSON are read.
 """
 
 import io
@@ -24,19 +24,19 @@ from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOB
 from pacman_env.sim.observation.situation import Situation
 from pacman_env.training.network import FORBIDDEN, EntityNetwork
 
-_PREFIX = "network."  # of the weights' names
+_PREFIX = "network."  # prefix of the weights' names
 
 
 class Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Facts about a planner that only its training knows."""
 
-    robot_speed_mps: Number  # with which its features were built
+    robot_speed_mps: Number  # speed with which its features were built
     training: Training
     metrics: dict[str, Number]
 
 
 def facts_path(checkpoint: Path) -> Path:
-    """``runs/ppo.facts.json`` for ``runs/ppo.zip``."""
+    """Return the path of a checkpoint's facts: ``runs/ppo.facts.json`` for ``runs/ppo.zip``."""
     return checkpoint.with_suffix(".facts.json")
 
 
@@ -65,24 +65,24 @@ def save_checkpoint(path: Path, network: EntityNetwork, optimizer: torch.optim.O
 
 
 def _tensors(path: Path, name: str) -> dict[str, Any]:
-    """One part of a checkpoint, ``policy`` or ``policy.optimizer``; nothing but tensors and numbers is read."""
+    """Read one part of a checkpoint, ``policy`` or ``policy.optimizer``: nothing but tensors and numbers."""
     with zipfile.ZipFile(path) as archive:
         content = torch.load(io.BytesIO(archive.read(f"{name}.pth")), weights_only=True, map_location="cpu")
     return {key.removeprefix(_PREFIX): value for key, value in content.items()}
 
 
 def restore(path: Path, network: EntityNetwork, optimizer: torch.optim.Optimizer) -> None:
-    """Read network and optimizer from a checkpoint; raises ValueError if it cannot be read or has another network."""
+    """Read network and optimizer from a checkpoint; raises ValueError if it is unreadable or of another network."""
     try:
         weights, state = _tensors(path, "policy"), _tensors(path, "policy.optimizer")
         network.load_state_dict(weights)
         optimizer.load_state_dict(state)
-    except Exception as error:  # a torn or foreign file may fail anywhere
+    except Exception as error:  # a damaged or foreign file may fail anywhere
         raise ValueError(f"{path}: cannot be restored: {error}") from None
 
 
 def load_network(path: Path) -> EntityNetwork:
-    """The network of a checkpoint; raises ValueError if there is none for this version's features."""
+    """Return the network of a checkpoint; raises ValueError unless it fits this version's features."""
     if not path.is_file():
         raise ValueError(f"{path}: no such file")
     try:
@@ -93,7 +93,7 @@ def load_network(path: Path) -> EntityNetwork:
         own = len(state["shown"])
         network = EntityNetwork(own, inputs - own, width, dropped_kinds=sizes.get("dropped_kinds", ()))
         network.load_state_dict(state)
-    except Exception as error:  # a torn or foreign file may fail anywhere
+    except Exception as error:  # a damaged or foreign file may fail anywhere
         raise ValueError(f"{path}: no planner that can be loaded: {error}") from None
     check_sizes(network, path)
     return network.eval()
@@ -101,28 +101,28 @@ def load_network(path: Path) -> EntityNetwork:
 
 def check_sizes(network: EntityNetwork, path: Path) -> None:
     own = network.candidate_features
-    found, expected = (own, network.encode_candidate.in_features - own), (len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES))
-    if found != expected:
-        raise ValueError(f"{path}: reads {found} candidate and global features, this version has {expected}")
+    sizes, expected = (own, network.encode_candidate.in_features - own), (len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES))
+    if sizes != expected:
+        raise ValueError(f"{path}: reads {sizes} candidate and global features, this version has {expected}")
 
 
 class TorchPlanner(BasePolicy):
-    """A network on the CPU as a policy; what is deployed is its export."""
+    """A network on the CPU as a policy, for training; deployed planners are exports."""
 
     def __init__(self, name: str, network: EntityNetwork, robot_speed_mps: float) -> None:
         self.name, self.network, self.robot_speed_mps = name, network, robot_speed_mps
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
-        """(N, C) logits, -inf for what may not be chosen."""
+        """Return logits (N, C), -inf for forbidden candidates."""
         candidates, whole = planner_features(situation, self.robot_speed_mps)
         with torch.no_grad():
             logits, _ = self.network(*(torch.tensor(a) for a in (candidates, whole, situation.mask)))
-        found = logits.numpy().astype(np.float64)
-        return np.where(found > FORBIDDEN / 10, found, -np.inf)
+        scores = logits.numpy().astype(np.float64)
+        return np.where(scores > FORBIDDEN / 10, scores, -np.inf)
 
 
 def load_planner(path: Path) -> TorchPlanner:
-    """The policy of a checkpoint, with the robot's speed of its facts or, without them, the measured one."""
+    """Return the policy of a checkpoint, with the robot speed of its facts, or the measured one without facts."""
     network = load_network(path)
     facts = facts_path(path)
     speed = read_facts(facts).robot_speed_mps if facts.exists() else make_config("robot").robot.speed_mps

@@ -1,4 +1,4 @@
-"""The games that a network learns in, as parts that the workers of an executor play, fragment by fragment."""
+"""Games that a network learns in, divided into parts; the workers of an executor play them fragment by fragment."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _NUMBERS = itertools.count()
 
 
 class Collector:
-    """Fragments depend on seed and network alone, not on the executor: how many workers it has, and which are lost."""
+    """Plays fragments; they depend on seed and network alone, not on the number of workers or on lost workers."""
 
     def __init__(self, parts: Sequence[Part], executor: Executor) -> None:
         if not parts:
@@ -27,14 +27,14 @@ class Collector:
         self.parts, self._executor, self._number = list(parts), executor, next(_NUMBERS)
         self.num_envs = sum(part.games for part in parts)
         planners = [part if isinstance(part, PlannerPart) else None for part in parts]
-        #: Of the rounds that have ended since :meth:`reset`.
+        #: Counts of the rounds that ended since :meth:`reset`.
         self.counts = LevelCounts([part.lineup if part and part.may_repeat else None for part in planners])
-        self._played = 0  # fragments of each part
+        self._played = 0  # number of the next fragment of each part
         self.reset(0)
 
     def reset(self, seed: int) -> None:
-        """New rounds in all games; all that is drawn in them, and by the network, comes from ``seed``."""
-        self._played += 1  # so that no games that run are taken for those that begin
+        """Start new rounds in all games; ``seed`` decides everything that the games and the network draw."""
+        self._played += 1  # so that running games are not reused
         self._seed, self._first = seed, self._played
         self._states: list[bytes | None] = [None] * len(self.parts)
         self.counts.clear()
@@ -46,7 +46,7 @@ class Collector:
         how: How = "drawn",
         on_fragment: Callable[[Fragment], object] = lambda fragment: None,
     ) -> list[Fragment]:
-        """The next ``steps`` decisions in each game, by part; their arrays are written anew by the next call."""
+        """Play the next ``steps`` decisions in each game; return the fragments by part, valid until the next call."""
         network = network if next(network.parameters()).device.type == "cpu" else copy.deepcopy(network)
         first = np.cumsum([0, *(part.games for part in self.parts)]).tolist()
         since_reset = self._played - self._first
@@ -64,14 +64,14 @@ class Collector:
             )
             for k, part in enumerate(self.parts)
         ]
-        found = self._executor.map(fragments.play, tasks, on_fragment, keys=[task.key for task in tasks])
+        played = self._executor.map(fragments.play, tasks, on_fragment, keys=[task.key for task in tasks])
         self._played += 1
-        for k, fragment in enumerate(found):
+        for k, fragment in enumerate(played):
             self._states[k] = fragment.state
             for ending in fragment.endings:
                 if ending.level is not None:
                     self.counts.add(k, ending.level, ending.outcome == "complete")
-        return found
+        return played
 
     def close(self) -> None:
         fragments.forget()

@@ -1,7 +1,7 @@
-"""A trained planner as a file that runs without torch: ``pacman-env export``.
+"""Write a trained planner as a file that runs without torch: ``pacman-env export``.
 
-The graph is written out from the weights, operator by operator, so that it needs no exporter and the same weights give
-the same bytes. Beside the ONNX file goes its metadata (:mod:`pacman_env.policies.metadata`).
+The graph is built from the weights, operator by operator, so that it needs no exporter and the same weights give the
+same bytes. The metadata (:mod:`pacman_env.policies.metadata`) is written next to the ONNX file.
 """
 
 import argparse
@@ -28,14 +28,14 @@ from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOB
 from pacman_env.training.checkpoint import Facts, check_sizes, facts_path, load_network, read_facts
 from pacman_env.training.network import FORBIDDEN, EntityNetwork
 
-OPSET, IR_VERSION = 17, 8  # onnxruntime 1.13 and newer know it
-TOLERANCE = 1e-5  # between torch and the file
-#: In the order in which their weights are written; the weights of the first and the third are in two halves.
+OPSET, IR_VERSION = 17, 8  # supported by onnxruntime 1.13 and newer
+TOLERANCE = 1e-5  # largest difference between torch and the file
+#: Layers in the order of their weights in the file; the weights of the first and third layer are split in two.
 _LAYERS = ("encode_candidate", "encode", "judge_candidate", "judge", "critic.0", "critic.2")
 
 
 class _Graph:
-    """Nodes and constants, each named by what makes it."""
+    """Nodes and constants of a graph, named by operator or number."""
 
     def __init__(self) -> None:
         self.nodes: list[Any] = []
@@ -59,7 +59,7 @@ class _Graph:
         return self.product(inputs, _array(layer.weight), layer.bias)
 
     def halves(self, layer: nn.Linear, own: str, context: str, shown: NDArray[np.float32]) -> str:
-        """ReLU of a layer over [own numbers (B, C, n), context (B, m)]; ``shown`` (n,) scales the own numbers."""
+        """Add the ReLU of a layer over [own (B, C, n), context (B, m)] numbers; ``shown`` (n,) scales the own numbers."""
         weight, count = _array(layer.weight), len(shown)
         part = self.add("Unsqueeze", self.product(context, weight[:, count:], layer.bias), self.axes(1))
         return self.add("Relu", self.add("Add", self.product(own, weight[:, :count] * shown), part))
@@ -73,7 +73,7 @@ def _array(tensor: torch.Tensor) -> NDArray[np.float32]:
 
 
 def model_bytes(network: EntityNetwork) -> bytes:
-    """The network's ``forward`` as an ONNX model: candidates, globals, mask to logits, values; any B, any C."""
+    """Return ``forward`` as an ONNX model: candidates, globals and mask to logits and values, for any B and C."""
     g = _Graph()
     mask = "mask"
     for kind in network.dropped_kinds:
@@ -109,10 +109,10 @@ def model_bytes(network: EntityNetwork) -> bytes:
 
 
 def export_planner(network: EntityNetwork, path: Path, facts: Facts) -> None:
-    """Write ``path`` (.onnx) and its metadata; both are compared with torch before either replaces an old one."""
+    """Write ``path`` (.onnx) and its metadata; old files are replaced only if the results match torch's."""
     if path.suffix != ".onnx":
         raise ValueError(f"{path}: must end in .onnx")
-    if path.is_symlink():  # its metadata would lie beside the link, and not beside the file
+    if path.is_symlink():  # the metadata would lie next to the link, not next to the file
         raise ValueError(f"{path}: is a link to {path.readlink()}: name that")
     check_sizes(network, path)
     network = copy.deepcopy(network).cpu()
@@ -144,8 +144,8 @@ def export_planner(network: EntityNetwork, path: Path, facts: Facts) -> None:
 
 
 def network_of(path: Path) -> EntityNetwork:
-    """The network that :func:`export_planner` wrote to an ONNX file; ValueError if it is another graph."""
-    LearnedPlanner(path)  # refuses weights in other files, and graphs that do not run
+    """Return the network in an ONNX file of :func:`export_planner`; raises ValueError for another graph."""
+    LearnedPlanner(path)  # refuses external weights and graphs that do not run
     metadata, content = read_planner(path)
     network = EntityNetwork(
         len(CANDIDATE_FEATURES),
@@ -172,7 +172,7 @@ def network_of(path: Path) -> EntityNetwork:
 
 
 def _compare(network: EntityNetwork, planner: LearnedPlanner) -> None:
-    """Raise ValueError where the file and torch differ on random inputs."""
+    """Raise ValueError if the results of file and torch differ for random inputs."""
     rng = np.random.default_rng(0)
     for games, count in ((1, 1), (1, 24), (7, 5), (64, 40)):
         candidates = rng.uniform(-2, 2, (games, count, network.candidate_features)).astype(np.float32)
@@ -180,8 +180,8 @@ def _compare(network: EntityNetwork, planner: LearnedPlanner) -> None:
         mask = rng.random((games, count)) < 0.6
         with torch.no_grad():
             expected = network(*(torch.from_numpy(a) for a in (candidates, whole, mask)))
-        found = planner.run(candidates, whole, mask)
-        for name, one, other in zip(("logits", "values"), found, expected, strict=True):
+        results = planner.run(candidates, whole, mask)
+        for name, one, other in zip(("logits", "values"), results, expected, strict=True):
             if not np.allclose(one, _array(other), rtol=TOLERANCE, atol=TOLERANCE):
                 worst = np.abs(one - _array(other)).max()
                 raise ValueError(f"{planner.path}: {name} differ from torch's by {worst}, more than {TOLERANCE}")

@@ -1,4 +1,4 @@
-"""What a training writes about a network beside its weights."""
+"""Facts that a training stores with the weights of a network."""
 
 from pacman_env.policies.metadata import Training
 from pacman_env.training.arguments import Arguments
@@ -7,7 +7,7 @@ from pacman_env.training.games import VALIDATION_LEVEL, game_config
 
 
 def facts_of(arguments: Arguments, decisions: int, metrics: dict[str, float]) -> Facts:
-    """Facts of a network after so many decisions; ``metrics`` by name."""
+    """Return the facts of a network after ``decisions`` decisions; ``metrics`` by name."""
     training = Training(
         clyde_speeds_mps=arguments.hyper.clyde_speed,
         robot_speeds_mps=arguments.hyper.robot_speed,

@@ -1,7 +1,7 @@
-"""What a part of the games plays between two updates of the network: a task that any process can do.
+"""Fragments: the steps of one part of the games between two updates, as a task that any process can play.
 
-A fragment depends on its task alone: the games as they were before it, the network, a seed. The process that has played
-a part's fragment before keeps the part's games; another one restores them, to the same bits.
+A fragment depends on its task alone: the state of the games, the network, a seed. The process that played a part's last
+fragment keeps the part's games; another process restores them bit for bit.
 """
 
 from __future__ import annotations
@@ -24,50 +24,50 @@ from pacman_env.sb3 import Observation
 from pacman_env.training.games import Ending, Games, Part, PlannerGames
 from pacman_env.training.network import EntityNetwork, Packed, Row
 
-#: Who plays: the network, drawing its choices; a rule that teaches; the network's likeliest choice, labelled by a rule.
+#: The player: the network with drawn choices, a rule that teaches, or the network's best choices with a rule's labels.
 How = Literal["drawn", "taught", "labelled"]
 
 
 class Choices(NamedTuple):
     situations: Packed
-    order: torch.Tensor  # (B, C) of candidates in them
-    slots: torch.Tensor  # (B,) the candidates chosen, as ``situations`` has them
+    order: torch.Tensor  # (B, C) original numbers of the candidates in ``situations``
+    slots: torch.Tensor  # (B,) chosen candidates, by their place in ``situations``
     log_probs: torch.Tensor  # (B,)
     values: torch.Tensor  # (B,)
 
 
 @dataclass(frozen=True)
 class Task:
-    key: tuple[int, int]  # of the part, among all that the learner's process has
-    number: int  # of the fragment
+    key: tuple[int, int]  # key of the part in the learner's process
+    number: int  # number of the fragment
     part: Part
-    games_seed: int  # of the part's first rounds
-    state: bytes | None  # of the games before the fragment; None: their rounds begin
+    games_seed: int  # seed of the part's first rounds
+    state: bytes | None  # pickled games before the fragment; None: new rounds start
     network: EntityNetwork
-    seed: int  # of what is drawn in the fragment
+    seed: int  # seed of the choices in the fragment
     steps: int
     how: How
 
 
 class Fragment(NamedTuple):
-    """T steps in each of N games; the B = T N situations are in the order of the steps, then of the games."""
+    """T steps in each of N games; the B = T N situations are ordered by step, then by game."""
 
     situations: tuple[NDArray[Any], ...]  # the fields of ``Packed``
-    slots: NDArray[np.int64]  # (B,) choices, the rule's where there is one, as the situations have them
+    slots: NDArray[np.int64]  # (B,) choices (a rule's labels, if any), by their place in the situations
     log_probs: NDArray[np.float32]  # (B,)
     values: NDArray[np.float32]  # (T + 1, N)
     rewards: NDArray[np.float32]  # (T, N)
     dones: NDArray[np.bool_]  # (T, N)
     endings: list[Ending]
-    agreed: float  # share of the network's choices that are the rule's
-    state: bytes  # of the games after it
+    agreed: float  # share of the network's choices that equal the rule's
+    state: bytes  # pickled games after the fragment
 
 
 @torch.inference_mode()
 def choose(
     network: EntityNetwork, observation: Observation, generator: torch.Generator | None = None
 ) -> tuple[Choices, NDArray[np.int64]]:
-    """A choice for each situation and the candidates' numbers; without a generator to draw by, the likeliest."""
+    """Return choices for all situations and the candidates' numbers; the best ones without a generator to draw from."""
     seen = {key: torch.from_numpy(array) for key, array in observation.items()}
     situations, order = network.pack(seen["planner_candidates"], seen["planner_globals"], seen["action_mask"] > 0.5)
     logits, values = network.judge_packed(situations.of(slice(None)))
@@ -87,7 +87,7 @@ def check(numbers: torch.Tensor) -> None:
 
 
 def play(task: Task) -> Fragment:
-    """Its arrays are written anew by the next fragment of the part in this process."""
+    """Play a fragment; the part's next fragment in this process overwrites its arrays."""
     use_device("cpu")
     running = _RUNNING.begin(task)
     games, observation = running.games, running.observation
@@ -132,7 +132,7 @@ def play(task: Task) -> Fragment:
 
 
 class _RunningPart:
-    """The games of a part after some fragments."""
+    """Games of a part between fragments."""
 
     def __init__(self, task: Task) -> None:
         self._policies = task.part.policies()
@@ -146,7 +146,7 @@ class _RunningPart:
         self._met: Row | None = None
 
     def memory(self, steps: int) -> Row:
-        """Room for the situations of a fragment, allocated once."""
+        """Return empty memory for the situations of a fragment, allocated once."""
         room = steps * self.games.num_envs
         if self._met is None or self._met.room != room:
             self._met = Row(room)
@@ -160,7 +160,7 @@ class _RunningPart:
 
 
 class _Pickler(pickle.Pickler):
-    """Policies stay where they are: each process makes its own."""
+    """Pickles games without their policies, which each process creates itself."""
 
     def __init__(self, file: io.BytesIO, policies: Sequence[Policy]) -> None:
         super().__init__(file)
@@ -180,7 +180,7 @@ class _Unpickler(pickle.Unpickler):
 
 
 class _Running:
-    """The parts whose games this process keeps, those of one learner at a time."""
+    """Parts whose games this process keeps, of one learner at a time."""
 
     def __init__(self) -> None:
         self._parts: dict[tuple[int, int], _RunningPart] = {}
@@ -189,8 +189,8 @@ class _Running:
     def begin(self, task: Task) -> _RunningPart:
         with self._lock:
             self._parts = {key: part for key, part in self._parts.items() if key[0] == task.key[0]}
-            kept = self._parts.pop(task.key, None)
-        return kept if kept is not None and kept.number == task.number else _RunningPart(task)
+            part = self._parts.pop(task.key, None)
+        return part if part is not None and part.number == task.number else _RunningPart(task)
 
     def end(self, task: Task, part: _RunningPart) -> bytes:
         part.number = task.number + 1
@@ -213,12 +213,12 @@ def forget() -> None:
 
 @functools.cache
 def use_device(name: str) -> str:
-    """Set torch up so that the same training gives the same bits; raises ValueError if the device cannot be used."""
-    os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # else its sums come in any order
-    torch.set_deterministic_debug_mode("error")  # its other name takes two seconds to import a compiler
+    """Set torch up for reproducible training; raises ValueError if the device cannot be used."""
+    os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # otherwise the order of sums varies
+    torch.set_deterministic_debug_mode("error")  # use_deterministic_algorithms imports a compiler for two seconds
     torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]  # none is read
-    torch.set_num_threads(1)  # threads are the learner's
-    torch.empty(31 << 20, dtype=torch.uint8)  # freed: glibc then reuses blocks so large (a fifth of the time)
+    torch.set_num_threads(1)  # the learner has its own threads
+    torch.empty(31 << 20, dtype=torch.uint8)  # after this, glibc reuses large blocks (5 times faster)
     if name.partition(":")[0] not in ("cpu", "cuda"):
         raise ValueError(f"device = {name!r}: must be cpu or cuda, or cuda:N of several")
     try:

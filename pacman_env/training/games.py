@@ -1,6 +1,6 @@
-"""The games that are trained on: parts, each with games of one line-up in houses of its own.
+"""Games of a training, in parts; the games of a part have one line-up and their own houses.
 
-A part is plain data, from which any process makes its games.
+A part is plain data from which any process creates its games.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from pacman_env.training.lineups import LEARNED, SUB_BATCHES, behaviours, make_t
 
 CLYDE = GHOST_NAMES[0]
 _CHASE = BehaviourOpponent("chase")
-_WIDE_EVERY = 4  # parts
-VALIDATION_LEVEL = 900_000  # training levels from here on are never trained on: runs are chosen on them
-#: Ranges of --randomize, around what the real trials had.
+_WIDE_EVERY = 4  # every fourth part has wide houses
+VALIDATION_LEVEL = 900_000  # training levels from here on are kept for validation
+#: Ranges of --randomize, around the values of the real trials.
 _DOMAIN: dict[str, Any] = {
     "randomize.sigma_xy_m": (0.0, 0.07),
     "randomize.sigma_yaw_rad": (0.0, 0.06),
@@ -48,7 +48,7 @@ _PREDICTION = ("caught_soon", "caught", "approached", "closest_mean", "closest_l
 
 
 def game_config(arguments: Arguments) -> Config:
-    """The game that is trained on."""
+    """Return the configuration of the games of a training."""
     return make_config(arguments.preset, arguments.execution, **game_settings(arguments))
 
 
@@ -65,13 +65,13 @@ def game_settings(arguments: Arguments) -> dict[str, Any]:
 
 
 def lineup_speeds(arguments: Arguments, lineup: str, fastest_mps: float | None = None) -> tuple[float, float]:
-    """The range of the speeds of a line-up's ghosts, m/s, which ``fastest_mps`` caps."""
+    """Return the range of speeds of a line-up's ghosts, m/s, capped at ``fastest_mps``."""
     low, high = speeds(lineup) or arguments.hyper.clyde_speed
     return low, high if fastest_mps is None else max(low, min(high, fastest_mps))
 
 
 def clyde_limit(arguments: Arguments, segment: int) -> float | None:
-    """Clyde's highest speed in a segment, m/s, under a curriculum."""
+    """Return Clyde's highest speed in a segment under a curriculum, m/s; None without a curriculum."""
     if not arguments.curriculum:
         return None
     low, high = arguments.hyper.clyde_speed
@@ -80,7 +80,7 @@ def clyde_limit(arguments: Arguments, segment: int) -> float | None:
 
 
 def dropped(arguments: Arguments) -> dict[str, Any]:
-    """Columns that the network of an ablation does not see, and columns of the kinds it may not choose."""
+    """Return the columns that an ablation hides from the network, and the columns of the kinds that it forbids."""
     without = arguments.without
     names = (_PATHS if "paths" in without else ()) + (_PREDICTION if "prediction" in without else ())
     kinds = [kind for kind, part in (("is_refuge", "refuges"), ("is_hold", "hold")) if part in without]
@@ -91,11 +91,11 @@ def dropped(arguments: Arguments) -> dict[str, Any]:
 
 
 class Ending(NamedTuple):
-    """A round that ended."""
+    """Result of a round."""
 
     outcome: str
     level: int | None = None
-    reward: float = 0.0  # sum over the round, before it is scaled
+    reward: float = 0.0  # sum over the round, not scaled
     length: int = 0  # decisions
 
 
@@ -103,18 +103,18 @@ class Step(NamedTuple):
     observation: Observation
     rewards: NDArray[np.float32]
     dones: NDArray[np.bool_]
-    endings: list[Ending]  # of the games that are done, in their order
+    endings: list[Ending]  # endings of the games that are done, in their order
 
 
 class Games(ABC):
-    """The running games of a part. A time limit is an ending like any other: a robot that hides until then loses."""
+    """Running games of a part. The time limit is a termination, so that a robot that hides until then loses."""
 
-    env: Any  # of which a pickle goes on to the same bits
+    env: Any  # its pickle continues bit for bit
     num_envs: int
 
     @abstractmethod
     def reset(self, seed: int) -> Observation:
-        """New rounds in all games, from the seeds ``seed`` and following."""
+        """Start new rounds in all games, with the seeds from ``seed`` on."""
 
     @abstractmethod
     def step(self, actions: NDArray[np.int64]) -> Step: ...
@@ -122,18 +122,18 @@ class Games(ABC):
 
 @dataclass(frozen=True)
 class Part(ABC):
-    """What the games of a part are made from."""
+    """Specification of the games of a part."""
 
     games: int
-    scale: float  # rewards are multiplied by it
+    scale: float  # factor of rewards
 
     @abstractmethod
     def policies(self) -> list[Policy]:
-        """Of the ghosts that a policy moves; they remember nothing from one decision to the next."""
+        """Return the policies of ghosts; they keep no state between decisions."""
 
     @abstractmethod
     def make(self, policies: Sequence[Policy], env: Any = None) -> Games:
-        """The games, in ``env`` if they are running already."""
+        """Create the games, or continue those in ``env``."""
 
 
 @dataclass(frozen=True)
@@ -141,10 +141,10 @@ class PlannerPart(Part):
     """Games in which the agent is the robot, against one line-up of ghosts."""
 
     lineup: str
-    may_repeat: bool  # whether its levels may be played again
+    may_repeat: bool  # True: its levels may be played again
     teacher_nodes: int
     learned: Policy  # moves ghosts called ``learned``
-    arguments: Mapping[str, Any]  # of the environment
+    arguments: Mapping[str, Any]  # arguments of the environment
 
     def policies(self) -> list[Policy]:
         return [copy.deepcopy(self.learned) for name in behaviours(self.lineup) if name == LEARNED]
@@ -158,7 +158,7 @@ class PlannerPart(Part):
 
 
 class PlannerGames(Games):
-    """``teacher`` makes what chooses for the robots in :meth:`choices`, after :meth:`begin_teaching`."""
+    """Games of robots; ``teacher`` creates the policy of :meth:`choices`, which :meth:`begin_teaching` starts."""
 
     def __init__(self, env: PacManBotVecEnv, scale: float = 1.0, teacher: Callable[[], Policy] | None = None) -> None:
         self.env, self.num_envs, self._scale = env, env.num_envs, np.float32(scale)
@@ -181,13 +181,13 @@ class PlannerGames(Games):
         return Step(observation, rewards * self._scale, dones, endings)
 
     def begin_teaching(self) -> None:
-        """A new teacher, which knows nothing of the rounds so far."""
+        """Create a teacher that knows nothing of the rounds so far."""
         assert self._make_teacher is not None, "nobody teaches in these games"
         self._teacher = self._make_teacher()
         self._teacher.reset(np.ones(self.num_envs, dtype=np.bool_), self.env.env.config)
 
     def choices(self) -> NDArray[np.int64]:
-        """(N,) the teacher's choices now."""
+        """Return the teacher's choices (N,) in the current situations."""
         assert self._teacher is not None, "nobody teaches in these games"
         return self._teacher.select(self.env.env.situation)
 
@@ -198,10 +198,10 @@ def make_parts(
     learned: Policy = _CHASE,
     again: Mapping[str, Sequence[int]] = MappingProxyType({}),
 ) -> list[Part]:
-    """The games of a segment, in houses of its own; a quarter of the parts is in houses twice as wide and sparse.
+    """Return the parts of a segment, with their own houses; in every fourth part, houses are twice as wide and sparse.
 
-    Each part has one of the hyperparameters' line-ups; ``learned`` moves a ghost of that name in them.
-    ``again``: by line-up, earlier levels that take the places of half of the segment's own in houses of usual size.
+    Each part has one of the hyperparameters' line-ups, where ``learned`` moves ghosts of this name. ``again`` contains
+    earlier levels by line-up, which replace half of the segment's own levels in houses of usual size.
     """
     hyper = arguments.hyper
     if hyper.levels > VALIDATION_LEVEL:
@@ -209,7 +209,7 @@ def make_parts(
     first = segment % (VALIDATION_LEVEL // hyper.levels) * hyper.levels
     if len(hyper.lineups) > 1:
         lineups = sub_batches(hyper.ghosts, hyper.games, hyper.levels)
-        turn = segment  # the wide houses go round, so that every line-up meets them
+        turn = segment  # rotate, so that every line-up gets wide houses
     else:
         lineups, turn = [hyper.ghosts[0]] * min(SUB_BATCHES, hyper.games, hyper.levels), 0
     count = len(lineups)
@@ -246,10 +246,10 @@ def _threads_of_each(arguments: Arguments, parts: int) -> int:
 
 @dataclass(frozen=True)
 class GhostPart(Part):
-    """Games in which the agent is Clyde; ``robot`` chooses for the robots and remembers nothing."""
+    """Games in which the agent is Clyde; the policy ``robot`` moves the robots and keeps no state."""
 
     robot: Policy
-    arguments: Mapping[str, Any]  # of the environment
+    arguments: Mapping[str, Any]  # arguments of the environment
 
     def policies(self) -> list[Policy]:
         return []
@@ -261,7 +261,7 @@ class GhostPart(Part):
 
 
 class GhostGames(Games):
-    """Clyde sees planner features from its side."""
+    """Games of Clyde, which observes planner features from its own side."""
 
     def __init__(self, env: PacManBotParallelVecEnv, robot: Policy, scale: float = 1.0) -> None:
         if tuple(env.possible_agents) != (PACMAN, CLYDE):
@@ -291,9 +291,9 @@ class GhostGames(Games):
 
 
 def make_ghost_parts(arguments: Arguments, segment: int, robot: Policy) -> list[Part]:
-    """Clyde's games of a segment, zero-sum, in houses of the segment that all parts share."""
+    """Return the parts of Clyde's games in a segment, zero-sum; all parts share the segment's houses."""
     hyper = arguments.hyper
-    # The robot's policy reads the situation: its agent's observation is not needed.
+    # The robot's policy reads the situation, so its agent needs no planner features.
     settings = game_settings(arguments) | {"observation.kinds": ("features",), "zero_sum": True}
     settings |= {"execution.rules": arguments.execution, "num_levels": hyper.levels}
     settings["start_level"] = segment % (VALIDATION_LEVEL // hyper.levels) * hyper.levels

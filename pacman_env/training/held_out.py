@@ -1,4 +1,4 @@
-"""Rounds on levels that nobody trains on: those by which a training is judged, and those of its report."""
+"""Validation and test rounds, on levels that no training uses: they judge a training and fill its report."""
 
 import copy
 import functools
@@ -23,31 +23,31 @@ from pacman_env.training.fragments import use_device
 from pacman_env.training.games import VALIDATION_LEVEL, game_config, lineup_speeds
 from pacman_env.training.lineups import LEARNED, behaviours
 
-_HELD_OUT = 128  # levels that rounds for validation, and for the report, are drawn from
-_ROUNDS = 64  # of a task; another number would round a network's sums otherwise
+_HELD_OUT = 128  # number of levels for validation, and for the report
+_ROUNDS = 64  # rounds of a task; another number would change the rounding of network sums
 
 
-class _KeptLevels(GeneratedMaps):
-    """Levels that stay prepared, for one batch after the other."""
+class _CachedLevels(GeneratedMaps):
+    """Levels that stay prepared between batches."""
 
     def __init__(self, config: Config, start_level: int, num_levels: int) -> None:
         super().__init__(config, start_level, num_levels)
-        self._kept: dict[int, Level] = {}
+        self._cached: dict[int, Level] = {}
 
     def prepare(self, level: int) -> Level:
-        if level not in self._kept:
-            self._kept[level] = super().prepare(level)
-        return self._kept[level]
+        if level not in self._cached:
+            self._cached[level] = super().prepare(level)
+        return self._cached[level]
 
 
 @functools.cache
-def _levels(config: Config, first: int) -> _KeptLevels:
-    return _KeptLevels(config, first, _HELD_OUT)
+def _levels(config: Config, first: int) -> _CachedLevels:
+    return _CachedLevels(config, first, _HELD_OUT)
 
 
 @dataclass(frozen=True)
 class _Rounds:
-    """Some rounds of one policy against one line-up: a task."""
+    """A task: rounds of one policy against one line-up."""
 
     level_config: Config
     first_level: int
@@ -58,19 +58,19 @@ class _Rounds:
 
 
 def _completed(rounds: _Rounds) -> NDArray[np.bool_]:
-    """(E,) the rounds that were completed."""
+    """Play rounds and return the mask (E,) of completed ones."""
     use_device("cpu")
     levels = _levels(rounds.level_config, rounds.first_level)
     games = GameBatch(levels, rounds.config, len(rounds.seeds))
-    policy, ghosts = copy.deepcopy((rounds.policy, rounds.ghosts))  # other rounds may be played by other threads
+    policy, ghosts = copy.deepcopy((rounds.policy, rounds.ghosts))  # other threads may play other rounds
     records, _ = play_in(games, policy, rounds.seeds, ghosts=ghosts, timed=False)
     return np.asarray(records["end"] == COMPLETE)
 
 
 class HeldOut:
-    """Validation or test rounds, as in training with a decision each tick; levels stay prepared between evaluations.
+    """Validation or test rounds with a decision at each tick; levels stay prepared between evaluations.
 
-    The rounds are shared evenly over ``ghosts``, different line-ups: by default those of the training.
+    The rounds are divided evenly among the line-ups ``ghosts``, by default those of the training.
     """
 
     def __init__(
@@ -87,11 +87,11 @@ class HeldOut:
         self._arguments, self._executor, self._first = arguments, executor, TEST_LEVEL if test else VALIDATION_LEVEL
         self.seeds = episode_seeds(arguments.seed if test else VALIDATION_LEVEL, rounds)
         ends = [rounds * k // len(lineups) for k in range(len(lineups) + 1)]
-        #: Which of the rounds are played against each line-up.
+        #: Rounds that are played against each line-up.
         self.rows = {lineup: slice(*ends[k : k + 2]) for k, lineup in enumerate(lineups)}
 
     def completed(self, policy: str | Policy, learned: Policy | None = None) -> NDArray[np.bool_]:
-        """(E,) the rounds that were completed; ``learned`` moves the ghosts of that name."""
+        """Play the rounds and return the mask (E,) of completed ones; ``learned`` moves ghosts of this name."""
         tasks = []
         for lineup, rows in self.rows.items() if len(self.seeds) else ():
             names = behaviours(lineup)
@@ -107,13 +107,13 @@ class HeldOut:
         return np.concatenate([*self._executor.map(_completed, tasks), np.zeros(0, dtype=np.bool_)])
 
     def shares(self, completed: NDArray[np.bool_]) -> tuple[float, dict[str, float]]:
-        """Of the rounds (E,) that were completed: of all, and of those against each line-up; 0 without rounds."""
+        """Return the completion rate over all rounds and per line-up (0 if there are no rounds)."""
         if len(self.seeds) == 0:
             return 0.0, dict.fromkeys(self.rows, 0.0)
         return float(completed.mean()), {lineup: float(completed[rows].mean()) for lineup, rows in self.rows.items()}
 
     def learned(self) -> NDArray[np.int64]:
-        """Numbers of the rounds in which a ghost is moved by a member of the league."""
+        """Return the numbers of the rounds with a ghost that a member of the league moves."""
         numbers = np.arange(len(self.seeds))
         parts = [numbers[rows] for lineup, rows in self.rows.items() if LEARNED in behaviours(lineup)]
         return np.concatenate([*parts, numbers[:0]])

@@ -1,8 +1,8 @@
-"""The league of a training: Clydes that learned against the planner on its way, and how often each is met.
+"""League of a training: Clydes that learned against earlier planners, and how often the planner meets each.
 
-A line-up names such a ghost ``learned``. Before there is a member, ``arcade`` and ``chase`` play in its place. A member
-is drawn the more often, the more rounds the planner loses to it (prioritised fictitious self-play: Vinyals et al.,
-"Grandmaster level in StarCraft II", 2019, with f(x) = 1 - x).
+The behaviour ``learned`` in a line-up stands for such a Clyde; before the first member exists, ``arcade`` and ``chase``
+replace it. A member is drawn more often the more rounds the planner loses to it (prioritised fictitious self-play:
+Vinyals et al., "Grandmaster level in StarCraft II", 2019, with f(x) = 1 - x).
 """
 
 import contextlib
@@ -28,24 +28,24 @@ from pacman_env.training.games import make_ghost_parts
 from pacman_env.training.learner import Learner
 from pacman_env.training.lineups import LEARNED
 
-_GAMES, _STEPS = 128, 64  # of Clyde at once, and between two updates
-_RATE = 1e-3, 1e-4  # its learning rate, first and last
+_GAMES, _STEPS = 128, 64  # Clyde's games, and decisions of each per rollout
+_RATE = 1e-3, 1e-4  # Clyde's first and last learning rate
 _GAMMA = 0.99
 _DECISIONS, _SPEED_MPS = 131_072, (0.1, 0.35)
-_STREAM = 1  # of its random numbers, beside the planner's
+_STREAM = 1  # stream of Clyde's random numbers
 
-#: Of each member, by name: rounds that the planner completed against it, and rounds.
+#: Rounds that the planner completed against each member, and all rounds, by name.
 Record = Mapping[str, tuple[int, int]]
 
 
 class League:
-    """The members that a run has so far, as ONNX files in a folder."""
+    """Members of a run so far, as ONNX files in a folder."""
 
     def __init__(self, arguments: Arguments, folder: Path) -> None:
         self._arguments, self._folder = arguments, folder
 
     def names(self, segment: int) -> list[str]:
-        """The members there are in a segment: one more after every ``league_every`` segments."""
+        """Return the members in a segment: one more after every ``league_every`` segments."""
         every = self._arguments.hyper.league_every
         return [f"clyde-{k + 1}" for k in range(segment // every if every else 0)]
 
@@ -53,14 +53,14 @@ class League:
         return self._folder / f"{name}.onnx"
 
     def is_due(self, segment: int) -> bool:
-        """Whether a member is trained before a segment."""
+        """Return True if a member is trained before a segment."""
         every = self._arguments.hyper.league_every
         return every > 0 and segment > 0 and segment % every == 0
 
     def train(self, segment: int, planner: Policy, executor: Executor) -> None:
-        """Train the member that is due against the planner as it is.
+        """Train the due member against the current planner.
 
-        Every other one begins anew and so finds weaknesses of its own; the others begin as the member before them.
+        Every other member starts from random weights, to find new weaknesses; the others start from their predecessor.
         """
         names = self.names(segment)
         arguments = clyde_arguments(self._arguments)
@@ -76,12 +76,12 @@ class League:
         export_planner(learner.network, self.path(names[-1]), facts_of(arguments, learner.decisions, {}))
 
     def pool(self, segment: int, record: Record) -> Opponents:
-        """What moves a ghost called ``learned`` in a segment, after the rounds in ``record``."""
+        """Return the policies of ghosts called ``learned`` in a segment, weighted by the rounds in ``record``."""
         names = self.names(segment)
         if not names:
             return Opponents([BehaviourOpponent("arcade"), BehaviourOpponent("chase")], [1.0, 1.0])
         counts = [record.get(name, (0, 0)) for name in names]
-        # One round lost and one completed are assumed, so that no member is forgotten.
+        # Each member counts one extra round lost and one completed, so that none gets a weight of 0.
         return Opponents(
             [LearnedPlanner(self.path(name)) for name in names], [(n - won + 1) / (n + 2) for won, n in counts]
         )
@@ -89,14 +89,14 @@ class League:
     def record(
         self, segment: int, seeds: NDArray[np.uint64], completed: NDArray[np.bool_], pool: Opponents
     ) -> dict[str, tuple[int, int]]:
-        """What came of rounds (E,) with these seeds that were played with the pool of a segment."""
+        """Return the record of rounds (E,) with these seeds, played with the pool of a segment."""
         drawn = pool.drawn(seeds)
         names = enumerate(self.names(segment))
         return {name: (int(completed[drawn == k].sum()), int((drawn == k).sum())) for k, name in names}
 
 
 def clyde_arguments(arguments: Arguments) -> Arguments:
-    """Those of a Clyde's games and learning, from the planner's."""
+    """Return the arguments of Clyde's games and training, derived from the planner's."""
     hyper = arguments.hyper
     rollout = _GAMES * _STEPS
     changes: dict[str, Any] = {"games": _GAMES, "n_steps": _STEPS, "segment": rollout, "batch_size": rollout // 4}

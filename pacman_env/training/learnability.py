@@ -1,32 +1,32 @@
-"""Which houses of a segment are worth playing again: those in which some rounds were completed, and some were not.
+"""Selection of houses to play again: those with both completed and lost rounds.
 
-A house is judged by p (1 - p), p its share of completed rounds: the variance of completing (Rutherford et al., "No
-regrets: investigating and improving regret approximations for curriculum discovery", 2024).
+The score of a house is p (1 - p), the variance of completion at the share p of completed rounds (Rutherford et al.,
+"No regrets: investigating and improving regret approximations for curriculum discovery", 2024).
 """
 
 from collections.abc import Sequence
 
-_FEWEST_ROUNDS = 6  # by which a level is judged
+_FEWEST_ROUNDS = 6  # least rounds to judge a level
 
 
 class LevelCounts:
-    """Rounds that ended, by sub-batch and level."""
+    """Counts of completed and of all rounds, by sub-batch and level."""
 
     def __init__(self, lineups: Sequence[str | None]) -> None:
-        """``lineups``: of each sub-batch; None: its levels are not played again."""
+        """Start with no rounds; ``lineups`` are those of each sub-batch, None if its levels are not played again."""
         self.lineups = list(lineups)
         self.clear()
 
     def clear(self) -> None:
-        self._counts: list[dict[int, tuple[int, int]]] = [{} for _ in self.lineups]  # completed, all
+        self._counts: list[dict[int, tuple[int, int]]] = [{} for _ in self.lineups]  # completed rounds, all rounds
 
     def add(self, sub_batch: int, level: int, completed: bool) -> None:
         won, rounds = self._counts[sub_batch].get(level, (0, 0))
         self._counts[sub_batch][level] = won + completed, rounds + 1
 
     def best(self) -> dict[str, list[int]]:
-        """By line-up, the levels to be played again, the best first; at most half of those that it has played."""
-        found: dict[str, list[int]] = {}
+        """Return the levels to play again by line-up, the best first, at most half of the levels that it played."""
+        levels: dict[str, list[int]] = {}
         for lineup in dict.fromkeys(one for one in self.lineups if one is not None):
             own = [counts for one, counts in zip(self.lineups, self._counts, strict=True) if one == lineup]
             judged = {
@@ -36,5 +36,5 @@ class LevelCounts:
                 if rounds >= _FEWEST_ROUNDS and 0 < won < rounds
             }
             order = sorted(judged, key=lambda level: (-judged[level], level))
-            found[lineup] = order[: sum(map(len, own)) // 2]
-        return found
+            levels[lineup] = order[: sum(map(len, own)) // 2]
+        return levels

@@ -1,8 +1,8 @@
-"""How fast stock learners learn, one curve per configuration and seed: ``pacman-env learning-curves``.
+"""Measure how fast stock learners learn, one curve per configuration and seed: ``pacman-env learning-curves``.
 
-Stable-Baselines3's PPO or sb3-contrib's MaskablePPO: with their own defaults on combinations of observation and
-decisions, or with the tuned values of ``baselines.yaml``. From time to time the model plays the same rounds, which the
-policies ``nearest`` and ``random`` have played too.
+The learner is Stable-Baselines3's PPO or sb3-contrib's MaskablePPO, with its defaults on combinations of observation
+and decisions, or with the tuned values of ``baselines.yaml``. At intervals the model plays the same test rounds, which
+the policies ``nearest`` and ``random`` play too.
 """
 
 import argparse
@@ -38,7 +38,7 @@ _KINDS: dict[str, dict[str, Any]] = {
     # Stable-Baselines3 scales pictures itself.
     "grid": {"observation": ("features", "grid"), "settings": {"observation.normalize": False}},
 }
-#: The learners' own defaults, by what is seen and when is decided.
+#: Learners with their defaults, by observation and decision times.
 COMBINATIONS = {
     f"{kind}/{decide}": Baseline(
         environment=Environment(
@@ -50,20 +50,20 @@ COMBINATIONS = {
     for decide in ("event", "tick")
 }
 _RULES = ("nearest", "random")
-_TEST_GAMES = 8  # at once
-_TEST_SEED = 1_000_000  # of the games that are played to see how good a model is
-Point = dict[str, Any]  # of a curve: figures after some decisions
+_TEST_GAMES = 8  # games in parallel
+_TEST_SEED = 1_000_000  # seed of the test rounds
+Point = dict[str, Any]  # point of a curve: figures after some decisions
 
 
 class _Tests(BaseCallback):
-    """Play the test's rounds now and then between two updates, and after the last one."""
+    """Play the test rounds at intervals between updates, and after the last update."""
 
     def __init__(self, baseline: Baseline, rounds: int, note: Callable[[Point], None]) -> None:
         super().__init__()
         self._baseline, self._rounds, self._note = baseline, rounds, note
         self._test = baseline.wrapped(baseline.make_games(baseline.test, _TEST_GAMES), training=False)
         self._began, self._tested = time.perf_counter(), 0
-        self.played: dict[int, tuple[int, float]] = {}  # by the seed of a round: its end, the share of pellets
+        self.played: dict[int, tuple[int, float]] = {}  # end and share of pellets by the seed of the round
 
     def _on_step(self) -> bool:
         return True
@@ -77,7 +77,7 @@ class _Tests(BaseCallback):
             self._play()
 
     def _play(self) -> None:
-        """The same rounds always, with the likeliest actions."""
+        """Play the test rounds, always the same, with the best actions."""
         learning_s = time.perf_counter() - self._began
         self._tested, self.played = self.num_timesteps, {}
         normalizer = self.model.get_vec_normalize_env()
@@ -97,7 +97,7 @@ class _Tests(BaseCallback):
 
 
 def references(map_name: str, seeds: NDArray[np.uint64]) -> dict[str, Point]:
-    """What rules that do not learn complete of the rounds, with goals and the defaults of the game."""
+    """Return the results of rules in the same rounds, with goals and the default game."""
     arguments = EnvArguments(map=map_name)
     config, _ = arguments.make_config()
     source = arguments.make_source(config)
@@ -109,7 +109,7 @@ def references(map_name: str, seeds: NDArray[np.uint64]) -> dict[str, Point]:
 
 
 def curve(name: str, baseline: Baseline, seed: int, rounds: int) -> dict[str, Any]:
-    """The points of one learner, and what rules reach in the same rounds."""
+    """Return the points of one learner, and the results of rules in the same rounds."""
     points: list[Point] = []
 
     def note(new: Point) -> None:
@@ -125,19 +125,19 @@ def curve(name: str, baseline: Baseline, seed: int, rounds: int) -> dict[str, An
 
 
 def chosen(options: argparse.Namespace) -> dict[str, Baseline]:
-    """What is to be learned, by name; the options that are given replace its fields."""
-    known = COMBINATIONS if options.baselines is None else load_baselines(options.config)
-    names = options.combinations if options.baselines is None else options.baselines or [*known]
+    """Return the selected baselines by name, with fields replaced by the given options."""
+    baselines = COMBINATIONS if options.baselines is None else load_baselines(options.config)
+    names = options.combinations if options.baselines is None else options.baselines or [*baselines]
     kind = "combination" if options.baselines is None else "baseline"
     for name in names:
-        if name not in known:
-            raise ValueError(f"{kind} {name!r}: choose among {' '.join(known)}")
+        if name not in baselines:
+            raise ValueError(f"{kind} {name!r}: choose among {' '.join(baselines)}")
     fields = {name: getattr(options, name) for name in ("learner", "decisions", "test")}
     changes = {name: value for name, value in fields.items() if value is not None}
-    found = {name: _changed(known[name], changes, options) for name in names}
-    for name, baseline in found.items():
+    selected = {name: _changed(baselines[name], changes, options) for name in names}
+    for name, baseline in selected.items():
         check(name, baseline)
-    return found
+    return selected
 
 
 def _changed(baseline: Baseline, changes: dict[str, Any], options: argparse.Namespace) -> Baseline:
@@ -154,13 +154,13 @@ def _changed(baseline: Baseline, changes: dict[str, Any], options: argparse.Name
 
 
 def entries(chosen: dict[str, Baseline], options: argparse.Namespace) -> Iterator[list[dict[str, Any]]]:
-    """Those that are there, in the order of configurations and seeds, each time that there is one more."""
+    """Yield all finished curves after each one, in the order of configurations and seeds."""
     tasks = [(name, one, seed, options.rounds) for name, one in chosen.items() for seed in options.seeds]
-    found: dict[int, dict[str, Any]] = {}
+    curves: dict[int, dict[str, Any]] = {}
     with local(options.workers) as executor:
         for done in executor.run(_curve, tasks):
-            found[done.number] = done.result()
-            yield [found[number] for number in sorted(found)]
+            curves[done.number] = done.result()
+            yield [curves[number] for number in sorted(curves)]
 
 
 def _curve(task: tuple[str, Baseline, int, int]) -> dict[str, Any]:
@@ -169,7 +169,7 @@ def _curve(task: tuple[str, Baseline, int, int]) -> dict[str, Any]:
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
     baselines = chosen(options)
-    for baseline in baselines.values():  # an error before the first has learned
+    for baseline in baselines.values():  # report errors before any training
         baseline.make_games(baseline.environment.map, 1).close()
     libraries = (gymnasium, stable_baselines3, sb3_contrib, torch)
     figures: dict[str, Any] = {
@@ -186,7 +186,7 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def draw(figures: dict[str, Any], path: Path) -> None:
-    """One diagram for each configuration: a line for each seed, and what rules reach."""
+    """Draw a diagram for each configuration, with a line for each seed and the results of rules."""
     curves = figures["curves"]
     names = list(dict.fromkeys(entry["name"] for entry in curves))
     columns = min(len(names), 3)

@@ -1,8 +1,8 @@
-"""The learned planner's network in torch: one encoder for every candidate, pooled context, one logit each.
+"""Network of the learned planner in torch: a shared encoder of candidates, pooled context, one logit per candidate.
 
-The order of candidates does not matter, and what may not be chosen has no influence: candidates are encoded alike,
-pooled by mean and maximum over those that may be chosen (Zaheer et al., "Deep Sets", 2017), and each is judged by its
-own encoding beside the pool.
+The order of candidates does not matter, and forbidden candidates have no influence. Candidates share an encoder, are
+pooled by mean and maximum over the allowed ones (Zaheer et al., "Deep Sets", 2017), and each is judged by its own
+encoding and the pooled context.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from torch import nn
 from torch.nn import functional
 
-FORBIDDEN = -1e8  # logit of what may not be chosen, as in sb3-contrib
+FORBIDDEN = -1e8  # logit of a forbidden candidate, as in sb3-contrib
 
 
 def _linear(inputs: int, outputs: int, gain: float = 2**0.5) -> nn.Linear:
@@ -27,25 +27,25 @@ def _linear(inputs: int, outputs: int, gain: float = 2**0.5) -> nn.Linear:
 
 
 class Packed(NamedTuple):
-    """Situations whose candidates that may be chosen come first, then copies of the first of them.
+    """Situations with the allowed candidates first, padded with copies of the first candidate.
 
-    A copy changes neither the maximum nor, with a share of 0, the mean, so that nothing has to be masked.
+    A copy changes neither the maximum nor, with a share of 0, the mean. Therefore no masking is needed.
     """
 
     candidates: torch.Tensor  # (B, C, F)
     whole: torch.Tensor  # (B, H)
-    share: torch.Tensor  # (B, C) in the mean; 0: may not be chosen
-    counts: torch.Tensor  # (B,) candidates that may be chosen
+    share: torch.Tensor  # (B, C) weight in the mean; 0: forbidden
+    counts: torch.Tensor  # (B,) number of allowed candidates
 
     def of(self, rows: torch.Tensor | slice) -> Packed:
-        """Some of the situations, with only as many candidates as the fullest of them needs."""
+        """Return the situations ``rows``, with as many candidates as the largest of them needs."""
         counts = self.counts[rows]
         most = max(int(counts.max()), 1)
         return Packed(self.candidates[:, :most][rows], self.whole[rows], self.share[:, :most][rows], counts)
 
 
 class Row:
-    """Situations one behind the other, in memory that is allocated once: large blocks that come and go cost time."""
+    """Memory for consecutive situations, allocated once: repeated allocation of large blocks is slow."""
 
     def __init__(self, room: int) -> None:
         self.room, self._count = room, 0
@@ -63,13 +63,13 @@ class Row:
         self._count = last
 
     def situations(self) -> Packed:
-        """All of them, not copied."""
+        """Return all situations without a copy."""
         assert self._all is not None, "no situations were met"
         return Packed(*(array[: self._count] for array in self._all))
 
 
 class _Maximum(torch.autograd.Function):
-    """The maximum over candidates; those that share it share its gradient. Half the time of ``amax``."""
+    """Maximum over candidates; equal maxima share the gradient. Twice as fast as ``amax``."""
 
     @staticmethod
     def forward(ctx: Any, encoded: torch.Tensor) -> torch.Tensor:
@@ -85,16 +85,16 @@ class _Maximum(torch.autograd.Function):
 
 
 class EntityNetwork(nn.Module):
-    """Logits and value of situations from their planner features (``pacman_env.sim.observation.planner_features``).
+    """Computes logits and value of situations from planner features (``pacman_env.sim.observation.planner_features``).
 
-    For ablations, ``dropped_features`` are columns of the candidates that have no influence, and ``dropped_kinds``
-    columns that mark kinds which may not be chosen.
+    For ablations, ``dropped_features`` are candidate columns to ignore, and ``dropped_kinds`` are columns that mark
+    candidates to forbid.
     """
 
     def __init__(
         self,
-        candidate_features: int,  # F, per candidate
-        global_features: int,  # H, of the whole situation
+        candidate_features: int,  # F, features per candidate
+        global_features: int,  # H, features of the whole situation
         width: int = 64,
         dropped_features: Sequence[int] = (),
         dropped_kinds: Sequence[int] = (),
@@ -113,7 +113,7 @@ class EntityNetwork(nn.Module):
         self.dropped_kinds = tuple(dropped_kinds)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """A copy is on the CPU. Pickled tensors would lie in memory that only processes of one machine share."""
+        """Pickle the weights as arrays for the CPU: pickled tensors use memory that other machines cannot share."""
         weights = {name: tensor.cpu().numpy() for name, tensor in self.state_dict().items()}
         sizes = self.candidate_features, self.encode_candidate.in_features - self.candidate_features, self.width
         return _with_weights, (type(self), sizes, self.dropped_kinds, weights)
@@ -121,14 +121,14 @@ class EntityNetwork(nn.Module):
     def forward(
         self, candidates: torch.Tensor, whole: torch.Tensor, mask: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Logits (B, C), -1e8 where ``mask`` (B, C) is False, and values (B,); of (B, C, F) and (B, H)."""
+        """Return logits (B, C), -1e8 if ``mask`` (B, C) is False, and values (B,), from (B, C, F) and (B, H)."""
         situations, order = self.pack(candidates, whole, mask)
         logits, values = self.judge_packed(situations.of(slice(None)))
         padded = torch.full(mask.shape, FORBIDDEN, dtype=logits.dtype, device=logits.device)
         return padded.scatter(1, order[:, : logits.shape[1]], logits), values
 
     def pack(self, candidates: torch.Tensor, whole: torch.Tensor, mask: torch.Tensor) -> tuple[Packed, torch.Tensor]:
-        """The inputs laid out so that little is computed for nothing, and (B, C) the candidates' new order."""
+        """Return the inputs in a layout that avoids needless computation, and the candidates' new order (B, C)."""
         for kind in self.dropped_kinds:
             mask = mask & (candidates[:, :, kind] < 0.5)
         counts, order = mask.sum(dim=1), torch.argsort(mask, dim=1, descending=True, stable=True)
@@ -139,7 +139,7 @@ class EntityNetwork(nn.Module):
         return Packed(first, whole, inside / counts.clamp(min=1)[:, None], counts), order
 
     def judge_packed(self, situations: Packed) -> tuple[torch.Tensor, torch.Tensor]:
-        """Logits (B, C), -1e8 for what may not be chosen, in the order of the rows; values (B,)."""
+        """Return logits (B, C) in the order of ``situations``, -1e8 for forbidden candidates, and values (B,)."""
         candidates, whole, share = situations[:3]
         own, context = self._halves(self.encode_candidate, self.candidate_features, self.shown)
         encoded = own(candidates).add_(context(whole)[:, None]).relu_()
@@ -153,7 +153,7 @@ class EntityNetwork(nn.Module):
 
     @staticmethod
     def _halves(layer: nn.Linear, inputs: int, shown: torch.Tensor | float = 1.0):  # type: ignore[no-untyped-def]
-        """A layer over [own numbers, context] as two: the context's part is computed once per situation."""
+        """Split a layer over [own numbers, context] in two, to compute the context's part once per situation."""
         own, context = layer.weight[:, :inputs] * shown, layer.weight[:, inputs:]
         return partial(functional.linear, weight=own), partial(functional.linear, weight=context, bias=layer.bias)
 
@@ -164,7 +164,7 @@ def _with_weights(
     dropped_kinds: tuple[int, ...],
     weights: dict[str, NDArray[Any]],
 ) -> EntityNetwork:
-    with torch.random.fork_rng(devices=[]):  # a network draws its first weights, which are not kept
+    with torch.random.fork_rng(devices=[]):  # the random initial weights are overwritten
         network = kind(*sizes, dropped_kinds=dropped_kinds)
     network.load_state_dict({name: torch.tensor(array) for name, array in weights.items()})
     return network

@@ -1,7 +1,7 @@
-"""Train a planner: ``pacman-env train``. Arguments, the segments in order, their record, the report at the end.
+"""Train a planner: ``pacman-env train``. Arguments, the sequence of segments, their record, the final report.
 
-A segment begins with new games and with random numbers of its own, drawn from the run's seed and the segment's
-number. So an interrupted run continues from its last checkpoint with the same curve, bit for bit.
+A segment starts with new games and its own random numbers, drawn from the run's seed and the segment's number. An
+interrupted run therefore continues from its last checkpoint with the same curve, bit for bit.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from pacman_env.training.lineups import teacher_name
 AfterSegment = Callable[[dict[str, Any]], None]
 _RULES = ("clyde_aware", "lookahead", "nearest")
 _PROG = "pacman-env train"
-_NEEDED = ("decisions", "against_league", "again")  # of the segments' records, to go on
+_NEEDED = ("decisions", "against_league", "again")  # fields of segment records that are needed to resume
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -61,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def parse(argv: Sequence[str]) -> Arguments:
-    """Arguments over the hyperparameters of a file's section; raises ValueError if the file or a value does not fit."""
+    """Parse arguments on top of a file's hyperparameters; raises ValueError if the file or a value is invalid."""
     default = _default(argv)
     return parse_options(make_parser(default), argv, default)
 
@@ -73,7 +73,7 @@ def make_parser(default: Arguments | None = None) -> Parser:
 
 
 def _sections() -> argparse.ArgumentParser:
-    """What decides where the other options have their defaults from."""
+    """Return a parser of the options that select the defaults of the others."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--quick", action="store_true", help="one to two minutes on two cores")
     file = FOLDER / "PacManBot-v0.yaml"
@@ -108,9 +108,9 @@ def run(arguments: Arguments, executor: Executor) -> None:
 def train(
     arguments: Arguments, after_segment: AfterSegment = lambda record: None, executor: Executor | None = None
 ) -> tuple[Run, Learner]:
-    """All segments that are left; the run's folder and the model as the last one left it.
+    """Train all remaining segments; return the run's folder and the final model.
 
-    ``after_segment`` is called with the record of each segment, also of those before; what it raises ends the training.
+    ``after_segment`` is called with the record of each segment, earlier ones included; its exceptions end the training.
     ``executor`` plays the games; None: threads of this process.
     """
     if executor is None:
@@ -118,18 +118,18 @@ def train(
             return train(arguments, after_segment, threads)
     device = use_device(arguments.device)
     folder = Run(arguments)
-    hyper, begun = arguments.hyper, len(folder.segments)
-    bar = progress_bar(hyper.segments * hyper.segment, arguments.progress, begun * hyper.segment)
+    hyper, first = arguments.hyper, len(folder.segments)
+    bar = progress_bar(hyper.segments * hyper.segment, arguments.progress, first * hyper.segment)
     for record in folder.segments:
         after_segment(record)
     with bar:
         model = Learner(hyper, arguments.seed, device, arguments.threads, **dropped(arguments))
-        if begun > 0:
-            checkpoint.restore(folder.checkpoint(begun - 1), model.network, model.optimizer)
+        if first > 0:
+            checkpoint.restore(folder.checkpoint(first - 1), model.network, model.optimizer)
         model.logger = configure(str(arguments.out), ["tensorboard"])
         with contextlib.closing(model.logger):
             validation = HeldOut(arguments, arguments.evaluation, executor)
-            for segment in range(begun, hyper.segments):
+            for segment in range(first, hyper.segments):
                 _segment(folder, segment, model, validation, executor, bar)
                 after_segment(folder.segments[-1])
     return folder, model
@@ -142,8 +142,8 @@ def _segment(folder: Run, segment: int, model: Learner, validation: HeldOut, exe
     if folder.league.is_due(segment):
         folder.league.train(segment, planner_of(arguments, model), executor)
     pool = folder.league.pool(segment, folder.against_league())
-    again = folder.segments[-1]["again"] if folder.segments else {}
-    parts = make_parts(arguments, segment, pool, again)
+    repeats = folder.segments[-1]["again"] if folder.segments else {}
+    parts = make_parts(arguments, segment, pool, repeats)
     with contextlib.closing(Collector(parts, executor)) as games:
         torch.manual_seed(seeds[0])
         imitation = {}
@@ -156,18 +156,18 @@ def _segment(folder: Run, segment: int, model: Learner, validation: HeldOut, exe
         learning = time.perf_counter()
         model.learn(games, hyper.segment, seeds[1], bar)
         ended = time.perf_counter()
-        again = games.counts.best()
+        repeats = games.counts.best()
     completed = validation.completed(planner_of(arguments, model), pool)
     share, each = validation.shares(completed)
-    met = validation.learned()
+    of_league = validation.learned()
     speed = hyper.segment / (ended - learning)
     result = {
         "segment": segment,
         "decisions": model.decisions,
         "completed": share,
         "completed_against": each,
-        "against_league": folder.league.record(segment, validation.seeds[met], completed[met], pool),
-        "again": again,
+        "against_league": folder.league.record(segment, validation.seeds[of_league], completed[of_league], pool),
+        "again": repeats,
         "clyde_limit_mps": clyde_limit(arguments, segment),
         "seconds": round(ended - began, 1),
         "decisions_per_s": round(speed),
@@ -184,7 +184,7 @@ def _segment(folder: Run, segment: int, model: Learner, validation: HeldOut, exe
 
 
 def planner_of(arguments: Arguments, model: Learner) -> checkpoint.TorchPlanner:
-    """The network as it is, as a policy."""
+    """Return a copy of the current network as a policy."""
     return checkpoint.TorchPlanner("ppo", copy.deepcopy(model.network).cpu(), game_config(arguments).robot.speed_mps)
 
 
@@ -215,7 +215,7 @@ def _report(
 
 
 class Run:
-    """A run in a folder: ``run.json``, ``last.zip``, ``best.zip`` and TensorBoard's files."""
+    """Folder of a run: ``run.json``, ``last.zip``, ``best.zip`` and TensorBoard's files."""
 
     def __init__(self, arguments: Arguments) -> None:
         self.arguments = arguments
@@ -232,9 +232,9 @@ class Run:
 
     def _read(self) -> None:
         try:
-            known = json.loads(self.record.read_text())
-            before = known["arguments"]
-            self.segments = list(known["segments"])
+            content = json.loads(self.record.read_text())
+            arguments = content["arguments"]
+            self.segments = list(content["segments"])
             numbers = [(segment["segment"], float(segment["completed"])) for segment in self.segments]
             if [number for number, _ in numbers] != list(range(len(numbers))):
                 raise ValueError("its segments are not in order")
@@ -243,23 +243,23 @@ class Run:
                     raise ValueError(f"segment {segment['segment']} of another version, without {missing[0]!r}")
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise ValueError(f"{self.record}: no run to resume: {error}") from None
-        check_same(self.record, before, plain(self.arguments))
+        check_same(self.record, arguments, plain(self.arguments))
 
     def against_league(self) -> Record:
-        """Of the last segment."""
+        """Return the league's record in the last segment."""
         return self.segments[-1]["against_league"] if self.segments else {}
 
     def checkpoint(self, segment: int) -> Path:
-        """The file of the state after a segment, until the next one is written."""
+        """Return the file of the state after a segment; it is deleted when the next one is written."""
         return self.folder / f"segment-{segment}.zip"
 
     def write(self, model: Learner, result: dict[str, Any]) -> None:
         segment = result["segment"]
-        before = max((old["completed"] for old in self.segments), default=-1.0)
+        best = max((old["completed"] for old in self.segments), default=-1.0)
         self.segments.append(result)
         self._save(model, self.checkpoint(segment))
         self._save(model, self.last)
-        if result["completed"] >= before:
+        if result["completed"] >= best:
             self._save(model, self.best)
         content = {"version": __version__, "arguments": plain(self.arguments), "segments": self.segments}
         write_json(self.record, content)
@@ -274,7 +274,7 @@ class Run:
 
 
 def plain(arguments: Arguments) -> dict[str, Any]:
-    """The arguments that decide the curve, as JSON has them."""
+    """Return the arguments that decide the curve, as plain JSON data."""
     plain = json.loads(json.dumps(dataclasses.asdict(arguments), default=str))
     for name in ("out", "resume", "progress", "threads"):
         del plain[name]
@@ -282,7 +282,7 @@ def plain(arguments: Arguments) -> dict[str, Any]:
 
 
 def check_same(record: Path, before: Any, ours: dict[str, Any]) -> None:
-    """Raise ValueError with the first field, nested ones included, that differs from ``ours``."""
+    """Raise ValueError with the first field, nested fields included, that differs from ``ours``."""
     for name, value in ours.items():
         known = before.get(name) if isinstance(before, dict) else None
         if isinstance(value, dict):

@@ -1,8 +1,8 @@
-"""The same training from several seeds, at once: ``pacman-env seeds``. Each is a task; a table at the end.
+"""Run the same training from several seeds at once: ``pacman-env seeds``. Each seed is a task; a table follows.
 
-A member trains in the cache folder of its worker's machine. If the worker is lost, another one goes on there from the
-last checkpoint, or begins anew on another machine: either way it ends with the same planner. The folder stays until the
-member is written.
+A member is the training of one seed. It trains in the cache folder of its worker's machine. If the worker is lost,
+another worker continues there from the last checkpoint, or starts again on another machine; both give the same planner.
+The folder is removed after the member was written.
 """
 
 import argparse
@@ -36,16 +36,16 @@ from pacman_env.training.fragments import use_device
 from pacman_env.training.held_out import HeldOut
 
 _PROG = "pacman-env seeds"
-_NOTED = "member.json"  # written last: the member is finished
+_NOTED = "member.json"  # written last: marks a complete member
 _SHOWN = ("rounds", "completed", "completed_against", "validation", "seconds")
 _TABLE = "seeds.json"
 _RUN = "run.json"
-_WAIT_S = 10.0  # for another process that trains the same: one that was lost may be about to end
+_WAIT_S = 10.0  # wait for a lost process with the same training to end
 
 
 @dataclass(frozen=True)
 class Trained:
-    """A member: its figures, and the content of its files by name."""
+    """A trained member: its figures, and the content of its files by name."""
 
     figures: dict[str, Any]
     files: dict[str, bytes]
@@ -70,7 +70,7 @@ def make_parser() -> Parser:
 
 
 def _own_arguments() -> argparse.ArgumentParser:
-    """Beside those of a training."""
+    """Return a parser of the arguments in addition to those of a training."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--seeds", type=whole_number(0), nargs="+", default=[0, 1, 2], metavar="N", help="(0 1 2)")
     out = Path("results/seeds")
@@ -79,9 +79,9 @@ def _own_arguments() -> argparse.ArgumentParser:
 
 
 def train_all(arguments: Arguments, seeds: Sequence[int], out: Path, executor: Executor) -> str:
-    """Train those that are not in ``out`` yet, and write them there; returns the table of all.
+    """Train the members that ``out`` lacks, write them there, and return the table of all members.
 
-    Raises ValueError where ``out`` has a member of another training, or what is none in the place of one.
+    Raises ValueError if ``out`` contains a member of another training, or something else in the place of a member.
     """
     if len(set(seeds)) < len(seeds):
         raise ValueError(f"seeds = {list(seeds)}: a seed is given twice")
@@ -93,14 +93,14 @@ def train_all(arguments: Arguments, seeds: Sequence[int], out: Path, executor: E
             raise ValueError(f"{_folder(out, seed)}: has no {_NOTED}: move it away or give another --out")
     prepare(out / _TABLE)
 
-    def keep(one: Trained) -> None:
+    def store(one: Trained) -> None:
         done[one.figures["seed"]] = one.figures
         _write(out, one)
         forget(left[one.figures["seed"]])
         print(f"seed {one.figures['seed']}: {one.figures['completed']:.1%} of test rounds completed", flush=True)
 
     tasks, keys = list(left.values()), list(left)
-    executor.map(train_member, tasks, keep, keys)
+    executor.map(train_member, tasks, store, keys)
     if executor.remote:
         executor.map(forget, tasks, keys=keys)
     trained = [done[seed] for seed in seeds]
@@ -109,11 +109,11 @@ def train_all(arguments: Arguments, seeds: Sequence[int], out: Path, executor: E
 
 
 def train_member(arguments: Arguments) -> Trained:
-    """One training from its beginning, or from where it was left on this machine, to its end.
+    """Run one training to its end, from the start or from where it stopped on this machine.
 
-    Its files stay there until :func:`forget`. Raises ValueError while another process trains the same.
+    The files stay until :func:`forget`. Raises ValueError while another process runs the same training.
     """
-    use_device(arguments.device)  # one that is gone is no damage of the folder
+    use_device(arguments.device)  # fail early: a missing device is not a damaged folder
     folder = _cached(arguments)
     try:
         held = _lock(folder).acquire(timeout=_WAIT_S)
@@ -123,14 +123,14 @@ def train_member(arguments: Arguments) -> Trained:
         if (folder / _RUN).exists():
             try:
                 return _train(dataclasses.replace(arguments, out=folder, resume=True))
-            except ValueError:  # what was left is damaged
+            except ValueError:  # the remaining files are damaged
                 pass
         _remove(folder)
         return _train(dataclasses.replace(arguments, out=folder, resume=False))
 
 
 def forget(arguments: Arguments) -> None:
-    """Remove what a training has left on this machine, unless another process trains the same."""
+    """Remove the files of a training on this machine, unless another process runs the same training."""
     folder = _cached(arguments)
     with contextlib.suppress(Timeout), _lock(folder).acquire(timeout=0):
         _remove(folder)
@@ -142,13 +142,13 @@ def _cached(arguments: Arguments) -> Path:
 
 
 def _lock(folder: Path) -> FileLock:
-    """Of a training's folder; beside it, as the folder is removed."""
+    """Return the lock of a training's folder, next to the folder, which may be removed."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     return FileLock(folder.with_suffix(".lock"))
 
 
 def _remove(folder: Path) -> None:
-    (folder / _RUN).unlink(missing_ok=True)  # first: without it nothing goes on from what an interruption leaves
+    (folder / _RUN).unlink(missing_ok=True)  # first, so that nothing resumes from a partly removed folder
     if folder.exists():
         shutil.rmtree(folder)
 
@@ -197,7 +197,7 @@ def _read(out: Path, member: Arguments) -> dict[str, Any] | None:
 
 
 def _write(out: Path, trained: Trained) -> None:
-    """Whole or not at all."""
+    """Write the files of a member atomically."""
     with new_folder(_folder(out, trained.figures["seed"])) as folder:
         for name, content in trained.files.items():
             (folder / name).write_bytes(content)

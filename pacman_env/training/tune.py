@@ -1,7 +1,7 @@
-"""Search for hyperparameters: ``pacman-env tune``. Short trainings, judged by validation rounds completed.
+"""Search for hyperparameters: ``pacman-env tune``. Short trainings, judged by completed validation rounds.
 
-Every trial trains from the same seed and its proposal depends on the trials before it alone, so a study that was
-interrupted goes on to the same trials.
+Every trial trains from the same seed, and its proposal depends only on earlier trials. An interrupted study therefore
+continues with the same trials.
 """
 
 import dataclasses
@@ -28,7 +28,7 @@ from pacman_env.files import prepare, replaced
 from pacman_env.training.arguments import FOLDER, Arguments, Hyperparameters, load_hyperparameters
 from pacman_env.training.ppo import check_same, train
 
-#: Rates are those at the beginning of a run, and fall in the proportion of the section that is tuned.
+#: Search space. Rates are initial values; they decrease in the same proportion as in the tuned section.
 SPACE: dict[str, BaseDistribution] = {
     "learning_rate": FloatDistribution(1e-4, 3e-3, log=True),
     "ent_coef": FloatDistribution(5e-4, 2e-2, log=True),
@@ -39,9 +39,9 @@ SPACE: dict[str, BaseDistribution] = {
     "clip_range": FloatDistribution(0.1, 0.3),
     "batch_size": CategoricalDistribution((1024, 2048, 4096, 8192)),
     "reward_scale": FloatDistribution(0.05, 0.5, log=True),
-    "imitation": CategoricalDistribution((0.0, 0.5, 1.0, 2.0)),  # times the section's
+    "imitation": CategoricalDistribution((0.0, 0.5, 1.0, 2.0)),  # factor of the section's value
 }
-_STARTUP = 5  # trials before any is pruned, and before proposals depend on earlier ones
+_STARTUP = 5  # trials without pruning and with random proposals
 
 
 @dataclass(frozen=True)
@@ -51,22 +51,22 @@ class Study(Checked):
     out: Path = Path("results/tune")
     """Folder of the study: trials.jsonl, best.yaml, a training run per trial."""
     config: Path = FOLDER / "PacManBot-v0.yaml"
-    """Hyperparameters that the search begins from; what is not searched stays as it is."""
+    """Hyperparameters to start from; values that are not searched stay unchanged."""
     section: str = "headline"
     trials: AtLeastOne = 30
-    """Of the whole study, those before ``--resume`` included."""
+    """Trials of the whole study, those before ``--resume`` included."""
     decisions: AtLeastOne = 819200
     """Decisions of PPO per trial."""
     segments: AtLeastOne = 4
-    """Parts of a trial: after each, rounds are played on validation levels, and a poor trial is given up."""
+    """Parts of a trial; after each, rounds are played on validation levels, and a poor trial is stopped."""
     evaluation: AtLeastOne = 256
     """Rounds on validation levels after each part."""
     seed: Count = 0
-    """Of the proposals and of every training."""
+    """Seed of the proposals and of every training."""
     resume: bool = False
     """Resume the study in ``out``."""
     threads: Count = 2
-    """That compute an update, step games and play rounds; 0: one for each core."""
+    """Threads that compute an update, step games and play rounds; 0: one per core."""
     progress: bool = True
     """Show a progress bar for each trial."""
 
@@ -91,7 +91,7 @@ def make_parser() -> Parser:
 
 
 def search(settings: Study, executor: Executor | None = None) -> Path:
-    """Run the trials that are left; the file of the best one's hyperparameters, written after each trial.
+    """Run the remaining trials; return the file of the best hyperparameters, which is written after each trial.
 
     ``executor`` plays the games; None: threads of this process.
     """
@@ -116,7 +116,7 @@ def search(settings: Study, executor: Executor | None = None) -> Path:
 
 
 def hyperparameters(section: Hyperparameters, params: dict[str, Any]) -> Hyperparameters:
-    """A section with a trial's proposal in it, a value for each name of ``SPACE``."""
+    """Return a section with the values that a trial proposes, one for each name of ``SPACE``."""
     values = {name: params[name] for name in SPACE if name not in ("discount", "imitation")}
     for name in ("learning_rate", "ent_coef"):
         first, last = getattr(section, name)
@@ -155,7 +155,7 @@ def _play(
 
 
 def _arguments(settings: Study, hyper: Hyperparameters, number: int = 0) -> Arguments:
-    """Of a trial's training: short, in a folder of its own; one that was interrupted goes on."""
+    """Return the arguments of a trial's short training in its own folder; an interrupted trial is resumed."""
     segment = max(settings.decisions // settings.segments // hyper.rollout, 1) * hyper.rollout
     hyper = dataclasses.replace(hyper, decisions=segment * settings.segments, segment=segment)
     out = settings.out / f"trial-{number}"
@@ -164,12 +164,12 @@ def _arguments(settings: Study, hyper: Hyperparameters, number: int = 0) -> Argu
 
 
 def _plain(settings: Study, section: Hyperparameters) -> dict[str, Any]:
-    kept = {name: getattr(settings, name) for name in ("decisions", "segments", "evaluation", "seed")}
-    return dict(json.loads(json.dumps({**kept, "hyper": dataclasses.asdict(section)})))
+    values = {name: getattr(settings, name) for name in ("decisions", "segments", "evaluation", "seed")}
+    return dict(json.loads(json.dumps({**values, "hyper": dataclasses.asdict(section)})))
 
 
 def _write(record: Path, head: dict[str, Any], trials: list[FrozenTrial]) -> None:
-    """The study's settings in the first line, then a line per trial."""
+    """Write the study's settings to the first line, then a line per trial."""
     lines = [json.dumps(head)]
     for trial in trials:
         shares = {str(step): share for step, share in trial.intermediate_values.items()}
@@ -181,10 +181,10 @@ def _write(record: Path, head: dict[str, Any], trials: list[FrozenTrial]) -> Non
 
 def _read(record: Path, head: dict[str, Any]) -> list[FrozenTrial]:
     try:
-        before, *lines = (json.loads(line) for line in record.read_text().splitlines())
+        first, *lines = (json.loads(line) for line in record.read_text().splitlines())
     except (OSError, ValueError) as error:
         raise ValueError(f"{record}: no study to resume: {error}") from None
-    check_same(record, before, head)
+    check_same(record, first, head)
     trials = []
     for number, line in enumerate(lines):
         try:
@@ -204,7 +204,7 @@ def _read(record: Path, head: dict[str, Any]) -> list[FrozenTrial]:
 
 
 def _write_best(path: Path, settings: Study, section: Hyperparameters, study: optuna.Study) -> bool:
-    """The section with the best trial's values, for ``pacman-env train``; False if no trial has finished."""
+    """Write the section with the best trial's values for ``pacman-env train``; return False if no trial finished."""
     if TrialState.COMPLETE not in {trial.state for trial in study.trials}:
         return False
     values = dataclasses.asdict(hyperparameters(section, study.best_params))

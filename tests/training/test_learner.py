@@ -58,7 +58,7 @@ def test_an_update_is_that_of_stable_baselines(
     sizes: dict[str, Any], threads: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """From the same rollout, with minibatches of the same rows and pieces that do not divide them."""
-    monkeypatch.setattr(learner, "_PIECE", 17)
+    monkeypatch.setattr(learner, "_CHUNK", 17)
     hyper = dataclasses.replace(HYPER, learning_rate=(3e-3, 3e-3), ent_coef=(0.005, 0.005))
     env = PacManBotVecEnv(6, map="generated", settings={"num_levels": 4}, observation="planner")
     other = stock_model(env, hyper, **sizes)
