@@ -1,4 +1,4 @@
-"""What is possible on a map: ``python eval/bound.py --help``."""
+"""Bound the share of rounds that can be completed on a map: ``python eval/bound.py --help``."""
 
 from pacman_env.evaluation.bound.__main__ import main
 

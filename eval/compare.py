@@ -1,4 +1,4 @@
-"""Compare policies on the same rounds: ``python eval/compare.py --help``."""
+"""Compare policies in the same rounds: ``python eval/compare.py --help``."""
 
 from pacman_env.evaluation.compare.__main__ import main
 

@@ -1,4 +1,4 @@
-"""Rounds of a policy as a data set: ``python eval/dataset.py --help``."""
+"""Write rounds of a policy as a data set: ``python eval/dataset.py --help``."""
 
 from pacman_env.evaluation.dataset.__main__ import main
 

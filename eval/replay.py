@@ -1,4 +1,4 @@
-"""Play one round again, filmed: ``python eval/replay.py --help``."""
+"""Replay one round as a film: ``python eval/replay.py --help``."""
 
 from pacman_env.evaluation.replay import main
 

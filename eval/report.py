@@ -1,4 +1,4 @@
-"""Compare policies on the same rounds, as a page: ``python eval/report.py --help``."""
+"""Compare policies in the same rounds on an HTML page: ``python eval/report.py --help``."""
 
 from pacman_env.evaluation.report.__main__ import main
 

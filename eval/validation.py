@@ -1,4 +1,4 @@
-"""Set the simulator beside the ten real trials: ``python eval/validation.py --help``."""
+"""Compare the simulator with the ten real trials: ``python eval/validation.py --help``."""
 
 from pacman_env.evaluation.checks.validation import main
 

@@ -1,4 +1,4 @@
-"""The same training from several seeds: ``python train/seeds.py --help``."""
+"""Run the same training from several seeds: ``python train/seeds.py --help``."""
 
 from pacman_env.training.seeds import main
 
