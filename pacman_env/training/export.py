@@ -59,7 +59,7 @@ class _Graph:
         return self.product(inputs, _array(layer.weight), layer.bias)
 
     def halves(self, layer: nn.Linear, own: str, context: str, shown: NDArray[np.float32]) -> str:
-        """Add the ReLU of a layer over [own (B, C, n), context (B, m)] numbers; ``shown`` (n,) scales the own numbers."""
+        """Add the ReLU of a layer over [own (B, C, n), context (B, m)]; ``shown`` (n,) scales the own numbers."""
         weight, count = _array(layer.weight), len(shown)
         part = self.add("Unsqueeze", self.product(context, weight[:, count:], layer.bias), self.axes(1))
         return self.add("Relu", self.add("Add", self.product(own, weight[:, :count] * shown), part))

@@ -57,7 +57,7 @@ def rollout_of(other: MaskablePPO, network: Any) -> Rollout:
 def test_an_update_is_that_of_stable_baselines(
     sizes: dict[str, Any], threads: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """From the same rollout, with minibatches of the same rows and pieces that do not divide them."""
+    """From the same rollout, with minibatches of the same rows and chunks that do not divide them."""
     monkeypatch.setattr(learner, "_CHUNK", 17)
     hyper = dataclasses.replace(HYPER, learning_rate=(3e-3, 3e-3), ent_coef=(0.005, 0.005))
     env = PacManBotVecEnv(6, map="generated", settings={"num_levels": 4}, observation="planner")
