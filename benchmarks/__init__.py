@@ -1,1 +1,1 @@
-"""Measurements of the project itself, to be run in a checkout; docs/performance.md has their figures."""
+"""Measurements of the project itself, for a checkout; docs/performance.md shows their figures."""

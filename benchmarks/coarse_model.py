@@ -1,8 +1,8 @@
 """Compare the coarse model of the game with the simulator: ``python -m benchmarks.coarse_model``.
 
-Games of the simulator are played with goals drawn at random, each held for a while. From the same situations the coarse
-model plays the same goals. Compared are when a goal is reached, of those reached without a change, and within
-``--seconds`` after a choice where the robot and the ghosts are, how near they come, and whether the robot is caught.
+The simulator plays games with random goals, each pursued for a while; the coarse model plays the same goals from the
+same situations. The comparison covers the time until a goal is reached (if it was not changed), and, ``--seconds``
+after a choice, the places of robot and ghosts, the least distance between them, and whether the robot is caught.
 """
 
 import argparse
@@ -24,10 +24,10 @@ from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.situation import Situation
 
-_PLAYED_S = 4.0  # before the first comparison, and between two
+_PLAYED_S = 4.0  # time before the first comparison and between comparisons
 _FIELDS = (
     *(("switched", np.bool_), ("caught", np.bool_), ("expected_caught", np.bool_)),
-    *(("reached_s", np.float64), ("expected_s", np.float64)),  # NaN: not
+    *(("reached_s", np.float64), ("expected_s", np.float64)),  # NaN: not reached
     *(("closest_m", np.float64), ("expected_m", np.float64), ("robot_off_m", np.float64), ("ghost_off_m", np.float64)),
 )
 TRIAL = np.dtype(list(_FIELDS))
@@ -35,7 +35,7 @@ TRIAL = np.dtype(list(_FIELDS))
 
 @kernel
 def _play(robot, ghosts, goal, steps, model):  # type: ignore[no-untyped-def]
-    """Play on with a goal; returns when it was reached, s from now, NaN: not."""
+    """Play with a goal; return the time until it is reached, s, NaN if it is not."""
     reached, begin_s = np.nan, robot[0].time_s
     choose(robot[0], goal, model)
     for _ in range(steps):
@@ -48,7 +48,7 @@ def _play(robot, ghosts, goal, steps, model):  # type: ignore[no-untyped-def]
 
 
 class Trials:
-    """Games side by side, and what the model expects of each from its situation on."""
+    """Games of the simulator, with the coarse model's prediction for each."""
 
     def __init__(self, source: str, config: Config, games: int, seconds: float, seed: int) -> None:
         self.config, self.seconds, self.games = config, seconds, games
@@ -63,7 +63,7 @@ class Trials:
             self.batch.reset(np.flatnonzero(which), self.rng.integers(2**63, size=which.sum(), dtype=np.uint64))
 
     def trials(self) -> NDArray[Any]:
-        """Return (N,) of TRIAL, from where the games stand now; those that end begin anew."""
+        """Return N records TRIAL from the current state of the games; games that end start again."""
         self._drive(round(_PLAYED_S / self.config.execution.tick_s))
         situation = self.batch.situation()
         chosen = self._draw(situation)
@@ -86,7 +86,7 @@ class Trials:
             self._reset(self.batch.games["end"] != RUNNING)
 
     def _expect(self, situation: Situation, i: int, candidate: int, trial: NDArray[Any]) -> list[float]:
-        """Fill in what the model expects of one game; returns where the robot and the nearest ghost are at the end."""
+        """Write the model's prediction for one game; return the final places of the robot and the nearest ghost."""
         begin = start(situation, i, self.config, self.behaviours, Lags(death_margin_m=0.0))
         draw_futures(begin.ghosts, int(situation.seed[i]), int(situation.tick[i]), 0)
         steps = np.int64(round(self.seconds / float(begin.model.rules["step_s"][0])))
@@ -95,23 +95,23 @@ class Trials:
         trial["expected_m"] = begin.robot["closest_m"][0]
         return [begin.robot["x"][0], begin.robot["y"][0], begin.ghosts["x"][0], begin.ghosts["y"][0]]
 
-    def _watch(self, chosen: NDArray[np.int64], places: NDArray[np.float64], found: NDArray[Any]) -> None:
+    def _watch(self, chosen: NDArray[np.int64], places: NDArray[np.float64], trial: NDArray[Any]) -> None:
         games = self.batch.games
-        found["reached_s"], found["closest_m"] = np.nan, np.inf
+        trial["reached_s"], trial["closest_m"] = np.nan, np.inf
         for tick in range(1, self.ticks + 1):
             running = games["end"] == RUNNING
             self.batch.step(chosen)
             situation = self.batch.situation()
             offset = situation.ghosts[:, :, :2] - situation.robot[:, None, :2]
             apart = np.hypot(offset[..., 0], offset[..., 1]).min(axis=1)
-            found["closest_m"] = np.where(running, np.minimum(found["closest_m"], apart), found["closest_m"])
-            arrived = running & (games["end"] != DEAD) & np.isnan(found["reached_s"]) & (games["pursued"] != chosen)
-            found["reached_s"][arrived] = tick * self.config.execution.tick_s
-        found["caught"] = games["end"] == DEAD
-        found["robot_off_m"] = np.hypot(*(situation.robot[:, :2] - places[:, :2]).T)
-        found["ghost_off_m"] = np.hypot(*(situation.ghosts[:, 0, :2] - places[:, 2:]).T)
-        over = (games["end"] != RUNNING) | found["expected_caught"]
-        found["robot_off_m"][over] = found["ghost_off_m"][over] = np.nan
+            trial["closest_m"] = np.where(running, np.minimum(trial["closest_m"], apart), trial["closest_m"])
+            arrived = running & (games["end"] != DEAD) & np.isnan(trial["reached_s"]) & (games["pursued"] != chosen)
+            trial["reached_s"][arrived] = tick * self.config.execution.tick_s
+        trial["caught"] = games["end"] == DEAD
+        trial["robot_off_m"] = np.hypot(*(situation.robot[:, :2] - places[:, :2]).T)
+        trial["ghost_off_m"] = np.hypot(*(situation.ghosts[:, 0, :2] - places[:, 2:]).T)
+        over = (games["end"] != RUNNING) | trial["expected_caught"]
+        trial["robot_off_m"][over] = trial["ghost_off_m"][over] = np.nan
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:

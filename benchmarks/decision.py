@@ -1,8 +1,8 @@
 """Measure the cost of one decision: ``python -m benchmarks.decision``.
 
-One game is played with the policy's own choices, and each ``select`` is timed: features and network, without the
-simulator, one situation at a time, in one thread, as on a robot. The most memory that the process ever held counts the
-simulator as well. torch is not imported; the figures show that.
+The policy plays one game, and each ``select`` is timed: features and network, without the simulator, one situation at a
+time, in one thread, as on a robot. The peak memory of the process includes the simulator. torch is not imported; the
+figures show that.
 """
 
 import argparse
@@ -22,13 +22,13 @@ from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapAssets, map_assets
 
-WARM_UP = 50  # decisions not counted: compilation, caches
+WARM_UP = 50  # decisions that do not count, for compilation and caches
 
 
 def peak_memory_mb() -> float:
-    """Return the most resident memory that this process has had, MB (10^6 bytes)."""
+    """Return the peak resident memory of this process, MB (10^6 bytes)."""
     status = Path("/proc/self/status")
-    if status.exists():  # getrusage would count the parent's memory before the start of the program too
+    if status.exists():  # getrusage would include the parent's memory before exec
         (line,) = (line for line in status.read_text().splitlines() if line.startswith("VmHWM:"))
         return int(line.split()[1]) * 1024 / 1e6
     import resource
@@ -37,7 +37,7 @@ def peak_memory_mb() -> float:
 
 
 def decision_times_ms(policy: Policy, assets: MapAssets, config: Config, decisions: int, seed: int) -> list[float]:
-    """Return the milliseconds of each of ``decisions`` selections, after some that are not counted."""
+    """Return the duration of ``decisions`` selections, ms, after a warm-up."""
     seeds = np.random.default_rng(seed)
     batch = GameBatch(assets, config, 1)
     times: list[float] = []
@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     parameters = {name: yaml.safe_load(value) for name, _, value in (one.partition("=") for one in arguments.parameter)}
     try:
         policy = make_policy(arguments.policy, **parameters)
-    except TypeError as error:  # a name that the policy does not have
+    except TypeError as error:  # unknown parameter of the policy
         raise ValueError(f"--parameter: {error}") from None
     assets = map_assets(arguments.map, config)
     times = decision_times_ms(policy, assets, config, arguments.decisions, arguments.seed)

@@ -1,4 +1,4 @@
-"""Share options, turns of alternatives, a process in a checkout and the JSON file among the benchmarks."""
+"""Shared parts of the benchmarks: options, alternating measurements, a process in a checkout and the JSON file."""
 
 import argparse
 import os
@@ -15,10 +15,10 @@ from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.files import prepare, write_json
 
 T = TypeVar("T")
-Option = str | tuple[str, dict[str, Any]]  # a name in OPTIONS, or a name and what argparse needs
+Option = str | tuple[str, dict[str, Any]]  # a name in OPTIONS, or a name with arguments for argparse
 ROOT = Path(__file__).resolve().parents[1]
 CORES = len(os.sched_getaffinity(0))
-#: Options that several benchmarks have.
+#: Options of several benchmarks.
 OPTIONS: dict[str, dict[str, Any]] = {
     "--map": {"default": "house", "metavar": "FILE_OR_NAME", "help": "(%(default)s)"},
     "--policy": {"default": "ppo", "help": "a name or an .onnx file (%(default)s)"},
@@ -44,7 +44,7 @@ def benchmark(
     """Return the ``main(argv)`` of ``python -m benchmarks.NAME``, with ``--map``, ``--json`` and the given options.
 
     ``measure`` prints figures and returns them; ``--json`` writes them with version, map, seed and machine. ``extra``
-    of the package has the libraries that it needs; the exit status is 1 where the figures are a failure.
+    is the package's extra with the needed libraries; the exit status is 1 if ``failed`` is True for the figures.
     """
     parser = Parser(prog=f"python -m benchmarks.{name}", description=description)
     for option in ("--map", *options, "--json"):
@@ -66,7 +66,7 @@ def benchmark(
 
 
 def turns(rounds: int, *alternatives: Callable[[], T]) -> list[tuple[T, ...]]:
-    """Return the figures of all alternatives, which take turns: a slow minute is slow for all of them."""
+    """Return the figures of alternating measurements, so that a slow minute affects all alternatives."""
     return [tuple(measure() for measure in alternatives) for _ in range(rounds)]
 
 
@@ -79,6 +79,6 @@ def log(message: str) -> None:
 
 
 def in_checkout(root: Path, *arguments: str, **variables: str) -> dict[str, Any]:
-    """Return what ``subprocess`` needs to run this Python on the code of a checkout, with environment ``variables``."""
+    """Return the arguments of ``subprocess`` to run this Python on the code of a checkout, with ``variables``."""
     environment = {**os.environ, "PYTHONPATH": str(root), **variables}
     return {"args": [sys.executable, *arguments], "cwd": root, "env": environment, "text": True}

@@ -1,7 +1,7 @@
-"""Play games of the robot's nodes in lock-step: how fast they are, and whether a seed decides them.
+"""Play games of the robot's nodes in lock-step to measure their speed and check that a seed decides them.
 
-The same seed is played twice, the second time beside processes that keep the cores busy, and another seed once. Each
-message that a node handles goes into a hash, with its simulated time, its topic and its contents.
+One seed is played twice, the second time while other processes keep the cores busy, and another seed once. A hash
+covers each message that a node handles, with its simulated time, topic and content.
 """
 
 import argparse
@@ -17,20 +17,20 @@ from typing import Any, NamedTuple
 from benchmarks.harness import CORES, benchmark, count
 from tools.common import table
 
-LIMIT_S = 3600.0  # of simulated time, for a game
+LIMIT_S = 3600.0  # limit of simulated time for a game
 
 
 class Game(NamedTuple):
-    result: str  # of the referee
+    result: str  # result from the referee
     simulated_s: float
     real_s: float
-    core_s: float  # time on the processor
-    messages: int  # that nodes have handled, from the first game on
-    hash: str  # over these
+    core_s: float  # processor time
+    messages: int  # messages handled since the start of the first game
+    hash: str  # hash of these messages
 
 
 def play(map_source: str, policy: str, seed: int, games: int) -> list[Game]:
-    """Play games in a row, by the same nodes; RuntimeError if a node failed, or a game has no end."""
+    """Play games in a row with the same nodes; raises RuntimeError if a node fails or a game does not end."""
     from pacman_env.ros import topics
     from pacman_env.ros.discovery import stay_on_this_machine
     from pacman_env.ros.lock_step.game import LockStepGame
@@ -78,20 +78,20 @@ def show(games: Sequence[Game]) -> None:
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Play and print the tables; ``reproducible``: whether the seed, and nothing else, decides the games."""
+    """Play and print the tables; ``reproducible`` is True if the seed alone decides the games."""
     given = arguments.map, arguments.policy
     show(first := play(*given, arguments.seed, arguments.games))
     print(f"\nthe same seed with {arguments.busy} cores kept busy:")
     with contextlib.ExitStack() as stack:
         for _ in range(arguments.busy):
             process = stack.enter_context(subprocess.Popen([sys.executable, "-c", "while True: pass"]))
-            stack.callback(process.kill)  # before the process is waited for
-        show(again := play(*given, arguments.seed, arguments.games))
+            stack.callback(process.kill)  # runs before the context manager waits for the process
+        show(busy := play(*given, arguments.seed, arguments.games))
     other = play(*given, arguments.seed + 1, 1)
-    same, differs = [g.hash for g in first] == [g.hash for g in again], other[0].hash != first[0].hash
+    same, differs = [g.hash for g in first] == [g.hash for g in busy], other[0].hash != first[0].hash
     print(f"\nthe same seed: {'equal' if same else 'DIFFERENT'}; seed {arguments.seed + 1}: ", end="")
     print("another game" if differs else "THE SAME GAME")
-    games = {name: [g._asdict() for g in games] for name, games in (("idle", first), ("busy", again), ("other", other))}
+    games = {name: [g._asdict() for g in games] for name, games in (("idle", first), ("busy", busy), ("other", other))}
     return {"policy": arguments.policy, "reproducible": same and differs, **games}
 
 

@@ -1,6 +1,6 @@
 """Step random actions in one library's environments and time them; :mod:`.peers` runs it as a script.
 
-It runs with the Python of the library's own venv, without this project, and prints JSON: what it can play, or figures.
+It runs with the Python of the library's own venv, without this project, and prints JSON: its tasks, or figures.
 """
 
 import importlib
@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 SEED = 0
-DRAWN = 256  # actions that are drawn before the clock runs, used again and again
+DRAWN = 256  # actions drawn before the measurement and reused in a cycle
 ONE = (1,)
 BATCHES = (1, 64)
 
@@ -25,16 +25,16 @@ Step = Callable[[], Any]
 
 
 class Task(NamedTuple):
-    name: str  # as its library calls it
-    simulated_s: float  # simulated seconds of a decision; 0: its game has no clock
-    description: str  # what else a decision is
-    sizes: tuple[int, ...]  # how many games at once
-    threaded: bool  # whether it steps with the given number of threads
-    make: Callable[[int, int], Step]  # for so many games and threads: what steps all of them, ended ones anew
+    name: str  # name in the library
+    simulated_s: float  # simulated seconds per decision; 0: the game has no clock
+    description: str  # description of a decision
+    sizes: tuple[int, ...]  # numbers of parallel games
+    threaded: bool  # True: the number of threads can be set
+    make: Callable[[int, int], Step]  # returns a function that steps all games (number of games, threads)
 
 
 def ours(map_source: str) -> list[Task]:
-    """Return this project's environment, decided at every tick."""
+    """Return this project's environment, with a decision at every tick."""
     import gymnasium as gym
 
     from pacman_env.config import make_config
@@ -61,7 +61,7 @@ def ours(map_source: str) -> list[Task]:
 
 
 def of_envpool(_: str) -> list[Task]:
-    """Return its C++ environments, stepped synchronously; episodes begin anew by themselves."""
+    """Return EnvPool's C++ environments, stepped synchronously; episodes restart automatically."""
     import envpool
 
     def make(name: str, size: int, threads: int) -> Step:
@@ -80,7 +80,7 @@ def of_envpool(_: str) -> list[Task]:
 
 
 def of_vmas(_: str) -> list[Task]:
-    """Return its navigation scenario on the CPU; its user begins ended games anew."""
+    """Return VMAS's navigation scenario on the CPU; its user restarts ended games."""
     import torch
     from vmas import make_env
 
@@ -125,7 +125,7 @@ def of_mpe2(_: str) -> list[Task]:
 
 
 def of_jumanji(_: str) -> list[Task]:
-    """Return its PacMan, compiled by JAX for one core of the processor; episodes begin anew by its own wrapper."""
+    """Return Jumanji's PacMan, compiled by JAX for one core; Jumanji's wrapper restarts episodes."""
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # before JAX starts its threads
     import jax
@@ -183,7 +183,7 @@ LIBRARIES: dict[str, Callable[[str], list[Task]]] = {
 
 
 def drawn(space: Any) -> Iterator[Any]:
-    """Return actions of a Gymnasium space, drawn now from the seed."""
+    """Return a cycle of random actions of a Gymnasium space, drawn now."""
     space.seed(SEED)
     return itertools.cycle([space.sample() for _ in range(DRAWN)])
 
@@ -201,7 +201,7 @@ def alone(env: Any) -> Step:
 
 
 def turn(step: Step, size: int, seconds: float) -> dict[str, float]:
-    """Step for so long, at least once; return decisions per second, and CPU time of all threads by wall time."""
+    """Step for ``seconds``, at least once; return decisions per second and CPU time divided by wall time."""
     steps, cpu, began = 0, time.process_time(), time.perf_counter()
     while True:
         step()
@@ -218,15 +218,15 @@ def reason(error: Exception) -> str:
 
 
 def main(library: str, map_source: str, case: str) -> None:
-    """Print the tasks, or measure a case: a task's number, games, threads and seconds."""
+    """Print the tasks, or measure a case: number of the task, games, threads and seconds."""
     with os.fdopen(os.dup(1), "w") as out:
-        os.dup2(2, 1)  # for what the library prints
+        os.dup2(2, 1)  # keep the library's output out of the answer
         try:
             tasks = LIBRARIES[library](map_source)
             if wanted := json.loads(case):
                 number, size, threads, seconds = wanted
                 step = tasks[number].make(size, threads)
-                turn(step, size, seconds)  # to warm up
+                turn(step, size, seconds)  # warm-up
                 answer: dict[str, Any] = turn(step, size, seconds)
             else:
                 version = getattr(sys.modules.get(library), "__version__", None) or metadata.version(library)

@@ -1,7 +1,7 @@
 """Compare with well-known environments: ``python -m benchmarks.peers``.
 
-Each library steps in processes of its own, in its own venv if a folder for venvs is given, and ours does the same in
-turns with it. Versions are pinned; what cannot be installed or played is named with the reason.
+Each library steps in separate processes, in its own venv if a folder for venvs is given, in alternation with ours.
+Versions are pinned; libraries that cannot be installed or played are listed with the reason.
 """
 
 import argparse
@@ -22,10 +22,10 @@ from benchmarks.harness import CORES, ROOT, benchmark, log, median_and_range, tu
 from tools.common import names, table
 
 Turn = dict[str, float]  # decisions_per_s and cores
-Case = tuple[int, int, int]  # a task's number, games, threads
+Case = tuple[int, int, int]  # number of a task, games, threads
 
 OURS = "pacman_env"
-#: By library: what its venv gets.
+#: Requirements of each library's venv.
 PEERS = {
     "envpool": ("envpool==1.2.5", "gymnasium==1.4.0", "numpy==2.4.6"),
     "vmas": ("vmas==1.5.2", "torch==2.13.0", "gym==0.26.2", "numpy==2.4.6"),
@@ -36,7 +36,7 @@ PEERS = {
     "highway-env": ("highway-env==1.12.1", "gymnasium==1.4.0", "numpy==2.4.6"),
 }
 SCRIPT = Path(__file__).with_name("peer_worker.py")
-LIMIT_S = 600.0  # for an answer; the first may have to wait for kernels
+LIMIT_S = 600.0  # limit for an answer; the first one may include compilation
 NOTE = """\
 A figure is the median of turns that alternate with turns of ours at the same N, after a warm-up; `of ours` is the
 median, and the range, of the ratio of two turns. Ours steps in one thread, also when the other has more. `cores` is
@@ -46,11 +46,11 @@ are not measured. Speed is no measure of an environment's quality."""
 
 
 class PeerError(Exception):
-    """A library that cannot be installed or played, and why, in one line."""
+    """Raised with the reason, in one line, if a library cannot be installed or played."""
 
 
 def python_of(name: str, folder: Path) -> Path:
-    """Return the interpreter of a library's venv in ``folder``, made anew if it is absent or has other versions."""
+    """Return the interpreter of a library's venv in ``folder``; create the venv if it is missing or outdated."""
     venv = folder.absolute() / name
     python, stamp = venv / "bin" / "python", venv / "installed"
     wanted = hashlib.sha256(repr((platform.python_version(), PEERS[name])).encode()).hexdigest()
@@ -69,15 +69,15 @@ def python_of(name: str, folder: Path) -> Path:
 
 
 def _environment(bare: bool) -> dict[str, str]:
-    """Return the variables of a process: with this project first on its path, or without any path for another venv."""
+    """Return the variables of a process: with this project first on its path, or without a path for another venv."""
     path = [] if bare else [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
     return {**os.environ, "PYTHONPATH": os.pathsep.join(path)}
 
 
 class Worker:
-    """Play a library's environments with the present Python, if none is given, each turn in a process of its own.
+    """Plays a library's environments, each turn in a separate process, by default with the current Python.
 
-    What a library cannot do is a PeerError; without ours there is nothing to compare with: ValueError.
+    Raises PeerError for failures of a library, but ValueError for ours, without which nothing is comparable.
     """
 
     def __init__(self, name: str, map_source: str, python: Path | None = None) -> None:
@@ -89,14 +89,14 @@ class Worker:
         self.tasks: list[dict[str, Any]] = facts["tasks"]  # peer_worker.Task
 
     def cases(self) -> Iterator[Case]:
-        """Yield what is measured; all cores only with many games."""
+        """Yield the cases to measure; all cores only with many games."""
         for number, task in enumerate(self.tasks):
             for size in task["sizes"]:
                 for threads in sorted({1, CORES if task["threaded"] and size > 1 else 1}):
                     yield number, size, threads
 
     def turn(self, *case: float) -> dict[str, Any]:
-        """Return the figures of a case and a number of seconds; without them, version and tasks."""
+        """Return the figures of a case and a number of seconds; without arguments, version and tasks."""
         command, env = [*self._command, json.dumps(case)], self._environment
         try:
             done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=LIMIT_S)
@@ -111,7 +111,7 @@ class Worker:
         raise ValueError(f"our own environment: {answer['error']}") if self.name == OURS else PeerError(answer["error"])
 
     def row(self, case: Case, turns: Sequence[Turn]) -> dict[str, Any]:
-        """Return the medians of a case's turns, with what a decision is."""
+        """Return the medians of a case's turns, with the description of a decision."""
         number, size, threads = case
         rate, cores = (float(np.median([turn[key] for turn in turns])) for key in ("decisions_per_s", "cores"))
         task = {key: self.tasks[number][key] for key in ("name", "simulated_s", "description")}
@@ -121,9 +121,9 @@ class Worker:
 
 
 def run(libraries: Sequence[str], venvs: Path | None, map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
-    """Return all figures: of ours on a map, and of ``libraries`` in their venvs, if there is a folder for venvs.
+    """Return the figures of ours on a map, and of ``libraries`` in their venvs, if there is a folder for venvs.
 
-    ``rounds`` turns for each figure take ``seconds`` together.
+    Each figure takes ``seconds`` in total, divided into ``rounds`` turns.
     """
     if venvs:
         venvs.mkdir(parents=True, exist_ok=True)
@@ -153,7 +153,7 @@ def run(libraries: Sequence[str], venvs: Path | None, map_source: str, rounds: i
 
 
 def show(figures: dict[str, Any]) -> str:
-    """Return the figures, what a decision is in each, what was not measured and why, and the note."""
+    """Return the figures, the descriptions of decisions, the reasons of missing figures, and the note."""
     rows, decisions = [], {}
     for row in figures["rows"]:
         ratio = "{:.3g} ({:.3g} to {:.3g})".format(row["ratio"], *row["ratio_range"]) if "ratio" in row else ""

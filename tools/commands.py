@@ -25,7 +25,7 @@ def commands(group: argparse.ArgumentParser) -> Iterator[tuple[argparse.Argument
             for choice in action._choices_actions:
                 parser = action.choices[choice.dest]
                 yield from commands(parser)
-                if parser.prog.removeprefix("pacman-env ") in MODULES:  # known here by its name alone
+                if parser.prog.removeprefix("pacman-env ") in MODULES:  # its own parser is in its module
                     module, _ = MODULES[choice.dest]
                     parser = import_module(f"pacman_env.{module}").make_parser()
                 if not parser._subparsers:
@@ -33,7 +33,7 @@ def commands(group: argparse.ArgumentParser) -> Iterator[tuple[argparse.Argument
 
 
 def page() -> str:
-    os.environ["COLUMNS"] = "100"  # read by argparse
+    os.environ["COLUMNS"] = "100"  # width for argparse
     text = _INTRO
     for parser, purpose in sorted(commands(make_parser()), key=lambda command: command[0].prog):
         text += f"\n## `{parser.prog}`\n\n{purpose[:1].upper()}{purpose[1:]}.\n\n```text\n"

@@ -1,4 +1,4 @@
-"""What the tools share: folders of the checkout, tables in Markdown, pages written or checked, arguments."""
+"""Shared helpers of the tools: folders of the checkout, Markdown tables, pages to write or check, arguments."""
 
 import argparse
 from collections.abc import Collection, Iterable, Sequence
@@ -26,7 +26,7 @@ def as_arguments(kwargs: dict[str, Any]) -> str:
 
 
 def update(path: Path, text: str, check: bool, complaint: str) -> int:
-    """Write a page that has changed, or complain where it is only to be checked; return the exit status."""
+    """Write a page if it changed, or complain if ``check``; return the exit status."""
     if path.is_file() and path.read_text(encoding="utf-8") == text:
         return 0
     if check:
@@ -38,7 +38,7 @@ def update(path: Path, text: str, check: bool, complaint: str) -> int:
 
 
 def names(what: str, known: Collection[str]) -> tuple[str, dict[str, Any]]:
-    """Return the positional argument ``names`` for argparse: some of those that are known, or none for all."""
+    """Return the positional argument ``names`` for argparse: some of ``known``, or all if none is given."""
 
     def name(given: str) -> str:
         if given not in known:

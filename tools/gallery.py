@@ -23,12 +23,12 @@ from pacman_env.world.maps.occupancy import shipped_maps
 from tools.common import add_images, add_names
 
 _GAP = 10  # px between pictures
-_PX_PER_M = 21.0  # of the maps in a sheet
+_PX_PER_M = 21.0  # scale of the maps in a sheet
 _WALLS, _FLOOR, _PELLETS, _GHOSTS, _ROBOT = (60, 66, 84), (250, 250, 247), (214, 158, 0), (235, 100, 20), (25, 103, 210)
 
 
 def play(seed: int, decisions: int, *, policy: str = "clyde_aware", **arguments: Any) -> PacManBotEnv:
-    """Return an environment after so many decisions of a policy, or when the round is over."""
+    """Return an environment after ``decisions`` decisions of a policy, or at the end of the round if it is earlier."""
     env = PacManBotEnv(**arguments)
     env.reset(seed=seed)
     selector = make_policy(policy)
@@ -41,7 +41,7 @@ def play(seed: int, decisions: int, *, policy: str = "clyde_aware", **arguments:
 
 
 def sheet(pictures: Sequence[Image], columns: int, captions: Sequence[str] = ()) -> Image:
-    """Place pictures in rows, each in the middle of its place, with a caption below."""
+    """Place pictures in rows, each centred in its place, with a caption below."""
     below = 26 if captions else 0
     widths = [max(picture.shape[1] for picture in pictures[c::columns]) for c in range(columns)]
     rows = [pictures[k : k + columns] for k in range(0, len(pictures), columns)]
@@ -60,9 +60,9 @@ def sheet(pictures: Sequence[Image], columns: int, captions: Sequence[str] = ())
 
 
 def tile(assets: MapAssets, px_per_m: float = _PX_PER_M) -> Image:
-    """Draw a map with its pellets, refuges and home, all at the same scale."""
+    """Draw a map with its pellets, refuges and home; all maps have the same scale."""
     config, height = make_config(), 360
-    for _ in range(6):  # the legend takes its lines, so that the scale is not proportional to the height
+    for _ in range(6):  # iterate, because the height includes the legend
         view = map_view(assets, config, height)
         if abs(view.scale - px_per_m) < 0.02 * px_per_m:
             break
@@ -74,7 +74,7 @@ def tile(assets: MapAssets, px_per_m: float = _PX_PER_M) -> Image:
 
 
 def corners(assets: MapAssets) -> NDArray[np.float64]:
-    """Return the corners of the part of the map that is played on, (4, 2) m."""
+    """Return the corners of the playable part of the map, (4, 2) m."""
     rows, columns = assets.grid.shape
     return np.array([assets.grid.to_world(c, r) for c in (0, columns - 1) for r in (0, rows - 1)])
 
@@ -106,7 +106,7 @@ def draw_maps() -> Image:
 
 
 def draw_reading() -> Image:
-    """Draw an image as it was saved, and what the game makes of it."""
+    """Draw a saved map image next to the game's view of it."""
     assets = map_assets("house", make_config())
     game = tile(assets, 30.0)
     x, y = corners(assets).T
@@ -124,7 +124,7 @@ def draw_houses() -> Image:
 
 
 def draw_observations() -> Image:
-    """Draw the same instant as a picture for people, as the lidar sees it, and as the grid."""
+    """Draw one instant as a picture for people, as the lidar scan, and as the grid."""
     env = play(5, 24, map="open_plan", ghosts=2, observation=("features", "scan", "grid"))
     stepped = env.step(int(env.batch.hold))[0]
     frame = render_frame(env.batch, 0, height=420)
@@ -133,7 +133,7 @@ def draw_observations() -> Image:
 
 
 def _scan_picture(env: PacManBotEnv, ranges: NDArray[np.float32], size: int) -> Image:
-    """Draw the ends of the rays, the robot in the middle, its heading up; rings every metre."""
+    """Draw the ends of the rays around the robot, its heading up, with rings every metre."""
     limit_m = 6.5
     image = np.full((size, size, 3), 255, dtype=np.uint8)
     middle, scale = (size - 1) / 2, size / (2 * limit_m)
@@ -159,7 +159,7 @@ def _grid_picture(grid: NDArray[np.uint8], times: int = 6) -> Image:
     return np.repeat(np.repeat(image, times, axis=0), times, axis=1)
 
 
-#: What is drawn, by the name of the file in docs/images.
+#: Functions that draw the pictures, by file name in docs/images.
 PICTURES: dict[str, Callable[[], Image]] = {
     draw.__name__.removeprefix("draw_"): draw
     for draw in (draw_round, draw_story, draw_ghosts, draw_observations, draw_maps, draw_reading, draw_houses)

@@ -1,4 +1,4 @@
-"""The pages of the ids on the site, by ``ids.md.j2``: spaces, rewards, ends, arguments and scores, from the code."""
+"""Write the site's pages of the ids with ``ids.md.j2``: spaces, rewards, ends, arguments and scores, from the code."""
 
 import dataclasses
 import inspect
@@ -52,7 +52,7 @@ def file_name(env_id: str) -> str:
 
 
 def sections(env_id: str) -> dict[str, str]:
-    """Return the docstring of the environment's class by its headings, with links to pages, for an id."""
+    """Return the sections of the environment's docstring by heading, adapted to an id, with links to pages."""
 
     def link(match: re.Match[str]) -> str:
         path = match[1].removeprefix("environments/")
@@ -60,15 +60,15 @@ def sections(env_id: str) -> dict[str, str]:
 
     parts = re.split(r"^## (.+)\n", inspect.getdoc(PacManBotEnv) or "", flags=re.MULTILINE)[1:]
     linked = [re.sub(r"`docs/((?:\w+/)*\w+)\.md`", link, part).strip() for part in parts]
-    found = dict(zip(linked[::2], linked[1::2], strict=True))
-    example = found["Arguments"].replace(ENV_ID, env_id, 1)
-    found["Arguments"] = example.replace('map="house", ', "", 1) if "map" in IDS[env_id].kwargs else example
-    return found
+    texts = dict(zip(linked[::2], linked[1::2], strict=True))
+    example = texts["Arguments"].replace(ENV_ID, env_id, 1)
+    texts["Arguments"] = example.replace('map="house", ', "", 1) if "map" in IDS[env_id].kwargs else example
+    return texts
 
 
 def page(env_id: str, env: Any) -> str:
-    """Return the page of an id, of which ``env`` was made."""
-    config, entry, known = env.config.observation, IDS[env_id], read()
+    """Return the page of an id; ``env`` is an environment of this id."""
+    config, entry, scores = env.config.observation, IDS[env_id], read()
     parts = Observer(env.batch, dataclasses.replace(config, flat=False)).parts
     observed, first = [], 0
     for key, part in parts.items():
@@ -83,8 +83,8 @@ def page(env_id: str, env: Any) -> str:
         "plain_id": ENV_ID,
         "drives": isinstance(env.action_space, spaces.Box),
         "fixed": isinstance(env.batch.source, FixedMap),
-        "scores": scores_of(env_id, known),
-        "episodes": known[env_id]["random"]["episodes"],
+        "scores": scores_of(env_id, scores),
+        "episodes": scores[env_id]["random"]["episodes"],
         "agents": [] if entry.several is None else _agents(env_id),
         "common": sections(env_id),
         "planner": {"planner_candidates": CANDIDATE_FEATURES, "planner_globals": GLOBAL_FEATURES},
@@ -104,7 +104,7 @@ def _agents(env_id: str) -> list[list[str]]:
 
 
 def picture(env: Any) -> Any:
-    """Return the first round after some decisions: of the policy nearest, or straight ahead."""
+    """Return a picture of the first round after some decisions of ``nearest``, or after driving a curve."""
     env.reset(seed=1)
     policy = make_policy("nearest")
     policy.reset(np.ones(1, dtype=np.bool_), env.config)

@@ -1,4 +1,4 @@
-"""The tables of the documentation, written from the code that they describe: ``python -m tools.reference``.
+"""Write the tables of the documentation from the code that they describe: ``python -m tools.reference``.
 
 A page marks the place of a table with ``<!-- table: NAME -->`` and ``<!-- end -->``.
 """
@@ -38,7 +38,7 @@ from tools.scores import all_scores
 
 _BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(?=<!-- end -->)", re.DOTALL)
 _KINDS = {bool: "`True` or `False`", int: "whole number"}
-OWN_KINDS = ("features", "planner", "scan", "bearings", "grid")  # of observation
+OWN_KINDS = ("features", "planner", "scan", "bearings", "grid")  # observation kinds of the package
 
 
 def _code(value: object) -> str:
@@ -46,7 +46,7 @@ def _code(value: object) -> str:
 
 
 def _values(unit: str, kind: Any) -> str:
-    """The unit, and what may be given where the default does not show it."""
+    """Return the unit of a field, and its possible values if the default does not show them."""
     origin, inner = typing.get_origin(kind), typing.get_args(kind)
     if origin is typing.Annotated:
         return _values(unit, inner[0])
@@ -67,8 +67,8 @@ def configuration() -> str:
         for f in dataclasses.fields(owner):
             value, name = getattr(owner, f.name), f"{prefix}{f.name}"
             if not dataclasses.is_dataclass(value):
-                known = {"clyde.ghosts": BEHAVIOURS, "observation.kinds": OWN_KINDS}.get(name)  # and of plug-ins
-                own = f"each {', '.join(map(_code, known))}, or a plug-in's" if known else ""
+                names = {"clyde.ghosts": BEHAVIOURS, "observation.kinds": OWN_KINDS}.get(name)
+                own = f"each {', '.join(map(_code, names))}, or a plug-in's" if names else ""
                 values = own or _values(unit_of(f.name), types[f.name])
                 yield [f"`{name}`", _code(value), values, description_of(owner, f.name)]
 
@@ -83,13 +83,13 @@ def configuration() -> str:
 
 
 def presets() -> str:
-    """Fields that presets and executions set, with the value under each."""
+    """Return tables of the fields that presets and executions set, with the value under each."""
     result = ""
-    for kind, known in (("preset", config.PRESETS), ("execution.rules", config.EXECUTIONS)):
-        names = sorted({name for changes in known.values() for name in changes})
-        made = [make_config(**{"execution" if kind != "preset" else kind: one}) for one in known]
+    for kind, changes in (("preset", config.PRESETS), ("execution.rules", config.EXECUTIONS)):
+        names = sorted({name for fields in changes.values() for name in fields})
+        made = [make_config(**{"execution" if kind != "preset" else kind: one}) for one in changes]
         rows = [[f"`{name}`", *(_code(operator.attrgetter(name)(one)) for one in made)] for name in names]
-        result += ("\n" if result else "") + table(("Field", *(f'`{kind}` `"{one}"`' for one in known)), rows)
+        result += ("\n" if result else "") + table(("Field", *(f'`{kind}` `"{one}"`' for one in changes)), rows)
     return result
 
 
@@ -98,7 +98,7 @@ def _parts(kind: str) -> dict[str, ObservationPart]:
 
 
 def keys() -> str:
-    """Keys of the observation on the map ``house`` with two ghosts."""
+    """Return the table of keys of the observation on the map ``house`` with two ghosts."""
     batch = PacManBotEnv("house").batch
     entries = [(MASK, mask_part(batch), '`action="goal"`')]
     for kind in OWN_KINDS:
@@ -113,7 +113,7 @@ def keys() -> str:
 
 
 def columns_of(key: str, part: ObservationPart) -> str:
-    """Return the section on one key of the observation."""
+    """Return the section about one key of the observation."""
     low, high = (np.broadcast_to(bound, part.shape).reshape(-1, part.shape[-1])[0] for bound in (part.low, part.high))
     rows = [
         [str(k), f"`{name}`", number(low[k]), number(high[k]), meaning or "no unit"]
@@ -181,7 +181,7 @@ def map_check() -> str:
 
 
 def hyperparameters() -> str:
-    """What the help of ``pacman-env train`` says of them."""
+    """Return the table of hyperparameters, from the help of ``pacman-env train``."""
     rows = [[f"`{name}`", text.replace("``", "`")] for name, text in help_texts(Hyperparameters).items()]
     return table(("Name", "Meaning"), rows)
 

@@ -31,7 +31,7 @@ are relative, so that the robot's namespace applies (`/robot_15/game_state`); pa
 `--ros-args -p NAME:=VALUE`, and are read once, at the start, unless their meaning states otherwise.
 """
 _EVERY_NODE_HAS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
-_OWN = ("rcl_interfaces/", "type_description_interfaces/", "lifecycle_msgs/", "rosgraph_msgs/")  # of ROS itself
+_OWN = ("rcl_interfaces/", "type_description_interfaces/", "lifecycle_msgs/", "rosgraph_msgs/")  # types of ROS itself
 _PART_OF_ACTION = "/_action/"
 _TYPES = {1: "bool", 2: "int", 3: "float", 4: "string", 8: "float array", 9: "string array"}
 _End = tuple[str, str, str, str]  # name, type, role, and QoS, "service" or "action"
@@ -45,11 +45,11 @@ class Described:
 
 
 def describe(name: str) -> Described:
-    """Make a node and list what it has; rclpy must be initialised, with ``map_yaml`` among its arguments."""
+    """Create a node and describe it; rclpy must be initialised, with ``map_yaml`` among its arguments."""
     kind: Any = node_class(name)
     node = kind()
     try:
-        declared = list(node._parameters)  # rclpy has no public list of them within a process
+        declared = list(node._parameters)  # rclpy has no public list of parameters within a process
         purpose = (inspect.getdoc(sys.modules[type(node).__module__]) or "").split("\n\n")[0]
         parameters = [_parameter(node, one) for one in declared if not one.startswith(_EVERY_NODE_HAS)]
         return Described(purpose.replace("\n", " ").replace("``", "`"), parameters, sorted({*_ends_of(node)}))
@@ -62,13 +62,11 @@ def _ends_of(node: Any) -> Iterator[_End]:
     ends += [(end.topic_name, end.msg_type, "subscribes", _qos(end.qos_profile)) for end in node.subscriptions]
     ends += [(end.srv_name, end.srv_type, "serves", "service") for end in node.services]
     ends += [(end.srv_name, end.srv_type, "calls", "service") for end in node.clients]
-    found: list[Any] = [(name, f"{kind.__module__.split('.')[0]}/{kind.__name__}", *more) for name, kind, *more in ends]
+    rows: list[Any] = [(name, f"{kind.__module__.split('.')[0]}/{kind.__name__}", *more) for name, kind, *more in ends]
     arguments = node, node.get_name(), node.get_namespace()
     for role, names_and_types in (("serves", server_names_and_types), ("calls", client_names_and_types)):
-        found += [
-            (name, kind.replace("/action/", "/"), role, "action") for name, (kind,) in names_and_types(*arguments)
-        ]
-    for name, kind, role, qos in found:
+        rows += [(name, kind.replace("/action/", "/"), role, "action") for name, (kind,) in names_and_types(*arguments)]
+    for name, kind, role, qos in rows:
         if not kind.startswith(_OWN) and _PART_OF_ACTION not in name:
             yield name.removeprefix(node.get_namespace().rstrip("/") + "/"), kind, role, qos
 
@@ -86,7 +84,7 @@ def _parameter(node: Any, name: str) -> list[str]:
 def _qos(profile: Any) -> str:
     reliable = profile.reliability != ReliabilityPolicy.BEST_EFFORT
     latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    depth = LATCHED.depth if latched and profile.depth == RECEIVED_LATCHED.depth else profile.depth  # as of its sender
+    depth = LATCHED.depth if latched and profile.depth == RECEIVED_LATCHED.depth else profile.depth  # the sender's
     return f"{'reliable' if reliable else 'best effort'}{', latched' if latched else ''}, depth {depth}"
 
 
@@ -100,7 +98,7 @@ def page() -> str:
         nodes = {name: describe(name) for name in NODES}
     finally:
         rclpy.shutdown()
-        set_logger_level("", level)  # the level is the process's: it outlives the context that set it
+        set_logger_level("", level)  # the level belongs to the process, not to the context
     text = INTRO + _ends(nodes)
     for name, node in nodes.items():
         text += f"\n## {name}\n\n{node.purpose}\n"
@@ -124,7 +122,7 @@ def _ends(nodes: dict[str, Described]) -> str:
 
 
 def _rows(nodes: dict[str, Described], roles: Iterable[str]) -> list[list[str]]:
-    """Return the name, type, QoS or kind, and the nodes that have each role."""
+    """Return rows of name, type, QoS or kind, and the nodes that have each role."""
     users: dict[tuple[str, str, str], dict[str, list[str]]] = {}
     for node, described in nodes.items():
         for name, kind, role, qos in described.ends:

@@ -1,7 +1,7 @@
-"""Reference scores of every id, played and kept in docs/environments/scores.json: ``python -m tools.scores``.
+"""Play the reference scores of every id and store them in docs/environments/scores.json: ``python -m tools.scores``.
 
-An episode of seed s is that of ``env.reset(seed=s)`` of the id without any argument. Policies of the package choose
-goals; where actions are velocities, ``random`` draws them from the action space, and there are no other scores.
+The episode of seed s is that of ``env.reset(seed=s)`` of the id without arguments. Policies of the package choose
+goals. If actions are velocities, ``random`` draws them from the action space, and there are no other scores.
 """
 
 import argparse
@@ -25,11 +25,11 @@ from tools.common import ROOT, add_names, table
 
 SCORES = ROOT / "docs" / "environments" / "scores.json"
 POLICIES = ("random", "nearest", "clyde_aware", "lookahead", "ppo")
-_GAMES = 50  # at once: generated houses are some 4 MB each
+_GAMES = 50  # games in parallel; a generated house needs about 4 MB
 
 
 def play(env_id: str, name: str, seeds: range) -> dict[str, list[Any]]:
-    """Play one episode of each seed; return the returns, outcomes, pellets and completed rounds."""
+    """Play one episode per seed and return the returns, outcomes, pellets and completed rounds."""
     disabled = AutoresetMode.DISABLED
     made = gym.make_vec(env_id, len(seeds), vectorization_mode="vector_entry_point", autoreset_mode=disabled)
     envs: Any = made.unwrapped
@@ -39,7 +39,7 @@ def play(env_id: str, name: str, seeds: range) -> dict[str, list[Any]]:
     policy.reset(np.ones(len(seeds), dtype=np.bool_), envs.config)
     returns, over, last = np.zeros(len(seeds)), np.zeros(len(seeds), dtype=np.bool_), infos
     while not over.all():
-        if "round" in infos and (infos["round"] != number).any():  # the policy forgets the round before
+        if "round" in infos and (infos["round"] != number).any():  # reset the policy for the new round
             policy.reset(infos["round"] != number, envs.config)
             number = infos["round"].copy()
         action = envs.action_space.sample() if drives else envs.action_of(policy.select(envs.situation))
@@ -70,7 +70,7 @@ def score(env_id: str, policy: str, episodes: int) -> dict[str, Any]:
 
 
 def rounds_of(env_id: str, one: dict[str, Any], unit: str = "") -> tuple[str, str]:
-    """Return a title and the rounds completed: their mean in endless games, or their share with 95 % interval."""
+    """Return a title and the completed rounds: the mean in endless games, otherwise the share with 95 % interval."""
     if IDS[env_id].kwargs.get("defaults", {}).get("endless"):
         return "Rounds completed, mean", f"{one['rounds']:.1f} rounds" if unit else f"{one['rounds']:.2f}"
     low, high = wilson(one["complete"], one["episodes"])
@@ -78,31 +78,31 @@ def rounds_of(env_id: str, one: dict[str, Any], unit: str = "") -> tuple[str, st
     return "Rounds completed, % [95 %]", share
 
 
-def scores_of(env_id: str, known: dict[str, Any]) -> str:
+def scores_of(env_id: str, scores: dict[str, Any]) -> str:
     """Return the table of one id."""
     rows = []
     for policy in policies_of(env_id):
-        one = known[env_id][policy]
+        one = scores[env_id][policy]
         head, done = rounds_of(env_id, one)
         rows.append([f"`{policy}`", done, f"{one['pellets']:.2f}", f"{one['return']:.2f} ± {one['return_error']:.2f}"])
     return table(("Policy", head, "Pellets, mean", "Return, mean ± standard error"), rows)
 
 
 def all_scores() -> str:
-    """Return the table of all ids: returns, with the rounds completed."""
-    known = read()
+    """Return the table of all ids: returns and completed rounds."""
+    scores = read()
     rows = [
         [f"`{env_id.removeprefix('pacman_env/')}`"]
-        + [f"{one['return']:.2f} ({rounds_of(env_id, one, ' %')[1]})" for one in known[env_id].values()]
-        + ["-"] * (len(POLICIES) - len(known[env_id]))
+        + [f"{one['return']:.2f} ({rounds_of(env_id, one, ' %')[1]})" for one in scores[env_id].values()]
+        + ["-"] * (len(POLICIES) - len(scores[env_id]))
         for env_id in IDS
     ]
     return table(("Id", *(f"`{policy}`" for policy in POLICIES)), rows)
 
 
 def read(path: Path = SCORES) -> dict[str, Any]:
-    known: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    return known
+    scores: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    return scores
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -119,8 +119,8 @@ def _score(arguments: argparse.Namespace) -> None:
         for policy in policies_of(env_id):
             scores[policy] = score(env_id, policy, arguments.episodes)
             print(f"{env_id}  {policy:12}  return {scores[policy]['return']:7.2f}", flush=True)
-        known = read(arguments.out) | {env_id: scores}  # read anew: several processes may add ids
-        text = json.dumps({name: known[name] for name in IDS if name in known}, indent=2)
+        every = read(arguments.out) | {env_id: scores}  # read again: several processes may add ids
+        text = json.dumps({name: every[name] for name in IDS if name in every}, indent=2)
         with replaced(arguments.out) as temporary:
             temporary.write_text(text + "\n", encoding="utf-8")
 

@@ -1,6 +1,6 @@
 """Take the screenshots of the operator's page in the documentation: ``python -m tools.screenshots``.
 
-Chromium takes them. Moving things are not drawn alike each time, so no test compares these pictures.
+Chromium takes them. Moving things differ between runs, so no test compares these pictures.
 """
 
 import argparse
@@ -29,7 +29,7 @@ def _wait(page: Any, expression: str) -> None:
 
 
 def _round(page: Any, pellets: int, speed: int = 10) -> None:
-    """Start a round and wait for so many pellets."""
+    """Start a round and wait until ``pellets`` pellets are collected."""
     page.fill("#speed", str(speed))
     page.click("#start")
     _wait(page, f"state.frame.state === 'running' && state.frame.collected >= {pellets}")
@@ -57,7 +57,7 @@ def _explained(page: Any) -> None:
 
 
 def _recorded(page: Any) -> None:
-    """A round that has ended, where the policies disagree."""
+    """Show an ended round at a tick where the policies disagree."""
     page.evaluate(f"location.hash = 'seed={_SEED}&tick=30'")
     _wait(page, "state.story")
     page.click("#tab-why")
@@ -78,7 +78,7 @@ def _four_ghosts(page: Any) -> None:
     _round(page, 3)
 
 
-#: By name: width, height, pixels a pixel of the page, colours, what is on it.
+#: Width, height, device pixel ratio, colour scheme and preparation of each picture, by name.
 SHOTS: dict[str, tuple[int, int, float, str, Callable[[Any], None]]] = {
     "web-390-dark": (390, 844, 1.5, "dark", partial(_round, pellets=5)),
     "web-390-light": (390, 844, 1.5, "light", _playing),

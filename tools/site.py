@@ -1,7 +1,7 @@
-"""Write what Sphinx reads for the site, as ``scripts/docs`` does: ``python -m tools.site FOLDER``.
+"""Write the sources of the site for Sphinx, as ``scripts/docs`` does: ``python -m tools.site FOLDER``.
 
-It is a copy of docs/, beside links to the sources that pages point to, with the pages of the ids and those at the top
-of the checkout.
+They are a copy of docs/ with the pages of the ids and the pages at the top of the checkout, next to links to the
+sources that pages refer to.
 """
 
 import shutil
@@ -14,7 +14,7 @@ from tools.common import ROOT
 
 
 def assemble(folder: Path) -> None:
-    """Write the folder ``docs`` in a folder anew."""
+    """Write the folder ``docs`` in a folder, and replace an older one."""
     source = folder / "docs"
     shutil.rmtree(source, ignore_errors=True)
     shutil.copytree(ROOT / "docs", source, ignore=shutil.ignore_patterns("__pycache__"))

@@ -1,4 +1,4 @@
-"""Definitions of message types that robots have and ROS's wheels for pip have not, as in ROS 2 Jazzy; and their build.
+"""Definitions of ROS 2 Jazzy message types that robots have but ROS's wheels for pip lack, and their build.
 
-On a robot, and wherever ROS comes from the system's packages, these types are there already and nothing here is used.
+Robots and installations of ROS by system packages already have these types and do not need this package.
 """

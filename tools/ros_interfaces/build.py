@@ -1,7 +1,7 @@
 """Build the message types that cannot be imported and install them into the running virtual environment.
 
-This needs gcc, g++ and ROS's wheels. All is built and tried in a temporary folder; only then pip installs one wheel,
-which ``pip uninstall pacman-ros-interfaces`` removes. A second run finds nothing to do.
+This needs gcc, g++ and ROS's wheels. Everything is built and tested in a temporary folder before pip installs one
+wheel, which ``pip uninstall pacman-ros-interfaces`` removes. A second run has nothing to do.
 """
 
 import argparse
@@ -29,12 +29,12 @@ from pacman_env.files import install_command
 
 HERE = Path(__file__).resolve().parent
 PREFIX = Path(sys.prefix)
-NAME = "pacman-ros-interfaces"  # of the wheel
+NAME = "pacman-ros-interfaces"  # name of the wheel
 FAST = "rosidl_typesupport_fastrtps_c"
 INTROSPECTION = "rosidl_typesupport_introspection_c"
 RUNTIME = ("rosidl_runtime_c", "rcutils")
-#: Each is a library lib<package>__<generator>.so, and needs those before it; with what else it is linked.
-GENERATORS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {  # of installed packages, others
+#: Generators in the order in which their libraries lib<package>__<generator>.so depend on each other, with link inputs.
+GENERATORS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {  # libraries of installed packages, other libraries
     "rosidl_generator_c": (("rosidl_generator_c",), ()),
     "rosidl_typesupport_c": (("rosidl_typesupport_c",), ("rosidl_typesupport_c",)),
     FAST: ((FAST, "rosidl_generator_c"), (FAST, "rosidl_typesupport_fastrtps_cpp", "fastcdr", "rmw")),
@@ -42,19 +42,19 @@ GENERATORS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {  # of install
     "rosidl_generator_py": (("rosidl_generator_py", "rosidl_generator_c"), ()),
 }
 KINDS = ("msg", "srv", "action")
-#: Loads the type support of types, each a module and a name, as a publisher would later.
+#: Script that loads the type support of types (module and name each), as a publisher would.
 TRY = """import importlib, sys
 for module, name in zip(sys.argv[1::2], sys.argv[2::2]):
     getattr(importlib.import_module(module), name).__class__.__import_type_support__()"""
 
 
 class BuildError(ValueError):
-    """Something that the build needs is missing, or failed."""
+    """Raised if something that the build needs is missing or failed."""
 
 
 @dataclass(frozen=True)
 class Package:
-    """One package: its folder, named as the package, and its definitions, in order of path."""
+    """A package: its folder, with the package's name, and its definitions in order of path."""
 
     folder: Path
     files: tuple[Path, ...]
@@ -69,7 +69,7 @@ class Package:
 
 
 def find_packages(folder: Path) -> list[Package]:
-    """Return all packages ``folder/PACKAGE/{msg,srv,action}/*`` in order of name; ValueError if there is none."""
+    """Return all packages ``folder/PACKAGE/{msg,srv,action}/*`` in order of name; raises BuildError without any."""
     packages = []
     for path in sorted(folder.resolve().iterdir()) if folder.is_dir() else ():
         files = tuple(sorted(file for kind in KINDS for file in path.glob(f"{kind}/*")))
@@ -88,7 +88,7 @@ def command(arguments: Iterable[object], **variables: str) -> None:
 
 
 def compile_package(out: Path, executor: Executor) -> list[Future[None]]:
-    """Start compiling what ``generate`` wrote to ``out``."""
+    """Start to compile the output of ``generate`` in ``out``."""
     folders = [out / generator for generator in GENERATORS]
     headers = [p for p in sorted((PREFIX / "include").iterdir()) if p.is_dir() and not p.name.startswith("python")]
     include = [*folders, PREFIX / "include", *headers, sysconfig.get_paths()["include"], np.get_include()]
@@ -100,43 +100,43 @@ def compile_package(out: Path, executor: Executor) -> list[Future[None]]:
             command, [*compiler[source.suffix], *flags, "-c", source, "-o", source.with_name(f"{source.name}.o")]
         )
         for source in sources
-        # of the extension modules only the one for the type support that chooses among the others
+        # Only one extension module is needed: the type support that dispatches to the others.
         if "_s.ep." not in source.name or source.name.endswith(".rosidl_typesupport_c.c")
     ]
 
 
 def link_package(name: str, out: Path) -> None:
-    """Link ``out/lib/lib<package>__<generator>.so`` and the extension module beside the package's Python files."""
+    """Link ``out/lib/lib<package>__<generator>.so`` and the extension module next to the package's Python files."""
     installed, own = PREFIX / "lib", out / "lib"
     own.mkdir()
     paths = [f"-L{own}", f"-L{installed}", f"-Wl,-rpath-link,{installed}:{own}"]
 
     def link(target: Path, objects: list[Path], libraries: Iterable[str], of_others: Iterable[str] = ()) -> None:
-        found = (path for generator in of_others for path in sorted(installed.glob(f"lib*__{generator}.so")))
-        others = [path for path in found if not path.name.startswith(f"lib{name}__")]
+        paths_of_others = (path for generator in of_others for path in sorted(installed.glob(f"lib*__{generator}.so")))
+        others = [path for path in paths_of_others if not path.name.startswith(f"lib{name}__")]
         needed = ["-Wl,--no-as-needed", *(f"-l{library}" for library in (*libraries, *RUNTIME))]
         options = [*paths, f"-Wl,-soname,{target.name}", "-Wl,--as-needed", *others, *needed]
         command(["g++", "-shared", "-s", "-o", target, *objects, *options])
 
-    before: list[str] = []
+    earlier: list[str] = []
     for generator, (of_others, more) in GENERATORS.items():
         objects = sorted(path for path in (out / generator).rglob("*.o") if "_s.ep." not in path.name)
         library = f"{name}__{generator}"
-        link(own / f"lib{library}.so", objects, (*before, *more), of_others)
-        before.append(library)
+        link(own / f"lib{library}.so", objects, (*earlier, *more), of_others)
+        earlier.append(library)
     (module,) = (out / "rosidl_generator_py" / name).glob("*_s.ep.*.o")
-    link(module.with_name(f"{name}_s__rosidl_typesupport_c.so"), [module], (*before, "rosidl_typesupport_c", "rmw"))
+    link(module.with_name(f"{name}_s__rosidl_typesupport_c.so"), [module], (*earlier, "rosidl_typesupport_c", "rmw"))
 
 
 def write_wheel(folder: Path, version: str, packages: Iterable[tuple[str, Path]]) -> Path:
-    """Write the wheel of packages, each a name and the folder that it was linked in; returns its path."""
+    """Write the wheel of packages, given as names and build folders, and return its path."""
     stem = f"{NAME.replace('-', '_')}-{version}"
     python = f"cp{sys.version_info.major}{sys.version_info.minor}"
     tag = f"{python}-{python}-linux_{platform.machine()}"
     files: dict[str, bytes] = {}
     for name, out in packages:
         for library in sorted((out / "lib").glob("*.so")):
-            files[f"{stem}.data/data/lib/{library.name}"] = library.read_bytes()  # goes to sys.prefix/lib
+            files[f"{stem}.data/data/lib/{library.name}"] = library.read_bytes()  # installed to sys.prefix/lib
         python_files = out / "rosidl_generator_py"
         for path in sorted((python_files / name).rglob("*")):
             if path.suffix in (".py", ".so"):
@@ -172,14 +172,14 @@ def _build(arguments: argparse.Namespace) -> int:
             install(packages)
         else:
             print(build_wheel(packages, arguments.wheel))
-    except BuildError as error:  # a compiler's output, of many lines
+    except BuildError as error:  # may contain many lines of a compiler
         print(f"tools.ros_interfaces.build: {error}", file=sys.stderr)
         return ERROR_STATUS
     return 0
 
 
 def install(packages: list[Package]) -> None:
-    """Build and install what is absent, or was built here from other definitions; nothing if something fails."""
+    """Build and install missing types and types built here from other definitions; after a failure, nothing changes."""
     ours = _installed()
     missing = [package for package in packages if package.name in ours or not _importable(package)]
     if not missing:
@@ -200,7 +200,7 @@ def install(packages: list[Package]) -> None:
 
 
 def build_wheel(packages: list[Package], folder: Path) -> Path:
-    """Build packages and write them as one wheel into ``folder``; returns its path."""
+    """Build packages, write them as one wheel into ``folder``, and return its path."""
     _check_generators()
     if absent := [tool for tool in ("gcc", "g++") if shutil.which(tool) is None]:
         raise BuildError(f"{' and '.join(absent)} not found: install a C and C++ compiler (Ubuntu: apt install g++)")
@@ -221,7 +221,7 @@ def build_wheel(packages: list[Package], folder: Path) -> Path:
 
 
 def _try(package: Package, out: Path) -> None:
-    """Load every type from where it was built, in a process of its own."""
+    """Load every type from its build folder in a separate process."""
     libraries = os.pathsep.join([str(out / "lib"), os.environ.get("LD_LIBRARY_PATH", "")])
     types = [word for kind, name in package.types for word in (f"{package.name}.{kind}", name)]
     path = str(out / "rosidl_generator_py")
@@ -237,15 +237,15 @@ def _installed() -> set[str]:
 
 
 def _importable(package: Package) -> bool:
-    """Return whether all of a package's types are installed; BuildError if only some are: it was not built here."""
+    """Return True if all types of a package are installed, False if none; raises BuildError if only some are."""
 
-    def there(kind: str, name: str) -> bool:
+    def has_type(kind: str, name: str) -> bool:
         try:
             return hasattr(importlib.import_module(f"{package.name}.{kind}"), name)
         except ImportError:
             return False
 
-    absent = [f"{package.name}/{kind}/{name}" for kind, name in package.types if not there(kind, name)]
+    absent = [f"{package.name}/{kind}/{name}" for kind, name in package.types if not has_type(kind, name)]
     if absent and len(absent) < len(package.types):
         raise BuildError(f"{package.name} is installed, but without {', '.join(absent)}: update it")
     return not absent

@@ -1,7 +1,7 @@
-"""Definitions of one package to C, C++ and Python sources, by ROS's own generators.
+"""Generate C, C++ and Python sources from the definitions of one package, with ROS's own generators.
 
-Run as ``python -m tools.ros_interfaces.generate FOLDER OUT`` in a process for each package: the generators keep
-state between calls and print. The generators are called as functions, because the wheels' ``rosidl`` command fails.
+Run ``python -m tools.ros_interfaces.generate FOLDER OUT`` in a separate process for each package: the generators keep
+state between calls and print. They are called as functions, because the wheels' ``rosidl`` command fails.
 """
 
 import json
@@ -21,13 +21,13 @@ from rosidl_typesupport_introspection_c import generate_c as generate_introspect
 
 SHARE = Path(sys.prefix) / "share"
 FAST = "rosidl_typesupport_fastrtps_c"
-INTROSPECTION = "rosidl_typesupport_introspection_c"  # FastDDS's middleware asks for it when it registers a type
+INTROSPECTION = "rosidl_typesupport_introspection_c"  # FastDDS's middleware needs it to register a type
 WITH_VISIBILITY = ("rosidl_generator_c", FAST, INTROSPECTION)
 TO_IDL = {".msg": convert_msg_to_idl, ".srv": convert_srv_to_idl, ".action": convert_action_to_idl}
 
 
 def generate(folder: Path, out: Path) -> None:
-    """Write ``out/GENERATOR/PACKAGE/...`` for all definitions below ``folder``, which has the package's name."""
+    """Write ``out/GENERATOR/PACKAGE/...`` for all definitions below ``folder``, which is named after the package."""
     package = folder.name
     files = sorted(path for kind in TO_IDL for path in folder.glob(f"{kind[1:]}/*{kind}"))
     interfaces = []
