@@ -67,12 +67,12 @@ class Trials:
         self._drive(round(_PLAYED_S / self.config.execution.tick_s))
         situation = self.batch.situation()
         chosen = self._draw(situation)
-        found = np.zeros(self.games, TRIAL)
-        found["switched"] = situation.current >= 0
-        places = [self._expect(situation, i, int(chosen[i]), found[i : i + 1]) for i in range(self.games)]
-        self._watch(chosen, np.array(places), found)
+        result = np.zeros(self.games, TRIAL)
+        result["switched"] = situation.current >= 0
+        places = [self._expect(situation, i, int(chosen[i]), result[i : i + 1]) for i in range(self.games)]
+        self._watch(chosen, np.array(places), result)
         self._reset(self.batch.games["end"] != RUNNING)
-        return found
+        return result
 
     def _draw(self, situation: Situation) -> NDArray[np.int64]:
         draws = self.rng.random(situation.mask.shape)
@@ -118,22 +118,22 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     settings = {"clyde.ghosts": "chase", **dict(text.split("=", 1) for text in arguments.set)}
     config = make_config("robot", **parse_settings(f"{name}={value}" for name, value in settings.items()))
     games = Trials(arguments.map, config, arguments.games, arguments.seconds, arguments.seed)
-    found = np.concatenate([games.trials() for _ in range(arguments.rounds)])
-    caught, expected = found["caught"], found["expected_caught"]
-    feared = found["expected_m"] <= config.execution.death_radius_m + Lags().death_margin_m
-    figures: dict[str, Any] = {"trials": len(found), "caught": caught.sum(), "expected": expected.sum()}
+    rows = np.concatenate([games.trials() for _ in range(arguments.rounds)])
+    caught, expected = rows["caught"], rows["expected_caught"]
+    feared = rows["expected_m"] <= config.execution.death_radius_m + Lags().death_margin_m
+    figures: dict[str, Any] = {"trials": len(rows), "caught": caught.sum(), "expected": expected.sum()}
     figures |= {"agreement": np.mean(caught == expected), "expected_with_margin": feared.sum()}
     figures |= {"missed_with_margin": np.sum(caught & ~feared)}
-    late = found["expected_s"] - found["reached_s"]
+    late = rows["expected_s"] - rows["reached_s"]
     columns = {
-        f"arrival_s, chosen {name}": late[found["switched"] == way] for name, way in (("at rest", 0), ("on the way", 1))
+        f"arrival_s, chosen {name}": late[rows["switched"] == way] for name, way in (("at rest", 0), ("on the way", 1))
     }
-    columns |= {name: found[name] for name in ("robot_off_m", "ghost_off_m")}
+    columns |= {name: rows[name] for name in ("robot_off_m", "ghost_off_m")}
     for name, values in columns.items():
         if np.isfinite(values).any():
             low, middle, high = np.nanpercentile(values, [5, 50, 95])
             figures[name] = {"mean": np.nanmean(values).item(), "p5": low, "p50": middle, "p95": high}
-    print(f"{arguments.map}, ghosts {', '.join(config.clyde.ghosts)}: {len(found)} trials of {arguments.seconds} s.")
+    print(f"{arguments.map}, ghosts {', '.join(config.clyde.ghosts)}: {len(rows)} trials of {arguments.seconds} s.")
     print(f"Arrivals are expected minus true ones. The margin of a catch is {Lags().death_margin_m} m.")
     for name, value in figures.items():
         shown = ", ".join(f"{key} {one:.2f}" for key, one in value.items()) if isinstance(value, dict) else f"{value:g}"

@@ -158,8 +158,8 @@ def of_gymnasium(library: str, _: str) -> list[Task]:
         return alone(gym.make(env_id))
 
     gym.register_envs(importlib.import_module(library.replace("-", "_")))
-    found = [one for name, *one in SINGLE if name == library]
-    return [Task(env_id, lasts_s, text, ONE, False, partial(make, env_id)) for env_id, lasts_s, text in found]
+    entries = [one for name, *one in SINGLE if name == library]
+    return [Task(env_id, lasts_s, text, ONE, False, partial(make, env_id)) for env_id, lasts_s, text in entries]
 
 
 _ATARI = "4 frames of an Atari 2600 that is emulated, drawn: {} values; no physics"

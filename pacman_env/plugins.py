@@ -45,8 +45,7 @@ class Registry(Generic[T]):
     def __init__(self, sort: str, group: str, own: Mapping[str, T | str], others: str = "module:name") -> None:
         """Start with the built-in objects ``own``: objects, or references ``module:attribute`` loaded on first use.
 
-        ``group`` is the group of entry points. Errors mention ``sort`` and ``others``, what may be given instead of a
-        name.
+        ``group`` is the group of entry points. Error texts use ``sort`` and ``others`` (alternatives to a name).
         """
         self.sort, self.group = sort, group
         self._own, self._others = dict(own), others

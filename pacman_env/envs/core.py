@@ -89,7 +89,7 @@ class EnvCore:
         if self.begun:
             self._games.maps_changed(np.arange(self.batch.n))
             self._games.look()
-            self._seen()
+            self._refresh()
 
     @property
     def observer(self) -> Observer:
@@ -132,10 +132,10 @@ class EnvCore:
         if not in_step:
             self._games.take_turns()
         self._games.look(index if in_step else None)
-        self._seen()
+        self._refresh()
         self.begun = True
 
-    def _seen(self) -> None:
+    def _refresh(self) -> None:
         """Update the values that depend on the new situations."""
         self._shown = None
         if self._path_counts:
@@ -182,7 +182,7 @@ class EnvCore:
             self._games.play_by_steps(actions, choose, choices, plays)
         else:
             self._games.play_in_one_call(actions)
-        self._seen()
+        self._refresh()
         if self._by_event:
             self.elapsed_s = batch.elapsed_s.copy()
         reward, terminated, truncated = batch.reward.copy(), batch.terminated.copy(), batch.truncated.copy()
@@ -227,23 +227,23 @@ class EnvCore:
         Without ``copy`` (None: the setting of the environment), a later step overwrites the arrays.
         """
         observer = self.observer
-        return self._laid_out(observer.result, observer.allowed, self._copies if copy is None else copy)
+        return self._lay_out(observer.result, observer.allowed, self._copies if copy is None else copy)
 
     def observe_game(self) -> Any:
         """Return the observation of the only game: one array per key, or one array."""
-        return self._laid_out(*self.observer.first_game, True)
+        return self._lay_out(*self.observer.first_game, True)
 
     def observe_ghost(self, number: int) -> tuple[Any, Flags, Indices | None]:
         """Return a ghost's observation, its mask (N, C) and its listed candidates (None: all, by number)."""
         observer = self._ghost_observer
         observer.observe(number)
         listed = None if observer.listed is None else observer.listed.copy()
-        return self._laid_out(observer.result, observer.allowed, True), observer.allowed != 0, listed
+        return self._lay_out(observer.result, observer.allowed, True), observer.allowed != 0, listed
 
-    def _laid_out(self, seen: Observation, allowed: NDArray[np.int8], copy: bool) -> Any:
+    def _lay_out(self, arrays: Observation, allowed: NDArray[np.int8], copy: bool) -> Any:
         if copy:
-            seen = {key: array.copy() for key, array in seen.items()}
-        observation = seen.get(FLAT, seen)
+            arrays = {key: array.copy() for key, array in arrays.items()}
+        observation = arrays.get(FLAT, arrays)
         return {OBSERVATION: observation, MASK: allowed.copy()} if self._mask_beside else observation
 
     def info_of_game(self) -> dict[str, Any]:

@@ -163,15 +163,15 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
         The class describes ``options``. Raises, without any change, ValueError for unknown or unplayable options and
         Gymnasium's Error for a bad seed.
         """
-        wanted = ResetOptions.of(options, 1)
-        core = self._core_by(wanted.settings)
-        levels = wanted.levels(core.batch.source, _ONE)
+        request = ResetOptions.of(options, 1)
+        core = self._core_by(request.settings)
+        levels = request.levels(core.batch.source, _ONE)
         super().reset(seed=seed)
         self._core = core
-        self._core.reset(_ONE, wanted.seeds(_ONE, [self.np_random]), levels)
+        self._core.reset(_ONE, request.seeds(_ONE, [self.np_random]), levels)
         if self.render_mode == "human":
             self.render()
-        return self._observed()
+        return self._result()
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Drive towards a candidate, or at the given velocities, until the next decision.
@@ -183,11 +183,11 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
         reward, terminated, truncated = self._core.step(checked_action(self.action_space, action)[None])
         if self.render_mode == "human":
             self.render()
-        observation, info = self._observed()
+        observation, info = self._result()
         return observation, float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
 
     def _masks(self) -> NDArray[np.bool_]:
         return self._core.masks()[0]
 
-    def _observed(self) -> tuple[Observation, dict[str, Any]]:
+    def _result(self) -> tuple[Observation, dict[str, Any]]:
         return self._core.observe_game(), self._core.info_of_game()

@@ -103,7 +103,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         """
         if self._sub_batches is not None:
             self.async_reset(seed=seed, options=options)
-            observations, _, _, _, infos = self._all_received()
+            observations, _, _, _, infos = self._receive_all()
             return observations, infos
         if self._whole is not None:
             self._whole.close()
@@ -124,12 +124,12 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
             if len(actions.shape) == 0 or len(actions) != self.num_envs:
                 raise ValueError(f"actions of shape {actions.shape}: must be of {self.num_envs} games")
             self._sub_batches.send_all(actions)
-            return self._all_received()
+            return self._receive_all()
         if self._whole is not None:
             self._whole.require_received()
-        return self._stepped(self.check(actions))
+        return self._step_games(self.check(actions))
 
-    def _stepped(self, actions: NDArray[Any]) -> Step:
+    def _step_games(self, actions: NDArray[Any]) -> Step:
         core = self._core
         over = (self.batch.summary[0] != RUNNING) | core.cut
         reward, terminated, truncated = core.step(actions)
@@ -147,10 +147,10 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         return core.observe(), reward, terminated, truncated, infos
 
     def async_reset(self, *, seed: Seeds = None, options: Options = None) -> None:
-        """Begin new rounds in all sub-batches; :meth:`recv` gives their first observations, with rewards of 0.
+        """Start new rounds in all sub-batches; :meth:`recv` returns their first observations, with rewards of 0.
 
-        ``seed`` and ``options`` are as in :meth:`reset`. Nothing has been changed where it raises: ValueError for what
-        does not fit, or a ``reset_mask``.
+        ``seed`` and ``options`` are those of :meth:`reset`. Raises ValueError, without any change, for invalid
+        arguments or a ``reset_mask``.
         """
         if options and "reset_mask" in options:
             raise ValueError("options['reset_mask']: all sub-batches are reset")
@@ -174,7 +174,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         self._show_last()
         return result
 
-    def _all_received(self) -> Step:
+    def _receive_all(self) -> Step:
         assert self._sub_batches is not None
         result = self._sub_batches.received()
         self._show_last()

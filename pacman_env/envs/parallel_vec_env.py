@@ -73,14 +73,14 @@ class SeveralAgents(CoreEnv):
         listed = self._ghost_listed[name]
         return actions if listed is None else at_places(listed, actions, self.batch.hold)[0]
 
-    def _observed(self) -> Observations:
+    def _observe(self) -> Observations:
         """Observe all games for all agents, (N, ...), and store masks and listed candidates of the ghosts."""
         core = self._core
-        observed: Observations = {PACMAN: core.observe()}
+        observations: Observations = {PACMAN: core.observe()}
         for name, number in self._ghosts.items():
-            seen, mask, listed = core.observe_ghost(number)
-            observed[name], self._ghost_masks[name], self._ghost_listed[name] = seen, mask, listed
-        return observed
+            observation, mask, listed = core.observe_ghost(number)
+            observations[name], self._ghost_masks[name], self._ghost_listed[name] = observation, mask, listed
+        return observations
 
     def _states(self) -> NDArray[np.float64]:
         """Return the true state of the games, (N, S); ``state_names`` names the numbers."""
@@ -158,7 +158,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
         games.
         """
         self._reset_games(seed, options, mask, "mask")
-        return self._observed(), self._infos()
+        return self._observe(), self._infos()
 
     def step(self, actions: NDArray[np.integer[Any]] | Mapping[str, NDArray[Any]]) -> Step:
         """Play one decision of every agent in every game.
@@ -168,13 +168,13 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
         actions, and ResetNeeded before the first reset.
         """
         self._core.require_reset()
-        rewards, terminated, truncated = self._decide(self._checked(actions))
-        observations, final = self._observed(), {}
+        rewards, terminated, truncated = self._decide(self._check(actions))
+        observations, final = self._observe(), {}
         ended = np.flatnonzero(terminated | truncated)
         if self.autoreset_mode == AutoresetMode.SAME_STEP and len(ended):
             final = self._final(ended, observations)
             self._follow(ended)
-            observations = self._observed()
+            observations = self._observe()
         return observations, rewards, terminated, truncated, {**self._infos(), **final}
 
     def action_masks(self) -> Any:
@@ -196,7 +196,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
 
         Raises ValueError if the observations of two agents differ in their keys or shapes.
         """
-        return _stacked(self._by_agent(observations, "observation"), "")
+        return _stack(self._by_agent(observations, "observation"), "")
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return one picture (H, W, 3) per game, or None without a render mode."""
@@ -212,28 +212,28 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
             raise ValueError(f"no {what} of {', '.join(missing)}")
         return {agent: given[agent] for agent in self.possible_agents}
 
-    def _checked(self, actions: Any) -> dict[str, NDArray[Any]]:
+    def _check(self, actions: Any) -> dict[str, NDArray[Any]]:
         """Check actions and return them by agent."""
         if isinstance(actions, Mapping):
             by_agent = self._by_agent(actions, "actions")
             unknown = [str(agent) for agent in actions if agent not in by_agent]
             if unknown:
                 raise ValueError(f"actions of {', '.join(unknown)}: the agents are {', '.join(self.possible_agents)}")
-            return {agent: self._checked_of(agent, np.asarray(given)) for agent, given in by_agent.items()}
+            return {agent: self._check_agent(agent, np.asarray(given)) for agent, given in by_agent.items()}
         if self.config.action == "velocity":
             raise ValueError(f"actions must be by agent, with velocities of {PACMAN}: {{{PACMAN!r}: (N, 2), ...}}")
         array, shape = np.asarray(actions), (self.num_envs, self.num_agents)
         if array.shape != shape or array.dtype.kind not in "iu":
             raise ValueError(f"actions must be integers of shape {shape}, got {array.dtype} of shape {array.shape}")
-        return {agent: self._checked_of(agent, array[:, k]) for k, agent in enumerate(self.possible_agents)}
+        return {agent: self._check_agent(agent, array[:, k]) for k, agent in enumerate(self.possible_agents)}
 
-    def _checked_of(self, agent: str, given: NDArray[Any]) -> NDArray[Any]:
+    def _check_agent(self, agent: str, given: NDArray[Any]) -> NDArray[Any]:
         space = self.action_spaces[agent]
         goals = isinstance(space, spaces.Discrete)
         shape: tuple[int, ...] = (self.num_envs,) if goals else (self.num_envs, 2)
         if given.shape != shape or given.dtype.kind not in ("iu" if goals else "fiu"):
-            wanted = f"{self.num_envs} {'integers' if goals else 'pairs of v and omega'}"
-            raise ValueError(f"actions of {agent} must be {wanted}, got {given.dtype} of shape {given.shape}")
+            expected = f"{self.num_envs} {'integers' if goals else 'pairs of v and omega'}"
+            raise ValueError(f"actions of {agent} must be {expected}, got {given.dtype} of shape {given.shape}")
         if isinstance(space, spaces.Discrete):
             bad, rule = (given < 0) | (given >= space.n), f"must be 0 to {space.n - 1}"
         else:
@@ -261,15 +261,15 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
 parallel_vec_env = PacManBotParallelVecEnv
 
 
-def _stacked(by_agent: dict[str, Any], where: str) -> Any:
-    first, seen = next(iter(by_agent.items()))
+def _stack(by_agent: dict[str, Any], where: str) -> Any:
+    first, sample = next(iter(by_agent.items()))
     for agent, other in by_agent.items():
-        ours, theirs = (sorted(one) if isinstance(one, dict) else one.shape for one in (seen, other))
+        ours, theirs = (sorted(one) if isinstance(one, dict) else one.shape for one in (sample, other))
         if ours != theirs:
             differ = f"observations{where} of {first} and {agent} differ"
             raise ValueError(f"{differ}, so they cannot be stacked: {ours} and {theirs}")
-    if isinstance(seen, dict):
-        return {key: _stacked({agent: one[key] for agent, one in by_agent.items()}, f"[{key!r}]") for key in seen}
+    if isinstance(sample, dict):
+        return {key: _stack({agent: one[key] for agent, one in by_agent.items()}, f"[{key!r}]") for key in sample}
     return np.stack(list(by_agent.values()), axis=1)
 
 

@@ -62,17 +62,17 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
 
     def reset(self, seed: int | None = None, options: Options = None) -> tuple[Observations, Infos]:
         """Start a new episode; ``seed`` and ``options`` are those of the Gymnasium environment."""
-        wanted = ResetOptions.of(options, 1, "options")  # PettingZoo's test passes this name and expects no effect
-        core = self._core_by(wanted.settings)
-        levels = wanted.levels(core.batch.source, _ONE)
+        request = ResetOptions.of(options, 1, "options")  # PettingZoo's test passes this name and expects no effect
+        core = self._core_by(request.settings)
+        levels = request.levels(core.batch.source, _ONE)
         if seed is not None:
             self._generator, _ = seeding.np_random(seed)
         self._core = core
-        self._core.reset(_ONE, wanted.seeds(_ONE, [self.np_random]), levels)
+        self._core.reset(_ONE, request.seeds(_ONE, [self.np_random]), levels)
         self.agents = list(self.possible_agents)
         if self.render_mode == "human":
             self.render()
-        return self._seen()
+        return self._result()
 
     def step(
         self, actions: dict[str, Any]
@@ -96,7 +96,7 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
             self.agents = []
         if self.render_mode == "human":
             self.render()
-        observations, infos = self._seen()
+        observations, infos = self._result()
         ends, cuts = (dict.fromkeys(agents, bool(flags[0])) for flags in (terminated, truncated))
         return observations, rewards, ends, cuts, infos
 
@@ -115,8 +115,8 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
         """Return the true state (S,), named by ``state_names``; raises ResetNeeded before the first reset."""
         return self._states()[0]
 
-    def _seen(self) -> tuple[Observations, Infos]:
-        observations, info = self._observed(), self._core.info_of_game()
+    def _result(self) -> tuple[Observations, Infos]:
+        observations, info = self._observe(), self._core.info_of_game()
         infos = {agent: dict(info) for agent in self.possible_agents}
         if MASK in info:
             for name, mask in self._ghost_masks.items():

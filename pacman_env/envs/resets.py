@@ -70,8 +70,8 @@ class ResetOptions:
         levels = self.level[index]
         bad = levels[~source.has(levels)]
         if len(bad):
-            there = source.describe_levels()
-            raise ConfigError(f"options['level'] = {bad[0]}: the environment has the levels {there}")
+            ranges = source.describe_levels()
+            raise ConfigError(f"options['level'] = {bad[0]}: the environment has the levels {ranges}")
         return levels
 
 
@@ -83,7 +83,7 @@ class Reset:
     index: Indices  # games to reset, (M,)
     levels: Indices | None
     generators: Mapping[int, np.random.Generator]  # new generators by game
-    wanted: ResetOptions
+    request: ResetOptions
 
 
 class ManyGames(CoreEnv):
@@ -97,28 +97,28 @@ class ManyGames(CoreEnv):
 
     def _reset_games(self, seed: Any, options: Any, mask: Any, mask_name: str, *more: str) -> Indices:
         """Start new episodes in the games of the mask (None: all) and return their indices; check everything first."""
-        wanted = ResetOptions.of(options, self.num_envs, *more)
-        return self._begin(self._prepared(seed, wanted, mask, mask_name))
+        request = ResetOptions.of(options, self.num_envs, *more)
+        return self._begin(self._prepare(seed, request, mask, mask_name))
 
-    def _prepared(self, seed: Any, wanted: ResetOptions, mask: Any = None, mask_name: str = "") -> Reset:
+    def _prepare(self, seed: Any, request: ResetOptions, mask: Any = None, mask_name: str = "") -> Reset:
         """Check a reset and return it without changing anything."""
         index = np.arange(self.num_envs) if mask is None else _chosen_games(mask, self.num_envs, mask_name)
         every = len(index) == self.num_envs
         if not self.started and not every:
             raise gym.error.ResetNeeded("the first reset() must be of all games")
-        if wanted.settings and not every:
+        if request.settings and not every:
             raise ValueError("options['settings'] are for all games, which are not all reset")
-        core = self._core_by(wanted.settings) if every else self._core
-        levels = wanted.levels(core.batch.source, index)
+        core = self._core_by(request.settings) if every else self._core
+        levels = request.levels(core.batch.source, index)
         seeds = one_for_each(seed, self.num_envs)
         fresh = [i for i in index.tolist() if seeds[i] is not None or self._generators[i] is None]
-        return Reset(core, index, levels, {i: gym.utils.seeding.np_random(seeds[i])[0] for i in fresh}, wanted)
+        return Reset(core, index, levels, {i: gym.utils.seeding.np_random(seeds[i])[0] for i in fresh}, request)
 
     def _begin(self, reset: Reset) -> Indices:
         self._core = reset.core
         for i, generator in reset.generators.items():
             self._generators[i], self._next[i] = generator, None
-        self._core.reset(reset.index, self._episode_seeds(reset.index, reset.wanted), reset.levels)
+        self._core.reset(reset.index, self._episode_seeds(reset.index, reset.request), reset.levels)
         return reset.index
 
     def _follow(self, ended: Indices) -> None:
@@ -137,15 +137,15 @@ class ManyGames(CoreEnv):
             last[i] = deepcopy(self._core.of_game(observations, i))
         return last
 
-    def _episode_seeds(self, index: Indices, wanted: ResetOptions) -> NDArray[np.uint64]:
+    def _episode_seeds(self, index: Indices, request: ResetOptions) -> NDArray[np.uint64]:
         """Return the seeds of new episodes, and announce the next seeds to the batch so that it prepares their maps."""
         batch = self.batch
-        if wanted.round_seed is not None or len(batch.levels) == 1 or batch.threads.number == 1:
-            return wanted.seeds(index, self._generators)
+        if request.round_seed is not None or len(batch.levels) == 1 or batch.threads.number == 1:
+            return request.seeds(index, self._generators)
         drawn = [self._next[i] for i in index.tolist()]
-        fresh = iter(wanted.seeds(index[[seed is None for seed in drawn]], self._generators))
+        fresh = iter(request.seeds(index[[seed is None for seed in drawn]], self._generators))
         seeds = np.array([next(fresh) if seed is None else seed for seed in drawn], dtype=np.uint64)
-        following = wanted.seeds(index, self._generators)
+        following = request.seeds(index, self._generators)
         for i, seed in zip(index.tolist(), following, strict=True):
             self._next[i] = seed
         batch.expect(following)

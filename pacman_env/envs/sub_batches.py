@@ -44,15 +44,15 @@ class SubBatches:
     def reset(self, seed: Any, options: dict[str, Any] | None) -> None:
         """Start new rounds in all sub-batches, as if they had been sent; running steps are awaited and dropped."""
         games = len(self.envs) * self._size
-        seeds, wanted = one_for_each(seed, games), ResetOptions.of(options, games)
+        seeds, request = one_for_each(seed, games), ResetOptions.of(options, games)
         self._wait()  # a running step would change the games that are checked
         resets = []
         for k, env in enumerate(self.envs):
             own = [seeds[i] for i in self._ids(k)]
-            resets.append(env._prepared(own, wanted.of_games(self._ids(k))))
+            resets.append(env._prepare(own, request.of_games(self._ids(k))))
         self.close()
         for k, (env, prepared) in enumerate(zip(self.envs, resets, strict=True)):
-            self._submit(k, partial(_begun, env, prepared))
+            self._submit(k, partial(_begin_games, env, prepared))
         self._started = True
 
     def send(self, actions: NDArray[Any], ids: NDArray[Any] | None) -> None:
@@ -67,7 +67,7 @@ class SubBatches:
         if any(number == other for other, _ in self._sent):
             raise ValueError(f"games {self._ids(number)[[0, -1]].tolist()} are being stepped: recv() them first")
         env = self.envs[number]
-        self._submit(number, partial(env._stepped, env.check(actions).copy()))  # the caller may reuse its array
+        self._submit(number, partial(env._step_games, env.check(actions).copy()))  # the caller may reuse its array
 
     def receive(self) -> Step:
         """Return the result of the sub-batch that was sent first; ``info["env_id"]`` lists its games."""
@@ -84,7 +84,7 @@ class SubBatches:
         self.require_received()
         checked = [env.check(actions[self._ids(k)]) for k, env in enumerate(self.envs)]
         for k, env in enumerate(self.envs):
-            self._submit(k, partial(env._stepped, checked[k]))
+            self._submit(k, partial(env._step_games, checked[k]))
 
     def require_received(self) -> None:
         """Raise ValueError if a step was sent and not received."""
@@ -124,7 +124,7 @@ class SubBatches:
         self._sent.append((number, self._pool.submit(work)))
 
 
-def _begun(env: PacManBotVectorEnv, prepared: Reset) -> Step:
+def _begin_games(env: PacManBotVectorEnv, prepared: Reset) -> Step:
     index = env._begin(prepared)
     nothing = np.zeros(env.num_envs, dtype=np.bool_)
     return env._core.observe(), np.zeros(env.num_envs), nothing, nothing.copy(), env._infos(index)

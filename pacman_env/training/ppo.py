@@ -281,14 +281,14 @@ def plain(arguments: Arguments) -> dict[str, Any]:
     return dict(plain)
 
 
-def check_same(record: Path, before: Any, ours: dict[str, Any]) -> None:
+def check_same(record: Path, theirs: Any, ours: dict[str, Any]) -> None:
     """Raise ValueError with the first field, nested fields included, that differs from ``ours``."""
     for name, value in ours.items():
-        known = before.get(name) if isinstance(before, dict) else None
+        other = theirs.get(name) if isinstance(theirs, dict) else None
         if isinstance(value, dict):
-            check_same(record, known, value)
-        elif known != value:
-            raise ValueError(f"{record}: was started with {name} = {known}, not {value}")
+            check_same(record, other, value)
+        elif other != value:
+            raise ValueError(f"{record}: was started with {name} = {other}, not {value}")
 
 
 def progress_bar(decisions: int, shown: bool, done: int = 0) -> tqdm[Any]:

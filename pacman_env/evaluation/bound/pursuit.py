@@ -141,9 +141,9 @@ def _solve(graph, targets, p, radius, left):  # type: ignore[no-untyped-def]
                 if _caught(r, g, c, targets, graph, p, radius):
                     left[r, g, c] = 0
     sweeps = 0
-    again = True
-    while again:
-        again = False
+    unfinished = True
+    while unfinished:
+        unfinished = False
         for k in range(blocks):
             r = k if sweeps % 2 == 0 else blocks - 1 - k
             if not stale[r]:
@@ -159,7 +159,7 @@ def _solve(graph, targets, p, radius, left):  # type: ignore[no-untyped-def]
                             left[r, g, c] = most
                             changed = True
             if changed:
-                again = True
+                unfinished = True
                 stale[r] = True
                 for e in range(graph.first_move[r], graph.first_move[r + 1]):
                     stale[graph.move_to[e]] = True

@@ -174,19 +174,19 @@ class _Recorder:
         core.reset(np.arange(n), self._seeds[:n])
         reset(self._policy, np.ones(n, dtype=np.bool_), core.config)
         over = np.zeros(n, dtype=np.bool_)
-        seen, done = [self._look()], list[_Decision]()
+        views, decisions = [self._look()], list[_Decision]()
         while (self._round >= 0).any():
-            done.append(self._decide(over))
+            decisions.append(self._decide(over))
             restarts = np.flatnonzero(over & (self._round >= 0))
             if len(restarts):
                 core.reset(restarts, self._seeds[self._round[restarts]], in_step=True)
-                self._began[restarts], self._unlisted[restarts] = len(done), 0
+                self._began[restarts], self._unlisted[restarts] = len(decisions), 0
             starts = np.isin(np.arange(n), restarts) | (core.batch.completed_s > 0)
             if starts.any():
                 reset(self._policy, starts, core.config)
-            seen.append(self._look())
-            over = self._end(done[-1], over, len(done))
-        return self._collected(seen, done)
+            views.append(self._look())
+            over = self._end(decisions[-1], over, len(decisions))
+        return self._collect(views, decisions)
 
     def _look(self) -> _View:
         return _View(flattened(self._core.observe()), self._core.masks())
@@ -200,12 +200,12 @@ class _Recorder:
         rewards, terminated, truncated = core.step(action)
         return _Decision(action, rewards, terminated & ~over, truncated & ~over, core.elapsed_s.copy())
 
-    def _end(self, done: _Decision, over: NDArray[np.bool_], steps: int) -> NDArray[np.bool_]:
+    def _end(self, decision: _Decision, over: NDArray[np.bool_], steps: int) -> NDArray[np.bool_]:
         """Return the mask (N,) of games that are over; record their rounds and assign the next ones."""
         batch = self._core.batch
         many = (batch.games["round"] > MOST_ROUNDS) & ~over
-        done.truncated[many & ~done.terminated] = True
-        ended = np.flatnonzero((done.terminated | done.truncated) & (self._round >= 0))
+        decision.truncated[many & ~decision.terminated] = True
+        ended = np.flatnonzero((decision.terminated | decision.truncated) & (self._round >= 0))
         rounds = self._round[ended]
         self._places[rounds] = np.stack([ended, self._began[ended]], axis=1)
         notes, games = self._rounds, batch.games[ended]
@@ -221,7 +221,7 @@ class _Recorder:
         self._next += len(ended)
         return (batch.games["end"] != RUNNING) | many | (self._round < 0)
 
-    def _collected(self, seen: list[_View], done: list[_Decision]) -> Rounds:
+    def _collect(self, views: list[_View], decisions: list[_Decision]) -> Rounds:
         """Return the rows of each round, in the order of the seeds."""
         counts, games, began = self._rounds["decisions"], self._places[:, 0], self._places[:, 1]
 
@@ -231,10 +231,10 @@ class _Recorder:
             index: NDArray[Any] = np.stack(steps)[np.repeat(began, many) + within, np.repeat(games, many)]
             return index
 
-        observations = {key: rows([one.observations[key] for one in seen], 1) for key in seen[0].observations}
-        action, reward, *others = (rows(list(column), 0) for column in zip(*done, strict=True))
+        observations = {key: rows([one.observations[key] for one in views], 1) for key in views[0].observations}
+        action, reward, *others = (rows(list(column), 0) for column in zip(*decisions, strict=True))
         self._rounds["return"] = np.add.reduceat(reward, np.cumsum(counts) - counts)
-        masks = rows([one.mask for one in seen], 1).astype(np.int8)
+        masks = rows([one.mask for one in views], 1).astype(np.int8)
         return Rounds(self._rounds, observations, masks, action, reward, *others)
 
 

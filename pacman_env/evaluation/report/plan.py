@@ -51,7 +51,7 @@ class Plan:
 
     @property
     def speed(self) -> float:
-        """Speed of Clyde in all parts except the curve, m/s."""
+        """Return the speed of Clyde in all parts except the curve, m/s."""
         return self.config.clyde.speed_mps
 
     @property
