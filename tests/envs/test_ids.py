@@ -1,4 +1,4 @@
-"""Every registered id is complete by itself: outside judges find no fault with what it makes without any argument."""
+"""Registered ids, their variants and what stock tools ask of them; checkers are in ``test_judges.py``."""
 
 from __future__ import annotations
 
@@ -6,82 +6,20 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-import pettingzoo
 import pytest
-from gymnasium.utils.env_checker import check_env
+from gymnasium.envs.registration import EnvSpec
 
-from pacman_env.config import Config, ConfigError
+from pacman_env.config import Config, ConfigError, make_config
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.envs.registration import FLAT_ID, IDS
-from pacman_env.render import window as screen
-from tests.envs.test_judges import ALLOWED
-from tests.envs.test_pettingzoo_judges import api_test, parallel_api_test, parallel_seed_test, seed_test
-
-OF_SEVERAL = [name for name, entry in IDS.items() if entry.several is not None]
-every_id = pytest.mark.parametrize("env_id", IDS)
-every_id_of_several = [
-    pytest.mark.skipif(not hasattr(pettingzoo, "register"), reason="PettingZoo before 1.27 has no registry"),
-    pytest.mark.parametrize("env_id", OF_SEVERAL),
-]
-#: Why these stay: tests/envs/test_pettingzoo_judges.py.
-ALLOWED_OF_SEVERAL = (
-    "Observation is not a NumPy array",
-    "Observation space for each agent probably should be",
-    "We recommend agents to be named in the format",
-    "Agents have different observation space sizes",
-)
-pytestmark = [
-    pytest.mark.filterwarnings(f"ignore:{message}:UserWarning") for message in sorted({*ALLOWED, *ALLOWED_OF_SEVERAL})
-]
+from pacman_env.world.maps.occupancy import map_file
+from tests.envs.helpers import ID, same
 
 
-def of_several(make: Any) -> Any:
-    for mark in every_id_of_several:
-        make = mark(make)
-    return make
-
-
-@every_id
-def test_gymnasium_finds_no_fault(env_id: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    monkeypatch.setattr(screen, "RENDER_FPS", 10_000)  # nobody watches
-    check_env(gym.make(env_id, render_mode="rgb_array").unwrapped)
-
-
-@every_id
-def test_stable_baselines_finds_no_fault(env_id: str) -> None:
-    from stable_baselines3.common.env_checker import check_env as check_for_sb3
-
-    check_for_sb3(gym.make(env_id).unwrapped)
-
-
-@every_id
-def test_the_vector_environment_of_an_id_plays_the_games_of_the_single_one(env_id: str) -> None:
-    games, single = gym.make_vec(env_id, num_envs=2, vectorization_mode="vector_entry_point"), gym.make(env_id)
-    games.reset(seed=4)
-    single.reset(seed=5)
-    single.action_space.seed(0)
-    for _ in range(5):
-        action = single.action_space.sample()
-        _, rewards, terminated, truncated, _ = games.step(np.stack([action, action]))
-        assert (rewards[1], terminated[1], truncated[1]) == single.step(action)[1:4]
-
-
-@of_several
-def test_pettingzoo_finds_no_fault(env_id: str) -> None:
-    short = {"settings": {"time_limit_s": 6.0}}
-    parallel_api_test(pettingzoo.make("parallel", env_id, **short), num_cycles=30)
-    api_test(pettingzoo.make("aec", env_id, **short), num_cycles=30)
-    parallel_seed_test(lambda: pettingzoo.make("parallel", env_id, **short), num_cycles=10)
-    seed_test(lambda: pettingzoo.make("aec", env_id, **short), num_cycles=10)
-
-
-@every_id
-def test_an_id_is_told_apart_in_one_line(env_id: str) -> None:
+def test_purposes_tell_ids_apart_in_one_line() -> None:
     purposes = [entry.purpose for entry in IDS.values()]
-    assert purposes.count(IDS[env_id].purpose) == 1
-    assert len(IDS[env_id].purpose) <= 115
-    assert "\n" not in IDS[env_id].purpose
+    assert len(set(purposes)) == len(purposes)
+    assert all(len(purpose) <= 115 and "\n" not in purpose for purpose in purposes)
 
 
 def made(env_id: str, **arguments: Any) -> Config:
@@ -90,15 +28,12 @@ def made(env_id: str, **arguments: Any) -> Config:
     return config
 
 
-def test_settings_of_ones_own_leave_the_variant_what_it_is() -> None:
+def test_own_settings_keep_variant_and_come_first() -> None:
     own = {"clyde.speed_mps": 0.4}
     assert made("pacman_env/PacManBotEndless-v0", settings=own).endless
     assert made("pacman_env/PacManBotFlatEndless-v0", settings=own).decisions.when == "event"
     assert made("pacman_env/PacManBotFlatVelocity-v0", settings=own).action_range == "unit"
     assert made("pacman_env/PacManBotGhosts-v0", settings=own).clyde.ghosts == ("arcade",) * 4
-
-
-def test_settings_of_ones_own_come_before_those_of_the_variant() -> None:
     assert not made("pacman_env/PacManBotEndless-v0", settings={"endless": False}).endless
     assert made("pacman_env/PacManBotFlatVelocity-v0", settings={"action_range": "physical"}).action_range == "physical"
 
@@ -111,22 +46,59 @@ def test_settings_of_ones_own_come_before_those_of_the_variant() -> None:
         ({"defaults": {"endless": True}, "settings": Config()}, "settings is a Config: .* and defaults are part of it"),
     ],
 )
-def test_defaults_that_cannot_be_played_are_refused_by_name(arguments: dict[str, Any], said: str) -> None:
+def test_wrong_defaults_are_named(arguments: dict[str, Any], said: str) -> None:
     with pytest.raises(ConfigError, match=said):
-        made(FLAT_ID.replace("Flat", ""), **arguments)
+        made(ID, **arguments)
 
 
-def test_generated_houses_differ_from_episode_to_episode() -> None:
+def test_generated_houses_differ_between_episodes() -> None:
     for env_id in (name for name in IDS if "Generated" in name):
         env = gym.make(env_id)
-        levels = {env.reset(seed=seed)[1]["level"] for seed in range(3)}
-        assert len(levels) == 3
+        assert len({env.reset(seed=seed)[1]["level"] for seed in range(3)}) == 3
 
 
-def test_an_endless_game_goes_on_after_a_completed_round_and_ends_where_the_robot_is_caught() -> None:
+def test_flat_endless_game_continues_after_completed_round() -> None:
     env: Any = gym.make("pacman_env/PacManBotFlatEndless-v0", map="loop", settings={"execution.death_radius_m": 0.01})
     _, info = env.reset(seed=0)
     while info["round"] == 1:
         _, _, terminated, truncated, info = env.step(0)
         assert {terminated, truncated} == {False}, OUTCOMES[info["outcome"]]
     assert info["score"] >= info["spawned"] > 0
+
+
+@pytest.mark.parametrize(
+    ("env_id", "arguments"),
+    [
+        (FLAT_ID, {}),
+        (FLAT_ID, {"observation": ("features", "scan", "flat"), "settings": {"randomize.speed_mps": (0.2, 0.3)}}),
+        (ID, {"observation": ("scan", "grid"), "ghosts": ("wander", "nearest"), "settings": {"home": (0.5, 0.0, 1.0)}}),
+        (ID, {"settings": {"observation.kinds": ("scan",), "clyde.ghosts": np.array(["chase", "wander"])}}),
+        (ID, {"settings": make_config("ideal", "as_built", **{"clyde.ghosts": ("chase",)})}),
+        (ID, {"map": map_file("maze")}),
+    ],
+)
+def test_json_specification_makes_the_same_game(env_id: str, arguments: Any) -> None:
+    assert EnvSpec.from_json(gym.spec(env_id).to_json()) == gym.spec(env_id)
+    env = gym.make(env_id, **{"map": "loop", **arguments})
+    assert env.spec is not None
+    spec = EnvSpec.from_json(env.spec.to_json())
+    assert spec == env.spec
+    again: Any = gym.make(spec)
+    assert again.spec == spec
+    assert again.unwrapped.config == env.unwrapped.config  # type: ignore[attr-defined]
+    assert (again.observation_space, again.action_space) == (env.observation_space, env.action_space)
+    assert same(env.reset(seed=3), again.reset(seed=3))
+    for _ in range(5):
+        assert same(env.step(1), again.step(1))
+
+
+@pytest.mark.parametrize("env_id", [ID, FLAT_ID])
+def test_sample_takes_masks_of_infos(env_id: str) -> None:
+    env = gym.make(env_id, map="loop", settings={"observation.mask": "info"})
+    _, info = env.reset(seed=0)
+    assert info["action_mask"].dtype == np.int8
+    assert info["action_mask"][env.action_space.sample(info["action_mask"])]
+    envs = gym.make_vec(env_id, num_envs=3, map="loop", settings={"observation.mask": "info"})
+    _, infos = envs.reset(seed=0)
+    actions = envs.action_space.sample(tuple(infos["action_mask"]))
+    assert infos["action_mask"][np.arange(3), actions].all()

@@ -1,45 +1,93 @@
-"""Outside judges find no fault in any combination of the typed arguments.
+"""Checkers of Gymnasium, Stable-Baselines3, sb3-contrib and PettingZoo find no fault.
 
-The axes are observation (7: every choice of features, scan and grid), action (2), ghosts (3: one, a chasing and an
-arcade one, four), endless (2), map (3, one of them generated), preset (2), execution (2) and every field randomized or
-none (2): 2,016 combinations. Gymnasium's ``check_env`` sees all 84 of observation x action x ghosts x endless and, over
-those and the rest, any three values together; its render check and the other judges see any two values together, for
-the vector environment Gymnasium's three autoreset modes being one more axis.
-
-A warning of a judge is an error, but for those named in ``ALLOWED``.
+They see environments of which any two arguments meet, every registered id, every shipped map and the shapes that stock
+learners take. A warning of a checker is an error, but for those named in ``ALLOWED``.
 """
 
 from __future__ import annotations
 
+import random
+import sys
+import time
+import types
+import warnings
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import pettingzoo
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_match import check_environments_match
-from gymnasium.vector import SyncVectorEnv
 
+import pacman_env
 from pacman_env.envs.pacmanbot import PacManBotEnv
-from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
+from pacman_env.envs.registration import IDS
 from pacman_env.render import window as screen
 from pacman_env.sb3 import PacManBotVecEnv
 from pacman_env.world.maps.occupancy import shipped_maps
-from tests.envs.configurations import AXES, COVERING, CROSSED, PAIRWISE, arguments, groups, name, product
-from tests.envs.helpers import ID, make, make_vector, same
+from tests.envs.cases import AXES, LEARNERS, PAIRWISE, SEVERAL_LEARNERS, SMALL, arguments, name, pairwise
+from tests.envs.helpers import ID, make
 
-#: What judges may warn of, each with the reason why it stays.
+with warnings.catch_warnings():
+    # PettingZoo's tests import its own environments in its old way.
+    warnings.filterwarnings("ignore", "The old environment creation API has been deprecated", DeprecationWarning)
+    from pettingzoo.test import (
+        api_test,
+        max_cycles_test,
+        parallel_api_test,
+        parallel_seed_test,
+        performance_benchmark,
+        render_test,
+        seed_test,
+        state_test,
+    )
+
+#: What checkers may warn of, each with the reason why it stays.
 ALLOWED = {
     # Velocities are m/s and rad/s, as the robot's cmd_vel takes them, and it drives forwards only.
     ".*For Box action spaces, we recommend using a symmetric and normalized space",
     "We recommend you to use a symmetric and normalized Box action space",
     # A row per candidate, pellet or ghost: a network looks at each with the same weights.
     "Your observation (candidates|ghosts|pellet_bearings|ghost_bearings) has an unconventional shape",
+    # Observations are dictionaries, as in Gymnasium: a mask beside features, a scan, a picture.
+    "Observation is not a NumPy array",
+    "Observation space for each agent probably should be",
+    # The four ghosts have had names since 1980.
+    "We recommend agents to be named in the format",
+    # Pac-Man alone has a lidar and a camera, and with velocity actions no mask.
+    "Agents have different observation space sizes",
 }
 pytestmark = [pytest.mark.filterwarnings(f"ignore:{message}:UserWarning") for message in sorted(ALLOWED)]
+HAS_REGISTRY = hasattr(pettingzoo, "register")  # PettingZoo before 1.27 has none
+Maker = Callable[..., Any]
+SINGLES: dict[str, Maker] = {
+    **{name(row): partial(make, **arguments(row)) for row in PAIRWISE},
+    **{source: partial(make, map=source) for source in shipped_maps()},
+    **{shape: partial(make, **chosen) for shape, chosen in LEARNERS.items()},
+    **{env_id: partial(gym.make, env_id) for env_id in IDS},
+}
 
-judged = pytest.mark.parametrize("combination", PAIRWISE, ids=name)
+
+def both(several: dict[str, Any]) -> tuple[Maker, Maker]:
+    return partial(pacman_env.parallel_env, **several), partial(pacman_env.env, **several)
+
+
+#: Parallel and agent-by-agent environments; episodes end within the checkers' patience, in more ways than one.
+SEVERAL: dict[str, tuple[Maker, Maker]] = {
+    name(row): both(arguments(row, several=True, zero_sum=row["zero_sum"]))
+    for row in pairwise({**AXES, "zero_sum": (True, False)})
+}
+SEVERAL |= {shape: both({"map": "loop", **chosen}) for shape, chosen in SEVERAL_LEARNERS.items()}
+SEVERAL |= {
+    env_id: tuple(
+        partial(pettingzoo.make, kind, env_id, settings={"time_limit_s": 6.0}) for kind in ("parallel", "aec")
+    )
+    for env_id, entry in IDS.items()
+    if entry.several is not None and HAS_REGISTRY
+}  # type: ignore[misc]
 
 
 @pytest.fixture(autouse=True)
@@ -48,89 +96,71 @@ def _quick_screen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(screen, "RENDER_FPS", 10_000)  # nobody watches
 
 
-def test_the_combinations_are_those_promised() -> None:
-    for combinations, strength in ((PAIRWISE, 2), (COVERING, 3)):
-        met = {group for combination in combinations for group in groups(combination, strength)}
-        assert met >= {group for combination in product(AXES) for group in groups(combination, strength)}
-    crossed = {tuple(combination[axis] for axis in CROSSED) for combination in COVERING}
-    assert len(crossed) == 7 * 2 * 3 * 2
+@pytest.mark.parametrize("chosen", SINGLES)
+def test_gymnasium_checker_finds_no_fault(chosen: str) -> None:
+    check_env(SINGLES[chosen](render_mode="rgb_array").unwrapped, skip_render_check=not chosen.startswith("pacman_env"))
 
 
-@pytest.mark.parametrize("combination", COVERING, ids=name)
-def test_gymnasium_finds_no_fault(combination: dict[str, Any]) -> None:
-    check_env(make(**arguments(combination)), skip_render_check=True)
+@pytest.mark.parametrize("chosen", SINGLES)
+def test_stable_baselines_checker_finds_no_fault(chosen: str) -> None:
+    from stable_baselines3.common.env_checker import check_env as check_for_sb3
+
+    check_for_sb3(SINGLES[chosen](render_mode="rgb_array").unwrapped, skip_render_check=False)
 
 
-@pytest.mark.parametrize("name", shipped_maps())
-def test_gymnasium_finds_no_fault_in_a_map_as_it_is_shipped(name: str) -> None:
-    check_env(make(map=name, render_mode="rgb_array"))
-
-
-@judged
-def test_gymnasium_finds_no_fault_in_pictures(combination: dict[str, Any]) -> None:
-    check_env(make(render_mode="rgb_array", **arguments(combination)))
-
-
-@judged
-def test_the_bare_and_the_made_environment_match(combination: dict[str, Any]) -> None:
-    chosen = arguments(combination)
+@pytest.mark.parametrize("row", PAIRWISE[:3], ids=name)
+def test_bare_and_made_environments_match(row: dict[str, Any]) -> None:
+    chosen = arguments(row)
     check_environments_match(PacManBotEnv(**chosen), gym.make(ID, **chosen), num_steps=60, seed=3)
 
 
-@judged
-def test_the_native_vector_equals_one_of_single_environments(combination: dict[str, Any]) -> None:
-    mode, chosen = combination["autoreset_mode"], arguments(combination, time_limit_s=4.0)
-    native = make_vector(3, autoreset_mode=mode, **chosen)
-    singles = SyncVectorEnv([lambda: gym.make(ID, **chosen)] * 3, autoreset_mode=mode)
-    assert native.observation_space == singles.observation_space
-    assert native.action_space == singles.action_space
-    native.action_space.seed(1)
-    assert same(native.reset(seed=5), singles.reset(seed=5))
-    ends = 0
-    for k in range(30):
-        actions = native.action_space.sample()
-        ours, theirs = native.step(actions), singles.step(actions)
-        assert same(ours, theirs), k
-        over = ours[2] | ours[3]
-        ends += int(over.sum())
-        if mode == gym.vector.AutoresetMode.DISABLED and over.any():
-            both = [env.reset(options={"reset_mask": over.copy()}) for env in (native, singles)]
-            assert same(*both), k
-    assert ends > 3
-
-
-@judged
-def test_stable_baselines_finds_no_fault(combination: dict[str, Any]) -> None:
-    from stable_baselines3.common.env_checker import check_env as check_for_sb3
-
-    check_for_sb3(make(render_mode="rgb_array", **arguments(combination)), skip_render_check=False)
-
-
-@judged
-def test_sb3_contrib_finds_masks_where_actions_are_goals(combination: dict[str, Any]) -> None:
+@pytest.mark.parametrize("action", ["goal", "velocity"])
+def test_sb3_contrib_finds_masks_of_goals_only(action: str) -> None:
     from sb3_contrib.common.maskable.utils import get_action_masks, is_masking_supported
     from stable_baselines3.common.monitor import Monitor
     from stable_baselines3.common.vec_env import DummyVecEnv
 
-    chosen = arguments(combination)
-    builders: list[Callable[[], Any]] = [
-        lambda: make(**chosen),
-        lambda: gym.make(ID, **chosen),
-        lambda: DummyVecEnv([lambda: Monitor(gym.make(ID, **chosen))] * 2),
-        lambda: PacManBotVecEnv(2, **chosen),
-    ]
-    for build in builders:
-        env = build()
-        assert is_masking_supported(env) == (combination["action"] == "goal")
-        if combination["action"] == "goal":
+    chosen: dict[str, Any] = {"action": action, "settings": SMALL}
+    for env in (
+        make(**chosen),
+        gym.make(ID, **chosen),
+        DummyVecEnv([lambda: Monitor(gym.make(ID, **chosen))] * 2),
+        PacManBotVecEnv(2, **chosen),
+    ):
+        assert is_masking_supported(env) == (action == "goal")
+        if action == "goal":
             started = env.reset()
             observation = started[0] if isinstance(started, tuple) else started
             np.testing.assert_array_equal(get_action_masks(env), observation["action_mask"] == 1)
-        env.close()
 
 
-def test_make_vec_of_every_mode_of_vectorization_makes_the_same_games() -> None:
-    native = gym.make_vec(ID, num_envs=2, vectorization_mode="vector_entry_point")
-    assert isinstance(native.unwrapped, PacManBotVectorEnv)
-    singles = gym.make_vec(ID, num_envs=2, vectorization_mode="sync")
-    assert same(native.reset(seed=1), singles.reset(seed=1))
+@pytest.mark.parametrize("chosen", SEVERAL)
+def test_pettingzoo_tests_find_no_fault(chosen: str) -> None:
+    parallel, turns = SEVERAL[chosen]
+    parallel_api_test(parallel(), num_cycles=30)
+    api_test(turns(), num_cycles=30)
+    parallel_seed_test(parallel, num_cycles=10)
+    seed_test(turns, num_cycles=10)
+    if isinstance(parallel, partial) and parallel.func is not pettingzoo.make:
+        state_test(turns(), parallel())
+
+
+def test_max_cycles_are_obeyed_in_both_interfaces() -> None:
+    def limited(make: Any) -> Any:
+        return lambda max_cycles: make(settings={"max_cycles": max_cycles})
+
+    max_cycles_test(types.SimpleNamespace(env=limited(pacman_env.env), parallel_env=limited(pacman_env.parallel_env)))
+
+
+def test_pettingzoo_render_test_passes() -> None:
+    pytest.importorskip("pygame")
+    render_test(lambda **mode: pacman_env.env(ghosts=("policy", "chase"), **mode))
+
+
+def test_pettingzoo_benchmark_runs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    # Its five seconds in one: it only has to run.
+    clock = types.SimpleNamespace(time=lambda: 5.0 * time.time())
+    monkeypatch.setattr(sys.modules[performance_benchmark.__module__], "time", clock)
+    random.seed(0)
+    performance_benchmark(pacman_env.env(settings={"time_limit_s": 6.0, "clyde.speed_mps": 0.6}))
+    assert "Finished performance benchmark" in capsys.readouterr().out

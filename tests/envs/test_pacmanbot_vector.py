@@ -1,165 +1,141 @@
-"""What the native vector environment promises: to be many single ones, in Gymnasium's layout."""
+"""The native vector environment is many single environments in Gymnasium's layout."""
 
 from __future__ import annotations
 
-import copy
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium import wrappers
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from pacman_env.config import Config, ConfigError
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
+from pacman_env.envs.registration import IDS
 from pacman_env.policies.registry import make_policy
-from tests.envs.helpers import ID, QUICK, arrays, make, make_vector, same
+from tests.envs.cases import PAIRWISE, arguments, name
+from tests.envs.helpers import ID, QUICK, make, make_vector, same
 
-LOSING = {**QUICK, "nav2.abort_rate": 0.3}
-EXECUTIONS = [("robust", QUICK), ("as_built", LOSING)]
+LOSING = {**QUICK, "nav2.abort_rate": 0.3, "execution.rules": "as_built"}
+MODES = tuple(AutoresetMode)
 
 
 def make_sync(num_envs: int, mode: AutoresetMode, **arguments: Any) -> SyncVectorEnv:
     return SyncVectorEnv([lambda: gym.make(ID, **arguments)] * num_envs, autoreset_mode=mode)
 
 
-def random_play(env: PacManBotVectorEnv, steps: int, seed: int) -> list[Any]:
-    rng = np.random.default_rng(seed)
-    return [env.step(rng.integers(env.single_action_space.n, size=env.num_envs)) for _ in range(steps)]
+def equal_steps(native: Any, singles: Any, actions: np.ndarray, mode: AutoresetMode, seed: Any = None) -> Any:
+    """Step both, reset what is over if they do not, and return the results of the native one."""
+    ours, theirs = native.step(actions), singles.step(actions)
+    assert same(ours, theirs)
+    over = ours[2] | ours[3]
+    if mode == AutoresetMode.DISABLED and over.any():
+        both = [env.reset(seed=seed, options={"reset_mask": over.copy()}) for env in (native, singles)]
+        assert same(*both)
+        np.testing.assert_array_equal(both[0][1]["_outcome"], over)
+    return ours
 
 
-@pytest.mark.parametrize(("execution", "settings"), EXECUTIONS)
-@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-def test_it_equals_a_vector_of_single_environments(
-    mode: AutoresetMode, execution: str, settings: dict[str, Any]
-) -> None:
-    arguments: dict[str, Any] = {"settings": {**settings, "execution.rules": execution}}
-    native = make_vector(5, autoreset_mode=mode, **arguments)
-    singles = make_sync(5, mode, **arguments)
+@pytest.mark.parametrize(("k", "row"), list(enumerate(PAIRWISE)), ids=list(map(name, PAIRWISE)))
+def test_vector_equals_single_environments(k: int, row: dict[str, Any]) -> None:
+    mode, chosen = MODES[k % 3], arguments(row, time_limit_s=4.0)
+    native, singles = make_vector(3, autoreset_mode=mode, **chosen), make_sync(3, mode, **chosen)
     assert native.observation_space == singles.observation_space
     assert native.action_space == singles.action_space
+    native.action_space.seed(1)
+    assert same(native.reset(seed=5), singles.reset(seed=5))
+    ended = 0
+    for _ in range(30):
+        result = equal_steps(native, singles, native.action_space.sample(), mode)
+        ended += int((result[2] | result[3]).sum())
+    assert ended > 3
+
+
+@pytest.mark.parametrize("settings", [QUICK, LOSING], ids=["robust", "as_built"])
+@pytest.mark.parametrize("mode", MODES)
+def test_vector_equals_singles_in_every_end(mode: AutoresetMode, settings: dict[str, Any]) -> None:
+    native, singles = make_vector(5, autoreset_mode=mode, settings=settings), make_sync(5, mode, settings=settings)
     assert native.metadata["autoreset_mode"] == mode
     assert same(native.reset(seed=3), singles.reset(seed=3))
     policy, rng, seen = make_policy("nearest"), np.random.default_rng(0), set()
     for k in range(120):
         actions = policy.select(native.situation)
         actions[0] = rng.integers(native.single_action_space.n)
-        ours, theirs = native.step(actions), singles.step(actions)
-        assert same(ours, theirs), k
-        info = ours[4].get("final_info", {}) if mode == AutoresetMode.SAME_STEP else ours[4]
-        seen.update(info.get("outcome", []))
-    assert seen >= {"caught", "timeout", "cleared" if execution == "as_built" else "complete"}
+        seed = None if k % 2 else [100 * k + i for i in range(5)]
+        infos = equal_steps(native, singles, actions, mode, seed)[4]
+        seen.update(infos.get("final_info", infos)["outcome"])
+    assert seen >= {"caught", "timeout", "complete" if settings is QUICK else "cleared"}
 
 
-@pytest.mark.parametrize(("execution", "settings"), EXECUTIONS)
-def test_without_autoreset_it_equals_one_reset_by_mask(execution: str, settings: dict[str, Any]) -> None:
-    arguments: dict[str, Any] = {"settings": {**settings, "execution.rules": execution}}
-    native = make_vector(5, autoreset_mode=AutoresetMode.DISABLED, **arguments)
-    singles = make_sync(5, AutoresetMode.DISABLED, **arguments)
-    assert same(native.reset(seed=6), singles.reset(seed=6))
-    policy, resets = make_policy("nearest"), 0
-    for k in range(120):
-        ours, theirs = native.step(actions := policy.select(native.situation)), singles.step(actions)
-        assert same(ours, theirs), k
-        over = ours[2] | ours[3]
-        if over.any():
-            resets += int(over.sum())
-            seed = None if k % 2 else [100 * k + i for i in range(5)]
-            both = [env.reset(seed=seed, options={"reset_mask": over.copy()}) for env in (native, singles)]
-            assert same(*both), k
-            np.testing.assert_array_equal(both[0][1]["_outcome"], over)
-    assert resets > 5
+@pytest.mark.parametrize("env_id", IDS)
+def test_vector_of_id_plays_its_games(env_id: str) -> None:
+    games, single = gym.make_vec(env_id, num_envs=2), gym.make(env_id)
+    assert isinstance(games.unwrapped, PacManBotVectorEnv)
+    assert games.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP
+    games.reset(seed=4)
+    single.reset(seed=5)
+    single.action_space.seed(0)
+    for _ in range(5):
+        action = single.action_space.sample()
+        _, rewards, terminated, truncated, _ = games.step(np.stack([action, action]))
+        assert (rewards[1], terminated[1], truncated[1]) == single.step(action)[1:4]
 
 
-def test_make_vec_gives_the_native_one_by_default() -> None:
-    env = gym.make_vec(ID, num_envs=2, map="loop")
-    assert isinstance(env.unwrapped, PacManBotVectorEnv)
-    assert env.unwrapped.batch.assets.occupancy.name == "loop"
-    assert env.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP
-
-
-@pytest.mark.parametrize("num_envs", [1, 130])
-def test_the_last_game_is_a_single_environment_with_its_seed(num_envs: int) -> None:
+def test_last_of_many_games_is_a_single_one() -> None:
     settings = {"execution.death_radius_m": 0.01}
-    many, one = make_vector(num_envs, settings=settings), make(settings=settings)
+    many, one = make_vector(130, settings=settings), make(settings=settings)
     rng = np.random.default_rng(1)
-    observations, infos = many.reset(seed=40)
-    observation, info = one.reset(seed=40 + num_envs - 1)
+    many.reset(seed=40)
+    one.reset(seed=40 + 129)
     for k in range(60):
+        actions = rng.integers(many.single_action_space.n, size=130) if k % 15 == 0 else actions  # noqa: F821
+        observations, rewards, *_, infos = many.step(actions)
+        observation, reward, *_, info = one.step(int(actions[-1]))
         assert same({key: array[-1] for key, array in observations.items()}, observation), k
         assert {key: infos[key].tolist()[-1] for key in info} == info
-        if k % 15 == 0:
-            actions = rng.integers(many.single_action_space.n, size=num_envs)
-        observations, rewards, terminated, truncated, infos = many.step(actions)
-        observation, reward, *ends, info = one.step(int(actions[-1]))
         assert rewards[-1] == reward
-        assert [terminated[-1], truncated[-1]] == ends == [False, False]
-    assert many.observation_space.contains(observations)
 
 
 def test_reset_takes_one_seed_per_game() -> None:
-    env = make_vector(3)
+    env, one = make_vector(3), make()
     observations, infos = env.reset(seed=[9, 4, 9])
     assert infos["round_seed"][0] == infos["round_seed"][2] != infos["round_seed"][1]
-    assert infos["round_seed"][1] == make().reset(seed=4)[1]["round_seed"]
-    for array in observations.values():
-        np.testing.assert_array_equal(array[0], array[2])
-
-
-def test_a_game_without_a_seed_continues_its_generator() -> None:
-    env, one = make_vector(3), make()
-    env.reset(seed=5)
-    one.reset(seed=6)
-    _, infos = env.reset(seed=[1, None, 1])
+    assert infos["round_seed"][1] == one.reset(seed=4)[1]["round_seed"]
+    assert all(same(array[0], array[2]) for array in observations.values())
+    _, infos = env.reset(seed=[1, None, 1])  # a game without a seed continues its generator
     assert infos["round_seed"][1] == one.reset()[1]["round_seed"]
-    _, infos = env.reset()
-    assert infos["round_seed"][1] == one.reset()[1]["round_seed"]
-
-
-def test_the_first_reset_without_a_seed_is_random() -> None:
-    seeds = [make_vector(2).reset()[1]["round_seed"].tolist() for _ in range(2)]
-    assert len({*seeds[0], *seeds[1]}) == 4
+    with pytest.raises(ValueError, match="2 seeds for 3 games"):
+        env.reset(seed=[1, 2])
 
 
 @pytest.mark.parametrize(
     ("actions", "message"),
     [
         (np.array([0, 1, 24]), "choice 24 of game 2: candidates are 0 to 23"),
-        (np.array([0, -1, 99]), "choice -1 of game 1: candidates are 0 to 23"),
-        (np.array([0, 1]), r"3 integers, got int64 of shape \(2,\)"),
         (np.array([[0, 1, 2]]), r"3 integers, got int64 of shape \(1, 3\)"),
-        (np.array(1), r"3 integers, got int64 of shape \(\)"),
         (np.array([0.0, 1.0, 2.0]), "3 integers, got float64"),
-        (np.array([True, False, True]), "3 integers, got bool"),
-        (["a", "b", "c"], "3 integers, got <U1"),
         (None, "3 integers, got object"),
     ],
 )
-def test_what_are_no_actions_is_named_and_changes_nothing(actions: Any, message: str) -> None:
-    env, twin = make_vector(3), make_vector(3)
+def test_wrong_actions_are_named(actions: Any, message: str) -> None:
+    env = make_vector(3)
     env.reset(seed=1)
-    twin.reset(seed=1)
-    assert env.single_action_space.n == 24
     with pytest.raises(ValueError, match=message):
         env.step(actions)
-    good = np.array([0, 1, 23])
-    assert same(env.step(good), twin.step(good))
 
 
-@pytest.mark.parametrize("kind", [list, tuple, np.int32, np.uint8, np.uint64])
-def test_any_integers_are_actions(kind: Any) -> None:
+def test_integers_of_any_type_are_actions() -> None:
     plain, other = make_vector(3), make_vector(3)
     plain.reset(seed=1)
     other.reset(seed=1)
     actions = np.array([2, 0, 23])
-    assert same(plain.step(actions), other.step(kind(actions)))
+    for kind in (list, tuple, np.int32, np.uint8, np.uint64):
+        assert same(plain.step(actions), other.step(kind(actions)))
 
 
-def test_nothing_can_be_asked_before_the_first_reset() -> None:
+def test_first_reset_takes_all_games() -> None:
     env = make_vector(2)
-    for ask in (lambda: env.step(np.zeros(2, dtype=np.int64)), env.action_masks, lambda: env.situation):
-        with pytest.raises(gym.error.ResetNeeded):
-            ask()
     with pytest.raises(gym.error.ResetNeeded, match="all games"):
         env.reset(seed=0, options={"reset_mask": np.array([True, False])})
     env.reset(seed=0, options={"reset_mask": np.array([True, True])})
@@ -175,85 +151,43 @@ def test_nothing_can_be_asked_before_the_first_reset() -> None:
         ([True, True, True], "bool array"),
     ],
 )
-def test_a_reset_mask_that_does_not_fit_is_refused(mask: Any, message: str) -> None:
+def test_wrong_reset_mask_is_refused(mask: Any, message: str) -> None:
     env = make_vector(3)
     env.reset(seed=0)
     with pytest.raises(ValueError, match=message):
         env.reset(options={"reset_mask": mask})
 
 
-def test_arguments_that_cannot_be_played_are_named() -> None:
-    with pytest.raises(ValueError, match="num_envs = 0"):
-        PacManBotVectorEnv(0)
-    with pytest.raises(ValueError, match=r"'human'.*rgb_array"):
-        PacManBotVectorEnv(2, render_mode="human")
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"num_envs": 0}, "num_envs = 0"),
+        ({"render_mode": "human"}, r"'human'.*rgb_array"),
+        ({"max_episode_steps": 0}, "max_episode_steps = 0: must be a whole number of at least 1, or None"),
+        ({"max_episode_steps": True}, "max_episode_steps = True"),
+        ({"batch_size": 3}, "batch_size = 3: must be a whole number that divides num_envs = 4"),
+        ({"batch_size": 0}, "batch_size = 0: must be"),
+    ],
+)
+def test_unplayable_argument_is_named(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        PacManBotVectorEnv(**{"num_envs": 4, "map": "loop", **arguments})
     with pytest.raises(ConfigError, match="settings is a Config"):
         PacManBotVectorEnv(2, settings=Config(), preset="ideal")
-    with pytest.raises(ValueError, match="2 seeds for 3 games"):
-        make_vector(3).reset(seed=[1, 2])
 
 
-@pytest.mark.parametrize("mode", list(AutoresetMode))
-def test_what_was_returned_is_never_changed_later(mode: AutoresetMode) -> None:
-    env = make_vector(4, autoreset_mode=mode, settings={**QUICK, "time_limit_s": 5.0})
-    returned = [env.reset(seed=0), *random_play(env, 50, seed=1)]
-    kept = copy.deepcopy(returned)
-    random_play(env, 20, seed=2)
-    env.reset(seed=7)
-    assert same(returned, kept)
-    all_arrays = [array for result in returned for array in arrays(result)]
-    # each array is memory of its own, so that changing one leaves all others alone
-    starts = {array.__array_interface__["data"][0] for array in all_arrays}
-    assert len(starts) == len(all_arrays) > 1000
-    assert all(array.flags.writeable for array in all_arrays)
-
-
-def test_action_masks_are_those_of_the_observation() -> None:
-    env = make_vector(4, settings=LOSING)
-    observations, _ = env.reset(seed=0)
-    forbidden = 0
-    for k in range(60):
-        masks = env.action_masks()
-        assert masks.dtype == np.bool_
-        np.testing.assert_array_equal(masks, observations["action_mask"] == 1)
-        forbidden += int((~masks).sum())
-        masks[:] = False  # a copy: the environment does not notice
-        assert env.action_masks().any()
-        observations, *_ = env.step(np.arange(4) + k // 20)
-    assert forbidden > 0
-
-
-def test_each_game_gets_a_picture() -> None:
-    env = make_vector(2, render_mode="rgb_array")
+def test_pictures_are_those_of_the_games() -> None:
+    env, one = make_vector(2, render_mode="rgb_array"), make(render_mode="rgb_array")
     env.reset(seed=0)
-    one = make(render_mode="rgb_array")
     one.reset(seed=1)
     pictures = env.render()
     assert pictures is not None
-    assert len(pictures) == 2
     np.testing.assert_array_equal(pictures[1], one.render())
     assert make_vector(2).render() is None
 
 
-def test_episode_statistics_are_those_of_the_singles() -> None:
-    native = gym.wrappers.vector.RecordEpisodeStatistics(make_vector(3, settings=QUICK))
-    singles = gym.wrappers.vector.RecordEpisodeStatistics(make_sync(3, AutoresetMode.NEXT_STEP, settings=QUICK))
-    native.reset(seed=0)
-    singles.reset(seed=0)
-    episodes = 0
-    for k in range(80):
-        actions = np.arange(3) + k // 20
-        ours, theirs = native.step(actions)[4], singles.step(actions)[4]
-        assert ("episode" in ours) == ("episode" in theirs)
-        if "episode" in ours:
-            episodes += int(ours["_episode"].sum())
-            for key in ("r", "l"):
-                np.testing.assert_array_equal(ours["episode"][key], theirs["episode"][key])
-    assert episodes >= 3
-
-
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
-def test_long_episodes_are_cut_as_by_gymnasiums_time_limit(mode: str) -> None:
+def test_max_episode_steps_cut_like_gymnasium_time_limit(mode: str) -> None:
     arguments: dict[str, Any] = {"map": "loop", "ghosts": "chase", "settings": {"clyde.speed_mps": 0.8}}
     env = gym.make_vec(
         ID, 3, vectorization_mode="vector_entry_point", vector_kwargs=None, max_episode_steps=7,
@@ -268,19 +202,61 @@ def test_long_episodes_are_cut_as_by_gymnasiums_time_limit(mode: str) -> None:
     for k in range(60):
         actions = np.array([k % 3, 1, (k + 1) % 3])
         (_, *result, infos), (_, *expected, _) = env.step(actions), single.step(actions)
-        for one, other in zip(result, expected, strict=True):
-            np.testing.assert_array_equal(one, other)
-        assert ("final_obs" in infos) == (mode == "SameStep" and bool((result[1] | result[2]).any()))
-        cut += int(result[2].sum())
-        ended += int(result[1].sum())
-        if mode == "Disabled" and (result[1] | result[2]).any():
+        assert all(np.array_equal(one, other) for one, other in zip(result, expected, strict=True))
+        over = result[1] | result[2]
+        assert ("final_obs" in infos) == (mode == "SameStep" and bool(over.any()))
+        cut, ended = cut + int(result[2].sum()), ended + int(result[1].sum())
+        if mode == "Disabled" and over.any():
             for one in (env, single):
-                one.reset(options={"reset_mask": result[1] | result[2]})
+                one.reset(options={"reset_mask": over})
     assert cut > 5
     assert ended > 0
 
 
-@pytest.mark.parametrize("steps", [0, -1, 1.5, True, "5"])
-def test_a_number_of_steps_that_is_none_is_named(steps: Any) -> None:
-    with pytest.raises(ValueError, match=r"max_episode_steps = .*: must be a whole number of at least 1, or None"):
-        PacManBotVectorEnv(2, map="loop", max_episode_steps=steps)
+@pytest.mark.parametrize(
+    ("wrap", "mode"),
+    [
+        *((wrappers.vector.NormalizeReward, mode) for mode in MODES),
+        *(
+            (wrappers.vector.RecordEpisodeStatistics, mode)
+            for mode in (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP)
+        ),
+        *((wrappers.vector.FlattenObservation, mode) for mode in (AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED)),
+    ],
+)
+def test_vector_wrappers_see_single_environments(wrap: Any, mode: AutoresetMode) -> None:
+    native, singles = (
+        wrap(make_vector(4, settings=QUICK, autoreset_mode=mode)),
+        wrap(make_sync(4, mode, settings=QUICK)),
+    )
+    assert native.observation_space == singles.observation_space
+    policy, episodes = make_policy("nearest"), 0
+    assert same(native.reset(seed=2), singles.reset(seed=2))
+    for _ in range(90):
+        actions = policy.select(native.unwrapped.situation)
+        ours, theirs = native.step(actions), singles.step(actions)
+        for infos in (ours[4], theirs[4]):
+            infos.get("episode", {}).pop("t", None)  # real time
+        assert same(ours, theirs)
+        over = ours[2] | ours[3]
+        episodes += int(over.sum())
+        if mode == AutoresetMode.DISABLED and over.any():
+            assert same(*[env.reset(options={"reset_mask": over.copy()}) for env in (native, singles)])
+    assert episodes >= 4
+
+
+def test_statistics_add_up_without_autoreset() -> None:
+    """Gymnasium's own vector of single environments loses the mask of the reset, and with it the counts."""
+    env = wrappers.vector.RecordEpisodeStatistics(make_vector(4, settings=QUICK, autoreset_mode="Disabled"))
+    env.reset(seed=2)
+    policy, returns, lengths, episodes = make_policy("nearest"), np.zeros(4), np.zeros(4, dtype=int), 0
+    for _ in range(90):
+        _, rewards, terminated, truncated, infos = env.step(policy.select(env.unwrapped.situation))
+        returns, lengths, over = returns + rewards, lengths + 1, terminated | truncated
+        if over.any():
+            np.testing.assert_allclose(infos["episode"]["r"], np.where(over, returns, 0))
+            np.testing.assert_array_equal(infos["episode"]["l"], np.where(over, lengths, 0))
+            returns[over] = lengths[over] = 0
+            episodes += int(over.sum())
+            env.reset(options={"reset_mask": over})
+    assert env.episode_count == episodes >= 4

@@ -1,4 +1,4 @@
-"""What the VecEnv promises: to be SB3's DummyVecEnv of monitored single environments, only faster."""
+"""The VecEnv of Stable-Baselines3 is its DummyVecEnv of monitored single environments, only faster."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ pytest.importorskip("stable_baselines3")
 import torch
 from sb3_contrib import MaskablePPO
 from sb3_contrib.common.maskable.evaluation import evaluate_policy
-from sb3_contrib.common.maskable.utils import get_action_masks, is_masking_supported
+from stable_baselines3 import PPO
+from stable_baselines3.common import evaluation
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
 
@@ -24,7 +25,7 @@ from pacman_env.config import ConfigError
 from pacman_env.policies.registry import make_policy
 from pacman_env.sb3 import PacManBotVecEnv
 from tests.calls import calls_of
-from tests.envs.helpers import ID, QUICK, arrays, make_vector, same
+from tests.envs.helpers import ID, QUICK, make_vector, same
 
 
 def make_dummy(num_envs: int, **arguments: Any) -> DummyVecEnv:
@@ -32,7 +33,7 @@ def make_dummy(num_envs: int, **arguments: Any) -> DummyVecEnv:
 
 
 def without_time(infos: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The infos; how long an episode took is checked to be there and left out."""
+    """Return the infos without how long an episode took, which is checked to be there."""
     infos = copy.deepcopy(infos)
     for info in infos:
         if "episode" in info:
@@ -46,7 +47,7 @@ def random_play(env: PacManBotVecEnv, steps: int, seed: int) -> list[Any]:
 
 
 @pytest.mark.parametrize("execution", ["robust", "as_built"])
-def test_it_equals_a_vector_of_monitored_single_environments(execution: str) -> None:
+def test_vec_env_equals_monitored_single_environments(execution: str) -> None:
     settings = {**QUICK, "nav2.abort_rate": 0.3} if execution == "as_built" else QUICK
     native = PacManBotVecEnv(5, settings={**settings, "execution.rules": execution})
     singles = make_dummy(5, settings={**settings, "execution.rules": execution})
@@ -54,24 +55,22 @@ def test_it_equals_a_vector_of_monitored_single_environments(execution: str) -> 
     assert native.action_space == singles.action_space
     assert native.seed(3) == singles.seed(3)
     assert same(native.reset(), dict(singles.reset()))
-    assert same(native.reset_infos, singles.reset_infos)
     policy, rng, outcomes, cut = make_policy("nearest"), np.random.default_rng(0), [], 0
     for k in range(120):
+        assert same(native.reset_infos, singles.reset_infos), k
         actions = policy.select(native.env.situation)
         actions[0] = rng.integers(native.env.single_action_space.n)
         observations, rewards, dones, infos = native.step(actions)
         theirs = singles.step(actions)
-        assert same(observations, dict(theirs[0])), k
-        assert same((rewards, dones), theirs[1:3]), k
+        assert same((observations, rewards, dones), (dict(theirs[0]), *theirs[1:3])), k
         assert same(without_time(infos), without_time(theirs[3])), k
-        assert same(native.reset_infos, singles.reset_infos), k
         outcomes += [info["outcome"] for info in infos if "terminal_observation" in info]
         cut += sum(info["TimeLimit.truncated"] for info in infos)
     assert set(outcomes) >= {"caught", "timeout", "cleared" if execution == "as_built" else "complete"}
     assert cut == outcomes.count("timeout")
 
 
-def test_infos_of_ends_alone_change_nothing_else() -> None:
+def test_infos_of_ends_change_nothing_else() -> None:
     whole, short = (
         PacManBotVecEnv(5, settings={**QUICK, "time_limit_s": 8.0, "observation.infos": i}) for i in ("all", "ends")
     )
@@ -103,19 +102,17 @@ def test_seeds_and_options_hold_for_one_reset() -> None:
                 env.set_options({"settings": {"clyde.speed_mps": 0.4}})
         assert same(native.reset(), dict(singles.reset()))
         assert native.env.config.clyde.speed_mps == (0.25 if seed is None else 0.4)
-    assert native._options == [{}, {}]
-    native.set_options({"unknown": 1})
-    with pytest.raises(ValueError, match="unknown"):
-        native.reset()
-    native.set_options([{"round_seed": 1}, {"round_seed": 2}])
-    with pytest.raises(ValueError, match="same for all games"):
-        native.reset()
-    native.set_options({"reset_mask": True})
-    with pytest.raises(ValueError, match="all games are reset"):
-        native.reset()
+    for options, message in (
+        ({"unknown": 1}, "unknown"),
+        ([{"round_seed": 1}, {"round_seed": 2}], "same for all games"),
+        ({"reset_mask": True}, "all games are reset"),
+    ):
+        native.set_options(options)
+        with pytest.raises(ValueError, match=message):
+            native.reset()
 
 
-def test_a_reset_in_the_middle_begins_new_episodes() -> None:
+def test_reset_in_mid_episode_begins_new_episodes() -> None:
     env = PacManBotVecEnv(2, settings={"time_limit_s": 3.0})
     env.seed(0)
     env.reset()
@@ -125,42 +122,12 @@ def test_a_reset_in_the_middle_begins_new_episodes() -> None:
     assert ends == [6, 6]
 
 
-def test_what_was_returned_is_never_changed_later() -> None:
-    env = PacManBotVecEnv(4, settings={**QUICK, "time_limit_s": 5.0})
-    env.seed(0)
-    returned = [env.reset(), env.reset_infos, *random_play(env, 50, seed=1), env.env_method("action_masks")]
-    kept = copy.deepcopy(returned)
-    random_play(env, 20, seed=2)
+def test_masks_of_many_games_need_one_call() -> None:
+    env = PacManBotVecEnv(64)
     env.reset()
-    assert same(returned[2:], kept[2:])
-    assert same(returned[0], kept[0])
-    found = [array for result in returned[2:-1] for array in arrays(result[:3])]
-    starts = {array.__array_interface__["data"][0] for array in found}
-    assert len(starts) == len(found) == 50 * 7
-
-
-def test_masks_are_those_of_each_game() -> None:
-    env = PacManBotVecEnv(4, settings=QUICK)
-    assert is_masking_supported(env)
-    env.seed(0)
-    observations = env.reset()
-    forbidden = 0
-    for k in range(40):
-        masks = get_action_masks(env)
-        assert masks.dtype == np.bool_
-        np.testing.assert_array_equal(masks, observations["action_mask"] == 1)
-        picked = env.env_method("action_masks", indices=[2, 0])
-        np.testing.assert_array_equal(picked, masks[[2, 0]])
-        np.testing.assert_array_equal([ask() for ask in env.get_attr("action_masks")], masks)
-        forbidden += int((~masks).sum())
-        observations = env.step(np.arange(4) + k // 10)[0]
-    assert forbidden > 0
-
-
-@pytest.mark.parametrize("games", [4, 64])
-def test_masks_are_asked_for_once_and_not_game_by_game(games: int) -> None:
-    env = PacManBotVecEnv(games)
-    env.reset()
+    masks = env.env_method("action_masks")
+    np.testing.assert_array_equal(env.env_method("action_masks", indices=[2, 0]), [masks[2], masks[0]])
+    np.testing.assert_array_equal([ask() for ask in env.get_attr("action_masks")], masks)
     assert calls_of(lambda: env.env_method("action_masks")) < 20
 
 
@@ -175,7 +142,7 @@ def _one_thread() -> Iterator[None]:
 
 @pytest.mark.usefixtures("_one_thread")
 @pytest.mark.parametrize("wrap", [lambda env: env, lambda env: VecNormalize(env, norm_obs=False)])
-def test_maskable_ppo_learns_and_evaluates_on_it_without_a_warning(wrap: Callable[[Any], Any]) -> None:
+def test_maskable_ppo_learns_without_warning(wrap: Callable[[Any], Any]) -> None:
     env = wrap(PacManBotVecEnv(8, settings={**QUICK, "time_limit_s": 6.0}))
     model = MaskablePPO("MultiInputPolicy", env, n_steps=16, batch_size=64, n_epochs=1, seed=0, device="cpu")
     model.learn(256)
@@ -186,12 +153,33 @@ def test_maskable_ppo_learns_and_evaluates_on_it_without_a_warning(wrap: Callabl
     assert len(returns) == len(lengths) >= 8
 
 
+@pytest.mark.usefixtures("_one_thread")
+@pytest.mark.parametrize(
+    "learner",
+    [
+        {"flat": True},
+        {"action": "velocity", "observation": ("scan", "flat"), "settings": {"observation.mask": "method"}},
+    ],
+    ids=["flat", "velocity"],
+)
+def test_model_of_generated_houses_plays_any_map(learner: dict[str, Any]) -> None:
+    settings = {**learner.get("settings", {}), "observation.normalize": True}
+    many = {"map": "generated", "settings": {**settings, "num_levels": 2}}
+    model = PPO(
+        "MlpPolicy", PacManBotVecEnv(2, **{**learner, **many}), n_steps=8, batch_size=16, n_epochs=1, device="cpu"
+    )
+    model.learn(16)
+    for name in ("house", "maze"):
+        games = PacManBotVecEnv(2, **{**learner, "map": name, "settings": settings})
+        model.set_env(games)
+        games.step(model.predict(games.reset(), deterministic=True)[0])
+
+
 def test_attributes_are_those_of_single_environments() -> None:
     env, dummy = PacManBotVecEnv(3, map="loop"), make_dummy(3, map="loop")
-    env.seed(0)
-    env.reset()
-    dummy.seed(0)
-    dummy.reset()
+    for one in (env, dummy):
+        one.seed(0)
+        one.reset()
     for name in ("observation_space", "action_space", "render_mode", "config"):
         assert env.get_attr(name) == dummy.get_attr(name)
         assert env.get_attr(name, 1) == dummy.get_attr(name, 1)
@@ -199,19 +187,17 @@ def test_attributes_are_those_of_single_environments() -> None:
         assert same(ours.arrays(), theirs.arrays())
     assert env.has_attr("batch")
     assert not env.has_attr("nothing")
-    with pytest.raises(AttributeError, match="nothing"):
-        env.get_attr("nothing")
-    with pytest.raises(AttributeError, match="'fly'"):
-        env.env_method("fly")
+    for ask, name in ((env.get_attr, "nothing"), (env.env_method, "fly")):
+        with pytest.raises(AttributeError, match=name):
+            ask(name)
     with pytest.raises(IndexError):
         env.get_attr("config", [0, 3])
 
 
-def test_attributes_are_set_for_all_games_or_not_at_all() -> None:
+def test_attributes_are_set_for_all_or_none() -> None:
     env = PacManBotVecEnv(2)
     env.set_attr("stage", 3)
     env.set_attr("stage", 4, indices=[1, 0])
-    assert env.get_attr("stage") == [4, 4]
     with pytest.raises(ValueError, match="stage: the games of a batch share it"):
         env.set_attr("stage", 5, indices=0)
     assert env.get_attr("stage") == [4, 4]
@@ -227,27 +213,44 @@ def test_pictures_can_be_turned_on_later() -> None:
     env.set_attr("render_mode", "rgb_array")
     assert env.get_attr("render_mode") == ["rgb_array"] * 2
     images = env.get_images()
-    assert len(images) == 2
     np.testing.assert_array_equal(env.env_method("render", indices=1)[0], images[1])
-    height, width = images[0].shape[:2]
     tiled = env.render()
     assert tiled is not None
-    assert tiled.shape == (2 * height, width, 3)
+    assert tiled.shape == (2 * images[0].shape[0], *images[0].shape[1:])
     with pytest.raises(ValueError, match=r"'human'.*rgb_array"):
         env.set_attr("render_mode", "human")
     env.set_attr("render_mode", None)
     assert env.get_attr("render_mode") == [None, None]
 
 
-def test_episodes_are_monitored_already() -> None:
-    env = PacManBotVecEnv(2)
-    assert env.env_is_wrapped(Monitor) == [True, True]
-    assert env.env_is_wrapped(gym.wrappers.TimeLimit, indices=[0]) == [False]
+def test_monitor_is_built_in_or_left_out() -> None:
+    ours = PacManBotVecEnv(2, flat=True, map="loop", settings=QUICK)
+    theirs = VecMonitor(PacManBotVecEnv(2, flat=True, map="loop", settings=QUICK, monitor=False))
+    assert ours.env_is_wrapped(Monitor) == [True, True]
+    assert theirs.env_is_wrapped(Monitor) == ours.env_is_wrapped(gym.wrappers.TimeLimit) == [False, False]
     with pytest.warns(UserWarning, match="already wrapped with a `Monitor`"):
-        VecMonitor(env)
+        VecMonitor(ours)
+    episodes: list[list[tuple[float, int]]] = []
+    for env in (ours, theirs):
+        env.seed(0)
+        env.reset()
+        steps = (env.step(np.zeros(2, dtype=np.int64))[-1] for _ in range(40))
+        found = [info["episode"] for infos in steps for info in infos if "episode" in info]
+        episodes.append([(pytest.approx(one["r"], abs=1e-5), one["l"]) for one in found])
+    assert episodes[0] == episodes[1] != []
 
 
-def test_a_vector_environment_made_before_is_taken_as_it_is() -> None:
+def test_evaluate_policy_counts_episodes_without_warning() -> None:
+    class First:
+        def predict(self, observation: Any, state: Any = None, **_: Any) -> tuple[Any, Any]:
+            return np.zeros(len(observation), dtype=np.int64), state
+
+    env = PacManBotVecEnv(2, flat=True, map="loop", settings=QUICK)
+    rewards, lengths = evaluation.evaluate_policy(First(), env, 2, return_episode_rewards=True)  # type: ignore[arg-type]
+    assert len(rewards) == len(lengths) == 2
+
+
+def test_given_vector_environment_is_used() -> None:
     vector = make_vector(3, map="loop", autoreset_mode=AutoresetMode.SAME_STEP, render_mode="rgb_array")
     env = PacManBotVecEnv(vector)
     assert env.env is vector
@@ -257,49 +260,23 @@ def test_a_vector_environment_made_before_is_taken_as_it_is() -> None:
     assert vector.closed
 
 
-def wrong_mode() -> PacManBotVecEnv:
-    return PacManBotVecEnv(make_vector(2))
-
-
-def with_arguments() -> PacManBotVecEnv:
-    return PacManBotVecEnv(make_vector(2, autoreset_mode=AutoresetMode.SAME_STEP), map="loop")
+def given(**more: Any) -> PacManBotVecEnv:
+    return PacManBotVecEnv(make_vector(2, autoreset_mode=AutoresetMode.SAME_STEP), **more)
 
 
 @pytest.mark.parametrize(
     ("build", "error", "message"),
     [
-        (wrong_mode, ValueError, r"NEXT_STEP.*needs AutoresetMode.SAME_STEP"),
+        (lambda: PacManBotVecEnv(make_vector(2)), ValueError, r"NEXT_STEP.*needs AutoresetMode.SAME_STEP"),
         (lambda: PacManBotVecEnv(2, autoreset_mode=AutoresetMode.DISABLED), ValueError, "DISABLED"),
-        (with_arguments, TypeError, r"\['map'\] given with an environment"),
+        (lambda: given(map="loop"), TypeError, r"\['map'\] given with an environment"),
+        (lambda: given(flat=True), TypeError, r"\['flat'\] given with an environment that is made already"),
         (lambda: PacManBotVecEnv("house"), TypeError, "'house': must be a number of games"),
         (lambda: PacManBotVecEnv(True), TypeError, "True: must be a number"),
         (lambda: PacManBotVecEnv(0), ValueError, "num_envs = 0"),
         (lambda: PacManBotVecEnv(2, preset="fast"), ConfigError, "unknown preset"),
     ],
 )
-def test_arguments_that_do_not_fit_are_named(build: Callable[[], Any], error: type[Exception], message: str) -> None:
+def test_unsuitable_argument_is_named(build: Callable[[], Any], error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
         build()
-
-
-def test_what_are_no_actions_is_named_and_changes_nothing() -> None:
-    env, twin = PacManBotVecEnv(2), PacManBotVecEnv(2)
-    with pytest.raises(gym.error.ResetNeeded):
-        env.step(np.zeros(2, dtype=np.int64))
-    for one in (env, twin):
-        one.seed(1)
-        one.reset()
-    with pytest.raises(ValueError, match="2 integers"):
-        env.step(np.zeros(3, dtype=np.int64))
-    assert same(env.step(np.array([1, 2])), twin.step(np.array([1, 2])))
-
-
-def test_flat_has_the_defaults_of_pacmanbotflat() -> None:
-    native = PacManBotVecEnv(2, flat=True, map="loop")
-    assert native.observation_space == gym.make("pacman_env/PacManBotFlat-v0", map="loop").observation_space
-    assert (
-        PacManBotVecEnv(2, flat=True, map="loop", settings={"decisions.when": "tick"}).env.config.decisions.when
-        == "tick"
-    )
-    with pytest.raises(TypeError, match=r"\['flat'\] given with an environment that is made already"):
-        PacManBotVecEnv(native.env, flat=True)
