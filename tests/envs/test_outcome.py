@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pacman_env.config import RewardConfig
@@ -18,14 +17,6 @@ AT_END = {RUNNING: 0.0, DEAD: -20.0, COMPLETE: 7.0, CLEARED: 0.0, TIMEOUT: -3.0}
 NAMES = {RUNNING: "running", DEAD: "caught", COMPLETE: "complete", CLEARED: "cleared", TIMEOUT: "timeout"}
 
 
-def summary(batch: np.ndarray) -> np.ndarray:
-    """As a batch tells it together with its situations."""
-    numbers = np.zeros((len(SUMMARY), len(batch)), dtype=np.int64)
-    for i in range(len(batch)):
-        summarize(batch[i], i, numbers)
-    return numbers
-
-
 def games(ends: list[int], pellets: list[int] | None = None) -> np.ndarray:
     out = np.zeros(len(ends), dtype=GAME)
     out["end"] = ends
@@ -33,9 +24,8 @@ def games(ends: list[int], pellets: list[int] | None = None) -> np.ndarray:
     return out
 
 
-@settings(deadline=None)  # the first example compiles
 @given(st.lists(st.tuples(st.sampled_from(list(AT_END)), st.integers(0, 4), st.booleans()), min_size=1, max_size=9))
-def test_a_tick_is_worth_its_time_its_pellets_and_its_end(cases: list[tuple[int, int, bool]]) -> None:
+def test_tick_earns_its_time_pellets_and_end(cases: list[tuple[int, int, bool]]) -> None:
     ends, pellets, over = (list(column) for column in zip(*cases, strict=True))
     over = [was and end != RUNNING for was, end in zip(over, ends, strict=True)]
     reward, terminated, truncated = reward_and_end(games(ends, pellets), np.array(over), REWARD)
@@ -46,33 +36,20 @@ def test_a_tick_is_worth_its_time_its_pellets_and_its_end(cases: list[tuple[int,
     assert truncated.tolist() == [end == TIMEOUT for end in ends]
 
 
-@pytest.mark.parametrize("end", list(AT_END))
-def test_the_outcome_is_named(end: int) -> None:
-    assert OUTCOMES[end] == NAMES[end]
-    assert infos(summary(games([end])))["outcome"].tolist() == [NAMES[end]]
-    assert len(OUTCOMES) == len(NAMES)
-
-
-def test_the_counts_are_the_games_own() -> None:
-    batch = games([RUNNING, DEAD])
-    batch["collected"], batch["lost"], batch["spawned"], batch["aborts"] = [1, 2], [3, 4], [5, 6], [7, 8]
-    batch["episode_seed"] = [9, 2**64 - 1]
-    info = infos(summary(batch))
-    assert {key: array.tolist() for key, array in info.items()} == {
-        "outcome": ["running", "caught"],
-        "collected": [1, 2],
-        "lost": [3, 4],
-        "spawned": [5, 6],
-        "aborts": [7, 8],
-        "round_seed": [9, 2**64 - 1],
-    }
-
-
-def test_the_infos_of_a_tick_outlive_what_is_told() -> None:
-    batch = games([DEAD])
-    batch["collected"] = 4
-    numbers = summary(batch)
+def test_infos_hold_counts_and_outcomes_of_games() -> None:
+    batch = games(list(AT_END))
+    for k, field in enumerate(("collected", "lost", "spawned", "aborts")):
+        batch[field] = np.arange(5) + 10 * k
+    batch["episode_seed"] = [9, 2**64 - 1, 0, 1, 2]
+    numbers = np.zeros((len(SUMMARY), len(batch)), dtype=np.int64)
+    for i in range(len(batch)):
+        summarize(batch[i], i, numbers)
     info = infos(numbers)
-    numbers[:] = 0
-    assert info["collected"].tolist() == [4]
-    assert info["outcome"].tolist() == ["caught"]
+    numbers[:] = 0  # infos have memory of their own
+    assert {key: array.tolist() for key, array in info.items()} == {
+        "outcome": [NAMES[end] for end in AT_END],
+        **{field: batch[field].tolist() for field in ("collected", "lost", "spawned", "aborts")},
+        "round_seed": [9, 2**64 - 1, 0, 1, 2],
+    }
+    assert [OUTCOMES[end] for end in NAMES] == list(NAMES.values())
+    assert len(OUTCOMES) == len(NAMES)
