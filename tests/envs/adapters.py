@@ -10,6 +10,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
+from gymnasium.vector import AutoresetMode
 
 import pacman_env
 from pacman_env.sb3 import PacManBotVecEnv
@@ -17,12 +18,13 @@ from tests.envs.cases import AXES, arguments, name, pairwise
 from tests.envs.helpers import ID, QUICK
 
 GAMES = 3
+Observed = Iterable[tuple[spaces.Space[Any], Any]]
+Ends = Iterable[tuple[Any, bool, bool]]
 
 
-class Adapter:
+class Single:
     """The environment with one agent, and what the others have in common with it."""
 
-    several = False  # agents
     games = 1
 
     def __init__(self, **arguments: Any) -> None:
@@ -30,6 +32,11 @@ class Adapter:
 
     def make(self, **arguments: Any) -> Any:
         return gym.make(ID, **arguments).unwrapped
+
+    @property
+    def core(self) -> Any:
+        """Return the environment that has the batch and the configuration."""
+        return self.env
 
     def reset(self, seed: int | None = None) -> Any:
         """Return everything that a reset returns."""
@@ -50,15 +57,7 @@ class Adapter:
     def bad_actions(self, good: Any) -> list[Any]:
         return bad_actions(self.env.action_space)
 
-    @property
-    def batch(self) -> Any:
-        return self.env.batch
-
-    @property
-    def config(self) -> Any:
-        return self.env.config
-
-    def observed(self, result: Any) -> Iterable[tuple[spaces.Space[Any], Any]]:
+    def observed(self, result: Any) -> Observed:
         """Yield the observations of a result with their spaces."""
         yield self.env.observation_space, result[0]
 
@@ -66,75 +65,58 @@ class Adapter:
         """Yield one info for each game."""
         yield result[-1]
 
-    def ends(self, result: Any) -> Iterable[tuple[Any, bool, bool]]:
+    def ends(self, result: Any) -> Ends:
         """Yield outcome, termination and truncation of each game after a step."""
         yield result[4]["outcome"], result[2], result[3]
 
     def masks(self) -> Any:
         """Return the robot's masks (games, actions), None if the interface has none."""
-        return np.atleast_2d(self.env.action_masks()) if self.config.action == "goal" else None
+        return np.atleast_2d(self.env.action_masks()) if self.core.config.action == "goal" else None
 
     def pictures(self) -> list[Any]:
         return [self.env.render()]
 
-    def asks(self) -> list[Any]:
-        """Return calls that need a reset before."""
-        return [lambda: self.env.step(self.sample(np.random.default_rng(0))), lambda: self.env.situation]
 
-
-class Flat(Adapter):
-    def make(self, **arguments: Any) -> Any:
-        return super().make(flat=True, **arguments)
-
-
-class Vector(Adapter):
+class Vector(Single):
     games = GAMES
-    mode = "NextStep"
 
     def make(self, **arguments: Any) -> Any:
-        return gym.make_vec(ID, num_envs=GAMES, autoreset_mode=self.mode, **arguments).unwrapped
+        return gym.make_vec(ID, num_envs=GAMES, **arguments).unwrapped
 
     def advance(self, actions: Any) -> list[Any]:
-        return [self.step(actions)]
+        result = self.step(actions)
+        over = result[2] | result[3]
+        if self.env.autoreset_mode != AutoresetMode.DISABLED or not over.any():
+            return [result]
+        return [result, self.reset_some(over)]
+
+    def reset_some(self, over: Any) -> Any:
+        return self.env.reset(options={"reset_mask": over})
 
     def bad_actions(self, good: Any) -> list[Any]:
         return bad_arrays(good, self.env.single_action_space)
 
     def infos(self, result: Any) -> Iterable[dict[str, Any]]:
-        own = {key: value for key, value in result[-1].items() if not key.lstrip("_").startswith("final_")}
-        return ({key: value[game] for key, value in own.items() if key[0] != "_"} for game in range(GAMES))
+        infos = {key: value for key, value in result[1 if len(result) == 2 else 4].items() if key[0] != "_"}
+        own = {key: value for key, value in infos.items() if not key.startswith("final_")}
+        return ({key: value[game] for key, value in own.items()} for game in range(GAMES))
 
-    def ends(self, result: Any) -> Iterable[tuple[Any, bool, bool]]:
+    def ends(self, result: Any) -> Ends:
         infos, over = result[4], result[2] | result[3]
-        final = infos.get("final_info", infos)
-        outcomes = np.where(over, final["outcome"], infos["outcome"])
+        outcomes = np.where(over, infos.get("final_info", infos)["outcome"], infos["outcome"])
         return zip(outcomes, result[2], result[3], strict=True)
 
     def pictures(self) -> list[Any]:
         return list(self.env.render())
 
 
-class VectorSameStep(Vector):
-    mode = "SameStep"
-
-
-class VectorDisabled(Vector):
-    mode = "Disabled"
-
-    def advance(self, actions: Any) -> list[Any]:
-        result = self.step(actions)
-        over = result[2] | result[3]
-        return [result, self.env.reset(options={"reset_mask": over})] if over.any() else [result]
-
-
-class FlatVector(Vector):
-    def make(self, **arguments: Any) -> Any:
-        return super().make(flat=True, **arguments)
-
-
 class Sb3(Vector):
     def make(self, **arguments: Any) -> Any:
         return PacManBotVecEnv(GAMES, **arguments)
+
+    @property
+    def core(self) -> Any:
+        return self.env.env
 
     def reset(self, seed: int | None = None) -> Any:
         if seed is not None:
@@ -148,51 +130,35 @@ class Sb3(Vector):
             info.get("episode", {}).pop("t", None)
         return *result, infos
 
+    def advance(self, actions: Any) -> list[Any]:
+        return [self.step(actions)]
+
     def sample(self, rng: np.random.Generator) -> Any:
         return np.stack([sampled(self.env.action_space, rng) for _ in range(GAMES)])
 
     def bad_actions(self, good: Any) -> list[Any]:
         return bad_arrays(good, self.env.action_space)
 
-    @property
-    def batch(self) -> Any:
-        return self.env.env.batch
-
-    @property
-    def config(self) -> Any:
-        return self.env.env.config
-
-    def observed(self, result: Any) -> Iterable[tuple[spaces.Space[Any], Any]]:
-        for game in range(GAMES):
-            yield self.env.observation_space, row(result[0], game)
+    def observed(self, result: Any) -> Observed:
+        return ((self.env.observation_space, row(result[0], game)) for game in range(GAMES))
 
     def infos(self, result: Any) -> Iterable[dict[str, Any]]:
         extra = {"TimeLimit.truncated", "terminal_observation", "episode"}
         return ({key: value for key, value in info.items() if key not in extra} for info in result[-1])
 
-    def ends(self, result: Any) -> Iterable[tuple[Any, bool, bool]]:
+    def ends(self, result: Any) -> Ends:
         for done, info in zip(result[2], result[3], strict=True):
             cut = info["TimeLimit.truncated"]
             yield info["outcome"], bool(done and not cut), bool(done and cut)
 
     def masks(self) -> Any:
-        return np.stack(self.env.env_method("action_masks")) if self.config.action == "goal" else None
+        return np.stack(self.env.env_method("action_masks")) if self.core.config.action == "goal" else None
 
     def pictures(self) -> list[Any]:
         return list(self.env.get_images())
 
-    def asks(self) -> list[Any]:
-        return super().asks()[:1]
 
-
-class FlatSb3(Sb3):
-    def make(self, **arguments: Any) -> Any:
-        return super().make(flat=True, **arguments)
-
-
-class Parallel(Adapter):
-    several = True
-
+class Parallel(Single):
     def make(self, **arguments: Any) -> Any:
         return pacman_env.parallel_env(**arguments)
 
@@ -210,32 +176,28 @@ class Parallel(Adapter):
         bad = [{**good, agent: one} for agent in good for one in bad_actions(self.env.action_space(agent))]
         return [*bad, {}, *({agent: good[agent]} for agent in good)]
 
-    def observed(self, result: Any) -> Iterable[tuple[spaces.Space[Any], Any]]:
+    def observed(self, result: Any) -> Observed:
         return ((self.env.observation_space(agent), seen) for agent, seen in result[0].items())
 
     def infos(self, result: Any) -> Iterable[dict[str, Any]]:
-        return result[-1 if len(result) == 2 else 4].values()
+        return result[1 if len(result) == 2 else 4].values()
 
-    def ends(self, result: Any) -> Iterable[tuple[Any, bool, bool]]:
+    def ends(self, result: Any) -> Ends:
         return ((result[4][agent]["outcome"], result[2][agent], result[3][agent]) for agent in result[0])
 
     def masks(self) -> Any:
         return None
 
-    def asks(self) -> list[Any]:
-        return [*super().asks(), self.env.state]
 
-
-class FlatParallel(Parallel):
-    def make(self, **arguments: Any) -> Any:
-        return super().make(flat=True, **arguments)
-
-
-class Aec(Parallel):
+class Turns(Parallel):
     """A step is a turn of every agent, and its result is what ``last()`` told them."""
 
     def make(self, **arguments: Any) -> Any:
         return pacman_env.env(**arguments)
+
+    @property
+    def core(self) -> Any:
+        return self.env.unwrapped
 
     def reset(self, seed: int | None = None) -> Any:
         self.env.reset(seed=seed)
@@ -251,31 +213,18 @@ class Aec(Parallel):
 
     def bad_actions(self, good: Any) -> list[Any]:
         first = self.env.possible_agents[0]
-        return [{**good, first: one} for one in bad_actions(self.env.action_space(first))]
-
-    @property
-    def batch(self) -> Any:
-        return self.env.unwrapped.batch
-
-    @property
-    def config(self) -> Any:
-        return self.env.unwrapped.config
-
-    def asks(self) -> list[Any]:
-        return []  # PettingZoo's own wrapper refuses
+        return [{first: one} for one in bad_actions(self.env.action_space(first))]
 
 
 class ParallelVec(Parallel):
     games = GAMES
-    mode = "SameStep"
+    advance, infos, ends, pictures = Vector.advance, Vector.infos, Vector.ends, Vector.pictures  # type: ignore
 
     def make(self, **arguments: Any) -> Any:
-        return pacman_env.parallel_vec_env(GAMES, autoreset_mode=self.mode, **arguments)
+        return pacman_env.parallel_vec_env(GAMES, **arguments)
 
-    def advance(self, actions: Any) -> list[Any]:
-        result = self.step(actions)
-        over = result[2] | result[3]
-        return [result, self.env.reset(mask=over)] if self.mode == "Disabled" and over.any() else [result]
+    def reset_some(self, over: Any) -> Any:
+        return self.env.reset(mask=over)
 
     def sample(self, rng: np.random.Generator) -> Any:
         agents = {agent: self.env.action_space(agent) for agent in self.env.possible_agents}
@@ -285,27 +234,13 @@ class ParallelVec(Parallel):
         bad = [{**good, a: one} for a in good for one in bad_arrays(good[a], self.env.action_space(a))]
         return [*bad, {}, None, {**good, "nobody": good[self.env.agents[0]]}]
 
-    def observed(self, result: Any) -> Iterable[tuple[spaces.Space[Any], Any]]:
-        for agent, seen in result[0].items():
-            for game in range(GAMES):
-                yield self.env.observation_space(agent), row(seen, game)
-
-    def infos(self, result: Any) -> Iterable[dict[str, Any]]:
-        return Vector.infos(self, (result[1] if len(result) == 2 else result[4],))  # type: ignore[arg-type]
-
-    def ends(self, result: Any) -> Iterable[tuple[Any, bool, bool]]:
-        return Vector.ends(self, result)  # type: ignore[arg-type]
+    def observed(self, result: Any) -> Observed:
+        agents = result[0].items()
+        return ((self.env.observation_space(agent), row(seen, i)) for agent, seen in agents for i in range(GAMES))
 
     def masks(self) -> Any:
         masks = self.env.action_masks()
         return None if isinstance(masks, dict) else masks[:, 0]
-
-    def pictures(self) -> list[Any]:
-        return list(self.env.render())
-
-
-class ParallelVecDisabled(ParallelVec):
-    mode = "Disabled"
 
 
 def sampled(space: Any, rng: np.random.Generator) -> Any:
@@ -333,7 +268,7 @@ def row(data: Any, game: int) -> Any:
     return {key: array[game] for key, array in data.items()} if isinstance(data, dict) else data[game]
 
 
-def play(adapter: Adapter, steps: int, seed: int) -> list[Any]:
+def play(adapter: Single, steps: int, seed: int) -> list[Any]:
     """Return the results of random actions, each held for four steps, and of the resets between."""
     rng, results, actions = np.random.default_rng(seed), [], None
     for k in range(steps):
@@ -355,31 +290,34 @@ def fingerprint(data: Any) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def episodes(case: str) -> Any:
+def episodes(case: str) -> str:
     """Return a fingerprint of the first episodes of a case."""
     adapter = made(case)
     return fingerprint([adapter.reset(seed=11), *play(adapter, 60, seed=1)])
 
 
-ADAPTERS = (Adapter, Vector, VectorSameStep, VectorDisabled, Sb3, Parallel, Aec, ParallelVec, ParallelVecDisabled)
-#: Adapter and arguments by name: any two of the axes' values meet, and flat environments on one map and on many.
-CASES: dict[str, tuple[type[Adapter], dict[str, Any]]] = {
-    f"{chosen['adapter'].__name__}-{name({**chosen, 'adapter': ''})}": (
-        chosen["adapter"],
-        arguments(chosen, chosen["adapter"].several),
-    )
-    for chosen in pairwise({"adapter": ADAPTERS, **AXES})
-}
-CASES |= {
-    f"{adapter.__name__}-{source}": (
-        adapter,
-        {"map": source, "settings": {**QUICK, "time_limit_s": 6.0, "endless": adapter is FlatVector}},
-    )
-    for adapter in (Flat, FlatVector, FlatSb3, FlatParallel)
-    for source in ("loop", "generated")
-}
-
-
-def made(case: str, **more: Any) -> Adapter:
+def made(case: str, **more: Any) -> Single:
     adapter, chosen = CASES[case]
     return adapter(**copy.deepcopy(chosen), **more)
+
+
+#: Adapters with the autoreset mode, if there is one to choose.
+ADAPTERS = {
+    "single": (Single, {}),
+    "sb3": (Sb3, {}),
+    "parallel": (Parallel, {}),
+    "turns": (Turns, {}),
+    **{f"vector {mode}": (Vector, {"autoreset_mode": mode}) for mode in ("NextStep", "SameStep", "Disabled")},
+    **{f"parallel vector {mode}": (ParallelVec, {"autoreset_mode": mode}) for mode in ("SameStep", "Disabled")},
+}
+#: Adapter and arguments by name: any two of the axes' values meet.
+CASES: dict[str, tuple[type[Single], dict[str, Any]]] = {}
+for chosen in pairwise({"adapter": tuple(ADAPTERS), **AXES}):
+    adapter, mode = ADAPTERS[chosen["adapter"]]
+    CASES[name(chosen)] = adapter, {**arguments(chosen, several=issubclass(adapter, Parallel)), **mode}
+#: Flat environments.
+for key in ("single", "vector SameStep", "sb3", "parallel"):
+    for source in ("loop", "generated"):
+        settings = {**QUICK, "time_limit_s": 6.0, "endless": key == "vector SameStep"}
+        adapter, mode = ADAPTERS[key]
+        CASES[f"flat {key}-{source}"] = adapter, {"flat": True, "map": source, "settings": settings, **mode}
