@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Callable
 from typing import Any
 
 import gymnasium as gym
@@ -71,13 +69,3 @@ def arrays(data: Any) -> list[np.ndarray]:
     if isinstance(data, np.ndarray):
         return [data, *arrays(tuple(data))] if data.dtype == object else [data]
     return []
-
-
-def nothing_returned_is_changed_later(play: Callable[..., list[Any]], env: Any, steps: int) -> None:
-    """``play(env, steps, seed=..., first=...)`` gives what the environment returned."""
-    returned = play(env, steps, seed=3)
-    kept = copy.deepcopy(returned)
-    play(env, steps, seed=4, first=None)
-    assert same(returned, kept)
-    starts = [array.__array_interface__["data"][0] for result in returned for array in arrays(result)]
-    assert len(set(starts)) == len(starts) > 800

@@ -73,14 +73,12 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
 
 @pytest.mark.parametrize("build", [PacManBotEnv, lambda **chosen: PacManBotVectorEnv(2, **chosen)])
 @pytest.mark.parametrize(("chosen", "message"), REFUSED)
-def test_what_cannot_be_played_is_one_error_that_names_the_field(
-    chosen: dict[str, Any], message: str, build: Callable[..., Any]
-) -> None:
+def test_unplayable_argument_names_the_field(chosen: dict[str, Any], message: str, build: Callable[..., Any]) -> None:
     with pytest.raises(ConfigError, match=message):
         build(**chosen)
 
 
-def test_no_environment_takes_more_than_the_shared_arguments_and_those_of_its_kind() -> None:
+def test_environments_take_shared_arguments_and_their_own() -> None:
     shared = {"map", "ghosts", "observation", "action", "preset", "settings", "render_mode", "flat", "defaults"}
     vector = {"num_envs", "num_threads", "autoreset_mode", "batch_size", "copy", "max_episode_steps"}
     for build, more in ((PacManBotEnv, set()), (PacManBotVectorEnv, vector), (parallel_env, set()), (env, set())):

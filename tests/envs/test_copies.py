@@ -1,4 +1,4 @@
-"""Copies continue alike where the contract does not look: later rounds, walls, sub-batches and situations."""
+"""Copies continue alike where the contract does not look: later rounds, walls, sub-batches, situations."""
 
 from __future__ import annotations
 

@@ -20,10 +20,8 @@ import numpy as np
 import pettingzoo
 import pytest
 from gymnasium.utils.env_checker import check_env
-from gymnasium.utils.env_match import check_environments_match
 
 import pacman_env
-from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.registration import IDS
 from pacman_env.render import window as screen
 from pacman_env.sb3 import PacManBotVecEnv
@@ -106,12 +104,6 @@ def test_stable_baselines_checker_finds_no_fault(chosen: str) -> None:
     from stable_baselines3.common.env_checker import check_env as check_for_sb3
 
     check_for_sb3(SINGLES[chosen](render_mode="rgb_array").unwrapped, skip_render_check=False)
-
-
-@pytest.mark.parametrize("row", PAIRWISE[:3], ids=name)
-def test_bare_and_made_environments_match(row: dict[str, Any]) -> None:
-    chosen = arguments(row)
-    check_environments_match(PacManBotEnv(**chosen), gym.make(ID, **chosen), num_steps=60, seed=3)
 
 
 @pytest.mark.parametrize("action", ["goal", "velocity"])

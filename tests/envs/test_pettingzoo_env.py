@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gymnasium import spaces
 
 import pacman_env
 from pacman_env.config import Config, ConfigError, RewardConfig, make_config
 from pacman_env.envs.pettingzoo_env import PACMAN, PacManBotParallelEnv
+from tests.envs.adapters import sampled
 from tests.envs.cases import PAIRWISE, SEVERAL_LEARNERS, arguments, name
 from tests.envs.helpers import QUICK, make, same
 
@@ -21,12 +21,7 @@ FAST_GHOSTS = {**QUICK, "clyde.speed_mps": 0.8}
 
 def actions_of(env: PacManBotParallelEnv, rng: np.random.Generator) -> dict[str, Any]:
     """Draw actions of every agent; the masks forbid some of them."""
-    actions: dict[str, Any] = {}
-    for agent in env.agents:
-        space = env.action_space(agent)
-        space.seed(int(rng.integers(2**31)))
-        actions[agent] = space.sample()
-    return actions
+    return {agent: sampled(env.action_space(agent), rng) for agent in env.agents}
 
 
 # --- one world
@@ -76,6 +71,9 @@ def test_wrong_turn_is_refused_at_once_and_correctable() -> None:
     env, twin = pacman_env.env(), pacman_env.parallel_env()
     env.reset(seed=1)
     twin.reset(seed=1)
+    for actions, message in (({PACMAN: 0}, "no action of clyde"), ({PACMAN: 0, "clyde": 24}, "clyde is not in Discr")):
+        with pytest.raises(ValueError, match=message):
+            twin.step(actions)
     for agent in (PACMAN, "clyde"):
         for bad in (24, None):
             with pytest.raises(ValueError, match=f"action {bad} of {agent} is not in {re.escape('Discrete(24)')}"):
@@ -90,6 +88,8 @@ def test_game_is_same_in_shapes_of_learners(shape: str) -> None:
     env = pacman_env.parallel_env(map="loop", **chosen)
     plain = pacman_env.parallel_env(map="loop", ghosts=chosen.get("ghosts", ("policy",)))
     (observations, infos), (seen, _) = env.reset(seed=4), plain.reset(seed=4)
+    if "flat" in chosen["observation"]:
+        assert env.observation_space(PACMAN) == env.observation_space("clyde")
     rng, where = np.random.default_rng(4), chosen["settings"]["observation.mask"]
     while env.agents:
         for agent in env.agents:
@@ -106,16 +106,6 @@ def test_game_is_same_in_shapes_of_learners(shape: str) -> None:
         seen, expected, *_ = plain.step(actions)
         assert rewards == expected
     assert not plain.agents
-
-
-def test_flat_agents_share_one_space() -> None:
-    beside = pacman_env.parallel_env(map="loop", **SEVERAL_LEARNERS["row and mask"])
-    space = beside.observation_space(PACMAN)
-    assert isinstance(space, spaces.Dict)
-    assert set(space.keys()) == {"observation", "action_mask"}
-    assert space == beside.observation_space("clyde")
-    flat = pacman_env.parallel_env(map="loop", **SEVERAL_LEARNERS["row"])
-    assert flat.observation_space(PACMAN) == flat.observation_space("clyde") == space["observation"]
 
 
 # --- agents, what they see and may do
@@ -264,18 +254,6 @@ def test_ghost_rewards_can_be_configured() -> None:
     assert before > 0
 
 
-def test_max_cycles_truncate_running_game() -> None:
-    env = pacman_env.parallel_env(settings={"max_cycles": 3, "zero_sum": False})
-    for _ in range(2):
-        env.reset(seed=0)
-        results = [env.step({PACMAN: 0, "clyde": 0}) for _ in range(3)]
-        assert [result[3]["clyde"] for result in results] == [False, False, True]
-        assert not results[-1][2][PACMAN]
-        assert results[-1][4][PACMAN]["outcome"] == "running"
-        assert results[-1][1]["clyde"] == -0.002  # the game's own time limit is not reached
-        assert env.agents == []
-
-
 # --- refusals, pictures, generator
 
 
@@ -296,22 +274,6 @@ def test_unplayable_argument_is_named(chosen: dict[str, Any], message: str) -> N
     for interface in (pacman_env.parallel_env, pacman_env.env, pacman_env.parallel_vec_env):
         with pytest.raises(ConfigError, match=message):
             interface(**chosen)
-
-
-@pytest.mark.parametrize(
-    ("action", "actions", "message"),
-    [
-        ("goal", {PACMAN: 0}, "no action of clyde"),
-        ("goal", {}, "no action of pacman, clyde"),
-        ("goal", {PACMAN: 0, "clyde": 24}, "clyde is not in Discrete"),
-        ("velocity", {PACMAN: [np.nan, 0.0], "clyde": 0}, "pacman: must be two finite numbers"),
-    ],
-)
-def test_wrong_actions_are_named(action: str, actions: dict[str, Any], message: str) -> None:
-    env = pacman_env.parallel_env(action=action)
-    env.reset(seed=1)
-    with pytest.raises(ValueError, match=message):
-        env.step(actions)
 
 
 def test_window_shows_every_step_and_closes(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,7 +16,7 @@ from tests.envs.helpers import ID
 HAS_REGISTRY = pytest.mark.skipif(not hasattr(pettingzoo, "register"), reason="PettingZoo before 1.27 has no registry")
 
 
-def test_an_id_is_of_the_single_and_the_vector_environment() -> None:
+def test_id_names_single_and_vector_environment() -> None:
     spec = gym.spec(ID)
     assert spec.entry_point == "pacman_env.envs.pacmanbot:PacManBotEnv"
     assert spec.vector_entry_point == "pacman_env.envs.pacmanbot_vector:PacManBotVectorEnv"
@@ -84,7 +84,7 @@ def test_the_unversioned_id_is_the_robots_game() -> None:
 
 
 @pytest.mark.parametrize("library", ["gymnasium", pytest.param("pettingzoo", marks=HAS_REGISTRY)])
-def test_a_library_that_was_only_looked_up_is_registered_with_when_it_is_imported(library: str) -> None:
+def test_library_is_registered_with_when_imported(library: str) -> None:
     code = (
         f"import importlib.util, sys, pacman_env\nfor _ in range(2): importlib.util.find_spec({library!r})\n"
         f"import {library}, importlib\nregistry = getattr({library}, 'registry', None) or {library}.parallel_registry\n"

@@ -1,4 +1,4 @@
-"""Gymnasium's wrappers work on the single environment, its pictures and those of the vector environment."""
+"""Gymnasium's wrappers work on the single environment; those of vectors are in ``test_pacmanbot_vector.py``."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium import wrappers
-from gymnasium.vector import AutoresetMode
 
-from tests.envs.helpers import ID, QUICK, make, make_vector
+from tests.envs.helpers import ID, QUICK, make
 
 SHORT = {**QUICK, "time_limit_s": 4.0}
 
@@ -49,25 +48,6 @@ def test_record_video_shows_every_decision(tmp_path: Path) -> None:
         assert len(frames) == len(shown) > 3
         for frame, picture in zip(frames, shown, strict=True):
             assert np.abs(frame.astype(int) - picture).mean() < 8  # compressed
-
-
-# Gymnasium's own, whatever the environment: what it records comes from render(), which shows the next round by then.
-@pytest.mark.filterwarnings("ignore:.*Recorded episodes will not contain the last frame of the episode:UserWarning")
-def test_record_video_shows_vector_games_together(tmp_path: Path) -> None:
-    pytest.importorskip("moviepy")
-    env = make_vector(2, settings=SHORT, render_mode="rgb_array", autoreset_mode=AutoresetMode.SAME_STEP)
-    folder = tmp_path / "videos"
-    recorder = wrappers.vector.RecordVideo(env, str(folder), step_trigger=lambda step: step == 0, video_length=5)
-    recorder.reset(seed=0)
-    shown = env.render()
-    assert shown is not None
-    for _ in range(8):
-        recorder.step(np.array([1, 2]))
-    recorder.close()
-    (path,) = folder.iterdir()
-    frames, _ = frames_of(path)
-    assert len(frames) >= 5
-    assert frames[0].size == 2 * shown[0].size
 
 
 def test_stacked_wrappers_flatten_count_and_cut() -> None:

@@ -14,7 +14,7 @@ from tests.system.memory import PARTS, Watch, digest, main, make_and_close, spac
 
 
 @pytest.mark.daily
-def test_a_short_run_of_all_parts(capsys: pytest.CaptureFixture[str]) -> None:
+def test_short_run_reports_all_parts(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--short"]) == 0
     lines = capsys.readouterr().out.splitlines()
     for part in PARTS:
@@ -34,31 +34,31 @@ def test_spaces_are_counted() -> None:
     assert spaces_alive() == before
 
 
-def test_memory_that_grows_is_a_fault(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_growing_memory_is_a_fault(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     sizes = iter([100.0] * 10 + [116.5] * 50)
     monkeypatch.setattr(tests.system.memory, "resident_mib", lambda: next(sizes))
     assert main(["decisions", "--decisions", "10000"]) == 1
     assert capsys.readouterr().out.splitlines()[-1].startswith("decisions: 116.5 MiB after ")
 
 
-def test_results_that_differ_are_a_fault(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_different_results_are_a_fault(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(tests.system.memory, "digest", lambda threads: f"{min(threads, 2)}" * 64)
     assert main(["runs", "--runs", "2"]) == 1
     assert "run 0 of 7 threads gave 222222222222, one thread 111111111111" in capsys.readouterr().out
 
 
-def test_what_is_left_of_an_environment_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_left_threads_are_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     kept: list[PacManBotVectorEnv] = []
     monkeypatch.setattr(PacManBotVectorEnv, "close", lambda env: kept.append(env))
     with pytest.raises(tests.system.memory.Fault, match="threads are left of what is gone"):
         make_and_close(1)
 
 
-def test_the_digest_tells_runs_apart() -> None:
+def test_digest_tells_runs_apart() -> None:
     assert digest(1, 3) == digest(3, 3) != digest(1, 4)
 
 
-def test_the_last_look_is_always_taken() -> None:
+def test_last_measurement_is_always_taken() -> None:
     watch = Watch("runs", 3, quiet=True)
     for done in range(1, 4):
         watch.measure(done)
@@ -66,7 +66,7 @@ def test_the_last_look_is_always_taken() -> None:
 
 
 @pytest.mark.parametrize("bad", [["walls"], ["--runs", "0"], ["--minutes", "-1"]])
-def test_bad_arguments_are_one_line(
+def test_bad_arguments_are_refused_in_one_line(
     bad: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     refused_in_one_line(main, bad, "python -m tests.system.memory", tmp_path, monkeypatch, capsys)
