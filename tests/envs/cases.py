@@ -72,7 +72,7 @@ def pairwise(axes: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
 def arguments(row: Mapping[str, Any], several: bool = False, **changes: Any) -> dict[str, Any]:
     """Return the arguments of an environment with one or several agents; ``changes`` are settings."""
     chosen = {name: row[name] for name in ("observation", "action", "map", "preset")}
-    settings = {**SMALL, **(RANGES if row["randomize"] else {}), **changes}
+    settings = {**SMALL, **({**RANGES, "reward.progress": 0.5} if row["randomize"] else {}), **changes}
     settings |= {name: row[name] for name in ("endless", "execution.rules")}
     settings |= {"num_levels": 2} if row["map"] == "generated" else {}
     return {**chosen, "ghosts": GHOSTS[row["ghosts"]][several], "settings": settings}

@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 
 from pacman_env.envs.pacmanbot import PacManBotEnv
-from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.game.decisions import HOLD, decision_due, decision_rules
-from pacman_env.game.execution import RUNNING
 from pacman_env.policies.registry import make_policy
 from tests.envs.helpers import joined, same
 
@@ -75,26 +73,6 @@ def test_events_play_the_game_of_ticks(policy: str, rules: str) -> None:
     for seed in range(max(1, EPISODES // 2)):
         settings = {"clyde.speed_mps": 0.1 + 0.05 * (seed % 8), "time_limit_s": 120.0, "decisions.discount_per_s": 0.99}
         play(seed, policy, map="house", ghosts=GHOSTS[seed % 3], settings={**settings, "execution.rules": rules})
-
-
-def test_game_among_longer_ones_is_the_game_alone() -> None:
-    arguments: dict[str, Any] = {"map": "generated", "settings": {"time_limit_s": 60.0, **EVENTS}}
-    many, alone = PacManBotVectorEnv(5, **arguments), [PacManBotEnv(**arguments) for _ in range(5)]
-    many.reset(seed=3)
-    for i, env in enumerate(alone):
-        env.reset(seed=3 + i)
-    rng, elapsed = np.random.default_rng(0), set()
-    for _ in range(40):
-        if (many.batch.games["end"] != RUNNING).any():
-            break
-        actions = np.array([rng.choice(np.flatnonzero(env.action_masks())) for env in alone])
-        _, rewards, *_, infos = many.step(actions)
-        elapsed |= {tuple(infos["elapsed_s"])}
-        for i, env in enumerate(alone):
-            assert env.step(int(actions[i]))[1] == rewards[i]
-            for name in ("x", "y", "heading", "tick", "collected", "pursued", "end"):
-                assert env.batch.games[name][0] == many.batch.games[name][i], name
-    assert any(len(set(durations)) > 1 for durations in elapsed)
 
 
 def test_decision_is_due_when_a_round_follows() -> None:

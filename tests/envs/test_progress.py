@@ -9,7 +9,7 @@ import pytest
 
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
-from tests.envs.helpers import QUICK, joined, make, make_vector
+from tests.envs.helpers import QUICK, joined, make
 
 PROGRESS = 0.7
 GAMES: dict[str, dict[str, Any]] = {
@@ -81,25 +81,6 @@ def test_step_is_rewarded_by_metres_of_path() -> None:
             approached += reward - plain
         before, collected = path_left(one), info["collected"]
     assert approached > 0.2
-
-
-@pytest.mark.parametrize("name", GAMES)
-def test_progress_in_batch_equals_progress_alone(name: str) -> None:
-    chosen = joined({"settings": {**QUICK, "reward.progress": PROGRESS, "time_limit_s": 8.0}}, GAMES[name])
-    games, alone = make_vector(3, autoreset_mode="SameStep", **chosen), make(**chosen)
-    games.reset(seed=5)
-    alone.reset(seed=7)
-    games.action_space.seed(1)
-    ends = 0
-    for _ in range(40):
-        actions = games.action_space.sample()
-        _, rewards, terminated, truncated, _ = games.step(actions)
-        _, reward, *ended, _ = alone.step(actions[2])
-        assert (reward, *ended) == (rewards[2], terminated[2], truncated[2])
-        if any(ended):
-            alone.reset()
-            ends += 1
-    assert ends > 0
 
 
 def test_ghost_has_progress_of_its_own() -> None:
