@@ -222,7 +222,7 @@ def _add_web(commands: Any) -> None:
 
 
 def _web(arguments: argparse.Namespace) -> int:
-    from pacman_env.web.server import Limits, serve
+    from pacman_env.web.server import serve
 
     game = _robots_game(arguments) if arguments.ros else _simulated_game(arguments)
     opened = None
@@ -231,8 +231,7 @@ def _web(arguments: argparse.Namespace) -> int:
 
         opened = webbrowser.open
     try:
-        limits = Limits(viewers=arguments.viewers)
-        serve(game, arguments.host, arguments.port, names=arguments.name, limits=limits, opened=opened)
+        serve(game, arguments.host, arguments.port, names=arguments.name, viewers=arguments.viewers, opened=opened)
     finally:
         game.close()
     return 0

@@ -1,7 +1,7 @@
-"""Access control of requests by token, Host and Origin.
+"""Which requests are accepted: tokens, and the Host and Origin of a request.
 
-On a loopback address no token is needed: anyone with an account on this machine may play. The risk is a page of another
-site in the same browser: Host (a name that was made to resolve to this machine) or Origin reveals its requests.
+On a loopback address no token is needed: anyone with an account on this machine may play. The danger there is a page of
+another site in the same browser, which Host (a name that was made to resolve to this machine) and Origin reveal.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from pacman_env.web.log import Log
 
 Kind = Literal["operator", "viewer"]
 
-OPEN = ("/health", "/static/")  # paths that need no token
-#: Headers of every response: no content of other sites, no inline code, no embedding in frames.
+OPEN = ("/health", "/static/")  # without a token
+#: Of every answer: nothing from another site, nothing inline, not in a frame.
 HEADERS = {
     "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
     "media-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     "x-content-type-options": "nosniff",
     "x-frame-options": "DENY",
-    "referrer-policy": "no-referrer",  # the address contains the token
+    "referrer-policy": "no-referrer",  # the address has the token
     "cross-origin-resource-policy": "same-origin",
     "permissions-policy": "camera=(), microphone=(), geolocation=()",
 }
-#: Only on a loopback address: elsewhere browsers require https for these headers and log errors.
+#: On a loopback address only: elsewhere a browser obeys them over https only, and logs errors.
 LOCAL_HEADERS = {"cross-origin-opener-policy": "same-origin", "cross-origin-embedder-policy": "require-corp"}
 
 
@@ -48,7 +48,7 @@ _DEFAULT_PORTS = {"http": ":80", "https": ":443"}  # not in an origin
 
 @dataclass(frozen=True)
 class Name:
-    """A host name of the page; for a proxy also the origin and path at which the proxy shows the page."""
+    """A name by which the page is requested; of a proxy also the origin and path at which the proxy shows the page."""
 
     host: str
     origin: str = ""
@@ -56,7 +56,7 @@ class Name:
 
     @classmethod
     def parse(cls, text: str) -> Name:
-        """Parse a host name or the complete address of a page behind a proxy; raises ValueError if it is neither."""
+        """Read a host name, or the whole address of a page behind a proxy; ValueError if it is neither."""
         match = _NAME.fullmatch(text)
         if match is None or (not match["scheme"] and (match["port"] or match["path"])):
             raise ValueError(f"`name` = {text!r}: a host name, or an address such as https://robot.example/pacman/")
@@ -76,7 +76,7 @@ class Name:
 
     @property
     def url(self) -> str:
-        """Address of the page behind the proxy; empty for a host name."""
+        """The address of the page behind the proxy; empty for a host name."""
         return f"{self.origin}{self.path}/" if self.origin else ""
 
 
@@ -96,7 +96,7 @@ class Tokens:
     def access(self, token: str | None) -> Kind | None:
         given = (token or "").encode()
         operator = hmac.compare_digest(given, self.operator.encode())
-        viewer = hmac.compare_digest(given, self.viewer.encode())  # always compare both: the time reveals nothing
+        viewer = hmac.compare_digest(given, self.viewer.encode())  # always both: the time reveals nothing
         return "operator" if operator else "viewer" if viewer else None
 
 
@@ -108,24 +108,19 @@ def is_loopback(address: str) -> bool:
 
 
 def host_name(host: str) -> str | None:
-    """Return the name in a Host header, in lower case without the port, or None if it is invalid."""
-    name, bracket, port = host.strip().lower().rpartition("]")
-    if bracket:  # [::1]:8000
-        name = name.removeprefix("[")
-        port = port.removeprefix(":")
-    else:
-        name, _, port = host.strip().lower().partition(":")
-    if not name or not (port == "" or (port.isascii() and port.isdigit())):
+    """The name in a Host header, without port and in small letters; None if invalid."""
+    match = _NAME.fullmatch(host.strip())
+    if match is None or match["scheme"] or match["path"]:
         return None
-    return name.removesuffix(".")
+    return match["host"].lower().strip("[]").removesuffix(".")
 
 
 def names_of(host: str, address: str) -> tuple[str, ...]:
-    """Return the host names by which clients may request a server bound to ``host`` with the address ``address``."""
+    """Return the names by which a server bound to ``host``, which is ``address``, may be requested."""
     if is_loopback(address):
         return (host, address, "localhost")
-    machine = socket.gethostname()
-    return (host, address, machine, f"{machine.partition('.')[0]}.local")
+    here = socket.gethostname()
+    return (host, address, here, f"{here.partition('.')[0]}.local")
 
 
 def is_same_origin(origin: str, host: str) -> bool:
@@ -133,12 +128,12 @@ def is_same_origin(origin: str, host: str) -> bool:
 
 
 class AccessControl:
-    """Middleware that refuses requests; accepted ones get ``access`` in their scope and lose their token."""
+    """The middleware that refuses requests; those that pass have ``access`` in their scope, and no token any more."""
 
     def __init__(self, application: ASGIApp, tokens: Tokens | None, names: Iterable[Name], log: Log):
         self._application, self._tokens, self._log = application, tokens, log
         names = tuple(names)
-        self._names = frozenset(name.host for name in names)  # in addition to the server's address
+        self._names = frozenset(name.host for name in names)  # beside the own address
         self._origins = frozenset(name.origin for name in names if name.origin)
         self._proxied = frozenset(host for name in names for host in (name.host, name.netloc) if name.origin)
         self._paths = tuple(f"{name.path}/" for name in names if name.path)
@@ -151,7 +146,7 @@ class AccessControl:
             await send(message)
 
         for path in self._paths:
-            if scope["path"].startswith(path):  # the proxy does not remove the path
+            if scope["path"].startswith(path):  # the proxy has left it there
                 scope["path"] = scope["path"][len(path) - 1 :]
                 break
         answer, refusal = self._application, self._refusal(scope)
@@ -189,7 +184,7 @@ class AccessControl:
     def _is_own(self, origin: str, host: str) -> bool:
         if origin in self._origins:
             return True
-        # A proxy may forward the Host without its port, so that all servers of that machine have the same Host.
+        # A proxy may pass on the Host without the port: then every other server of that machine has the same Host.
         return host not in self._proxied and is_same_origin(origin, host)
 
 

@@ -1,4 +1,4 @@
-"""HTTP routes: the page's files, maps, recorded rounds and map uploads."""
+"""What is answered over HTTP: the page's files, maps, recorded rounds, the upload of a map."""
 
 import asyncio
 import base64
@@ -22,8 +22,9 @@ from pacman_env.web.sessions import VIEW_ONLY, Sessions
 
 STATIC = Path(__file__).with_name("static")
 MOST_UPLOAD = 8 << 20
+UPLOAD_S = 20.0
 
-for _suffix, _kind in {"js": "javascript", "css": "css", "html": "html"}.items():  # the list of the system may be wrong
+for _suffix, _kind in {"js": "javascript", "css": "css", "html": "html"}.items():  # the system's list may be wrong
     mimetypes.add_type(f"text/{_kind}", f".{_suffix}")
 mimetypes.add_type("image/svg+xml", ".svg")
 
@@ -41,16 +42,15 @@ def map_name(name: str) -> str:
 class PageFiles(StaticFiles):
     def file_response(self, *arguments: Any, **options: Any) -> Response:
         response = super().file_response(*arguments, **options)
-        response.headers["cache-control"] = "no-cache"  # cached, but revalidated each time
+        response.headers["cache-control"] = "no-cache"  # kept, and revalidated each time
         return response
 
 
 class Routes:
-    def __init__(self, game: Game, sessions: Sessions, log: Log, static: Path, body_s: float):
+    def __init__(self, game: Game, sessions: Sessions, log: Log, static: Path):
         self._game, self._sessions, self._log = game, sessions, log
         self._files = PageFiles(directory=static)
-        self._body_s = body_s
-        self._upload = asyncio.Semaphore(1)  # bounds the memory of all uploads
+        self._upload = asyncio.Semaphore(1)  # their size is bounded: so is that of all together
 
     def all(self) -> list[BaseRoute]:
         return [
@@ -76,11 +76,11 @@ class Routes:
 
     async def _story(self, request: Request) -> Response:
         number = request.path_params["number"]
-        story = await self._sessions.in_thread(self._game.story, number) if number < 2**31 else None
+        story = await self._sessions.requests.in_thread(self._game.story, number) if number < 2**31 else None
         if story is None:
             return PlainTextResponse("no such round\n", 404)
 
-        async def pieces() -> AsyncIterator[bytes]:  # a slow reader only keeps one piece in memory
+        async def pieces() -> AsyncIterator[bytes]:  # a slow reader holds one of them, not all
             for at in range(0, len(story), 1 << 16):
                 yield story[at : at + (1 << 16)]
 
@@ -94,18 +94,18 @@ class Routes:
             return _map_refusal(429, "another map is being uploaded: try again in a moment")
         async with self._upload:
             try:
-                async with asyncio.timeout(self._body_s):
+                async with asyncio.timeout(UPLOAD_S):
                     body = await _body(request)
                 if body is None:
                     return _map_refusal(413, f"a map of more than {MOST_UPLOAD >> 20} MB")
-                added = await self._sessions.in_thread(self._add, body)
+                added = await self._sessions.requests.in_thread(self._add, body)
             except TimeoutError:
                 return _map_refusal(408, "the upload took too long")
             except ClientDisconnect:
                 return Response(status_code=400)
             except msgspec.DecodeError as error:
                 return _map_refusal(400, f"no map: {error}")
-            except Refused as refused:  # 200, so that the page shows the words and the browser logs no error
+            except Refused as refused:  # a well-formed request: the page shows the words, the browser no error
                 return _map_refusal(200, str(refused))
             except Exception as error:
                 self._log.error("a map", error)
@@ -122,7 +122,7 @@ class Routes:
 
 
 async def _body(request: Request) -> bytes | None:
-    """Return the body, or None if it is too large; it is still read, so that the page receives the answer."""
+    """The body; None if it is too large, but read, so that the page receives the answer."""
     body, size = bytearray(), 0
     async for part in request.stream():
         size += len(part)
@@ -136,5 +136,5 @@ async def _body(request: Request) -> bytes | None:
 
 
 def _map_refusal(status: int, words: str) -> Response:
-    headers = {"connection": "close"} if status in (408, 413) else {}  # the rest of the body stays unread
+    headers = {"connection": "close"} if status in (408, 413) else {}  # the rest of the body is not read
     return JSONResponse({"ok": False, "words": words, "map": None}, status, headers)

@@ -1,30 +1,32 @@
-"""Connected viewers: their outboxes and rate limits, and updates for all of them."""
+"""The connected viewers: what waits to be sent to each, how much each may send, and what is sent to all."""
 
 import asyncio
 import secrets
+import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from pacman_env import __version__
 from pacman_env.web.access import Kind
 from pacman_env.web.frame import Frame
 from pacman_env.web.game import Game, Scene
 from pacman_env.web.messages import Message, as_json
+from pacman_env.web.vocabulary import vocabulary
 
-MOST_TEXTS = 64  # waiting texts per viewer
-MOST_BYTES = 4 << 20  # size of the waiting texts per viewer
-MESSAGES_PER_S = 50.0
-PATIENCE = 250  # messages over the rate before the connection is closed
-MOST_PICTURES = 4  # maps of the last scenes
-MORE_OPERATORS = 10  # beyond the limit of viewers, so that a crowd cannot lock operators out
+MOST_TEXTS = 64  # that wait for one viewer
+MOST_BYTES = 4 << 20  # of them
+MESSAGES_PER_S = 50.0  # of one viewer, and as many at once
+PATIENCE = 250  # messages over the rate, until the connection is closed
+MOST_PICTURES = 4  # of the last scenes
+MORE_OPERATORS = 10  # beyond the limit of viewers: a crowd does not keep operators out
 
 
 class Outbox:
-    """Queue of one connection: texts in order, and only the newest frame."""
+    """What waits for one connection: texts in their order, and the newest frame only."""
 
     def __init__(self) -> None:
-        self.ended = asyncio.Event()
         self.why_ended = ""
         self._texts: deque[str] = deque()
         self._bytes = 0
@@ -32,33 +34,31 @@ class Outbox:
         self._wake = asyncio.Event()
 
     def put_frame(self, frame: str) -> None:
-        if not self.ended.is_set():
+        if not self.why_ended:
             self._frame = frame
             self._wake.set()
 
     def put_text(self, text: str) -> None:
-        if self.ended.is_set():
-            return
-        if len(self._texts) >= MOST_TEXTS or self._bytes + len(text) > MOST_BYTES:
-            self.end("too slow: your connection does not receive what is sent to it")
+        if self.why_ended:
             return
         self._texts.append(text)
         self._bytes += len(text)
         self._wake.set()
+        if len(self._texts) > MOST_TEXTS or self._bytes > MOST_BYTES:
+            self.end("too slow: your connection does not receive what is sent to it")
 
     def end(self, words: str) -> None:
-        """Replace everything that waits by ``bye``, and send nothing afterwards."""
-        if not self.ended.is_set():
+        """Send ``bye`` instead of what waits, and nothing afterwards."""
+        if not self.why_ended:
             self._texts = deque([as_json({"kind": "bye", "words": words})])
             self._frame = None
             self.why_ended = words
-            self.ended.set()
             self._wake.set()
 
     async def get(self) -> list[str]:
-        """Wait for at least one text or frame and return everything that waits; empty after the end."""
+        """What waits, at least one text or frame; empty after the end."""
         while not self._texts and self._frame is None:
-            if self.ended.is_set():
+            if self.why_ended:
                 return []
             self._wake.clear()
             await self._wake.wait()
@@ -68,85 +68,81 @@ class Outbox:
         return waiting
 
 
-class RateLimit:
-    """Token bucket that allows ``rate`` messages per second, and bursts of the same size."""
-
-    def __init__(self, rate: float, now: float):
-        self._rate = self._left = rate
-        self._at = now
-
-    def allows(self, now: float) -> bool:
-        self._left = min(self._rate, self._left + (now - self._at) * self._rate)
-        self._at = now
-        if self._left < 1.0:
-            return False
-        self._left -= 1.0
-        return True
-
-
 @dataclass(eq=False)
 class Viewer:
-    """A connection of a page; a page that comes back with its key keeps the person's name."""
+    """One connection of a page; the person's name stays when the page comes back with its key."""
 
-    name: str  # shown to others
+    name: str  # shown to the others
     access: Kind
-    rate_limit: RateLimit
+    turn: asyncio.Lock = field(default_factory=asyncio.Lock)  # of the person: one message is carried out at a time
     outbox: Outbox = field(default_factory=Outbox)
     key: str = field(default_factory=lambda: secrets.token_urlsafe(16))
     is_fresh: bool = True  # nothing has been sent to it yet
     why: bool = False  # the page shows the terms
     lidar: bool = False
-    gone_s: float | None = None  # time when the page was closed
-    is_replaced: bool = False  # by a newer connection of the same person
-    waiting: asyncio.Queue[tuple[Message, int] | None] = field(default_factory=lambda: asyncio.Queue(MOST_TEXTS))
-    stops: list[Message] = field(default_factory=list)  # waiting for the present stop
-    stopping: asyncio.Task[None] | None = None
-    worker: asyncio.Task[None] | None = None  # processes ``waiting`` in order
+    gone_s: float | None = None  # when the page went away
+    is_replaced: bool = False  # by another connection of the same person
+    waiting: int = 0  # messages that wait for their turn
+    stops: list[Message] = field(default_factory=list)  # that wait for the one that is being done
+    is_stopping: bool = False
     leaving: asyncio.Task[str] | None = None
-    over: int = 0  # recent messages over the rate
+    _allowance: float = MESSAGES_PER_S  # messages; negative: so many over the rate
+    _allowed_s: float = field(default_factory=time.monotonic)
     _warned_s: float = -1.0
 
     def is_within_rate(self, now: float) -> bool:
-        if self.rate_limit.allows(now):
+        left = self._allowance + (now - self._allowed_s) * MESSAGES_PER_S
+        self._allowance, self._allowed_s = min(MESSAGES_PER_S, left) - 1.0, now
+        if self._allowance >= 0.0:
             return True
         if now - self._warned_s >= 1.0:
-            if self._warned_s >= 0.0 and now - self._warned_s >= 2.0:
-                self.over = 0  # it was within the rate for a while
             self._warned_s = now
             self.send({"kind": "refused", "words": "too many messages: some are ignored"})
-        self.over += 1
-        if self.over >= PATIENCE:
+        if self._allowance < -PATIENCE:
             self.outbox.end("too many messages")
         return False
 
     def send(self, message: dict[str, Any]) -> None:
         self.outbox.put_text(as_json(message))
 
+    def answer(self, message: Message, refusal: str = "") -> None:
+        if message.id:
+            self.send({"kind": "answer", "id": message.id, "ok": not refusal, "words": refusal, "data": None})
+        elif refusal:
+            self.send({"kind": "refused", "words": refusal})
+
 
 class Update(NamedTuple):
+    viewers: tuple[Viewer, ...]
+    choices: dict[str, Any]  # for those that have come since the last update
     scene: Scene
     news: list[dict[str, Any]]
     frame: Frame | None
-    encoded: str  # the frame; empty: unchanged
+    encoded: str  # the frame; empty: no other than before
 
 
 class Audience:
-    """All viewers of a game: :meth:`poll` queries the game, in any thread, and :meth:`send` sends the changes."""
+    """All viewers of a game. :meth:`poll` asks the game, in any thread; :meth:`send` sends what is new."""
 
     def __init__(self, game: Game, most: int, people: Callable[[], dict[str, Any]]):
         self.viewers: list[Viewer] = []
         self.pictures: dict[int, bytes] = {}  # by the scene's revision
         self._game, self._most, self._people = game, most, people
+        self._greets = False  # a new person is the only one
         self._number: int | None = None
         self._frame = ""
         self._scene: Scene | None = None
         self._scene_text = ""
-        self._news: int | None = None  # last sent number; None: only send later news
+        self._news: int | None = None  # the last that was sent; None: only later ones are
         self._people_text = ""
         self._watched = (False, False)
 
-    def has_room(self, access: Kind, arriving: int = 0) -> bool:
-        return len(self.viewers) + arriving < self._most + (MORE_OPERATORS if access == "operator" else 0)
+    def has_room(self, access: Kind) -> bool:
+        return len(self.viewers) < self._most + (MORE_OPERATORS if access == "operator" else 0)
+
+    def add(self, viewer: Viewer, is_new: bool) -> None:
+        self._greets |= is_new and not self.viewers
+        self.viewers.append(viewer)
 
     def remove(self, viewer: Viewer) -> None:
         if viewer in self.viewers:
@@ -154,21 +150,25 @@ class Audience:
 
     def poll(self) -> Update | None:
         viewers = tuple(self.viewers)
-        why, lidar = any(v.why for v in viewers), any(v.lidar for v in viewers)
-        if (why, lidar) != self._watched:
-            self._game.watch(why=why, lidar=lidar)
-            self._watched = (why, lidar)
+        watched = any(v.why for v in viewers), any(v.lidar for v in viewers)
+        if watched != self._watched:
+            self._game.watch(why=watched[0], lidar=watched[1])
+            self._watched = watched
         if not viewers:
             return None
+        if self._greets:
+            self._game.greet()
+            self._greets = False
+        choices = self._game.choices() if any(viewer.is_fresh for viewer in viewers) else {}
         frame, scene = self._game.frame(), self._scene
         if scene is None or frame is None or frame.revision != scene.revision:
             scene = self._game.scene()
         news = self._game.news(self._news or 0)
         encoded = frame.encode() if frame is not None and frame.number != self._number else ""
-        return Update(scene, news, frame, encoded)
+        return Update(viewers, choices, scene, news, frame, encoded)
 
     def send(self, update: Update | None) -> None:
-        """Send changes to all viewers, and everything to viewers that are new since the last update."""
+        """What is new to all viewers, and everything to those that have come since the last update."""
         if update is None:
             self._news, self._number, self._frame, self._scene = None, None, "", None
             return
@@ -177,24 +177,30 @@ class Audience:
             self._change_scene(update.scene)
         news = [] if self._news is None else update.news
         self._news = max((item["number"] for item in update.news), default=self._news or 0)
-        without_why = [item for item in news if "why" not in item]  # only pages that show the long terms get them
+        without_why = [item for item in news if "why" not in item]  # the terms are long: only to pages that show them
         news_texts = {
             why: as_json({"kind": "news", "items": items}) if items else ""
             for why, items in ((True, news), (False, without_why))
         }
-        previous, self._people_text = self._people_text, as_json({"kind": "people", **self._people()})
+        before, self._people_text = self._people_text, as_json({"kind": "people", **self._people()})
         if update.encoded and update.frame is not None:
             self._number, self._frame = update.frame.number, update.encoded
-        for viewer in self.viewers:
+        for viewer in update.viewers:
+            if viewer.is_fresh:
+                viewer.send(self._hello(viewer, update.choices))
             if viewer.is_fresh or scene_changed:
                 viewer.outbox.put_text(self._scene_text)
             if news_texts[viewer.why]:
                 viewer.outbox.put_text(news_texts[viewer.why])
-            if viewer.is_fresh or self._people_text != previous:
+            if viewer.is_fresh or self._people_text != before:
                 viewer.outbox.put_text(self._people_text)
             if self._frame and (viewer.is_fresh or update.encoded):
                 viewer.outbox.put_frame(self._frame)
             viewer.is_fresh = False
+
+    def _hello(self, viewer: Viewer, choices: dict[str, Any]) -> dict[str, Any]:
+        facts = {"version": __version__, "source": self._game.source, "access": viewer.access, "choices": choices}
+        return {"kind": "hello", **vocabulary(), **facts, "you": viewer.name, "again": viewer.key}
 
     def _change_scene(self, scene: Scene) -> None:
         facts = dict(scene.facts)

@@ -9,7 +9,7 @@ from typing import Any
 import httpx
 import pytest
 
-from pacman_env.web.server import Limits, WebServer
+from pacman_env.web.server import WebServer
 from tests.web.browser import axe, chromium, page_server, simulated, visit  # noqa: F401 - fixtures
 from tests.web.pages import FILES
 
@@ -37,8 +37,7 @@ def serve(tmp_path: Path, lines: list[str]) -> Iterator[Callable[..., WebServer]
     started: list[WebServer] = []
 
     def start(game: Any, **settings: Any) -> WebServer:
-        limits = {name: settings.pop(name) for name in Limits.__dataclass_fields__ if name in settings}
-        server = WebServer(game, **{"static": folder, "write": lines.append, "limits": Limits(**limits), **settings})
+        server = WebServer(game, **{"static": folder, "write": lines.append, **settings})
         started.append(server)
         server.start()
         return server

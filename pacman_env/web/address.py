@@ -1,0 +1,84 @@
+"""The addresses of the page: the socket that the server listens on, and the links that lead to it."""
+
+import errno
+import io
+import socket
+
+from pacman_env.web.access import Tokens
+
+_SEND_BUFFER = 1 << 17  # bytes; a slow reader gets newer frames
+_UNREAD_MS = 10_000  # a client that reads nothing for so long is disconnected by the system, where it can (Linux)
+
+
+def bind(host: str, port: int) -> socket.socket:
+    """Return a socket bound to an address of this machine; OSError says what is wrong with it."""
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+    except (OSError, UnicodeError) as error:
+        raise OSError(f"{host}: no such address") from error
+    bound = socket.socket(family, kind, protocol)
+    try:
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
+        if hasattr(socket, "TCP_USER_TIMEOUT"):
+            bound.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _UNREAD_MS)
+        bound.bind(address)
+    except OSError as error:
+        bound.close()
+        reasons = {
+            errno.EADDRINUSE: f"port {port} of {host} is in use: choose another port, or 0 for any free one",
+            errno.EADDRNOTAVAIL: f"{host} is no address of this computer",
+            errno.EACCES: f"port {port} of {host} may not be used: one from 1024 on, or 0 for any that is free",
+        }
+        raise OSError(reasons.get(error.errno or 0, f"{host}, port {port}: {error.strerror}")) from error
+    return bound
+
+
+def link(address: str, port: int) -> str:
+    shown = shown_address(address)
+    return f"http://[{shown}]:{port}/" if ":" in shown else f"http://{shown}:{port}/"
+
+
+def with_token(url: str, token: str) -> str:
+    return f"{url}?token={token}" if token else url
+
+
+def own_address(family: int = socket.AF_INET) -> str | None:
+    """Return the address by which others reach this machine, if there is one; nothing is sent."""
+    there = "192.0.2.1" if family == socket.AF_INET else "2001:db8::1"  # addresses of documentation
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((there, 9))
+            return str(probe.getsockname()[0])
+        except OSError:
+            return None
+
+
+def shown_address(address: str) -> str:
+    if address not in ("0.0.0.0", "::"):
+        return address
+    return own_address(socket.AF_INET6 if ":" in address else socket.AF_INET) or socket.gethostname()
+
+
+def qr_code(text: str) -> str:
+    """Return a QR code for a terminal, in half blocks; empty if segno is missing."""
+    try:
+        import segno
+    except ImportError:
+        return ""
+    out = io.StringIO()
+    segno.make(text, error="l", micro=False).terminal(out, compact=True, border=2)
+    return out.getvalue().rstrip("\n")
+
+
+def greeting(url: str, tokens: Tokens | None) -> str:
+    """Return the lines that the terminal shows at the start: the links, and who can use them."""
+    if tokens is None:
+        return f"The page: {url} (on this computer alone; Ctrl-C ends it)"
+    operator = with_token(url, tokens.operator)
+    readable = ", and the network can read it (http, not https)" if url.startswith("http:") else ""
+    return (
+        f"To play and run it: {operator}\n{qr_code(operator)}\n"
+        f"To view, and to STOP: {with_token(url, tokens.viewer)}\n"
+        f"Anyone with a link can use it{readable}.\nCtrl-C ends the page."
+    )

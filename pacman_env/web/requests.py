@@ -1,0 +1,112 @@
+"""What people ask of the game: who may do it, and the game doing it in a thread of its own."""
+
+import asyncio
+import contextlib
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future
+from functools import partial
+from typing import Any, TypeVar
+
+from pacman_env.web import messages
+from pacman_env.web.control import ROBOT, Control
+from pacman_env.web.game import Game, Refused
+from pacman_env.web.messages import Message, as_json
+from pacman_env.web.viewers import Viewer
+
+MOST_THREADS = 32  # that wait for the game
+STOPPED_AGAIN = "stopped again meanwhile"
+#: Of operators without control; every other message that is not for all needs control.
+_FREE = (messages.Control, messages.Role, messages.Goal, messages.Drive)
+T = TypeVar("T")
+
+
+async def in_thread(limit: asyncio.Semaphore, work: Callable[..., T], *arguments: Any) -> T:
+    """The result of ``work``, done in a daemon thread: the process can end although the work never does."""
+    result: Future[T] = Future()
+    result.set_running_or_notify_cancel()
+
+    def run() -> None:
+        try:
+            result.set_result(work(*arguments))
+        except BaseException as error:
+            result.set_exception(error)
+
+    async with limit:
+        threading.Thread(target=run, name="web", daemon=True).start()
+        return await asyncio.wrap_future(result)
+
+
+class Requests:
+    def __init__(self, game: Game):
+        self.control = Control()
+        self.stops = 0  # that have arrived, of all people
+        # The game is never asked in the thread of the connections: any of its answers may take long.
+        self.in_thread = partial(in_thread, asyncio.Semaphore(MOST_THREADS))
+        self._game = game
+
+    async def carry_out(self, viewer: Viewer, message: Message, stops: int) -> None:
+        """Do what a message asks for, and answer it; ``stops`` had arrived before it. Refused: nothing is changed."""
+        name, on_robot = viewer.name, self._game.source == "ros"
+        if not isinstance(message, (*messages.FOR_ALL, *_FREE)):
+            self.control.take(name)
+        match message:
+            case messages.Role():
+                await self._change_role(viewer, message)
+                return
+            case messages.Control(what=what):
+                {"take": self.control.take, "ask": self.control.ask, "give": self.control.give}[what](name)
+                if what == "give" and on_robot and self.control.roles.of(name) == ROBOT:
+                    self.control.roles.leave(name)
+                    await self.in_thread(self._game.handle, name, messages.Role(role="none"))
+                viewer.answer(message)
+                return
+            case messages.Release():
+                await self._release(name, stops)
+                viewer.answer(message)
+                return
+            case messages.Drive() if self.control.roles.of(name) != ROBOT:
+                raise Refused("choose the robot's role in the tab Play first")
+            case messages.Goal() if self.control.roles.of(name) is None:
+                raise Refused("choose a role in the tab Play first")
+            case messages.Goal() | messages.Drive() if on_robot and self.control.roles.of(name) == ROBOT:
+                self.control.take(name)
+        await self._handle(viewer, message)
+
+    async def _handle(self, viewer: Viewer, message: Message) -> None:
+        """Have the game do it; the answer, which may be long, is encoded in the thread too."""
+
+        def handle() -> str:
+            data = self._game.handle(viewer.name, message)
+            answer = {"kind": "answer", "id": message.id, "ok": True, "words": "", "data": data}
+            return as_json(answer) if message.id else ""
+
+        if answer := await self.in_thread(handle):
+            viewer.outbox.put_text(answer)
+
+    async def _release(self, name: str, stops: int) -> None:
+        """A stop that was sent after the release is stronger, whichever reaches the game first."""
+        if stops != self.stops:
+            raise Refused(STOPPED_AGAIN)
+        await self.in_thread(self._game.release, name)
+        if stops != self.stops:
+            await self.in_thread(self._game.stop, name)
+            raise Refused(STOPPED_AGAIN)
+
+    async def _change_role(self, viewer: Viewer, message: messages.Role) -> None:
+        name, roles = viewer.name, self.control.roles
+        before = roles.of(name)
+        if message.role == ROBOT and self._game.source == "ros":
+            self.control.take(name)
+        if message.role == "none":
+            roles.leave(name)
+        else:
+            roles.assume(name, message.role)
+        try:
+            await self._handle(viewer, message)
+        except Exception:
+            roles.leave(name)
+            if before is not None:
+                with contextlib.suppress(Refused):
+                    roles.assume(name, before)
+            raise
