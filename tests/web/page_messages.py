@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import msgspec
-from hypothesis import strategies as st
 
 from pacman_env.web import messages
+from pacman_env.web.messages import MOST_BYTES
 
-KINDS = messages.Message.__subclasses__()
 RIGHT: dict[str, dict[str, Any]] = {
     "start": {},
     "reset": {},
@@ -35,44 +33,27 @@ RIGHT: dict[str, dict[str, Any]] = {
     "ready": {},
     "ping": {},
 }
-WORDS = {kind.__struct_config__.tag for kind in KINDS}
-#: Names of fields, so that what is drawn is nearly right.
-FIELDS = sorted({name for kind in KINDS for name in kind.__struct_fields__} | {"do", "extra"})
-
-values = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20) | st.sampled_from(sorted(RIGHT)),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=4),
-    max_leaves=8,
-)
-objects = st.builds(
-    lambda word, fields: {"do": word, **fields},
-    st.sampled_from(sorted(RIGHT)) | values,
-    st.dictionaries(st.sampled_from(FIELDS) | st.text(max_size=8), values, max_size=5),
-)
-#: A right message with one field spoilt, left out or added.
-spoilt = st.builds(
-    lambda word, name, value: json.dumps({"do": word, **RIGHT[word], name: value}),
-    st.sampled_from(sorted(RIGHT)),
-    st.sampled_from(FIELDS),
-    values,
-)
-texts = st.one_of(
-    st.text(max_size=60),
-    values.map(json.dumps),
-    objects.map(json.dumps),
-    spoilt,
-    st.sampled_from(
-        ["[" * 5000, '{"do":"start"', '{"do":"start"}{"do":"stop"}', '"\\ud800"', '{"do":"setup","seed":1e400}']
-    ),
-)
-
-
-def is_right(text: str) -> bool:
-    try:
-        messages.parse(text)
-    except ValueError:
-        return False
-    return True
+WORDS = {kind.__struct_config__.tag for kind in messages.Message.__subclasses__()}
+#: Texts that are no message, with a word of the refusal.
+WRONG = {
+    "": "bad message",
+    "null": "object",
+    "[]": "object",
+    '{"do":"start"': "truncated",
+    '{"do":"start"}{"do":"stop"}': "malformed",
+    '{"do":"fly"}': "fly",
+    '{"start":1}': "do",
+    '{"do":"start","more":1}': "more",
+    '{"do":"speed","times":51}': "50",
+    '{"do":"speed","times":NaN}': "malformed",
+    '{"do":"role","role":"ghost-4"}': "ghost-4",
+    '{"do":"setup","ghosts":["a","b","c","d","e"]}': "4",
+    '{"do":"setup","seed":-1}': "0",
+    '{"do":"setup","seed":1e400}': "bad message",
+    '{"do":"place_clyde","x":1e9,"y":0}': "1000000",
+    "[" * 10_000: "bad message",
+    " " * MOST_BYTES: "bad message",
+}
 
 
 def as_sent(word: str, **fields: Any) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import socket
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -28,6 +29,17 @@ def viewer_url(server: WebServer) -> str:
     """The page for one that only looks."""
     assert server.tokens is not None
     return server.url.replace(server.tokens.operator, server.tokens.viewer)
+
+
+def upgrade(server: WebServer) -> socket.socket:
+    """Open a websocket by hand, of a client that reads nothing."""
+    there = socket.socket()
+    there.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    there.connect(("127.0.0.1", server.port))
+    lines = ("GET /ws HTTP/1.1", f"host: 127.0.0.1:{server.port}", "upgrade: websocket", "connection: upgrade")
+    key = ("sec-websocket-version: 13", f"sec-websocket-key: {'A' * 22}==")
+    there.sendall("\r\n".join((*lines, *key, "", "")).encode())
+    return there
 
 
 class Page:
