@@ -12,6 +12,7 @@ import pytest
 from pacman_env.web.server import WebServer
 from tests.web.browser import axe, chromium, page_server, simulated, visit  # noqa: F401 - fixtures
 from tests.web.pages import FILES
+from tests.web.scripted_game import ScriptedGame
 
 
 @pytest.fixture
@@ -24,6 +25,17 @@ def lines() -> list[str]:
 def web() -> Iterator[httpx.Client]:
     with httpx.Client(trust_env=False) as client:
         yield client
+
+
+@pytest.fixture
+def game() -> ScriptedGame:
+    return ScriptedGame()
+
+
+@pytest.fixture
+def server(serve: Callable[..., WebServer], game: ScriptedGame) -> WebServer:
+    """Serve the game to this machine, without tokens."""
+    return serve(game)
 
 
 @pytest.fixture

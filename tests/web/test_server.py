@@ -68,8 +68,7 @@ def test_page_files_are_served_and_revalidated(
 
 
 @pytest.mark.parametrize("path", ["", "no.js", "../secret.js", "%2e%2e/secret.js", "..%2fsecret.js", "a%00.js", "."])
-def test_other_files_are_not_found(serve: Callable[..., WebServer], path: str) -> None:
-    server = serve(ScriptedGame())
+def test_other_files_are_not_found(server: WebServer, path: str) -> None:
     with socket.create_connection(("127.0.0.1", server.port)) as wire:  # as it stands: a client would tidy it up
         head = f"GET /static/{path} HTTP/1.1\r\nhost: localhost:{server.port}\r\nconnection: close\r\n\r\n"
         wire.sendall(head.encode())
@@ -113,9 +112,9 @@ def test_uploaded_map_reaches_the_game(serve: Callable[..., WebServer], web: htt
 NO_MAPS = (b"", b"{", b"[]", b'{"name":"a"}', b'{"name":1,"yaml":"","image":""}', b"\xff", b"[" * 9000, b"null")
 
 
-def test_upload_is_refused_if_malformed(serve: Callable[..., WebServer], web: httpx.Client, lines: list[str]) -> None:
-    game = ScriptedGame()
-    server = serve(game)
+def test_upload_is_refused_if_malformed(
+    game: ScriptedGame, server: WebServer, web: httpx.Client, lines: list[str]
+) -> None:
     for body in NO_MAPS:
         answer = web.post(f"{server.url}map", content=body)
         assert (answer.status_code, answer.json()["ok"]) == (400, False)
@@ -320,9 +319,7 @@ def test_viewer_may_stop_and_ask_only(serve: Callable[..., WebServer]) -> None:
         assert ("stop", page.name) in game.calls
 
 
-def test_control_is_one_persons_until_given(serve: Callable[..., WebServer]) -> None:
-    game = ScriptedGame()
-    server = serve(game)
+def test_control_is_one_persons_until_given(game: ScriptedGame, server: WebServer) -> None:
     with Page(server) as one, Page(server) as other:
         assert one.ask("start")["ok"]
         refused = other.ask("start")
@@ -354,9 +351,7 @@ def test_control_is_free_after_its_page_left(serve: Callable[..., WebServer], mo
         assert other.ask("role", role="robot")["ok"]
 
 
-def test_game_greets_a_new_person_alone(serve: Callable[..., WebServer]) -> None:
-    game = ScriptedGame()
-    server = serve(game)
+def test_game_greets_a_new_person_alone(game: ScriptedGame, server: WebServer) -> None:
     with Page(server) as one, Page(server) as two:
         assert game.calls.count(("greet",)) == 1
     wait_for(lambda: {("leave", one.name), ("leave", two.name)} <= set(game.calls))
@@ -368,9 +363,7 @@ def test_game_greets_a_new_person_alone(serve: Callable[..., WebServer]) -> None
         assert game.calls.count(("greet",)) == 2
 
 
-def test_page_regains_name_control_role_on_return(serve: Callable[..., WebServer]) -> None:
-    game = ScriptedGame()
-    server = serve(game)
+def test_page_regains_name_control_role_on_return(game: ScriptedGame, server: WebServer) -> None:
     with Page(server) as one:
         one.ask("control", what="take")
         one.ask("role", role="ghost-1")
@@ -385,10 +378,9 @@ def test_page_regains_name_control_role_on_return(serve: Callable[..., WebServer
 
 
 def test_page_returning_early_replaces_its_old_connection(
-    serve: Callable[..., WebServer],
+    game: ScriptedGame,
+    server: WebServer,
 ) -> None:
-    game = ScriptedGame()
-    server = serve(game)
     with Page(server) as one:
         one.ask("control", what="take")
         with Page(server, again=one.hello["again"]) as back:
@@ -398,9 +390,7 @@ def test_page_returning_early_replaces_its_old_connection(
             back.people(viewers=1)
 
 
-def test_a_role_has_one_person_and_only_he_plays_it(serve: Callable[..., WebServer]) -> None:
-    game = ScriptedGame()
-    server = serve(game)
+def test_a_role_has_one_person_and_only_he_plays_it(game: ScriptedGame, server: WebServer) -> None:
     with Page(server) as one, Page(server) as other:
         assert one.ask("goal", candidate=1)["words"] == "choose a role in the tab Play first"
         assert one.ask("role", role="robot")["ok"]
@@ -442,8 +432,7 @@ def test_robots_role_needs_control_on_the_robot(serve: Callable[..., WebServer])
 # beginning and end
 
 
-def test_end_is_announced_and_waits_for_nobody(serve: Callable[..., WebServer]) -> None:
-    server = serve(ScriptedGame())
+def test_end_is_announced_and_waits_for_nobody(server: WebServer) -> None:
     with Page(server) as page, socket.create_connection(("127.0.0.1", server.port)) as idle:
         closing = threading.Thread(target=server.close)
         closing.start()
