@@ -7,19 +7,20 @@ import socket
 import pytest
 
 from pacman_env.web.access import Tokens
-from pacman_env.web.server import WebServer, greeting, link, own_address, qr_code, shown_address, with_token
+from pacman_env.web.address import greeting, link, own_address, qr_code, shown_address, with_token
+from pacman_env.web.server import WebServer
 from tests.web.scripted_game import ScriptedGame
 
 TOKENS = Tokens("operator-0123456789abcdef", "viewer-0123456789abcdef")
 
 
-def test_on_this_computer_alone_it_is_one_line_without_a_token() -> None:
+def test_greeting_is_one_line_without_tokens() -> None:
     words = greeting(link("127.0.0.1", 8000), None)
     assert "http://127.0.0.1:8000/ " in words
     assert "\n" not in words
 
 
-def test_elsewhere_both_links_and_a_qr_code_are_printed() -> None:
+def test_greeting_has_links_and_qr_code() -> None:
     url = link("192.0.2.7", 8000)
     words = greeting(url, TOKENS)
     operator = with_token(url, TOKENS.operator)
@@ -29,13 +30,13 @@ def test_elsewhere_both_links_and_a_qr_code_are_printed() -> None:
     assert len(qr_code(operator).splitlines()) > 10
 
 
-def test_a_qr_code_is_left_out_where_it_cannot_be_made(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_greeting_has_no_qr_code_without_segno(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "segno", None)
     assert qr_code("http://192.0.2.7:8000/") == ""
     assert TOKENS.operator in greeting(link("192.0.2.7", 8000), TOKENS)
 
 
-def test_links_have_brackets_where_addresses_have_colons() -> None:
+def test_link_has_brackets_for_ipv6() -> None:
     assert link("::1", 8000) == "http://[::1]:8000/"
     assert with_token(link("2001:db8::1", 80), "t") == "http://[2001:db8::1]:80/?token=t"
 
@@ -57,7 +58,7 @@ def test_page_needs_tokens_if_others_reach_it(names: list[str], url: str | None,
         assert ("not https" in words) == (needs_token and url is None)
 
 
-def test_all_addresses_are_shown_as_one_that_others_can_use() -> None:
+def test_address_of_all_is_shown_as_one() -> None:
     assert shown_address("127.0.0.1") == "127.0.0.1"
     assert shown_address("0.0.0.0") in {own_address(), socket.gethostname()}
     assert "0.0.0.0" not in link("0.0.0.0", 8000)

@@ -22,7 +22,7 @@ deeds = st.lists(
 
 
 @given(deeds)
-def test_control_passes_only_when_it_is_given_or_its_holder_stayed_away(deeds: list[tuple]) -> None:
+def test_control_passes_only_when_given_or_left(deeds: list[tuple]) -> None:
     control, now = Control(), 0.0
     here, gone = set(PEOPLE), {}
     for what, *rest in deeds:
@@ -57,7 +57,7 @@ def test_control_passes_only_when_it_is_given_or_its_holder_stayed_away(deeds: l
             assert control.roles.people.get(role) in (person, None) or what == "wait"  # nobody is pushed off
 
 
-def test_the_first_that_asked_gets_control_when_it_is_given() -> None:
+def test_first_that_asked_gets_given_control() -> None:
     control = Control()
     control.take("ann")
     control.take("ann")
@@ -72,13 +72,13 @@ def test_the_first_that_asked_gets_control_when_it_is_given() -> None:
     assert (control.operator, control.asking) == ("bob", ["cid"])
 
 
-def test_asking_for_free_control_is_taking_it() -> None:
+def test_asking_takes_control_when_free() -> None:
     control = Control()
     control.ask("ann")
     assert (control.operator, control.asking) == ("ann", [])
 
 
-def test_a_page_that_comes_back_in_time_has_lost_nothing() -> None:
+def test_page_loses_nothing_when_back_in_time() -> None:
     control = Control()
     control.take("ann")
     control.roles.assume("ann", "robot")
@@ -91,7 +91,7 @@ def test_a_page_that_comes_back_in_time_has_lost_nothing() -> None:
     assert (control.operator, control.roles.people) == ("ann", {"robot": "ann"})
 
 
-def test_after_ten_seconds_control_and_role_are_free() -> None:
+def test_control_and_role_expire_after_ten_seconds() -> None:
     control = Control()
     control.take("ann")
     control.roles.assume("ann", "robot")
@@ -103,7 +103,7 @@ def test_after_ten_seconds_control_and_role_are_free() -> None:
     control.roles.assume("bob", "robot")
 
 
-def test_a_role_has_one_person_and_a_person_one_role() -> None:
+def test_role_and_person_belong_to_each_other() -> None:
     control = Control()
     control.roles.assume("ann", "ghost-1")
     control.roles.assume("ann", "robot")

@@ -19,6 +19,7 @@ from pacman_env.game.goals import goal_name
 from pacman_env.policies.base import BasePolicy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.observation.situation import Situation
+from pacman_env.web import played_round
 from pacman_env.web.played_round import FOLLOW, Orders, PlayedRound
 from pacman_env.web.rules import Choices, Rules
 from pacman_env.web.simulated_view import between, scene_of
@@ -52,7 +53,7 @@ def played(round: PlayedRound, orders: Orders | None = None, ticks: int = 1000) 
 
 
 @pytest.mark.parametrize("ghosts", [("wander",), ("chase", "wander")])
-def test_a_policys_round_is_that_of_the_environment_bit_for_bit(ghosts: tuple[str, ...]) -> None:
+def test_round_equals_the_environments_bit_for_bit(ghosts: tuple[str, ...]) -> None:
     ours = played(laid_out(ghosts=ghosts))
     env = PacManBotEnv("house", ghosts=ghosts, settings=SHORT)
     env.reset(options={"round_seed": 7})
@@ -64,7 +65,7 @@ def test_a_policys_round_is_that_of_the_environment_bit_for_bit(ghosts: tuple[st
     assert (info["outcome"], info["collected"]) == (ours.outcome, ours.snapshots[-1].collected)
 
 
-def test_a_ghost_without_orders_moves_as_if_no_person_played_it() -> None:
+def test_ghost_without_orders_moves_as_configured() -> None:
     free, taken = (
         laid_out(ghosts=("chase", "arcade")),
         laid_out(ghosts=("chase", "arcade"), ghost_roles=frozenset([0, 1])),
@@ -75,7 +76,7 @@ def test_a_ghost_without_orders_moves_as_if_no_person_played_it() -> None:
         np.testing.assert_array_equal(free.snapshots[-1].ghosts, taken.snapshots[-1].ghosts)
 
 
-def test_a_person_sends_the_robot_and_a_ghost_where_he_clicks() -> None:
+def test_person_sends_the_robot_and_a_ghost() -> None:
     round = laid_out(ghosts=("wander", "wander"), ghost_roles=frozenset([1]), settings={"time_limit_s": 60.0})
     goal, place = 4, round.assets.goal_xy[8]
     played(round, Orders(robot=True, goal=goal, ghosts={1: round.nearest_ghost_cell(1, *place)}), 40)
@@ -107,12 +108,12 @@ def test_ghost_goes_to_free_cell_nearest_to_click() -> None:
     np.testing.assert_array_equal(round.snapshots[-1].ghost_goals, [round.snapshots[-1].true[:2]])
 
 
-def test_a_person_who_chooses_nothing_holds() -> None:
+def test_robot_holds_without_a_choice() -> None:
     round = played(laid_out(), Orders(robot=True), 10)
     assert math.dist(round.snapshots[0].true[:2], round.snapshots[-1].true[:2]) < 0.01
 
 
-def test_velocities_drive_the_robot_and_goals_take_over_again() -> None:
+def test_velocities_drive_the_robot_until_a_goal() -> None:
     round = laid_out(settings={"time_limit_s": 60.0})
     played(round, Orders(robot=True, goal=3), 4)
     before = round.snapshots[-1]
@@ -125,7 +126,7 @@ def test_velocities_drive_the_robot_and_goals_take_over_again() -> None:
     assert math.dist(round.snapshots[-1].true[:2], before.true[:2]) > 0.5
 
 
-def test_the_baseline_plays_the_round_that_the_policy_would_have_played() -> None:
+def test_baseline_plays_the_policys_own_round() -> None:
     alone = played(laid_out())
     beside = laid_out()
     beside.play_beside()
@@ -140,7 +141,7 @@ def test_the_baseline_plays_the_round_that_the_policy_would_have_played() -> Non
     }
 
 
-def test_terms_of_a_tick_asked_for_later_are_those_that_the_choice_was_made_by() -> None:
+def test_terms_asked_later_explain_the_choice() -> None:
     round = played(laid_out())
     for tick in (0, 7, round.ticks - 1):
         why = round.why(tick)
@@ -154,7 +155,7 @@ def test_terms_of_a_tick_asked_for_later_are_those_that_the_choice_was_made_by()
         round.why(round.ticks + 1)
 
 
-def test_candidates_are_numbered_without_gaps_on_generated_maps() -> None:
+def test_candidates_of_generated_maps_have_no_gaps() -> None:
     round = laid_out(map="generated", level=3)
     assert round.level == 3
     assert round.batch.hold > round.hold  # which has rows without a pellet
@@ -164,7 +165,7 @@ def test_candidates_are_numbered_without_gaps_on_generated_maps() -> None:
     assert len(round.snapshots[0].scores) == places + 1
 
 
-def test_the_candidate_nearest_to_a_click_is_one_that_may_be_chosen_and_near() -> None:
+def test_click_finds_the_nearest_allowed_candidate() -> None:
     round = laid_out()
     x, y = round.assets.goal_xy[5]
     assert round.nearest(x + 0.1, y) == 5
@@ -176,7 +177,7 @@ def test_the_candidate_nearest_to_a_click_is_one_that_may_be_chosen_and_near() -
 
 @given(share=st.floats(0, 1), tick=st.integers(0, 20))
 @settings(max_examples=30, deadline=None)
-def test_between_two_ticks_everything_is_between_them(share: float, tick: int) -> None:
+def test_frame_between_ticks_lies_between_them(share: float, tick: int) -> None:
     old, new = ROUND.snapshots[tick], ROUND.snapshots[tick + 1]
     now = between(old, new, share)
     for k in (0, 1):
@@ -187,7 +188,7 @@ def test_between_two_ticks_everything_is_between_them(share: float, tick: int) -
     assert decode(old.encode()).ghosts == pytest.approx(old.ghosts, abs=1e-4)
 
 
-def test_goals_are_called_as_in_replay() -> None:
+def test_goal_has_the_name_of_replay() -> None:
     round = played(laid_out(settings={}), ticks=1)
     names = scene_of(round, Rules(), 1).facts["names"]
     config = make_config("robot")
@@ -200,8 +201,7 @@ def test_goals_are_called_as_in_replay() -> None:
 ROUND = played(laid_out())
 
 
-def test_a_policy_that_chooses_no_candidate_holds_and_the_page_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    round = laid_out()
-    monkeypatch.setattr(round, "_policies", [Lost(), Lost()])
-    played(round, ticks=3)
+def test_policy_without_a_choice_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(played_round, "make_policy", lambda name: Lost())
+    round = played(laid_out(), ticks=3)
     assert round.choices == [[round.hold] * 3] * 3

@@ -45,24 +45,24 @@ def test_every_choice_can_be_prepared() -> None:
         (Rules(map="generated", level=10**9), "level 1000000000: there are 0 to"),
     ],
 )
-def test_what_cannot_be_chosen_is_refused_by_its_name(rules: Rules, words: str) -> None:
+def test_unknown_choice_is_refused_by_its_name(rules: Rules, words: str) -> None:
     with pytest.raises(Refused, match=words):
         Choices().prepare(rules, None)
 
 
-def test_levels_for_training_and_for_testing_are_those_of_the_generator() -> None:
+def test_level_is_one_of_the_generators() -> None:
     for level in (5, TEST_LEVEL + 1):
         _, source, _ = Choices().prepare(Rules(map="generated", level=level), None)
         assert source.levels_of(np.arange(3, dtype=np.uint64)).tolist() == [level] * 3
 
 
-def test_a_setup_changes_what_it_names_and_a_new_map_forgets_the_level() -> None:
+def test_setup_changes_only_what_it_names() -> None:
     rules = Rules(map="generated", level=3, policy="nearest").changed(Setup(map="maze", ghosts=("chase",)))
     assert rules == Rules(map="maze", level=None, policy="nearest", ghosts=("chase",))
 
 
 @given(seed=st.integers(0, 2**53 - 1), speed=st.floats(0.05, 2.0))
-def test_a_link_names_all_that_brings_the_round_back(seed: int, speed: float) -> None:
+def test_link_names_all_of_a_round(seed: int, speed: float) -> None:
     rules = Rules(map="a map & more", ghosts=("wander", "chase"), settings={"pellets.spacing_m": 1.5})
     link = {name: values[0] for name, values in parse_qs(rules.link(seed, speed)).items()}
     assert link["map"] == "a map & more"
@@ -77,7 +77,7 @@ def own_map(folder: Path) -> tuple[str, bytes]:
     return path.read_text(), (folder / "mine.pgm").read_bytes()
 
 
-def test_a_map_of_ones_own_is_checked_and_can_be_chosen(tmp_path: Path) -> None:
+def test_uploaded_map_is_checked_and_chosen(tmp_path: Path) -> None:
     choices = Choices()
     text, image = own_map(tmp_path)
     text = text.replace("mine.pgm", "../../elsewhere.pgm") + "resolution: 0.1\n"  # the first counts, as on the robot
@@ -100,7 +100,7 @@ def test_a_map_of_ones_own_is_checked_and_can_be_chosen(tmp_path: Path) -> None:
         ("house", None, None, "a map that ships has this name"),
     ],
 )
-def test_a_map_that_cannot_be_used_is_refused_with_the_reason(
+def test_unusable_map_is_refused_with_the_reason(
     name: str, text: str | None, image: bytes | None, words: str, tmp_path: Path
 ) -> None:
     whole = own_map(tmp_path)
@@ -109,14 +109,14 @@ def test_a_map_that_cannot_be_used_is_refused_with_the_reason(
     assert "/tmp" not in str(refused.value)
 
 
-def test_a_map_without_room_is_refused(tmp_path: Path) -> None:
+def test_map_without_room_is_refused(tmp_path: Path) -> None:
     walls = OccupancyMap.from_pixels("walls", np.zeros((40, 40), dtype=np.uint8), 0.05, (0.0, 0.0, 0.0))
     path = walls.save(tmp_path / "walls.yaml")
     with pytest.raises(Refused, match="the map walls cannot be played on"):
         Choices().add_map("walls", path.read_text(), (tmp_path / "walls.pgm").read_bytes())
 
 
-def test_no_more_than_twenty_maps_are_kept_and_one_can_be_replaced(tmp_path: Path) -> None:
+def test_twenty_maps_are_kept_and_replaceable(tmp_path: Path) -> None:
     choices = Choices()
     text, image = own_map(tmp_path)
     for number in range(20):
@@ -126,7 +126,7 @@ def test_no_more_than_twenty_maps_are_kept_and_one_can_be_replaced(tmp_path: Pat
     choices.add_map("mine-3", text, image)
 
 
-def test_files_named_at_the_start_can_be_chosen_by_the_page(tmp_path: Path) -> None:
+def test_file_named_at_the_start_is_offered(tmp_path: Path) -> None:
     load_map("house").save(tmp_path / "flat.yaml")
     assert "flat" in Choices(maps=[str(tmp_path / "flat.yaml")]).facts()["maps"]
     with pytest.raises(ValueError, match="nobody"):

@@ -390,7 +390,7 @@ def test_page_returning_early_replaces_its_old_connection(
             back.people(viewers=1)
 
 
-def test_a_role_has_one_person_and_only_he_plays_it(game: ScriptedGame, server: WebServer) -> None:
+def test_role_is_played_by_its_person_only(game: ScriptedGame, server: WebServer) -> None:
     with Page(server) as one, Page(server) as other:
         assert one.ask("goal", candidate=1)["words"] == "choose a role in the tab Play first"
         assert one.ask("role", role="robot")["ok"]
@@ -404,7 +404,7 @@ def test_a_role_has_one_person_and_only_he_plays_it(game: ScriptedGame, server: 
         other.people(roles={role: other.name if role == "robot" else None for role in control.ROLES})
 
 
-def test_a_role_that_the_game_refuses_is_not_had(serve: Callable[..., WebServer]) -> None:
+def test_role_is_kept_when_another_is_refused(serve: Callable[..., WebServer]) -> None:
     def handle(person: str, message: Message) -> None:
         if isinstance(message, messages.Role) and message.role == "ghost-3":
             raise Refused("there are 3 ghosts")

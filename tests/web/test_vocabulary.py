@@ -14,14 +14,14 @@ from pacman_env.web.routes import STATIC
 from pacman_env.web.vocabulary import CANDIDATE_KINDS, RESULTS, STATES, vocabulary
 
 
-def test_every_word_of_the_protocol_has_a_name() -> None:
+def test_every_protocol_word_has_a_name() -> None:
     assert set(STATES) == set(get_args(State))
     assert set(RESULTS) == set(OUTCOMES) - {"running"}
     assert set(CANDIDATE_KINDS) == set(KIND_NAMES)
     assert set(vocabulary()["roles"]) == set(ROLES)
 
 
-def test_the_pages_own_code_has_no_ghost_and_no_ghosts_colour() -> None:
+def test_scripts_name_no_ghost_and_no_colour() -> None:
     for path in STATIC.glob("*.js"):
         text = path.read_text()
         for ghost in GHOSTS:
