@@ -1,4 +1,4 @@
-"""View of a simulated game: its scene, frames between ticks, lights, sounds and motions."""
+"""What is shown of a simulated game: its scene, frames between ticks, lights, sounds and motions."""
 
 import math
 import time
@@ -21,64 +21,57 @@ from pacman_env.web.game import News, Scene
 from pacman_env.web.played_round import PlayedRound
 from pacman_env.web.rules import Rules
 
-_STEPS = 64  # number of different frames per tick
+_STEPS = 64  # of a tick that frames distinguish
 _COMPILING = "Preparing the first round. On a new computer the rules are compiled once, which takes a minute or two."
 
 
 class TickClock:
-    """Clock of ticks at ``speed`` times real time, which is held while the game is paused or stopped."""
+    """Ticks at ``speed`` times real time, held while the game is paused or stopped."""
 
     def __init__(self, speed: float) -> None:
         self.speed = speed
-        self.tick_s = 0.5  # simulated time per tick
+        self.tick_s = 0.5  # simulated
         self.paused = self.stopped = False
-        self._began_s = time.monotonic()  # start of the last tick
-        self._held_s: float | None = None  # start of the hold
+        self._share = 0.0  # of the tick, at the last change
+        self._changed_s = time.monotonic()
 
     @property
     def is_held(self) -> bool:
         return self.paused or self.stopped
 
     @property
-    def period_s(self) -> float:
-        return self.tick_s / self.speed
-
-    @property
     def due_s(self) -> float:
-        return self._began_s + self.period_s
+        return self._changed_s + (1.0 - self._share) * self.tick_s / self.speed
 
     def share(self, real_s: float) -> float:
-        """Return the elapsed share of the last tick, 0 to 1."""
-        at_s = real_s if self._held_s is None else self._held_s
-        return min(max((at_s - self._began_s) / self.period_s, 0.0), 1.0)
+        """How much of the last tick is over, 0 to 1."""
+        ran_s = 0.0 if self.is_held else max(real_s - self._changed_s, 0.0)
+        return min(self._share + ran_s * self.speed / self.tick_s, 1.0)
 
     def begin(self, due_s: float) -> None:
-        """Start a tick that was due at ``due_s``; missed ticks are skipped, and a held tick shows no progress."""
-        self._began_s = max(due_s, time.monotonic() - self.period_s, self._held_s or 0.0)
+        """A tick begins: a late one is not made up for, and of one that is held nothing is shown yet."""
+        self._share, self._changed_s = 0.0, max(due_s, time.monotonic() - self.tick_s / self.speed)
 
     def set_speed(self, times: float) -> None:
-        now = time.monotonic()
-        share = self.share(now)
+        self._keep_share()
         self.speed = times
-        self._began_s = (self._held_s or now) - share * self.period_s
 
     def hold(self, *, paused: bool | None = None, stopped: bool | None = None) -> None:
+        self._keep_share()
         self.paused = self.paused if paused is None else paused
         self.stopped = self.stopped if stopped is None else stopped
+
+    def _keep_share(self) -> None:
         now = time.monotonic()
-        if self.is_held:
-            self._held_s = now if self._held_s is None else self._held_s
-        elif self._held_s is not None:
-            self._began_s += now - self._held_s
-            self._held_s = None
+        self._share, self._changed_s = self.share(now), now
 
 
 class Feedback:
-    """Lights, sounds and motions of one game by the robot's rules, reported as news; times are real, s."""
+    """Lights, sounds and motions by the robot's rules, for one game; times are real, s. What is shown becomes news."""
 
     def __init__(self, show: ShowConfig, news: News) -> None:
         self.armed = False
-        self.turned = 0.0  # rad, sum of motions
+        self.turned = 0.0  # rad, by motions
         self.ring = LightRing(LIGHTS, show)
         self._show, self._news = show, news
         self._sounds = SoundQueue(SOUNDS)
@@ -140,7 +133,7 @@ class SimulatedView:
     def frame(
         self, played: PlayedRound | None, controller: RoundController, sent: Mapping[int, int | None], real_s: float
     ) -> Frame | None:
-        """Return the frame at a moment of real time, or None before the first round; ``sent`` is ``Orders.ghosts``."""
+        """Return the game at a moment of real time, None before the first round; ``sent``: ghosts, as in ``Orders``."""
         if self._now is None or self._before is None or played is None:
             return None
         clock, feedback, before, now = self._clock, self._feedback, self._before, self._now
@@ -171,7 +164,7 @@ class SimulatedView:
 
 
 def between(old: Frame, new: Frame, share: float) -> Frame:
-    """Interpolate a frame between two ticks; ``share`` 1 gives the later one."""
+    """A frame between two ticks; ``share`` 1: that of the later one."""
     if share >= 1.0 or new.time_s < old.time_s:
         return new
     moved = {
@@ -184,7 +177,7 @@ def between(old: Frame, new: Frame, share: float) -> Frame:
     return structs.replace(
         new,
         time_s=old.time_s + share * (new.time_s - old.time_s),
-        alive=old.alive,  # a pellet is shown until it is reached
+        alive=old.alive,  # a pellet is there until it is reached
         collected=old.collected,
         baseline_collected=old.baseline_collected,
         over=old.over,
@@ -202,7 +195,7 @@ def scene_of(played: PlayedRound, rules: Rules, revision: int) -> Scene:
     xy = played.assets.goal_xy.round(4).tolist()
     pellets = played.assets.pellets
     named = rules if played.level is None else replace(rules, level=played.level)
-    reproducible = not (played.placed or played.by_person or played.ghost_roles)  # by the names and numbers of the link
+    reproducible = not (played.placed or played.by_person or played.ghost_roles)  # by names and numbers alone
     facts = {
         "map": {
             "name": rules.map,

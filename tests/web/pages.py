@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import socket
 import time
@@ -10,6 +11,7 @@ from contextlib import ExitStack
 from types import TracebackType
 from typing import Any
 
+import httpx
 from websockets.sync.client import ClientConnection, connect
 
 from pacman_env.web.server import WebServer
@@ -29,6 +31,11 @@ def viewer_url(server: WebServer) -> str:
     """The page for one that only looks."""
     assert server.tokens is not None
     return server.url.replace(server.tokens.operator, server.tokens.viewer)
+
+
+def upload(web: httpx.Client, url: str, **changed: Any) -> httpx.Response:
+    body = {"name": "My house!", "yaml": "image: a.pgm", "image": base64.b64encode(b"P5 picture").decode(), **changed}
+    return web.post(at(url, "map"), json=body)
 
 
 def upgrade(server: WebServer) -> socket.socket:

@@ -16,15 +16,7 @@ PICTURE = b"\x89PNG\r\n\x1a\n picture"
 
 
 class ScriptedGame:
-    """Frames count up with every look; ``on_handle`` answers, or refuses.
-
-    Attributes:
-        handled: person and message, in the order in which they came in.
-        calls: name and arguments of all else.
-        polled_at: when a frame was asked for.
-    """
-
-    source: Literal["simulator", "ros"]
+    """Frames count up with every look; ``on_handle`` answers, or refuses."""
 
     def __init__(
         self,
@@ -32,24 +24,22 @@ class ScriptedGame:
         source: Literal["simulator", "ros"] = "simulator",
         moves: bool = True,
     ):
-        self.source = source
-        self.handled: list[tuple[str, Message]] = []
-        self.calls: list[tuple[Any, ...]] = []
-        self.stopped_at: list[float] = []
-        self.polled_at: list[float] = []
-        self.moves = moves
-        self.number = 1
-        self.revision = 1
+        self.source: Literal["simulator", "ros"] = source
+        self.handled: list[tuple[str, Message]] = []  # in the order in which they came in
+        self.calls: list[tuple[Any, ...]] = []  # name and arguments of all else
+        self.polled_at: list[float] = []  # when a frame was asked for
+        self.number = self.revision = 1
         self.entries: list[dict[str, Any]] = []
         self.maps: dict[str, tuple[str, bytes]] = {}
         self.stories: dict[int, bytes] = {}
-        self.fails: set[str] = set()
-        self.on_handle = on_handle
+        self.fails: set[str] = set()  # names of calls
+        self._on_handle, self._moves = on_handle, moves
         self._lock = threading.Lock()
 
-    def _called(self, name: str, *arguments: Any) -> None:
+    def _called(self, name: str, *arguments: Any, kept: bool = True) -> None:
         with self._lock:
-            self.calls.append((name, *arguments))
+            if kept:
+                self.calls.append((name, *arguments))
         if name in self.fails:
             raise RuntimeError(f"{name} is broken")
 
@@ -60,19 +50,16 @@ class ScriptedGame:
         self._called("greet")
 
     def choices(self) -> dict[str, Any]:
-        if "choices" in self.fails:
-            raise RuntimeError("choices is broken")
+        self._called("choices", kept=False)
         return {"maps": ["house"]}
 
     def scene(self) -> Scene:
         return Scene(self.revision, {"map": {"name": "house"}, "home": [0.0, 0.0, float("nan")]}, PICTURE)
 
     def frame(self) -> Frame | None:
-        if "frame" in self.fails:
-            raise RuntimeError("frame is broken")
+        self._called("frame", kept=False)
         self.polled_at.append(time.monotonic())
-        if self.moves:
-            self.number += 1
+        self.number += self._moves
         return Frame("running", self.revision, self.number, time_s=self.number / 20)
 
     def news(self, after: int) -> list[dict[str, Any]]:
@@ -87,16 +74,14 @@ class ScriptedGame:
     def handle(self, person: str, message: Message) -> Any:
         with self._lock:
             self.handled.append((person, message))
-        if "handle" in self.fails:
-            raise RuntimeError("handle is broken")
-        if self.on_handle is not None:
-            return self.on_handle(person, message)
+        self._called("handle", kept=False)
+        if self._on_handle is not None:
+            return self._on_handle(person, message)
         if isinstance(message, messages.PlaceClyde):
             raise Refused("not in the menu")
         return None
 
     def stop(self, person: str) -> None:
-        self.stopped_at.append(time.monotonic())
         self._called("stop", person)
 
     def release(self, person: str) -> None:

