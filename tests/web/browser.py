@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from pacman_env.web.messages import ClydeSpeed
 from pacman_env.web.rules import Rules
 from pacman_env.web.server import WebServer
 from pacman_env.web.simulated import SimulatedGame
@@ -137,8 +138,9 @@ def chromium() -> Iterator[Any]:
 
 @pytest.fixture
 def simulated() -> Iterator[SimulatedGame]:
-    """A game with short rounds."""
+    """A game with short rounds, and a Clyde that is no danger."""
     game = SimulatedGame(Rules(settings={"time_limit_s": 90.0}), seed=3)
+    game.handle("nobody", ClydeSpeed(mps=0.05))
     yield game
     game.close()
 

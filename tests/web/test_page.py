@@ -36,7 +36,7 @@ STANDS_STILL = """async () => {
 
 def start(visitor: Visitor, speed: float = 1) -> None:
     """Begin a round of 90 s, its show in haste; what is to be seen while it runs needs a low speed."""
-    visitor.slide("speed", 8)
+    visitor.slide("speed", 4)
     visitor.press("start")
     visitor.wait("state.frame.state === 'running'")
     visitor.slide("speed", speed)
