@@ -76,7 +76,7 @@ class ResetOptions:
 
 
 @dataclass(frozen=True)
-class Reset:
+class CheckedReset:
     """A checked reset, which cannot fail any more."""
 
     core: EnvCore
@@ -100,7 +100,7 @@ class ManyGames(CoreEnv):
         request = ResetOptions.of(options, self.num_envs, *more)
         return self._begin(self._prepare(seed, request, mask, mask_name))
 
-    def _prepare(self, seed: Any, request: ResetOptions, mask: Any = None, mask_name: str = "") -> Reset:
+    def _prepare(self, seed: Any, request: ResetOptions, mask: Any = None, mask_name: str = "") -> CheckedReset:
         """Check a reset and return it without changing anything."""
         index = np.arange(self.num_envs) if mask is None else _chosen_games(mask, self.num_envs, mask_name)
         every = len(index) == self.num_envs
@@ -112,9 +112,9 @@ class ManyGames(CoreEnv):
         levels = request.levels(core.batch.source, index)
         seeds = one_for_each(seed, self.num_envs)
         fresh = [i for i in index.tolist() if seeds[i] is not None or self._generators[i] is None]
-        return Reset(core, index, levels, {i: gym.utils.seeding.np_random(seeds[i])[0] for i in fresh}, request)
+        return CheckedReset(core, index, levels, {i: gym.utils.seeding.np_random(seeds[i])[0] for i in fresh}, request)
 
-    def _begin(self, reset: Reset) -> Indices:
+    def _begin(self, reset: CheckedReset) -> Indices:
         self._core = reset.core
         for i, generator in reset.generators.items():
             self._generators[i], self._next[i] = generator, None

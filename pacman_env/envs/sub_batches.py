@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..policies.base import Flags, Floats
-from .resets import Reset, ResetOptions, one_for_each
+from .resets import CheckedReset, ResetOptions, one_for_each
 
 if TYPE_CHECKING:
     from .pacmanbot_vector import PacManBotVectorEnv
@@ -124,7 +124,7 @@ class SubBatches:
         self._sent.append((number, self._pool.submit(work)))
 
 
-def _begin_games(env: PacManBotVectorEnv, prepared: Reset) -> Step:
+def _begin_games(env: PacManBotVectorEnv, prepared: CheckedReset) -> Step:
     index = env._begin(prepared)
     nothing = np.zeros(env.num_envs, dtype=np.bool_)
     return env._core.observe(), np.zeros(env.num_envs), nothing, nothing.copy(), env._infos(index)

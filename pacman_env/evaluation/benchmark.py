@@ -46,7 +46,7 @@ Rates = tuple[float, float]  # decisions and simulated seconds per second of pro
 
 
 @dataclass(frozen=True)
-class Row:
+class BenchmarkRow:
     """A row of the table: an environment, the number of its games, and the policy."""
 
     env: str
@@ -64,26 +64,26 @@ class Row:
 
 _BOT, _FLAT, _GENERATED = "PacManBot-v0", "PacManBotFlat-v0", "PacManBotFlatGenerated-v0"
 ROWS = (
-    Row(_BOT, "make", 1),
-    Row(_BOT, "make_vec", 64),
-    Row(_BOT, "make_vec", 1024),
-    Row(_BOT, "sb3", 64),
-    Row(_BOT, "make_vec", 64, arguments={"observation": "planner"}),
-    Row(_BOT, "make_vec", 64, policy="ppo"),
-    Row(_FLAT, "make", 1),
-    Row(_FLAT, "make_vec", 64),
-    Row(_FLAT, "sb3", 64),
-    Row(_FLAT, "make_vec", 64, policy="ppo"),
-    Row(_GENERATED, "make", 1),
-    Row(_GENERATED, "make_vec", 64),
-    Row(_GENERATED, "sb3", 64),
+    BenchmarkRow(_BOT, "make", 1),
+    BenchmarkRow(_BOT, "make_vec", 64),
+    BenchmarkRow(_BOT, "make_vec", 1024),
+    BenchmarkRow(_BOT, "sb3", 64),
+    BenchmarkRow(_BOT, "make_vec", 64, arguments={"observation": "planner"}),
+    BenchmarkRow(_BOT, "make_vec", 64, policy="ppo"),
+    BenchmarkRow(_FLAT, "make", 1),
+    BenchmarkRow(_FLAT, "make_vec", 64),
+    BenchmarkRow(_FLAT, "sb3", 64),
+    BenchmarkRow(_FLAT, "make_vec", 64, policy="ppo"),
+    BenchmarkRow(_GENERATED, "make", 1),
+    BenchmarkRow(_GENERATED, "make_vec", 64),
+    BenchmarkRow(_GENERATED, "sb3", 64),
 )
 
 
-class Player:
+class BenchmarkPlayer:
     """Plays the environment of a row; ``game`` is this package's environment without wrappers."""
 
-    def __init__(self, row: Row, map_source: str) -> None:
+    def __init__(self, row: BenchmarkRow, map_source: str) -> None:
         spec = f"pacman_env/{row.env}"
         arguments: dict[str, Any] = {**row.arguments}
         if row.env != _GENERATED:
@@ -153,14 +153,14 @@ class Player:
 
 def keep_houses() -> None:
     """Start a round in each house of the training set, so that all houses are in the cache."""
-    env = Player(Row(_GENERATED, "make_vec", 64), "").env
+    env = BenchmarkPlayer(BenchmarkRow(_GENERATED, "make_vec", 64), "").env
     for first in range(0, HOUSES, 64):
         env.reset(options={"level": (first + np.arange(64)) % HOUSES})
 
 
 def bare_rates(map_source: str) -> Callable[[float], Rates]:
     """Return a function that measures physics alone: 64 robots in one Chipmunk space, stepped from Python."""
-    env: Any = Player(Row(_BOT, "make_vec", 64), map_source).game
+    env: Any = BenchmarkPlayer(BenchmarkRow(_BOT, "make_vec", 64), map_source).game
     robot, config, substeps = env.config.robot, env.config, env.batch.substeps
     step = bare_stepper(
         env.batch.assets.grid.walls,
@@ -182,7 +182,7 @@ def bare_rates(map_source: str) -> Callable[[float], Rates]:
     return rates
 
 
-def measured(rows: Sequence[Row], map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
+def measured(rows: Sequence[BenchmarkRow], map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
     """Return the medians, or the reason for skipping, by row; each row plays ``seconds`` in total."""
     if any(row.env == _GENERATED for row in rows) and HOUSES:
         keep_houses()
@@ -190,7 +190,7 @@ def measured(rows: Sequence[Row], map_source: str, rounds: int, seconds: float) 
     players: dict[str, Callable[[float], Rates]] = {BARE: bare_rates(map_source)}
     for row in rows:
         try:
-            players[row.name] = Player(row, map_source).rates
+            players[row.name] = BenchmarkPlayer(row, map_source).rates
         except ModuleNotFoundError as error:
             if str(error.name).startswith("pacman_env"):
                 raise

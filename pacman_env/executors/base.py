@@ -38,7 +38,7 @@ class Done(Generic[Result]):
         return self.value  # type: ignore[return-value]
 
 
-class Losses:
+class WorkerLosses:
     """Count how often each task has lost its worker."""
 
     def __init__(self, progress: Progress, most: int) -> None:
@@ -92,7 +92,7 @@ class Executor(ABC):
     def _ends(
         self, function: Callable[[Task], Result], tasks: Sequence[Task], keys: Keys
     ) -> Generator[Done[Result], None, None]:
-        """Implement :meth:`run`; set ``progress.waiting``, and count lost workers by ``Losses``."""
+        """Implement :meth:`run`; set ``progress.waiting``, and count lost workers by ``WorkerLosses``."""
 
     def map(
         self,

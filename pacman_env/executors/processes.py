@@ -12,7 +12,7 @@ from typing import Any
 
 from pebble import ProcessExpired, ProcessPool
 
-from .base import Done, Executor, Keys, Losses, Result, Task, TaskFailed, plain
+from .base import Done, Executor, Keys, Result, Task, TaskFailed, WorkerLosses, plain
 from .queue import StickyQueue
 
 
@@ -26,7 +26,7 @@ class LocalProcesses(Executor):
     def _ends(
         self, function: Callable[[Task], Result], tasks: Sequence[Task], keys: Keys
     ) -> Generator[Done[Result], None, None]:
-        waiting, losses = StickyQueue(len(tasks), keys, self._owners), Losses(self.progress, self.most_losses)
+        waiting, losses = StickyQueue(len(tasks), keys, self._owners), WorkerLosses(self.progress, self.most_losses)
         running: dict[Future[Any], tuple[int, int]] = {}  # the worker and the task
         try:
             while waiting or running:

@@ -14,7 +14,7 @@ from pacman_env import __version__
 from pacman_env.engine.cache_folder import package_hash
 from pacman_env.plugins import PluginError
 
-from .base import Done, Executor, Keys, Losses, Result, Task, TaskFailed, plain
+from .base import Done, Executor, Keys, Result, Task, TaskFailed, WorkerLosses, plain
 from .progress import LOG, Progress
 from .queue import StickyQueue
 
@@ -65,7 +65,7 @@ class RayCluster(Executor):
         self, function: Callable[[Task], Result], tasks: Sequence[Task], keys: Keys
     ) -> Generator[Done[Result], None, None]:
         ray, name = self._ray, f"{function.__module__}:{function.__qualname__}"
-        waiting, losses = StickyQueue(len(tasks), keys, self._owners), Losses(self.progress, self.most_losses)
+        waiting, losses = StickyQueue(len(tasks), keys, self._owners), WorkerLosses(self.progress, self.most_losses)
         running: dict[Any, tuple[int, int]] = {}  # the worker and the task
         looked = monotonic()
         try:

@@ -283,14 +283,14 @@ def node_class(name: str) -> type[BaseNode]:
     return next(kind for kind in kinds if kind.__module__ == module.__name__)
 
 
-class Stop:
+class StopSignals:
     """Context in which SIGINT and SIGTERM set ``asked``; with ``breaks_off`` they also raise KeyboardInterrupt."""
 
     def __init__(self, breaks_off: bool = False) -> None:
         self.asked = False
         self.breaks_off = breaks_off
 
-    def __enter__(self) -> Stop:
+    def __enter__(self) -> StopSignals:
         self._before = {number: signal.signal(number, self._ask) for number in (signal.SIGINT, signal.SIGTERM)}
         return self
 
@@ -318,7 +318,7 @@ def run_together(makes: Iterable[Callable[[], BaseNode]], name: str, arguments: 
     running = False
     # A client that ends before its response is no error, even if warnings are errors.
     warnings.filterwarnings("ignore", "failed to send response", RuntimeWarning)
-    with Stop(breaks_off=True) as stop:
+    with StopSignals(breaks_off=True) as stop:
         try:
             extra = remove_ros_args(arguments)
             if extra:
@@ -354,7 +354,7 @@ def run_together(makes: Iterable[Callable[[], BaseNode]], name: str, arguments: 
     return next((node.status for node in nodes if node.status is not None), stopped)
 
 
-def _spin(nodes: Sequence[BaseNode], stop: Stop, longest_s: float) -> None:
+def _spin(nodes: Sequence[BaseNode], stop: StopSignals, longest_s: float) -> None:
     """Spin until the end, then let the nodes publish their last messages and wait for their delivery."""
     executor = SingleThreadedExecutor()
     for node in nodes:
@@ -400,7 +400,7 @@ def _code() -> Iterator[tuple[int, int]]:
             yield start, end - start
 
 
-class Observer(Node):
+class ObserverNode(Node):
     """Node that observes a game while it is spun, in a context of its own, which ``close`` shuts down."""
 
     def __init__(self, name: str, namespace: str, domain: int | None = None, **options: Any) -> None:

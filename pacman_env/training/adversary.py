@@ -53,7 +53,7 @@ _PLANNER, _CLYDE = 0, 1  # streams of random numbers
 
 
 @dataclass(frozen=True)
-class Arguments(Checked):
+class AdversaryArguments(Checked):
     """Train a planner and a Clyde against each other, in turns, or measure what has been trained."""
 
     start: Path | None = None
@@ -100,7 +100,7 @@ class Arguments(Checked):
         require(self.clyde is None or self.measure is not None, "clyde", self.clyde, "is for --measure")
 
 
-QUICK = Arguments(
+QUICK = AdversaryArguments(
     out=Path("results/adversary-quick"),
     rounds=1,
     clyde_decisions=32768,
@@ -123,37 +123,37 @@ def main(argv: Sequence[str] | None = None) -> int:
     return guarded(_PROG, begin, "train")
 
 
-def _run(arguments: Arguments, executor: Executor) -> None:
+def _run(arguments: AdversaryArguments, executor: Executor) -> None:
     use_device("cpu")
     if arguments.measure is None:
         Alternation(arguments, executor).run()
     else:
-        table = Table(_games(arguments, _PLANNER), arguments.evaluation, executor)
+        table = CompletionTable(_games(arguments, _PLANNER), arguments.evaluation, executor)
         print(robustness(arguments.measure, arguments.clyde, table).render())
 
 
-def parse(argv: Sequence[str]) -> Arguments:
-    default = QUICK if "--quick" in argv else Arguments()
+def parse(argv: Sequence[str]) -> AdversaryArguments:
+    default = QUICK if "--quick" in argv else AdversaryArguments()
     return parse_options(make_parser(default), argv, default)
 
 
-def make_parser(default: Arguments | None = None) -> Parser:
-    parser = Parser(prog=_PROG, description=Arguments.__doc__, allow_abbrev=False)
+def make_parser(default: AdversaryArguments | None = None) -> Parser:
+    parser = Parser(prog=_PROG, description=AdversaryArguments.__doc__, allow_abbrev=False)
     parser.add_argument("--quick", action="store_true", help="two minutes on two cores")
     add_executor_arguments(parser)
-    add_options(parser, default or Arguments())
+    add_options(parser, default or AdversaryArguments())
     return parser
 
 
 class Alternation:
-    def __init__(self, arguments: Arguments, executor: Executor) -> None:
+    def __init__(self, arguments: AdversaryArguments, executor: Executor) -> None:
         self.arguments, self.folder, self._began = arguments, arguments.out, time.perf_counter()
         self._executor = executor
         self.record = self.folder / "record.json"
         if self.record.exists():
             raise ValueError(f"{self.folder}: there is a run already; give another --out")
         self.folder.mkdir(parents=True, exist_ok=True)
-        self.table = Table(_games(arguments, _PLANNER), arguments.evaluation, executor)
+        self.table = CompletionTable(_games(arguments, _PLANNER), arguments.evaluation, executor)
         self.rounds: list[dict[str, Any]] = []
         clyde = Learner(_games(arguments, _CLYDE).hyper, _seeds(arguments, _CLYDE, 1)[0], threads=arguments.threads)
         planner, trained_before = starting_model(arguments, executor)
@@ -237,7 +237,7 @@ class Alternation:
         write_json(self.record, content)
 
 
-def starting_model(arguments: Arguments, executor: Executor) -> tuple[Learner, int]:
+def starting_model(arguments: AdversaryArguments, executor: Executor) -> tuple[Learner, int]:
     """Return the planner to start with and the number of decisions of its training so far."""
     game, path = _games(arguments, _PLANNER), arguments.start
     torch_seed, games_seed = _seeds(arguments, _PLANNER, 0)
@@ -260,7 +260,7 @@ def starting_model(arguments: Arguments, executor: Executor) -> tuple[Learner, i
     return model, read_facts(facts).training.decisions if facts.exists() else 0
 
 
-def _games(arguments: Arguments, side: int, ghost: str = WANDER) -> GameArguments:
+def _games(arguments: AdversaryArguments, side: int, ghost: str = WANDER) -> GameArguments:
     """Return the arguments of a side's games and training; ``ghost`` is the behaviour of the planner's opponent."""
     hyper = load_hyperparameters(FOLDER / "PacManBot-v0.yaml", "headline")
     if side == _CLYDE:
@@ -282,7 +282,7 @@ def _games(arguments: Arguments, side: int, ghost: str = WANDER) -> GameArgument
     return GameArguments(hyper=hyper, seed=arguments.seed, threads=arguments.threads)
 
 
-def _seeds(arguments: Arguments, side: int, number: int) -> list[int]:
+def _seeds(arguments: AdversaryArguments, side: int, number: int) -> list[int]:
     """Return the seeds of a side in a round: for torch and for the games."""
     return np.random.SeedSequence(arguments.seed, spawn_key=(number, side)).generate_state(2).tolist()
 
@@ -293,7 +293,7 @@ def make_pool(learned: Sequence[Policy], wander: float) -> Opponents:
     return Opponents([BehaviourOpponent("wander"), *others], [wander, *[(1.0 - wander) / len(others)] * len(others)])
 
 
-class Table:
+class CompletionTable:
     """Shares of validation rounds that policies complete against Clydes; every pair plays once."""
 
     def __init__(self, arguments: GameArguments, rounds: int, executor: Executor) -> None:
@@ -328,7 +328,7 @@ class Table:
         return "\n".join(lines)
 
 
-def robustness(planner: Path, clyde: Path | None, table: Table) -> Table:
+def robustness(planner: Path, clyde: Path | None, table: CompletionTable) -> CompletionTable:
     """Play one planner and the rules for the table of a model card; ``clyde`` is an additional learned Clyde."""
     table.files |= {"planner": planner} | ({} if clyde is None else {"clyde": clyde})
     for policy in ("planner", *RULES):

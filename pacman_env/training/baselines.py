@@ -38,7 +38,7 @@ class Environment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     settings: dict[str, Any] = {}
 
 
-class Hyperparameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class BaselineHyperparameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Hyperparameters of PPO; the defaults are those of the libraries."""
 
     n_steps: AtLeastOne = 2048  # decisions per game in a rollout
@@ -65,7 +65,7 @@ class Baseline(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     frames: AtLeastOne = 1  # stacked observations
     normalize: bool = False  # normalize observations and rewards by running mean and deviation
     test: str = "generated:test"  # map of the test rounds
-    hyperparameters: Hyperparameters = Hyperparameters()
+    hyperparameters: BaselineHyperparameters = BaselineHyperparameters()
 
     def arguments(self, map_name: str) -> dict[str, Any]:
         """Return the arguments of the environment on a map; outcomes are numbers."""

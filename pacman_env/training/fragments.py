@@ -22,14 +22,14 @@ from numpy.typing import NDArray
 from pacman_env.policies.base import Policy
 from pacman_env.sb3 import Observation
 from pacman_env.training.games import Ending, Games, Part, PlannerGames
-from pacman_env.training.network import EntityNetwork, Packed, Row
+from pacman_env.training.network import EntityNetwork, PackedSituations, SituationMemory
 
 #: The player: the network with drawn choices, a rule that teaches, or the network's best choices with a rule's labels.
 How = Literal["drawn", "taught", "labelled"]
 
 
-class Choices(NamedTuple):
-    situations: Packed
+class FragmentChoices(NamedTuple):
+    situations: PackedSituations
     order: torch.Tensor  # (B, C) original numbers of the candidates in ``situations``
     slots: torch.Tensor  # (B,) chosen candidates, by their place in ``situations``
     log_probs: torch.Tensor  # (B,)
@@ -52,7 +52,7 @@ class Task:
 class Fragment(NamedTuple):
     """T steps in each of N games; the B = T N situations are ordered by step, then by game."""
 
-    situations: tuple[NDArray[Any], ...]  # the fields of ``Packed``
+    situations: tuple[NDArray[Any], ...]  # the fields of ``PackedSituations``
     slots: NDArray[np.int64]  # (B,) choices (a rule's labels, if any), by their place in the situations
     log_probs: NDArray[np.float32]  # (B,)
     values: NDArray[np.float32]  # (T + 1, N)
@@ -66,7 +66,7 @@ class Fragment(NamedTuple):
 @torch.inference_mode()
 def choose(
     network: EntityNetwork, observation: Observation, generator: torch.Generator | None = None
-) -> tuple[Choices, NDArray[np.int64]]:
+) -> tuple[FragmentChoices, NDArray[np.int64]]:
     """Return choices for all situations and the candidates' numbers; the best ones without a generator to draw from."""
     seen = {key: torch.from_numpy(array) for key, array in observation.items()}
     situations, order = network.pack(seen["planner_candidates"], seen["planner_globals"], seen["action_mask"] > 0.5)
@@ -78,7 +78,7 @@ def choose(
         drawn = log_probs - torch.empty_like(log_probs).exponential_(generator=generator).log()
     slots = drawn.argmax(dim=1, keepdim=True)
     chosen = order.gather(1, slots)[:, 0].numpy()
-    return Choices(situations, order, slots[:, 0], log_probs.gather(1, slots)[:, 0], values), chosen
+    return FragmentChoices(situations, order, slots[:, 0], log_probs.gather(1, slots)[:, 0], values), chosen
 
 
 def check(numbers: torch.Tensor) -> None:
@@ -143,13 +143,13 @@ class _RunningPart:
         if task.state is None:
             self.observation = self.games.reset(task.games_seed)
         self.number = task.number
-        self._met: Row | None = None
+        self._met: SituationMemory | None = None
 
-    def memory(self, steps: int) -> Row:
+    def memory(self, steps: int) -> SituationMemory:
         """Return empty memory for the situations of a fragment, allocated once."""
         room = steps * self.games.num_envs
         if self._met is None or self._met.room != room:
-            self._met = Row(room)
+            self._met = SituationMemory(room)
         self._met.clear()
         return self._met
 

@@ -26,7 +26,7 @@ from pacman_env.training.arguments import Hyperparameters
 from pacman_env.training.collector import Collector
 from pacman_env.training.fragments import Fragment, check
 from pacman_env.training.games import Ending
-from pacman_env.training.network import EntityNetwork, Packed, Row
+from pacman_env.training.network import EntityNetwork, PackedSituations, SituationMemory
 
 #: Maps the rows of a chunk to its part of the minibatch's loss and of the metrics.
 ChunkLoss = Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
@@ -39,7 +39,7 @@ _ENDINGS = 1000  # endings of earlier rollouts that count in the logged shares
 
 
 class Rollout(NamedTuple):
-    situations: Packed
+    situations: PackedSituations
     slots: torch.Tensor  # (B,) chosen candidates, by their place in ``situations``
     log_probs: torch.Tensor  # (B,)
     values: torch.Tensor  # (B,)
@@ -64,7 +64,7 @@ class Learner:
         """Run PPO for at least ``decisions`` more decisions, in new rounds of the games drawn from ``seed``."""
         first, start_s = self.decisions, time.perf_counter()
         games.reset(seed)
-        memory = Row(self.hyper.n_steps * games.num_envs)
+        memory = SituationMemory(self.hyper.n_steps * games.num_envs)
         outcomes: list[str] = []
         while self.decisions < first + decisions:
             rollout, endings = self.collect(games, memory, bar)
@@ -84,14 +84,14 @@ class Learner:
             self.logger.dump(self.decisions)
             self.update(rollout)
 
-    def collect(self, games: Collector, memory: Row, bar: Any) -> tuple[Rollout, list[Ending]]:
+    def collect(self, games: Collector, memory: SituationMemory, bar: Any) -> tuple[Rollout, list[Ending]]:
         """Play ``n_steps`` decisions in each game; return the rollout, in ``memory``, and the rounds that ended."""
         hyper = self.hyper
         fragments = games.play(self.network, hyper.n_steps, on_fragment=lambda part: bar.update(len(part.slots)))
         memory.clear()
         rows: list[tuple[torch.Tensor, ...]] = []
         for part in fragments:
-            memory.add(Packed(*(tensor(array).to(self.device) for array in part.situations)))
+            memory.add(PackedSituations(*(tensor(array).to(self.device) for array in part.situations)))
             values = tensor(part.values)
             gae = advantages(tensor(part.rewards), values, tensor(part.dones).float(), hyper.gamma, hyper.gae_lambda)
             flat = (values[:-1], gae, gae + values[:-1])
@@ -178,7 +178,9 @@ class _Labels(NamedTuple):
     returns: torch.Tensor  # (B,) discounted returns
     valid: torch.Tensor  # (B,) 1 if the return is complete, because the round ended
 
-    def loss(self, model: Learner, packed: Packed, count: int, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def loss(
+        self, model: Learner, packed: PackedSituations, count: int, rows: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the loss of some rows of a minibatch of ``count`` situations, without metrics."""
         situations, slots = packed.of(rows), self.slots[rows]
         logits, values = model.network.judge_packed(situations)
@@ -200,12 +202,12 @@ def imitate(model: Learner, games: Collector, decisions: int, *, games_seed: int
     steps = max(decisions // games.num_envs // _ROUNDS, 1)
     optimizer = torch.optim.Adam(model.network.parameters(), lr=_RATE)
     generator = torch.Generator().manual_seed(seed)
-    memory, labels = Row(_ROUNDS * steps * games.num_envs), list[_Labels]()
+    memory, labels = SituationMemory(_ROUNDS * steps * games.num_envs), list[_Labels]()
     games.reset(games_seed)
     for number in range(_ROUNDS):
         parts = games.play(model.network, steps, "labelled" if number > 0 else "taught")
         for fragment in parts:
-            memory.add(Packed(*(tensor(array).to(model.device) for array in fragment.situations)))
+            memory.add(PackedSituations(*(tensor(array).to(model.device) for array in fragment.situations)))
             labels.append(_labels(model, fragment))
         _fit(model, optimizer, memory.situations(), _Labels(*map(torch.cat, zip(*labels, strict=True))), generator)
     return {"agreement": float(np.average([one.agreed for one in parts], weights=[len(one.slots) for one in parts]))}
@@ -222,7 +224,11 @@ def tensor(array: NDArray[Any]) -> torch.Tensor:
 
 
 def _fit(
-    model: Learner, optimizer: torch.optim.Optimizer, packed: Packed, labels: _Labels, generator: torch.Generator
+    model: Learner,
+    optimizer: torch.optim.Optimizer,
+    packed: PackedSituations,
+    labels: _Labels,
+    generator: torch.Generator,
 ) -> None:
     def make_loss(rows: torch.Tensor) -> ChunkLoss:
         return partial(labels.loss, model, packed, len(rows))

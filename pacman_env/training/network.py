@@ -26,7 +26,7 @@ def _linear(inputs: int, outputs: int, gain: float = 2**0.5) -> nn.Linear:
     return layer
 
 
-class Packed(NamedTuple):
+class PackedSituations(NamedTuple):
     """Situations with the allowed candidates first, padded with copies of the first candidate.
 
     A copy changes neither the maximum nor, with a share of 0, the mean. Therefore no masking is needed.
@@ -37,35 +37,37 @@ class Packed(NamedTuple):
     share: torch.Tensor  # (B, C) weight in the mean; 0: forbidden
     counts: torch.Tensor  # (B,) number of allowed candidates
 
-    def of(self, rows: torch.Tensor | slice) -> Packed:
+    def of(self, rows: torch.Tensor | slice) -> PackedSituations:
         """Return the situations ``rows``, with as many candidates as the largest of them needs."""
         counts = self.counts[rows]
         most = max(int(counts.max()), 1)
-        return Packed(self.candidates[:, :most][rows], self.whole[rows], self.share[:, :most][rows], counts)
+        return PackedSituations(self.candidates[:, :most][rows], self.whole[rows], self.share[:, :most][rows], counts)
 
 
-class Row:
+class SituationMemory:
     """Memory for consecutive situations, allocated once: repeated allocation of large blocks is slow."""
 
     def __init__(self, room: int) -> None:
         self.room, self._count = room, 0
-        self._all: Packed | None = None
+        self._all: PackedSituations | None = None
 
     def clear(self) -> None:
         self._count = 0
 
-    def add(self, part: Packed) -> None:
+    def add(self, part: PackedSituations) -> None:
         if self._all is None:
-            self._all = Packed(*(torch.empty(self.room, *a.shape[1:], dtype=a.dtype, device=a.device) for a in part))
+            self._all = PackedSituations(
+                *(torch.empty(self.room, *a.shape[1:], dtype=a.dtype, device=a.device) for a in part)
+            )
         last = self._count + len(part.counts)
         for array, new in zip(self._all, part, strict=True):
             array[self._count : last] = new
         self._count = last
 
-    def situations(self) -> Packed:
+    def situations(self) -> PackedSituations:
         """Return all situations without a copy."""
         assert self._all is not None, "no situations were met"
-        return Packed(*(array[: self._count] for array in self._all))
+        return PackedSituations(*(array[: self._count] for array in self._all))
 
 
 class _Maximum(torch.autograd.Function):
@@ -127,7 +129,9 @@ class EntityNetwork(nn.Module):
         padded = torch.full(mask.shape, FORBIDDEN, dtype=logits.dtype, device=logits.device)
         return padded.scatter(1, order[:, : logits.shape[1]], logits), values
 
-    def pack(self, candidates: torch.Tensor, whole: torch.Tensor, mask: torch.Tensor) -> tuple[Packed, torch.Tensor]:
+    def pack(
+        self, candidates: torch.Tensor, whole: torch.Tensor, mask: torch.Tensor
+    ) -> tuple[PackedSituations, torch.Tensor]:
         """Return the inputs in a layout that avoids needless computation, and the candidates' new order (B, C)."""
         for kind in self.dropped_kinds:
             mask = mask & (candidates[:, :, kind] < 0.5)
@@ -136,9 +140,9 @@ class EntityNetwork(nn.Module):
         source = torch.where(inside, order, order[:, :1])
         source = source + mask.shape[1] * torch.arange(len(mask), device=mask.device)[:, None]
         first = candidates.flatten(0, 1).index_select(0, source.flatten()).view_as(candidates)
-        return Packed(first, whole, inside / counts.clamp(min=1)[:, None], counts), order
+        return PackedSituations(first, whole, inside / counts.clamp(min=1)[:, None], counts), order
 
-    def judge_packed(self, situations: Packed) -> tuple[torch.Tensor, torch.Tensor]:
+    def judge_packed(self, situations: PackedSituations) -> tuple[torch.Tensor, torch.Tensor]:
         """Return logits (B, C) in the order of ``situations``, -1e8 for forbidden candidates, and values (B,)."""
         candidates, whole, share = situations[:3]
         own, context = self._halves(self.encode_candidate, self.candidate_features, self.shown)

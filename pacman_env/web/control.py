@@ -43,7 +43,7 @@ class Roles:
         return {k: self.people[role] for k in range(len(GHOST_NAMES)) if (role := ghost_role(k)) in self.people}
 
 
-class Control:
+class RoleControl:
     """Roles of the clients and the operator's control. Times come from any monotonic clock, s."""
 
     def __init__(self) -> None:

@@ -18,7 +18,7 @@ from pacman_env.web.frame import Frame
 from pacman_env.web.game import News, Refused
 from pacman_env.web.played_round import FOLLOW, Orders, PlayedRound, Recordings
 from pacman_env.web.rules import Choices, Rules
-from pacman_env.web.simulated_view import Feedback, SimulatedView, TickClock
+from pacman_env.web.simulated_view import FeedbackPlayer, SimulatedView, TickClock
 
 _LOG = logging.getLogger(__name__)
 _HOME_S = 2.0  # real time for showing the end of a round
@@ -112,7 +112,7 @@ class Match:
         self.clock = TickClock(speed)
         self.driving = Driving()
         self.recordings = Recordings()
-        self.feedback = Feedback(config.show, news)
+        self.feedback = FeedbackPlayer(config.show, news)
         self.view = SimulatedView(self.clock, self.feedback)
         self.round: PlayedRound | None = None
         self._choices, self._rules, self._news, self._lock = choices, rules, news, lock

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any, TypeVar
 
 from pacman_env.web import messages
-from pacman_env.web.control import ROBOT, Control
+from pacman_env.web.control import ROBOT, RoleControl
 from pacman_env.web.game import Game, Refused
 from pacman_env.web.messages import Message, as_json
 from pacman_env.web.viewers import Viewer
@@ -37,9 +37,9 @@ async def in_thread(limit: asyncio.Semaphore, work: Callable[..., T], *arguments
         return await asyncio.wrap_future(result)
 
 
-class Requests:
+class RequestQueue:
     def __init__(self, game: Game):
-        self.control = Control()
+        self.control = RoleControl()
         self.stops = 0  # that have arrived, of all people
         # The game is never asked in the thread of the connections: any of its answers may take long.
         self.in_thread = partial(in_thread, asyncio.Semaphore(MOST_THREADS))

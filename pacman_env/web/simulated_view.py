@@ -66,7 +66,7 @@ class TickClock:
         self._share, self._changed_s = self.share(now), now
 
 
-class Feedback:
+class FeedbackPlayer:
     """Lights, sounds and motions by the robot's rules, for one game; times are real, s. What is shown becomes news."""
 
     def __init__(self, show: ShowConfig, news: News) -> None:
@@ -114,7 +114,7 @@ class Feedback:
 
 
 class SimulatedView:
-    def __init__(self, clock: TickClock, feedback: Feedback) -> None:
+    def __init__(self, clock: TickClock, feedback: FeedbackPlayer) -> None:
         self.scene = Scene(1, {"map": None, "preparing": True, "notice": _COMPILING})
         self.lidar = False
         self._clock, self._feedback = clock, feedback

@@ -15,7 +15,7 @@ import pytest
 
 import pacman_env
 from pacman_env.evaluation import benchmark
-from pacman_env.evaluation.benchmark import BARE, ROWS, Player, Row, main, measured, table
+from pacman_env.evaluation.benchmark import BARE, ROWS, BenchmarkPlayer, BenchmarkRow, main, measured, table
 
 SHORT = ["--map", "loop", "--rounds", "2", "--seconds", "0.02"]
 
@@ -48,7 +48,7 @@ def test_all_rows_are_measured_and_written(report: tuple[dict[str, Any], Path]) 
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
-def test_decisions_last_a_tick_or_until_an_event(row: Row, report: tuple[dict[str, Any], Path]) -> None:
+def test_decisions_last_a_tick_or_until_an_event(row: BenchmarkRow, report: tuple[dict[str, Any], Path]) -> None:
     figures = report[0]["rows"][row.name]
     lasts_s = figures["simulated_s_per_s"] / figures["decisions_per_s"]
     if "Flat" in row.env:
@@ -69,7 +69,7 @@ def test_figures_say_what_was_measured_where(report: tuple[dict[str, Any], Path]
 @pytest.mark.parametrize(("made", "decisions"), [("make", 4), ("make_vec", 8), ("sb3", 16)])
 def test_steps_that_only_reset_are_no_decisions(made: str, decisions: int, monkeypatch: pytest.MonkeyPatch) -> None:
     games = 1 if made == "make" else 4
-    player = Player(Row("PacManBot-v0", made, games, arguments={"max_episode_steps": 1}), "loop")
+    player = BenchmarkPlayer(BenchmarkRow("PacManBot-v0", made, games, arguments={"max_episode_steps": 1}), "loop")
     ticks = itertools.count()
     monkeypatch.setattr(benchmark.time, "process_time", lambda: float(next(ticks)))  # each step takes a second
     assert player.rates(4.0) == (decisions / 4, 0.5 * decisions / 4)
@@ -79,7 +79,7 @@ def test_rows_without_their_library_are_skipped(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.delitem(sys.modules, "pacman_env.sb3", raising=False)
     for name in ("stable_baselines3", *(one for one in sys.modules if one.startswith("stable_baselines3."))):
         monkeypatch.setitem(sys.modules, name, None)
-    rows = [Row("PacManBot-v0", "sb3", 2), Row("PacManBot-v0", "make", 1)]
+    rows = [BenchmarkRow("PacManBot-v0", "sb3", 2), BenchmarkRow("PacManBot-v0", "make", 1)]
     figures = measured(rows, "loop", 1, 0.0)
     assert "stable_baselines3" in figures[rows[0].name]["skipped"]
     assert figures[rows[1].name]["decisions_per_s"] > 0

@@ -20,7 +20,7 @@ from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.executors.base import InProcess
 from pacman_env.policies.metadata import metadata_path, read_planner
 from pacman_env.policies.registry import make_policy
-from pacman_env.training.adversary import Arguments, main, parse, starting_model
+from pacman_env.training.adversary import AdversaryArguments, main, parse, starting_model
 from pacman_env.training.arguments import FOLDER, load_hyperparameters
 from pacman_env.training.checkpoint import facts_path, save_checkpoint, write_facts
 from pacman_env.training.export import model_bytes, network_of
@@ -43,7 +43,7 @@ def _torch_as_before() -> Iterator[None]:
     torch.set_deterministic_debug_mode(mode)
 
 
-def tiny(out: Path, *more: str) -> Arguments:
+def tiny(out: Path, *more: str) -> AdversaryArguments:
     return parse([*TINY, "--out", str(out), *more])
 
 

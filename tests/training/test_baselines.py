@@ -9,7 +9,7 @@ from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
 
-from pacman_env.training.baselines import FILE, Baseline, Environment, Hyperparameters, load_baselines
+from pacman_env.training.baselines import FILE, Baseline, BaselineHyperparameters, Environment, load_baselines
 
 DRIVING = {"flat": True, "action": "velocity", "settings": {"decisions.when": "tick", "observation.candidates": "all"}}
 
@@ -41,7 +41,7 @@ def test_velocities_in_frames_normalized_from_a_narrow_beginning() -> None:
         learner="ppo",
         frames=3,
         normalize=True,
-        hyperparameters=Hyperparameters(learning_rate=(0.002, 0.001), log_std_init=-0.5, net_arch=(32, 16)),
+        hyperparameters=BaselineHyperparameters(learning_rate=(0.002, 0.001), log_std_init=-0.5, net_arch=(32, 16)),
     )
     games = baseline.make_games("loop", 2)
     model = baseline.make_model(games, seed=0)

@@ -22,7 +22,7 @@ from pacman_env.training.collector import Collector
 from pacman_env.training.fragments import choose
 from pacman_env.training.games import Games, PlannerGames, PlannerPart, dropped, make_parts
 from pacman_env.training.learner import Learner, discounted, imitate
-from pacman_env.training.network import Packed
+from pacman_env.training.network import PackedSituations
 from tests.training.test_arguments import tiny
 
 
@@ -115,7 +115,7 @@ def test_returns_of_a_hand_made_sequence() -> None:
     assert returns.dtype == known.dtype == np.float32
 
 
-def labels(model: Learner, games: Games, kind: str) -> tuple[Packed, learner._Labels]:
+def labels(model: Learner, games: Games, kind: str) -> tuple[PackedSituations, learner._Labels]:
     """Where the teacher always chooses a candidate of a kind, and no return is known."""
     observation = games.reset(0)
     column = CANDIDATE_FEATURES.index(kind)

@@ -22,7 +22,7 @@ from pacman_env.policies.base import BasePolicy, Flags, Policy
 from pacman_env.policies.opponents import BehaviourOpponent, Opponents
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.observation.situation import Situation
-from pacman_env.training.adversary import Table, make_pool, robustness
+from pacman_env.training.adversary import CompletionTable, make_pool, robustness
 from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
 from pacman_env.training.held_out import HeldOut
 from pacman_env.training.lineups import LEARNED
@@ -162,7 +162,7 @@ def test_an_unknown_behaviour_is_refused() -> None:
 
 
 def test_the_table_plays_each_pair_once_and_leaves_the_others_empty() -> None:
-    table = Table(ARGUMENTS, 4, InProcess())
+    table = CompletionTable(ARGUMENTS, 4, InProcess())
     table.play("nearest", ["wander"])
     first = table.completed["nearest"]["wander"]
     table.play("nearest", ["wander"])
@@ -178,6 +178,6 @@ def test_the_table_plays_each_pair_once_and_leaves_the_others_empty() -> None:
 
 def test_robustness_has_the_planner_the_rules_and_the_learned_clyde(tmp_path: Path) -> None:
     planner, clyde = random_planner(tmp_path, "planner", 1), random_planner(tmp_path, "clyde", 2)
-    shares = robustness(planner, clyde, Table(ARGUMENTS, 1, InProcess())).shares()
+    shares = robustness(planner, clyde, CompletionTable(ARGUMENTS, 1, InProcess())).shares()
     assert list(shares) == ["planner", "lookahead", "clyde_aware"]
     assert all(list(row) == ["wander", "arcade", "chase", "clyde"] for row in shares.values())

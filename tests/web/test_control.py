@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pacman_env.web.control import KEPT_S, ROLES, Control
+from pacman_env.web.control import KEPT_S, ROLES, RoleControl
 from pacman_env.web.game import Refused
 
 PEOPLE = ("ann", "bob", "cid")
@@ -23,7 +23,7 @@ deeds = st.lists(
 
 @given(deeds)
 def test_control_passes_only_when_given_or_left(deeds: list[tuple]) -> None:
-    control, now = Control(), 0.0
+    control, now = RoleControl(), 0.0
     here, gone = set(PEOPLE), {}
     for what, *rest in deeds:
         before, roles = control.operator, dict(control.roles.people)
@@ -58,7 +58,7 @@ def test_control_passes_only_when_given_or_left(deeds: list[tuple]) -> None:
 
 
 def test_first_that_asked_gets_given_control() -> None:
-    control = Control()
+    control = RoleControl()
     control.take("ann")
     control.take("ann")
     for person in ("bob", "cid", "bob"):
@@ -70,13 +70,13 @@ def test_first_that_asked_gets_given_control() -> None:
         control.give("bob")
     control.give("ann")
     assert (control.operator, control.asking) == ("bob", ["cid"])
-    control = Control()
+    control = RoleControl()
     control.ask("ann")
     assert (control.operator, control.asking) == ("ann", []), "asking for free control takes it"
 
 
 def test_page_keeps_control_and_role_ten_seconds() -> None:
-    control = Control()
+    control = RoleControl()
     control.take("ann")
     control.roles.assume("ann", "robot")
     control.went("ann", 100.0)
@@ -92,7 +92,7 @@ def test_page_keeps_control_and_role_ten_seconds() -> None:
 
 
 def test_role_and_person_belong_to_each_other() -> None:
-    control = Control()
+    control = RoleControl()
     control.roles.assume("ann", "ghost-1")
     control.roles.assume("ann", "robot")
     assert control.roles.people == {"robot": "ann"}

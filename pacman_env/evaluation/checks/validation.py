@@ -32,7 +32,7 @@ _PREEMPT = {"execution.on_abort": "back_off", "execution.switch": "preempt"}
 
 
 @dataclass(frozen=True)
-class Variant:
+class ValidationVariant:
     cause: str
     name: str
     policy: str = "clyde_aware"
@@ -40,30 +40,30 @@ class Variant:
 
 
 VARIANTS = (
-    Variant("reference", "the original as it was"),
-    Variant("selector", "milestone's form of the scorer", "clyde_aware:documented"),
-    Variant("selector", "nearest pellet", "nearest"),
-    Variant("selector", "random pellet", "random"),
-    Variant("belief", "fresh pose from TF, with AMCL's error", changes={"execution.pose_source": "tf"}),
-    Variant("belief", "perfect localization", changes={"localization.perfect": True}),
-    Variant("belief", "AMCL's error as its own filter has it in this house", changes={
+    ValidationVariant("reference", "the original as it was"),
+    ValidationVariant("selector", "milestone's form of the scorer", "clyde_aware:documented"),
+    ValidationVariant("selector", "nearest pellet", "nearest"),
+    ValidationVariant("selector", "random pellet", "random"),
+    ValidationVariant("belief", "fresh pose from TF, with AMCL's error", changes={"execution.pose_source": "tf"}),
+    ValidationVariant("belief", "perfect localization", changes={"localization.perfect": True}),
+    ValidationVariant("belief", "AMCL's error as its own filter has it in this house", changes={
         "localization.sigma_xy_m": 0.135, "localization.sigma_yaw_rad": 0.07, "localization.error_kept": 0.97}),
-    Variant("belief", "rules tested 20 times a second", changes={"execution.check_period_s": 0.05}),
-    Variant("executor", "pre-empt instead of cancel-then-send, back-off", changes=_PREEMPT),
-    Variant("executor", "Nav2 plans at 2 Hz, takes goals at once", changes={
+    ValidationVariant("belief", "rules tested 20 times a second", changes={"execution.check_period_s": 0.05}),
+    ValidationVariant("executor", "pre-empt instead of cancel-then-send, back-off", changes=_PREEMPT),
+    ValidationVariant("executor", "Nav2 plans at 2 Hz, takes goals at once", changes={
         "nav2.planner_period_s": 0.5, "nav2.accept_delay_s": 0.0}),
-    Variant("speed", "robot at 0.306 m/s", changes={"robot.speed_mps": 0.306}),
-    Variant("speed", "robot at 0.20 m/s", changes={"robot.speed_mps": 0.20}),
-    Variant("speed", "Clyde at 0.35 m/s", changes={"clyde.speed_mps": 0.35}),
-    Variant("spawn", "Clyde connected to the robot's area", changes={"clyde.spawn": "connected"}),
-    Variant("spawn", "connected and at least 1.5 m away (our default)", changes={
+    ValidationVariant("speed", "robot at 0.306 m/s", changes={"robot.speed_mps": 0.306}),
+    ValidationVariant("speed", "robot at 0.20 m/s", changes={"robot.speed_mps": 0.20}),
+    ValidationVariant("speed", "Clyde at 0.35 m/s", changes={"clyde.speed_mps": 0.35}),
+    ValidationVariant("spawn", "Clyde connected to the robot's area", changes={"clyde.spawn": "connected"}),
+    ValidationVariant("spawn", "connected and at least 1.5 m away (our default)", changes={
         "clyde.spawn": "connected", "clyde.spawn_distance_m": 1.5}),
-    Variant("all of ours", "robust executor, default spawn", changes={
+    ValidationVariant("all of ours", "robust executor, default spawn", changes={
         **_PREEMPT, "execution.pose_source": "tf", "clyde.spawn": "connected", "clyde.spawn_distance_m": 1.5}),
 )  # fmt: skip
 
 
-def run(source: str, episodes: int, seed: int, executor: Executor) -> list[tuple[Variant, Row]]:
+def run(source: str, episodes: int, seed: int, executor: Executor) -> list[tuple[ValidationVariant, Row]]:
     seeds = episode_seeds(seed, episodes)
     configs = [make_config("robot", "as_built", **{**_ORIGINAL_SPAWN, **(v.changes or {})}) for v in VARIANTS]
     name = map_assets(source, configs[0]).occupancy.name
@@ -76,7 +76,7 @@ def run(source: str, episodes: int, seed: int, executor: Executor) -> list[tuple
     return list(zip(VARIANTS, rows, strict=True))
 
 
-def table(results: list[tuple[Variant, Row]]) -> str:
+def table(results: list[tuple[ValidationVariant, Row]]) -> str:
     lines = ["| cause | what differs | complete, % | all but one, % | pellets | difference, points |"]
     lines.append("|---|---|---|---|---|---|")
     counts = TRIALS_COMPLETE, TRIALS_ALL_BUT_ONE

@@ -29,7 +29,7 @@ from pacman_env.plugins import offer
 from pacman_env.sim.observation.kinds import KINDS
 
 from .card import write_card
-from .recording import Recording, Rounds, outcomes, recorded, round_seeds, tasks_of
+from .recording import RecordedRounds, Recording, outcomes, recorded, round_seeds, tasks_of
 
 FORMATS = ("minari", "parquet")
 _PREFIX = "pacman_env/"
@@ -87,7 +87,7 @@ def _dataset(arguments: argparse.Namespace, given: Sequence[str]) -> None:
     folder = _folder(arguments)
     env_id, named = arguments_of(arguments)
     made = EnvArguments(**{**IDS[env_id].kwargs, **named})
-    parts: contextlib.AbstractContextManager[Iterator[Rounds]]
+    parts: contextlib.AbstractContextManager[Iterator[RecordedRounds]]
     unchecked: dict[str, str] = {}
     if arguments.bags:
         robot = _of_robot(arguments, made)
@@ -194,12 +194,12 @@ def _writers(
 
 
 @contextlib.contextmanager
-def _simulated(arguments: argparse.Namespace, tasks: Sequence[Recording]) -> Iterator[Iterator[Rounds]]:
+def _simulated(arguments: argparse.Namespace, tasks: Sequence[Recording]) -> Iterator[Iterator[RecordedRounds]]:
     """Play the rounds, and yield them while a progress bar runs."""
     total = sum(len(task.seeds) for task in tasks)
     with executor_of(arguments) as executor, bar_of(executor, total, "round") as bar:
 
-        def rounds() -> Iterator[Rounds]:
+        def rounds() -> Iterator[RecordedRounds]:
             for played in recorded(tasks, executor):
                 bar.update(len(played.rounds))
                 yield played
@@ -207,7 +207,7 @@ def _simulated(arguments: argparse.Namespace, tasks: Sequence[Recording]) -> Ite
         yield rounds()
 
 
-def _written(parts: Iterable[Rounds], writers: Sequence[Any]) -> dict[str, Any]:
+def _written(parts: Iterable[RecordedRounds], writers: Sequence[Any]) -> dict[str, Any]:
     """Write all rounds and return their totals; raises ValueError without rounds."""
     notes = []
     for played in parts:

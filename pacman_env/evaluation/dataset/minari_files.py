@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from pacman_env.envs.base_env import as_json
 from pacman_env.sim.observation.kinds import MASK
 
-from .recording import Rounds, outcomes
+from .recording import RecordedRounds, outcomes
 
 _ROUND_BYTES, _FILE_BYTES = 2**14, 2**21  # upper bounds of HDF5's overhead
 
@@ -54,7 +54,7 @@ class MinariFiles:
             properties.set_obj_track_times(False)  # so that the same rounds give the same bytes
         self._number = self._steps = 0
 
-    def write(self, played: Rounds) -> None:
+    def write(self, played: RecordedRounds) -> None:
         """Append rounds; raises OSError unless the disk has room for twice their size."""
         arrays = [*vars(played).values(), *played.observations.values()]
         size = sum(array.nbytes for array in arrays if isinstance(array, np.ndarray))

@@ -55,7 +55,7 @@ class Recording:
 
 
 @dataclass(frozen=True)
-class Rounds:
+class RecordedRounds:
     """E rounds with D decisions in total, one after the other; each round has one more observation than decisions."""
 
     rounds: NDArray  # (E,) ROUND
@@ -103,11 +103,11 @@ def tasks_of(policy: str, arguments: EnvArguments, seeds: NDArray[np.uint64]) ->
     return [Recording(policy, arguments, part) for part in parts]
 
 
-def recorded(tasks: Sequence[Recording], executor: Executor) -> Generator[Rounds, None, None]:
+def recorded(tasks: Sequence[Recording], executor: Executor) -> Generator[RecordedRounds, None, None]:
     """Yield the rounds of all tasks in order, whatever the executor; raises the first error."""
     if executor.remote:
         tasks = [_sent(task) for task in tasks]
-    early: dict[int, Rounds] = {}
+    early: dict[int, RecordedRounds] = {}
     number = 0
     with contextlib.closing(executor.run(record, tasks)) as ends:
         for done in ends:
@@ -127,7 +127,7 @@ def _sent(task: Recording) -> Recording:
     return replace(task, arguments=arguments, files=contents([task.policy, *map(str, ghosts)]))
 
 
-def record(task: Recording) -> Rounds:
+def record(task: Recording) -> RecordedRounds:
     """Play the rounds of a task."""
     places, arguments = {spec: write_cached(files, spec) for spec, files in task.files.items()}, task.arguments
     if isinstance(arguments.ghosts, tuple):
@@ -169,7 +169,7 @@ class _Recorder:
         self._rounds = np.zeros(len(seeds), dtype=ROUND)
         self._places = np.zeros((len(seeds), 2), dtype=np.int64)  # game and first step of each round
 
-    def play(self) -> Rounds:
+    def play(self) -> RecordedRounds:
         core, n = self._core, self._core.batch.n
         core.reset(np.arange(n), self._seeds[:n])
         reset(self._policy, np.ones(n, dtype=np.bool_), core.config)
@@ -221,7 +221,7 @@ class _Recorder:
         self._next += len(ended)
         return (batch.games["end"] != RUNNING) | many | (self._round < 0)
 
-    def _collect(self, views: list[_View], decisions: list[_Decision]) -> Rounds:
+    def _collect(self, views: list[_View], decisions: list[_Decision]) -> RecordedRounds:
         """Return the rows of each round, in the order of the seeds."""
         counts, games, began = self._rounds["decisions"], self._places[:, 0], self._places[:, 1]
 
@@ -235,7 +235,7 @@ class _Recorder:
         action, reward, *others = (rows(list(column), 0) for column in zip(*decisions, strict=True))
         self._rounds["return"] = np.add.reduceat(reward, np.cumsum(counts) - counts)
         masks = rows([one.mask for one in views], 1).astype(np.int8)
-        return Rounds(self._rounds, observations, masks, action, reward, *others)
+        return RecordedRounds(self._rounds, observations, masks, action, reward, *others)
 
 
 def flattened(observation: Any, key: str = "") -> dict[str, Any]:

@@ -24,7 +24,7 @@ from pacman_env.sim.core.parameters import reward_record
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.situation import Situation
 
-from .recording import ROUND, Rounds, flattened
+from .recording import ROUND, RecordedRounds, flattened
 
 #: Observation kinds that need nothing but a situation.
 KINDS = ("features", "planner", "bearings")
@@ -49,7 +49,7 @@ class RobotRounds:
             if kind not in KINDS:
                 raise ConfigError(f"observation kind {kind!r}: of a robot's rounds there are only {', '.join(KINDS)}")
 
-    def rounds(self) -> Iterator[Rounds]:
+    def rounds(self) -> Iterator[RecordedRounds]:
         """Yield the rounds with at least one decision, bag after bag."""
         for path in self._bags:
             with open_bag(path, self._namespace) as bag:
@@ -83,7 +83,7 @@ class _RoundRecorder:
     """Listener of a walk that collects its rounds and omits those without a decision."""
 
     def __init__(self, core: EnvCore) -> None:
-        self.rounds: list[Rounds] = []
+        self.rounds: list[RecordedRounds] = []
         self._core = core
         self._begin()
 
@@ -136,7 +136,9 @@ class _RoundRecorder:
         seen = {key: np.stack([one[key] for one in self._seen]) for key in self._seen[0]}
         masks = np.stack(self._masks).astype(np.int8)
         actions = np.array(self._actions, dtype=np.int64)
-        self.rounds.append(Rounds(about, seen, masks, actions, rewards, last & over, last & (not over), elapsed_s))
+        self.rounds.append(
+            RecordedRounds(about, seen, masks, actions, rewards, last & over, last & (not over), elapsed_s)
+        )
         self._begin()
 
     def _look(self, situation: Situation) -> None:

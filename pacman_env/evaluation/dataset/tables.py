@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pacman_env.sim.observation.kinds import MASK
 
-from .recording import Rounds, outcomes
+from .recording import RecordedRounds, outcomes
 
 DECISIONS, ROUNDS = "decisions.parquet", "rounds.parquet"
 
@@ -28,7 +28,7 @@ class Tables:
         self._writers: dict[str, pq.ParquetWriter] = {}
         self._number = 0
 
-    def write(self, played: Rounds) -> None:
+    def write(self, played: RecordedRounds) -> None:
         """Append rounds as a row group."""
         rounds, count = played.rounds, len(played.rounds)
         numbers = self._number + np.arange(count)

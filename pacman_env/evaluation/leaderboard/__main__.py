@@ -48,7 +48,7 @@ _FOLDER = Path("results/leaderboard")
 
 
 @dataclass(frozen=True)
-class Plan:
+class LeaguePlan:
     """Rounds to play: every policy on every map of every cell."""
 
     suite: Suite
@@ -164,7 +164,7 @@ def read_table(path: Path) -> LeagueTable:
     return table
 
 
-def _plan(arguments: argparse.Namespace) -> Plan:
+def _plan(arguments: argparse.Namespace) -> LeaguePlan:
     suite = choose_suite(arguments.suites or SUITES, arguments.suite)
     hashes = {}
     for spec in arguments.policies:
@@ -177,7 +177,7 @@ def _plan(arguments: argparse.Namespace) -> Plan:
     for source in arguments.maps:
         if source.partition(":")[0] == "generated":
             raise ValueError(f"--maps {source}: test levels are in the suite")
-    return Plan(
+    return LeaguePlan(
         suite=suite,
         maps=scenarios.named_scenarios(list(dict.fromkeys(arguments.maps)), configs(suite)),
         policies=names,
@@ -188,7 +188,7 @@ def _plan(arguments: argparse.Namespace) -> Plan:
     )
 
 
-def _table(plan: Plan, played: Sequence[NDArray], arguments: argparse.Namespace) -> LeagueTable:
+def _table(plan: LeaguePlan, played: Sequence[NDArray], arguments: argparse.Namespace) -> LeagueTable:
     results, following = [], iter(played)  # rounds in the order of plan.matchups()
     for cell in plan.cells:
         rounds: dict[str, list[NDArray]] = {name: [] for name in plan.policies.values()}

@@ -20,7 +20,7 @@ from pacman_env.cli.command import Parser, finite_number, run_command, whole_num
 from pacman_env.config import PRESETS, ConfigError, make_config
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.report.numbers import Results
-from pacman_env.evaluation.report.plan import Plan, check_single_rounds, matchups, parse_variant
+from pacman_env.evaluation.report.plan import ReportPlan, check_single_rounds, matchups, parse_variant
 from pacman_env.evaluation.rounds import scenarios
 from pacman_env.evaluation.rounds.kept import KeptRounds
 from pacman_env.evaluation.rounds.scenarios import Levels
@@ -118,7 +118,7 @@ def _write(report: dict[str, Any], page: Path, json_path: Path | None) -> None:
         temporary.write_text(html, encoding="utf-8")
 
 
-def _plan(arguments: argparse.Namespace) -> Plan:
+def _plan(arguments: argparse.Namespace) -> ReportPlan:
     for name, value in _NUMBERS[arguments.quick].items():
         if getattr(arguments, name) is None:
             setattr(arguments, name, value)
@@ -142,7 +142,7 @@ def _plan(arguments: argparse.Namespace) -> Plan:
             raise ConfigError(f"--variant {variant.name}: given twice")
     policies = scenarios.named_policies([*arguments.policies, arguments.baseline])
     wanted = scenarios.from_arguments(arguments)
-    return Plan(
+    return ReportPlan(
         maps=scenarios.named_scenarios(wanted, [config, *(variant.config for variant in variants)]),
         policies={name: spec for spec, name in policies.items()},
         baseline=policies[arguments.baseline],
@@ -158,7 +158,7 @@ def _plan(arguments: argparse.Namespace) -> Plan:
     )
 
 
-def _header(plan: Plan, arguments: argparse.Namespace, command: str) -> dict[str, Any]:
+def _header(plan: ReportPlan, arguments: argparse.Namespace, command: str) -> dict[str, Any]:
     """Return everything needed to play the rounds again."""
     rules = (plan.preset, plan.execution)
     head = describe_rounds("report", plan.config, rules, plan.seed, plan.seeds, plan.maps, plan.policies)
@@ -183,7 +183,7 @@ def _header(plan: Plan, arguments: argparse.Namespace, command: str) -> dict[str
     }
 
 
-def _films(plan: Plan, pair: dict[str, Any] | None, wanted: int, page: Path) -> list[Path]:
+def _films(plan: ReportPlan, pair: dict[str, Any] | None, wanted: int, page: Path) -> list[Path]:
     """Film the pair's first rounds, won and lost in turn, next to the page; add a link to each round."""
     if pair is None or wanted == 0:
         return []

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.episodes import statistics
-from pacman_env.evaluation.report.plan import ENDLESS_GAMES, ROUNDS, Cell, Plan, replay_command
+from pacman_env.evaluation.report.plan import ENDLESS_GAMES, ROUNDS, ReportPlan, RoundsKey, replay_command
 from pacman_env.evaluation.rounds.play import Played
 from pacman_env.evaluation.rounds.summary import Row, make_row
 from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, TIMEOUT
@@ -25,7 +25,7 @@ END_NAMES = {COMPLETE: "complete", DEAD: "caught", TIMEOUT: "time-out", CLEARED:
 class Results:
     """Results of the rounds of a plan."""
 
-    def __init__(self, plan: Plan, played: Mapping[Cell, Played]) -> None:
+    def __init__(self, plan: ReportPlan, played: Mapping[RoundsKey, Played]) -> None:
         self._plan, self._played = plan, played
 
     def numbers(self) -> dict[str, Any]:
@@ -40,10 +40,10 @@ class Results:
 
     def _row(self, part: str, speed: float, map_name: str | None, policy: str) -> Row:
         maps = list(self._plan.maps) if map_name is None else [map_name]
-        played = [self._played[Cell(part, name, policy, speed)] for name in maps]
-        with_ = Cell(part, "", self._plan.baseline, speed)
+        played = [self._played[RoundsKey(part, name, policy, speed)] for name in maps]
+        with_ = RoundsKey(part, "", self._plan.baseline, speed)
         if part not in (ROUNDS, ENDLESS_GAMES):
-            with_ = Cell(ROUNDS, "", policy, self._plan.speed)
+            with_ = RoundsKey(ROUNDS, "", policy, self._plan.speed)
         others = [self._played[with_._replace(map=name)][0] for name in maps]
         about = {"part": part, "map": map_name, "policy": policy, "clyde_speed": speed}
         row = make_row(about, played, others, endless=part == ENDLESS_GAMES)
@@ -52,7 +52,7 @@ class Results:
         return row
 
     def _of_maps(self, policy: str) -> dict[str, NDArray]:
-        return {name: self._played[Cell(ROUNDS, name, policy, self._plan.speed)][0] for name in self._plan.maps}
+        return {name: self._played[RoundsKey(ROUNDS, name, policy, self._plan.speed)][0] for name in self._plan.maps}
 
     def _rng(self) -> np.random.Generator:
         """Return a new generator with the same draws for each number, so that only rounds cause differences."""

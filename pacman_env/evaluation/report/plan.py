@@ -24,7 +24,7 @@ class Variant:
     config: Config
 
 
-class Cell(NamedTuple):
+class RoundsKey(NamedTuple):
     part: str  # ROUNDS, ENDLESS_GAMES or a variant's name
     map: str
     policy: str
@@ -35,7 +35,7 @@ ROUNDS, ENDLESS_GAMES = "rounds", "endless games"
 
 
 @dataclass(frozen=True)
-class Plan:
+class ReportPlan:
     maps: dict[str, Scenario]  # by name
     policies: dict[str, str]  # specs by name
     baseline: str  # name of the baseline
@@ -102,16 +102,16 @@ def check_single_rounds(config: Config, where: str = "") -> None:
         raise ConfigError(f"{where}{error}") from None
 
 
-def matchups(plan: Plan) -> dict[Cell, Matchup]:
+def matchups(plan: ReportPlan) -> dict[RoundsKey, Matchup]:
     """Return all matchups by cell; matchups on one map are adjacent, so that the map stays in the cache."""
     result = {}
     for (name, scenario), (part, config, seeds) in itertools.product(plan.maps.items(), plan.parts):
         for policy, spec in plan.policies.items():
-            result[Cell(part, name, policy, config.clyde.speed_mps)] = Matchup(scenario, config, spec, seeds)
+            result[RoundsKey(part, name, policy, config.clyde.speed_mps)] = Matchup(scenario, config, spec, seeds)
     return result
 
 
-def replay_command(plan: Plan, map_name: str, seed: int) -> str:
+def replay_command(plan: ReportPlan, map_name: str, seed: int) -> str:
     pair = [plan.policies[name] for name in (plan.challenger, plan.baseline) if name is not None]
     scenario = plan.maps[map_name]
     command = ["pacman-env", "replay", str(seed)]

@@ -14,22 +14,22 @@ _METADATA = {".onnx": ".json", ".zip": ".facts.json"}  # suffix of a policy file
 
 
 @dataclass(frozen=True)
-class Packed:
+class PackedMatchup:
     """A matchup with the pixels of its map and the content of its policy files, by path and file name."""
 
     matchup: Matchup
     files: dict[str, dict[str, bytes]]
 
 
-def pack(matchup: Matchup) -> Packed:
+def pack(matchup: Matchup) -> PackedMatchup:
     """Read the files of a matchup; other names stay unchanged, the worker resolves them."""
     scenario = matchup.scenario
     if isinstance(scenario, str) and scenario not in shipped_maps():
         scenario = load_map(scenario)
-    return Packed(replace(matchup, scenario=scenario), contents([matchup.policy, *matchup.config.clyde.ghosts]))
+    return PackedMatchup(replace(matchup, scenario=scenario), contents([matchup.policy, *matchup.config.clyde.ghosts]))
 
 
-def play_packed(task: Packed) -> Played:
+def play_packed(task: PackedMatchup) -> Played:
     """Play a matchup on the worker, from copies of its files named by their content."""
     matchup, places = task.matchup, {spec: write_cached(content, spec) for spec, content in task.files.items()}
     ghosts = tuple(places.get(name, name) for name in matchup.config.clyde.ghosts)

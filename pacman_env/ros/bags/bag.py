@@ -13,7 +13,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StorageP
 from rosbags.typesys import Stores, get_typestore
 
 from pacman_env import __version__
-from pacman_env.ros.bags.checksums import MAGIC, ChecksummedWriter, Scan, one_line
+from pacman_env.ros.bags.checksums import MAGIC, ChecksummedWriter, McapScan, one_line
 from pacman_env.ros.topics import GAME_STATE, Topic
 
 SUFFIX = ".unfinished"
@@ -103,7 +103,7 @@ def check(path: Path) -> str:
     files = [file for file in mcap_files(path) if file.suffix == ".mcap"]
     for file in files:
         with file.open("rb") as stream:
-            scan = Scan(stream)
+            scan = McapScan(stream)
         if problems := scan.problems() or ["bytes outside its messages"] * scan.altered:
             raise BagError(f"{path}: damaged: {'; '.join(problems)}")
         unchecked += scan.unchecked

@@ -78,7 +78,7 @@ class Damage:
         return f"chunk {self.chunk} with {self.messages} messages: {self.why}"
 
 
-class Scan:
+class McapScan:
     """Result of reading an MCAP file once: everything that is wrong with the file."""
 
     def __init__(self, file: BinaryIO) -> None:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from rclpy.utilities import remove_ros_args
 
 from ..discovery import stay_on_this_machine
-from ..node import BAD_START, Stop
+from ..node import BAD_START, StopSignals
 from ..supervisor.game_nodes import LOCK_STEP, from_json
 from .deliveries import NodeFailed
 from .game import LockStepGame
@@ -23,7 +23,7 @@ FAILED = 1  # exit status
 def main(argv: Sequence[str] | None = None) -> int:
     arguments = remove_ros_args(list(sys.argv[1:] if argv is None else argv))  # launch adds ROS arguments
     stay_on_this_machine()
-    with Stop() as stop:
+    with StopSignals() as stop:
         try:
             if len(arguments) != 1:
                 raise ValueError(f"{len(arguments)} arguments: the setup of the game alone is needed")

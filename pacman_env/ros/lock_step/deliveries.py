@@ -18,7 +18,7 @@ from ..rclpy_private import expire_goals, has_goals
 from ..topics import CLOCK
 from . import entities
 from .entities import ACTION, Index
-from .losses import Losses
+from .losses import MessageLosses
 from .members import Delivery, Member
 from .surroundings import SimulatedWall
 from .watchdog import Watchdog
@@ -42,7 +42,7 @@ class Deliveries:
     """
 
     def __init__(
-        self, members: list[Member], wall: SimulatedWall, losses: Losses, silence_s: float, ended: _Ended
+        self, members: list[Member], wall: SimulatedWall, losses: MessageLosses, silence_s: float, ended: _Ended
     ) -> None:
         self._members, self._wall, self._losses, self._ended = members, wall, losses, ended
         self.witnesses: list[Callable[[Delivery], None]] = []  # called with each delivery before its handling

@@ -26,7 +26,7 @@ class _Loss:
         return all(one.loses for one in ends) and (self.name is None or self.name in {one.name for one in ends})
 
 
-class Losses:
+class MessageLosses:
     def __init__(self, seed: int) -> None:
         self._random = random.Random(f"losses {seed}")
         self._losses: list[_Loss] = []

@@ -16,7 +16,7 @@ from ..supervisor.game_nodes import QUIET
 from ..surroundings import within
 from .deliveries import Deliveries
 from .entities import call
-from .losses import Losses
+from .losses import MessageLosses
 from .members import Member, NodeExecutor
 from .surroundings import LockStepSurroundings, SimulatedWall
 
@@ -40,7 +40,7 @@ class LockStep:
         with undiscovered() if alone else contextlib.nullcontext():
             rclpy.init(args=arguments, context=self.context, domain_id=domain, signal_handler_options=signals)
         self.wall = SimulatedWall(seed)
-        self.losses = Losses(seed)
+        self.losses = MessageLosses(seed)
         self.members: list[Member] = []
         self.messages = Deliveries(self.members, self.wall, self.losses, silence_s, self._end)
         self.step_ns = STEP_NS  # of the simulated robot, if there is one

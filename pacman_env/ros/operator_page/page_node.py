@@ -192,7 +192,7 @@ class RobotState:
         self.scan = rays_of(message, yaw)
 
 
-class GameState:
+class PublishedGame:
     """Latest messages of the game's nodes; ``None`` and empty before the first. Events are added to ``news``."""
 
     def __init__(self, robot: RobotState, news: News) -> None:
@@ -295,7 +295,7 @@ class PageNode(BaseNode):
         super().__init__(NAME, **options)
         self.sim, self._news = sim, news
         self.robot = robot = RobotState(self)
-        self.game = game = GameState(robot, news)
+        self.game = game = PublishedGame(robot, news)
         self._watched: dict[str, Any] = {}  # subscriptions
         callbacks: list[tuple[topics.Topic, Callable[[Any], object]]] = [
             (topics.SCORE, partial(game.on_number, "score")),

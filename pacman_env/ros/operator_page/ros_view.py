@@ -14,7 +14,7 @@ from pacman_env.game.goals import goal_name
 from pacman_env.game.round import State
 from pacman_env.ros import topics
 from pacman_env.ros.messages import Position
-from pacman_env.ros.operator_page.page_node import GameState, PageNode
+from pacman_env.ros.operator_page.page_node import PageNode, PublishedGame
 from pacman_env.ros.selector.reasons import NO_ODOMETRY, POSE_JUMPED, POSE_LOST, REMEDIES, troubles_of
 from pacman_env.ros.supervisor.checks.check import RESTART_GAME, START_AGAIN
 from pacman_env.ros.supervisor.unresponsive import WORDS
@@ -105,7 +105,7 @@ class RosView:
         )
 
 
-def _pellets(game: GameState) -> dict[int, Position]:
+def _pellets(game: PublishedGame) -> dict[int, Position]:
     """Return positions by id: first the candidates in their order, then unreachable pellets."""
     positions = dict(zip(game.pellet_ids, game.places, strict=False))
     return positions | {number: game.pellets[number] for number in sorted(game.pellets) if number not in positions}

@@ -23,7 +23,7 @@ _RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
 
 
 @dataclass
-class _Goal:
+class _SentGoal:
     name: UUID
     accepted: bool = False
     request: Future | None = None  # request of the result
@@ -56,7 +56,7 @@ class NavigationClient:
         self._statuses = action.statuses.subscription(node, self._on_statuses)
         self._clearing: tuple[Future, float] | None = None  # answer to ``clear``, and its deadline
         self._accepted, self._rejected, self._finished = accepted, rejected, finished
-        self._goals: dict[int, _Goal] = {}
+        self._goals: dict[int, _SentGoal] = {}
         self._newest: Any = None  # newest feedback, of any goal
         self.forbidden = False  # if True, goals of all nodes are cancelled
         self._rest: Future | None = None  # result of ``rest``
@@ -113,7 +113,7 @@ class NavigationClient:
             goal.overdue = goal.status is not None
 
     def send(self, number: int, pose: Pose) -> None:
-        goal = self._goals[number] = _Goal(UUID(uuid=list(self._surroundings.new_id())))
+        goal = self._goals[number] = _SentGoal(UUID(uuid=list(self._surroundings.new_id())))
         request = self._sender.srv_type.Request(goal_id=goal.name)
         request.goal.pose = pose_message(*pose, self._node.get_clock().now().to_msg())
         self._sender.call_async(request).add_done_callback(partial(self._on_answer, number, goal))
@@ -146,7 +146,7 @@ class NavigationClient:
     def _on_feedback(self, message: Any, waited_s: float) -> None:
         self._newest = message
 
-    def _on_answer(self, number: int, goal: _Goal, answer: Any) -> None:
+    def _on_answer(self, number: int, goal: _SentGoal, answer: Any) -> None:
         if self._destroyed:
             return
         if answer.result().accepted:
@@ -159,7 +159,7 @@ class NavigationClient:
             self._rejected(number)
         self._check_rest()
 
-    def _request_result(self, number: int, goal: _Goal) -> None:
+    def _request_result(self, number: int, goal: _SentGoal) -> None:
         request = self._results.srv_type.Request(goal_id=goal.name)
         goal.request, goal.requested_s = self._results.call_async(request), self._surroundings.monotonic()
         goal.request.add_done_callback(partial(self._on_result, number))

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable
 
-from pacman_env.ros.node import Stop
+from pacman_env.ros.node import StopSignals
 from pacman_env.ros.selector.reasons import POLICY_FAILS, POSE_JUMPED, REMEDIES, troubles_of
-from pacman_env.ros.supervisor.rounds import Rounds
+from pacman_env.ros.supervisor.rounds import RoundRequests
 from pacman_env.ros.supervisor.status_line import StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter
 from pacman_env.ros.topics import CONTINUE, RESET_GAME, START_GAME
@@ -23,9 +23,9 @@ class Console:
     def __init__(
         self,
         status_line: StatusLine,
-        rounds: Rounds,
+        rounds: RoundRequests,
         writer: LineWriter,
-        stop: Stop,
+        stop: StopSignals,
         pressed: Callable[[], str] | None,
     ) -> None:
         self._status_line, self._rounds, self._writer, self._stop = status_line, rounds, writer, stop

@@ -15,9 +15,9 @@ import rclpy
 from pacman_env import __version__
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import NAMELESS, full_name, join, users_environment
-from pacman_env.ros.node import Observer, Stop
+from pacman_env.ros.node import ObserverNode, StopSignals
 from pacman_env.ros.supervisor.checks import CHECKS, examine, is_ready, render
-from pacman_env.ros.supervisor.checks.check import Moment, Observations, Request, Source
+from pacman_env.ros.supervisor.checks.check import CheckTime, Observations, Request, Source
 from pacman_env.ros.supervisor.checks.network import CLOCK
 from pacman_env.ros.supervisor.game_nodes import full_namespace
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
@@ -34,14 +34,14 @@ _ONLOOKERS = ("pacman_", "_ros2cli")  # prefixes of this package's observers and
 _OF_ALL = ("/rosout", "/parameter_events")  # topics of every node
 
 
-class Doctor(Observer):
+class Doctor(ObserverNode):
     """Node that observes for at most ``wait_s`` in :meth:`observe`; ``map`` is the game's, read from ``map_file``."""
 
     def __init__(
         self, namespace: str, domain: int, map: OccupancyMap | None, map_file: str, sim: bool, wait_s: float
     ) -> None:
         super().__init__("pacman_doctor", namespace, domain)
-        now, middleware = Moment(time.time(), time.monotonic()), rclpy.get_rmw_implementation_identifier()
+        now, middleware = CheckTime(time.time(), time.monotonic()), rclpy.get_rmw_implementation_identifier()
         self._observed = Observations(
             *(namespace, wait_s, now, domain, sim, map, map_file, users_environment(), middleware)
         )
@@ -80,10 +80,10 @@ class Doctor(Observer):
         now = self._moment(time.time())
         return dataclasses.replace(self._observed, now=now, nodes=nodes, publishers=publishers, subscribers=subscribers)
 
-    def _moment(self, wall_s: float) -> Moment:
+    def _moment(self, wall_s: float) -> CheckTime:
         """Return the moment at time ``wall_s`` of this machine's clock."""
         clock, age_s = self._values.get(CLOCK), max(0.0, time.time() - wall_s)
-        return Moment(wall_s, time.monotonic() - age_s, None if clock is None else clock.clock_s)
+        return CheckTime(wall_s, time.monotonic() - age_s, None if clock is None else clock.clock_s)
 
     def _subscribe(self, source: Source[Any]) -> None:
         name, qos = source.name, getattr(topics, source.qos)
@@ -143,7 +143,7 @@ def doctor(
         raise ValueError(f"wait {wait_s:g} s: must be more than 0 and at most {LONGEST_S:g}")
     game_map = None if map is None else load_map(map)
     number = join(domain, this_machine=sim)
-    with Stop() as stop, Doctor(place, number, game_map, map or "", sim, wait_s) as node:
+    with StopSignals() as stop, Doctor(place, number, game_map, map or "", sim, wait_s) as node:
         node.observe(lambda: stop.asked)
         findings = examine(node.observations())
     if stop.asked:

@@ -21,7 +21,7 @@ CHECKED = "checked"  # the first line of the first process
 
 
 @dataclass(frozen=True)
-class Part:
+class PreparationJob:
     """Work of one process: compile for some nodes, with a policy."""
 
     nodes: tuple[str, ...]
@@ -34,10 +34,10 @@ class Part:
         return mark(f"warm-{'-'.join(self.nodes)}-{kind or 'none'}")
 
 
-def parts(setup: GameSetup) -> list[Part]:
+def parts(setup: GameSetup) -> list[PreparationJob]:
     """List the parts that are not compiled yet; none if compiled code cannot be stored."""
-    robot = [Part((SIMULATOR,))] if setup.sim else []
-    needs = [Part((SELECTOR,), setup.policy), *robot, Part((GHOSTS,))]
+    robot = [PreparationJob((SIMULATOR,))] if setup.sim else []
+    needs = [PreparationJob((SELECTOR,), setup.policy), *robot, PreparationJob((GHOSTS,))]
     return [part for part in needs if part.mark is not None and not part.mark.exists()]
 
 
@@ -58,7 +58,7 @@ class Preparation:
         self.words = f"compiling (once): {', '.join(names)}" if names else ""
         self._running = [self._start(selector, check=True)]
 
-    def _start(self, work: list[Part], check: bool) -> Popen[str]:
+    def _start(self, work: list[PreparationJob], check: bool) -> Popen[str]:
         request = json.dumps([check, [[part.nodes, part.policy] for part in work]])
         command = [sys.executable, "-m", "pacman_env.ros.supervisor.warm_up", request, self._setup.as_json()]
         return Popen(command, stdin=DEVNULL, stdout=PIPE, stderr=PIPE, text=True, start_new_session=True)

@@ -36,7 +36,7 @@ class Lost(RuntimeError):
 
 
 @dataclass
-class Member:
+class GroupMember:
     name: str
     process: subprocess.Popen[bytes] | None = None
     due_s: float | None = None  # time of the next start
@@ -56,10 +56,10 @@ class ProcessGroup:
     report: Callable[[str], None]  # called with a line for each event
     spare: Collection[str] = ()  # dispensable processes: given up instead of raising Lost
     final: Collection[str] = ()  # processes that are not restarted when they end
-    _members: dict[str, Member] = field(default_factory=dict)
+    _members: dict[str, GroupMember] = field(default_factory=dict)
 
     def start(self, name: str) -> None:
-        member = self._members[name] = Member(name)
+        member = self._members[name] = GroupMember(name)
         self._launch(member, "wb")
 
     def __contains__(self, name: str) -> bool:
@@ -90,7 +90,7 @@ class ProcessGroup:
                 return f"{lines[-1]} ({path})"
         return ""
 
-    def _end_of(self, member: Member, status: int) -> tuple[str, bool]:
+    def _end_of(self, member: GroupMember, status: int) -> tuple[str, bool]:
         """Describe an end, with its reason in the log, and return True with it if a restart is useless."""
         name = member.name
         if status == BAD_START:
@@ -136,7 +136,7 @@ class ProcessGroup:
                 self._launch(member, "ab")
         return dead
 
-    def _bury(self, member: Member, status: int, now: float) -> None:
+    def _bury(self, member: GroupMember, status: int, now: float) -> None:
         """Report a death and schedule the restart, which is immediate after the first death."""
         name = member.name
         member.deaths = [when for when in member.deaths if now - when < SOON_S] + [now]
@@ -182,7 +182,7 @@ class ProcessGroup:
     def _log(self, name: str) -> Path:
         return self.logs / f"{name}.log"
 
-    def _launch(self, member: Member, mode: str) -> None:
+    def _launch(self, member: GroupMember, mode: str) -> None:
         with self._log(member.name).open(mode) as log:
             member.log_begins = log.tell()
             member.process = subprocess.Popen(

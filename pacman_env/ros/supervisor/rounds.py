@@ -11,7 +11,7 @@ from pacman_env.ros.topics import RESET_GAME, START_GAME, Service
 NEXT_ROUND_S = 2.0  # in the menu, between automatic rounds
 
 
-class Rounds:
+class RoundRequests:
     """Rounds of a game: with ``starts`` the next one begins by itself, with ``play_on`` all do, at most ``most``."""
 
     def __init__(

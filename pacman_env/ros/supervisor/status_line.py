@@ -17,7 +17,7 @@ from pacman_env.config import MAX_SPEED_MPS
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import publishers
 from pacman_env.ros.messages import LONGEST_WORD, BadMessage, nanoseconds_of, number_of, object_of, word_of
-from pacman_env.ros.node import Observer, process_of, process_words
+from pacman_env.ros.node import ObserverNode, process_of, process_words
 from pacman_env.ros.operator_stop import OperatorStop
 from pacman_env.ros.selector.reasons import REMEDIES, troubles_of
 from pacman_env.ros.supervisor.checks.check import LONGEST_JSON
@@ -57,7 +57,7 @@ VALUES = {
 _IN_OTHER_WORDS = ("no Nav2", "ghosts unheard", STOPPED)
 
 
-class StatusLine(Observer):
+class StatusLine(ObserverNode):
     """Node that follows a game, with ``sim`` in simulated time; ``policy`` is shown until the selector reports one."""
 
     def __init__(self, namespace: str, sim: bool, policy: str = "") -> None:

@@ -17,14 +17,14 @@ from typing import TextIO
 
 from pacman_env.files import install_command, user_folder
 from pacman_env.ros.discovery import join
-from pacman_env.ros.node import Stop
+from pacman_env.ros.node import StopSignals
 from pacman_env.ros.supervisor import game_nodes, nav2
 from pacman_env.ros.supervisor.console import Console
 from pacman_env.ros.supervisor.game_lock import GameLock
 from pacman_env.ros.supervisor.game_nodes import MOVERS, NAV2, REFEREE, SELECTOR, SIMULATOR, WAIT, GameSetup
 from pacman_env.ros.supervisor.preparation import Preparation
 from pacman_env.ros.supervisor.processes import Lost, ProcessGroup
-from pacman_env.ros.supervisor.rounds import Rounds
+from pacman_env.ros.supervisor.rounds import RoundRequests
 from pacman_env.ros.supervisor.status_line import StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter, keyboard
 from pacman_env.world.maps.occupancy import load_map
@@ -61,7 +61,7 @@ def up(setup: GameSetup, options: UpOptions = UpOptions(), out: TextIO | None = 
     """Play until SIGINT, SIGTERM, the key q or the last round, and return the exit status. Call in the main thread."""
     atexit.register(gc.freeze)  # otherwise the interpreter would traverse all objects several times at its end
     writer = LineWriter(out or sys.stdout)
-    with Stop() as stop, contextlib.ExitStack() as stack:
+    with StopSignals() as stop, contextlib.ExitStack() as stack:
         domain = join(options.domain, setup.sim)
         check(setup, options.plays_on)
         preparation = stack.enter_context(contextlib.closing(Preparation(setup, writer.print)))
@@ -73,7 +73,7 @@ def up(setup: GameSetup, options: UpOptions = UpOptions(), out: TextIO | None = 
         if stop.asked:
             writer.print("stopped before anything was started")
             return 0
-        game = Game(setup, options, status_line, writer, stop, pressed)
+        game = GameProcesses(setup, options, status_line, writer, stop, pressed)
         game.announce()
         try:
             game.start()
@@ -98,7 +98,7 @@ def check(setup: GameSetup, plays_on: bool = False) -> None:
     nav2.check(setup)
 
 
-def be_alone(status_line: StatusLine, lock: GameLock, writer: LineWriter, stop: Stop) -> None:
+def be_alone(status_line: StatusLine, lock: GameLock, writer: LineWriter, stop: StopSignals) -> None:
     """Refuse to play while another game runs, unless it ends soon; a game discovered later ends itself."""
     status_line.spin_until(lambda: stop.asked or status_line.others(), DISCOVERY_S)
     deadline = time.monotonic() + GOING_S
@@ -110,7 +110,7 @@ def be_alone(status_line: StatusLine, lock: GameLock, writer: LineWriter, stop: 
     status_line.nodes.clear()
 
 
-def prepare(preparation: Preparation, writer: LineWriter, stop: Stop) -> None:
+def prepare(preparation: Preparation, writer: LineWriter, stop: StopSignals) -> None:
     """Wait until the setup is checked, code is compiled and the map is prepared; ValueError for a bad setup."""
     preparation.check()
     while not stop.asked and not preparation.done():
@@ -119,7 +119,7 @@ def prepare(preparation: Preparation, writer: LineWriter, stop: Stop) -> None:
         time.sleep(PREPARED_POLL_S)
 
 
-class Game:
+class GameProcesses:
     """The processes of a game, requests of the person at the terminal, and reports of the processes."""
 
     def __init__(
@@ -128,7 +128,7 @@ class Game:
         options: UpOptions,
         status_line: StatusLine,
         writer: LineWriter,
-        stop: Stop,
+        stop: StopSignals,
         pressed: Callable[[], str] | None = None,
     ) -> None:
         self.status_line, self.writer, self.asked = status_line, writer, stop
@@ -147,7 +147,7 @@ class Game:
         environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
         self.processes = ProcessGroup(command, self.logs, environment, writer.print, spare, final)
         starts = options.start or options.plays_on
-        self.rounds = Rounds(status_line, writer, starts, options.plays_on, options.rounds)
+        self.rounds = RoundRequests(status_line, writer, starts, options.plays_on, options.rounds)
         self.console = Console(status_line, self.rounds, writer, stop, pressed)
 
     def announce(self) -> None:

@@ -13,7 +13,7 @@ from pacman_env.engine.cache_folder import check_kept
 from pacman_env.policies.registry import make_policy, split_ghosts
 from pacman_env.ros.selector.rehearsal import rehearsed
 from pacman_env.ros.supervisor.game_nodes import SELECTOR, SIMULATOR, GameSetup, from_json
-from pacman_env.ros.supervisor.preparation import CHECKED, GHOSTS, Part, map_mark
+from pacman_env.ros.supervisor.preparation import CHECKED, GHOSTS, PreparationJob, map_mark
 from pacman_env.ros.supervisor.processes import BAD_START
 from pacman_env.sim.core.ghosts import MapGhosts
 from pacman_env.sim.core.robot import SimulatedRobot
@@ -22,7 +22,7 @@ from pacman_env.sim.observation.robot_view import RobotView
 from pacman_env.world.maps.occupancy import load_map
 
 
-def rehearse(part: Part, setup: GameSetup) -> None:
+def rehearse(part: PreparationJob, setup: GameSetup) -> None:
     config = setup.config()
     if SELECTOR in part.nodes:
         policy = make_policy(part.policy)
@@ -55,7 +55,7 @@ def main() -> int:
             print(CHECKED, flush=True)
         with contextlib.redirect_stderr(io.StringIO()):  # hides the notice that it waits for another process's kernels
             for nodes, policy in parts:
-                rehearse(Part(tuple(nodes), policy), setup)
+                rehearse(PreparationJob(tuple(nodes), policy), setup)
             if check and (file := map_mark(setup)) is not None and not file.exists():
                 map_assets(setup.map, config)
                 _note(file)

@@ -14,8 +14,8 @@ from pacman_env.config import ConfigError
 from pacman_env.envs.arguments import EnvArguments
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.evaluation.dataset.recording import (
+    RecordedRounds,
     Recording,
-    Rounds,
     flattened,
     outcomes,
     record,
@@ -39,7 +39,7 @@ ENVIRONMENTS: dict[str, EnvArguments] = {
 }
 
 
-def equal(a: Rounds, b: Rounds) -> bool:
+def equal(a: RecordedRounds, b: RecordedRounds) -> bool:
     arrays = (
         *((getattr(a, name), getattr(b, name)) for name in ("rounds", "masks", "actions", "rewards", "elapsed_s")),
         *((a.observations[key], b.observations[key]) for key in a.observations),

@@ -9,8 +9,8 @@ from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.report.plan import (
     ENDLESS_GAMES,
     ROUNDS,
-    Cell,
-    Plan,
+    ReportPlan,
+    RoundsKey,
     check_single_rounds,
     matchups,
     parse_variant,
@@ -21,8 +21,8 @@ from pacman_env.evaluation.rounds.scenarios import Levels, Scenario
 HOUSE, LEVELS = "some folder/house.yaml", Levels("test", None, 7)
 
 
-def plan(*variants: str, settings: tuple[str, ...] = (), file: str = "runs/best.onnx", **maps: Scenario) -> Plan:
-    return Plan(
+def plan(*variants: str, settings: tuple[str, ...] = (), file: str = "runs/best.onnx", **maps: Scenario) -> ReportPlan:
+    return ReportPlan(
         maps={"house": HOUSE, "generated:test": LEVELS, **maps},
         policies={"clyde_aware": "clyde_aware", "best": file},
         baseline="clyde_aware",
@@ -42,7 +42,7 @@ def test_everything_is_played_once() -> None:
     work = matchups(plan("slow=robot.speed_mps=0.2"))
     house = {cell: matchup for cell, matchup in work.items() if cell.map == "house"}
     assert list(house) == [
-        Cell(part, "house", policy, speed)
+        RoundsKey(part, "house", policy, speed)
         for part, speed in ((ROUNDS, 0.25), (ROUNDS, 0.2), (ENDLESS_GAMES, 0.25), ("slow", 0.25))
         for policy in ("clyde_aware", "best")
     ]

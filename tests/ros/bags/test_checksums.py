@@ -18,7 +18,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from pacman_env.ros.bags.bag import BagError, new_bag, open_bag
-from pacman_env.ros.bags.checksums import Scan
+from pacman_env.ros.bags.checksums import McapScan
 from tests.ros.bags.test_unfinished import chunks_of, raw_messages
 
 STRING = "std_msgs/msg/String"
@@ -69,7 +69,7 @@ def test_damage_in_a_chunk_is_reported(recorded: Path, number: int, share: float
         pass
     assert "\n" not in str(caught.value)
     with file.open("rb") as stream:
-        damaged = Scan(stream).damaged
+        damaged = McapScan(stream).damaged
     assert [(one.chunk, one.messages) for one in damaged] in ([], [(number + 1, len(chunks[number][1]))])
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from pacman_env.ros.grid import Grid
 from pacman_env.ros.supervisor.checks import CHECKS, examine, is_ready, render
-from pacman_env.ros.supervisor.checks.check import BAD, OK, UNKNOWN, Finding, Moment, Observations
+from pacman_env.ros.supervisor.checks.check import BAD, OK, UNKNOWN, CheckTime, Finding, Observations
 from pacman_env.ros.supervisor.checks.game import (
     CLOUDS,
     CONFIGURATIONS,
@@ -31,7 +31,7 @@ from pacman_env.ros.supervisor.checks.robot import (
     POSE,
     SCANS,
     Link,
-    Scan,
+    ScanTally,
     StampedPose,
 )
 from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, SIMULATOR
@@ -43,7 +43,7 @@ HASH = HOUSE.hash[:12]
 COSTMAPS = (f"{NS}/global_costmap/global_costmap", f"{NS}/local_costmap/local_costmap")
 BASE, LIDAR, NAVIGATOR = f"{NS}/create3_repub", f"{NS}/rplidar_composition", f"{NS}/bt_navigator"
 SIM = f"{NS}/{SIMULATOR}"
-NOW = Moment(wall_s=1000.0, monotonic_s=50.0)
+NOW = CheckTime(wall_s=1000.0, monotonic_s=50.0)
 WAITED = "within 10 s"
 SOURCES = {
     "clock": CLOCK,
@@ -72,9 +72,9 @@ def silent(age_s: float) -> Delays:
 
 def scans(
     count: int, rate_hz: float, share: float, nearest_m: float, farthest_m: float, frame: str = "l"
-) -> deque[Scan]:
+) -> deque[ScanTally]:
     returns = round(100 * share)
-    return deque(Scan(number / rate_hz, 100, returns, nearest_m, farthest_m, frame) for number in range(count))
+    return deque(ScanTally(number / rate_hz, 100, returns, nearest_m, farthest_m, frame) for number in range(count))
 
 
 def link(parent: str, age_s: float | None) -> Link:

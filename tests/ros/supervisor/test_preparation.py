@@ -9,13 +9,18 @@ import pytest
 pytest.importorskip("rclpy")
 
 from pacman_env.ros.supervisor.game_nodes import SELECTOR, SIMULATOR, GameSetup
-from pacman_env.ros.supervisor.preparation import GHOSTS, Part, Preparation, map_mark
+from pacman_env.ros.supervisor.preparation import GHOSTS, Preparation, PreparationJob, map_mark
 from tests.waiting import wait_for
 
 
 def test_game_is_compiled_once_before_its_nodes() -> None:
     setup, reports = GameSetup("house", "nearest", sim=True), list[str]()
-    made = Part((SELECTOR,), "nearest").mark, Part((SIMULATOR,)).mark, Part((GHOSTS,)).mark, map_mark(setup)
+    made = (
+        PreparationJob((SELECTOR,), "nearest").mark,
+        PreparationJob((SIMULATOR,)).mark,
+        PreparationJob((GHOSTS,)).mark,
+        map_mark(setup),
+    )
     for mark in made:
         assert mark is not None
         mark.unlink(missing_ok=True)

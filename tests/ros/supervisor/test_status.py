@@ -14,7 +14,7 @@ pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
 from pacman_env.ros import topics
-from pacman_env.ros.node import Observer
+from pacman_env.ros.node import ObserverNode
 from pacman_env.ros.supervisor.game_nodes import GAME, REFEREE, SELECTOR
 from pacman_env.ros.supervisor.status import Missing, as_json
 from pacman_env.ros.supervisor.status_line import StatusLine
@@ -31,7 +31,7 @@ def status_line(domain: int) -> Iterator[StatusLine]:
 
 
 def test_what_is_absent_and_what_has_not_answered_is_named_and_is_an_exit_status(domain: int, tmp_path: Path) -> None:
-    with session.nodes(tmp_path, alone=False) as nodes, Observer("audio_node", "/robot_15") as silent:
+    with session.nodes(tmp_path, alone=False) as nodes, ObserverNode("audio_node", "/robot_15") as silent:
         nodes.start(REFEREE)
         topics.AMCL_POSE.publisher(silent)  # a localization without a pose
         answer = ask_plainly("status", "--json", "--wait", str(PATIENCE_S))

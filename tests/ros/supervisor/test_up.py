@@ -22,12 +22,12 @@ from pacman_env.cli import main as cli
 from pacman_env.files import install_command
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import join
-from pacman_env.ros.node import Stop
+from pacman_env.ros.node import StopSignals
 from pacman_env.ros.supervisor import terminal as terminal_module
 from pacman_env.ros.supervisor import up as up_module
 from pacman_env.ros.supervisor.game_lock import GameLock
 from pacman_env.ros.supervisor.game_nodes import COMPOSED, MOVERS, REFEREE, SELECTOR, STOP_ORDER, GameSetup
-from pacman_env.ros.supervisor.rounds import Rounds
+from pacman_env.ros.supervisor.rounds import RoundRequests
 from pacman_env.ros.supervisor.status_line import StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter
 from pacman_env.ros.supervisor.up import HAD_TO_KILL, NO_POSE, NODE_LOST, UpOptions
@@ -111,7 +111,7 @@ def test_game_that_is_up_is_refused_by_the_names_of_its_nodes(
         nodes.start(REFEREE)
         assert status_line.spin_until(lambda: re.match(words, status_line.others()), PATIENCE_S)
         with pytest.raises(ValueError, match=words):
-            up_module.be_alone(status_line, lock, LineWriter(io.StringIO()), Stop())
+            up_module.be_alone(status_line, lock, LineWriter(io.StringIO()), StopSignals())
 
 
 class EndsOther(LineWriter):
@@ -130,7 +130,7 @@ class EndsOther(LineWriter):
 @pytest.mark.usefixtures("own_locks")
 def test_game_that_ends_is_waited_for(domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(up_module, "GOING_S", PATIENCE_S)
-    setup, stop = GameSetup("house", sim=True), Stop()
+    setup, stop = GameSetup("house", sim=True), StopSignals()
     place = setup.namespace, domain, setup.sim
     with session.nodes(tmp_path, alone=False) as nodes:
         nodes.start(REFEREE)
@@ -260,7 +260,9 @@ def test_only_a_real_robots_pose_is_waited_for_with_a_step_of_the_page(
     with StatusLine(setup.namespace, setup.sim) as status_line:
         status_line.nodes |= {name: {} for name in setup.first_nodes}
         options = UpOptions(logs=tmp_path)
-        game = up_module.Game(setup, options, status_line, LineWriter(io.StringIO()), Stop())  # nothing is started
+        game = up_module.GameProcesses(
+            setup, options, status_line, LineWriter(io.StringIO()), StopSignals()
+        )  # nothing is started
         assert words in game.awaited()
         assert ("step" in game.awaited()) != sim
 
@@ -286,7 +288,7 @@ def test_a_start_that_a_newborn_referee_refuses_is_asked_for_again_if_a_goal_sel
     setup = GameSetup("house", sim=True)
     with StatusLine(setup.namespace, setup.sim) as status_line:
         probe.publish(topics.GAME_STATE, "menu")
-        rounds = Rounds(status_line, LineWriter(out))
+        rounds = RoundRequests(status_line, LineWriter(out))
 
         def wait(condition: Callable[[], bool], what: str) -> None:
             def holds() -> bool:
@@ -321,7 +323,7 @@ def test_a_reset_that_is_asked_for_after_a_start_stands() -> None:
 
     out = io.StringIO()
     there = SimpleNamespace(state="menu", has_selector=True, call=call)
-    rounds = Rounds(there, LineWriter(out))  # type: ignore[arg-type]
+    rounds = RoundRequests(there, LineWriter(out))  # type: ignore[arg-type]
     rounds.wanted += [topics.START_GAME, topics.RESET_GAME]
     for _ in range(2):
         rounds.call_services()

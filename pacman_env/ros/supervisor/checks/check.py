@@ -50,7 +50,7 @@ class Finding:
         return cls("", "", UNKNOWN, summary, remedy, command, settled)
 
 
-class Moment(NamedTuple):
+class CheckTime(NamedTuple):
     """A time in s of this machine's clock, of its monotonic clock and of ``/clock`` (None if not published)."""
 
     wall_s: float
@@ -64,7 +64,9 @@ class Source(Generic[T]):
 
     name: str  # relative to the robot's namespace
     type_name: str  # package/Type
-    fold: Callable[[T | None, Any, Moment], T]  # previous summary (None at first), message and arrival -> new summary
+    fold: Callable[
+        [T | None, Any, CheckTime], T
+    ]  # previous summary (None at first), message and arrival -> new summary
     qos: str = "EVENTS"  # name of a profile in topics.py
 
 
@@ -77,7 +79,7 @@ class Request(Generic[T]):
     read: Callable[[Any], T]
 
 
-def newest(read: Callable[[Any], T]) -> Callable[[T | None, Any, Moment], T]:
+def newest(read: Callable[[Any], T]) -> Callable[[T | None, Any, CheckTime], T]:
     return lambda previous, message, arrival: read(message)
 
 
@@ -87,7 +89,7 @@ class Observations:
 
     namespace: str  # with a leading slash
     waited_s: float  # longest observation time
-    now: Moment
+    now: CheckTime
     domain: int = 0
     simulated: bool = False  # True if a simulated robot was requested
     map: OccupancyMap | None = None  # the game's

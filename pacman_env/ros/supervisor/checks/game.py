@@ -15,8 +15,8 @@ from .check import (
     RESTART_GAME,
     START_AGAIN,
     Check,
+    CheckTime,
     Finding,
-    Moment,
     Observations,
     Request,
     Source,
@@ -106,7 +106,7 @@ _NODES = 100  # most stored configurations
 Configurations = dict[tuple[str, tuple[float, str, int]], Mapping[str, Any]]
 
 
-def _add_configuration(previous: Configurations | None, message: Any, arrival: Moment) -> Configurations:
+def _add_configuration(previous: Configurations | None, message: Any, arrival: CheckTime) -> Configurations:
     from pacman_env.ros.node import started
 
     configurations, content = previous or {}, _object(message)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from ...discovery import BEYOND
 from ..game_nodes import SIMULATOR
-from .check import FIREWALL, RESTART, Check, Finding, Moment, Observations, Source, count, listed, seconds
+from .check import FIREWALL, RESTART, Check, CheckTime, Finding, Observations, Source, count, listed, seconds
 
 _RANGE, _LOCAL, _SERVER = "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_DISCOVERY_SERVER"
 #: Environment variables besides domain and range that affect discovery.
@@ -116,12 +116,12 @@ class Delays:
     last_s: float = math.inf  # monotonic time of the last arrival
 
 
-def _add_tick(previous: Clock | None, message: Any, arrival: Moment) -> Clock:
+def _add_tick(previous: Clock | None, message: Any, arrival: CheckTime) -> Clock:
     now = arrival.monotonic_s, seconds(message.clock)
     return Clock(*(now if previous is None else previous[:2]), *now)
 
 
-def _add_delay(previous: Delays | None, message: Any, arrival: Moment) -> Delays:
+def _add_delay(previous: Delays | None, message: Any, arrival: CheckTime) -> Delays:
     delays = previous or Delays()
     delays.last_s = arrival.monotonic_s
     # Only transforms from odom: AMCL stamps transforms to odom ahead.

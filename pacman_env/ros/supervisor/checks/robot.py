@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...grid import differing_cells, grid_of, map_differences
-from .check import RESTART, Check, Finding, Moment, Observations, Source, count, newest, seconds
+from .check import RESTART, Check, CheckTime, Finding, Observations, Source, count, newest, seconds
 from .network import CLOCK, STAMPS, by_clock
 
 FLAT = 0.2  # charge at which a TurtleBot 4 warns; it switches off at 0.12
@@ -16,7 +16,7 @@ FEWEST_SCANS = 3
 FEWEST_RETURNS = 0.1  # share of rays; fewer mean that the lidar is covered
 
 
-class Scan(NamedTuple):
+class ScanTally(NamedTuple):
     stamp_s: float
     rays: int
     returns: int  # number of rays with a return
@@ -25,13 +25,13 @@ class Scan(NamedTuple):
     frame: str
 
 
-def _add_scan(previous: deque[Scan] | None, message: Any, arrival: Moment) -> deque[Scan]:
+def _add_scan(previous: deque[ScanTally] | None, message: Any, arrival: CheckTime) -> deque[ScanTally]:
     scans = deque(maxlen=2000) if previous is None else previous
     ranges = np.asarray(message.ranges, dtype=np.float64)
     good = ranges[np.isfinite(ranges) & (ranges >= message.range_min) & (ranges <= message.range_max)]
     nearest_m, farthest_m = float(good.min(initial=math.inf)), float(good.max(initial=0.0))
     frame = str(message.header.frame_id).lstrip("/")[:100]
-    scans.append(Scan(seconds(message.header.stamp), len(ranges), len(good), nearest_m, farthest_m, frame))
+    scans.append(ScanTally(seconds(message.header.stamp), len(ranges), len(good), nearest_m, farthest_m, frame))
     return scans
 
 
@@ -143,7 +143,7 @@ def _pose(message: Any) -> StampedPose:
     return StampedPose(pose_of(message), seconds(message.header.stamp))
 
 
-def _add_links(previous: dict[str, Link] | None, message: Any, arrival: Moment) -> dict[str, Link]:
+def _add_links(previous: dict[str, Link] | None, message: Any, arrival: CheckTime) -> dict[str, Link]:
     from pacman_env.ros.messages import transform_of
 
     links = previous or {}
@@ -155,7 +155,7 @@ def _add_links(previous: dict[str, Link] | None, message: Any, arrival: Moment) 
     return links
 
 
-def _add_static_links(previous: dict[str, Link] | None, message: Any, arrival: Moment) -> dict[str, Link]:
+def _add_static_links(previous: dict[str, Link] | None, message: Any, arrival: CheckTime) -> dict[str, Link]:
     return {child: Link(parent, None) for child, (parent, _) in _add_links(previous, message, arrival).items()}
 
 
