@@ -57,7 +57,7 @@ _FENCE = re.compile(r"^( *)```(\w*)\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
 
 
 def _restructured(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
-    """A docstring's fenced code as reStructuredText, which autodoc reads; the rest is the same in both."""
+    """Convert fenced code of a docstring to reStructuredText, which autodoc reads; the rest is the same in both."""
 
     def block(match: re.Match[str]) -> str:
         indent, language, code = match.groups()
@@ -77,14 +77,14 @@ def _restructured(app: Sphinx, what: str, name: str, obj: object, options: objec
 
 
 def _restored(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
-    """An attribute's docstring as it was: Napoleon takes what is before its first colon for a type."""
+    """Restore the docstring of an attribute: Napoleon takes the words before its first colon for a type."""
     lines[:] = _ATTRIBUTES.pop(name, lines)
 
 
 def _shorter(
     app: Sphinx, what: str, name: str, obj: object, options: object, arguments: str | None, result: str | None
 ) -> tuple[str | None, str | None]:
-    """A signature with ``NDArray`` as the source has it; of a dataclass the names of its fields alone."""
+    """Return a signature with ``NDArray`` as in the source; for a dataclass only the names of its fields."""
     if what == "class" and dataclasses.is_dataclass(obj):
         arguments = f"({', '.join(field.name for field in dataclasses.fields(obj))})"
     elif getattr(obj, "_is_protocol", False):

@@ -70,7 +70,7 @@ def _home(text):
 
 
 def _confined():
-    """A simulated game must never drive a real robot."""
+    """Keep a simulated game on this machine, so that it never drives a real robot."""
     confined = {}
     stay_on_this_machine(confined)
     return [
@@ -121,6 +121,6 @@ def _nodes(context):
 
 
 def generate_launch_description():
-    """The arguments and, once they are known, the nodes."""
+    """Return the launch arguments and, as soon as they are known, the nodes."""
     declared = [DeclareLaunchArgument(name, default_value=value, description=text) for name, value, text in ARGUMENTS]
     return LaunchDescription([*declared, OpaqueFunction(function=_nodes)])

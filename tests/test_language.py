@@ -16,8 +16,8 @@ ROOT = Path(__file__).resolve().parents[1]
 FILES = sorted(ROOT.glob("pacman_env/**/*.py"))
 #: Words that had to be decoded; docs/glossary.md and the field have plainer ones.
 WORN = re.compile(
-    r"\b(anew|goes on|mended|in the making|so many|as it is|is to be|are to be|asked for|beside other|where there is"
-    r"|where it is|that which|of its own accord|none from below|makes good|what is what)\b",
+    r"\b(anew|goes on|mended|in the making|so many|is to be|are to be|beside other|where there is|that which"
+    r"|of its own accord|none from below|makes good|what is what)\b",
     re.IGNORECASE,
 )
 

@@ -80,7 +80,7 @@ def learn(folder: Path, epochs: int, seed: int) -> Cloned:
 
 
 def completed(choose: Callable[[PacManBotVectorEnv, Any], Any], rounds: int, arguments: dict[str, Any]) -> np.ndarray:
-    """(rounds,) which rounds are completed; round k is the same for everyone."""
+    """Return which rounds are completed, (rounds,); round k is the same for every policy."""
     outcomes = []
     for first in range(0, rounds, BATCH):
         env = PacManBotVectorEnv(min(BATCH, rounds - first), flat=True, autoreset_mode="Disabled", **arguments)

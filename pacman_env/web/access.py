@@ -1,4 +1,4 @@
-"""Which requests are accepted: tokens, and the Host and Origin of a request.
+"""Accept or refuse requests by their token, Host and Origin.
 
 On a loopback address no token is needed: anyone with an account on this machine may play. The danger there is a page of
 another site in the same browser, which Host (a name that was made to resolve to this machine) and Origin reveal.
@@ -25,7 +25,7 @@ from pacman_env.web.log import Log
 Kind = Literal["operator", "viewer"]
 
 OPEN = ("/health", "/static/")  # without a token
-#: Of every answer: nothing from another site, nothing inline, not in a frame.
+#: Headers of every response: nothing from another site, nothing inline, not in a frame.
 HEADERS = {
     "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
     "media-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -48,7 +48,7 @@ _DEFAULT_PORTS = {"http": ":80", "https": ":443"}  # not in an origin
 
 @dataclass(frozen=True)
 class Name:
-    """A name by which the page is requested; of a proxy also the origin and path at which the proxy shows the page."""
+    """Host name of the page; for a proxy also the origin and path at which the proxy shows the page."""
 
     host: str
     origin: str = ""
@@ -76,7 +76,7 @@ class Name:
 
     @property
     def url(self) -> str:
-        """The address of the page behind the proxy; empty for a host name."""
+        """Return the address of the page behind the proxy, or an empty string for a host name."""
         return f"{self.origin}{self.path}/" if self.origin else ""
 
 
@@ -108,7 +108,7 @@ def is_loopback(address: str) -> bool:
 
 
 def host_name(host: str) -> str | None:
-    """The name in a Host header, without port and in small letters; None if invalid."""
+    """Return the name in a Host header, in lower case without the port, or None if it is invalid."""
     match = _NAME.fullmatch(host.strip())
     if match is None or match["scheme"] or match["path"]:
         return None
@@ -128,12 +128,12 @@ def is_same_origin(origin: str, host: str) -> bool:
 
 
 class AccessControl:
-    """The middleware that refuses requests; those that pass have ``access`` in their scope, and no token any more."""
+    """Middleware that refuses requests. Accepted requests have ``access`` in their scope and no token."""
 
     def __init__(self, application: ASGIApp, tokens: Tokens | None, names: Iterable[Name], log: Log):
         self._application, self._tokens, self._log = application, tokens, log
         names = tuple(names)
-        self._names = frozenset(name.host for name in names)  # beside the own address
+        self._names = frozenset(name.host for name in names)  # in addition to the own address
         self._origins = frozenset(name.origin for name in names if name.origin)
         self._proxied = frozenset(host for name in names for host in (name.host, name.netloc) if name.origin)
         self._paths = tuple(f"{name.path}/" for name in names if name.path)
@@ -146,7 +146,7 @@ class AccessControl:
             await send(message)
 
         for path in self._paths:
-            if scope["path"].startswith(path):  # the proxy has left it there
+            if scope["path"].startswith(path):  # the proxy has not removed it
                 scope["path"] = scope["path"][len(path) - 1 :]
                 break
         answer, refusal = self._application, self._refusal(scope)

@@ -1,4 +1,4 @@
-"""The addresses of the page: the socket that the server listens on, and the links that lead to it."""
+"""Addresses of the page: the socket of the server, and the links to it."""
 
 import errno
 import io
@@ -7,7 +7,7 @@ import socket
 from pacman_env.web.access import Tokens
 
 _SEND_BUFFER = 1 << 17  # bytes; a slow reader gets newer frames
-_UNREAD_MS = 10_000  # a client that reads nothing for so long is disconnected by the system, where it can (Linux)
+_UNREAD_MS = 10_000  # the system disconnects clients that read nothing for this time (Linux only)
 
 
 def bind(host: str, port: int) -> socket.socket:
@@ -45,7 +45,7 @@ def with_token(url: str, token: str) -> str:
 
 def own_address(family: int = socket.AF_INET) -> str | None:
     """Return the address by which others reach this machine, if there is one; nothing is sent."""
-    there = "192.0.2.1" if family == socket.AF_INET else "2001:db8::1"  # addresses of documentation
+    there = "192.0.2.1" if family == socket.AF_INET else "2001:db8::1"  # addresses reserved for documentation
     with socket.socket(family, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect((there, 9))

@@ -1,4 +1,4 @@
-"""What people ask of the game: who may do it, and the game doing it in a thread of its own."""
+"""Check who may send a message to the game, and let the game handle it in a thread of its own."""
 
 import asyncio
 import contextlib
@@ -14,15 +14,15 @@ from pacman_env.web.game import Game, Refused
 from pacman_env.web.messages import Message, as_json
 from pacman_env.web.viewers import Viewer
 
-MOST_THREADS = 32  # that wait for the game
+MOST_THREADS = 32  # requests that wait for the game
 STOPPED_AGAIN = "stopped again meanwhile"
-#: Of operators without control; every other message that is not for all needs control.
+#: Messages that operators may send without control; other messages that are not for everyone need control.
 _FREE = (messages.Control, messages.Role, messages.Goal, messages.Drive)
 T = TypeVar("T")
 
 
 async def in_thread(limit: asyncio.Semaphore, work: Callable[..., T], *arguments: Any) -> T:
-    """The result of ``work``, done in a daemon thread: the process can end although the work never does."""
+    """Return the result of ``work`` from a daemon thread, which does not keep the process alive."""
     result: Future[T] = Future()
     result.set_running_or_notify_cancel()
 
@@ -40,13 +40,13 @@ async def in_thread(limit: asyncio.Semaphore, work: Callable[..., T], *arguments
 class RequestQueue:
     def __init__(self, game: Game):
         self.control = RoleControl()
-        self.stops = 0  # that have arrived, of all people
-        # The game is never asked in the thread of the connections: any of its answers may take long.
+        self.stops = 0  # number of stops from all people
+        # The game is never called in the thread of the connections, because any call may take long.
         self.in_thread = partial(in_thread, asyncio.Semaphore(MOST_THREADS))
         self._game = game
 
     async def carry_out(self, viewer: Viewer, message: Message, stops: int) -> None:
-        """Do what a message asks for, and answer it; ``stops`` had arrived before it. Refused: nothing is changed."""
+        """Handle a message and answer it; ``stops`` stops arrived before. A refused message changes nothing."""
         name, on_robot = viewer.name, self._game.source == "ros"
         if not isinstance(message, (*messages.FOR_ALL, *_FREE)):
             self.control.take(name)
@@ -74,7 +74,7 @@ class RequestQueue:
         await self._handle(viewer, message)
 
     async def _handle(self, viewer: Viewer, message: Message) -> None:
-        """Have the game do it; the answer, which may be long, is encoded in the thread too."""
+        """Let the game handle a message; the answer, which may be long, is encoded in the same thread."""
 
         def handle() -> str:
             data = self._game.handle(viewer.name, message)
@@ -85,7 +85,7 @@ class RequestQueue:
             viewer.outbox.put_text(answer)
 
     async def _release(self, name: str, stops: int) -> None:
-        """A stop that was sent after the release is stronger, whichever reaches the game first."""
+        """Release the robot, unless a stop arrives meanwhile: a later stop wins, whichever reaches the game first."""
         if stops != self.stops:
             raise Refused(STOPPED_AGAIN)
         await self.in_thread(self._game.release, name)

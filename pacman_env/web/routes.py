@@ -1,4 +1,4 @@
-"""What is answered over HTTP: the page's files, maps, recorded rounds, the upload of a map."""
+"""HTTP routes: the files of the page, maps, recorded rounds, and the upload of a map."""
 
 import asyncio
 import base64
@@ -24,7 +24,7 @@ STATIC = Path(__file__).with_name("static")
 MOST_UPLOAD = 8 << 20
 UPLOAD_S = 20.0
 
-for _suffix, _kind in {"js": "javascript", "css": "css", "html": "html"}.items():  # the system's list may be wrong
+for _suffix, _kind in {"js": "javascript", "css": "css", "html": "html"}.items():  # the list of the system may be wrong
     mimetypes.add_type(f"text/{_kind}", f".{_suffix}")
 mimetypes.add_type("image/svg+xml", ".svg")
 
@@ -42,7 +42,7 @@ def map_name(name: str) -> str:
 class PageFiles(StaticFiles):
     def file_response(self, *arguments: Any, **options: Any) -> Response:
         response = super().file_response(*arguments, **options)
-        response.headers["cache-control"] = "no-cache"  # kept, and revalidated each time
+        response.headers["cache-control"] = "no-cache"  # cached, and revalidated each time
         return response
 
 
@@ -50,7 +50,7 @@ class Routes:
     def __init__(self, game: Game, sessions: Sessions, log: Log, static: Path):
         self._game, self._sessions, self._log = game, sessions, log
         self._files = PageFiles(directory=static)
-        self._upload = asyncio.Semaphore(1)  # their size is bounded: so is that of all together
+        self._upload = asyncio.Semaphore(1)  # bounds the memory of all uploads
 
     def all(self) -> list[BaseRoute]:
         return [
@@ -80,7 +80,7 @@ class Routes:
         if story is None:
             return PlainTextResponse("no such round\n", 404)
 
-        async def pieces() -> AsyncIterator[bytes]:  # a slow reader holds one of them, not all
+        async def pieces() -> AsyncIterator[bytes]:  # a slow reader blocks one chunk, not all
             for at in range(0, len(story), 1 << 16):
                 yield story[at : at + (1 << 16)]
 
@@ -105,7 +105,7 @@ class Routes:
                 return Response(status_code=400)
             except msgspec.DecodeError as error:
                 return _map_refusal(400, f"no map: {error}")
-            except Refused as refused:  # a well-formed request: the page shows the words, the browser no error
+            except Refused as refused:  # well-formed: the page shows the reason, and the browser logs no error
                 return _map_refusal(200, str(refused))
             except Exception as error:
                 self._log.error("a map", error)
@@ -122,7 +122,7 @@ class Routes:
 
 
 async def _body(request: Request) -> bytes | None:
-    """The body; None if it is too large, but read, so that the page receives the answer."""
+    """Return the body, or None if it is too large; it is read to the end, so that the page receives the answer."""
     body, size = bytearray(), 0
     async for part in request.stream():
         size += len(part)

@@ -1,4 +1,4 @@
-"""The server of the operator's page: uvicorn in a thread of its own, over a game."""
+"""Serve the operator page of a game by uvicorn, in a thread of its own."""
 
 from __future__ import annotations
 
@@ -29,27 +29,27 @@ from pacman_env.web.routes import STATIC, Routes
 from pacman_env.web.sessions import Sessions
 
 MOST_VIEWERS = 100
-CONNECTIONS = 3  # for each viewer: a browser opens up to six for the page's files, and soon closes them
+CONNECTIONS = 3  # per viewer: browsers open up to six for the page's files, and close them soon
 SPARE_CONNECTIONS = 50
-PING_S, PONG_S = 3.0, 5.0  # a page that does not answer is gone after 8 s
-_START_S = 0.005  # between two looks whether the server has started
+PING_S, PONG_S = 3.0, 5.0  # a page without answers is gone after 8 s
+_START_S = 0.005  # polling period while the server starts
 _WAKE_S = 0.5
 _LOGGER = logging.getLogger("uvicorn.error")
 
 
 class WebServer:
-    """The page over a game, which the caller closes, in a thread of its own; ``with`` starts and closes it."""
+    """Server of the page in a thread of its own; ``with`` starts and closes it. The caller closes the game."""
 
     def __init__(
         self,
         game: Game,
-        host: str = "127.0.0.1",  # an address of this machine, or a name of one; 0.0.0.0: all of them
-        port: int = 0,  # 0: any that is free
+        host: str = "127.0.0.1",  # address or host name of this machine; 0.0.0.0: all addresses
+        port: int = 0,  # 0: any free port
         *,
-        tokens: Tokens | None = None,  # None: new ones if other machines reach the address or a name, else none
-        names: Iterable[str] = (),  # accepted as Host beside the address; of a proxy the whole address of the page
-        write: Callable[[str], None] | None = None,  # a line of the log; to stderr if not given
-        viewers: int = MOST_VIEWERS,  # at once
+        tokens: Tokens | None = None,  # None: new tokens if other machines can reach the page, else no tokens
+        names: Iterable[str] = (),  # more accepted host names; for a proxy, the complete address of the page
+        write: Callable[[str], None] | None = None,  # writes a line of the log; None: to stderr
+        viewers: int = MOST_VIEWERS,  # at the same time
         static: Path = STATIC,
     ):
         self.host, self.port, self.address = host, port, host
@@ -67,7 +67,7 @@ class WebServer:
 
     @property
     def public_url(self) -> str:
-        """The address that others use, without a token."""
+        """Return the address that others use, without a token."""
         return next((name.url for name in self._names if name.url), link(self.address, self.port))
 
     def __enter__(self) -> WebServer:
@@ -78,7 +78,7 @@ class WebServer:
         self.close()
 
     def start(self) -> None:
-        """Serve from now on. Raises OSError if the address is in use, or none of this machine's."""
+        """Start to serve. Raises OSError if the address is in use or does not belong to this machine."""
         bound = bind(self.host, self.port)
         self.address, self.port = bound.getsockname()[:2]
         if self.tokens is None and not (is_loopback(self.address) and all(name.is_local for name in self._names)):
@@ -95,7 +95,7 @@ class WebServer:
             time.sleep(_START_S)
 
     def close(self) -> None:
-        """Close every page's connection and end; it takes 2 s at most."""
+        """Close all connections and end the server, within 2 s."""
         if self._thread is None or self._server is None or self._log is None:
             return
         self._server.should_exit = True
@@ -120,7 +120,7 @@ class WebServer:
             loop="asyncio",
             lifespan="off",
             log_config=None,
-            log_level="critical",  # this server writes its own log, once for each kind, without addresses
+            log_level="critical",  # this server logs each kind of event once, without addresses
             access_log=False,  # the token would be in it
             proxy_headers=False,
             server_header=False,
@@ -128,7 +128,7 @@ class WebServer:
             ws_max_size=MOST_BYTES,
             ws_ping_interval=PING_S,
             ws_ping_timeout=PONG_S,
-            ws_per_message_deflate=False,  # costs more than it saves: once for each viewer
+            ws_per_message_deflate=False,  # compression costs more than it saves, because it is done for each viewer
             h11_max_incomplete_event_size=16 << 10,
             timeout_graceful_shutdown=1,
         )
@@ -137,7 +137,7 @@ class WebServer:
 
 
 class _Server(uvicorn.Server):
-    """Shows the game to all pages from the start on, and says good-bye to them before it ends."""
+    """Uvicorn server that sends the game to all pages, and a good-bye before it ends."""
 
     def __init__(self, config: uvicorn.Config, sessions: Sessions):
         super().__init__(config)
@@ -151,7 +151,7 @@ class _Server(uvicorn.Server):
     async def shutdown(self, sockets: list[Any] | None = None) -> None:
         await self._sessions.end()
         await super().shutdown(sockets)
-        for connection in list(self.server_state.connections):  # of clients that read nothing
+        for connection in list(self.server_state.connections):  # for clients that read nothing
             connection.transport.abort()
         await asyncio.sleep(0)
 
@@ -163,7 +163,7 @@ def serve(
     *,
     names: Iterable[str] = (),
     viewers: int = MOST_VIEWERS,
-    opened: Callable[[str], Any] | None = None,  # called with the page's address, such as to open a browser
+    opened: Callable[[str], Any] | None = None,  # called with the address of the page, for example to open a browser
 ) -> None:
     """Print the page's links and serve it until Ctrl-C or SIGTERM, in the main thread; OSError for a bad address."""
     ended = threading.Event()
@@ -174,7 +174,7 @@ def serve(
             if opened is not None:
                 opened(server.url)
             while not ended.wait(_WAKE_S):
-                pass  # a signal that another thread has received does not end a wait of this one
+                pass  # a signal received by another thread does not end this thread's wait
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)

@@ -1,6 +1,6 @@
-"""How a click reaches the game, and how the game reaches every page: read from top to bottom.
+"""Carry clicks to the game and the game to every page; read this file from top to bottom.
 
-Twenty times a second all pages receive what is new (:meth:`Sessions.run`). A page connects (:meth:`Sessions.serve`).
+All pages receive news twenty times a second (:meth:`Sessions.run`). A page connects (:meth:`Sessions.serve`).
 Each of its messages is checked (``_receive``), waits for its turn (``_take_turn``) and is carried out
 (``web/requests.py``); STOP overtakes all others (``_stop``).
 """
@@ -23,9 +23,9 @@ from pacman_env.web.requests import RequestQueue, in_thread
 from pacman_env.web.viewers import MOST_TEXTS, Audience, Viewer
 
 TICK_S = 0.05
-MOST_STOPS = 4  # at once
+MOST_STOPS = 4  # at the same time
 MOST_WORDS = 500
-SLOW_S = 10.0  # a page that takes longer to receive a message is disconnected
+SLOW_S = 10.0  # a page that needs longer to receive a message is disconnected
 GOODBYE_S = 0.5
 VIEW_ONLY = "your link is view only; STOP still works"
 T = TypeVar("T")
@@ -36,9 +36,9 @@ class Sessions:
         self.requests = RequestQueue(game)
         self.audience = Audience(game, most, self._people)
         self._game, self._log, self._control = game, log, self.requests.control
-        self._poll_thread = asyncio.Semaphore(1)  # however many requests wait for the game, frames go on
-        self._stop_threads = asyncio.Semaphore(MOST_STOPS)  # only stops and leaving wait before a stop
-        self._known: dict[str, Viewer] = {}  # by the key of the page
+        self._poll_thread = asyncio.Semaphore(1)  # frames continue, however many requests wait for the game
+        self._stop_threads = asyncio.Semaphore(MOST_STOPS)  # only other stops and departures can delay a stop
+        self._known: dict[str, Viewer] = {}  # keyed by the key of the page
         self._tasks: set[asyncio.Task[Any]] = set()
         self._guests = 0
         self._ending = False
@@ -47,7 +47,7 @@ class Sessions:
 
     async def run(self) -> None:
         while True:
-            due_s = time.monotonic() + TICK_S  # a late tick is not made up for
+            due_s = time.monotonic() + TICK_S  # late ticks are skipped
             await self._attempt("the game cannot be shown", self._tick())
             await asyncio.sleep(due_s - time.monotonic())
 
@@ -99,7 +99,7 @@ class Sessions:
             self._disconnect(viewer)
 
     def _connect(self, access: Kind, key: str) -> Viewer:
-        """A page has connected; with the key of an earlier connection it has the same person again."""
+        """Add the viewer of a new connection; the key of an earlier connection restores its person."""
         before = self._known.pop(key, None)
         if before is None or before.access != access:
             self._guests += 1
@@ -108,7 +108,7 @@ class Sessions:
         else:
             viewer = Viewer(before.name, access, before.turn)
             before.is_replaced = True
-            if before.gone_s is None:  # the old connection is dead, which was not noticed
+            if before.gone_s is None:  # the old connection died unnoticed
                 before.outbox.end("your page is connected anew")
                 self.audience.remove(before)
             self.audience.add(viewer, is_new=False)
@@ -118,7 +118,7 @@ class Sessions:
         return viewer
 
     async def _return(self, viewer: Viewer, before: Viewer) -> None:
-        """The game has the person in its role again, before the next message is carried out."""
+        """Give a person who returns the same role in the game, before the next message is handled."""
         async with viewer.turn:
             if before.leaving is not None:
                 await asyncio.wait([before.leaving])
@@ -156,7 +156,7 @@ class Sessions:
                 self._receive(viewer, event.get("bytes", b"") if text is None else text)
 
     def _receive(self, viewer: Viewer, text: str | bytes) -> None:
-        """One message. A stop is done at once, before all else and at any rate."""
+        """Check one message. A stop is handled at once, before all other messages and at any rate."""
         message, error = None, "bad message: text is understood, bytes are not"
         if isinstance(text, str):
             try:
@@ -165,7 +165,7 @@ class Sessions:
                 error = str(invalid)[:MOST_WORDS]
         if isinstance(message, messages.Stop):
             self.requests.stops += 1
-            if not viewer.stops or (message.id and len(viewer.stops) < MOST_TEXTS):  # without an id none is answered
+            if not viewer.stops or (message.id and len(viewer.stops) < MOST_TEXTS):  # no id: no answer
                 viewer.stops.append(message)
             if not viewer.is_stopping:
                 viewer.is_stopping = True
@@ -188,7 +188,7 @@ class Sessions:
             self._spawn(self._take_turn(viewer, message, self.requests.stops))
 
     async def _stop(self, viewer: Viewer) -> None:
-        """One stop at a time; all that arrive meanwhile are one more."""
+        """Stop the game. Stops that arrive during a stop count as one more."""
         while viewer.stops:
             stops, viewer.stops = viewer.stops, []
             refusal = await self._attempt("a stop", in_thread(self._stop_threads, self._game.stop, viewer.name))
@@ -197,7 +197,7 @@ class Sessions:
         viewer.is_stopping = False
 
     async def _take_turn(self, viewer: Viewer, message: Message, stops: int) -> None:
-        """Carry out one message after the other, in their order; what waits when the page goes away is dropped."""
+        """Handle messages in order, one at a time; drop the waiting ones when the page disconnects."""
         async with viewer.turn:
             viewer.waiting -= 1
             if viewer.gone_s is not None:
@@ -205,11 +205,11 @@ class Sessions:
             what = f"what a page asked for ({type(message).__name__.lower()})"
             if refusal := await self._attempt(what, self.requests.carry_out(viewer, message, stops)):
                 viewer.answer(message, refusal)
-            if viewer.gone_s is not None and not viewer.is_replaced:  # it went away meanwhile
+            if viewer.gone_s is not None and not viewer.is_replaced:  # the page disconnected meanwhile
                 await self._attempt("a person left", self.requests.in_thread(self._game.leave, viewer.name))
 
     async def _attempt(self, what: str, work: Awaitable[Any]) -> str:
-        """Words about a failure; empty: it is done."""
+        """Return the words of a failure, or an empty string after success."""
         try:
             await work
         except Refused as refused:
@@ -221,6 +221,6 @@ class Sessions:
 
     def _spawn(self, work: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
         task = asyncio.create_task(work)
-        self._tasks.add(task)  # or nothing would keep it
+        self._tasks.add(task)  # a reference, or the task could be collected
         task.add_done_callback(self._tasks.discard)
         return task

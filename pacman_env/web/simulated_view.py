@@ -1,4 +1,4 @@
-"""What is shown of a simulated game: its scene, frames between ticks, lights, sounds and motions."""
+"""View of a simulated game: its scene, frames between ticks, lights, sounds and motions."""
 
 import math
 import time
@@ -21,7 +21,7 @@ from pacman_env.web.game import News, Scene
 from pacman_env.web.played_round import PlayedRound
 from pacman_env.web.rules import Rules
 
-_STEPS = 64  # of a tick that frames distinguish
+_STEPS = 64  # steps of a tick that frames distinguish
 _COMPILING = "Preparing the first round. On a new computer the rules are compiled once, which takes a minute or two."
 
 
@@ -44,12 +44,12 @@ class TickClock:
         return self._changed_s + (1.0 - self._share) * self.tick_s / self.speed
 
     def share(self, real_s: float) -> float:
-        """How much of the last tick is over, 0 to 1."""
+        """Return the elapsed share of the current tick, 0 to 1."""
         ran_s = 0.0 if self.is_held else max(real_s - self._changed_s, 0.0)
         return min(self._share + ran_s * self.speed / self.tick_s, 1.0)
 
     def begin(self, due_s: float) -> None:
-        """A tick begins: a late one is not made up for, and of one that is held nothing is shown yet."""
+        """Start a tick: late ticks are skipped, and nothing of a paused tick is shown yet."""
         self._share, self._changed_s = 0.0, max(due_s, time.monotonic() - self.tick_s / self.speed)
 
     def set_speed(self, times: float) -> None:
@@ -67,7 +67,7 @@ class TickClock:
 
 
 class FeedbackPlayer:
-    """Lights, sounds and motions by the robot's rules, for one game; times are real, s. What is shown becomes news."""
+    """Play lights, sounds and motions by the robot's rules for one game, as news; times are real, s."""
 
     def __init__(self, show: ShowConfig, news: News) -> None:
         self.armed = False
@@ -164,7 +164,7 @@ class SimulatedView:
 
 
 def between(old: Frame, new: Frame, share: float) -> Frame:
-    """A frame between two ticks; ``share`` 1: that of the later one."""
+    """Return a frame between two ticks; ``share`` 1 gives the frame of the later tick."""
     if share >= 1.0 or new.time_s < old.time_s:
         return new
     moved = {
@@ -177,7 +177,7 @@ def between(old: Frame, new: Frame, share: float) -> Frame:
     return structs.replace(
         new,
         time_s=old.time_s + share * (new.time_s - old.time_s),
-        alive=old.alive,  # a pellet is there until it is reached
+        alive=old.alive,  # a pellet is shown until it is reached
         collected=old.collected,
         baseline_collected=old.baseline_collected,
         over=old.over,
@@ -195,7 +195,7 @@ def scene_of(played: PlayedRound, rules: Rules, revision: int) -> Scene:
     xy = played.assets.goal_xy.round(4).tolist()
     pellets = played.assets.pellets
     named = rules if played.level is None else replace(rules, level=played.level)
-    reproducible = not (played.placed or played.by_person or played.ghost_roles)  # by names and numbers alone
+    reproducible = not (played.placed or played.by_person or played.ghost_roles)  # depends on names and numbers alone
     facts = {
         "map": {
             "name": rules.map,

@@ -1,4 +1,4 @@
-"""The connected viewers: what waits to be sent to each, how much each may send, and what is sent to all."""
+"""Connected viewers: their queues, their rate limits, and the news for all of them."""
 
 import asyncio
 import secrets
@@ -15,16 +15,16 @@ from pacman_env.web.game import Game, Scene
 from pacman_env.web.messages import Message, as_json
 from pacman_env.web.vocabulary import vocabulary
 
-MOST_TEXTS = 64  # that wait for one viewer
+MOST_TEXTS = 64  # queued texts per viewer
 MOST_BYTES = 4 << 20  # of them
-MESSAGES_PER_S = 50.0  # of one viewer, and as many at once
-PATIENCE = 250  # messages over the rate, until the connection is closed
+MESSAGES_PER_S = 50.0  # per viewer; also the largest burst
+PATIENCE = 250  # messages above the rate before the connection is closed
 MOST_PICTURES = 4  # of the last scenes
-MORE_OPERATORS = 10  # beyond the limit of viewers: a crowd does not keep operators out
+MORE_OPERATORS = 10  # above the limit of viewers, so that a crowd does not keep operators out
 
 
 class Outbox:
-    """What waits for one connection: texts in their order, and the newest frame only."""
+    """Queue of one connection: all texts in order, and only the newest frame."""
 
     def __init__(self) -> None:
         self.why_ended = ""
@@ -56,7 +56,7 @@ class Outbox:
             self._wake.set()
 
     async def get(self) -> list[str]:
-        """What waits, at least one text or frame; empty after the end."""
+        """Wait for at least one text or frame and return the queue; empty after the end."""
         while not self._texts and self._frame is None:
             if self.why_ended:
                 return []
@@ -70,23 +70,23 @@ class Outbox:
 
 @dataclass(eq=False)
 class Viewer:
-    """One connection of a page; the person's name stays when the page comes back with its key."""
+    """One connection of a page; a page that reconnects with its key keeps the name of the person."""
 
     name: str  # shown to the others
     access: Kind
-    turn: asyncio.Lock = field(default_factory=asyncio.Lock)  # of the person: one message is carried out at a time
+    turn: asyncio.Lock = field(default_factory=asyncio.Lock)  # of the person: one message is handled at a time
     outbox: Outbox = field(default_factory=Outbox)
     key: str = field(default_factory=lambda: secrets.token_urlsafe(16))
-    is_fresh: bool = True  # nothing has been sent to it yet
+    is_fresh: bool = True  # nothing has been sent yet
     why: bool = False  # the page shows the terms
     lidar: bool = False
-    gone_s: float | None = None  # when the page went away
+    gone_s: float | None = None  # when the page disconnected
     is_replaced: bool = False  # by another connection of the same person
     waiting: int = 0  # messages that wait for their turn
-    stops: list[Message] = field(default_factory=list)  # that wait for the one that is being done
+    stops: list[Message] = field(default_factory=list)  # messages that wait for the current one
     is_stopping: bool = False
     leaving: asyncio.Task[str] | None = None
-    _allowance: float = MESSAGES_PER_S  # messages; negative: so many over the rate
+    _allowance: float = MESSAGES_PER_S  # messages; negative: above the rate
     _allowed_s: float = field(default_factory=time.monotonic)
     _warned_s: float = -1.0
 
@@ -114,11 +114,11 @@ class Viewer:
 
 class Update(NamedTuple):
     viewers: tuple[Viewer, ...]
-    choices: dict[str, Any]  # for those that have come since the last update
+    choices: dict[str, Any]  # for viewers that connected since the last update
     scene: Scene
     news: list[dict[str, Any]]
     frame: Frame | None
-    encoded: str  # the frame; empty: no other than before
+    encoded: str  # the frame; empty if it has not changed
 
 
 class Audience:
@@ -133,7 +133,7 @@ class Audience:
         self._frame = ""
         self._scene: Scene | None = None
         self._scene_text = ""
-        self._news: int | None = None  # the last that was sent; None: only later ones are
+        self._news: int | None = None  # number of the last sent news; None: send only future news
         self._people_text = ""
         self._watched = (False, False)
 
@@ -168,7 +168,7 @@ class Audience:
         return Update(viewers, choices, scene, news, frame, encoded)
 
     def send(self, update: Update | None) -> None:
-        """What is new to all viewers, and everything to those that have come since the last update."""
+        """Send the news to all viewers, and the whole state to those that connected since the last update."""
         if update is None:
             self._news, self._number, self._frame, self._scene = None, None, "", None
             return
@@ -177,7 +177,7 @@ class Audience:
             self._change_scene(update.scene)
         news = [] if self._news is None else update.news
         self._news = max((item["number"] for item in update.news), default=self._news or 0)
-        without_why = [item for item in news if "why" not in item]  # the terms are long: only to pages that show them
+        without_why = [item for item in news if "why" not in item]  # long: sent only to pages that show them
         news_texts = {
             why: as_json({"kind": "news", "items": items}) if items else ""
             for why, items in ((True, news), (False, without_why))

@@ -32,7 +32,7 @@ class PacManBotClass(PettingZooClass):
     def get_env_fun(
         self, num_envs: int, continuous_actions: bool, seed: int | None, device: Any
     ) -> Callable[[], EnvBase]:
-        """A function that makes a game."""
+        """Return a function that makes a game."""
         return lambda: PettingZooWrapper(
             pacman_env.parallel_env(
                 flat=True, map=self.config["map"], settings={**TWO_PLAYERS, "max_cycles": MAX_CYCLES}
@@ -45,7 +45,7 @@ class PacManBotClass(PettingZooClass):
         )
 
     def get_env_transforms(self, env: EnvBase) -> list[Transform]:
-        """The state as float32: the critic's network is."""
+        """Convert the state to float32, like the critic's network."""
         return [DoubleToFloat(in_keys=["state"])]
 
     def supports_discrete_actions(self) -> bool:
@@ -100,7 +100,7 @@ def main() -> None:
 
         @torch.no_grad()
         def choose(observation: np.ndarray, allowed: np.ndarray) -> np.ndarray:
-            """The robot's likeliest actions: it is a group of one."""
+            """Return the robot's likeliest actions; the robot is a group of one."""
             seen = TensorDict({}, [len(observation)])
             seen["pacman", "observation", "observation"] = torch.from_numpy(observation).unsqueeze(1)
             seen["pacman", "action_mask"] = torch.from_numpy(allowed).unsqueeze(1)

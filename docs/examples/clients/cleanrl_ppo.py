@@ -72,7 +72,7 @@ agent = Agent(envs)
 
 @torch.no_grad()
 def choose(observation: np.ndarray, allowed: np.ndarray) -> np.ndarray:
-    """The likeliest actions."""
+    """Return the likeliest actions."""
     logits = agent.policy(torch.from_numpy(observation), torch.from_numpy(allowed)).logits
     return logits.argmax(dim=1).numpy()
 

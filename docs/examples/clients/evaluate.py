@@ -31,7 +31,7 @@ COMPLETE = list(OUTCOMES).index("complete")
 
 
 def parser(description: str | None, num_envs: int = 8) -> argparse.ArgumentParser:
-    """The options of every script; ``num_envs`` is the default of one."""
+    """Return a parser with the options of every script; ``num_envs`` is a default."""
     options = argparse.ArgumentParser(description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     options.add_argument("--map", default="generated", help="to train on")
     options.add_argument("--decisions", type=int, default=200_000, help="to learn from")
@@ -44,7 +44,7 @@ def parser(description: str | None, num_envs: int = 8) -> argparse.ArgumentParse
 
 
 def completed(choose: Choose, map: str, rounds: int = 200, seed: int = 0, **arguments: Any) -> NDArray[np.bool_]:
-    """(rounds,) which rounds a model completes on a map; round k is the same for every model.
+    """Return which rounds a model completes on a map, (rounds,); round k is the same for every model.
 
     ``arguments``: of the environment, other than those of ``PacManBotFlat-v0``.
     """
@@ -59,7 +59,7 @@ def completed(choose: Choose, map: str, rounds: int = 200, seed: int = 0, **argu
 
 
 def baseline(name: str, map: str, rounds: int = 200, seed: int = 0) -> NDArray[np.bool_]:
-    """(rounds,) which of the same rounds a policy of the package completes; it is asked every 0.5 s."""
+    """Return which of the same rounds a built-in policy completes, (rounds,); it decides every 0.5 s."""
     policy = make_policy(name)
 
     def play(env: PacManBotVectorEnv, first: int) -> NDArray[Any]:

@@ -91,7 +91,7 @@ def each_wrapper(rows: dict[str, Row], make: Callable[..., Any], kind: str, deci
 
 
 def videos(map: str, seed: int) -> None:
-    """A video of a game, and one of two games side by side."""
+    """Record a video of one game, and one of two games side by side."""
     with tempfile.TemporaryDirectory() as folder:
         short = {"map": map, "render_mode": "rgb_array", "max_episode_steps": 4}
         play(wrappers.RecordVideo(gym.make(FLAT, **short), f"{folder}/one", lambda k: k == 0), 6, seed)

@@ -57,7 +57,7 @@ def record(env: gym.Env[Any, Any], episodes: int, steps: int, seed: int) -> list
 
 
 def leaves(value: Any, key: str = "") -> Iterator[tuple[str, np.ndarray]]:
-    """The arrays of an observation or info, by their keys joined."""
+    """Yield the arrays of an observation or info with their joined keys."""
     if isinstance(value, dict):
         for name, part in value.items():
             yield from leaves(part, f"{key}/{name}")

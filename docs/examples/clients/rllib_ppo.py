@@ -28,7 +28,7 @@ def named(seen: Any) -> dict[str, Any]:
 
 
 def make(arguments: dict[str, Any]) -> gym.Env[Any, Any]:
-    """A game, of the arguments in ``env_config``."""
+    """Make a game from the arguments in ``env_config``."""
     env = gym.make(ENV_ID, settings={"observation.mask": "beside"}, **arguments)
     return gym.wrappers.TransformObservation(env, named, spaces.Dict(named(env.observation_space)))
 
@@ -62,7 +62,7 @@ def main() -> None:
 
     @torch.no_grad()
     def choose(observation: np.ndarray, allowed: np.ndarray) -> np.ndarray:
-        """The likeliest actions."""
+        """Return the likeliest actions."""
         seen = {"observations": torch.from_numpy(observation), "action_mask": torch.from_numpy(allowed)}
         return algorithm.get_module().forward_inference({"obs": seen})["action_dist_inputs"].argmax(dim=1).numpy()
 

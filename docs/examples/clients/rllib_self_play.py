@@ -52,7 +52,7 @@ class Named(BaseParallelWrapper[str, Any, Any]):
 
 
 def make(arguments: dict[str, Any]) -> ParallelPettingZooEnv:
-    """A game of two players, of the arguments in ``env_config``."""
+    """Make a game of two players from the arguments in ``env_config``."""
     return ParallelPettingZooEnv(Named(pacman_env.parallel_env(flat=True, settings=TWO_PLAYERS, **arguments)))
 
 
@@ -89,7 +89,7 @@ def main() -> None:
 
     @torch.no_grad()
     def choose(observation: np.ndarray, allowed: np.ndarray) -> np.ndarray:
-        """The robot's likeliest actions."""
+        """Return the robot's likeliest actions."""
         seen = {"observations": torch.from_numpy(observation), "action_mask": torch.from_numpy(allowed)}
         outputs = algorithm.get_module("pacman").forward_inference({"obs": seen})
         return outputs["action_dist_inputs"].argmax(dim=1).numpy()

@@ -31,7 +31,7 @@ def main() -> None:
     model = PPO("MlpPolicy", envs, n_steps=256, batch_size=256, device="cpu")
 
     def choose(observation: np.ndarray, allowed: np.ndarray) -> np.ndarray:
-        """The likeliest actions."""
+        """Return the likeliest actions."""
         robot = np.tile(np.float32([1.0, 0.0]), (len(observation), 1))  # of the agents in their order
         return model.predict(np.concatenate([observation, robot], axis=1), deterministic=True)[0]
 

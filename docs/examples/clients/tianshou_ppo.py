@@ -30,7 +30,7 @@ MOST_OF_TWO = 4096  # decisions of the two players, whose rounds are not counted
 
 
 def numbers(observation: Any) -> Any:
-    """The observation without its mask: the environment calls it ``observation``, Tianshou's wrapper ``obs``."""
+    """Return the observation without its mask, called ``observation`` here and ``obs`` by Tianshou's wrapper."""
     return observation.get("observation", observation.get("obs")) if hasattr(observation, "get") else observation
 
 
@@ -99,7 +99,7 @@ def one_player(args: Any, masked: bool) -> None:
 
     @torch.no_grad()
     def choose(observation: np.ndarray, allowed: np.ndarray) -> np.ndarray:
-        """The likeliest actions."""
+        """Return the likeliest actions."""
         seen = Batch(observation=observation, action_mask=allowed)
         return algorithm.policy(Batch(obs=seen, info=Batch())).logits.argmax(dim=1).numpy()
 

@@ -65,7 +65,7 @@ actor = ProbabilisticActor(
 
 @torch.no_grad()
 def choose(observation: np.ndarray, allowed: np.ndarray) -> np.ndarray:
-    """The likeliest actions."""
+    """Return the likeliest actions."""
     seen = {"observation": torch.from_numpy(observation), "action_mask": torch.from_numpy(allowed)}
     with set_exploration_type(ExplorationType.MODE):
         return actor(TensorDict(seen, batch_size=len(observation)))["action"].numpy()
