@@ -76,8 +76,8 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     `reward.progress` (default 0) rewards each metre by which the path to the nearest remaining pellet became shorter,
     as a potential that is 0 after a termination. The best policy stays the best if all episodes end by a termination
     and the learner's discount is that of the potential (`decisions.discount_per_s`, 1). After a truncation the
-    potential of the last state remains in the sum of rewards. If a learner's gamma is below 1, each decision costs (1 -
-    gamma) times the length of that path.
+    potential of the last state remains in the sum of rewards. If a learner's gamma is below 1, each decision costs
+    (1 - gamma) times the length of that path.
 
     ## Starting State
     The robot stands at the home pose. Clyde and every other ghost stand on cells drawn uniformly, at least 1.5 m away
@@ -121,8 +121,8 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     - `defaults`: settings with lower priority than `settings`; ids of variants use them (`docs/environments/ids.md`).
 
     ## Settings
-    Every number of the game is a setting (`docs/configuration.md`). A range such as `{"randomize.speed_mps": (0.2,
-    0.3)}` draws a value uniformly for each episode. The following settings change how the environment is used;
+    Every number of the game is a setting (`docs/configuration.md`). A range draws a value uniformly for each episode,
+    such as `{"randomize.speed_mps": (0.2, 0.3)}`. The following settings change how the environment is used;
     `docs/environments/pacmanbot.md` describes them in a table: `execution.rules` (the original's faults),
     `decisions.when` (a step is one tick, or lasts until an event needs a decision), `observation.candidates` (all of
     the map, or the nearest), `observation.normalize`, `observation.mask` (where the mask is),

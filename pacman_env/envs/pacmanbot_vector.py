@@ -24,26 +24,25 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
 
     All games share one map, or with ``map="generated"`` each has its own house.
 
-        ```python
-        gymnasium.make_vec("pacman_env/PacManBot-v0", num_envs=64, vectorization_mode="vector_entry_point")
-        ```
+    ```python
+    gymnasium.make_vec("pacman_env/PacManBot-v0", num_envs=64, vectorization_mode="vector_entry_point")
+    ```
 
-        Spaces, rewards and arguments are those of the single environment, with arrays (N,) and (N, ...). Game i with
-        seed s equals a single environment with seed s, bit for bit. ``autoreset_mode`` is one of Gymnasium's three;
-        with ``DISABLED`` pass ``options={"reset_mask": mask}`` to ``reset``. Episodes are truncated after
-        ``max_episode_steps`` decisions. ``num_threads`` play the games (0: one thread per core); the results do not
-        depend on it.
+    Spaces, rewards and arguments are those of the single environment, with arrays (N,) and (N, ...). Game i with seed s
+    equals a single environment with seed s, bit for bit. ``autoreset_mode`` is one of Gymnasium's three; with
+    ``DISABLED`` pass ``options={"reset_mask": mask}`` to ``reset``. Episodes are truncated after ``max_episode_steps``
+    decisions. ``num_threads`` threads play the games (0: one per core); the results do not depend on it.
 
-        A ``batch_size`` below the number of games divides the games into sub-batches of this size. While one is stepped
-        in the background the network chooses for another, with EnvPool's methods (``async_reset``, ``recv``, ``send``)
-        and the same games. Each sub-batch has its own copies of ghost policies that are given as objects. ``batch``,
-        ``situation`` and ``action_masks()`` then refer to the sub-batch received last; after ``reset`` and ``step`` the
-        masks cover all games.
+    A ``batch_size`` below the number of games divides the games into sub-batches of this size. While one is stepped in
+    the background the network chooses for another, with EnvPool's methods (``async_reset``, ``recv``, ``send``) and the
+    same games. Each sub-batch has its own copies of ghost policies that are given as objects. ``batch``, ``situation``
+    and ``action_masks()`` then refer to the sub-batch received last; after ``reset`` and ``step`` the masks cover all
+    games.
 
-        With ``copy=False`` the step after the next one overwrites the arrays of an observation; copy them to keep them.
+    With ``copy=False`` the step after the next one overwrites the arrays of an observation; copy them to keep them.
 
-        The setting ``observation.infos`` ``"ends"`` (``SAME_STEP`` only) saves time: infos contain only the
-        ``final_info`` of games that ended.
+    The setting ``observation.infos`` ``"ends"`` (``SAME_STEP`` only) saves time: infos contain only the ``final_info``
+    of games that ended.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012

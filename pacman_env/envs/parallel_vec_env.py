@@ -62,7 +62,7 @@ class SeveralAgents(CoreEnv):
         return list(state_limits(self.batch))
 
     def _decide(self, actions: dict[str, NDArray[Any]]) -> Ends:
-        """Play one decision with checked actions (N,) by agent; return rewards (N, A) and two ends (N,)."""
+        """Play one decision with actions (N,) by agent; return rewards (N, A), terminated and truncated (N,)."""
         choices = {number: self._ghost_choice(name, actions[name]) for name, number in self._ghosts.items()}
         reward, terminated, truncated = self._core.step(actions[PACMAN], choices)
         of_ghosts = -reward / len(self._ghosts) if self.config.zero_sum else self._core.ghost_reward()
@@ -116,7 +116,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
     (N,) then contains the last observations by agent (None for other games), ``final_info`` the last infos and
     ``final_state`` (N, S) the last states (0 for other games); each has a mask ``_final_...``. ``DISABLED``: a game
     that is over stands still, without reward and with its flags unchanged, until ``reset(mask=...)`` starts it again.
-    ``num_threads`` play the games (0: one thread per core), with the same results.
+    ``num_threads`` threads play the games (0: one per core); the results do not depend on it.
     """
 
     metadata: dict[str, Any] = {"name": "pacmanbot_v0", "render_modes": ["rgb_array"], "render_fps": RENDER_FPS}  # noqa: RUF012

@@ -21,7 +21,7 @@ _SPEEDS = "@"
 _FUTURES = 1  # sampled futures of wandering ghosts among others, in the teacher's search
 #: Segments that the search needs for a decision.
 LEAST_NODES = SearchParameters(samples=_FUTURES).least_nodes
-SUB_BATCHES = 4  # per segment, or more with several line-ups
+SUB_BATCHES = 4  # per segment; with several line-ups at least, if they can be divided so
 
 
 def behaviours(lineup: str) -> tuple[str, ...]:

@@ -44,7 +44,7 @@ def pace(graph: Graph, robot_mps: float, ghost_mps: float) -> Pace:
 def _caught(r, g, credit, targets, graph, p, radius):  # type: ignore[no-untyped-def]
     """Return True if the ghost, between two blocks, has caught the robot at the place of its block.
 
-    Ghosts cannot reach places near a wall: there it is enough that the ghost is on its nearest cell.
+    A ghost near a wall stays on its nearest cell; it has caught the robot if this cell is within ``radius``.
     """
     x, y = graph.ghost_xy[g, 0], graph.ghost_xy[g, 1]
     target = np.int64(targets[r, g, 0])

@@ -7,7 +7,7 @@ The JSON files of ``pacman-env compare`` and ``pacman-env report`` start with th
 - ``seeds``: seed of each round, uint64 in decimal as strings (more digits than some JSON readers support). Round k of
   every row has the k-th seed.
 - ``maps``: ``name``, ``source``, ``hash``; generated levels together are one map, with ``start_level``,
-    ``num_levels`` and the hash of the first level. ``policies``: ``name`` (as in the rows) and ``spec`` (the argument).
+  ``num_levels`` and the hash of the first level. ``policies``: ``name`` (as in the rows) and ``spec`` (the argument).
 - ``config`` is the configuration at the first of Clyde's speeds.
 
 Every row has ``map`` (null: all maps), ``policy``, ``clyde_speed`` (m/s), ``kind`` (``round``, or ``endless`` for
