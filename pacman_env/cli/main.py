@@ -30,7 +30,7 @@ MODULES = {
     "validation": ("evaluation.checks.validation", "the simulator beside the ten real trials"),
     "navigation": ("evaluation.checks.navigator_accuracy", "how well the Nav2 stand-in drives"),
     "houses": ("evaluation.checks.generated_levels", "whether generated houses can be played, judged independently"),
-    "train": ("training.ppo", "train a planner"),
+    "train": ("training.train", "train a planner"),
     "seeds": ("training.seeds", "the same training from several seeds, at once"),
     "tune": ("training.tune", "search for hyperparameters"),
     "adversary": ("training.adversary", "train a planner and a Clyde against each other"),

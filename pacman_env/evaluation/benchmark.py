@@ -236,7 +236,7 @@ def first_start(map_source: str) -> dict[str, Any]:
 def training() -> dict[str, Any]:
     """Measure a shortened ``train --quick``: seconds of the command, and PPO's decisions per second of wall time."""
     with tempfile.TemporaryDirectory() as folder:
-        code = "import sys; from pacman_env.training.ppo import main; sys.exit(main(sys.argv[1:]))"
+        code = "import sys; from pacman_env.training.train import main; sys.exit(main(sys.argv[1:]))"
         options = ["--quick", "--imitation", "8192", "--decisions", str(TRAINED), "--segment", str(TRAINED)]
         wall_s, cpu_s = _child("-c", code, *options, "--evaluation", "16", "--out", f"{folder}/run")
         (segment,) = json.loads(Path(folder, "run", "run.json").read_text())["segments"]

@@ -42,9 +42,9 @@ from pacman_env.training.facts import facts_of
 from pacman_env.training.fragments import use_device
 from pacman_env.training.games import Part, make_ghost_parts, make_parts
 from pacman_env.training.held_out import HeldOut
-from pacman_env.training.learner import Learner, imitate
 from pacman_env.training.lineups import LEARNED
-from pacman_env.training.ppo import progress_bar
+from pacman_env.training.ppo import PPO, imitate
+from pacman_env.training.train import progress_bar
 
 _PROG = "pacman-env adversary"
 BUILT_IN = ("wander", "arcade", "chase")  # behaviours of the environment
@@ -79,7 +79,7 @@ class AdversaryArguments(Checked):
     levels: AtLeastOne = 96
     """Generated houses per round."""
     clyde_speed: tuple[NotNegative, NotNegative] | None = None
-    """Range of Clyde's speed, m/s, for each game in training and table; without: as in pacman_env.training.ppo."""
+    """Range of Clyde's speed, m/s, for each game in training and table; without: as in pacman_env.training.train."""
     learning_rate: tuple[NotNegative, NotNegative] = (3e-4, 5e-5)
     """Learning rate of the planner, at the start and at the end of each round."""
     clyde_learning_rate: tuple[NotNegative, NotNegative] = (1e-3, 1e-4)
@@ -155,7 +155,7 @@ class Alternation:
         self.folder.mkdir(parents=True, exist_ok=True)
         self.table = CompletionTable(_games(arguments, _PLANNER), arguments.evaluation, executor)
         self.rounds: list[dict[str, Any]] = []
-        clyde = Learner(_games(arguments, _CLYDE).hyper, _seeds(arguments, _CLYDE, 1)[0], threads=arguments.threads)
+        clyde = PPO(_games(arguments, _CLYDE).hyper, _seeds(arguments, _CLYDE, 1)[0], threads=arguments.threads)
         planner, trained_before = starting_model(arguments, executor)
         self._models, self._decisions = [planner, clyde], [trained_before, 0]
 
@@ -237,11 +237,11 @@ class Alternation:
         write_json(self.record, content)
 
 
-def starting_model(arguments: AdversaryArguments, executor: Executor) -> tuple[Learner, int]:
+def starting_model(arguments: AdversaryArguments, executor: Executor) -> tuple[PPO, int]:
     """Return the planner to start with and the number of decisions of its training so far."""
     game, path = _games(arguments, _PLANNER), arguments.start
     torch_seed, games_seed = _seeds(arguments, _PLANNER, 0)
-    make = partial(Learner, game.hyper, torch_seed, threads=arguments.threads)
+    make = partial(PPO, game.hyper, torch_seed, threads=arguments.threads)
     if path is None:
         model = make()
         if arguments.imitation > 0:

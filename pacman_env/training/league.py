@@ -25,8 +25,8 @@ from pacman_env.training.collector import Collector
 from pacman_env.training.export import export_planner, network_of
 from pacman_env.training.facts import facts_of
 from pacman_env.training.games import make_ghost_parts
-from pacman_env.training.learner import Learner
 from pacman_env.training.lineups import LEARNED
+from pacman_env.training.ppo import PPO
 
 _GAMES, _STEPS = 128, 64  # Clyde's games, and decisions of each per rollout
 _RATE = 1e-3, 1e-4  # Clyde's first and last learning rate
@@ -65,7 +65,7 @@ class League:
         names = self.names(segment)
         arguments = clyde_arguments(self._arguments)
         seeds = np.random.SeedSequence(arguments.seed, spawn_key=(segment, _STREAM)).generate_state(2).tolist()
-        learner = Learner(arguments.hyper, seeds[0], threads=arguments.threads)
+        learner = PPO(arguments.hyper, seeds[0], threads=arguments.threads)
         if len(names) % 2 == 0:
             learner.network.load_state_dict(network_of(self.path(names[-2])).state_dict())
         torch.manual_seed(seeds[0])

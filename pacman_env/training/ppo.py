@@ -1,300 +1,261 @@
-"""Train a planner: ``pacman-env train``. Arguments, the sequence of segments, their record, the final report.
+"""PPO (Schulman et al., 2017) over candidates with action masks, and imitation before it.
 
-A segment starts with new games and its own random numbers, drawn from the run's seed and the segment's number. An
-interrupted run therefore continues from its last checkpoint with the same curve, bit for bit.
+From random weights, PPO spends its first half million decisions on hiding from Clyde; imitation avoids this.
+
+The loop is: collect a rollout, compute advantages (GAE), update in minibatches. Situations are packed once, when they
+are collected (``network.PackedSituations``). Threads share the chunks of a minibatch, each small enough for the processor's
+cache. Gradients are added in the order of the chunks, so the number of threads does not change the result.
 """
 
-from __future__ import annotations
-
-import argparse
-import contextlib
-import copy
-import dataclasses
-import json
-import sys
 import time
-from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import Any
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from stable_baselines3.common.logger import configure
-from tqdm import tqdm
+from numpy.typing import NDArray
+from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.utils import explained_variance
 
-from pacman_env import __version__
-from pacman_env.cli.command import Parser, guarded
-from pacman_env.cli.options import add_options, parse_options
 from pacman_env.engine.cores import cores
-from pacman_env.episodes.statistics import paired_difference, wilson
-from pacman_env.executors.base import Executor, InThreads
-from pacman_env.executors.choice import add_executor_arguments, executor_arguments, executor_of
-from pacman_env.files import write_json
-from pacman_env.policies.base import Policy
-from pacman_env.training import checkpoint
-from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
+from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
+from pacman_env.training.arguments import Hyperparameters
 from pacman_env.training.collector import Collector
-from pacman_env.training.export import export_planner
-from pacman_env.training.facts import facts_of
-from pacman_env.training.fragments import use_device
-from pacman_env.training.games import clyde_limit, dropped, game_config, make_parts
-from pacman_env.training.held_out import HeldOut
-from pacman_env.training.league import League, Record
-from pacman_env.training.learner import Learner, imitate
-from pacman_env.training.lineups import teacher_name
+from pacman_env.training.fragments import Fragment, check
+from pacman_env.training.games import Ending
+from pacman_env.training.network import EntityNetwork, PackedSituations, SituationMemory
 
-AfterSegment = Callable[[dict[str, Any]], None]
-_RULES = ("clyde_aware", "lookahead", "nearest")
-_PROG = "pacman-env train"
-_NEEDED = ("decisions", "against_league", "again")  # fields of segment records that are needed to resume
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    given = sys.argv[1:] if argv is None else argv
-
-    def begin() -> None:
-        arguments = parse(given)
-        with executor_of(executor_arguments(given), arguments.threads or cores()) as executor:
-            run(arguments, executor)
-
-    return guarded(_PROG, begin, "train")
+#: Maps the rows of a chunk to its part of the minibatch's loss and of the metrics.
+ChunkLoss = Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
+_CHUNK = 512  # situations of a minibatch that go through the network at once
+_METRICS = ("policy_gradient_loss", "value_loss", "entropy_loss", "approx_kl", "clip_fraction")
+#: Imitation: rounds of play, epochs after each round, minibatch size, learning rate.
+_ROUNDS, _EPOCHS, _BATCH, _RATE = 4, 2, 2048, 1e-3
+_ENTROPY = 0.1  # entropy coefficient of imitation, so that PPO can still explore
+_ENDINGS = 1000  # endings of earlier rollouts that count in the logged shares
 
 
-def parse(argv: Sequence[str]) -> Arguments:
-    """Parse arguments on top of a file's hyperparameters; raises ValueError if the file or a value is invalid."""
-    default = _default(argv)
-    return parse_options(make_parser(default), argv, default)
+class Rollout(NamedTuple):
+    situations: PackedSituations
+    slots: torch.Tensor  # (B,) chosen candidates, by their place in ``situations``
+    log_probs: torch.Tensor  # (B,)
+    values: torch.Tensor  # (B,)
+    advantages: torch.Tensor  # (B,)
+    returns: torch.Tensor  # (B,)
 
 
-def make_parser(default: Arguments | None = None) -> Parser:
-    parser = Parser(prog=_PROG, description=Arguments.__doc__, parents=[_sections()], allow_abbrev=False)
-    add_options(parser, default or _default(()))
-    return parser
+class PPO:
+    """A network with its optimizer and training; the seed decides its weights, ``sizes`` are those of EntityNetwork."""
+
+    def __init__(self, hyper: Hyperparameters, seed: int, device: str = "cpu", threads: int = 1, **sizes: Any) -> None:
+        torch.manual_seed(seed)
+        network = EntityNetwork(len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES), **({"width": hyper.width} | sizes))
+        self.network = network.to(device)
+        self.optimizer = torch.optim.Adam(network.parameters(), hyper.learning_rate[0], eps=1e-5)
+        self.hyper, self.device, self.threads = hyper, device, threads  # 0 threads: one per core
+        self.decisions = 0  # decisions of PPO so far
+        self.logger = Logger(None, [])
+        self._last_endings: deque[Ending] = deque(maxlen=100)
+
+    def learn(self, games: Collector, decisions: int, seed: int, bar: Any) -> None:
+        """Run PPO for at least ``decisions`` more decisions, in new rounds of the games drawn from ``seed``."""
+        first, start_s = self.decisions, time.perf_counter()
+        games.reset(seed)
+        memory = SituationMemory(self.hyper.n_steps * games.num_envs)
+        outcomes: list[str] = []
+        while self.decisions < first + decisions:
+            rollout, endings = self.collect(games, memory, bar)
+            self.decisions += len(rollout.returns)
+            self._last_endings.extend(endings)
+            outcomes += [ending.outcome for ending in endings]
+            if outcomes:
+                complete, timeout = (outcomes.count(outcome) / len(outcomes) for outcome in ("complete", "timeout"))
+                self.logger.record("rollout/completed", complete)
+                self.logger.record("rollout/timed_out", timeout)
+                bar.set_postfix(completed=f"{complete:.1%}", timeout=f"{timeout:.1%}", refresh=False)
+                del outcomes[:-_ENDINGS]
+            if self._last_endings:
+                self.logger.record("rollout/ep_rew_mean", np.mean([ending.reward for ending in self._last_endings]))
+                self.logger.record("rollout/ep_len_mean", np.mean([ending.length for ending in self._last_endings]))
+            self.logger.record("time/fps", int((self.decisions - first) / (time.perf_counter() - start_s)))
+            self.logger.dump(self.decisions)
+            self.update(rollout)
+
+    def collect(self, games: Collector, memory: SituationMemory, bar: Any) -> tuple[Rollout, list[Ending]]:
+        """Play ``n_steps`` decisions in each game; return the rollout, in ``memory``, and the rounds that ended."""
+        hyper = self.hyper
+        fragments = games.play(self.network, hyper.n_steps, on_fragment=lambda part: bar.update(len(part.slots)))
+        memory.clear()
+        rows: list[tuple[torch.Tensor, ...]] = []
+        for part in fragments:
+            memory.add(PackedSituations(*(tensor(array).to(self.device) for array in part.situations)))
+            values = tensor(part.values)
+            gae = advantages(tensor(part.rewards), values, tensor(part.dones).float(), hyper.gamma, hyper.gae_lambda)
+            flat = (values[:-1], gae, gae + values[:-1])
+            rows.append((tensor(part.slots), tensor(part.log_probs), *(array.flatten() for array in flat)))
+        joined = (torch.cat(parts).to(self.device) for parts in zip(*rows, strict=True))
+        return Rollout(memory.situations(), *joined), [ending for part in fragments for ending in part.endings]
+
+    def update(self, rollout: Rollout) -> None:
+        """Update the network with the rollout for some epochs; raises FloatingPointError if a loss is not finite."""
+        hyper, progress = self.hyper, self.hyper.progress(self.decisions)
+        pairs = hyper.learning_rate, hyper.ent_coef
+        learning_rate, ent_coef = (first + (last - first) * progress for first, last in pairs)
+        self.optimizer.param_groups[0]["lr"] = learning_rate
+        advantages = rollout.advantages
+
+        def make_loss(rows: torch.Tensor) -> ChunkLoss:
+            normalized = (advantages - advantages[rows].mean()) / (advantages[rows].std() + 1e-8)
+            return partial(self._loss, rollout, normalized, ent_coef, len(rows))
+
+        counts = rollout.situations.counts
+        means = self.descend(self.optimizer, make_loss, counts, epochs=hyper.n_epochs, size=hyper.batch_size)
+        check(means)
+        for name, value in zip(_METRICS, means.tolist(), strict=True):
+            self.logger.record(f"train/{name}", value)
+        explained = explained_variance(rollout.values.cpu().numpy(), rollout.returns.cpu().numpy())
+        self.logger.record("train/explained_variance", explained)
+        self.logger.record("train/learning_rate", learning_rate)
+        self.logger.record("train/clip_range", hyper.clip_range)
+
+    def _loss(
+        self, rollout: Rollout, advantages: torch.Tensor, ent_coef: float, count: int, rows: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return the PPO loss of some rows of a minibatch of ``count``, and their part of ``_METRICS``."""
+        clip_range = self.hyper.clip_range
+        logits, values = self.network.judge_packed(rollout.situations.of(rows))
+        log_probs = logits.log_softmax(dim=1)
+        entropy = -(log_probs.exp() * log_probs).sum()
+        log_ratio = log_probs.gather(1, rollout.slots[rows, None])[:, 0] - rollout.log_probs[rows]
+        ratio, advantage = log_ratio.exp(), advantages[rows]
+        surrogate = torch.min(advantage * ratio, advantage * ratio.clamp(1 - clip_range, 1 + clip_range)).sum()
+        value_loss = (values - rollout.returns[rows]).square().sum()
+        with torch.no_grad():
+            clip_fraction, approx_kl = ((ratio - 1).abs() > clip_range).sum(), (ratio - 1 - log_ratio).sum()
+            metrics = torch.stack([-surrogate, value_loss, -entropy, approx_kl, clip_fraction]) / count
+        return (self.hyper.vf_coef * value_loss - surrogate - ent_coef * entropy) / count, metrics
+
+    def descend(
+        self,
+        optimizer: torch.optim.Optimizer,
+        make_loss: Callable[[torch.Tensor], ChunkLoss],
+        counts: torch.Tensor,
+        *,
+        epochs: int,
+        size: int,
+        generator: torch.Generator | None = None,
+    ) -> torch.Tensor:
+        """Step the optimizer once per minibatch of ``size`` in all epochs; return the mean metrics of the minibatches.
+
+        ``make_loss`` creates the loss of a minibatch from its rows. ``counts`` (B,) are the numbers of allowed
+        candidates; situations with similar numbers share a chunk.
+        """
+        weights = list(self.network.parameters())
+
+        def gradients(loss: ChunkLoss, chunk: torch.Tensor) -> tuple[tuple[torch.Tensor, ...], torch.Tensor]:
+            total, metrics = loss(chunk)
+            return torch.autograd.grad(total, weights), metrics
+
+        means = []
+        with ThreadPoolExecutor(self.threads or cores(), "learner") as pool:
+            for _ in range(epochs):
+                for rows in torch.randperm(len(counts), generator=generator).to(self.device).split(size):
+                    chunks = rows[counts[rows].argsort(stable=True)].split(_CHUNK if self.device == "cpu" else size)
+                    grads, metrics = zip(*pool.map(partial(gradients, make_loss(rows)), chunks), strict=True)
+                    for weight, *parts in zip(weights, *grads, strict=True):
+                        weight.grad = torch.stack(parts).sum(dim=0)
+                    torch.nn.utils.clip_grad_norm_(weights, self.hyper.max_grad_norm)
+                    optimizer.step()
+                    means.append(torch.stack(metrics).sum(dim=0))
+        return torch.stack(means).mean(dim=0)
 
 
-def _sections() -> argparse.ArgumentParser:
-    """Return a parser of the options that select the defaults of the others."""
-    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    parser.add_argument("--quick", action="store_true", help="one to two minutes on two cores")
-    file = FOLDER / "PacManBot-v0.yaml"
-    parser.add_argument("--config", type=Path, default=file, help=f"hyperparameters ({file.name})")
-    add_executor_arguments(parser)
-    return parser
+class _Labels(NamedTuple):
+    slots: torch.Tensor  # (B,) choices of the teacher, by their place in the situations
+    returns: torch.Tensor  # (B,) discounted returns
+    valid: torch.Tensor  # (B,) 1 if the return is complete, because the round ended
+
+    def loss(
+        self, model: PPO, packed: PackedSituations, count: int, rows: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return the loss of some rows of a minibatch of ``count`` situations, without metrics."""
+        situations, slots = packed.of(rows), self.slots[rows]
+        logits, values = model.network.judge_packed(situations)
+        log_probs = logits.log_softmax(dim=1)
+        entropy = -(log_probs.exp() * log_probs).sum()
+        value_loss = ((values - self.returns[rows]).square() * self.valid[rows]).sum()
+        allowed = slots < situations.counts  # an ablation may forbid the label: ignore it
+        label_log_probs = log_probs.gather(1, torch.where(allowed, slots, 0)[:, None])[:, 0]
+        return (0.5 * value_loss - (label_log_probs * allowed).sum() - _ENTROPY * entropy) / count, torch.zeros(0)
 
 
-def _default(argv: Sequence[str]) -> Arguments:
-    chosen, rest = _sections().parse_known_args(argv)
-    scratch = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    scratch.add_argument("--imitation")
-    nothing_imitated = scratch.parse_known_args(rest)[0].imitation == "0"
-    section = ("scratch" if nothing_imitated else "quick") if chosen.quick else "headline"
-    default = Arguments(hyper=load_hyperparameters(chosen.config, section))
-    if chosen.quick:
-        default = dataclasses.replace(default, out=Path("results/ppo-quick"))
-    return default
+def imitate(model: PPO, games: Collector, decisions: int, *, games_seed: int, seed: int) -> dict[str, float]:
+    """Fit the network to the teachers' choices in ``decisions`` situations; ``seed`` decides the order of minibatches.
 
-
-def run(arguments: Arguments, executor: Executor) -> None:
-    started = time.perf_counter()
-    folder, model = train(arguments, executor=executor)
-    planner = planner_of(arguments, model)
-    pool = folder.league.pool(arguments.hyper.segments - 1, folder.against_league())
-    print(_report(arguments, executor, planner, pool, time.perf_counter() - started))
-    out = arguments.out / "planner.onnx"
-    export_planner(planner.network, out, checkpoint.read_facts(checkpoint.facts_path(folder.last)))
-    print(f"written: {out} (as a policy: pacman-env compare --policies {out})")
-
-
-def train(
-    arguments: Arguments, after_segment: AfterSegment = lambda record: None, executor: Executor | None = None
-) -> tuple[Run, Learner]:
-    """Train all remaining segments; return the run's folder and the final model.
-
-    ``after_segment`` is called with the record of each segment, earlier ones included; its exceptions end the training.
-    ``executor`` plays the games; None: threads of this process.
+    In the first of four rounds the teacher plays. In the others the network plays and the teacher labels the
+    situations, so that the network also learns in situations that the teacher avoids (DAgger: Ross, Gordon, Bagnell,
+    2011). Returns the share of choices in the last round that agree.
     """
-    if executor is None:
-        with InThreads(arguments.threads or cores()) as threads:
-            return train(arguments, after_segment, threads)
-    device = use_device(arguments.device)
-    folder = Run(arguments)
-    hyper, first = arguments.hyper, len(folder.segments)
-    bar = progress_bar(hyper.segments * hyper.segment, arguments.progress, first * hyper.segment)
-    for record in folder.segments:
-        after_segment(record)
-    with bar:
-        model = Learner(hyper, arguments.seed, device, arguments.threads, **dropped(arguments))
-        if first > 0:
-            checkpoint.restore(folder.checkpoint(first - 1), model.network, model.optimizer)
-        model.logger = configure(str(arguments.out), ["tensorboard"])
-        with contextlib.closing(model.logger):
-            validation = HeldOut(arguments, arguments.evaluation, executor)
-            for segment in range(first, hyper.segments):
-                _segment(folder, segment, model, validation, executor, bar)
-                after_segment(folder.segments[-1])
-    return folder, model
+    steps = max(decisions // games.num_envs // _ROUNDS, 1)
+    optimizer = torch.optim.Adam(model.network.parameters(), lr=_RATE)
+    generator = torch.Generator().manual_seed(seed)
+    memory, labels = SituationMemory(_ROUNDS * steps * games.num_envs), list[_Labels]()
+    games.reset(games_seed)
+    for number in range(_ROUNDS):
+        parts = games.play(model.network, steps, "labelled" if number > 0 else "taught")
+        for fragment in parts:
+            memory.add(PackedSituations(*(tensor(array).to(model.device) for array in fragment.situations)))
+            labels.append(_labels(model, fragment))
+        _fit(model, optimizer, memory.situations(), _Labels(*map(torch.cat, zip(*labels, strict=True))), generator)
+    return {"agreement": float(np.average([one.agreed for one in parts], weights=[len(one.slots) for one in parts]))}
 
 
-def _segment(folder: Run, segment: int, model: Learner, validation: HeldOut, executor: Executor, bar: Any) -> None:
-    arguments, hyper = folder.arguments, model.hyper
-    seeds = np.random.SeedSequence(arguments.seed, spawn_key=(segment,)).generate_state(3).tolist()
-    began = time.perf_counter()
-    if folder.league.is_due(segment):
-        folder.league.train(segment, planner_of(arguments, model), executor)
-    pool = folder.league.pool(segment, folder.against_league())
-    repeats = folder.segments[-1]["again"] if folder.segments else {}
-    parts = make_parts(arguments, segment, pool, repeats)
-    with contextlib.closing(Collector(parts, executor)) as games:
-        torch.manual_seed(seeds[0])
-        imitation = {}
-        if segment == 0 and hyper.imitation > 0:
-            imitation = imitate(model, games, hyper.imitation, games_seed=seeds[1], seed=seeds[2])
-            imitation["imitated"] = validation.shares(validation.completed(planner_of(arguments, model), pool))[0]
-            rules = " and ".join(dict.fromkeys(map(teacher_name, hyper.lineups)))
-            bar.write(f"{rules} imitated: {imitation['imitated']:.1%} of validation rounds completed")
-        model.decisions = segment * hyper.segment
-        learning = time.perf_counter()
-        model.learn(games, hyper.segment, seeds[1], bar)
-        ended = time.perf_counter()
-        repeats = games.counts.best()
-    completed = validation.completed(planner_of(arguments, model), pool)
-    share, each = validation.shares(completed)
-    of_league = validation.learned()
-    speed = hyper.segment / (ended - learning)
-    result = {
-        "segment": segment,
-        "decisions": model.decisions,
-        "completed": share,
-        "completed_against": each,
-        "against_league": folder.league.record(segment, validation.seeds[of_league], completed[of_league], pool),
-        "again": repeats,
-        "clyde_limit_mps": clyde_limit(arguments, segment),
-        "seconds": round(ended - began, 1),
-        "decisions_per_s": round(speed),
-    }
-    folder.write(model, result | imitation)
-    model.logger.record("validation/completed", share)
-    shown = ""
-    if len(each) > 1:
-        for lineup, part in each.items():
-            model.logger.record(f"validation/completed_{lineup.replace(',', '_')}", part)
-        shown = f" ({'; '.join(f'{lineup} {part:.1%}' for lineup, part in each.items())})"
-    model.logger.dump(model.decisions)
-    bar.write(f"{model.decisions} decisions: {share:.1%} of validation rounds completed{shown} ({speed:.0f}/s)")
+def _labels(model: PPO, fragment: Fragment) -> _Labels:
+    returns, valid = discounted(fragment.rewards, fragment.dones, model.hyper.gamma)
+    return _Labels(*(tensor(array.ravel()).to(model.device) for array in (fragment.slots.copy(), returns, valid)))
 
 
-def planner_of(arguments: Arguments, model: Learner) -> checkpoint.TorchPlanner:
-    """Return a copy of the current network as a policy."""
-    return checkpoint.TorchPlanner("ppo", copy.deepcopy(model.network).cpu(), game_config(arguments).robot.speed_mps)
+def tensor(array: NDArray[Any]) -> torch.Tensor:
+    """Return a tensor on the same memory; a read-only array from another process is copied, as torch needs to write."""
+    return torch.from_numpy(np.require(array, requirements="W"))
 
 
-def _report(
-    arguments: Arguments, executor: Executor, planner: checkpoint.TorchPlanner, learned: Policy, seconds: float
-) -> str:
-    hyper = arguments.hyper
-    lines = [f"{hyper.segments * hyper.segment} decisions, seed {arguments.seed}, {seconds:.0f} s"]
-    if arguments.evaluation == 0:
-        return lines[0]
-    test = HeldOut(arguments, arguments.evaluation, executor, test=True)
-    compared: dict[str, str | Policy] = {planner.name: planner, **{rule: rule for rule in _RULES}}
-    played = {name: test.completed(policy, learned) for name, policy in compared.items()}
-    low, high = hyper.clyde_speed
-    lines += [f"{len(test.seeds)} rounds on test levels, Clyde {low}-{high} m/s:", ""]
-    several = len(test.rows) > 1
-    parts = {"all": slice(None), **test.rows} if several else test.rows
-    lines += [f"| {'ghosts | ' * several}policy | completed | ppo minus it, paired |", "|---" * (3 + several) + "|"]
-    for lineup, rows in parts.items():
-        ours = played[planner.name][rows]
-        for name, ended in ((name, ended[rows]) for name, ended in played.items()):
-            first, last = wilson(int(ended.sum()), len(ended))
-            difference, (low, high) = paired_difference(ours, ended)
-            against = "" if name == planner.name else f"{difference:+.1%} [{low:+.1%}, {high:+.1%}]"
-            place = f"{lineup} | " if several else ""
-            lines.append(f"| {place}{name} | {ended.mean():.1%} [{first:.1%}, {last:.1%}] | {against} |")
-    return "\n".join(lines)
+def _fit(
+    model: PPO,
+    optimizer: torch.optim.Optimizer,
+    packed: PackedSituations,
+    labels: _Labels,
+    generator: torch.Generator,
+) -> None:
+    def make_loss(rows: torch.Tensor) -> ChunkLoss:
+        return partial(labels.loss, model, packed, len(rows))
+
+    model.descend(optimizer, make_loss, packed.counts, epochs=_EPOCHS, size=_BATCH, generator=generator)
 
 
-class Run:
-    """Folder of a run: ``run.json``, ``last.zip``, ``best.zip`` and TensorBoard's files."""
-
-    def __init__(self, arguments: Arguments) -> None:
-        self.arguments = arguments
-        self.folder = arguments.out
-        self.segments: list[dict[str, Any]] = []
-        self.record = self.folder / "run.json"
-        self.league = League(arguments, self.folder)
-        self.best, self.last = self.folder / "best.zip", self.folder / "last.zip"
-        if arguments.resume:
-            self._read()
-        elif self.record.exists():
-            raise ValueError(f"{self.folder}: there is a run already; give --resume or another --out")
-        self.folder.mkdir(parents=True, exist_ok=True)
-
-    def _read(self) -> None:
-        try:
-            content = json.loads(self.record.read_text())
-            arguments = content["arguments"]
-            self.segments = list(content["segments"])
-            numbers = [(segment["segment"], float(segment["completed"])) for segment in self.segments]
-            if [number for number, _ in numbers] != list(range(len(numbers))):
-                raise ValueError("its segments are not in order")
-            for segment in self.segments:
-                if missing := [name for name in _NEEDED if name not in segment]:
-                    raise ValueError(f"segment {segment['segment']} of another version, without {missing[0]!r}")
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise ValueError(f"{self.record}: no run to resume: {error}") from None
-        check_same(self.record, arguments, plain(self.arguments))
-
-    def against_league(self) -> Record:
-        """Return the league's record in the last segment."""
-        return self.segments[-1]["against_league"] if self.segments else {}
-
-    def checkpoint(self, segment: int) -> Path:
-        """Return the file of the state after a segment; it is deleted when the next one is written."""
-        return self.folder / f"segment-{segment}.zip"
-
-    def write(self, model: Learner, result: dict[str, Any]) -> None:
-        segment = result["segment"]
-        best = max((old["completed"] for old in self.segments), default=-1.0)
-        self.segments.append(result)
-        self._save(model, self.checkpoint(segment))
-        self._save(model, self.last)
-        if result["completed"] >= best:
-            self._save(model, self.best)
-        content = {"version": __version__, "arguments": plain(self.arguments), "segments": self.segments}
-        write_json(self.record, content)
-        self.checkpoint(segment - 1).unlink(missing_ok=True)
-        checkpoint.facts_path(self.checkpoint(segment - 1)).unlink(missing_ok=True)
-
-    def _save(self, model: Learner, path: Path) -> None:
-        checkpoint.save_checkpoint(path, model.network, model.optimizer)
-        last = self.segments[-1]
-        numbers = {name: float(value) for name, value in last.items() if isinstance(value, (int, float))}
-        checkpoint.write_facts(checkpoint.facts_path(path), facts_of(self.arguments, model.decisions, numbers))
+def discounted(
+    rewards: NDArray[np.float32], dones: NDArray[np.bool_], gamma: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the discounted returns (T, N), and 1 if the round ends within the T steps, else 0."""
+    returns, valid = np.zeros_like(rewards), np.zeros_like(rewards)
+    total, complete = np.zeros(rewards.shape[1], dtype=np.float32), np.zeros(rewards.shape[1], dtype=np.bool_)
+    for t in reversed(range(len(rewards))):
+        complete |= dones[t]
+        total = rewards[t] + np.float32(gamma) * np.where(dones[t], np.float32(0.0), total)
+        returns[t], valid[t] = total, complete
+    return returns, valid
 
 
-def plain(arguments: Arguments) -> dict[str, Any]:
-    """Return the arguments that decide the curve, as plain JSON data."""
-    plain = json.loads(json.dumps(dataclasses.asdict(arguments), default=str))
-    for name in ("out", "resume", "progress", "threads"):
-        del plain[name]
-    return dict(plain)
-
-
-def check_same(record: Path, theirs: Any, ours: dict[str, Any]) -> None:
-    """Raise ValueError with the first field, nested fields included, that differs from ``ours``."""
-    for name, value in ours.items():
-        other = theirs.get(name) if isinstance(theirs, dict) else None
-        if isinstance(value, dict):
-            check_same(record, other, value)
-        elif other != value:
-            raise ValueError(f"{record}: was started with {name} = {other}, not {value}")
-
-
-def progress_bar(decisions: int, shown: bool, done: int = 0) -> tqdm[Any]:
-    kind: dict[str, Any] = {"unit": "decision", "unit_scale": True, "mininterval": 1.0, "file": sys.stderr}
-    return tqdm(total=decisions, initial=done, disable=not shown, **kind)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+def advantages(
+    rewards: torch.Tensor, values: torch.Tensor, dones: torch.Tensor, gamma: float, gae_lambda: float
+) -> torch.Tensor:
+    """Return GAE advantages (T, N; Schulman et al., 2016) of rewards (T, N), values (T + 1, N) and dones (T, N)."""
+    result, last_gae = torch.zeros_like(rewards), torch.zeros_like(rewards[0])
+    for t in reversed(range(len(rewards))):
+        discount = gamma * (1 - dones[t])
+        last_gae = rewards[t] + discount * values[t + 1] - values[t] + discount * gae_lambda * last_gae
+        result[t] = last_gae
+    return result

@@ -28,7 +28,7 @@ from pacman_env.episodes.statistics import wilson
 from pacman_env.executors.base import Executor, InProcess
 from pacman_env.executors.choice import executor_of
 from pacman_env.files import new_folder, prepare, write_json
-from pacman_env.training import ppo
+from pacman_env.training import train
 from pacman_env.training.arguments import Arguments
 from pacman_env.training.checkpoint import facts_path, read_facts
 from pacman_env.training.export import export_planner
@@ -57,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     def begin() -> None:
         chosen = make_parser().parse_args(given)
         with executor_of(chosen) as executor:
-            arguments = ppo.parse(_own_arguments().parse_known_args(given)[1])
+            arguments = train.parse(_own_arguments().parse_known_args(given)[1])
             print(train_all(arguments, chosen.seeds, chosen.out, executor))
 
     return guarded(_PROG, begin, "train")
@@ -65,8 +65,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def make_parser() -> Parser:
     own = _own_arguments()
-    train: Any = {"parents": [ppo.make_parser(), own], "add_help": False, "conflict_handler": "resolve"}
-    return Parser(prog=_PROG, description="One training from several seeds.", allow_abbrev=False, **train)
+    options: Any = {"parents": [train.make_parser(), own], "add_help": False, "conflict_handler": "resolve"}
+    return Parser(prog=_PROG, description="One training from several seeds.", allow_abbrev=False, **options)
 
 
 def _own_arguments() -> argparse.ArgumentParser:
@@ -137,7 +137,7 @@ def forget(arguments: Arguments) -> None:
 
 
 def _cached(arguments: Arguments) -> Path:
-    key = hashlib.sha256(json.dumps([ppo.plain(arguments), package_hash()]).encode()).hexdigest()[:24]
+    key = hashlib.sha256(json.dumps([train.plain(arguments), package_hash()]).encode()).hexdigest()[:24]
     return cache_dir() / "seeds" / key
 
 
@@ -156,8 +156,8 @@ def _remove(folder: Path) -> None:
 def _train(arguments: Arguments) -> Trained:
     folder = arguments.out
     with contextlib.redirect_stdout(io.StringIO()), InProcess() as executor:
-        run, model = ppo.train(arguments, executor=executor)
-        planner = ppo.planner_of(arguments, model)
+        run, model = train.train(arguments, executor=executor)
+        planner = train.planner_of(arguments, model)
         test = HeldOut(arguments, arguments.evaluation, executor, test=True)
         pool = run.league.pool(arguments.hyper.segments - 1, run.against_league())
         completed = test.completed(planner, pool)
@@ -165,7 +165,7 @@ def _train(arguments: Arguments) -> Trained:
     share, each = test.shares(completed)
     figures = {
         "seed": arguments.seed,
-        "settings": ppo.plain(arguments),
+        "settings": train.plain(arguments),
         "rounds": len(completed),
         "completed": share,
         "completed_against": each,
@@ -190,7 +190,7 @@ def _read(out: Path, member: Arguments) -> dict[str, Any] | None:
         settings = figures["settings"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{path}: cannot be read: {error}") from None
-    ppo.check_same(path, settings, ppo.plain(member))
+    train.check_same(path, settings, train.plain(member))
     if missing := [name for name in _SHOWN if name not in figures]:
         raise ValueError(f"{path}: of another version, without {missing[0]!r}: move its folder away to train it again")
     return dict(figures)

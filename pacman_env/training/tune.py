@@ -26,7 +26,7 @@ from pacman_env.executors.base import Executor
 from pacman_env.executors.choice import add_executor_arguments, executor_arguments, executor_of
 from pacman_env.files import prepare, replaced
 from pacman_env.training.arguments import FOLDER, Arguments, Hyperparameters, load_hyperparameters
-from pacman_env.training.ppo import check_same, train
+from pacman_env.training.train import check_same, train
 
 #: Search space. Rates are initial values; they decrease in the same proportion as in the tuned section.
 SPACE: dict[str, BaseDistribution] = {

@@ -24,7 +24,7 @@ from pacman_env.training.adversary import AdversaryArguments, main, parse, start
 from pacman_env.training.arguments import FOLDER, load_hyperparameters
 from pacman_env.training.checkpoint import facts_path, save_checkpoint, write_facts
 from pacman_env.training.export import model_bytes, network_of
-from pacman_env.training.learner import Learner
+from pacman_env.training.ppo import PPO
 from tests.training.planners import FACTS, random_network, random_planner
 
 TINY = (
@@ -144,7 +144,7 @@ def test_a_planner_file_is_begun_with(tmp_path: Path) -> None:
 def test_a_checkpoint_is_begun_with(tmp_path: Path) -> None:
     hyper = load_hyperparameters(FOLDER / "PacManBot-v0.yaml", "headline")
     path = tmp_path / "best.zip"
-    saved = Learner(hyper, 7, width=24)
+    saved = PPO(hyper, 7, width=24)
     save_checkpoint(path, saved.network, saved.optimizer)
     write_facts(facts_path(path), FACTS)
     model, decisions = starting_model(tiny(tmp_path, "--start", str(path)), InProcess())

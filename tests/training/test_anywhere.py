@@ -18,7 +18,7 @@ pytest.importorskip("sb3_contrib")
 from pacman_env.executors.base import Executor, InProcess
 from pacman_env.executors.processes import LocalProcesses
 from pacman_env.training.arguments import Arguments
-from pacman_env.training.ppo import train
+from pacman_env.training.train import train
 from tests.training.test_arguments import tiny
 from tests.training.test_run import curve, same, weights
 

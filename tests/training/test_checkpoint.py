@@ -32,7 +32,7 @@ from pacman_env.training.checkpoint import (
     write_facts,
 )
 from pacman_env.training.export import main
-from pacman_env.training.learner import Learner
+from pacman_env.training.ppo import PPO
 from tests.policies.contract import random_situation
 from tests.training.planners import FACTS, random_network
 from tests.training.stock import stock_model
@@ -123,7 +123,7 @@ def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_checkpoint_of_an_earlier_version_is_gone_on_with(checkpoint: Path, tmp_path: Path) -> None:
-    model = Learner(tiny().hyper, 1, dropped_kinds=(1,))
+    model = PPO(tiny().hyper, 1, dropped_kinds=(1,))
     restore(checkpoint, model.network, model.optimizer)
     save_checkpoint(tmp_path / "run.zip", model.network, model.optimizer)
     ours, theirs = load_planner(tmp_path / "run.zip").network, load_planner(checkpoint).network

@@ -26,8 +26,8 @@ from pacman_env.training.checkpoint import TorchPlanner
 from pacman_env.training.collector import Collector
 from pacman_env.training.fragments import Fragment, How, Task
 from pacman_env.training.games import Part, make_ghost_parts, make_parts
-from pacman_env.training.learner import Learner
 from pacman_env.training.network import EntityNetwork
+from pacman_env.training.ppo import PPO
 from tests.training.planners import random_planner
 from tests.training.test_arguments import tiny
 
@@ -36,7 +36,7 @@ STEPS = 25
 
 
 def network(seed: int = 0) -> EntityNetwork:
-    return Learner(ARGUMENTS.hyper, seed).network
+    return PPO(ARGUMENTS.hyper, seed).network
 
 
 def content(fragment: Fragment) -> list[Any]:
@@ -150,7 +150,7 @@ def test_no_games_are_refused() -> None:
 
 
 def test_a_copy_of_a_network_has_its_weights_and_draws_nothing() -> None:
-    model = Learner(ARGUMENTS.hyper, 3, dropped_features=(4,), dropped_kinds=(1,)).network
+    model = PPO(ARGUMENTS.hyper, 3, dropped_features=(4,), dropped_kinds=(1,)).network
     torch.manual_seed(0)
     expected = torch.rand(1)
     torch.manual_seed(0)

@@ -28,7 +28,7 @@ from pacman_env.training.games import (
     lineup_speeds,
     make_parts,
 )
-from pacman_env.training.ppo import parse
+from pacman_env.training.train import parse
 from tests.envs.helpers import QUICK
 from tests.training.stock import random_choices
 from tests.training.test_arguments import tiny

@@ -17,26 +17,26 @@ from pacman_env.executors.base import InProcess
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
-from pacman_env.training import learner
+from pacman_env.training import ppo
 from pacman_env.training.collector import Collector
 from pacman_env.training.fragments import choose
 from pacman_env.training.games import Games, PlannerGames, PlannerPart, dropped, make_parts
-from pacman_env.training.learner import Learner, discounted, imitate
 from pacman_env.training.network import PackedSituations
+from pacman_env.training.ppo import PPO, discounted, imitate
 from tests.training.test_arguments import tiny
 
 
-def pupil(seed: int = 0, **changes: Any) -> Learner:
-    return Learner(tiny(width=16, n_steps=8, batch_size=32).hyper, seed, **changes)
+def pupil(seed: int = 0, **changes: Any) -> PPO:
+    return PPO(tiny(width=16, n_steps=8, batch_size=32).hyper, seed, **changes)
 
 
-def taught(decisions: int, seed: int = 1) -> tuple[Learner, dict[str, float]]:
+def taught(decisions: int, seed: int = 1) -> tuple[PPO, dict[str, float]]:
     games = Collector(make_parts(tiny(games=8, n_steps=8, levels=4), 0), InProcess())
     model = pupil()
     return model, imitate(model, games, decisions, games_seed=3, seed=seed)
 
 
-def agreement(model: Learner) -> float:
+def agreement(model: PPO) -> float:
     """With the rule, in situations that the rule meets in other houses."""
     found = []
     for part in make_parts(tiny(games=8, n_steps=8, levels=4), 1):
@@ -115,7 +115,7 @@ def test_returns_of_a_hand_made_sequence() -> None:
     assert returns.dtype == known.dtype == np.float32
 
 
-def labels(model: Learner, games: Games, kind: str) -> tuple[PackedSituations, learner._Labels]:
+def labels(model: PPO, games: Games, kind: str) -> tuple[PackedSituations, ppo._Labels]:
     """Where the teacher always chooses a candidate of a kind, and no return is known."""
     observation = games.reset(0)
     column = CANDIDATE_FEATURES.index(kind)
@@ -124,19 +124,19 @@ def labels(model: Learner, games: Games, kind: str) -> tuple[PackedSituations, l
     met, _ = choose(model.network, observation)
     slots = (met.order == torch.from_numpy(choices)[:, None]).byte().argmax(dim=1)
     nothing = torch.zeros(len(choices))
-    return met.situations, learner._Labels(slots, nothing, nothing)
+    return met.situations, ppo._Labels(slots, nothing, nothing)
 
 
 @pytest.mark.parametrize(("kind", "learns"), [("is_refuge", False), ("is_pellet", True)])
 def test_choices_that_an_ablation_may_not_make_teach_it_nothing(
     kind: str, learns: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(learner, "_ENTROPY", 0.0)
+    monkeypatch.setattr(ppo, "_ENTROPY", 0.0)
     games = make_parts(tiny(), 0)[0].make([])
     model = pupil(**dropped(tiny(without=("refuges",))))
     before = {name: value.clone() for name, value in model.network.state_dict().items()}
     optimizer = torch.optim.Adam(model.network.parameters(), lr=1e-3)
-    learner._fit(model, optimizer, *labels(model, games, kind), torch.Generator().manual_seed(0))
+    ppo._fit(model, optimizer, *labels(model, games, kind), torch.Generator().manual_seed(0))
     same = all(torch.equal(value, before[name]) for name, value in model.network.state_dict().items())
     assert same != learns
 

@@ -1,11 +1,9 @@
-"""The command from its arguments to a planner that plays; what goes wrong is one line and status 2."""
+"""PPO learns what stock MaskablePPO learns from the same decisions, for any number of threads."""
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
-import zipfile
+import copy
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -15,230 +13,215 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
-from pacman_env.episodes.rollout import episode_seeds, play
-from pacman_env.executors.base import InProcess
-from pacman_env.game.execution import COMPLETE
-from pacman_env.policies.learned import LearnedPlanner
-from pacman_env.policies.registry import make_policy
-from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.maps.level_source import GeneratedMaps
-from pacman_env.training.checkpoint import TorchPlanner, facts_path, read_facts
-from pacman_env.training.games import game_config
-from pacman_env.training.held_out import HeldOut
-from pacman_env.training.ppo import main, parse
-from tests.policies.contract import random_situation
-from tests.training.test_arguments import section, tiny
+import torch
+from sb3_contrib import MaskablePPO
+from stable_baselines3.common.buffers import RolloutBuffer
+from stable_baselines3.common.logger import Logger
+from tqdm import tqdm
 
-ROOT = Path(__file__).resolve().parents[2]
-#: The headline section, made short.
-SHORT = [
-    "--decisions",
-    "2048",
-    "--segment",
-    "1024",
-    "--games",
-    "16",
-    "--n-steps",
-    "32",
-    "--levels",
-    "4",
-    "--ghosts",
-    "wander",
-]
-SHORT += ["--imitation", "512", "--evaluation", "4", "--threads", "1", "--no-progress"]
+from pacman_env.executors.base import InThreads
+from pacman_env.sb3 import Observation, PacManBotVecEnv
+from pacman_env.training import ppo
+from pacman_env.training.checkpoint import load_network, restore, save_checkpoint
+from pacman_env.training.collector import Collector
+from pacman_env.training.fragments import choose
+from pacman_env.training.games import make_parts
+from pacman_env.training.ppo import PPO, Rollout, advantages
+from tests.training.stock import random_choices, stock_model
+from tests.training.test_arguments import tiny
+
+SMALL: dict[str, Any] = {"games": 6, "n_steps": 20, "batch_size": 50, "segment": 120, "n_epochs": 3, "levels": 4}
+HYPER = tiny(width=16, **SMALL).hyper
+NO_BAR = tqdm(disable=True)
 
 
-def tiny_options(folder: Path, *more: str) -> list[str]:
-    return ["--config", str(section(folder)), "--threads", "1", "--evaluation", "0", "--no-progress", *more]
+def games(threads: int = 1) -> Collector:
+    return Collector(make_parts(tiny(**SMALL), 0), InThreads(threads))
+
+
+def rollout_of(other: MaskablePPO, network: Any) -> Rollout:
+    """The content of the other's buffer, as our learner has it."""
+    buffer: Any = other.rollout_buffer
+    rows = {key: torch.from_numpy(buffer.swap_and_flatten(array)) for key, array in buffer.observations.items()}
+    flat = {
+        name: torch.from_numpy(buffer.swap_and_flatten(getattr(buffer, name))[:, 0])
+        for name in ("actions", "log_probs", "values", "advantages", "returns")
+    }
+    packed, order = network.pack(rows["planner_candidates"], rows["planner_globals"], rows["action_mask"] > 0.5)
+    slots = (order == flat["actions"][:, None]).byte().argmax(dim=1)
+    return Rollout(packed, slots, *(flat[name] for name in ("log_probs", "values", "advantages", "returns")))
+
+
+@pytest.mark.parametrize("sizes", [{}, {"dropped_kinds": (1,), "dropped_features": (4,)}])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_an_update_is_that_of_stable_baselines(
+    sizes: dict[str, Any], threads: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From the same rollout, with minibatches of the same rows and chunks that do not divide them."""
+    monkeypatch.setattr(ppo, "_CHUNK", 17)
+    hyper = dataclasses.replace(HYPER, learning_rate=(3e-3, 3e-3), ent_coef=(0.005, 0.005))
+    env = PacManBotVecEnv(6, map="generated", settings={"num_levels": 4}, observation="planner")
+    other = stock_model(env, hyper, **sizes)
+    ours = PPO(hyper, 1, threads=threads, **sizes)
+    ours.network.load_state_dict(other.policy.network.state_dict())
+    _, callback = other._setup_learn(240, None)
+    other.collect_rollouts(env, callback, other.rollout_buffer, HYPER.n_steps)
+    rollout = rollout_of(other, ours.network)
+    orders = [np.random.default_rng(k).permutation(HYPER.rollout) for k in range(HYPER.n_epochs)]
+    for module, kind in ((np.random, np.asarray), (torch, torch.from_numpy)):
+        left = iter(orders)
+        name = "permutation" if module is np.random else "randperm"
+        monkeypatch.setattr(module, name, lambda _, left=left, kind=kind, generator=None: kind(next(left)))
+    before = copy.deepcopy(ours.network.state_dict())
+    other.train()
+    ours.decisions = HYPER.rollout
+    ours.update(rollout)
+    moved = 0.0
+    for name, value in ours.network.state_dict().items():
+        if name == "judge.bias":  # one number on all logits changes no choice: its gradient is rounding alone
+            continue
+        torch.testing.assert_close(value, other.policy.network.state_dict()[name], atol=1e-5, rtol=1e-5)
+        moved = max(moved, float((value - before[name]).abs().max()))
+    assert moved > 1e-2
+    for name in ("train/value_loss", "train/policy_gradient_loss", "train/entropy_loss", "train/clip_fraction"):
+        assert ours.logger.name_to_value[name] == pytest.approx(other.logger.name_to_value[name], abs=1e-5, rel=1e-3)
+
+
+def learned(threads: int, monkeypatch: pytest.MonkeyPatch, **sizes: Any) -> tuple[PPO, Rollout]:
+    """One rollout and an update from it."""
+    kept: list[Rollout] = []
+    update = PPO.update
+    monkeypatch.setattr(PPO, "update", lambda self, rollout: (kept.append(rollout), update(self, rollout)))
+    env, model = games(threads), PPO(HYPER, 5, threads=threads, **sizes)
+    model.learn(env, HYPER.rollout, 3, NO_BAR)
+    env.close()
+    monkeypatch.undo()
+    return model, kept[0]
+
+
+@pytest.mark.parametrize("threads", [2, 3])
+def test_threads_do_not_change_a_bit(threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    (one, kept), (other, same) = learned(1, monkeypatch), learned(threads, monkeypatch)
+    for a, b in zip(kept.situations, same.situations, strict=True):
+        assert torch.equal(a, b)
+    assert torch.equal(kept.returns, same.returns)
+    for name, value in one.network.state_dict().items():
+        assert torch.equal(value, other.network.state_dict()[name]), name
+
+
+def test_what_is_kept_of_a_rollout_is_what_was_met(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Situations as the games had them, choices that may be made, their log-probabilities and the values."""
+    model, rollout = learned(1, monkeypatch)
+    situations = rollout.situations
+    fresh = PPO(HYPER, 5)  # before the update
+    logits, values = fresh.network.judge_packed(situations.of(slice(None)))
+    assert (rollout.slots < situations.counts).all()
+    assert len(rollout.slots) == HYPER.rollout == model.decisions
+    expected = logits.log_softmax(dim=1).gather(1, rollout.slots[:, None])[:, 0]
+    torch.testing.assert_close(rollout.log_probs, expected, atol=1e-5, rtol=1e-5)
+    torch.testing.assert_close(rollout.values, values, atol=1e-5, rtol=1e-5)
+    torch.testing.assert_close(rollout.returns, rollout.advantages + values, atol=1e-5, rtol=1e-5)
+
+
+def test_one_update_changes_all_weights_and_nothing_that_is_no_weight(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, _ = learned(1, monkeypatch, dropped_features=(4,))
+    before = PPO(HYPER, 5, dropped_features=(4,)).network.state_dict()
+    for name, value in model.network.state_dict().items():
+        assert torch.isfinite(value).all(), name
+        assert torch.equal(value, before[name]) == name.endswith("shown"), name
 
 
 @pytest.fixture(scope="module")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of the real command."""
-    out = tmp_path_factory.mktemp("trained") / "run"
-    assert main([*SHORT, "--out", str(out)]) == 0
-    return out
+def met() -> Observation:
+    """Observations of many games on their way."""
+    rng, env = np.random.default_rng(0), make_parts(tiny(**SMALL), 0)[0].make([])
+    seen = [env.reset(0)]
+    for _ in range(90):
+        seen.append(env.step(random_choices(seen[-1]["action_mask"], rng)).observation)
+    return {key: np.concatenate([one[key] for one in seen]) for key in seen[0]}
 
 
-def test_the_planner_that_is_written_plays(trained: Path) -> None:
-    policy = make_policy(str(trained / "planner.onnx"))
-    assert isinstance(policy, LearnedPlanner)
-    config = game_config(parse([]))
-    records, _ = play(map_assets("house", config), config, str(trained / "planner.onnx"), episode_seeds(0, 3))
-    assert records["time_s"].min() > 0
-    assert records["collected"].sum() > 0
+def test_masked_choices_are_never_taken(met: Observation) -> None:
+    """Neither drawn nor as the likeliest."""
+    model = PPO(HYPER, 0)
+    allowed = met["action_mask"] > 0.5
+    narrow = allowed & (np.cumsum(allowed, axis=1) == 2)  # the second of each
+    assert not allowed.all()
+    generator = torch.Generator().manual_seed(0)
+    for _ in range(20):
+        for drawn_by in (generator, None):
+            _, chosen = choose(model.network, met, drawn_by)
+            assert allowed[np.arange(len(allowed)), chosen].all()
+    _, chosen = choose(model.network, {**met, "action_mask": narrow}, generator)
+    assert (chosen == narrow.argmax(axis=1)).all()
 
 
-def test_the_planner_is_the_best_checkpoint(trained: Path, tmp_path: Path) -> None:
-    from pacman_env.training.export import main as export
-
-    assert export([str(trained / "best.zip"), "--out", str(tmp_path / "again.onnx")]) == 0
-    assert (tmp_path / "again.onnx").read_bytes() == (trained / "planner.onnx").read_bytes()
-
-
-def test_the_metadata_says_how_it_was_trained(trained: Path) -> None:
-    hyper, metadata = parse(SHORT).hyper, LearnedPlanner(trained / "planner.onnx").metadata
-    assert metadata.training == read_facts(facts_path(trained / "best.zip")).training
-    assert metadata.training.clyde_speeds_mps == hyper.clyde_speed
-    assert metadata.training.decisions in (1024, 2048)
-    assert metadata.width == hyper.width
-    assert metadata.metrics["completed"] == max(segment["completed"] for segment in record(trained)["segments"])
+def test_the_likeliest_choice_has_the_highest_logit(met: Observation) -> None:
+    model = PPO(HYPER, 0)
+    seen = {key: torch.tensor(array) for key, array in met.items()}
+    with torch.no_grad():
+        logits, values = model.network(seen["planner_candidates"], seen["planner_globals"], seen["action_mask"] > 0.5)
+    choices, chosen = choose(model.network, met)
+    assert (chosen == logits.argmax(dim=1).numpy()).all()
+    torch.testing.assert_close(choices.values, values)
 
 
-def record(out: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((out / "run.json").read_text())
-    return found
+def test_choices_are_drawn_as_often_as_the_network_says() -> None:
+    model = PPO(HYPER, 0)
+    first = make_parts(tiny(**SMALL), 0)[0].make([]).reset(3)
+    observation = {key: np.repeat(array[:1], 20000, axis=0) for key, array in first.items()}
+    model.network.judge.weight.data.mul_(100.0)
+    choices, actions = choose(model.network, observation, torch.Generator().manual_seed(0))
+    with torch.no_grad():
+        logits, _ = model.network.judge_packed(choices.situations.of(slice(0, 1)))
+    odds = np.zeros(observation["action_mask"].shape[1])
+    order = choices.order[0, : logits.shape[1]].numpy()
+    odds[order] = logits.softmax(dim=1)[0].numpy()
+    assert 0.05 < odds.max() < 0.95
+    np.testing.assert_allclose(np.bincount(actions, minlength=len(odds)) / 20000, odds, atol=0.02)
 
 
-def test_the_record_has_the_arguments_and_a_point_for_each_segment(trained: Path) -> None:
-    found = record(trained)
-    assert found["arguments"]["hyper"]["decisions"] == 2048
-    assert [segment["decisions"] for segment in found["segments"]] == [1024, 2048]
-    assert 0 <= found["segments"][0]["agreement"] <= 1
-    assert "agreement" not in found["segments"][1]
-    assert all(0 <= segment["completed"] <= 1 for segment in found["segments"])
+def test_a_network_that_has_diverged_is_an_error(met: Observation) -> None:
+    model = PPO(HYPER, 0)
+    with torch.no_grad():
+        model.network.judge.weight.fill_(torch.nan)
+    with pytest.raises(FloatingPointError, match="the training has diverged"):
+        choose(model.network, met)
 
 
-def test_tensorboard_has_something_to_show(trained: Path) -> None:
-    assert [path.stat().st_size > 100 for path in trained.glob("events.out.tfevents.*")] == [True]
+def test_it_saves_and_loads_and_learns_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes = {"dropped_kinds": (1,), "dropped_features": (4, 5)}
+    model, _ = learned(1, monkeypatch, **sizes)
+    save_checkpoint(tmp_path / "run.zip", model.network, model.optimizer)
+    loaded = PPO(HYPER, 6, **sizes)
+    restore(tmp_path / "run.zip", loaded.network, loaded.optimizer)
+    loaded.decisions = model.decisions
+    for found in (loaded.network, load_network(tmp_path / "run.zip")):
+        assert found.dropped_kinds == (1,)
+        assert all(torch.equal(v, found.state_dict()[k]) for k, v in model.network.state_dict().items())
+    for one in (model, loaded):
+        torch.manual_seed(0)
+        one.learn(games(), HYPER.rollout, 4, NO_BAR)
+    assert torch.equal(loaded.network.judge.weight, model.network.judge.weight)
+    assert not torch.equal(load_network(tmp_path / "run.zip").judge.weight, model.network.judge.weight)
 
 
-def test_the_report_sets_the_planner_beside_the_rules(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([*tiny_options(tmp_path, "--evaluation", "2", "--out", str(tmp_path / "run"))]) == 0
-    told = capsys.readouterr().out
-    assert "2 rounds on test levels, Clyde 0.2-0.6 m/s" in told
-    for name in ("ppo", "clyde_aware", "lookahead", "nearest"):
-        assert f"\n| {name} | " in told
-    assert f"written: {tmp_path / 'run' / 'planner.onnx'}" in told
+def test_a_rollout_is_logged(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = PPO(HYPER, 0)
+    monkeypatch.setattr(Logger, "dump", lambda self, step=0: None)  # which would forget them
+    model.learn(games(), 20 * HYPER.rollout, 0, NO_BAR)
+    names = {"rollout/completed", "rollout/timed_out", "rollout/ep_rew_mean", "rollout/ep_len_mean", "time/fps"}
+    assert names <= set(model.logger.name_to_value)
+    assert 1 <= model.logger.name_to_value["rollout/ep_len_mean"] <= 20 * HYPER.n_steps
 
 
-def test_rounds_are_shared_over_the_line_ups() -> None:
-    arguments = tiny(ghosts=["wander", "chase", "wander", "arcade,chase"], levels=4)
-    held_out = HeldOut(arguments, 5, InProcess())
-    assert held_out.rows == {"wander": slice(0, 1), "chase": slice(1, 3), "arcade,chase": slice(3, 5)}
-    np.testing.assert_array_equal(held_out.seeds, HeldOut(tiny(), 5, InProcess()).seeds)
-    ended = held_out.completed("nearest")
-    share, each = held_out.shares(ended)
-    assert share == ended.mean()
-    assert each == {lineup: ended[rows].mean() for lineup, rows in held_out.rows.items()}
-    for lineup, rows in held_out.rows.items():
-        source, config = GeneratedMaps(game_config(arguments), 900_000, 128), game_config(arguments)
-        config = config.with_fields(**{"clyde.ghosts": tuple(lineup.split(","))})
-        records, _ = play(source, config, "nearest", held_out.seeds[rows])
-        np.testing.assert_array_equal(ended[rows], records["end"] == COMPLETE)
-    nothing = HeldOut(arguments, 0, InProcess())
-    assert nothing.shares(nothing.completed("nearest")) == (0.0, {"wander": 0.0, "chase": 0.0, "arcade,chase": 0.0})
-
-
-def test_the_report_has_rows_for_each_line_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    options = ["--ghosts", "wander", "chase", "--imitation", "0", "--evaluation", "4", "--out", str(tmp_path / "run")]
-    assert main(tiny_options(tmp_path, *options)) == 0
-    rows = [line.split(" | ")[:2] for line in capsys.readouterr().out.splitlines() if line.startswith("| ")]
-    policies = ["ppo", "clyde_aware", "lookahead", "nearest"]
-    expected = [[f"| {part}", policy] for part in ("all", "wander", "chase") for policy in policies]
-    assert rows == [["| ghosts", "policy"], *expected]
-
-
-def test_from_random_weights_a_quick_run_decides_by_events(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from_scratch = ["--quick", "--imitation", "0"]
-    assert parse(from_scratch).hyper.decide == "event"
-    assert parse(["--quick"]).hyper.decide == parse(["--imitation", "0"]).hyper.decide == "tick"
-    assert game_config(parse(from_scratch)).decisions.when == "event"
-    tiny_run = ["--decisions", "512", "--segment", "512", "--games", "8", "--n-steps", "32", "--levels", "2"]
-    tiny_run += [
-        "--batch-size",
-        "64",
-        "--evaluation",
-        "4",
-        "--threads",
-        "1",
-        "--no-progress",
-        "--out",
-        str(tmp_path / "run"),
-    ]
-    assert main([*from_scratch, *tiny_run]) == 0
-    assert "rounds on test levels" in capsys.readouterr().out
-    assert "imitated" not in json.loads((tmp_path / "run" / "run.json").read_text())["segments"][0]
-
-
-def test_resuming_a_finished_run_writes_the_same_planner_again(tmp_path: Path) -> None:
-    options = tiny_options(tmp_path, "--out", str(tmp_path / "run"))
-    assert main(options) == 0
-    planner = tmp_path / "run" / "planner.onnx"
-    before = planner.read_bytes()
-    planner.unlink()
-    assert main([*options, "--resume"]) == 0
-    assert planner.read_bytes() == before
-
-
-@pytest.mark.daily
-def test_another_process_trains_the_same_bits(tmp_path: Path) -> None:
-    options = tiny_options(tmp_path, "--decisions", "64")
-    assert main([*options, "--out", str(tmp_path / "one")]) == 0
-    command = [sys.executable, "-m", "pacman_env.training.ppo", *options, "--out", str(tmp_path / "other")]
-    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
-    one, other = (zipfile.ZipFile(tmp_path / name / "best.zip").read("policy.pth") for name in ("one", "other"))
-    assert one == other
-
-
-@pytest.mark.parametrize("part", ["refuges", "hold", "paths", "prediction"])
-def test_an_ablated_planner_keeps_to_what_it_was_given(part: str, tmp_path: Path) -> None:
-    options = ["--without", part, "--decisions", "64", "--out", str(tmp_path / "run")]
-    assert main(tiny_options(tmp_path, *options)) == 0
-    planner = LearnedPlanner(tmp_path / "run" / "planner.onnx")
-    dropped = planner.metadata.dropped_kinds, len(planner.metadata.dropped_features)
-    expected = {"refuges": (("is_refuge",), 0), "hold": (("is_hold",), 0), "paths": ((), 8), "prediction": ((), 6)}
-    assert dropped == expected[part]
-    situation = random_situation(0, 40)
-    kind = {"refuges": 1, "hold": 2}.get(part, -1)
-    np.testing.assert_array_equal(planner.scores(situation) > -np.inf, situation.mask & (situation.kind != kind))
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--preset", "none"], "unknown preset 'none'"),
-        (["--execution", "none"], "unknown execution 'none'"),
-        (["--clyde-speed", "0.6", "0.2"], r"randomize.clyde_speed_mps = (0.6, 0.2)"),
-        (["--levels", "1000000"], "levels = 1000000: there are 900000 to train on"),
-        (["--resume"], "run.json: no run to resume"),
-        (["--config", "nowhere.yaml"], "nowhere.yaml: cannot be read"),
-        (["--learning-rate", "1e30", "1e30"], "the training has diverged"),
-        (["--device", "abacus"], "device = 'abacus': must be cpu or cuda, or cuda:N"),
-        (["--device", "cuda:much"], "device = 'cuda:much': cannot be used: "),
-        (["--device", "cuda:99"], "device = 'cuda:99': cannot be used: "),  # with CUDA and without
-    ],
-)
-def test_errors_are_one_line_with_status_2(
-    options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main([*tiny_options(tmp_path, "--out", str(tmp_path / "run")), *options]) == 2
-    told = capsys.readouterr().err
-    assert told.startswith("pacman-env train: ")
-    assert message in told
-    assert told.count("\n") == 1
-    assert not (tmp_path / "run" / "planner.onnx").exists()
-
-
-def test_errors_of_many_lines_are_one_line_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """As those of YAML and of weights that do not fit."""
-    (tmp_path / "bad.yaml").write_text("headline: [")
-    assert main(["--config", str(tmp_path / "bad.yaml")]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
-
-
-def test_a_run_that_is_there_is_named(trained: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([*SHORT, "--out", str(trained)]) == 2
-    assert f"{trained}: there is a run already" in capsys.readouterr().err
-
-
-def test_the_policy_in_torch_decides_as_the_file_does(trained: Path) -> None:
-    """At the robot's speed that both take from the run."""
-    from pacman_env.training.checkpoint import load_planner
-
-    in_torch = load_planner(trained / "best.zip")
-    assert isinstance(in_torch, TorchPlanner)
-    assert in_torch.robot_speed_mps == game_config(tiny()).robot.speed_mps
-    situation = random_situation(2, 30)
-    found = make_policy(str(trained / "planner.onnx")).scores(situation)
-    np.testing.assert_allclose(found, in_torch.scores(situation), atol=1e-5)
+def test_advantages_are_those_of_stable_baselines() -> None:
+    rng = np.random.default_rng(0)
+    space = PacManBotVecEnv(1, map="house").action_space
+    rewards, values, dones = rng.normal(size=(9, 4)), rng.normal(size=(10, 4)), rng.random((9, 4)) < 0.3
+    buffer = RolloutBuffer(9, space, space, gamma=0.9, gae_lambda=0.8, n_envs=4)
+    buffer.rewards, buffer.values = rewards, values[:9]
+    buffer.episode_starts = np.vstack([np.zeros((1, 4)), dones[:-1]])
+    buffer.compute_returns_and_advantage(torch.from_numpy(values[9]), dones[8])
+    found = advantages(*(torch.from_numpy(array * 1.0) for array in (rewards, values, dones)), 0.9, 0.8)
+    np.testing.assert_allclose(found.numpy(), buffer.advantages, atol=1e-6)

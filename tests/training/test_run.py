@@ -21,7 +21,7 @@ import torch
 
 from pacman_env.training.arguments import Arguments
 from pacman_env.training.checkpoint import read_facts, restore
-from pacman_env.training.ppo import AfterSegment, Run, train
+from pacman_env.training.train import AfterSegment, Run, train
 from tests.training.test_arguments import tiny
 
 State = dict[str, torch.Tensor]

@@ -14,7 +14,7 @@ pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
 from pacman_env.executors.base import InProcess
-from pacman_env.training import ppo, seeds
+from pacman_env.training import seeds, train
 from pacman_env.training.seeds import Trained, forget, main, train_all, train_member
 from tests.training.test_arguments import section, tiny
 from tests.training.test_run import same, weights
@@ -41,7 +41,7 @@ def test_each_seed_is_its_training_and_the_table_has_them_all(cache: Path, tmp_p
     assert [line.split(" | ")[0] for line in lines[2:4]] == ["| 3", "| 5"]
     assert lines[-1].startswith("2 seeds: mean ")
     for seed in (3, 5):
-        ppo.train(tiny(tmp_path / str(seed), seed=seed, **CHANGES))
+        train.train(tiny(tmp_path / str(seed), seed=seed, **CHANGES))
         member = tmp_path / "seeds" / f"seed-{seed}"
         assert same(weights(member / "last.zip"), weights(tmp_path / str(seed) / "last.zip"))
         names = {path.name for path in member.iterdir() if not path.name.startswith("events.")}
@@ -164,7 +164,7 @@ def test_a_member_whose_worker_was_lost_goes_on_from_its_last_checkpoint(
     arguments = tiny(**{**CHANGES, "decisions": 192})
     whole = train_member(arguments)
     forget(arguments)
-    train = ppo.train
+    whole_training = train.train
     begun: list[int] = []
 
     def interrupted(arguments, after_segment=None, executor=None):  # type: ignore[no-untyped-def]
@@ -173,9 +173,9 @@ def test_a_member_whose_worker_was_lost_goes_on_from_its_last_checkpoint(
             if begun == [0]:
                 raise KeyboardInterrupt
 
-        return train(arguments, stop, executor)
+        return whole_training(arguments, stop, executor)
 
-    monkeypatch.setattr(ppo, "train", interrupted)
+    monkeypatch.setattr(train, "train", interrupted)
     with pytest.raises(KeyboardInterrupt):
         train_member(arguments)
     again = train_member(arguments)

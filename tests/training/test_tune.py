@@ -14,7 +14,7 @@ pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 pytest.importorskip("optuna")
 
-from pacman_env.training import ppo, tune
+from pacman_env.training import train, tune
 from pacman_env.training.arguments import load_hyperparameters
 from pacman_env.training.tune import SPACE, Study, hyperparameters, main, search
 from tests.training.test_arguments import section, tiny
@@ -110,7 +110,7 @@ def test_the_file_of_the_best_trial_loads_and_trains(whole: Study, tmp_path: Pat
     params = max(finished, key=lambda trial: trial["completed"])["params"]
     assert found == hyperparameters(before, params)
     options = ["--decisions", "64", "--threads", "1", "--evaluation", "0", "--no-progress", "--imitation", "0"]
-    assert ppo.main(["--config", str(best), *options, "--out", str(tmp_path / "run")]) == 0
+    assert train.main(["--config", str(best), *options, "--out", str(tmp_path / "run")]) == 0
 
 
 def test_a_proposal_changes_what_is_searched_and_nothing_else() -> None:

@@ -1,0 +1,244 @@
+"""The command from its arguments to a planner that plays; what goes wrong is one line and status 2."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("sb3_contrib")
+
+from pacman_env.episodes.rollout import episode_seeds, play
+from pacman_env.executors.base import InProcess
+from pacman_env.game.execution import COMPLETE
+from pacman_env.policies.learned import LearnedPlanner
+from pacman_env.policies.registry import make_policy
+from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.maps.level_source import GeneratedMaps
+from pacman_env.training.checkpoint import TorchPlanner, facts_path, read_facts
+from pacman_env.training.games import game_config
+from pacman_env.training.held_out import HeldOut
+from pacman_env.training.train import main, parse
+from tests.policies.contract import random_situation
+from tests.training.test_arguments import section, tiny
+
+ROOT = Path(__file__).resolve().parents[2]
+#: The headline section, made short.
+SHORT = [
+    "--decisions",
+    "2048",
+    "--segment",
+    "1024",
+    "--games",
+    "16",
+    "--n-steps",
+    "32",
+    "--levels",
+    "4",
+    "--ghosts",
+    "wander",
+]
+SHORT += ["--imitation", "512", "--evaluation", "4", "--threads", "1", "--no-progress"]
+
+
+def tiny_options(folder: Path, *more: str) -> list[str]:
+    return ["--config", str(section(folder)), "--threads", "1", "--evaluation", "0", "--no-progress", *more]
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of the real command."""
+    out = tmp_path_factory.mktemp("trained") / "run"
+    assert main([*SHORT, "--out", str(out)]) == 0
+    return out
+
+
+def test_the_planner_that_is_written_plays(trained: Path) -> None:
+    policy = make_policy(str(trained / "planner.onnx"))
+    assert isinstance(policy, LearnedPlanner)
+    config = game_config(parse([]))
+    records, _ = play(map_assets("house", config), config, str(trained / "planner.onnx"), episode_seeds(0, 3))
+    assert records["time_s"].min() > 0
+    assert records["collected"].sum() > 0
+
+
+def test_the_planner_is_the_best_checkpoint(trained: Path, tmp_path: Path) -> None:
+    from pacman_env.training.export import main as export
+
+    assert export([str(trained / "best.zip"), "--out", str(tmp_path / "again.onnx")]) == 0
+    assert (tmp_path / "again.onnx").read_bytes() == (trained / "planner.onnx").read_bytes()
+
+
+def test_the_metadata_says_how_it_was_trained(trained: Path) -> None:
+    hyper, metadata = parse(SHORT).hyper, LearnedPlanner(trained / "planner.onnx").metadata
+    assert metadata.training == read_facts(facts_path(trained / "best.zip")).training
+    assert metadata.training.clyde_speeds_mps == hyper.clyde_speed
+    assert metadata.training.decisions in (1024, 2048)
+    assert metadata.width == hyper.width
+    assert metadata.metrics["completed"] == max(segment["completed"] for segment in record(trained)["segments"])
+
+
+def record(out: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((out / "run.json").read_text())
+    return found
+
+
+def test_the_record_has_the_arguments_and_a_point_for_each_segment(trained: Path) -> None:
+    found = record(trained)
+    assert found["arguments"]["hyper"]["decisions"] == 2048
+    assert [segment["decisions"] for segment in found["segments"]] == [1024, 2048]
+    assert 0 <= found["segments"][0]["agreement"] <= 1
+    assert "agreement" not in found["segments"][1]
+    assert all(0 <= segment["completed"] <= 1 for segment in found["segments"])
+
+
+def test_tensorboard_has_something_to_show(trained: Path) -> None:
+    assert [path.stat().st_size > 100 for path in trained.glob("events.out.tfevents.*")] == [True]
+
+
+def test_the_report_sets_the_planner_beside_the_rules(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*tiny_options(tmp_path, "--evaluation", "2", "--out", str(tmp_path / "run"))]) == 0
+    told = capsys.readouterr().out
+    assert "2 rounds on test levels, Clyde 0.2-0.6 m/s" in told
+    for name in ("ppo", "clyde_aware", "lookahead", "nearest"):
+        assert f"\n| {name} | " in told
+    assert f"written: {tmp_path / 'run' / 'planner.onnx'}" in told
+
+
+def test_rounds_are_shared_over_the_line_ups() -> None:
+    arguments = tiny(ghosts=["wander", "chase", "wander", "arcade,chase"], levels=4)
+    held_out = HeldOut(arguments, 5, InProcess())
+    assert held_out.rows == {"wander": slice(0, 1), "chase": slice(1, 3), "arcade,chase": slice(3, 5)}
+    np.testing.assert_array_equal(held_out.seeds, HeldOut(tiny(), 5, InProcess()).seeds)
+    ended = held_out.completed("nearest")
+    share, each = held_out.shares(ended)
+    assert share == ended.mean()
+    assert each == {lineup: ended[rows].mean() for lineup, rows in held_out.rows.items()}
+    for lineup, rows in held_out.rows.items():
+        source, config = GeneratedMaps(game_config(arguments), 900_000, 128), game_config(arguments)
+        config = config.with_fields(**{"clyde.ghosts": tuple(lineup.split(","))})
+        records, _ = play(source, config, "nearest", held_out.seeds[rows])
+        np.testing.assert_array_equal(ended[rows], records["end"] == COMPLETE)
+    nothing = HeldOut(arguments, 0, InProcess())
+    assert nothing.shares(nothing.completed("nearest")) == (0.0, {"wander": 0.0, "chase": 0.0, "arcade,chase": 0.0})
+
+
+def test_the_report_has_rows_for_each_line_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--ghosts", "wander", "chase", "--imitation", "0", "--evaluation", "4", "--out", str(tmp_path / "run")]
+    assert main(tiny_options(tmp_path, *options)) == 0
+    rows = [line.split(" | ")[:2] for line in capsys.readouterr().out.splitlines() if line.startswith("| ")]
+    policies = ["ppo", "clyde_aware", "lookahead", "nearest"]
+    expected = [[f"| {part}", policy] for part in ("all", "wander", "chase") for policy in policies]
+    assert rows == [["| ghosts", "policy"], *expected]
+
+
+def test_from_random_weights_a_quick_run_decides_by_events(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from_scratch = ["--quick", "--imitation", "0"]
+    assert parse(from_scratch).hyper.decide == "event"
+    assert parse(["--quick"]).hyper.decide == parse(["--imitation", "0"]).hyper.decide == "tick"
+    assert game_config(parse(from_scratch)).decisions.when == "event"
+    tiny_run = ["--decisions", "512", "--segment", "512", "--games", "8", "--n-steps", "32", "--levels", "2"]
+    tiny_run += [
+        "--batch-size",
+        "64",
+        "--evaluation",
+        "4",
+        "--threads",
+        "1",
+        "--no-progress",
+        "--out",
+        str(tmp_path / "run"),
+    ]
+    assert main([*from_scratch, *tiny_run]) == 0
+    assert "rounds on test levels" in capsys.readouterr().out
+    assert "imitated" not in json.loads((tmp_path / "run" / "run.json").read_text())["segments"][0]
+
+
+def test_resuming_a_finished_run_writes_the_same_planner_again(tmp_path: Path) -> None:
+    options = tiny_options(tmp_path, "--out", str(tmp_path / "run"))
+    assert main(options) == 0
+    planner = tmp_path / "run" / "planner.onnx"
+    before = planner.read_bytes()
+    planner.unlink()
+    assert main([*options, "--resume"]) == 0
+    assert planner.read_bytes() == before
+
+
+@pytest.mark.daily
+def test_another_process_trains_the_same_bits(tmp_path: Path) -> None:
+    options = tiny_options(tmp_path, "--decisions", "64")
+    assert main([*options, "--out", str(tmp_path / "one")]) == 0
+    command = [sys.executable, "-m", "pacman_env.training.train", *options, "--out", str(tmp_path / "other")]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+    one, other = (zipfile.ZipFile(tmp_path / name / "best.zip").read("policy.pth") for name in ("one", "other"))
+    assert one == other
+
+
+@pytest.mark.parametrize("part", ["refuges", "hold", "paths", "prediction"])
+def test_an_ablated_planner_keeps_to_what_it_was_given(part: str, tmp_path: Path) -> None:
+    options = ["--without", part, "--decisions", "64", "--out", str(tmp_path / "run")]
+    assert main(tiny_options(tmp_path, *options)) == 0
+    planner = LearnedPlanner(tmp_path / "run" / "planner.onnx")
+    dropped = planner.metadata.dropped_kinds, len(planner.metadata.dropped_features)
+    expected = {"refuges": (("is_refuge",), 0), "hold": (("is_hold",), 0), "paths": ((), 8), "prediction": ((), 6)}
+    assert dropped == expected[part]
+    situation = random_situation(0, 40)
+    kind = {"refuges": 1, "hold": 2}.get(part, -1)
+    np.testing.assert_array_equal(planner.scores(situation) > -np.inf, situation.mask & (situation.kind != kind))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--preset", "none"], "unknown preset 'none'"),
+        (["--execution", "none"], "unknown execution 'none'"),
+        (["--clyde-speed", "0.6", "0.2"], r"randomize.clyde_speed_mps = (0.6, 0.2)"),
+        (["--levels", "1000000"], "levels = 1000000: there are 900000 to train on"),
+        (["--resume"], "run.json: no run to resume"),
+        (["--config", "nowhere.yaml"], "nowhere.yaml: cannot be read"),
+        (["--learning-rate", "1e30", "1e30"], "the training has diverged"),
+        (["--device", "abacus"], "device = 'abacus': must be cpu or cuda, or cuda:N"),
+        (["--device", "cuda:much"], "device = 'cuda:much': cannot be used: "),
+        (["--device", "cuda:99"], "device = 'cuda:99': cannot be used: "),  # with CUDA and without
+    ],
+)
+def test_errors_are_one_line_with_status_2(
+    options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*tiny_options(tmp_path, "--out", str(tmp_path / "run")), *options]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("pacman-env train: ")
+    assert message in told
+    assert told.count("\n") == 1
+    assert not (tmp_path / "run" / "planner.onnx").exists()
+
+
+def test_errors_of_many_lines_are_one_line_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As those of YAML and of weights that do not fit."""
+    (tmp_path / "bad.yaml").write_text("headline: [")
+    assert main(["--config", str(tmp_path / "bad.yaml")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_run_that_is_there_is_named(trained: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*SHORT, "--out", str(trained)]) == 2
+    assert f"{trained}: there is a run already" in capsys.readouterr().err
+
+
+def test_the_policy_in_torch_decides_as_the_file_does(trained: Path) -> None:
+    """At the robot's speed that both take from the run."""
+    from pacman_env.training.checkpoint import load_planner
+
+    in_torch = load_planner(trained / "best.zip")
+    assert isinstance(in_torch, TorchPlanner)
+    assert in_torch.robot_speed_mps == game_config(tiny()).robot.speed_mps
+    situation = random_situation(2, 30)
+    found = make_policy(str(trained / "planner.onnx")).scores(situation)
+    np.testing.assert_allclose(found, in_torch.scores(situation), atol=1e-5)
