@@ -11,23 +11,23 @@ from ..config import Config, ConfigError
 from ..sim.core.batch import GameBatch
 from ..sim.observation.situation import Situation
 from .arguments import EnvArguments, check_render_mode
-from .core import EnvCore
+from .game_runner import GameRunner
 
 _FIXED = ("observation_space", "action_space", "ghost_agents")  # settings of a reset must not change these
 
 
-class CoreEnv:
-    """Base class of the environments over an :class:`EnvCore`, for any interface."""
+class BaseEnv:
+    """Base class of the environments over an :class:`GameRunner`, for any interface."""
 
     metadata: dict[str, Any]
     render_mode: str | None
-    _core: EnvCore
+    _core: GameRunner
     _spec: Any = None
 
     def _make_core(self, n: int, arguments: EnvArguments, **more: Any) -> None:
         check_render_mode(arguments.render_mode, self.metadata["render_modes"])
         self._made_from = n, arguments, more
-        self._core = EnvCore(n, arguments, **more)
+        self._core = GameRunner(n, arguments, **more)
         self.render_mode = arguments.render_mode
 
     @property
@@ -56,12 +56,12 @@ class CoreEnv:
         """Return True after the first reset."""
         return self._core.begun
 
-    def _core_by(self, settings: Mapping[str, Any]) -> EnvCore:
+    def _core_by(self, settings: Mapping[str, Any]) -> GameRunner:
         """Return a core with ``settings``; raises ConfigError if they change the spaces or the agents."""
         if settings == self._core.settings:
             return self._core
         n, arguments, more = self._made_from
-        core = EnvCore(n, arguments, **more, settings=settings)
+        core = GameRunner(n, arguments, **more, settings=settings)
         if any(getattr(core, name) != getattr(self._core, name) for name in _FIXED):
             would = f"{', '.join(sorted(settings))} would change the spaces or agents"
             raise ConfigError(f"options['settings']: {would}; make an environment with them")
@@ -97,7 +97,7 @@ class CoreEnv:
     def _masks(self) -> NDArray[np.bool_]:
         return self._core.masks()
 
-    def _pictures(self, cores: Sequence[EnvCore]) -> tuple[NDArray[np.uint8], ...] | None:
+    def _pictures(self, cores: Sequence[GameRunner]) -> tuple[NDArray[np.uint8], ...] | None:
         """Return one picture per game, or None without a render mode."""
         if self.render_mode is None:
             return None

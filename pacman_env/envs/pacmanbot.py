@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from ..render.window import RENDER_FPS, Display
 from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, takes_env_arguments
-from .base_env import CoreEnv
+from .base_env import BaseEnv
 from .resets import Options, ResetOptions
 from .spaces import checked_action
 
 _ONE = np.zeros(1, dtype=np.int64)
 
 
-class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
+class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     """
     ## Description
     A TurtleBot 4 plays one round of Pac-Man on its SLAM map. Virtual pellets lie on the map, and a virtual ghost,

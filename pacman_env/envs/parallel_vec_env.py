@@ -15,7 +15,7 @@ from ..sim.observation.kinds import MASK
 from ..sim.observation.robot_features import FAST_MPS
 from ..sim.observation.situation import at_places
 from .arguments import EnvArguments, checked_games, takes_env_arguments
-from .base_env import CoreEnv
+from .base_env import BaseEnv
 from .outcome import Ends
 from .resets import ManyGames, Options, Seeds
 from .spaces import state_limits
@@ -26,7 +26,7 @@ Observations = dict[str, Any]  # by agent: a dictionary of arrays, or one array
 _TURN = 2 * np.pi
 
 
-class SeveralAgents(CoreEnv):
+class SeveralAgents(BaseEnv):
     """Base class for N games with the agents ``pacman`` and the ghosts that are agents."""
 
     def _make_agents(self, n: int, arguments: EnvArguments, **more: Any) -> None:

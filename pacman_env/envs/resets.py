@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from ..config import ConfigError
 from ..policies.base import Flags, Indices
 from ..sim.maps.level_source import GeneratedMaps, LevelSource
-from .base_env import CoreEnv
-from .core import EnvCore
+from .base_env import BaseEnv
+from .game_runner import GameRunner
 
 SEEDS = 2**63  # environments draw the seeds of their rounds below this
 _MOST = {"level": SEEDS - 1, "round_seed": 2**64 - 1}
@@ -79,14 +79,14 @@ class ResetOptions:
 class CheckedReset:
     """A checked reset, which cannot fail any more."""
 
-    core: EnvCore
+    core: GameRunner
     index: Indices  # games to reset, (M,)
     levels: Indices | None
     generators: Mapping[int, np.random.Generator]  # new generators by game
     request: ResetOptions
 
 
-class ManyGames(CoreEnv):
+class ManyGames(BaseEnv):
     """An environment of N games, each with a generator that draws the seeds of its episodes."""
 
     num_envs: int

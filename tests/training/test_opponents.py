@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from pacman_env.config import ConfigError
 from pacman_env.envs.arguments import EnvArguments, Ghosts
-from pacman_env.envs.core import EnvCore
+from pacman_env.envs.game_runner import GameRunner
 from pacman_env.executors.base import InProcess
 from pacman_env.game.execution import RUNNING
 from pacman_env.policies.base import BasePolicy, Flags, Policy
@@ -33,14 +33,14 @@ ARGUMENTS = Arguments(hyper=load_hyperparameters(FOLDER / "PacManBot-v0.yaml", "
 SEEDS = np.random.default_rng(0).integers(2**63, size=20_000, dtype=np.uint64)
 
 
-def game(ghosts: Ghosts, games: int = GAMES) -> EnvCore:
+def game(ghosts: Ghosts, games: int = GAMES) -> GameRunner:
     """Rounds in a few houses, begun."""
-    result = EnvCore(games, EnvArguments("generated", ghosts=ghosts, settings={"start_level": 0, "num_levels": 4}))
+    result = GameRunner(games, EnvArguments("generated", ghosts=ghosts, settings={"start_level": 0, "num_levels": 4}))
     result.reset(np.arange(games), SEEDS[:games])
     return result
 
 
-def hold(played: EnvCore, ticks: int) -> None:
+def hold(played: GameRunner, ticks: int) -> None:
     """The robot stands still."""
     for _ in range(ticks):
         played.step(np.full(played.batch.n, played.batch.hold))

@@ -20,7 +20,7 @@ from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.config import parse_settings, preset_names
 from pacman_env.engine.cache_folder import package_hash
 from pacman_env.envs.arguments import EnvArguments
-from pacman_env.envs.core import EnvCore
+from pacman_env.envs.game_runner import GameRunner
 from pacman_env.envs.registration import FLAT_ID, IDS
 from pacman_env.executors.choice import add_executor_arguments, executor_of
 from pacman_env.executors.progress import bar_of
@@ -96,7 +96,7 @@ def _dataset(arguments: argparse.Namespace, given: Sequence[str]) -> None:
     else:
         tasks = tasks_of(arguments.policy, made, round_seeds(arguments.seed, arguments.episodes))
         parts = _simulated(arguments, tasks)
-    core = EnvCore(1, made)
+    core = GameRunner(1, made)
     facts = _facts(arguments, given, env_id, core)
     with new_folder(folder) as temporary:
         with contextlib.ExitStack() as stack:
@@ -149,7 +149,7 @@ def _is_name(name: str, for_minari: bool) -> bool:
     return is_dataset_id(name)
 
 
-def _facts(arguments: argparse.Namespace, given: Sequence[str], env_id: str, core: EnvCore) -> dict[str, Any]:
+def _facts(arguments: argparse.Namespace, given: Sequence[str], env_id: str, core: GameRunner) -> dict[str, Any]:
     first = core.batch.source.first.occupancy
     return {
         "name": arguments.name,
@@ -178,7 +178,11 @@ def _command(given: Sequence[str]) -> str:
 
 
 def _writers(
-    arguments: argparse.Namespace, folder: Path, env: tuple[str, dict[str, Any]], core: EnvCore, facts: dict[str, Any]
+    arguments: argparse.Namespace,
+    folder: Path,
+    env: tuple[str, dict[str, Any]],
+    core: GameRunner,
+    facts: dict[str, Any],
 ) -> Iterator[Any]:
     if "minari" in arguments.format:
         from .minari_files import MinariFiles, spec_of

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pacman_env.config import Config, ConfigError
 from pacman_env.envs.arguments import EnvArguments
-from pacman_env.envs.core import EnvCore
+from pacman_env.envs.game_runner import GameRunner
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.envs.resets import SEEDS
 from pacman_env.episodes.rollout import BATCH, MOST_ROUNDS, episode_seeds
@@ -96,7 +96,7 @@ def tasks_of(policy: str, arguments: EnvArguments, seeds: NDArray[np.uint64]) ->
     source = arguments.make_source(config)
     if not isinstance(source, FixedMap):
         seeds = seeds[np.argsort(source.levels_of(seeds), kind="stable")]
-    space = EnvCore(1, arguments).observation_space
+    space = GameRunner(1, arguments).observation_space
     row = sum(part.dtype.itemsize * int(np.prod(part.shape)) for part in flattened(space).values())
     rounds = int(np.clip(_TASK_BYTES // (row * _DECISIONS), BATCH, _MOST_PER_TASK))
     parts = np.split(seeds, range(rounds, len(seeds), rounds))
@@ -134,7 +134,7 @@ def record(task: Recording) -> RecordedRounds:
         ghosts = [places[name] if isinstance(name, str) and name in places else name for name in arguments.ghosts]
         arguments = replace(arguments, ghosts=ghosts)
     policy = load_policy(places.get(task.policy, task.policy))
-    core = EnvCore(min(BATCH, len(task.seeds)), arguments)
+    core = GameRunner(min(BATCH, len(task.seeds)), arguments)
     check(core.config)
     return _Recorder(core, policy, task.seeds).play()
 
@@ -159,7 +159,7 @@ class _Decision(NamedTuple):
 class _Recorder:
     """Plays rounds in a batch; an ended game starts its next round in the step of the others, so one view is enough."""
 
-    def __init__(self, core: EnvCore, policy: Any, seeds: NDArray[np.uint64]) -> None:
+    def __init__(self, core: GameRunner, policy: Any, seeds: NDArray[np.uint64]) -> None:
         self._core, self._policy, self._seeds = core, policy, seeds
         n = core.batch.n
         self._round = np.arange(n)  # round that each game plays, -1: none

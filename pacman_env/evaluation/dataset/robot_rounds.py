@@ -15,7 +15,7 @@ import numpy as np
 from pacman_env.config import Config, ConfigError, make_config
 from pacman_env.config.composition import differences
 from pacman_env.envs.arguments import EnvArguments
-from pacman_env.envs.core import EnvCore
+from pacman_env.envs.game_runner import GameRunner
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.ros import topics
 from pacman_env.ros.bags.bag import BagError, open_bag
@@ -44,7 +44,7 @@ class RobotRounds:
         self.unchecked: dict[str, str] = {}  # by bag: why damage to its messages cannot be ruled out
         with open_bag(bags[0], namespace) as bag:
             self.arguments = _played_by(recorded_config(bag), arguments)
-        self._core = EnvCore(1, self.arguments)
+        self._core = GameRunner(1, self.arguments)
         for kind in self._core.config.observation.kinds:
             if kind not in KINDS:
                 raise ConfigError(f"observation kind {kind!r}: of a robot's rounds there are only {', '.join(KINDS)}")
@@ -82,7 +82,7 @@ def _played_by(played: Config, arguments: EnvArguments) -> EnvArguments:
 class _RoundRecorder:
     """Listener of a walk that collects its rounds and omits those without a decision."""
 
-    def __init__(self, core: EnvCore) -> None:
+    def __init__(self, core: GameRunner) -> None:
         self.rounds: list[RecordedRounds] = []
         self._core = core
         self._begin()

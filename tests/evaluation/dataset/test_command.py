@@ -16,7 +16,7 @@ from pacman_env import __version__
 from pacman_env.cli import main as command
 from pacman_env.config import make_config
 from pacman_env.envs.arguments import EnvArguments
-from pacman_env.envs.core import EnvCore
+from pacman_env.envs.game_runner import GameRunner
 from pacman_env.evaluation.dataset import __main__ as dataset
 from pacman_env.evaluation.dataset.recording import Recording, record, round_seeds, tasks_of
 from pacman_env.files import install_command
@@ -208,7 +208,7 @@ def test_minari_lists_what_was_written(name: str, tmp_path: Path, monkeypatch: p
 
 def test_environment_of_map_file_is_recovered(tmp_path: Path) -> None:
     arguments = {"map": map_file("loop"), "settings": make_config("ideal", time_limit_s=40.0)}
-    core = EnvCore(1, EnvArguments(**arguments))
+    core = GameRunner(1, EnvArguments(**arguments))
     spaces = core.observation_space, core.action_space
     facts = {"dataset_id": NAME, "algorithm_name": "nearest"}
     with minari_files.MinariFiles(

@@ -29,7 +29,7 @@ from .spaces import OBSERVATION, action_space, observation_space
 _NONE_OVER = np.zeros(0, dtype=np.bool_)
 
 
-class EnvCore:
+class GameRunner:
     """N games of one environment, built from its arguments.
 
     With ``ghost_agents`` the caller of ``step`` chooses for ghosts whose behaviour is ``policy``. Without ``copy``,
@@ -257,7 +257,7 @@ class EnvCore:
     def of_game(observation: Any, game: int) -> Any:
         """Return one game's part of an observation of all games."""
         if isinstance(observation, dict):
-            return {key: EnvCore.of_game(part, game) for key, part in observation.items()}
+            return {key: GameRunner.of_game(part, game) for key, part in observation.items()}
         return observation[game]
 
     def infos(self) -> dict[str, NDArray[Any]]:
