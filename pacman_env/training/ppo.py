@@ -3,8 +3,8 @@
 From random weights, PPO spends its first half million decisions on hiding from Clyde; imitation avoids this.
 
 The loop is: collect a rollout, compute advantages (GAE), update in minibatches. Situations are packed once, when they
-are collected (``network.PackedSituations``). Threads share the chunks of a minibatch, each small enough for the processor's
-cache. Gradients are added in the order of the chunks, so the number of threads does not change the result.
+are collected (``network.PackedSituations``). Threads share the chunks of a minibatch, each small enough for the cache
+of a processor. Gradients are added in the order of the chunks, so the number of threads does not change the result.
 """
 
 import time
