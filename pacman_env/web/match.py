@@ -1,4 +1,4 @@
-"""Play a simulated game like the robot's referee: menu, show, rounds; people can play the robot and ghosts."""
+"""A simulated game as the robot's referee plays it: menu, show, round, the next round or round 1; the people in it."""
 
 import logging
 import threading
@@ -7,103 +7,28 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from msgspec import structs
 
 from pacman_env import __version__
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.game.lights import LASTING
 from pacman_env.game.round import Action, RoundController
 from pacman_env.web import messages
-from pacman_env.web.control import DEAD_MAN_S, ROBOT, Roles, ghost_role
+from pacman_env.web.driving import Driving
 from pacman_env.web.frame import Frame
 from pacman_env.web.game import News, Refused
 from pacman_env.web.played_round import FOLLOW, Orders, PlayedRound, Recordings
 from pacman_env.web.rules import Choices, Rules
-from pacman_env.web.simulated_view import FeedbackPlayer, SimulatedView, TickClock
+from pacman_env.web.simulated_view import NO_SCENE, Feedback, TickClock, between, scene_of
 
 _LOG = logging.getLogger(__name__)
-_HOME_S = 2.0  # real time for showing the end of a round
-_REHEARSED = 6  # ticks, enough for the planner to plan and for goals to begin
-
-
-class Driving:
-    def __init__(self) -> None:
-        self.roles = Roles()
-        self.goals: dict[str, int | None] = {}  # by role: the robot's candidate, a ghost's cell or FOLLOW
-        self.hand: tuple[float, float, float] | None = None  # velocity command for the robot: v, omega, time
-
-    @property
-    def plays_robot(self) -> bool:
-        return ROBOT in self.roles.people
-
-    def assume(self, person: str, role: str, ghosts: int) -> None:
-        if role != ROBOT and role not in map(ghost_role, range(ghosts)):
-            raise Refused(f"{role}: there are {ghosts} ghosts")
-        self.roles.assume(person, role)
-        self.goals[role] = None
-        if role == ROBOT:
-            self.hand = None
-
-    def steer(self, person: str, v: float, omega: float) -> None:
-        self.roles.require(person, ROBOT)
-        self.hand = (v, omega, time.monotonic())
-
-    def choose(self, person: str, goal: messages.Goal, played: PlayedRound) -> None:
-        role = self.roles.of(person)
-        if role is None:
-            raise Refused("choose a role in the tab Play first")
-        if goal.candidate is not None and goal.candidate > played.hold:
-            raise Refused(f"candidate {goal.candidate}: there are 0 to {played.hold}")
-        if role == ROBOT:
-            self.goals[role] = _robot_goal(goal, played)
-            self.hand = None
-        else:
-            number = next(k for k, player in self.roles.ghosts().items() if player == person)
-            self.goals[role] = _ghost_goal(number, goal, played)
-
-    def sent(self, played: PlayedRound) -> dict[int, int | None]:
-        """Return the cells to which people send ghosts, by number, for ``Orders``."""
-        playable = self.roles.ghosts().keys() & played.ghost_roles
-        return {number: self.goals.get(ghost_role(number)) for number in playable}
-
-    def orders(self, played: PlayedRound) -> Orders:
-        orders = Orders(robot=self.plays_robot, goal=self.goals.get(ROBOT), ghosts=self.sent(played))
-        if orders.robot and self.hand is not None:
-            v, omega, at_s = self.hand
-            orders.velocity = (v, omega) if time.monotonic() - at_s < DEAD_MAN_S else (0.0, 0.0)
-        return orders
-
-
-def _robot_goal(goal: messages.Goal, played: PlayedRound) -> int | None:
-    """Return the robot's candidate, or None to hold. Raises Refused for a goal without a candidate nearby."""
-    candidate = goal.candidate
-    if candidate is None:
-        if goal.x is None or goal.y is None:
-            raise Refused("goal: give a candidate, or x and y")
-        candidate = played.nearest(goal.x, goal.y)
-        if candidate is None:
-            raise Refused("no pellet or refuge within 1 m")
-    return None if candidate in (-1, played.hold) else candidate
-
-
-def _ghost_goal(number: int, goal: messages.Goal, played: PlayedRound) -> int | None:
-    """Return a ghost's cell, FOLLOW, or None for its configured behaviour. Raises Refused for an unsuitable goal."""
-    if number not in played.ghost_roles:
-        raise Refused(f"{GHOST_NAMES[number].capitalize()} is yours from the next round on")
-    if goal.follow:
-        return FOLLOW
-    if goal.candidate in (-1, played.hold):
-        return None
-    x, y = (goal.x, goal.y) if goal.candidate is None else played.assets.goal_xy[goal.candidate].tolist()
-    if x is None or y is None:
-        raise Refused("goal: give a candidate, x and y, or follow")
-    cell = played.nearest_ghost_cell(number, x, y)
-    if cell is None:
-        raise Refused("no place within 1 m that the ghost can reach")
-    return cell
+_HOME_S = 2.0  # real time after a round, in which its end is shown
+_STEPS = 64  # of a tick that frames distinguish
+_REHEARSED = 6  # ticks: the planner plans, goals begin
 
 
 class Match:
-    """A sequence of rounds. ``lock`` protects the shown state; it is not held while a round is played or prepared."""
+    """Round after round; ``lock`` is held while what is shown changes, never while a round is stepped or laid out."""
 
     def __init__(
         self, rules: Rules, choices: Choices, seed: int | None, speed: float, news: News, lock: threading.RLock
@@ -112,27 +37,60 @@ class Match:
         self.clock = TickClock(speed)
         self.driving = Driving()
         self.recordings = Recordings()
-        self.feedback = FeedbackPlayer(config.show, news)
-        self.view = SimulatedView(self.clock, self.feedback)
+        self.feedback = Feedback(config.show, news)
+        self.scene = NO_SCENE
+        self.lidar = False
         self.round: PlayedRound | None = None
         self._choices, self._rules, self._news, self._lock = choices, rules, news, lock
         self._seeds = np.random.default_rng(seed)
         self._next_seed: int | None = seed
-        self._clock_s = 0.0  # simulated time, including shows
+        self._clock_s = 0.0  # simulated, shows included
         self._home_due_s: float | None = None  # real time
         self._clyde_mps: float | None = None
         self._controller = RoundController(config.clyde)
+        self._shown: tuple[Frame, Frame] | None = None  # the snapshots of the last two ticks
+        self._number = 0  # of the frame
+        self._key: Any = None  # what it shows
 
     @property
     def state(self) -> str:
         return self._controller.state
 
     def frame(self) -> Frame | None:
-        real_s = time.monotonic()
-        if self.round is not None:
-            self.feedback.update(real_s)
-        sent = {} if self.round is None else self.driving.sent(self.round)
-        return self.view.frame(self.round, self._controller, sent, real_s)
+        """Return the game at this moment, between its last two ticks; None before the first round."""
+        played, real_s = self.round, time.monotonic()
+        if played is None or self._shown is None:
+            return None
+        self.feedback.update(real_s)
+        (before, now), clock, turned = self._shown, self.clock, self.feedback.turned
+        share, runs = int(clock.share(real_s) * _STEPS) / _STEPS, self.state == "running"
+        shown, sent = between(before, now, share), self.driving.sent(played)
+        fields: dict[str, Any] = {
+            "state": self.state,
+            "revision": self.scene.revision,
+            "speed": clock.speed,
+            "score": self._controller.score - (now.collected - shown.collected if runs else 0),
+            "round": self._controller.round,
+            "paused": clock.paused,
+            "stopped": clock.stopped,
+            "ring": self.feedback.ring.ring(real_s),
+        }
+        key = (fields, share, before.time_s, now.time_s, turned, self.lidar, sent)
+        if key != self._key:
+            self._key = key
+            self._number += 1
+        moved: dict[str, Any] = {} if runs and not clock.is_held else {"velocity": (0.0, 0.0)}
+        for name in ("true", "believed") if turned else ():
+            x, y, heading = getattr(shown, name)
+            moved[name] = x, y, heading + turned
+        if self.lidar:
+            moved["scan"] = played.lidar()
+        moved["ghost_goals"] = played.ghost_goals(sent, shown.true)
+        return structs.replace(shown, number=self._number, **fields, **moved)
+
+    def _show_round(self, played: PlayedRound) -> None:
+        self._shown = played.snapshots[-1], played.snapshots[-1]
+        self.scene = scene_of(played, self._rules, self.scene.revision + 1)
 
     def require_round(self) -> PlayedRound:
         if self.round is None:
@@ -185,7 +143,7 @@ class Match:
         if ghost >= len(self._rules.ghosts):
             raise Refused(f"there is no ghost {ghost}")
         played.place_ghost(ghost, x, y)
-        self.view.show_round(played, self._rules)
+        self._show_round(played)
 
     def assume_role(self, person: str, role: str) -> str:
         if role == "none":
@@ -222,7 +180,7 @@ class Match:
         ]
 
     def lay_out(self, seed: int | None = None) -> None:
-        """Prepare a new round in the menu, or the round with ``seed``; a Refused keeps the present round."""
+        """A new round in the menu; with ``seed`` the same once more. After Refused the former round is still there."""
         speed = self._controller.clyde_speed if self._controller.round > 1 else self._clyde_mps
         if seed is None:
             seed = self._next_seed if self._next_seed is not None else int(self._seeds.integers(2**53))
@@ -239,7 +197,7 @@ class Match:
             self.clock.tick_s = config.execution.tick_s
             self.driving.goals.clear()
             self.feedback.turned = 0.0
-            self.view.show_round(played, self._rules)
+            self._show_round(played)
 
     def _laid_out(self, speed: float | None, seed: int, ghost_roles: frozenset[int] = frozenset()) -> PlayedRound:
         config, source, ghosts = self._choices.prepare(self._rules, speed)
@@ -249,7 +207,7 @@ class Match:
             raise Refused(str(error)) from error
 
     def rehearse(self) -> None:
-        """Play some ticks of a hidden round, so that everything is compiled before a real one."""
+        """Some ticks of a round that is not shown: what has to be compiled is compiled now, not during a round."""
         played = self._laid_out(None, 0, frozenset([0]))
         for _ in range(_REHEARSED):
             played.step(Orders())
@@ -267,29 +225,28 @@ class Match:
             if self.state != "running":
                 self.clock.begin(due_s)
                 self._follow_clock()
-                self.view.show(played.snapshots[-1], played.snapshots[-1])  # nothing moves
+                self._shown = played.snapshots[-1], played.snapshots[-1]  # nothing moves
                 return
             orders = self.driving.orders(played)
-        played.step(orders)  # without the lock, so that people are answered meanwhile
+        played.step(orders)  # people are answered and frames are made meanwhile
         with self._lock:
             if played is self.round:
                 self.clock.begin(due_s)
-                previous, now = played.snapshots[-2:]
-                self.view.show(previous, now)
-                self._report(played, previous, now)
+                before, now = played.snapshots[-2:]
+                self._shown = before, now
+                self._report(played, before, now)
 
-    def _report(self, played: PlayedRound, previous: Frame, now: Frame) -> None:
+    def _report(self, played: PlayedRound, before: Frame, now: Frame) -> None:
         ids = played.assets.pellet_ids
-        for pellet in np.flatnonzero(previous.alive & ~now.alive).tolist():
+        for pellet in np.flatnonzero(before.alive & ~now.alive).tolist():
             self._act(self._controller.status(f"pellet_collected:{int(ids[pellet])}", self._clock_s))
         if not played.over:
             return
         self._record(played)
         if played.outcome == "caught":
-            catcher = int(played.batch.games["catcher"][0])
-            self.show("event", f"{GHOST_NAMES[max(catcher, 0)]} killed")
+            self.show("event", f"{GHOST_NAMES[played.catcher or 0]} killed")
             self._act(self._controller.status("death_detected", self._clock_s))
-        elif self.state == "running":  # time limit, which the robot's referee does not have
+        elif self.state == "running":  # the time limit: the referee on a robot has none
             self._news.add(words=f"the time is up after {now.time_s:g} s - Score: {self._controller.score}")
             self.reset()
 
@@ -315,7 +272,7 @@ class Match:
                     self._home_due_s = time.monotonic() + (_HOME_S if over else 0.0)
 
     def _follow_clock(self) -> None:
-        """End shows by the clock, and return home at once, because nothing has to drive there."""
+        """Shows end by the clock, and the robot is home at once: nothing drives it there."""
         while True:
             state = self.state
             self._act(self._controller.tick(self._clock_s))
@@ -327,9 +284,9 @@ class Match:
                     self._to_menu()
             if self.state == state:
                 return
-            if self.state == "starting":  # a round without reported pellets would not begin
+            if self.state == "starting":  # a round without pellets would not begin
                 ids = [int(number) for number in self.require_round().assets.pellet_ids]
-                for _ in range(2):  # pellets count after two reports
+                for _ in range(2):  # what two reports show is of this round
                     self._act(self._controller.pellets_left(ids, self._clock_s))
                 self.clock.begin(time.monotonic())
 
@@ -341,7 +298,7 @@ class Match:
             self._news.add(words=str(refused))
 
     def _record(self, played: PlayedRound) -> None:
-        scene = self.view.scene
+        scene = self.scene
         link = "" if played.by_person else scene.facts["link"]
         words = self.recordings.keep(
             played, map=self._rules.map, round=self._controller.round, revision=scene.revision, link=link

@@ -57,7 +57,7 @@ class SimulatedGame:
 
     def scene(self) -> Scene:
         with self._lock:
-            return self._match.view.scene
+            return self._match.scene
 
     def frame(self) -> Frame | None:
         with self._lock:
@@ -65,7 +65,7 @@ class SimulatedGame:
 
     def watch(self, *, why: bool, lidar: bool) -> None:
         with self._lock:
-            self._why, self._match.view.lidar = why, lidar
+            self._why, self._match.lidar = why, lidar
             self._why_sent_s = 0.0
 
     def handle(self, person: str, message: Message) -> Any:

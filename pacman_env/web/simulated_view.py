@@ -1,8 +1,7 @@
-"""View of a simulated game: its scene, frames between ticks, lights, sounds and motions."""
+"""What is shown of a simulated game: its scene, frames between ticks, lights, sounds and motions."""
 
 import math
 import time
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +12,6 @@ from pacman_env.config import ShowConfig
 from pacman_env.game.events import FEEDBACK, LIGHTS, SOUNDS, Motion, angular_velocity
 from pacman_env.game.goals import goal_name
 from pacman_env.game.lights import LightRing
-from pacman_env.game.round import RoundController
 from pacman_env.game.sounds import SoundQueue
 from pacman_env.web.control import ghost_role
 from pacman_env.web.frame import Frame, Pose
@@ -21,8 +19,8 @@ from pacman_env.web.game import News, Scene
 from pacman_env.web.played_round import PlayedRound
 from pacman_env.web.rules import Rules
 
-_STEPS = 64  # steps of a tick that frames distinguish
 _COMPILING = "Preparing the first round. On a new computer the rules are compiled once, which takes a minute or two."
+NO_SCENE = Scene(1, {"map": None, "preparing": True, "notice": _COMPILING})
 
 
 class TickClock:
@@ -44,12 +42,12 @@ class TickClock:
         return self._changed_s + (1.0 - self._share) * self.tick_s / self.speed
 
     def share(self, real_s: float) -> float:
-        """Return the elapsed share of the current tick, 0 to 1."""
+        """How much of the last tick is over, 0 to 1."""
         ran_s = 0.0 if self.is_held else max(real_s - self._changed_s, 0.0)
         return min(self._share + ran_s * self.speed / self.tick_s, 1.0)
 
     def begin(self, due_s: float) -> None:
-        """Start a tick: late ticks are skipped, and nothing of a paused tick is shown yet."""
+        """A tick begins: a late one is not made up for, and of one that is held nothing is shown yet."""
         self._share, self._changed_s = 0.0, max(due_s, time.monotonic() - self.tick_s / self.speed)
 
     def set_speed(self, times: float) -> None:
@@ -66,8 +64,8 @@ class TickClock:
         self._share, self._changed_s = self.share(now), now
 
 
-class FeedbackPlayer:
-    """Play lights, sounds and motions by the robot's rules for one game, as news; times are real, s."""
+class Feedback:
+    """Lights, sounds and motions by the robot's rules, for one game; times are real, s. What is shown becomes news."""
 
     def __init__(self, show: ShowConfig, news: News) -> None:
         self.armed = False
@@ -113,58 +111,8 @@ class FeedbackPlayer:
             self._news.add(sound=word)
 
 
-class SimulatedView:
-    def __init__(self, clock: TickClock, feedback: FeedbackPlayer) -> None:
-        self.scene = Scene(1, {"map": None, "preparing": True, "notice": _COMPILING})
-        self.lidar = False
-        self._clock, self._feedback = clock, feedback
-        self._before: Frame | None = None
-        self._now: Frame | None = None
-        self._number = 0
-        self._key: Any = None
-
-    def show(self, before: Frame, now: Frame) -> None:
-        self._before, self._now = before, now
-
-    def show_round(self, played: PlayedRound, rules: Rules) -> None:
-        self.show(played.snapshots[-1], played.snapshots[-1])
-        self.scene = scene_of(played, rules, self.scene.revision + 1)
-
-    def frame(
-        self, played: PlayedRound | None, controller: RoundController, sent: Mapping[int, int | None], real_s: float
-    ) -> Frame | None:
-        """Return the game at a moment of real time, None before the first round; ``sent``: ghosts, as in ``Orders``."""
-        if self._now is None or self._before is None or played is None:
-            return None
-        clock, feedback, before, now = self._clock, self._feedback, self._before, self._now
-        share, runs = int(clock.share(real_s) * _STEPS) / _STEPS, controller.state == "running"
-        shown = between(before, now, share)
-        fields: dict[str, Any] = {
-            "state": controller.state,
-            "revision": self.scene.revision,
-            "speed": clock.speed,
-            "score": controller.score - (now.collected - shown.collected if runs else 0),
-            "round": controller.round,
-            "paused": clock.paused,
-            "stopped": clock.stopped,
-            "ring": feedback.ring.ring(real_s),
-        }
-        key = (fields, share, before.time_s, now.time_s, feedback.turned, self.lidar, sent)
-        if key != self._key:
-            self._key = key
-            self._number += 1
-        moved: dict[str, Any] = {} if runs and not clock.is_held else {"velocity": (0.0, 0.0)}
-        for name in ("true", "believed") if feedback.turned else ():
-            x, y, heading = getattr(shown, name)
-            moved[name] = x, y, heading + feedback.turned
-        if self.lidar:
-            moved["scan"] = played.lidar()
-        moved["ghost_goals"] = played.ghost_goals(sent, shown.true)
-        return structs.replace(shown, number=self._number, **fields, **moved)
-
-
 def between(old: Frame, new: Frame, share: float) -> Frame:
-    """Return a frame between two ticks; ``share`` 1 gives the frame of the later tick."""
+    """A frame between two ticks; ``share`` 1: that of the later one."""
     if share >= 1.0 or new.time_s < old.time_s:
         return new
     moved = {
@@ -177,7 +125,7 @@ def between(old: Frame, new: Frame, share: float) -> Frame:
     return structs.replace(
         new,
         time_s=old.time_s + share * (new.time_s - old.time_s),
-        alive=old.alive,  # a pellet is shown until it is reached
+        alive=old.alive,  # a pellet is there until it is reached
         collected=old.collected,
         baseline_collected=old.baseline_collected,
         over=old.over,
@@ -195,7 +143,7 @@ def scene_of(played: PlayedRound, rules: Rules, revision: int) -> Scene:
     xy = played.assets.goal_xy.round(4).tolist()
     pellets = played.assets.pellets
     named = rules if played.level is None else replace(rules, level=played.level)
-    reproducible = not (played.placed or played.by_person or played.ghost_roles)  # depends on names and numbers alone
+    reproducible = not (played.placed or played.by_person or played.ghost_roles)  # by names and numbers alone
     facts = {
         "map": {
             "name": rules.map,

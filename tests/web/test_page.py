@@ -154,7 +154,7 @@ def test_two_people_drive_robot_and_ghost(visit: Visit) -> None:
     start(robot)
     x, y, _ = robot.value("state.frame.true")
     gx, gy = ghost.value("state.frame.ghosts[0]")
-    robot.page.locator("#map").focus()
+    robot.page.focus("#top")
     robot.page.keyboard.down("ArrowUp")
     ghost.click_at(*ghost.value("state.scene.pellets[0]"))
     robot.wait(f"Math.hypot(state.frame.true[0] - {x}, state.frame.true[1] - {y}) > 0.25", "the robot drives")

@@ -1,0 +1,86 @@
+"""Where people send the robot and the ghosts of a simulated game: roles, clicks on the map, velocities by hand."""
+
+import time
+
+from pacman_env.game.ghosts import GHOST_NAMES
+from pacman_env.web import messages
+from pacman_env.web.control import DEAD_MAN_S, ROBOT, Roles, ghost_role
+from pacman_env.web.game import Refused
+from pacman_env.web.played_round import FOLLOW, Orders, PlayedRound
+
+
+class Driving:
+    def __init__(self) -> None:
+        self.roles = Roles()
+        self.goals: dict[str, int | None] = {}  # by role: the robot's candidate, a ghost's cell or FOLLOW
+        self.hand: tuple[float, float, float] | None = None  # velocities of the robot: v, omega, when
+
+    @property
+    def plays_robot(self) -> bool:
+        return ROBOT in self.roles.people
+
+    def assume(self, person: str, role: str, ghosts: int) -> None:
+        if role != ROBOT and role not in map(ghost_role, range(ghosts)):
+            raise Refused(f"{role}: there are {ghosts} ghosts")
+        self.roles.assume(person, role)
+        self.goals[role] = None
+        if role == ROBOT:
+            self.hand = None
+
+    def steer(self, person: str, v: float, omega: float) -> None:
+        self.roles.require(person, ROBOT)
+        self.hand = (v, omega, time.monotonic())
+
+    def choose(self, person: str, goal: messages.Goal, played: PlayedRound) -> None:
+        role = self.roles.of(person)
+        if role is None:
+            raise Refused("choose a role in the tab Play first")
+        if goal.candidate is not None and goal.candidate > played.hold:
+            raise Refused(f"candidate {goal.candidate}: there are 0 to {played.hold}")
+        if role == ROBOT:
+            self.goals[role] = _robot_goal(goal, played)
+            self.hand = None
+        else:
+            number = next(k for k, player in self.roles.ghosts().items() if player == person)
+            self.goals[role] = _ghost_goal(number, goal, played)
+
+    def sent(self, played: PlayedRound) -> dict[int, int | None]:
+        """Return where people send the ghosts of a round, by number, as in ``Orders``."""
+        playable = self.roles.ghosts().keys() & played.ghost_roles
+        return {number: self.goals.get(ghost_role(number)) for number in playable}
+
+    def orders(self, played: PlayedRound) -> Orders:
+        orders = Orders(robot=self.plays_robot, goal=self.goals.get(ROBOT), ghosts=self.sent(played))
+        if orders.robot and self.hand is not None:
+            v, omega, at_s = self.hand
+            orders.velocity = (v, omega) if time.monotonic() - at_s < DEAD_MAN_S else (0.0, 0.0)
+        return orders
+
+
+def _robot_goal(goal: messages.Goal, played: PlayedRound) -> int | None:
+    """Return the robot's candidate, None to hold."""
+    candidate = goal.candidate
+    if candidate is None:
+        if goal.x is None or goal.y is None:
+            raise Refused("goal: give a candidate, or x and y")
+        candidate = played.nearest(goal.x, goal.y)
+        if candidate is None:
+            raise Refused("no pellet or refuge within 1 m")
+    return None if candidate in (-1, played.hold) else candidate
+
+
+def _ghost_goal(number: int, goal: messages.Goal, played: PlayedRound) -> int | None:
+    """Return a ghost's cell or FOLLOW; None if it moves as the rules of the round say."""
+    if number not in played.ghost_roles:
+        raise Refused(f"{GHOST_NAMES[number].capitalize()} is yours from the next round on")
+    if goal.follow:
+        return FOLLOW
+    if goal.candidate in (-1, played.hold):
+        return None
+    x, y = (goal.x, goal.y) if goal.candidate is None else played.assets.goal_xy[goal.candidate].tolist()
+    if x is None or y is None:
+        raise Refused("goal: give a candidate, x and y, or follow")
+    cell = played.nearest_ghost_cell(number, x, y)
+    if cell is None:
+        raise Refused("no place within 1 m that the ghost can reach")
+    return cell
