@@ -162,7 +162,9 @@ def test_clyde_is_placed_in_the_menu_only(game: Any) -> None:
         game.handle(m.PlaceClyde(x=x, y=y))
 
 
-@pytest.mark.parametrize("message", [m.Event(word="birthday"), m.Setup(map="nowhere"), m.Setup(policy="nobody")])
+@pytest.mark.parametrize(
+    "message", [m.Event(word="birthday"), m.Setup(map="nowhere"), m.Setup(policy="nobody"), m.Setup(level=3)]
+)
 def test_impossible_request_is_refused(game: Any, message: m.Message) -> None:
     game.menu()
     before = game.page.scene()

@@ -280,9 +280,7 @@ def test_finished_round_is_replayed_from_a_link(visit: Visit) -> None:
 
 def test_page_returns_to_a_restarted_server(visit: Visit, page_server: WebServer, simulated: SimulatedGame) -> None:
     page = visit(allowed=("WebSocket connection to",))
-    page.slide("speed", 2)
-    page.press("start")
-    page.wait("state.frame.state === 'running'")
+    start(page)
     port = page_server.port
     page_server.close()
     page.wait("((lost) => !lost.hidden && lost.textContent.includes('No connection'))(document.querySelector('#lost'))")
@@ -338,9 +336,8 @@ def test_viewer_sees_and_stops_only(simulated: SimulatedGame, visit: Visit) -> N
         page.leave()
 
 
-@pytest.mark.parametrize("width", [390, 1440])
 def test_alert_asks_for_the_robots_pose(
-    simulated: SimulatedGame, visit: Visit, monkeypatch: pytest.MonkeyPatch, width: int
+    simulated: SimulatedGame, visit: Visit, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     alerts = [{"kind": "pose jumped", "words": "pose jumped 3.1 m", "remedy": "look", "asks": True}]
     asked: list[messages.Message] = []
@@ -358,13 +355,13 @@ def test_alert_asks_for_the_robots_pose(
 
     monkeypatch.setattr(simulated, "scene", shown)
     monkeypatch.setattr(simulated, "handle", handled)
-    page = visit(viewport={"width": width, "height": 844})
+    page = visit(viewport={"width": 390, "height": 844})
     page.press("tab-why")
     assert page.text("alert-words") == "Pose jumped 3.1 m. Where is the robot?"
     x, y = page.value("state.scene.pellets[7]")
     page.press("set-pose")
     assert page.text("mode") == "Click where the robot stands"
-    assert page.page.is_visible("#panel-why") == (width > 800)  # on a telephone the map needs its place
+    assert not page.page.is_visible("#panel-why"), "on a telephone the map needs its place"
     page.wait("view.fitted")
     page.click_at(x, y)
     assert page.text("mode") == "Click a place that it faces"
@@ -384,7 +381,7 @@ def test_alert_asks_for_the_robots_pose(
     page.until(lambda: not page.page.is_visible("#alert"), "the end of the alert")
 
 
-@pytest.mark.parametrize("width", [390, 1024, 1920])
+@pytest.mark.parametrize("width", [390, 1440])
 def test_stop_is_reached_by_key_at_any_width(visit: Visit, width: int) -> None:
     page = visit(viewport={"width": width, "height": 844 if width < 800 else 768}, has_touch=width < 800)
     for tab in TABS:

@@ -76,16 +76,6 @@ def test_ghost_without_orders_moves_as_configured() -> None:
         np.testing.assert_array_equal(free.snapshots[-1].ghosts, taken.snapshots[-1].ghosts)
 
 
-def test_person_sends_the_robot_and_a_ghost() -> None:
-    round = laid_out(ghosts=("wander", "wander"), ghost_roles=frozenset([1]), settings={"time_limit_s": 60.0})
-    goal, place = 4, round.assets.goal_xy[8]
-    played(round, Orders(robot=True, goal=goal, ghosts={1: round.nearest_ghost_cell(1, *place)}), 40)
-    assert round.by_person
-    assert {choice[0] for choice in round.choices} == {goal}
-    ways = [math.dist(snapshot.ghosts[1], place) for snapshot in round.snapshots]
-    assert ways[-1] < ways[0]
-
-
 def test_ghost_goes_to_free_cell_nearest_to_click() -> None:
     round = laid_out(ghost_roles=frozenset([0]), clyde_mps=2.0, settings={"time_limit_s": 60.0})
     cells = round.assets.clyde
@@ -108,11 +98,6 @@ def test_ghost_goes_to_free_cell_nearest_to_click() -> None:
     np.testing.assert_array_equal(round.snapshots[-1].ghost_goals, [round.snapshots[-1].true[:2]])
 
 
-def test_robot_holds_without_a_choice() -> None:
-    round = played(laid_out(), Orders(robot=True), 10)
-    assert math.dist(round.snapshots[0].true[:2], round.snapshots[-1].true[:2]) < 0.01
-
-
 def test_velocities_drive_the_robot_until_a_goal() -> None:
     round = laid_out(settings={"time_limit_s": 60.0})
     played(round, Orders(robot=True, goal=3), 4)
@@ -124,21 +109,6 @@ def test_velocities_drive_the_robot_until_a_goal() -> None:
     played(round, Orders(robot=True, goal=8), 20)
     assert round.snapshots[-1].goal == 8
     assert math.dist(round.snapshots[-1].true[:2], before.true[:2]) > 0.5
-
-
-def test_baseline_plays_the_policys_own_round() -> None:
-    alone = played(laid_out())
-    beside = laid_out()
-    beside.play_beside()
-    played(beside, Orders(robot=True))
-    baselines = [snapshot.baseline for snapshot in beside.snapshots]
-    both = min(len(baselines), len(alone.snapshots))
-    assert baselines[:both] == [snapshot.true for snapshot in alone.snapshots[:both]]
-    assert beside.baseline_result() == {
-        "result": alone.outcome,
-        "collected": alone.snapshots[-1].collected,
-        "time_s": alone.snapshots[-1].time_s,
-    }
 
 
 def test_terms_asked_later_explain_the_choice() -> None:

@@ -334,16 +334,6 @@ def test_end_is_announced_and_waits_for_nobody(server: WebServer) -> None:
         closing.join(PATIENCE_S)
 
 
-def test_pages_return_to_a_restarted_server(serve: Callable[..., WebServer]) -> None:
-    first = serve(ScriptedGame())
-    with Page(first) as page:
-        first.close()
-    again = serve(ScriptedGame(), port=first.port)
-    with Page(again, again=page.hello["again"]) as page:
-        assert page.name == "guest-1"
-        page.wait("scene")
-
-
 def test_address_is_refused_with_the_reason(serve: Callable[..., WebServer]) -> None:
     taken = serve(ScriptedGame()).port
     for host, port, words in (

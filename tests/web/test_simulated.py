@@ -154,15 +154,6 @@ def test_clydes_speed_counts_for_the_next_round(game: SimulatedGame) -> None:
     assert game.scene().facts["clyde_speed_mps"] == 1.5
 
 
-def test_unplayable_setup_changes_nothing(game: SimulatedGame) -> None:
-    before = game.scene()
-    for bad in (m.Setup(map="nowhere"), m.Setup(settings={"pellets.spacing_m": 500.0}), m.Setup(level=3)):
-        with pytest.raises(Refused):
-            game.handle("Ann", bad)
-    assert game.scene() == before
-    assert played(game)["map"] == "house"
-
-
 def test_person_sends_a_ghost_to_the_robot(game: SimulatedGame) -> None:
     game.handle("Ann", m.ClydeSpeed(mps=2.0))
     game.handle("Ann", m.Role(role="robot"))
