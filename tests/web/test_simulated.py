@@ -41,9 +41,10 @@ def frame(game: SimulatedGame) -> Frame:
 
 def begin(game: SimulatedGame) -> None:
     """Start a round, at a speed at which it lasts long enough to be seen."""
-    game.handle("Ann", m.Speed(times=1))
+    game.handle("Ann", m.Speed(times=4))
     game.handle("Ann", m.Start())
     wait_for(lambda: frame(game).state == "running")
+    game.handle("Ann", m.Speed(times=1))
 
 
 def played(game: SimulatedGame, **setup: Any) -> dict[str, Any]:
