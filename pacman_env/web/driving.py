@@ -1,4 +1,4 @@
-"""Where people send the robot and the ghosts of a simulated game: roles, clicks on the map, velocities by hand."""
+"""Goals that people give the robot and the ghosts of a simulated game: roles, clicks on the map, velocities by hand."""
 
 import time
 
@@ -45,7 +45,7 @@ class Driving:
             self.goals[role] = _ghost_goal(number, goal, played)
 
     def sent(self, played: PlayedRound) -> dict[int, int | None]:
-        """Return where people send the ghosts of a round, by number, as in ``Orders``."""
+        """Return the cells to which people send ghosts, by number, for ``Orders``."""
         playable = self.roles.ghosts().keys() & played.ghost_roles
         return {number: self.goals.get(ghost_role(number)) for number in playable}
 
@@ -58,7 +58,7 @@ class Driving:
 
 
 def _robot_goal(goal: messages.Goal, played: PlayedRound) -> int | None:
-    """Return the robot's candidate, None to hold."""
+    """Return the robot's candidate, or None to hold. Raises Refused for a goal without a candidate nearby."""
     candidate = goal.candidate
     if candidate is None:
         if goal.x is None or goal.y is None:
@@ -70,7 +70,7 @@ def _robot_goal(goal: messages.Goal, played: PlayedRound) -> int | None:
 
 
 def _ghost_goal(number: int, goal: messages.Goal, played: PlayedRound) -> int | None:
-    """Return a ghost's cell or FOLLOW; None if it moves as the rules of the round say."""
+    """Return a ghost's cell, FOLLOW, or None for its configured behaviour. Raises Refused for an unsuitable goal."""
     if number not in played.ghost_roles:
         raise Refused(f"{GHOST_NAMES[number].capitalize()} is yours from the next round on")
     if goal.follow:

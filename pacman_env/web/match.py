@@ -1,4 +1,4 @@
-"""A simulated game as the robot's referee plays it: menu, show, round, the next round or round 1; the people in it."""
+"""A simulated game with the phases of the robot's referee: menu, show, round, next round; and the people in it."""
 
 import logging
 import threading
@@ -19,16 +19,16 @@ from pacman_env.web.frame import Frame
 from pacman_env.web.game import News, Refused
 from pacman_env.web.played_round import FOLLOW, Orders, PlayedRound, Recordings
 from pacman_env.web.rules import Choices, Rules
-from pacman_env.web.simulated_view import NO_SCENE, Feedback, TickClock, between, scene_of
+from pacman_env.web.simulated_view import NO_SCENE, FeedbackPlayer, TickClock, between, scene_of
 
 _LOG = logging.getLogger(__name__)
-_HOME_S = 2.0  # real time after a round, in which its end is shown
-_STEPS = 64  # of a tick that frames distinguish
-_REHEARSED = 6  # ticks: the planner plans, goals begin
+_HOME_S = 2.0  # real time for showing the end of a round
+_STEPS = 64  # steps of a tick that frames distinguish
+_REHEARSED = 6  # ticks, enough for the planner to plan and for goals to begin
 
 
 class Match:
-    """Round after round; ``lock`` is held while what is shown changes, never while a round is stepped or laid out."""
+    """A sequence of rounds. ``lock`` protects the shown state; it is not held while a round is played or prepared."""
 
     def __init__(
         self, rules: Rules, choices: Choices, seed: int | None, speed: float, news: News, lock: threading.RLock
@@ -37,7 +37,7 @@ class Match:
         self.clock = TickClock(speed)
         self.driving = Driving()
         self.recordings = Recordings()
-        self.feedback = Feedback(config.show, news)
+        self.feedback = FeedbackPlayer(config.show, news)
         self.scene = NO_SCENE
         self.lidar = False
         self.round: PlayedRound | None = None
@@ -180,7 +180,7 @@ class Match:
         ]
 
     def lay_out(self, seed: int | None = None) -> None:
-        """A new round in the menu; with ``seed`` the same once more. After Refused the former round is still there."""
+        """Prepare a new round in the menu, or the round of ``seed`` again. Refused leaves the former round as it was."""
         speed = self._controller.clyde_speed if self._controller.round > 1 else self._clyde_mps
         if seed is None:
             seed = self._next_seed if self._next_seed is not None else int(self._seeds.integers(2**53))
@@ -207,7 +207,7 @@ class Match:
             raise Refused(str(error)) from error
 
     def rehearse(self) -> None:
-        """Some ticks of a round that is not shown: what has to be compiled is compiled now, not during a round."""
+        """Play some ticks of a hidden round, so that kernels are compiled now and not during a round."""
         played = self._laid_out(None, 0, frozenset([0]))
         for _ in range(_REHEARSED):
             played.step(Orders())
@@ -228,7 +228,7 @@ class Match:
                 self._shown = played.snapshots[-1], played.snapshots[-1]  # nothing moves
                 return
             orders = self.driving.orders(played)
-        played.step(orders)  # people are answered and frames are made meanwhile
+        played.step(orders)  # without the lock, so that people are answered meanwhile
         with self._lock:
             if played is self.round:
                 self.clock.begin(due_s)
@@ -246,7 +246,7 @@ class Match:
         if played.outcome == "caught":
             self.show("event", f"{GHOST_NAMES[played.catcher or 0]} killed")
             self._act(self._controller.status("death_detected", self._clock_s))
-        elif self.state == "running":  # the time limit: the referee on a robot has none
+        elif self.state == "running":  # the time limit, which the referee on a robot does not have
             self._news.add(words=f"the time is up after {now.time_s:g} s - Score: {self._controller.score}")
             self.reset()
 
@@ -272,7 +272,7 @@ class Match:
                     self._home_due_s = time.monotonic() + (_HOME_S if over else 0.0)
 
     def _follow_clock(self) -> None:
-        """Shows end by the clock, and the robot is home at once: nothing drives it there."""
+        """End shows by the clock, and put the robot at home at once, because nothing drives it there."""
         while True:
             state = self.state
             self._act(self._controller.tick(self._clock_s))
@@ -286,7 +286,7 @@ class Match:
                 return
             if self.state == "starting":  # a round without pellets would not begin
                 ids = [int(number) for number in self.require_round().assets.pellet_ids]
-                for _ in range(2):  # what two reports show is of this round
+                for _ in range(2):  # both reports are of this round
                     self._act(self._controller.pellets_left(ids, self._clock_s))
                 self.clock.begin(time.monotonic())
 

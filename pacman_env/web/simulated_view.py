@@ -1,4 +1,4 @@
-"""What is shown of a simulated game: its scene, frames between ticks, lights, sounds and motions."""
+"""View of a simulated game: its scene, frames between ticks, lights, sounds and motions."""
 
 import math
 import time
@@ -47,7 +47,7 @@ class TickClock:
         return min(self._share + ran_s * self.speed / self.tick_s, 1.0)
 
     def begin(self, due_s: float) -> None:
-        """A tick begins: a late one is not made up for, and of one that is held nothing is shown yet."""
+        """Start a tick: late ticks are skipped, and nothing of a paused tick is shown yet."""
         self._share, self._changed_s = 0.0, max(due_s, time.monotonic() - self.tick_s / self.speed)
 
     def set_speed(self, times: float) -> None:
@@ -64,8 +64,8 @@ class TickClock:
         self._share, self._changed_s = self.share(now), now
 
 
-class Feedback:
-    """Lights, sounds and motions by the robot's rules, for one game; times are real, s. What is shown becomes news."""
+class FeedbackPlayer:
+    """Play lights, sounds and motions by the robot's rules for one game, as news; times are real, s."""
 
     def __init__(self, show: ShowConfig, news: News) -> None:
         self.armed = False
@@ -112,7 +112,7 @@ class Feedback:
 
 
 def between(old: Frame, new: Frame, share: float) -> Frame:
-    """A frame between two ticks; ``share`` 1: that of the later one."""
+    """Return a frame between two ticks; ``share`` 1 gives the frame of the later tick."""
     if share >= 1.0 or new.time_s < old.time_s:
         return new
     moved = {
@@ -125,7 +125,7 @@ def between(old: Frame, new: Frame, share: float) -> Frame:
     return structs.replace(
         new,
         time_s=old.time_s + share * (new.time_s - old.time_s),
-        alive=old.alive,  # a pellet is there until it is reached
+        alive=old.alive,  # a pellet is shown until it is reached
         collected=old.collected,
         baseline_collected=old.baseline_collected,
         over=old.over,
@@ -143,7 +143,7 @@ def scene_of(played: PlayedRound, rules: Rules, revision: int) -> Scene:
     xy = played.assets.goal_xy.round(4).tolist()
     pellets = played.assets.pellets
     named = rules if played.level is None else replace(rules, level=played.level)
-    reproducible = not (played.placed or played.by_person or played.ghost_roles)  # by names and numbers alone
+    reproducible = not (played.placed or played.by_person or played.ghost_roles)  # depends on names and numbers alone
     facts = {
         "map": {
             "name": rules.map,
