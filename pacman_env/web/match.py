@@ -180,7 +180,7 @@ class Match:
         ]
 
     def lay_out(self, seed: int | None = None) -> None:
-        """Prepare a new round in the menu, or the round of ``seed`` again. Refused leaves the former round as it was."""
+        """Prepare a new round in the menu, or the round of ``seed`` again. Refused leaves the former round."""
         speed = self._controller.clyde_speed if self._controller.round > 1 else self._clyde_mps
         if seed is None:
             seed = self._next_seed if self._next_seed is not None else int(self._seeds.integers(2**53))
