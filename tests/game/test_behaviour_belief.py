@@ -36,13 +36,13 @@ def after(moves: list[Move], belief: np.ndarray | None = None) -> np.ndarray:
 TOWARDS_ROBOT, AWAY = (0.5, 1.0, -1.0, False, False), (0.5, -1.0, -1.0, False, False)
 
 
-def test_all_but_one_name_are_behaviours_of_the_table() -> None:
+def test_believed_names_are_behaviours_and_other() -> None:
     assert set(BELIEVED) - set(BEHAVIOURS) == {"other"}
     assert sum(PRIOR) == pytest.approx(1.0)
 
 
 @given(MOVES)
-def test_it_is_a_probability_whatever_is_seen_and_nothing_is_ever_ruled_out(
+def test_belief_stays_a_positive_probability(
     moves: list[Move],
 ) -> None:
     belief = after(moves)
@@ -50,31 +50,31 @@ def test_it_is_a_probability_whatever_is_seen_and_nothing_is_ever_ruled_out(
     assert (belief > 1e-4).all()
 
 
-def test_moves_towards_the_robot_make_a_chaser_likely_and_one_away_from_it_unlikely_at_once() -> None:
+def test_chaser_is_believed_by_moves_towards_robot() -> None:
     before = after([TOWARDS_ROBOT] * 10)
     assert before[CHASES] + before[ARCADE] > 0.9
     assert after([AWAY] * 2, before)[CHASES] < 0.2
 
 
-def test_near_the_robot_the_arcades_ghost_goes_to_its_corner_and_a_chaser_does_not() -> None:
+def test_moves_near_robot_tell_arcade_from_chaser() -> None:
     to_corner, to_robot = (0.5, -1.0, 1.0, True, False), (0.5, 1.0, -1.0, True, False)
     assert after([to_corner] * 6).argmax() == ARCADE
     assert after([to_robot] * 6).argmax() == CHASES
 
 
-def test_turning_round_again_and_again_is_no_behaviour_of_the_table() -> None:
+def test_repeated_turning_is_another_behaviour() -> None:
     moves = [(0.9, 0.2, -1.0, False, k % 4 == 0) for k in range(24)]
     assert after(moves).argmax() == OTHER
 
 
-def test_moves_anywhere_are_wandering() -> None:
+def test_random_moves_are_wandering() -> None:
     rng = np.random.default_rng(0)
     moves = [(0.8, float(a), float(b), False, False) for a, b in rng.uniform(-1.0, 1.0, (20, 2))]
     assert after(moves).argmax() == WANDERS
 
 
 @pytest.mark.parametrize("robot_m", [0.5, 5.0])
-def test_a_ghost_that_stands_does_not_wander(robot_m: float) -> None:
+def test_standing_ghost_does_not_wander(robot_m: float) -> None:
     belief = np.array(PRIOR)
     for _ in range(3):
         update_standing(belief, robot_m)
@@ -82,13 +82,13 @@ def test_a_ghost_that_stands_does_not_wander(robot_m: float) -> None:
     assert (belief[CHASES] > 0.1) == (robot_m <= ARRIVED_M)
 
 
-def test_on_the_only_way_a_move_towards_the_robot_says_little_however_long_it_is() -> None:
+def test_move_on_the_only_way_says_little() -> None:
     only_way = (1.0, 1.0, -1.0, False, False)
     belief = after([only_way] * 30)
     assert belief[CHASES] + belief[ARCADE] < 0.7
     assert belief[WANDERS] > 0.3
 
 
-def test_after_a_change_of_behaviour_the_belief_follows() -> None:
+def test_belief_follows_a_change_of_behaviour() -> None:
     chaser = after([TOWARDS_ROBOT] * 100)
     assert after([AWAY] * 12, chaser)[WANDERS] > 0.5

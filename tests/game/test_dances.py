@@ -25,12 +25,12 @@ def played(motion: str) -> list[float]:
     return commands
 
 
-def test_the_start_spin_turns_one_way_for_8_s() -> None:
+def test_start_spin_turns_one_way_for_8_s() -> None:
     assert set(played("spin")) == {1.5}
     assert len(played("spin")) * PERIOD == pytest.approx(8.0)
 
 
-def test_the_death_shake_goes_to_and_fro_for_5_s_and_ends_where_it_began() -> None:
+def test_death_shake_lasts_5_s_and_returns() -> None:
     commands = played("shake")
     standing = round(STAND_S / PERIOD)
     assert set(commands[:standing]) == {0.0}
@@ -44,14 +44,14 @@ def test_the_death_shake_goes_to_and_fro_for_5_s_and_ends_where_it_began() -> No
 
 
 @given(st.sampled_from(["spin", "shake", "stop"]), st.floats(-1e9, 1e9))
-def test_no_motion_is_faster_or_longer_than_it_may_be(motion: str, elapsed: float) -> None:
+def test_motions_keep_speed_and_duration_limits(motion: str, elapsed: float) -> None:
     command = angular_velocity(motion, elapsed, SHOW)  # type: ignore[arg-type]
     assert command is None or abs(command) <= SHOW.spin_radps
     if elapsed < 0 or elapsed >= max(SHOW.start_s, SHOW.death_s) or motion == "stop":
         assert command is None
 
 
-def test_speed_and_swing_are_the_configurations() -> None:
+def test_speed_and_swing_follow_the_configuration() -> None:
     show = ShowConfig(spin_radps=0.7, swing_s=1.0, death_s=2.0)
     assert [angular_velocity("shake", at, show) for at in (0.0, 0.4, 0.6, 0.9, 1.1, 1.9, 2.0)] == [
         0.0,
@@ -64,7 +64,7 @@ def test_speed_and_swing_are_the_configurations() -> None:
     ]
 
 
-def test_a_robot_that_is_caught_at_full_speed_does_not_roll_on_while_it_shakes() -> None:
+def test_caught_robot_stops_while_it_shakes() -> None:
     config = make_config("robot")
     robot = SimulatedRobot(load_map("house"), config, 0)
     for _ in range(30):

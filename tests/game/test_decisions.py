@@ -1,15 +1,20 @@
-"""When the planner is asked."""
+"""When the planner is asked: by the rule, for one robot, and for the simulator's games at the same ticks."""
 
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pacman_env.config import ConfigError, make_config
-from pacman_env.game.decisions import HOLD, decision_due, decision_rules
+from pacman_env.game.decisions import HOLD, LastDecision, Moment, decision_due, decision_rules
+from pacman_env.game.execution import NO_CHOICE, RUNNING
+from pacman_env.sim.core import kernels
+from pacman_env.sim.core.parameters import GAME, LAST_DECISION, batch_parameters
 
 RULES = SimpleNamespace(**decision_rules(make_config(), float))
 FAR, NEAR = RULES.threat_distance + 1.0, RULES.threat_distance - 0.5
@@ -26,25 +31,16 @@ def due(
     return bool(decision_due(choice, choice if pursued is None else pursued, news, before, now, waited, RULES))
 
 
-def test_a_robot_on_its_way_is_left_alone() -> None:
+def test_decision_is_due_when_goal_or_pellets_change() -> None:
     assert not due()
     assert not due(choice=HOLD)
-
-
-def test_the_end_of_the_goal_asks() -> None:
-    assert due(pursued=HOLD)
-
-
-def test_a_goal_that_was_not_taken_up_asks() -> None:
-    assert due(choice=3, pursued=2)
+    assert due(pursued=HOLD)  # the goal has ended
+    assert due(choice=3, pursued=2)  # the goal was not taken up
     assert due(choice=HOLD, pursued=2)
+    assert due(news=True)  # a pellet, or the end of the round
 
 
-def test_a_pellet_or_the_end_of_the_round_asks() -> None:
-    assert due(news=True)
-
-
-def test_a_ghost_that_comes_near_asks_once_and_then_in_short_intervals() -> None:
+def test_near_ghost_asks_once_then_at_short_intervals() -> None:
     assert due(before=FAR, now=NEAR)
     assert not due(before=NEAR, now=NEAR)
     assert due(before=NEAR, now=NEAR, waited=RULES.threat_longest)
@@ -52,7 +48,7 @@ def test_a_ghost_that_comes_near_asks_once_and_then_in_short_intervals() -> None
 
 
 @given(st.floats(0, 10), st.floats(0, 10))
-def test_after_the_longest_interval_it_is_asked_in_any_case(before: float, now: float) -> None:
+def test_decision_is_due_after_longest_interval(before: float, now: float) -> None:
     assert due(before=before, now=now, waited=RULES.longest)
 
 
@@ -62,10 +58,108 @@ def test_after_the_longest_interval_it_is_asked_in_any_case(before: float, now: 
         ({"decisions.when": "event", "decisions.longest_s": 0.4}, "decisions.longest_s"),
         ({"decisions.when": "event", "decisions.threat_longest_s": 0.1}, "threat_longest_s"),
         ({"decisions.when": "event", "action": "velocity"}, "decisions.when"),
-        ({"decisions.discount_per_s": 0.0}, "decisions.discount_per_s"),
-        ({"decisions.when": "never"}, "decisions.when"),
     ],
 )
-def test_rules_that_make_no_sense_are_refused_by_name(settings: dict[str, object], named: str) -> None:
+def test_impossible_rules_are_refused_by_name(settings: dict[str, object], named: str) -> None:
     with pytest.raises(ConfigError, match=named):
         make_config("robot", "robust", **settings)
+
+
+# One robot
+
+
+PELLETS, REFUGES = 3, 1
+SIM_HOLD = PELLETS + REFUGES
+CONFIG = make_config(**{"decisions.when": "event"})
+TICK_S = CONFIG.execution.tick_s
+
+
+def moment(time_s: float, pursued: int = 1, pellets: object = "all", distance: float = FAR) -> Moment:
+    return Moment(time_s, pursued, pellets, distance)
+
+
+def decided(choice: int = 1, config: Any = CONFIG, **at: Any) -> LastDecision:
+    last = LastDecision(config)
+    last.decide(choice, moment(0.0, **at))
+    return last
+
+
+def test_the_first_decision_of_a_round_is_due() -> None:
+    last = LastDecision(CONFIG)
+    assert last.due(moment(0.0))
+    last.decide(1, moment(0.0))
+    assert not last.due(moment(TICK_S))
+    last.forget()
+    assert last.due(moment(TICK_S))
+    assert decided(config=make_config()).due(moment(TICK_S))  # decisions at each tick
+
+
+@pytest.mark.parametrize(
+    ("distance", "longest_s"), [(FAR, CONFIG.decisions.longest_s), (NEAR, CONFIG.decisions.threat_longest_s)]
+)
+@pytest.mark.parametrize("early", [0.0, 0.2, -0.2])  # of a tick, as timers are
+def test_longest_time_tolerates_early_and_late_timers(distance: float, longest_s: float, early: float) -> None:
+    last = decided(distance=distance)
+    due = [tick for tick in range(1, 20) if last.due(moment((tick - early) * TICK_S, distance=distance))]
+    assert due[0] == round(longest_s / TICK_S)
+
+
+def test_forbidden_choice_holds_and_asks_again() -> None:
+    last = LastDecision(CONFIG)
+    last.decide(2, moment(0.0), allowed=False)
+    assert last.choice == HOLD
+    assert last.due(moment(TICK_S, pursued=HOLD))
+
+
+def test_clock_set_back_makes_decision_due() -> None:
+    last = LastDecision(CONFIG)
+    last.decide(1, moment(100.0))
+    assert last.due(moment(3.0))
+
+
+ticks = st.lists(
+    st.tuples(
+        st.integers(0, SIM_HOLD),  # what the planner says if it is asked
+        st.sampled_from(["chosen", "chosen", "chosen", "none", "other"]),  # what is pursued after the tick
+        st.booleans() | st.just(False),  # a pellet is collected in it
+        st.sampled_from([NEAR, FAR, CONFIG.decisions.threat_distance_m]),
+        st.sampled_from([False] * 15 + [True]),  # a round follows
+    ),
+    min_size=10,
+    max_size=60,
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(ticks=ticks)
+def test_simulator_asks_at_the_same_ticks(ticks: list[tuple[int, str, bool, float, bool]]) -> None:
+    games, before, last = np.zeros(1, GAME), np.zeros(1, LAST_DECISION), LastDecision(CONFIG)
+    game, parameters = games[0], batch_parameters(CONFIG, 0.05, PELLETS, REFUGES)
+    game["end"], game["pursued"], game["distance"], game["round"] = RUNNING, NO_CHOICE, FAR, 1
+    awake = np.zeros(1, np.bool_)
+    choice = np.full(1, SIM_HOLD)
+    for name in ("tick", "distance", "round"):
+        before[name] = games[name]
+    for said, pursued, collects, distance, follows in ticks:
+        now = Moment(
+            float(game["tick"]) * TICK_S,
+            int(game["pursued"]),
+            (int(game["round"]), int(game["collected"])),
+            float(game["distance"]),
+        )
+        assert last.due(now) == (not awake[0])
+        if not awake[0]:
+            choice[0], awake[0] = said, True
+            for name in ("tick", "distance", "round"):
+                before[name] = games[name]
+            last.decide(HOLD if said == SIM_HOLD else said, now)
+        goal = NO_CHOICE if choice[0] == SIM_HOLD else int(choice[0])
+        game["pursued"] = {"chosen": goal, "none": NO_CHOICE, "other": (goal + 1) % SIM_HOLD}[pursued]
+        game["distance"] = distance
+        game["tick_pellets"] = collects
+        game["collected"] += collects
+        game["tick"] += 1
+        if follows:
+            game["round"] += 1
+            game["tick"] = game["collected"] = 0
+        awake[0] = not kernels.due(game, choice[0], before[0], parameters[0])

@@ -10,19 +10,19 @@ def words(event: str) -> tuple[str | None, str | None, str | None]:
     return answer.light and answer.light.word, answer.sound and answer.sound.word, answer.motion
 
 
-def test_every_word_of_the_contract_is_answered() -> None:
+def test_every_event_has_feedback() -> None:
     plain = ["start", "start theatrical", "pellet", "power pellet", "death", "game over", "win", "reset"]
     assert set(FEEDBACK) == {*plain, *(f"{g} {fate}" for g in GHOST_NAMES for fate in ("caught", "killed"))}
 
 
-def test_every_word_stands_for_one_light_or_sound() -> None:
+def test_every_event_names_a_known_light_and_sound() -> None:
     for answer in FEEDBACK.values():
         assert answer.light is not None
         assert LIGHTS[answer.light.word] == answer.light
         assert answer.sound is None or SOUNDS[answer.sound.word] == answer.sound
 
 
-def test_the_answers_are_those_of_algorithm_6() -> None:
+def test_feedback_is_that_of_algorithm_6() -> None:
     assert words("start theatrical") == ("start", "pacman_theme", "spin")
     assert words("pellet") == ("pellet", "pellet", None)
     assert words("power pellet") == ("power pellet", "power pellet", None)
@@ -31,7 +31,7 @@ def test_the_answers_are_those_of_algorithm_6() -> None:
     assert words("reset") == ("off", None, "stop")
 
 
-def test_a_ghost_that_kills_shakes_the_robot_and_one_that_is_caught_does_not() -> None:
+def test_only_a_killing_ghost_shakes_the_robot() -> None:
     for ghost in GHOST_NAMES:
         assert words(f"{ghost} killed") == (f"{ghost} killed", "death", "shake")
         assert words(f"{ghost} caught") == (f"{ghost} caught", "ghost", None)

@@ -58,7 +58,7 @@ def test_ghosts_stand_out_from_light_and_dark_floors(floor: tuple[int, int, int]
 # Walk
 
 
-def test_he_walks_exactly_his_speed_along_his_path_and_stops_only_at_targets() -> None:
+def test_ghost_walks_its_speed_and_stops_at_targets() -> None:
     _, cells = house()
     node, queue = search_memory(len(cells.position), cells.longest)
     paths = np.zeros((1, cells.longest), dtype=np.int32)
@@ -88,7 +88,7 @@ def test_he_walks_exactly_his_speed_along_his_path_and_stops_only_at_targets() -
     assert full > 1000
 
 
-def test_his_targets_are_uniform_over_his_part() -> None:
+def test_targets_are_uniform_over_the_connected_part() -> None:
     cells = pocket_cells()
     draws = 20000
     for part in (0, 1):
@@ -125,17 +125,12 @@ def sent(offset: float, start: int, first: int, second: int) -> tuple[np.ndarray
     return g, path[: g["path_length"][0]].tolist()
 
 
-def test_sent_elsewhere_on_a_cell_he_turns_at_once() -> None:
+def test_redirected_ghost_turns_at_the_next_cell() -> None:
     _, cells = house()
     start, first, second = cells.part_cells[[50, 1500, 900]].tolist()
     g, path = sent(0.0, start, first, second)
     assert path == way_between(cells, start, second)
     assert (g["path_index"][0], g["path_offset"][0]) == (0, 0.0)
-
-
-def test_sent_elsewhere_between_two_cells_he_first_walks_on_to_the_second() -> None:
-    _, cells = house()
-    start, first, second = cells.part_cells[[50, 1500, 900]].tolist()
     following = way_between(cells, start, first)[1]
     for target in (second, start, following):
         g, path = sent(0.03, start, first, target)
@@ -143,7 +138,7 @@ def test_sent_elsewhere_between_two_cells_he_first_walks_on_to_the_second() -> N
         assert (g["path_index"][0], g["path_offset"][0]) == (0, 0.03)  # he is where he was
 
 
-def test_sent_where_he_is_going_he_goes_on_and_sent_where_no_way_leads_too() -> None:
+def test_ghost_keeps_path_for_same_or_unreachable_target() -> None:
     _, cells = house()
     start, first = cells.part_cells[[50, 1500]].tolist()
     assert sent(0.03, start, first, first)[1] == way_between(cells, start, first)
@@ -170,23 +165,20 @@ def goes_to(name: str, robot: tuple[float, float]) -> tuple[float, float]:
     return entry.target(view, entry.constants(make_config(**{"clyde.arcade_distance_m": 5.0})))
 
 
-def test_the_arcade_clyde_chases_beyond_his_distance_only() -> None:
+def test_arcade_ghost_chases_only_beyond_its_distance() -> None:
     assert goes_to("arcade", (3.0, -4.01)) == (3.0, -4.01)
     assert goes_to("arcade", (3.0, -4.0)) == (-9.0, -9.0)
     assert goes_to("arcade", (0.0, 0.0)) == (-9.0, -9.0)
 
 
-def test_he_who_chases_goes_for_the_robot_and_he_who_wanders_nowhere_in_particular() -> None:
+def test_chaser_targets_robot_and_wanderer_nothing() -> None:
     assert goes_to("chase", (0.1, 0.0)) == (0.1, 0.0)
     assert np.isnan(goes_to("wander", (0.1, 0.0))).all()
-
-
-def test_a_behaviour_that_there_is_not_is_refused_with_those_that_there_are() -> None:
     with pytest.raises(ConfigError, match=f"unknown ghost behaviour 'sleep': choose one of {', '.join(BEHAVIOURS)}"):
         find_behaviour("sleep")
 
 
-def test_every_ghost_of_every_game_has_a_stream_of_its_own() -> None:
+def test_every_ghost_has_its_own_stream() -> None:
     streams = {int(ghost_stream(np.uint64(seed), number)) for seed in range(500) for number in range(4)}
     assert len(streams) == 2000
 
@@ -212,40 +204,20 @@ def parts_under(cells: ClydeCells, place: np.ndarray) -> set[int]:
     return set(cells.part[distance.argmin(axis=0)].tolist())
 
 
-def test_connected_he_starts_where_he_can_come_to_the_robot_and_not_beside_it() -> None:
-    config = make_config("robot", **{"pellets.spacing_m": 1.0})
-    assets, place = spawn_places(config)
+def test_ghost_starts_connected_and_away_from_robot() -> None:
+    assets, place = spawn_places(make_config("robot", **{"pellets.spacing_m": 1.0}))
     assert parts_under(assets.clyde, place) == {assets.clyde_part}
     distance = np.hypot(*(place - assets.grid.home[:2]).T)
     assert 1.5 <= distance.min() < 1.8
     assert distance.max() > 4.0
-
-
-def test_anywhere_he_starts_in_pockets_too() -> None:
     changes = {"pellets.spacing_m": 1.0, "clyde.spawn": "anywhere", "clyde.spawn_distance_m": 4.4}
     assets, place = spawn_places(make_config("robot", **changes), 2000)
     assert np.hypot(*(place - assets.grid.home[:2]).T).min() >= 4.4
     assert parts_under(assets.clyde, place) == {0, 1}
 
 
-def test_without_a_distance_he_may_start_beside_the_robot() -> None:
-    assets, place = spawn_places(
-        make_config("robot", **{"pellets.spacing_m": 1.0, "clyde.spawn_distance_m": 0.0}), 3000
-    )
-    assert np.hypot(*(place - assets.grid.home[:2]).T).min() < 0.3
-
-
-def test_where_no_cell_is_far_enough_he_starts_on_the_farthest() -> None:
-    config = make_config("robot", **{"pellets.spacing_m": 1.0, "clyde.spawn_distance_m": 50.0})
-    assets, place = spawn_places(config, 20)
-    cells = assets.clyde.position[assets.clyde.cells_in(assets.clyde_part)]
-    farthest = np.hypot(*(cells - assets.grid.home[:2]).T).max()
-    np.testing.assert_allclose(np.hypot(*(place - assets.grid.home[:2]).T), farthest)
-
-
-@pytest.mark.parametrize("preset", ["robot", "ideal"])
-def test_he_walks_the_same_way_whatever_the_robot_does(preset: str) -> None:
-    config = make_config(preset, **{"execution.death_radius_m": 1e-6})
+def test_wanderer_ignores_the_robot() -> None:
+    config = make_config("robot", **{"execution.death_radius_m": 1e-6})
     assets = map_assets("house", config)
     still, busy = game(assets, config, 6, 70), game(assets, config, 6, 70)
     rng = np.random.default_rng(2)
@@ -259,7 +231,7 @@ def test_he_walks_the_same_way_whatever_the_robot_does(preset: str) -> None:
     assert np.hypot(busy.games["x"] - still.games["x"], busy.games["y"] - still.games["y"]).max() > 1.0
 
 
-def test_he_moves_at_his_update_period_only() -> None:
+def test_ghost_moves_only_at_its_update_period() -> None:
     config = make_config("ideal", **{"clyde.update_period_s": 1.0, "execution.death_radius_m": 1e-6})
     batch = game(map_assets("house", config), config, 1)
     moved = []

@@ -157,7 +157,7 @@ class Sides:
 
 @example(SHOWN_AGAIN)
 @given(st.lists(events, max_size=12))
-def test_a_round_is_complete_with_all_of_its_pellets_whoever_was_killed_meanwhile(
+def test_round_completes_whichever_side_was_killed(
     played: list[tuple[str, Any, int]],
 ) -> None:
     sides = Sides()

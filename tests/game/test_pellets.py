@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pacman_env.config import PelletConfig
-from pacman_env.game.pellets import PelletSet, generate_pellets
+from pacman_env.game.pellets import generate_pellets
 from tests.shared import SHARED, shared_path
 
 
@@ -65,7 +65,7 @@ def brute_force(map: GreyMap, config: PelletConfig) -> list[tuple[int, int]]:
 
 
 @pytest.mark.parametrize(("name", "wide", "narrow"), published_counts() or [("pacmanbot_house", 8, 24)])
-def test_real_maps_have_the_published_number_of_pellets(name: str, wide: int, narrow: int) -> None:
+def test_real_maps_have_published_pellet_counts(name: str, wide: int, narrow: int) -> None:
     map = load(name)
     assert len(generate_pellets(map, PelletConfig(spacing_m=2.0))) == wide
     assert len(generate_pellets(map, PelletConfig(spacing_m=1.0))) == narrow
@@ -82,7 +82,9 @@ def test_the_house_has_its_far_pellet() -> None:
     spacing=st.integers(1, 5),
     clearance=st.integers(0, 3),
 )
-def test_pellets_are_those_of_the_document(seed: int, shape: tuple[int, int], spacing: int, clearance: int) -> None:
+def test_pellets_follow_the_documented_algorithm(
+    seed: int, shape: tuple[int, int], spacing: int, clearance: int
+) -> None:
     grey = np.where(np.random.default_rng(seed).random(shape) < 0.9, 254, 205).astype(np.uint8)
     config = PelletConfig(spacing_m=spacing * 0.1, wall_clearance_m=clearance * 0.1)
     pellets = generate_pellets(GreyMap(grey), config)
@@ -90,7 +92,7 @@ def test_pellets_are_those_of_the_document(seed: int, shape: tuple[int, int], sp
     assert pellets.ids.tolist() == list(range(len(pellets)))
 
 
-def test_position_follows_the_documents_formula() -> None:
+def test_positions_follow_the_documented_formula() -> None:
     map = GreyMap(np.full((30, 20), 254, np.uint8), resolution=0.05, origin=(-3.0, 7.0, 0.0))
     pellets = generate_pellets(map, PelletConfig(spacing_m=0.5, wall_clearance_m=0.1))
     u, v = pellets.pixel.T
@@ -98,7 +100,7 @@ def test_position_follows_the_documents_formula() -> None:
     assert pellets.pixel.tolist() == [[10, 10], [10, 20]]
 
 
-def test_a_turned_map_frame_turns_the_pellets_about_its_corner() -> None:
+def test_pellets_turn_with_the_map_frame() -> None:
     grey = np.full((30, 20), 254, np.uint8)
     config = PelletConfig(spacing_m=0.5, wall_clearance_m=0.1)
     straight = generate_pellets(GreyMap(grey), config).position
@@ -107,22 +109,18 @@ def test_a_turned_map_frame_turns_the_pellets_about_its_corner() -> None:
 
 
 @pytest.mark.parametrize(("grey", "count"), [(250, 0), (251, 4)])
-def test_free_means_brighter_than_the_threshold(grey: int, count: int) -> None:
+def test_free_cells_are_brighter_than_threshold(grey: int, count: int) -> None:
     map = GreyMap(np.full((2, 2), grey, np.uint8))
     assert len(generate_pellets(map, PelletConfig(spacing_m=0.1, wall_clearance_m=0.0))) == count
 
 
-def test_an_empty_set_has_the_shapes_of_a_full_one() -> None:
-    pellets: PelletSet = generate_pellets(GreyMap(np.zeros((5, 5), np.uint8)), PelletConfig())
-    assert pellets.ids.shape == (0,)
-    assert pellets.position.shape == pellets.pixel.shape == (0, 2)
-    assert (pellets.ids.dtype, pellets.position.dtype, pellets.pixel.dtype) == (
-        np.int64,
-        np.float64,
-        np.int64,
-    )
+def test_set_without_pellets_keeps_its_shapes() -> None:
+    pellets = generate_pellets(GreyMap(np.zeros((5, 5), np.uint8)), PelletConfig())
+    assert [(a.shape, a.dtype) for a in (pellets.ids, pellets.position, pellets.pixel)] == [
+        *[((0,), np.int64), ((0, 2), np.float64), ((0, 2), np.int64)],
+    ]
 
 
-def test_a_spacing_below_the_resolution_is_refused() -> None:
+def test_spacing_below_resolution_is_refused() -> None:
     with pytest.raises(ValueError, match=r"spacing_m = 0\.01"):
         generate_pellets(GreyMap(np.full((5, 5), 254, np.uint8)), PelletConfig(spacing_m=0.01))

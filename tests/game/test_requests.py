@@ -5,7 +5,7 @@ import pytest
 from pacman_env.game.requests import AGAIN_S, CALLS, EFFECT_S, Removals, Requests
 
 
-def test_a_service_is_called_until_it_answers() -> None:
+def test_service_is_called_until_it_answers() -> None:
     requests = Requests()
     requests.ask("reset_pellets", 10.0)
     assert requests.due(10.0, lambda name: False) == []
@@ -19,7 +19,7 @@ def test_a_service_is_called_until_it_answers() -> None:
 
 
 @pytest.mark.parametrize("gone", [False, True])
-def test_a_server_that_does_not_answer_three_times_is_reported_even_if_it_has_gone_meanwhile(gone: bool) -> None:
+def test_server_silent_three_times_is_reported(gone: bool) -> None:
     requests = Requests()
     requests.ask("reset_pellets", 0.0)
     for call in range(CALLS):
@@ -32,7 +32,7 @@ def test_a_server_that_does_not_answer_three_times_is_reported_even_if_it_has_go
     assert requests.overdue(late_s) == {}
 
 
-def test_a_service_without_a_server_is_reported_as_that() -> None:
+def test_missing_server_is_reported() -> None:
     requests = Requests()
     requests.ask("reset_clyde", 0.0)
     assert requests.overdue(CALLS * AGAIN_S - 0.1) == {}
@@ -42,7 +42,7 @@ def test_a_service_without_a_server_is_reported_as_that() -> None:
     assert requests.unanswered("reset_clyde") == "reset_clyde: no answer to 1 call"
 
 
-def test_a_pellet_that_is_shown_long_after_its_removal_is_reported() -> None:
+def test_pellet_shown_after_removal_is_reported() -> None:
     removals = Removals()
     removals.shown(frozenset({4, 3}), 10.0)
     removals.shown(frozenset({3}), 10.0 + EFFECT_S - 0.1)

@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pacman_env.config import ShowConfig
-from pacman_env.game.execution import round_complete
 from pacman_env.game.round import Action, RoundController, awaits_pellets, clyde_speed_mps
 
 SHOWN = ("command", "event", "state", "score", "round", "clyde_speed", "collected", "spawned", "result")
@@ -61,7 +60,7 @@ def test_a_pellet_follows_the_recorded_game() -> None:
     ]
 
 
-def test_the_last_pellet_and_the_way_home_follow_the_recorded_game() -> None:
+def test_last_pellet_follows_the_recorded_game() -> None:
     game = running(2)
     game.status("pellet_collected:0", 20.0)
     assert words(game.status("pellet_collected:1", 30.0)) == [
@@ -92,7 +91,7 @@ def test_the_last_pellet_and_the_way_home_follow_the_recorded_game() -> None:
     assert [a.kind for a in home if a.kind.startswith("reset")] == ["reset_pellets", "reset_clyde"]
 
 
-def test_death_follows_the_recorded_game_and_resets_score_and_round() -> None:
+def test_death_follows_the_recorded_game() -> None:
     game = running()
     game.round = 3
     game.status("pellet_collected:0", 20.0)
@@ -109,7 +108,7 @@ def test_death_follows_the_recorded_game_and_resets_score_and_round() -> None:
     assert game.result == "Death - Score: 1"
 
 
-def test_the_next_round_goes_on_with_score_and_speed() -> None:
+def test_next_round_keeps_score_and_raises_speed() -> None:
     game = running(1)
     game.status("pellet_collected:0", 20.0)
     game.status("home_reached", 30.0)
@@ -121,14 +120,7 @@ def test_the_next_round_goes_on_with_score_and_speed() -> None:
     assert (game.score, game.result) == (2, "Complete - Score: 2")
 
 
-def test_a_pellet_counts_once() -> None:
-    game = running()
-    game.status("pellet_collected:3", 20.0)
-    assert ignored(game.status("pellet_collected:3", 20.5))
-    assert (game.score, game.collected) == (1, 1)
-
-
-def test_a_stale_pellet_report_does_not_keep_the_round_from_completing() -> None:
+def test_stale_pellet_report_does_not_prevent_completion() -> None:
     game = running(2)
     game.status("pellet_collected:0", 20.0)
     game.pellets_left([1], 20.5)
@@ -139,7 +131,7 @@ def test_a_stale_pellet_report_does_not_keep_the_round_from_completing() -> None
 
 
 @pytest.mark.parametrize("seen_before_the_status", [[1, 2], [2]])
-def test_a_pellet_report_that_overtakes_the_status_does_not_end_the_round(
+def test_overtaking_pellet_report_does_not_end_round(
     seen_before_the_status: list[int],
 ) -> None:
     game = running(3)
@@ -150,7 +142,7 @@ def test_a_pellet_report_that_overtakes_the_status_does_not_end_the_round(
 
 
 @pytest.mark.parametrize("reported", [False, True])
-def test_a_round_without_a_pellet_does_not_begin_before_there_is_one(reported: bool) -> None:
+def test_round_waits_for_its_first_pellet(reported: bool) -> None:
     game = RoundController()
     game.start(0.0)
     game.status("home_reached", 1.0)
@@ -166,7 +158,7 @@ def test_a_round_without_a_pellet_does_not_begin_before_there_is_one(reported: b
     assert not awaits_pellets(game, 21.1)
 
 
-def test_game_complete_after_the_last_pellet_raises_the_round_once() -> None:
+def test_round_number_rises_once_per_completion() -> None:
     game = running(1)
     game.status("pellet_collected:0", 20.0)
     assert ignored(game.status("game_complete", 20.1))
@@ -174,7 +166,7 @@ def test_game_complete_after_the_last_pellet_raises_the_round_once() -> None:
     assert game.round == 2
 
 
-def test_a_failed_way_home_is_tried_again_and_then_reported() -> None:
+def test_failed_way_home_is_retried_then_reported() -> None:
     game = RoundController(show=ShowConfig(home_retries=2, home_retry_s=5.0))
     game.start(0.0)
     for now in (10.0, 20.0):
@@ -188,48 +180,32 @@ def test_a_failed_way_home_is_tried_again_and_then_reported() -> None:
     assert ("state", "starting") in words(game.status("home_reached", 41.0))
 
 
-def test_a_way_home_that_fails_after_a_win_keeps_score_and_next_round() -> None:
-    game = running(1, home_retries=0)
+@pytest.mark.parametrize("dies", [False, True])
+def test_failed_way_home_ends_rounds_as_usual(dies: bool) -> None:
+    game = running(2 if dies else 1, home_retries=0)
     game.status("pellet_collected:0", 20.0)
-    game.status("home_failed", 30.0)
-    assert (game.state, game.result, game.score, game.round) == ("menu", "home_failed", 1, 2)
-
-
-def test_a_way_home_that_fails_after_death_still_resets_the_game() -> None:
-    game = running(home_retries=0)
-    game.status("pellet_collected:0", 20.0)
-    game.status("death_detected", 30.0)
-    game.tick(35.0)
+    if dies:
+        game.status("death_detected", 30.0)
+        game.tick(35.0)
     game.status("home_failed", 40.0)
-    assert (game.state, game.result, game.score, game.round) == ("menu", "home_failed", 0, 1)
+    assert (game.state, game.result) == ("menu", "home_failed")
+    assert (game.score, game.round) == ((0, 1) if dies else (1, 2))
 
 
-def test_arriving_home_calls_off_the_next_try() -> None:
-    game = RoundController()
-    game.start(0.0)
-    game.status("home_failed", 1.0)
-    game.status("home_reached", 2.0)
-    assert game.tick(7.0) == []
-    assert game.state == "starting"
-
-
-def test_one_failure_reported_twice_is_one_failure() -> None:
+def test_repeated_failure_counts_once_until_home_is_reached() -> None:
     game = RoundController(show=ShowConfig(home_retries=1))
     game.start(0.0)
     game.status("home_failed", 1.0)
     assert ignored(game.status("home_failed", 1.1))
+    assert ignored(game.start(1.2))  # outside the menu
     assert game.state == "returning_home"
+    game.status("home_reached", 2.0)
+    assert game.tick(7.0) == []  # no other try
+    assert game.state == "starting"
 
 
-def test_start_is_refused_outside_the_menu() -> None:
-    game = running()
-    assert ignored(game.start(20.0))
-    assert game.state == "running"
-
-
-@pytest.mark.parametrize("word", ["pellet_collected:1", "death_detected", "game_complete"])
 @pytest.mark.parametrize("state", ["menu", "returning_home", "starting", "dying"])
-def test_game_statuses_outside_of_running_are_ignored(word: str, state: str) -> None:
+def test_game_statuses_outside_of_running_are_ignored(state: str) -> None:
     game = RoundController()
     if state != "menu":
         game.start(0.0)
@@ -240,8 +216,9 @@ def test_game_statuses_outside_of_running_are_ignored(word: str, state: str) -> 
         game.tick(9.0)
         game.status("death_detected", 10.0)
     assert game.state == state
-    assert ignored(game.status(word, 11.0))
-    assert (game.state, game.score) == (state, 0)
+    for word in ("pellet_collected:1", "death_detected", "game_complete"):
+        assert ignored(game.status(word, 11.0))
+        assert (game.state, game.score) == (state, 0)
 
 
 @pytest.mark.parametrize(
@@ -249,7 +226,7 @@ def test_game_statuses_outside_of_running_are_ignored(word: str, state: str) -> 
     ["", "pellet", "pellet_collected", "pellet_collected:", "pellet_collected:-1", "pellet_collected:x",
      "pellet_collected:" + "9" * 5000, "pellet_collected:²", "death_detected:1"],
 )  # fmt: skip
-def test_a_word_that_is_no_status_is_ignored_with_a_reason(word: str) -> None:
+def test_unknown_status_is_ignored_with_a_reason(word: str) -> None:
     game = running()
     actions = game.status(word, 20.0)
     assert ignored(actions)
@@ -257,8 +234,8 @@ def test_a_word_that_is_no_status_is_ignored_with_a_reason(word: str) -> None:
     assert (game.state, game.score) == ("running", 0)
 
 
-@pytest.mark.parametrize("before", ["starting", "running", "dying", "returning_home"])
-def test_reset_leads_to_a_fresh_menu_from_anywhere(before: str) -> None:
+@pytest.mark.parametrize("before", ["starting", "running", "returning_home"])
+def test_reset_leads_to_a_fresh_menu(before: str) -> None:
     game = running()
     game.status("pellet_collected:0", 20.0)
     if before == "starting":
@@ -267,8 +244,7 @@ def test_reset_leads_to_a_fresh_menu_from_anywhere(before: str) -> None:
         game.status("home_reached", 1.0)
     elif before != "running":
         game.status("death_detected", 21.0)
-        if before == "returning_home":
-            game.tick(26.0)
+        game.tick(26.0)
     assert game.state == before
     assert words(game.reset(30.0), "command", "event", "state", "score", "round") == [
         ("command", "disable"),
@@ -282,7 +258,7 @@ def test_reset_leads_to_a_fresh_menu_from_anywhere(before: str) -> None:
     assert (game.result, game.spawned, game.collected) == ("", 0, 0)
 
 
-def test_the_base_speed_is_announced_in_the_menu_and_kept_for_later_elsewhere() -> None:
+def test_base_speed_is_announced_in_the_menu() -> None:
     game = RoundController()
     assert words(game.base_clyde_speed(0.4)) == [("clyde_speed", 0.4)]
     game.start(0.0)
@@ -292,14 +268,14 @@ def test_the_base_speed_is_announced_in_the_menu_and_kept_for_later_elsewhere() 
     assert ("clyde_speed", 0.5) in words(game.tick(9.0))
 
 
-@pytest.mark.parametrize("speed", [0.0, -0.1, float("nan"), float("inf")])
-def test_a_base_speed_that_is_none_is_ignored(speed: float) -> None:
+def test_impossible_base_speed_is_ignored() -> None:
     game = RoundController()
-    assert ignored(game.base_clyde_speed(speed))
+    for speed in (0.0, -0.1, math.nan, math.inf):
+        assert ignored(game.base_clyde_speed(speed))
     assert game.clyde_speed == 0.25
 
 
-def test_announce_gives_every_latched_value_and_changes_nothing() -> None:
+def test_announce_repeats_latched_values_and_changes_nothing() -> None:
     game = RoundController()
     kinds = {a.kind for a in game.announce()}
     assert kinds == {
@@ -318,7 +294,7 @@ def test_announce_gives_every_latched_value_and_changes_nothing() -> None:
         max_size=40,
     )
 )
-def test_no_order_of_inputs_breaks_the_books(inputs: list[str]) -> None:
+def test_counts_are_consistent_for_any_inputs(inputs: list[str]) -> None:
     game = RoundController()
     shown: dict[str, object] = {}
     counted = 0
@@ -364,7 +340,7 @@ INPUTS = st.one_of(
 
 
 @given(st.lists(INPUTS, max_size=25), st.lists(INPUTS, max_size=15), st.integers(-100, 1000))
-def test_a_restored_game_goes_on_as_if_nothing_had_been(before: list[str], after: list[str], away_s: int) -> None:
+def test_restored_game_continues_alike(before: list[str], after: list[str], away_s: int) -> None:
     game = RoundController()
     for step, word in enumerate(before):
         act(game, word, 2.0 * step)
@@ -379,7 +355,7 @@ def test_a_restored_game_goes_on_as_if_nothing_had_been(before: list[str], after
         assert act(other, word, now + away_s + 2.0 * step) == act(game, word, now + 2.0 * step)
 
 
-def test_a_running_round_is_taken_up_without_a_reset() -> None:
+def test_restored_running_round_is_not_reset() -> None:
     game = running()
     game.status("pellet_collected:3", 20.0)
     said = RoundController().restore(game.snapshot(21.0), 0.0)
@@ -396,7 +372,7 @@ def test_a_running_round_is_taken_up_without_a_reset() -> None:
     assert not [action for action in said if action.kind.startswith("reset")]
 
 
-def test_the_shows_go_on_with_the_rest_of_their_time() -> None:
+def test_restored_shows_last_their_remaining_time() -> None:
     game = RoundController()
     game.start(0.0)
     game.status("home_reached", 1.0)
@@ -416,7 +392,7 @@ def test_the_shows_go_on_with_the_rest_of_their_time() -> None:
     assert words(third.tick(4.0), "command") == [("command", "return_home")]
 
 
-def test_the_way_home_is_begun_again_but_not_before_the_next_try_is_due() -> None:
+def test_restored_way_home_waits_for_its_retry() -> None:
     game = running()
     game.status("death_detected", 20.0)
     game.tick(25.0)
@@ -441,7 +417,7 @@ def test_the_way_home_is_begun_again_but_not_before_the_next_try_is_due() -> Non
     ],
     ids=str,
 )
-def test_what_is_no_snapshot_is_named_and_changes_nothing(change: dict[str, Any]) -> None:
+def test_bad_snapshot_is_refused_and_changes_nothing(change: dict[str, Any]) -> None:
     game = running()
     game.status("death_detected", 20.0)
     other = running(3)
@@ -455,7 +431,7 @@ def test_what_is_no_snapshot_is_named_and_changes_nothing(change: dict[str, Any]
         other.restore(short, 9.0)
 
 
-def test_a_collected_pellet_that_is_shown_twice_again_is_removed_again() -> None:
+def test_collected_pellet_shown_twice_is_removed_again() -> None:
     game = running(3)
     game.status("pellet_collected:1", 20.0)
     assert game.pellets_left([0, 1, 2], 21.0) == []  # a report from before its removal
@@ -470,18 +446,11 @@ def test_a_collected_pellet_that_is_shown_twice_again_is_removed_again() -> None
 
 
 @pytest.mark.parametrize(("round", "speed"), [(1, 0.25), (2, 0.30), (5, 0.45)])
-def test_clydes_speed_rises_by_one_step_each_round(round: int, speed: float) -> None:
+def test_ghost_speed_rises_each_round(round: int, speed: float) -> None:
     assert clyde_speed_mps(0.25, 0.05, round) == pytest.approx(speed)
 
 
-@pytest.mark.parametrize(
-    ("collected", "spawned", "complete"), [(0, 0, False), (7, 8, False), (8, 8, True), (9, 8, True)]
-)
-def test_a_round_is_complete_when_all_spawned_are_collected(collected: int, spawned: int, complete: bool) -> None:
-    assert round_complete(collected, spawned) is complete
-
-
-def test_a_pellet_that_no_report_of_the_round_has_shown_does_not_count() -> None:
+def test_pellet_never_reported_does_not_count() -> None:
     game = running(2)
     assert ignored(game.status("pellet_collected:4711", 20.0))
     assert (game.score, game.collected, game.spawned) == (0, 0, 2)
@@ -495,7 +464,7 @@ def test_a_pellet_that_no_report_of_the_round_has_shown_does_not_count() -> None
     assert ignored(game.status("pellet_collected:1", 41.0))
 
 
-def test_pellets_that_went_while_the_referee_was_away_are_waited_for() -> None:
+def test_pellets_gone_during_a_freeze_are_awaited() -> None:
     game = running(13)
     for second in range(2, 5):
         game.pellets_left(range(13), float(second))
@@ -512,20 +481,8 @@ def test_pellets_that_went_while_the_referee_was_away_are_waited_for() -> None:
     assert not words(said, "spawned")
 
 
-def test_a_referee_who_went_after_the_first_report_of_a_round_still_knows_its_pellets() -> None:
-    game = running(3)  # one report
-    game.pellets_left([2], 40.0)
-    assert game.spawned == 3
-    kept = running(3)
-    back = RoundController()
-    assert Action("spawned", 3) in back.restore(kept.snapshot(10.0), 10.1)
-    assert back.pellets_left([2], 10.2) == []
-    assert (back.spawned, back.collected) == (3, 0)
-    assert ("event", "win") not in words(back.status("pellet_collected:0", 10.3))
-
-
 @given(st.lists(st.sampled_from([[], [0, 1, 2], [1], [7, 8]]), max_size=12))
-def test_no_report_ends_a_round_or_forgets_a_pellet_that_lasted(reports: list[list[int]]) -> None:
+def test_no_report_ends_a_round(reports: list[list[int]]) -> None:
     game = running(3)
     game.pellets_left(range(3), 10.0)
     for k, report in enumerate(reports):

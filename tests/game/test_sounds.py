@@ -8,7 +8,7 @@ from pacman_env.game.events import SOUNDS
 from pacman_env.game.sounds import SoundQueue, frequency_hz
 
 
-def test_every_word_of_the_contract_has_a_melody() -> None:
+def test_every_word_has_a_melody() -> None:
     assert set(SOUNDS) == {"start", "pacman_theme", "pellet", "power pellet", "ghost", "death", "win"}
 
 
@@ -19,17 +19,17 @@ def test_frequencies_follow_equal_temperament() -> None:
     assert all(0 < frequency_hz(note) < 65536 for sound in SOUNDS.values() for note, _ in sound.melody)
 
 
-def test_the_theme_is_as_long_as_the_recorded_one() -> None:
+def test_theme_lasts_as_long_as_recorded() -> None:
     assert len(SOUNDS["pacman_theme"].melody) == 29
     assert SOUNDS["pacman_theme"].duration_s == pytest.approx(6.4)
 
 
-def test_a_pellet_is_over_before_the_next_can_come() -> None:
+def test_pellet_sound_ends_before_the_next_pellet() -> None:
     assert SOUNDS["pellet"].duration_s < 0.25
     assert all(seconds > 0 for sound in SOUNDS.values() for _, seconds in sound.melody)
 
 
-def test_the_win_melody_plays_after_the_pellet_fault_2() -> None:
+def test_win_melody_plays_after_the_pellet() -> None:
     queue = SoundQueue(SOUNDS)
     assert queue.request("pellet", 0.0) == "pellet"
     assert queue.request("win", 0.005) is None
@@ -37,7 +37,7 @@ def test_the_win_melody_plays_after_the_pellet_fault_2() -> None:
     assert queue.ended(2.0) is None
 
 
-def test_a_melody_whose_end_is_never_reported_does_not_block_for_ever_fault_12() -> None:
+def test_melody_without_reported_end_times_out() -> None:
     queue = SoundQueue(SOUNDS)
     queue.request("pacman_theme", 0.0)
     queue.request("win", 1.0)
@@ -50,13 +50,13 @@ def test_a_melody_whose_end_is_never_reported_does_not_block_for_ever_fault_12()
     assert queue.request("pellet", 90.0) == "pellet"
 
 
-def test_a_clock_set_back_does_not_block_for_ever() -> None:
+def test_clock_set_back_does_not_block() -> None:
     queue = SoundQueue(SOUNDS)
     queue.request("pacman_theme", 1000.0)
     assert queue.overdue(3.0)
 
 
-def test_a_burst_of_one_word_counts_once() -> None:
+def test_burst_of_one_word_sounds_once() -> None:
     queue = SoundQueue(SOUNDS)
     assert queue.request("pellet", 1.0) == "pellet"
     queue.ended(1.01)  # refused at once
@@ -66,7 +66,7 @@ def test_a_burst_of_one_word_counts_once() -> None:
     assert queue.request("pellet", 1.11) == "pellet"
 
 
-def test_pellets_and_the_word_that_sounds_are_left_out_meanwhile() -> None:
+def test_pellets_and_repeats_are_skipped_while_sounding() -> None:
     queue = SoundQueue(SOUNDS)
     queue.request("ghost", 0.0)
     assert queue.request("pellet", 0.2) is None
@@ -74,7 +74,7 @@ def test_pellets_and_the_word_that_sounds_are_left_out_meanwhile() -> None:
     assert queue.ended(1.0) is None
 
 
-def test_of_several_that_wait_the_more_important_is_kept_and_of_equals_the_newer() -> None:
+def test_most_important_then_newest_waiting_sound_plays() -> None:
     queue = SoundQueue(SOUNDS)
     queue.request("pellet", 0.0)
     for word in ("ghost", "win", "death", "power pellet", "start"):
@@ -84,7 +84,7 @@ def test_of_several_that_wait_the_more_important_is_kept_and_of_equals_the_newer
 
 
 @given(st.text().filter(lambda word: word not in SOUNDS))
-def test_an_unknown_word_is_refused(word: str) -> None:
+def test_unknown_sound_is_refused(word: str) -> None:
     with pytest.raises(ValueError, match="not one of"):
         SoundQueue(SOUNDS).request(word, 0.0)
 
@@ -95,7 +95,7 @@ def test_an_unknown_word_is_refused(word: str) -> None:
         max_size=30,
     )
 )
-def test_win_and_death_always_sound_unless_one_of_them_does_already(inputs: list[tuple[str, float]]) -> None:
+def test_win_or_death_always_sounds(inputs: list[tuple[str, float]]) -> None:
     queue, now, heard, wanted = SoundQueue(SOUNDS), 0.0, [], set()
     for word, pause in inputs:
         now += pause

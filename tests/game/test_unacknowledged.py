@@ -16,7 +16,7 @@ def repeated(executor: GoalExecutor) -> list[str]:
     return executor.statuses.open()
 
 
-def test_a_pellet_that_is_not_counted_is_reported_again_and_one_that_is_counted_is_not() -> None:
+def test_only_uncounted_pellets_are_reported_again() -> None:
     executor = running()
     executor.statuses.counted(3)  # by an executing side before this one
     executor.check((1.0, 0.0), (), 1.0)
@@ -31,7 +31,7 @@ def test_a_pellet_that_is_not_counted_is_reported_again_and_one_that_is_counted_
     assert repeated(executor) == []
 
 
-def test_nothing_is_reported_again_to_a_game_that_does_not_count_or_has_gone_on() -> None:
+def test_nothing_is_repeated_to_a_non_counting_game() -> None:
     executor = running()
     executor.check((1.0, 0.0), (), 1.0)
     assert repeated(executor) == []
@@ -55,7 +55,7 @@ def in_a_round_of_another(left: list[int], spawned: int, counted: int | None, **
     return executor
 
 
-def test_a_pellet_that_an_executing_side_before_this_one_collected_and_nobody_counted_is_reported() -> None:
+def test_uncounted_pellet_of_a_predecessor_is_reported() -> None:
     executor = in_a_round_of_another([11], 2, None)
     assert executor.reported == []  # type: ignore[attr-defined]
     executor.statuses.counted(0)  # the referee is back
@@ -75,7 +75,7 @@ def test_a_pellet_that_an_executing_side_before_this_one_collected_and_nobody_co
         ([11], 2, 0, {"execution.on_abort": "lose_pellet"}),
     ],
 )
-def test_nothing_is_reported_of_a_round_of_another_in_which_all_was_counted_or_nothing_is_known(
+def test_nothing_is_reported_when_predecessor_was_counted(
     left: list[int], spawned: int, counted: int, settings: dict[str, str]
 ) -> None:
     executor = in_a_round_of_another(left, spawned, counted, **settings)
@@ -84,14 +84,14 @@ def test_nothing_is_reported_of_a_round_of_another_in_which_all_was_counted_or_n
     assert repeated(executor) == []
 
 
-def test_a_round_that_begins_is_not_one_of_another() -> None:
+def test_new_round_reports_nothing_of_a_predecessor() -> None:
     executor = in_a_round_of_another([10, 11], 2, None)
     executor.command("reset_round", 1.0)
     executor.statuses.counted(0)
     assert words(executor.pellets([11], 0, 1.0)) == []
 
 
-def test_counting_begins_again_with_the_round() -> None:
+def test_counting_restarts_with_the_round() -> None:
     executor = running()
     executor.statuses.counted(8)  # of the round before: the new count comes a little later
     executor.command("reset_round", 1.0)
@@ -101,7 +101,7 @@ def test_counting_begins_again_with_the_round() -> None:
     assert repeated(executor) == []
 
 
-def test_a_death_that_the_referee_did_not_hear_of_stays_one_and_is_reported_again() -> None:
+def test_unheard_death_persists_and_is_repeated() -> None:
     executor = running()
     executor.check((0.0, 0.0), [(0.1, 0.0)], 1.0)
     assert executor.command("enable", 5.0) == []  # a referee who goes on where he remembers to have been
@@ -115,7 +115,7 @@ def test_a_death_that_the_referee_did_not_hear_of_stays_one_and_is_reported_agai
 
 
 @pytest.mark.parametrize("pose", [(0.1, 0.0), (4.0, 0.0)])
-def test_the_end_of_the_way_home_is_reported_until_the_game_goes_on(pose: tuple[float, float]) -> None:
+def test_end_of_way_home_is_repeated_until_acknowledged(pose: tuple[float, float]) -> None:
     executor = homing(pose)
     executor.nav2(False, 1.0)
     executor.state("returning_home", 1.1)
@@ -127,7 +127,7 @@ def test_the_end_of_the_way_home_is_reported_until_the_game_goes_on(pose: tuple[
     assert repeated(executor) == []
 
 
-def test_the_last_pellet_is_reported_again_before_the_end_of_the_round() -> None:
+def test_last_pellet_is_repeated_before_the_end() -> None:
     executor = running()
     executor.statuses.counted(0)
     executor.check((1.0, 0.0), (), 1.0)
