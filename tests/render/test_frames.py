@@ -53,29 +53,26 @@ def drivable(batch: GameBatch, share: float) -> tuple[float, float]:
     return x, y
 
 
-@pytest.mark.parametrize("height", [120, 200, 360, 720])
 @pytest.mark.parametrize("name", shipped_maps())
-def test_every_shipped_map_gives_an_even_rgb_picture_of_the_height_asked_for(name: str, height: int) -> None:
-    frame = render_frame(games(name), 0, height=height, title="nearest")
-    assert frame.dtype == np.uint8
-    assert frame.shape[0] == height
-    assert frame.shape[2] == 3
-    assert frame.shape[1] % 2 == 0
-    assert frame.shape[1] <= height * 16 / 9
-    assert len(np.unique(frame.reshape(-1, 3), axis=0)) > 20
+def test_every_map_gives_even_picture_of_given_height(name: str) -> None:
+    for height in (120, 360):
+        frame = render_frame(games(name), 0, height=height, title="nearest")
+        assert (frame.dtype, frame.shape[0], frame.shape[2]) == (np.uint8, height, 3)
+        assert frame.shape[1] % 2 == 0
+        assert frame.shape[1] <= height * 16 / 9
+        assert len(np.unique(frame.reshape(-1, 3), axis=0)) > 20
 
 
-@pytest.mark.parametrize("name", ["pacmanbot_house", "mit_stata_basement"])
-def test_real_maps_render(name: str) -> None:
+def test_robot_is_drawn_on_a_real_map() -> None:
     config = make_config(**{"pellets.spacing_m": 4.0, "refuges.spread": 1})
-    batch = games(str(shared_path(f"maps/{name}/map.yaml")), config=config)
+    batch = games(str(shared_path("maps/pacmanbot_house/map.yaml")), config=config)
     frame = render_frame(batch, 0)
     at = pixels(batch, batch.games[0]["x"], batch.games[0]["y"])
     assert np.hypot(*(near(frame, symbols.PAC) - at).T).min() < 8
 
 
 @pytest.mark.parametrize(("columns", "rows"), [(400, 60), (60, 400)])
-def test_wide_and_tall_maps_keep_their_proportions_within_16_to_9(columns: int, rows: int) -> None:
+def test_maps_keep_their_proportions_within_16_to_9(columns: int, rows: int) -> None:
     config = make_config(**{"pellets.spacing_m": 1.0})
     batch = games(corridor(columns, rows), config=config)
     frame = render_frame(batch, 0)
@@ -88,7 +85,7 @@ def test_wide_and_tall_maps_keep_their_proportions_within_16_to_9(columns: int, 
     assert (view.goals < [frame.shape[1], 720]).all()
 
 
-def test_the_same_game_gives_the_same_picture_in_a_new_array() -> None:
+def test_same_game_gives_same_picture_anew() -> None:
     batch = games()
     first = render_frame(batch, 0)
     kept = first.copy()
@@ -99,13 +96,13 @@ def test_the_same_game_gives_the_same_picture_in_a_new_array() -> None:
     assert not np.shares_memory(again, render_frame(batch, 0))
 
 
-def test_a_game_of_a_batch_looks_as_it_does_alone() -> None:
+def test_game_of_a_batch_looks_as_alone() -> None:
     many, one = games(n=3), games()
     one.reset(np.zeros(1, dtype=np.int64), np.array([9], dtype=np.uint64))
     np.testing.assert_array_equal(render_frame(many, 2), render_frame(one, 0))
 
 
-def test_rendering_leaves_the_batch_alone() -> None:
+def test_rendering_changes_no_game() -> None:
     batch = games(n=2)
     batch.step(np.zeros(2, dtype=np.int64))
     before = [a.tobytes() for a in (batch.games, batch.alive, batch.paths, batch.obstacles)]
@@ -113,7 +110,7 @@ def test_rendering_leaves_the_batch_alone() -> None:
     assert [a.tobytes() for a in (batch.games, batch.alive, batch.paths, batch.obstacles)] == before
 
 
-def test_pac_man_is_where_the_robot_is_and_as_large() -> None:
+def test_pac_man_has_place_and_size_of_robot() -> None:
     batch = games(config=make_config("ideal"))
     batch.alive[:] = False
     view = map_view(batch.assets, batch.config, 720)
@@ -127,8 +124,8 @@ def test_pac_man_is_where_the_robot_is_and_as_large() -> None:
         assert np.hypot(*offset.T).max() > 0.8 * 0.171 * view.scale
 
 
-@pytest.mark.parametrize("heading", [0.0, 1.0, math.pi / 2, 3.0, -2.0])
-def test_the_mouth_opens_along_the_heading(heading: float) -> None:
+@pytest.mark.parametrize("heading", [1.0, -2.0])
+def test_mouth_opens_along_the_heading(heading: float) -> None:
     batch = games(config=make_config("ideal"))
     batch.alive[:] = False
     batch.games["heading"] = heading
@@ -149,14 +146,14 @@ def test_headings_turn_with_a_yawed_map(heading: float, yaw: float) -> None:
     assert math.remainder(math.atan2(step[1], step[0]) - view.angle(heading), 2 * math.pi) == pytest.approx(0, abs=0.03)
 
 
-def test_a_map_looks_the_same_whatever_the_yaw_of_its_frame() -> None:
+def test_map_looks_the_same_for_any_yaw() -> None:
     config = make_config(**{"pellets.spacing_m": 1.0})
     straight, turned = (map_view(map_assets(corridor(120, 100, yaw), config), config, 360) for yaw in (0.0, 2.0))
     pellets = straight.assets.pellets
     np.testing.assert_allclose(straight.goals[:pellets], turned.goals[:pellets], atol=1e-6)
 
 
-def test_a_collected_pellet_becomes_a_faint_ring_and_nothing_else_changes() -> None:
+def test_collected_pellet_becomes_a_faint_ring() -> None:
     batch = games()
     before = render_frame(batch, 0)
     batch.alive[0, 3] = False
@@ -170,7 +167,7 @@ def test_a_collected_pellet_becomes_a_faint_ring_and_nothing_else_changes() -> N
     assert (abs(after[y - 8 : y + 9, x - 8 : x + 9].astype(int) - symbols.COLLECTED) < 30).all(axis=-1).any()
 
 
-def test_clyde_and_the_circle_he_catches_in_are_where_he_is() -> None:
+def test_ghost_and_its_circle_are_at_its_place() -> None:
     batch = games()
     for share in (0.2, 0.8):
         x, y = drivable(batch, share)
@@ -183,17 +180,8 @@ def test_clyde_and_the_circle_he_catches_in_are_where_he_is() -> None:
         assert edge.mean() == pytest.approx(0.25 * scale, abs=1)
 
 
-def test_clydes_eyes_turn_with_his_way() -> None:
-    batch = games()
-    seen = []
-    for vx in (-0.25, 0.0, 0.25):
-        batch.ghosts["vx"], batch.ghosts["vy"] = vx, 0.0
-        seen.append(near(render_frame(batch, 0), symbols.PUPIL, 40)[:, 0].mean())
-    assert seen[0] < seen[1] < seen[2]
-
-
 @pytest.mark.parametrize(("execution", "field"), [("robust", "error_x"), ("as_built", "amcl_x")])
-def test_the_believed_pose_is_drawn_where_the_executor_takes_it_from(execution: str, field: str) -> None:
+def test_believed_pose_is_the_executors(execution: str, field: str) -> None:
     batch = games(config=make_config("robot", execution))
     plain = near(render_frame(batch, 0), symbols.BELIEF)
     batch.games[field] += 1.0
@@ -201,13 +189,10 @@ def test_the_believed_pose_is_drawn_where_the_executor_takes_it_from(execution: 
     scale = map_view(batch.assets, batch.config, 720).scale
     shift = moved.max(axis=0) - plain.max(axis=0)
     np.testing.assert_allclose(shift, [scale, 0], atol=1.5)
+    assert len(near(render_frame(games(config=make_config("ideal")), 0), symbols.BELIEF)) == 0  # perfect localization
 
 
-def test_with_perfect_localization_there_is_no_believed_pose() -> None:
-    assert len(near(render_frame(games(config=make_config("ideal")), 0), symbols.BELIEF)) == 0
-
-
-def test_the_plan_leads_from_the_robot_to_the_goal_pursued() -> None:
+def test_plan_leads_from_robot_to_goal() -> None:
     batch = games()
     assert len(near(render_frame(batch, 0), symbols.PLAN)) == 0
     pellets = batch.assets.pellets
@@ -222,10 +207,7 @@ def test_the_plan_leads_from_the_robot_to_the_goal_pursued() -> None:
     assert np.hypot(*(blue - robot).T).min() < 2 * view.body_px
     assert np.hypot(*(blue - target).T).min() < 3 * view.pellet_px
     assert len(blue) > np.hypot(*(target - robot))  # an unbroken line has at least that many pixels
-
-
-def test_a_refuge_pursued_is_marked() -> None:
-    batch = games()
+    batch = games()  # a refuge pursued
     batch.games["pursued"] = batch.pellet_slots + 2
     blue = near(render_frame(batch, 0), symbols.PLAN, 25)
     at = pixels(batch, *batch.assets.goal_xy[batch.assets.pellets + 2])
@@ -240,53 +222,39 @@ def test_padded_pellet_slots_do_not_show() -> None:
     np.testing.assert_array_equal(render_frame(padded, 0), render_frame(plain, 0))
 
 
-@pytest.mark.parametrize("end", [DEAD, COMPLETE, CLEARED, TIMEOUT])
-def test_the_header_alone_tells_how_the_game_ended(end: int) -> None:
-    batch = games()
-    running = render_frame(batch, 0)
-    batch.games["end"] = end
-    ended = render_frame(batch, 0)
-    assert (running[:HEADER] == STATES[RUNNING][1]).all(axis=-1).any()
-    assert not (ended[:HEADER] == STATES[RUNNING][1]).all(axis=-1).any()
-    assert (ended[:HEADER] == STATES[end][1]).all(axis=-1).any()
-    np.testing.assert_array_equal(running[HEADER:], ended[HEADER:])
-
-
-@pytest.mark.parametrize(
-    ("field", "value"), [("step", 400), ("collected", 3), ("spawned", 99), ("lost", 1), ("clyde_speed", 0.35)]
-)
-def test_the_header_alone_shows_time_score_and_speed(field: str, value: float) -> None:
+def test_header_alone_shows_end_numbers_and_title() -> None:
     batch = games()
     before = render_frame(batch, 0)
-    batch.games[field] = value
-    after = render_frame(batch, 0)
-    assert (before[:HEADER] != after[:HEADER]).any()
-    np.testing.assert_array_equal(before[HEADER:], after[HEADER:])
+    assert (before[:HEADER] == STATES[RUNNING][1]).all(axis=-1).any()
+
+    def header() -> np.ndarray:
+        after = render_frame(batch, 0)
+        assert (before[:HEADER] != after[:HEADER]).any()
+        np.testing.assert_array_equal(before[HEADER:], after[HEADER:])
+        return after[:HEADER]
+
+    for end in (DEAD, COMPLETE, CLEARED, TIMEOUT):
+        batch.games["end"] = end
+        assert (header() == STATES[end][1]).all(axis=-1).any()
+        assert not (header() == STATES[RUNNING][1]).all(axis=-1).any()
+    batch.games["end"] = RUNNING
+    for field, value in (("step", 400), ("collected", 3), ("spawned", 99), ("lost", 1), ("clyde_speed", 0.35)):
+        kept = batch.games[field].copy()
+        batch.games[field] = value
+        header()
+        batch.games[field] = kept
+    for title in ("nearest", "x" * 300, "Räuber → Geist"):
+        titled = render_frame(batch, 0, title=title)
+        assert (before[:HEADER] != titled[:HEADER]).any()
+        np.testing.assert_array_equal(before[HEADER:], titled[HEADER:])
+        assert (titled[:HEADER] == STATES[RUNNING][1]).all(axis=-1).sum() > 500  # the state is not written over
 
 
-@pytest.mark.parametrize("title", ["nearest", "x" * 300, "Räuber → Geist", ""])
-def test_any_title_stays_within_the_header(title: str) -> None:
-    batch = games()
-    plain, titled = render_frame(batch, 0), render_frame(batch, 0, title=title)
-    assert (plain[:HEADER] != titled[:HEADER]).any() == bool(title)
-    np.testing.assert_array_equal(plain[HEADER:], titled[HEADER:])
-    assert (titled[:HEADER] == STATES[RUNNING][1]).all(axis=-1).sum() > 500  # the state is not written over
-
-
-def test_what_is_outside_the_picture_is_not_drawn() -> None:
-    batch = games()
-    batch.ghosts["x"] = 1e3
-    batch.games["error_y"] = -1e3
-    assert len(near(render_frame(batch, 0), symbols.GHOSTS[0])) == 0
-
-
-@pytest.mark.parametrize("height", [0, 118, 361, -2])
-def test_a_height_that_cannot_be_drawn_is_named(height: int) -> None:
-    with pytest.raises(ValueError, match=f"height = {height}"):
-        render_frame(games(), 0, height=height)
-
-
-@pytest.mark.parametrize("game", [-1, 2])
-def test_a_game_that_is_not_there_is_named(game: int) -> None:
-    with pytest.raises(IndexError, match=f"game = {game}"):
-        render_frame(games(n=2), game)
+def test_bad_heights_and_games_are_named() -> None:
+    batch = games(n=2)
+    for height in (0, 118, 361, -2):
+        with pytest.raises(ValueError, match=f"height = {height}"):
+            render_frame(batch, 0, height=height)
+    for game in (-1, 2):
+        with pytest.raises(IndexError, match=f"game = {game}"):
+            render_frame(batch, game)

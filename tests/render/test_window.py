@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import types
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,9 +12,10 @@ import pytest
 from pacman_env.render.window import HumanWindow
 
 
-@pytest.fixture(autouse=True)
-def _dummy_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def pygame(monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    return pytest.importorskip("pygame")
 
 
 def frame(height: int = 40, width: int = 60) -> np.ndarray:
@@ -22,27 +24,17 @@ def frame(height: int = 40, width: int = 60) -> np.ndarray:
     return picture
 
 
-def test_a_frame_shows_upright_and_in_its_colours() -> None:
-    pygame = pytest.importorskip("pygame")
+def test_frames_show_upright_in_their_size_and_colours(pygame: Any) -> None:
     window = HumanWindow()
-    assert window.show(frame(), 0)
-    screen = pygame.display.get_surface()
-    assert screen.get_size() == (60, 40)
-    assert tuple(screen.get_at((7, 5)))[:3] == (255, 140, 26)
+    for height, width in ((40, 60), (80, 30)):
+        assert window.show(frame(height, width), 0)
+        screen = pygame.display.get_surface()
+        assert screen.get_size() == (width, height)
+        assert tuple(screen.get_at((7, 5)))[:3] == (255, 140, 26)
     window.close()
 
 
-def test_the_window_follows_the_size_of_the_frames() -> None:
-    pygame = pytest.importorskip("pygame")
-    window = HumanWindow()
-    window.show(frame(), 0)
-    assert window.show(frame(80, 30), 0)
-    assert pygame.display.get_surface().get_size() == (30, 80)
-    window.close()
-
-
-def test_frames_come_no_faster_than_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    pygame = pytest.importorskip("pygame")
+def test_frames_come_no_faster_than_asked_for(pygame: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     waits: list[float] = []
     monkeypatch.setattr(pygame.time, "Clock", lambda: types.SimpleNamespace(tick=waits.append))
     window = HumanWindow()
@@ -52,8 +44,7 @@ def test_frames_come_no_faster_than_asked_for(monkeypatch: pytest.MonkeyPatch) -
     window.close()
 
 
-def test_its_button_closes_the_window_and_the_program_goes_on() -> None:
-    pygame = pytest.importorskip("pygame")
+def test_closed_window_stays_closed_and_another_opens(pygame: Any) -> None:
     window = HumanWindow()
     assert window.show(frame(), 0)
     pygame.event.post(pygame.event.Event(pygame.QUIT))
@@ -62,20 +53,52 @@ def test_its_button_closes_the_window_and_the_program_goes_on() -> None:
     assert not pygame.display.get_init()
     assert not window.show(frame(), 0)
     window.close()
-
-
-def test_a_window_can_follow_another_one() -> None:
-    pytest.importorskip("pygame")
-    first = HumanWindow()
-    first.show(frame(), 0)
-    first.close()
-    first.close()
+    window.close()
     second = HumanWindow()
     assert second.show(frame(), 0)
     second.close()
 
 
-def test_without_pygame_the_error_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_window_returns_clicks_and_keys_once(pygame: Any) -> None:
+    window = HumanWindow()
+    window.show(frame(), 0)
+    for kind, details in [
+        (pygame.MOUSEBUTTONDOWN, {"button": 1, "pos": (7, 5)}),
+        (pygame.MOUSEBUTTONDOWN, {"button": 3, "pos": (8, 5)}),
+        (pygame.KEYDOWN, {"key": pygame.K_UP, "unicode": ""}),
+        (pygame.KEYDOWN, {"key": pygame.K_KP7, "unicode": "7"}),
+        (pygame.KEYDOWN, {"key": pygame.K_a, "unicode": "A"}),
+        (pygame.KEYUP, {"key": pygame.K_UP}),
+        (pygame.KEYDOWN, {"key": pygame.K_RETURN, "unicode": "\r"}),
+    ]:
+        pygame.event.post(pygame.event.Event(kind, details))
+    window.show(frame(), 0)
+    assert [tuple(one) for one in window.inputs()] == [
+        ("click", "", (7, 5)),
+        ("press", "up", (0, 0)),
+        ("press", "7", (0, 0)),
+        ("press", "a", (0, 0)),
+        ("release", "up", (0, 0)),
+        ("press", "return", (0, 0)),
+    ]
+    assert window.inputs() == []
+    window.caption = "other"
+    window.show(frame(), 0)
+    assert pygame.display.get_caption()[0] == "other"
+    window.close()
+
+
+def test_window_without_a_screen_is_refused(pygame: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    HumanWindow().require_screen()  # the dummy one was asked for
+    pygame.display.quit()
+    for name in ("SDL_VIDEODRIVER", "DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("sys.platform", "linux")
+    with pytest.raises(OSError, match="no screen"):
+        HumanWindow().require_screen()
+
+
+def test_missing_pygame_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pygame", None)
     with pytest.raises(ImportError, match=r"pip install .*\[render\]"):
         HumanWindow()
