@@ -53,7 +53,7 @@ class TestDeployed(PolicyContract):
         return ClydeAware()
 
 
-def test_the_death_radius_is_the_games_unless_it_is_given() -> None:
+def test_death_radius_defaults_to_the_games() -> None:
     wide = make_config(**{"execution.death_radius_m": 0.6})
     for policy, radius_m in ((ClydeAware(), 0.6), (ClydeAware(death_radius_m=0.3), 0.3)):
         policy.reset(np.ones(1, np.bool_), wide)
@@ -87,11 +87,8 @@ class TestGoldenAnswers:
             assert [p["safe"] for p in pellets] == case["safe_direction"]
             assert {p["threatening"] for p in row} == {case["threatening"]}
 
-    def test_selected(self, cases: list[dict[str, Any]]) -> None:
-        selected = ClydeAware().select(situations(cases))
-        assert selected.tolist() == [case["selected"] for case in cases]
-
-    def test_replanned(self, cases: list[dict[str, Any]]) -> None:
+    def test_choices(self, cases: list[dict[str, Any]]) -> None:
+        assert ClydeAware().select(situations(cases)).tolist() == [case["selected"] for case in cases]
         replanned = ClydeAware().select(situations(cases, current=True))
         expected = [case["current_target"] if case["replanned_to"] is None else case["replanned_to"] for case in cases]
         assert replanned.tolist() == expected
@@ -109,12 +106,12 @@ class TestGoldenAnswers:
         (3.01, 1.0, False),
     ],
 )
-def test_clyde_threatens_by_distance_and_closing_speed(distance: float, closing: float, expected: bool) -> None:
+def test_threat_depends_on_distance_and_closing_speed(distance: float, closing: float, expected: bool) -> None:
     case = {"robot": [0, 0], "clyde": [distance, 0], "closing_speed": closing, "pellets": [[1, 1]]}
     assert threatening(ClydeAware(), situations([case])) is expected
 
 
-def test_a_safe_pellet_beats_a_cheaper_unsafe_one_only_under_threat() -> None:
+def test_safe_pellet_wins_only_under_threat() -> None:
     pellets = [[1.0, 0.0], [-12.0, 0.0]]  # towards Clyde and cheap; away from him and dear
     near = {"robot": [0, 0], "clyde": [1.9, 0.0], "pellets": pellets}
     scores = ClydeAware(direction_weight=0.0).scores(situations([near]))[0]
@@ -123,12 +120,12 @@ def test_a_safe_pellet_beats_a_cheaper_unsafe_one_only_under_threat() -> None:
     assert goal(ClydeAware(direction_weight=0.0), near | {"clyde": [2.1, 0.0]}) == 0
 
 
-def test_an_unsafe_pellet_is_taken_when_no_safe_one_may_be() -> None:
+def test_unsafe_pellet_is_taken_without_safe_ones() -> None:
     case = {"robot": [0, 0], "clyde": [1.9, 0.0], "pellets": [[1.0, 0.0], [-1.0, 0.0]], "mask": [True, False]}
     assert goal(ClydeAware(), case) == 0
 
 
-def test_pellets_within_the_death_radius_of_clyde_are_left_for_last() -> None:
+def test_pellets_near_the_ghost_are_left_last() -> None:
     case = {"robot": [0, 0], "clyde": [4.0, 0.0], "pellets": [[4.0, 0.25], [0.0, 60.0]]}
     assert goal(ClydeAware(), case) == 1
     assert goal(ClydeAware(), case | {"mask": [True, False]}) == 0
@@ -137,18 +134,18 @@ def test_pellets_within_the_death_radius_of_clyde_are_left_for_last() -> None:
     assert [reasons[0]["skipped"], reasons[1]["skipped"]] == [True, False]
 
 
-def test_the_replan_margin_holds_against_the_best_safe_pellet_too() -> None:
+def test_replan_margin_holds_against_safe_pellet() -> None:
     case = {"robot": [0, 0], "clyde": [1.9, 0.0], "pellets": [[1.0, 0.0], [-12.0, 0.0]], "current_target": 0}
     assert goal(ClydeAware(direction_weight=0.0), case) == 0
 
 
 @pytest.mark.parametrize(("gain", "expected"), [(0.29, 0), (0.31, 1)])
-def test_a_new_pellet_must_be_better_by_the_margin(gain: float, expected: int) -> None:
+def test_new_pellet_must_exceed_the_margin(gain: float, expected: int) -> None:
     case = {"robot": [0, 0], "clyde": [50, 50], "pellets": [[5.0, 0], [0, 5.0 - gain]], "current_target": 0}
     assert goal(ClydeAware(), case) == expected
 
 
-def test_a_current_goal_that_is_no_allowed_pellet_is_given_up_at_once() -> None:
+def test_current_goal_without_pellet_is_given_up() -> None:
     case = {"robot": [0, 0], "clyde": [50, 50], "pellets": [[5.0, 0], [0, 4.9]], "mask": [False, True]}
     assert goal(ClydeAware(), case | {"current_target": 0}) == 1
     situation = random_situation(0, 1, pellets=2, refuges=1, allowed=1.0)
@@ -158,7 +155,7 @@ def test_a_current_goal_that_is_no_allowed_pellet_is_given_up_at_once() -> None:
         assert situation.kind[0, chosen[0]] == PELLET
 
 
-def test_the_documented_form_is_the_milestones_formula() -> None:
+def test_documented_form_is_the_milestone_formula() -> None:
     situation = random_situation(1, 100, allowed=1.0)
     scores = ClydeAware("documented").scores(situation)
     for n in range(100):
@@ -175,7 +172,7 @@ def test_the_documented_form_is_the_milestones_formula() -> None:
             assert scores[n, c] == pytest.approx(-cost, abs=1e-9)
 
 
-def test_before_clyde_is_heard_of_only_the_distance_counts() -> None:
+def test_only_distance_counts_without_a_ghost() -> None:
     situation = random_situation(2, 50)
     unheard = replace(situation, clyde=np.full((50, 2), np.nan))
     for row in ClydeAware().explain(unheard):
@@ -199,20 +196,12 @@ class TestThreatExitMargin:
             found.append(threatening(policy, self.at(distance)))
         return found
 
-    def test_without_it_the_flag_follows_the_boundary(self) -> None:
+    def test_threat_ends_only_beyond_the_margin(self) -> None:
         assert self.flags(ClydeAware(), [2.1, 1.9, 2.1, 1.9, 2.1]) == [False, True, False, True, False]
-
-    def test_with_it_the_threat_ends_only_beyond_the_margin(self) -> None:
         policy = ClydeAware(threat_exit_margin_m=0.5)
         assert self.flags(policy, [2.1, 1.9, 2.1, 2.5, 2.51, 2.1]) == [False, True, True, True, False, False]
 
-    def test_reset_ends_it(self) -> None:
-        policy = ClydeAware(threat_exit_margin_m=0.5)
-        policy.select(self.at(1.9))
-        policy.reset(np.array([True]), make_config())
-        assert not threatening(policy, self.at(2.1))
-
-    def test_another_number_of_games_needs_a_reset(self) -> None:
+    def test_other_number_of_games_needs_reset(self) -> None:
         policy = ClydeAware(threat_exit_margin_m=0.5)
         policy.select(random_situation(0, 4))
         with pytest.raises(ValueError, match="2 games, but 4 are remembered"):
@@ -228,7 +217,7 @@ class TestThreatExitMargin:
     shift=st.tuples(st.floats(-50, 50), st.floats(-50, 50)),
     form=st.sampled_from(["deployed", "documented"]),
 )
-def test_scores_do_not_depend_on_the_map_frame(seed: int, angle: float, shift: tuple[float, float], form: Any) -> None:
+def test_scores_are_independent_of_map_frame(seed: int, angle: float, shift: tuple[float, float], form: Any) -> None:
     situation = random_situation(seed, 4)
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     robot = situation.robot.copy()
@@ -244,36 +233,22 @@ def test_scores_do_not_depend_on_the_map_frame(seed: int, angle: float, shift: t
 
 @settings(deadline=None)
 @given(seed=st.integers(0, 10**6))
-def test_risk_is_zero_from_its_radius_on_and_at_most_weight_times_radius(seed: int) -> None:
+def test_risk_and_penalty_stay_within_their_bounds(seed: int) -> None:
     situation = random_situation(seed, 4)
     for n, row in enumerate(ClydeAware().explain(situation)):
         for c, candidate in enumerate(row):
             if candidate["kind"] != "pellet":
                 continue
-            risk, apart = (
-                float(candidate["clyde_risk"]),
-                math.dist(situation.position[n, c], situation.clyde[n]),
-            )
-            assert (risk == 0.0) if apart >= 2.0 else (0.0 < risk <= 6.0)
-
-
-@settings(deadline=None)
-@given(seed=st.integers(0, 10**6))
-def test_the_direction_penalty_spares_safe_pellets_and_stays_within_its_bounds(seed: int) -> None:
-    for row in ClydeAware().explain(random_situation(seed, 4)):
-        for candidate in row:
-            if candidate["kind"] != "pellet":
-                continue
-            penalty = float(candidate["direction_penalty"])
-            if candidate["threatening"] and not candidate["safe"]:
-                assert 5.0 < penalty <= 10.0 + 1e-9
-            else:
-                assert penalty == 0.0
+            risk, penalty = float(candidate["clyde_risk"]), float(candidate["direction_penalty"])
+            far = math.dist(situation.position[n, c], situation.clyde[n]) >= 2.0
+            assert (risk == 0.0) if far else (0.0 < risk <= 6.0)
+            unsafe = candidate["threatening"] and not candidate["safe"]
+            assert (5.0 < penalty <= 10.0 + 1e-9) if unsafe else (penalty == 0.0)
 
 
 @settings(deadline=None)
 @given(seed=st.integers(0, 10**6), far=st.floats(3.01, 100.0))
-def test_far_from_clyde_the_goal_is_the_nearest_pellet(seed: int, far: float) -> None:
+def test_nearest_pellet_is_goal_far_from_ghost(seed: int, far: float) -> None:
     situation = random_situation(seed, 4, allowed=1.0)
     away = replace(situation, clyde=np.full((4, 2), 20.0 + far), current=np.full(4, -1))
     distance = np.hypot(*np.moveaxis(away.position - away.robot[:, None, :2], -1, 0))
@@ -281,17 +256,11 @@ def test_far_from_clyde_the_goal_is_the_nearest_pellet(seed: int, far: float) ->
     np.testing.assert_array_equal(ClydeAware().select(away), nearest)
 
 
-def test_the_form_must_be_one_of_two() -> None:
+def test_bad_forms_and_parameters_are_named() -> None:
     with pytest.raises(ValueError, match="form = 'other'"):
         ClydeAware("other")  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("value", [-1.0, float("nan"), float("inf")])
-def test_a_parameter_out_of_range_is_named(value: float) -> None:
-    with pytest.raises(ValueError, match="risk_weight"):
-        ClydeAware(risk_weight=value)
-
-
-def test_an_unknown_parameter_is_named_with_the_known_ones() -> None:
+    for value in (-1.0, math.nan, math.inf):
+        with pytest.raises(ValueError, match="risk_weight"):
+            ClydeAware(risk_weight=value)
     with pytest.raises(TypeError, match=r"'risk_wait'.*risk_weight"):
         ClydeAware(risk_wait=1.0)

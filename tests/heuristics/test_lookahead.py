@@ -25,7 +25,7 @@ class TestLookahead(PolicyContract):
         return Lookahead()
 
 
-def test_the_robots_speed_is_the_games_unless_it_is_given() -> None:
+def test_robot_speed_defaults_to_the_games() -> None:
     batch, fast = started(1), make_config(**{"robot.speed_mps": 0.3})
     situation, policy = batch.situation(), Lookahead()
     policy.reset(np.ones(1, np.bool_), fast)
@@ -40,14 +40,17 @@ def started(n: int = 20, name: str = "loop", clyde_mps: float = 0.25) -> GameBat
     return batch
 
 
-def test_far_from_clyde_it_goes_for_the_nearest_pellet() -> None:
+def test_nearest_pellet_is_goal_without_danger() -> None:
     situation = started().situation()
     calm = replace(situation, clyde_speed=np.zeros(20), clyde=np.full((20, 2), 1e3))
     nearest = np.where(situation.kind == PELLET, situation.path_robot, np.inf).argmin(axis=1)
     np.testing.assert_array_equal(Lookahead().select(calm), nearest)
+    pellets = situation.kind == PELLET
+    far = replace(calm, path_robot=np.where(pellets, situation.path_robot + 60.0, 1.0))
+    assert pellets[np.arange(20), Lookahead().select(far)].all()
 
 
-def test_where_every_pellet_means_death_it_waits_and_without_fear_it_goes() -> None:
+def test_lookahead_waits_when_every_pellet_is_deadly() -> None:
     batch, brave = started(60, "house", 0.5), Lookahead(caught_soon_s=0.0, caught_s=0.0, approached_s=0.0)
     for _ in range(40):
         batch.step(brave.select(batch.situation()))
@@ -62,7 +65,7 @@ def test_where_every_pellet_means_death_it_waits_and_without_fear_it_goes() -> N
     assert pellets[some, brave.select(deadly)[some]].all()
 
 
-def test_the_goal_pursued_is_kept_until_another_is_clearly_better() -> None:
+def test_pursued_goal_is_kept_within_the_margin() -> None:
     situation = started().situation()
     scores = Lookahead(keep_s=0.0).scores(situation)
     second = np.argsort(scores, axis=1)[:, -2]
@@ -71,7 +74,7 @@ def test_the_goal_pursued_is_kept_until_another_is_clearly_better() -> None:
     np.testing.assert_array_equal((chosen == second)[np.abs(gap - 2.0) > 1e-6], (gap < 2.0)[np.abs(gap - 2.0) > 1e-6])
 
 
-def test_on_the_same_rounds_it_completes_more_than_the_scorer() -> None:
+def test_lookahead_completes_more_rounds_than_clyde_aware() -> None:
     config = make_config(time_limit_s=400.0)
     assets, seeds = map_assets("loop", config), episode_seeds(1, 48)
     wins = [
@@ -80,9 +83,8 @@ def test_on_the_same_rounds_it_completes_more_than_the_scorer() -> None:
     assert wins[0] >= wins[1] + 5
 
 
-@pytest.mark.parametrize("games", [1, 60])
-def test_a_decision_is_a_hundred_calls_for_however_many_games(games: int) -> None:
-    situation, policy = started(games).situation(), Lookahead()
+def test_decision_for_sixty_games_takes_a_hundred_calls() -> None:
+    situation, policy = started(60).situation(), Lookahead()
     policy.select(situation)  # compiles
     assert calls_of(lambda: policy.select(situation)) < 100
 
@@ -91,11 +93,3 @@ def test_a_decision_is_a_hundred_calls_for_however_many_games(games: int) -> Non
 def test_parameters_out_of_range_are_named(parameters: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=next(iter(parameters))):
         Lookahead(**parameters)
-
-
-def test_a_pellet_far_away_is_no_reason_to_wait() -> None:
-    situation = started().situation()
-    calm = replace(situation, clyde_speed=np.zeros(20), clyde=np.full((20, 2), 1e3))
-    pellets = situation.kind == PELLET
-    far = replace(calm, path_robot=np.where(pellets, situation.path_robot + 60.0, 1.0))
-    assert pellets[np.arange(20), Lookahead().select(far)].all()

@@ -35,17 +35,17 @@ def with_paths(paths: list[float], current: int = -1, mask: list[bool] | None = 
         (with_paths([5.0, 6.0], current=2), 0),
     ],
 )
-def test_nearest_takes_the_shortest_way_and_keeps_it_within_the_margin(situation: Situation, goal: int) -> None:
+def test_nearest_takes_shortest_path_within_margin(situation: Situation, goal: int) -> None:
     assert Nearest(replan_margin_m=0.3).select(situation).tolist() == [goal]
 
 
 @pytest.mark.parametrize("margin", [-0.1, float("nan"), float("inf")])
-def test_nearest_refuses_a_margin_that_is_none(margin: float) -> None:
+def test_nearest_refuses_an_impossible_margin(margin: float) -> None:
     with pytest.raises(ValueError, match="replan_margin_m"):
         Nearest(replan_margin_m=margin)
 
 
-def test_random_draws_each_allowed_pellet_equally_often() -> None:
+def test_random_draws_allowed_pellets_uniformly() -> None:
     games = 8000
     situation = random_situation(1, games, pellets=4, refuges=1, allowed=1.0)
     mask = situation.mask.copy()
@@ -55,7 +55,7 @@ def test_random_draws_each_allowed_pellet_equally_often() -> None:
     np.testing.assert_allclose(share, [1 / 3, 0, 1 / 3, 1 / 3, 0, 0], atol=0.02)
 
 
-def test_random_draws_anew_with_each_tick_and_each_seed() -> None:
+def test_random_depends_on_tick_and_seed() -> None:
     situation = replace(random_situation(2, 200, pellets=20, allowed=1.0), current=np.full(200, -1))
     base = replace(situation, seed=np.full(200, 7, np.uint64), tick=np.zeros(200, np.int64))
     assert len(set(Random().select(base).tolist())) == 1
@@ -63,7 +63,7 @@ def test_random_draws_anew_with_each_tick_and_each_seed() -> None:
         assert len(set(Random().select(changed).tolist())) == 20
 
 
-def test_random_keeps_its_pellet_until_it_may_not() -> None:
+def test_random_keeps_its_pellet_while_allowed() -> None:
     situation = random_situation(3, 300, allowed=0.6)
     games, current = np.arange(300), situation.current
     kept = (current >= 0) & situation.mask[games, current] & (situation.kind[games, current] == PELLET)

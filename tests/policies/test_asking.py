@@ -78,7 +78,7 @@ def scores_with(value: float, situation: Situation, allowed: bool) -> np.ndarray
     return scores
 
 
-def test_nan_is_refused_where_the_candidate_may_be_chosen(situation: Situation) -> None:
+def test_nan_score_of_allowed_candidate_is_refused(situation: Situation) -> None:
     situation.mask[1, 0] = False
     message = r"^policy 'tests\.policies\.test_asking:Answers': the score of candidate \d in game \d is NaN$"
     with pytest.raises(PolicyError, match=message):
@@ -91,7 +91,7 @@ class NanPlanner(LearnedPlanner):
         return np.full(mask.shape, np.nan, np.float32), np.zeros(len(mask), np.float32)
 
 
-def test_learned_planner_that_fails_is_refused(situation: Situation) -> None:
+def test_failing_learned_planner_is_refused(situation: Situation) -> None:
     with pytest.raises(PolicyError, match="is NaN"):  # and not taken for a choice to hold
         choose(NanPlanner(), situation)
     features = np.zeros((1, 3, 2), np.float32), np.zeros((1, 2), np.float32)
@@ -102,35 +102,25 @@ def test_learned_planner_that_fails_is_refused(situation: Situation) -> None:
 @pytest.mark.parametrize(
     ("chosen", "message"),
     [
-        (np.array([0, 999]), "select must return candidates 0 to 2, got 999"),
-        (np.array([-1, 0]), "select must return candidates 0 to 2, got -1"),
+        (np.array([0, 999]), "candidates 0 to 2, got 999"),
+        (np.array([-1, 0]), "candidates 0 to 2, got -1"),
+        (np.zeros(2), r"2 integers, got float64 of shape \(2,\)"),
+        (np.array([[0, 1]]), r"2 integers, got int64 of shape \(1, 2\)"),
     ],
 )
-def test_a_choice_that_is_no_candidate_is_refused(situation: Situation, chosen: Any, message: str) -> None:
+def test_choice_that_is_no_candidate_is_refused(situation: Situation, chosen: Any, message: str) -> None:
     with pytest.raises(PolicyError, match=message):
         choose(Answers(chosen=chosen), situation)
     assert choose(Answers(chosen=np.array([2, 0])), situation).tolist() == [2, 0]
 
 
-@pytest.mark.parametrize(
-    ("chosen", "message"),
-    [
-        (np.zeros(2), r"select must return 2 integers, got float64 of shape \(2,\)"),
-        (np.array([[0, 1]]), r"select must return 2 integers, got int64 of shape \(1, 2\)"),
-    ],
-)
-def test_a_choice_of_another_shape_or_type_is_refused(situation: Situation, chosen: Any, message: str) -> None:
-    with pytest.raises(PolicyError, match=message):
-        choose(Answers(chosen=chosen), situation)
-
-
 @pytest.mark.parametrize(("scores", "got"), [(np.zeros(3), r"\(3,\)"), (None, "None"), (1.0, r"\(\)")])
-def test_scores_of_another_shape_are_refused(situation: Situation, scores: Any, got: str) -> None:
+def test_scores_of_wrong_shape_are_refused(situation: Situation, scores: Any, got: str) -> None:
     with pytest.raises(PolicyError, match=rf"Answers': scores must be \(2, 3\), got {got}$"):
         choose(Answers(scores), situation)
 
 
-def test_what_a_users_policy_raises_is_told_with_its_place(situation: Situation, users: str) -> None:
+def test_error_of_user_policy_names_its_line(situation: Situation, users: str) -> None:
     line = MODULE.splitlines().index('        return situation.path_robot / {}["margin"]') + 1
     with pytest.raises(PolicyError) as refusal:
         choose(make_policy(f"{users}:Raises"), situation)
@@ -147,12 +137,12 @@ def test_what_a_users_policy_raises_is_told_with_its_place(situation: Situation,
         ("Scoreless", r"Scoreless has no scores\(self, situation\)$"),
     ],
 )
-def test_a_policy_that_cannot_be_made_is_refused_with_the_reason(users: str, name: str, message: str) -> None:
+def test_policy_that_cannot_be_made_is_refused(users: str, name: str, message: str) -> None:
     with pytest.raises(ValueError, match=rf"^policy '{users}:{name}': {message}"):
         make_policy(f"{users}:{name}")
 
 
-def test_a_users_reset_that_fails_is_told_too() -> None:
+def test_failing_reset_of_user_policy_is_named() -> None:
     class Forgetful(Answers):
         def reset(self, games: Any, config: Any) -> None:
             raise OSError("no disk")
@@ -161,6 +151,6 @@ def test_a_users_reset_that_fails_is_told_too() -> None:
         reset(Forgetful(), np.ones(1, np.bool_), make_config())
 
 
-def test_an_error_in_a_policy_of_the_package_stays_what_it_is(situation: Situation) -> None:
+def test_error_of_built_in_policy_is_unchanged(situation: Situation) -> None:
     with pytest.raises(ValueError, match=r"^policy 'ppo': the situation has no maps"):
         choose(make_policy("ppo"), replace(situation, maps=None))

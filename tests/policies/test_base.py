@@ -50,11 +50,11 @@ def three_candidates(mask: list[bool]) -> Situation:
         ([1.0, 2.0, 3.0], [True, True, True], 2),
     ],
 )
-def test_the_best_unmasked_score_wins_and_the_first_of_equals(scores: list[float], mask: list[bool], goal: int) -> None:
+def test_best_unmasked_score_wins_first_among_equals(scores: list[float], mask: list[bool], goal: int) -> None:
     assert Fixed(scores).select(three_candidates(mask)).tolist() == [goal]
 
 
-def test_hold_is_found_by_its_kind() -> None:
+def test_hold_is_found_by_kind() -> None:
     situation = random_situation(0, 3)
     kind = situation.kind.copy()
     kind[1, 2], kind[2] = HOLD, REFUGE

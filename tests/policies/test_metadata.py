@@ -78,87 +78,61 @@ def owner(content: dict[str, Any], field: str) -> tuple[dict[str, Any], str]:
     return content, name
 
 
-def test_what_was_written_is_read_again(tmp_path: Path) -> None:
+def test_written_planner_is_read_again(tmp_path: Path) -> None:
     assert read_planner(written(tmp_path)) == (METADATA, MODEL)
 
 
 @given(st.dictionaries(st.text(), st.floats(-1e300, 1e300, exclude_min=True, exclude_max=True)))
-def test_any_metrics_are_read_as_they_were(metrics: dict[str, float]) -> None:
-    metadata = structs.replace(METADATA, metrics=metrics)
+def test_metrics_and_line_ups_are_read_again(metrics: dict[str, float]) -> None:
+    training = structs.replace(TRAINING, ghosts=("wander", "arcade,chase"))
+    metadata = structs.replace(METADATA, metrics=metrics, training=training)
     assert parse(PlannerMetadata, dump(metadata, HERE), HERE) == metadata
 
 
-def test_a_file_without_line_ups_is_of_a_planner_trained_against_one_wandering_ghost(tmp_path: Path) -> None:
+def test_file_without_line_ups_means_one_wanderer(tmp_path: Path) -> None:
     metadata, _ = read_planner(written(tmp_path, lambda content: content["training"].pop("ghosts")))
     assert metadata.training.ghosts == ("wander",)
 
 
-def test_line_ups_are_read_as_they_were_written() -> None:
-    metadata = structs.replace(METADATA, training=structs.replace(TRAINING, ghosts=("wander", "arcade,chase")))
-    assert parse(PlannerMetadata, dump(metadata, HERE), HERE) == metadata
-
-
-@pytest.mark.parametrize("field", sorted({*FIELDS} - {"training.ghosts"}))
-def test_a_missing_field_is_named(field: str, tmp_path: Path) -> None:
-    def remove(content: dict[str, Any]) -> None:
-        place, name = owner(content, field)
-        del place[name]
-
-    path = written(tmp_path, remove)
-    group, _, name = field.rpartition(".")
-    place = f"{group}: " if group else ""
-    with pytest.raises(ValueError, match=rf"mine\.json: {place}Object missing required field `{name}`"):
-        read_planner(path)
-
-
 @pytest.mark.parametrize("field", FIELDS)
-@pytest.mark.parametrize("value", [None, True, [None]], ids=str)
-def test_a_field_of_another_type_is_named(field: str, value: object, tmp_path: Path) -> None:
-    def spoil(content: dict[str, Any]) -> None:
-        place, name = owner(content, field)
-        place[name] = value
+def test_missing_or_wrong_field_is_named(field: str, tmp_path: Path) -> None:
+    group, _, name = field.rpartition(".")
 
-    path = written(tmp_path, spoil)
-    with pytest.raises(ValueError, match=rf"mine\.json: {re.escape(field)}(\[0\])? = .*: Expected "):
-        read_planner(path)
+    def remove(content: dict[str, Any]) -> None:
+        del owner(content, field)[0][name]
+
+    if field != "training.ghosts":  # which files of old do not have
+        place = f"{group}: " if group else ""
+        with pytest.raises(ValueError, match=rf"mine\.json: {place}Object missing required field `{name}`"):
+            read_planner(written(tmp_path, remove))
+    for value in (None, True, [None]):
+        path = written(tmp_path, lambda content, value=value: owner(content, field)[0].update({name: value}))
+        with pytest.raises(ValueError, match=rf"mine\.json: {re.escape(field)}(\[0\])? = .*: Expected "):
+            read_planner(path)
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         ({"format": 2, "more": 0}, r"format = 2: must be one of \(1,\)"),
-        ({"format": 1.0}, r"format = 1\.0: Expected `int`"),
         ({"feature_version": VERSION + 1}, f"feature_version = {VERSION + 1}: must be {VERSION}"),
-        (
-            {"candidate_features": list(CANDIDATE_FEATURES[::-1])},
-            r"candidate_features = \('.*: must be .*is_pellet",
-        ),
         ({"candidate_features": list(CANDIDATE_FEATURES[1:])}, "candidate_features = .*: must be .*is_pellet"),
         ({"global_features": []}, r"global_features = \(\): must be .*clyde_distance"),
         ({"normalisation": "none"}, "normalisation = 'none': must be .*planner_features"),
         ({"dropped_features": ["colour"]}, "dropped_features = 'colour': must be names of candidate features"),
-        ({"dropped_kinds": ["ghost"]}, "dropped_kinds = 'ghost': must be names of candidate features"),
         ({"robot_speed_mps": 0}, r"robot_speed_mps = 0: Expected `float` > 0"),
         ({"robot_speed_mps": 10**400}, "robot_speed_mps = 10+: Number out of range"),
         ({"metrics": {"completion": float("nan")}}, r"metrics\.completion = nan: must be a finite number"),
-        ({"metrics": {"completion": "high"}}, r"metrics\.completion = 'high': Expected `float`"),
-        ({"width": 64.0}, r"width = 64\.0: Expected `int`"),
         ({"colour": "red"}, "Object contains unknown field `colour`"),
     ],
 )
-def test_what_does_not_fit_this_version_is_named(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
+def test_field_unfit_for_this_version_is_named(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
     path = written(tmp_path, lambda content: content.update(changes))
     with pytest.raises(ValueError, match=rf"mine\.json: {message}"):
         read_planner(path)
 
 
-def test_a_range_has_two_ends(tmp_path: Path) -> None:
-    path = written(tmp_path, lambda content: content["training"].update(clyde_speeds_mps=[0.2]))
-    with pytest.raises(ValueError, match=r"training\.clyde_speeds_mps = \[0\.2\]: Expected `array` of length 2"):
-        read_planner(path)
-
-
-def test_a_model_that_was_changed_since_is_refused(tmp_path: Path) -> None:
+def test_changed_model_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path)
     path.write_bytes(MODEL + b".")
     with pytest.raises(ValueError, match=r"mine\.onnx: is damaged, or is not the file that mine\.json describes"):
@@ -167,17 +141,17 @@ def test_a_model_that_was_changed_since_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "content",
-    [b"", b"{", b"\xff\xfe{}", b"[" * 100_000, b'{"format": 1, "format": 1}', b"[]", b"null", b"1"],
-    ids=["empty", "cut", "encoding", "deep", "twice", "list", "null", "number"],
+    [b"{", b"\xff\xfe{}", b"[" * 100_000, b'{"format": 1, "format": 1}', b"[]"],
+    ids=["cut", "encoding", "deep", "twice", "list"],
 )
-def test_what_is_no_object_is_refused(content: bytes, tmp_path: Path) -> None:
+def test_metadata_that_is_no_object_is_refused(content: bytes, tmp_path: Path) -> None:
     path = written(tmp_path)
     metadata_path(path).write_bytes(content)
     with pytest.raises(ValueError, match=r"mine\.json: (no JSON that can be read|content = )"):
         read_planner(path)
 
 
-def test_missing_and_too_large_files_are_named(tmp_path: Path) -> None:
+def test_missing_and_large_files_are_refused(tmp_path: Path) -> None:
     path = written(tmp_path)
     metadata_path(path).unlink()
     with pytest.raises(ValueError, match=r"mine\.onnx: its metadata mine\.json is missing \(pacman-env export writes"):
@@ -198,7 +172,7 @@ def test_missing_and_too_large_files_are_named(tmp_path: Path) -> None:
         max_leaves=20,
     )
 )
-def test_whatever_it_holds_the_answer_is_a_value_error_with_the_file(content: object) -> None:
+def test_any_content_raises_value_error_naming_file(content: object) -> None:
     with pytest.raises(ValueError, match=r"^mine\.json: "):
         parse(PlannerMetadata, json.dumps(content), HERE)
 
@@ -211,6 +185,6 @@ def test_whatever_it_holds_the_answer_is_a_value_error_with_the_file(content: ob
         ({"commit": b"unknown"}, "cannot be written as JSON"),
     ],
 )
-def test_what_could_not_be_read_is_not_written(changes: dict[str, Any], message: str) -> None:
+def test_unreadable_metadata_is_not_written(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=rf"^mine\.json: {message}"):
         dump(structs.replace(METADATA, **changes), HERE)

@@ -31,16 +31,16 @@ class TestEveryPolicyByName(PolicyContract):
     def make(self) -> Policy:
         return make_policy(self.policy_name)
 
-    def test_a_policy_knows_the_name_it_is_made_by(self) -> None:
+    def test_policy_knows_its_name(self) -> None:
         assert self.make().name == self.policy_name
 
 
-def test_the_handcrafted_policies_are_there() -> None:
+def test_handcrafted_policies_are_registered() -> None:
     assert {"clyde_aware", "clyde_aware:documented", "nearest", "random", "search:alone"} <= set(policy_names())
     assert make_policy("search:alone", nodes=4000).base.name == "lookahead"  # type: ignore[attr-defined]
 
 
-def test_a_file_is_a_policy(planner: Path) -> None:
+def test_file_is_a_policy(planner: Path) -> None:
     assert make_policy(str(planner), threads=1).name == "ppo"
     with pytest.raises(ValueError, match=r"other\.onnx: cannot be read"):
         make_policy(str(planner.with_name("other.onnx")))
@@ -54,7 +54,7 @@ def test_ghosts_are_split_into_behaviours_and_policies(planner: Path) -> None:
         split_ghosts(("wander", "policy"))
 
 
-def test_the_learned_clyde_is_no_choice_for_the_robot() -> None:
+def test_learned_clyde_is_no_robot_policy() -> None:
     assert LEARNED_CLYDE not in policy_names()
     assert make_policy(LEARNED_CLYDE).name == "clyde"
 
@@ -69,12 +69,12 @@ def test_unknown_name_is_answered_with_known_ones(name: str, offered: str) -> No
         make_policy(name)
 
 
-def test_a_name_is_given_once() -> None:
+def test_name_is_registered_once() -> None:
     with pytest.raises(ValueError, match="'nearest' is registered already"):
         register_policy("nearest", lambda: make_policy("random"))
 
 
-def test_the_registry_needs_neither_torch_nor_the_environments() -> None:
+def test_registry_imports_neither_torch_nor_environments() -> None:
     above = "{'torch', 'rclpy', 'pymunk', 'pacman_env.envs.pacmanbot', 'pacman_env.envs.pacmanbot_vector'}"
     code = f"import sys, pacman_env.policies.registry; print({above} & set(sys.modules))"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -14,7 +14,7 @@ from tests.sim.observation.test_robot_view import Robot
 
 
 @pytest.mark.parametrize("behaviour", ["chase", "arcade"])
-def test_a_robot_chooses_what_the_simulator_does(behaviour: str) -> None:
+def test_robot_chooses_what_the_simulator_chooses(behaviour: str) -> None:
     config = config_of(behaviour)
     batch = GameBatch(map_assets("house", config), config)
     batch.reset(np.array([0]), np.array([1], dtype=np.uint64))
