@@ -38,9 +38,7 @@ class TestInThreads(ExecutorContract):
         (ValueError(lambda: 0), ValueError, "lambda"),
     ],
 )
-def test_an_error_as_plain_data_keeps_its_text_and_can_be_pickled(
-    error: Exception, kind: type[Exception], text: str
-) -> None:
+def test_plain_error_keeps_its_text_when_pickled(error: Exception, kind: type[Exception], text: str) -> None:
     again = pickle.loads(pickle.dumps(plain(error)))
     assert type(again) is kind
     assert text in str(again)

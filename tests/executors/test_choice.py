@@ -16,14 +16,14 @@ def parsed(*words: str) -> argparse.Namespace:
     return parser.parse_args(words)
 
 
-def test_one_worker_is_this_process_and_more_are_processes() -> None:
+def test_several_workers_are_processes() -> None:
     assert isinstance(executor_of(parsed()), InProcess)
     with executor_of(parsed("--workers", "2")) as executor:
         assert isinstance(executor, LocalProcesses)
         assert executor.workers == 2
 
 
-def test_an_address_without_a_cluster_is_named() -> None:
+def test_address_without_a_cluster_is_refused() -> None:
     pytest.importorskip("ray")
     with pytest.raises(ConnectionError, match=r"^--ray 127\.0\.0\.1:1: no cluster answers there: "):
         executor_of(parsed("--ray", "127.0.0.1:1"))
@@ -31,7 +31,7 @@ def test_an_address_without_a_cluster_is_named() -> None:
         executor_of(parsed("--ray", "here"))
 
 
-def test_no_number_of_workers_is_one_for_each_core() -> None:
+def test_zero_workers_are_one_per_core() -> None:
     with executor_of(parsed("--workers", "0")) as executor:
         assert executor.workers == cores()
     with executor_of(parsed(), threads=2) as executor:

@@ -30,14 +30,14 @@ class TestLocalProcesses(ProcessesContract):
         return two_processes
 
 
-def test_no_process_is_left(tmp_path: Path) -> None:
+def test_executor_leaves_no_process(tmp_path: Path) -> None:
     with LocalProcesses(2) as executor:
         numbers = set(executor.map(functions.note_and_wait, [(str(tmp_path), k) for k in range(4)]))
     assert os.getpid() not in numbers
     assert not any(map(psutil.pid_exists, numbers))
 
 
-def test_no_process_is_left_by_a_parent_that_is_killed(tmp_path: Path) -> None:
+def test_killed_parent_leaves_no_process(tmp_path: Path) -> None:
     program = (
         "from pacman_env.executors.processes import LocalProcesses\n"
         "from tests.executors import functions\n"

@@ -14,22 +14,17 @@ from pacman_env.executors.progress import bar_of
 from tests.executors import functions
 
 
-def test_the_counts_follow_the_tasks() -> None:
+def test_counts_follow_the_tasks() -> None:
     executor = InProcess()
     with contextlib.closing(executor.run(functions.fail, range(5))) as ends:
-        assert [(executor.progress.done, executor.progress.waiting) for _ in ends] == [
-            (1, 4),
-            (2, 3),
-            (3, 2),
-            (4, 1),
-            (5, 0),
-        ]
+        counts = [(executor.progress.done, executor.progress.waiting) for _ in ends]
+    assert counts == [(done, 5 - done) for done in range(1, 6)]
     with contextlib.closing(executor.run(functions.double, range(5))) as ends:
         next(ends)
     assert (executor.progress.done, executor.progress.waiting) == (6, 0)
 
 
-def test_a_lost_worker_is_a_line_and_a_count_and_the_bar_shows_it(
+def test_lost_worker_is_logged_counted_and_shown(
     tmp_path: Path,
     capfd: pytest.CaptureFixture[str],
     caplog: pytest.LogCaptureFixture,

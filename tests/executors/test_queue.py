@@ -40,7 +40,7 @@ def test_without_keys_tasks_go_in_their_order() -> None:
     assert queue.next_task(0, 2) == 1
 
 
-def test_a_key_stays_with_its_worker_from_run_to_run() -> None:
+def test_key_stays_with_its_worker_between_runs() -> None:
     owners: dict = {}  # type: ignore[type-arg]
     keys = list(range(7))
     first = handed_out(keys, 7, owners, 3)
@@ -51,16 +51,14 @@ def test_a_key_stays_with_its_worker_from_run_to_run() -> None:
     assert owners.keys() == {0, 1, 2, 3}
 
 
-def test_a_new_worker_gets_its_share_of_the_keys() -> None:
+def test_new_worker_gets_its_share_of_keys() -> None:
     owners: dict = {}  # type: ignore[type-arg]
     handed_out(list(range(8)), 8, owners, 1)
     assert Counter(handed_out(list(range(8)), 8, owners, 2).values()) == {0: 4, 1: 4}
 
 
 @given(st.lists(st.integers(0, 5), max_size=20), st.integers(1, 6), st.frozensets(st.integers(0, 5)), st.booleans())
-def test_every_task_is_handed_out_once_whoever_is_lost(
-    keys: list[int], workers: int, lost: frozenset[int], with_keys: bool
-) -> None:
+def test_every_task_is_handed_out_once(keys: list[int], workers: int, lost: frozenset[int], with_keys: bool) -> None:
     owners: dict = {}  # type: ignore[type-arg]
     for _ in range(2):
         found = handed_out(keys if with_keys else None, len(keys), owners, workers, lost)

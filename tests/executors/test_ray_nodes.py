@@ -21,7 +21,6 @@ pytest.importorskip("ray")
 from ray.cluster_utils import Cluster
 
 from pacman_env.episodes.rollout import episode_seeds
-from pacman_env.evaluation.compare import workers
 from pacman_env.evaluation.rounds.kept import KeptRounds
 from pacman_env.evaluation.rounds.play import Matchup, play_all
 from pacman_env.executors.base import InProcess, TaskFailed
@@ -65,9 +64,7 @@ def cluster(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Cluster
     made.shutdown()
 
 
-def test_a_machine_that_is_lost_and_one_that_joins_change_no_result(
-    cluster: Cluster, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_lost_and_joined_machines_change_no_result(cluster: Cluster, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO, "pacman_env.executors")
     lost = cluster.add_node(num_cpus=1)
     with RayCluster(cluster.address) as executor:
@@ -87,23 +84,11 @@ def test_a_machine_that_is_lost_and_one_that_joins_change_no_result(
     assert sum("its worker was lost, it is done again: " in line for line in told) == executor.progress.lost
 
 
-def other_version(folder: Path) -> dict[str, str]:
-    shutil.copytree(ROOT / "pacman_env", folder / "other" / "pacman_env")
-    (folder / "other" / "pacman_env" / "_version.py").write_text('__version__ = "0.0.1"\n')
-    return {"PYTHONPATH": str(folder / "other")}
-
-
 def other_sources(folder: Path) -> dict[str, str]:
     shutil.copytree(ROOT / "pacman_env", folder / "changed" / "pacman_env")
     with (folder / "changed" / "pacman_env" / "episodes" / "rollout.py").open("a") as file:
         file.write("# changed\n")
     return {"PYTHONPATH": str(folder / "changed")}
-
-
-def no_executors(folder: Path) -> dict[str, str]:
-    """As in a version that had none."""
-    shutil.copytree(ROOT / "pacman_env", folder / "old" / "pacman_env", ignore=shutil.ignore_patterns("executors"))
-    return {"PYTHONPATH": str(folder / "old")}
 
 
 def no_plugin(folder: Path) -> dict[str, str]:
@@ -128,22 +113,20 @@ def unmounted(tmp_path: Path) -> Iterator[None]:
 @pytest.mark.parametrize(
     ("environment", "reason"),
     [
-        (other_version, r": pacman_env 0\.0\.1, sources \w+; the command has [\d.]+, sources \w+: install the same"),
         (other_sources, r": pacman_env [\d.]+, sources \w+; the command has [\d.]+, sources \w+: install the same"),
-        (no_executors, r": pacman_env [\d.]+, sources \w+; the command has [\d.]+, sources \w+: install the same"),
         (no_plugin, ": policy 'other_package:Mine': module other_package cannot be imported"),
         (full_disk, r": .*/disk/sent/\w+: cannot be written: No space left on device"),
     ],
 )
 @pytest.mark.usefixtures("unmounted")
-def test_a_machine_that_cannot_play_is_named_and_what_was_played_is_kept(
+def test_failing_machine_is_named_and_results_kept(
     environment: Callable[[Path], dict[str, str]],
     reason: str,
     cluster: Cluster,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(workers, "_LARGEST_PIECE", 4)
+    monkeypatch.setattr("pacman_env.evaluation.rounds.play._LARGEST_PIECE", 4)
     seeds = episode_seeds(5, 24)
     ghosts = ("wander", str(PRETRAINED.with_name("clyde.onnx")))  # a file that is sent
     blocks = [Matchup("house", CONFIG.with_fields(**{"clyde.ghosts": ghosts}), "other_package:Mine", seeds)]
@@ -162,8 +145,7 @@ def test_a_machine_that_cannot_play_is_named_and_what_was_played_is_kept(
     line = str(failed.value)
     assert line.startswith("worker on ")
     assert "\n" not in line
-    if environment is not no_executors:
-        assert f"(node {bad[0].node_id[:12]})" in line
+    assert f"(node {bad[0].node_id[:12]})" in line
     kept = {path: path.stat().st_mtime_ns for path in folder.iterdir()}
     assert kept
     cluster.remove_node(bad[0])
@@ -178,7 +160,7 @@ def test_a_machine_that_cannot_play_is_named_and_what_was_played_is_kept(
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
 
 
-def test_the_counts_are_among_the_metrics_of_the_cluster(cluster: Cluster) -> None:
+def test_counts_are_metrics_of_the_cluster(cluster: Cluster) -> None:
     pytest.importorskip("opentelemetry.exporter.prometheus", reason="needs ray[default]")
     head = cluster.head_node
     with RayCluster(cluster.address) as executor:
@@ -195,13 +177,13 @@ def test_the_counts_are_among_the_metrics_of_the_cluster(cluster: Cluster) -> No
     assert found["ray_pacman_env_workers"] == "1.0"
 
 
-def test_without_an_address_the_cluster_is_a_new_one(cluster: Cluster) -> None:
+def test_cluster_is_new_without_an_address(cluster: Cluster) -> None:
     with RayCluster(workers=2) as executor:
         assert executor.workers == 2
         assert executor.map(functions.double, [4]) == [8]
 
 
-def test_a_cluster_whose_only_machine_is_lost_ends_the_run_in_one_line() -> None:
+def test_cluster_without_machines_ends_the_run() -> None:
     with RayCluster(workers=1) as executor:
         ends = executor.run(functions.slow_double, range(1000))
         next(ends)
