@@ -1,16 +1,13 @@
 from __future__ import annotations
 
 import itertools
-import math
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pacman_env.config import ShowConfig, make_config
+from pacman_env.config import ShowConfig
 from pacman_env.game.events import STAND_S, angular_velocity
-from pacman_env.sim.core.robot import SimulatedRobot
-from pacman_env.world.maps.occupancy import load_map
 
 SHOW = ShowConfig()
 
@@ -62,17 +59,3 @@ def test_speed_and_swing_follow_the_configuration() -> None:
         -0.7,
         None,
     ]
-
-
-def test_caught_robot_stops_while_it_shakes() -> None:
-    config = make_config("robot")
-    robot = SimulatedRobot(load_map("house"), config, 0)
-    for _ in range(30):
-        robot.set_velocity(config.robot.speed_mps, 0.0)
-        robot.step()
-    x, y, _ = robot.pose
-    for command in [0.0, *played("shake")]:
-        robot.set_velocity(0.0, command)
-        robot.step()
-    braking_m = config.robot.speed_mps**2 / (2 * config.robot.wheel_acceleration_mps2)
-    assert math.dist((x, y), robot.pose[:2]) < braking_m + 0.02

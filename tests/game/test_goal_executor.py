@@ -111,17 +111,6 @@ def test_lost_goal_does_not_block_choosing() -> None:
     assert words(executor.choose(FAR, 6.2)) == ["send 2"]
 
 
-def test_results_of_old_or_unknown_goals_are_ignored() -> None:
-    executor = running()
-    executor.choose(NEAR, 0.0)
-    executor.choose(FAR, 2.0)
-    for number in (1, 7):
-        assert executor.finished(number, SUCCEEDED, 2.1, at=PELLETS[10]) == []
-        assert executor.rejected(number, 2.1) == []
-    assert executor.sent.pursued == 1
-    assert 10 in executor.round.left
-
-
 # Orphans
 
 
@@ -157,32 +146,7 @@ def test_superseded_goal_is_cancelled_only_at_the_end() -> None:
     assert words(executor.choose(None, 2.5)) == ["cancel 1"]
 
 
-@pytest.mark.parametrize("state", ["menu", "starting", None])
-def test_nothing_is_driven_in_menu_or_unknown_state(state: str | None) -> None:
-    executor = make_executor(home_place(9.0, 9.0, 0.0))
-    executor.activate(0.0)
-    executor.nav2(True, 0.0)
-    if state is not None:
-        executor.state(state, 0.0)
-    for word in ("enable", "return_home", "enable"):
-        assert not [a for a in executor.command(word, 1.0) if a.kind == "send"]
-        assert not [a for a in executor.check((0.0, 0.0), (), 1.0) if a.kind == "send"]
-        assert not executor.wants_choice(1.0)
-        assert executor.choose(NEAR, 1.0) == []
-
-
 # Nav2 away, bursts, a new start
-
-
-def test_nothing_is_sent_while_nav2_is_away() -> None:
-    executor = running()
-    executor.choose(NEAR, 0.0)
-    executor.sent.accepted(1, 0.1)
-    executor.nav2(False, 1.0)
-    assert not executor.wants_choice(1.0)
-    assert executor.choose(FAR, 1.0) == []
-    executor.nav2(True, 3.0)
-    assert words(executor.choose(NEAR, 3.0)) == ["send 2"]
 
 
 def test_returning_nav2_is_told_to_cancel_again() -> None:
