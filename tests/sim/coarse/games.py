@@ -11,9 +11,8 @@ from pacman_env.game.ghosts import Behaviour, find_behaviour
 from pacman_env.sim.coarse.coarse_map import CoarseArrays
 from pacman_env.sim.coarse.model import Behaviours, Lags
 from pacman_env.sim.coarse.start import CoarseStart, draw_futures, start
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.situation import Situation
+from tests.sim.players import new_batch
 
 
 def config_of(*ghosts: str, **changes: Any) -> Config:
@@ -22,9 +21,7 @@ def config_of(*ghosts: str, **changes: Any) -> Config:
 
 def situation_of(config: Config, games: int = 1, source: str = "house", seed: int = 0) -> Situation:
     """The situations at the beginning of rounds."""
-    batch = GameBatch(map_assets(source, config), config, games)
-    batch.reset(np.arange(games), np.arange(seed, seed + games, dtype=np.uint64))
-    return batch.situation()
+    return new_batch(config, games, source, first_seed=seed).situation()
 
 
 def started(

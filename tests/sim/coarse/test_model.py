@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 import math
-import threading
-import time
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-import pytest
 
 from pacman_env.engine.jit import kernel
-from pacman_env.game.ghosts import Behaviour, GhostView, find_behaviour
-from pacman_env.sim.coarse import model
+from pacman_env.game.ghosts import Behaviour
 from pacman_env.sim.coarse.model import NOWHERE, Lags, choose, lead_m, play, step
 from pacman_env.sim.coarse.start import CoarseStart, draw_futures
 from tests.sim.coarse.games import config_of, lengths_of, situation_of, started
@@ -49,10 +43,10 @@ def steps(game: CoarseStart, count: int) -> np.ndarray:
     return path
 
 
-def test_a_chaser_reaches_a_robot_that_stands() -> None:
+def test_chaser_reaches_a_standing_robot() -> None:
     config = config_of("chase")
+    situation = situation_of(config, 4)
     for i in range(4):
-        situation = situation_of(config, 4)
         game, _kept = started(config, situation, i)
         lead = _lead(game.robot, game.ghosts, game.model.map)
         path = steps(game, math.ceil(1.1 * lead / config.clyde.speed_mps) + 2)
@@ -61,7 +55,7 @@ def test_a_chaser_reaches_a_robot_that_stands() -> None:
         np.testing.assert_array_equal(path[:, :2], np.tile(situation.robot[i, :2], (len(path), 1)))
 
 
-def test_a_chaser_never_comes_nearer_than_its_speed_allows() -> None:
+def test_chaser_keeps_its_speed() -> None:
     config = config_of("chase", **{"clyde.speed_mps": 0.4})
     game, _kept = started(config, situation_of(config))
     path = steps(game, 20)[:, 2:]
@@ -70,7 +64,7 @@ def test_a_chaser_never_comes_nearer_than_its_speed_allows() -> None:
     assert moved.max() > 0.35 * Lags().step_s
 
 
-def test_the_arcades_ghost_turns_away_when_it_is_near() -> None:
+def test_arcade_ghost_turns_away_when_near() -> None:
     config = config_of("arcade")
     game, _kept = started(config, situation_of(config))
     path = steps(game, 200)
@@ -79,7 +73,7 @@ def test_the_arcades_ghost_turns_away_when_it_is_near() -> None:
     assert apart.min() < config.clyde.arcade_distance_m < apart.max()
 
 
-def test_each_of_several_ghosts_has_its_own_behaviour() -> None:
+def test_each_ghost_has_its_own_behaviour() -> None:
     config = config_of("wander", "chase", "arcade")
     game, _kept = started(config, situation_of(config))
     alone = []
@@ -95,7 +89,7 @@ def test_each_of_several_ghosts_has_its_own_behaviour() -> None:
     assert together[0] != together[1] != together[2]
 
 
-def test_the_function_of_a_ghost_from_outside_is_asked() -> None:
+def test_function_of_a_plugin_ghost_is_called() -> None:
     def flee(view, parameters):  # type: ignore[no-untyped-def]
         return parameters[0], parameters[1]
 
@@ -109,7 +103,7 @@ def test_the_function_of_a_ghost_from_outside_is_asked() -> None:
     assert not np.array_equal(steps(chaser, 40), path)
 
 
-def test_wanderers_walk_by_the_seed_and_the_future() -> None:
+def test_wanderers_depend_on_seed_and_future() -> None:
     config = config_of("wander")
     situation = situation_of(config)
 
@@ -123,7 +117,7 @@ def test_wanderers_walk_by_the_seed_and_the_future() -> None:
     assert not np.array_equal(way(1, 0), way(1, 1))
 
 
-def test_a_drive_takes_the_path_over_the_speed_and_the_lags() -> None:
+def test_drive_takes_path_over_speed_plus_lags() -> None:
     config = config_of("chase", **{"clyde.speed_mps": 0.0, "execution.death_radius_m": 1e-6})
     situation = situation_of(config)
     lags = Lags()
@@ -141,7 +135,7 @@ def test_a_drive_takes_the_path_over_the_speed_and_the_lags() -> None:
         assert game.robot["reached"][0]
 
 
-def test_a_pellet_that_is_reached_is_collected_and_those_on_the_way_too() -> None:
+def test_pellets_on_the_path_are_collected() -> None:
     config = config_of("chase", **{"clyde.speed_mps": 0.0})
     situation = situation_of(config)
     far = int(np.where(situation.kind[0] == 0, situation.path_robot[0], -1.0).argmax())
@@ -158,7 +152,7 @@ def test_a_pellet_that_is_reached_is_collected_and_those_on_the_way_too() -> Non
     assert not after >> int(game.model.bit[game.goals[far]]) & 1
 
 
-def test_a_switch_on_the_way_follows_the_old_path_for_a_while() -> None:
+def test_switched_robot_follows_the_old_path_briefly() -> None:
     config = config_of("chase", **{"clyde.speed_mps": 0.0})
     situation = situation_of(config)
     order = np.argsort(np.where(situation.kind[0] == 0, situation.path_robot[0], np.inf))
@@ -174,7 +168,7 @@ def test_a_switch_on_the_way_follows_the_old_path_for_a_while() -> None:
     assert not np.array_equal(steps(kept, 12)[:, :2], steps(switched, 12)[:, :2])
 
 
-def test_a_ghost_behind_a_wall_beside_the_robot_is_near() -> None:
+def test_ghost_behind_a_wall_is_near() -> None:
     """The side that a ghost takes changes with a centimetre there."""
     config = config_of("chase")
     game, _kept = started(config, situation_of(config))
@@ -188,32 +182,3 @@ def test_a_ghost_behind_a_wall_beside_the_robot_is_near() -> None:
             game.ghosts["block"] = game.ghosts["towards"] = side
             game.ghosts["offset_m"] = 0.0
             assert _lead(game.robot, game.ghosts, m) < 1.0
-
-
-@pytest.mark.parametrize("name", ["chase", "arcade", "wander"])
-def test_every_behaviour_of_the_table_has_its_place(name: str) -> None:
-    config = config_of(name)
-    game, _kept = started(config, situation_of(config), behaviours=[find_behaviour(name)])
-    path = steps(game, 20)
-    assert np.isfinite(path).all()
-    assert len({tuple(row) for row in path[:, 2:].tolist()}) > 5
-
-
-def test_threads_that_need_a_behaviour_at_once_get_one_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
-    both, made = threading.Barrier(2), model.kernel
-
-    def slowly(*arguments: Any) -> Any:
-        time.sleep(0.1)
-        return made(*arguments)
-
-    def stand(view: GhostView, x: float) -> tuple[float, float]:
-        return view.x, view.y
-
-    def get() -> Any:
-        both.wait()
-        return model._behaviour_kernel(Behaviour("stands", stand, (1.0,)))
-
-    monkeypatch.setattr(model, "kernel", slowly)
-    with ThreadPoolExecutor(2) as pool:
-        first, second = (pool.submit(get) for _ in range(2))
-    assert first.result() is second.result()

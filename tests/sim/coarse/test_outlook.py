@@ -48,7 +48,7 @@ def of(config: Config, games: int = 6) -> Situation:
     return situation_of(config, games)
 
 
-def test_where_no_ghost_comes_it_is_empty() -> None:
+def test_outlook_is_empty_without_hunters() -> None:
     situation = of(config_of("wander"))
     seen = columns(sure(situation, "wander"))
     for name in CANDIDATE_FEATURES:
@@ -57,13 +57,13 @@ def test_where_no_ghost_comes_it_is_empty() -> None:
     assert (seen["coming"] == 0).all()
 
 
-def test_the_nearer_a_chaser_is_the_more_ways_end_with_it() -> None:
+def test_nearer_chaser_ends_more_paths() -> None:
     situation = sure(of(config_of("chase")), "chase")
     caught = [columns(beside(situation, 0, apart_m))["hunted_caught"][0].sum() for apart_m in (0.5, 6.0)]
     assert caught[0] > caught[1]
 
 
-def test_a_chaser_that_is_caught_up_by_catches_and_leaves_no_lead() -> None:
+def test_catching_chaser_leaves_no_lead() -> None:
     seen = columns(sure(of(config_of("chase", **{"clyde.speed_mps": 0.8}), 12), "chase"))
     caught = seen["hunted_caught"] > 0
     assert caught.any()
@@ -72,7 +72,7 @@ def test_a_chaser_that_is_caught_up_by_catches_and_leaves_no_lead() -> None:
     assert (seen["hunted_lead"][(seen["hunted"] > 0) & ~caught] > 0).all()
 
 
-def test_a_ghost_that_stands_catches_nobody_far_away() -> None:
+def test_standing_ghost_catches_nobody_far_away() -> None:
     situation = sure(of(config_of("chase")), "chase")
     ghosts = situation.ghosts.copy()
     ghosts[:, 0, 4] = 0.0
@@ -84,7 +84,7 @@ def test_a_ghost_that_stands_catches_nobody_far_away() -> None:
 
 
 @pytest.mark.parametrize("ghosts", [("chase",), ("wander", "chase"), ("arcade", "chase", "wander", "chase")])
-def test_a_situation_has_the_same_outlook_alone_and_among_others(ghosts: tuple[str, ...]) -> None:
+def test_outlook_is_the_same_alone(ghosts: tuple[str, ...]) -> None:
     situation = sure(of(config_of(*ghosts)), *ghosts)
     together = planner_features(situation, SPEED)
     for i in range(len(situation)):
@@ -93,7 +93,7 @@ def test_a_situation_has_the_same_outlook_alone_and_among_others(ghosts: tuple[s
             np.testing.assert_array_equal(one[0], all_of_them[i])
 
 
-def test_the_order_of_ghosts_does_not_matter_to_their_tokens() -> None:
+def test_order_of_ghosts_does_not_matter() -> None:
     ghosts = ("chase", "wander")
     situation = sure(of(config_of(*ghosts)), *ghosts)
     turned = replace(situation, ghosts=situation.ghosts[:, ::-1], belief=situation.belief[:, ::-1])
@@ -103,7 +103,7 @@ def test_the_order_of_ghosts_does_not_matter_to_their_tokens() -> None:
             np.testing.assert_allclose(one[name], other[name], atol=1e-6)
 
 
-def test_threads_that_play_on_a_new_map_at_once_read_the_same_table_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_threads_share_the_table_of_a_map(monkeypatch: pytest.MonkeyPatch) -> None:
     """A second table would replace the first, whose memory is freed while a kernel reads it."""
     config = config_of("chase")
     level = Level.of(replace(map_assets("loop", config)), config)  # of a map that nothing has been made of

@@ -11,9 +11,9 @@ from pacman_env.config import make_config
 from pacman_env.game.behaviour_belief import ANY_PLACE, ARCADE, BELIEVED, CHASES, PRIOR
 from pacman_env.game.execution import RUNNING
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.core.beliefs import apart_cm, places_left
 from pacman_env.sim.maps.assets import map_assets
+from tests.sim.players import new_batch
 
 GAMES = 32
 
@@ -22,8 +22,7 @@ def believed(*ghosts: str, seconds: float = 12.0) -> np.ndarray:
     """(M, G, 4) of the games that run so long; the ghosts cannot catch the robot."""
     settings = {"execution.death_radius_m": 1e-6, "nav2.clyde_keepout_m": 1e-6}
     config = make_config("robot", **{"clyde.ghosts": ghosts, **settings})
-    batch = GameBatch(map_assets("house", config), config, GAMES)
-    batch.reset(np.arange(GAMES), np.arange(GAMES, dtype=np.uint64))
+    batch = new_batch(config, GAMES)
     policy = make_policy("lookahead")
     policy.reset(np.ones(GAMES, np.bool_), config)
     for _ in range(round(seconds / config.execution.tick_s)):
@@ -31,30 +30,29 @@ def believed(*ghosts: str, seconds: float = 12.0) -> np.ndarray:
     return batch.situation().belief[batch.games["end"] == RUNNING]
 
 
-def test_at_the_beginning_nothing_is_known() -> None:
+def test_belief_begins_with_the_prior() -> None:
+    assert len(BELIEVED) == 4
     np.testing.assert_allclose(believed("chase", "wander", seconds=0.0), np.broadcast_to(PRIOR, (GAMES, 2, 4)))
 
 
-def test_a_chaser_and_the_arcades_ghost_are_known_to_come_after_twelve_seconds() -> None:
+def test_hunters_are_believed_after_twelve_seconds() -> None:
     for name in ("chase", "arcade"):
         comes = believed(name)[:, 0, [ARCADE, CHASES]].sum(axis=1)
         assert (comes > 0.5).mean() > 0.95
 
 
-def test_most_wanderers_are_known_after_a_minute() -> None:
+def test_most_wanderers_are_believed_after_a_minute() -> None:
     comes = believed("wander", seconds=60.0)[:, 0, [ARCADE, CHASES]].sum(axis=1)
     assert (comes > 0.5).mean() < 0.15
 
 
-def test_each_ghost_has_a_belief_of_its_own() -> None:
+def test_each_ghost_has_its_own_belief() -> None:
     belief = believed("wander", "chase", seconds=30.0)
     assert belief[:, 1, CHASES].mean() > belief[:, 0, CHASES].mean() + 0.3
 
 
-def test_a_ghost_that_is_put_elsewhere_is_not_known_any_more() -> None:
-    config = make_config("robot", **{"clyde.ghosts": ("chase",)})
-    batch = GameBatch(map_assets("house", config), config, 1)
-    batch.reset(np.arange(1), np.arange(1, dtype=np.uint64))
+def test_moved_ghost_resets_its_belief() -> None:
+    batch = new_batch(make_config("robot", **{"clyde.ghosts": ("chase",)}))
     for _ in range(12):
         batch.step(np.array([batch.hold]))
     assert not np.allclose(batch.situation().belief[0, 0], PRIOR)
@@ -62,23 +60,19 @@ def test_a_ghost_that_is_put_elsewhere_is_not_known_any_more() -> None:
     np.testing.assert_allclose(batch.situation().belief[0, 0], PRIOR)
 
 
-@pytest.mark.parametrize("source", ["house", "loop"])
-def test_lengths_from_landmarks_are_below_the_paths_and_exact_from_a_goal(source: str) -> None:
-    assets = map_assets(source, make_config("robot"))
+def test_lengths_from_goals_are_exact() -> None:
+    assets = map_assets("house", make_config("robot"))
     cells = np.random.default_rng(0).integers(0, len(assets.length_cm), 50)
     for goal, at in enumerate(assets.goal_cell):
         for cell in cells:
             length = int(assets.length_cm[cell, goal])
-            if at >= 0 and length != 65535:
-                assert abs(apart_cm(assets.length_cm[cell], assets.length_cm[at]) - length) <= 2
-
-
-def test_names_are_in_the_order_of_the_situations_last_axis() -> None:
-    assert believed("wander", seconds=0.5).shape[-1] == len(BELIEVED)
+            assert (
+                at < 0 or length == 65535 or abs(apart_cm(assets.length_cm[cell], assets.length_cm[at]) - length) <= 2
+            )
 
 
 @given(st.lists(st.integers(0, 3000), min_size=1, max_size=90), st.integers(0, 2**32 - 1))
-def test_places_left_are_those_that_a_move_came_nearer_to(lengths: list[int], seed: int) -> None:
+def test_places_left_are_those_approached(lengths: list[int], seed: int) -> None:
     rng = np.random.default_rng(seed)
     before = np.array(lengths, dtype=np.uint16)
     now = np.clip(before.astype(int) + rng.integers(-30, 31, len(before)), 0, 3000).astype(np.uint16)

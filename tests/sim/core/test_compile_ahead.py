@@ -50,7 +50,7 @@ def lives(pid: int) -> bool:
 
 @pytest.mark.skipif(compile_ahead.cores() < 2, reason="one core")
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="no /proc")
-def test_it_ends_with_the_process_that_began_it_without_a_word(parent: subprocess.Popen[str]) -> None:
+def test_helper_ends_silently_with_its_parent(parent: subprocess.Popen[str]) -> None:
     other = pid_of_other(parent)
     assert lives(other)
     _, said = parent.communicate("\n", timeout=PATIENCE_S)
@@ -61,25 +61,25 @@ def test_it_ends_with_the_process_that_began_it_without_a_word(parent: subproces
 
 @pytest.mark.skipif(compile_ahead.cores() < 2, reason="one core")
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="no /proc")
-def test_it_ends_when_the_process_that_began_it_is_killed(parent: subprocess.Popen[str]) -> None:
+def test_helper_ends_when_its_parent_is_killed(parent: subprocess.Popen[str]) -> None:
     other = pid_of_other(parent)
     parent.send_signal(signal.SIGKILL)
     parent.communicate(timeout=PATIENCE_S)
     wait_for(lambda: not lives(other), "its end")
 
 
-def test_on_one_core_nothing_is_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_starts_on_one_core(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compile_ahead, "cores", lambda: 1)
     monkeypatch.setattr(compile_ahead, "kernel_folder", lambda: tmp_path)
     assert compile_ahead.begin() is None
     assert not list(tmp_path.iterdir())
 
 
-def test_where_nothing_can_be_kept_nothing_is_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_starts_without_a_cache(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compile_ahead, "kernel_folder", lambda: None)
     assert compile_ahead.begin() is None
 
 
-def test_what_it_compiles_is_what_a_batch_runs() -> None:
+def test_helper_compiles_what_a_batch_runs() -> None:
     compile_ahead.main(os.getppid())
     assert RANGE in play.overloads

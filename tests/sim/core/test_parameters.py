@@ -5,47 +5,32 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-import pytest
 
 from pacman_env.config import RandomizeConfig, make_config
 from pacman_env.rng import LEVEL, LIDAR
 from pacman_env.sim.core.parameters import draw_below, draw_episodes, drawn_values, next_seeds
 
 SEEDS = np.arange(2000, dtype=np.uint64) * np.uint64(0x1234567)
-RANGES = {
-    "speed_mps": (0.1, 0.3),
-    "clyde_speed_mps": (0.0, 0.5),
-    "sigma_xy_m": (0.01, 0.1),
-    "sigma_yaw_rad": (0.02, 0.2),
-    "update_distance_m": (0.1, 0.4),
-    "update_angle_rad": (0.1, 0.3),
-    "accept_delay_s": (0.0, 1.0),
-    "abort_rate": (0.0, 0.5),
-    "pickup_radius_m": (0.2, 0.4),
+#: The range of each field that can be drawn, and the fixed value that it stands for.
+FIELDS = {
+    "speed_mps": ((0.1, 0.3), "robot.speed_mps"),
+    "clyde_speed_mps": ((0.0, 0.5), "clyde.speed_mps"),
+    "sigma_xy_m": ((0.01, 0.1), "localization.sigma_xy_m"),
+    "sigma_yaw_rad": ((0.02, 0.2), "localization.sigma_yaw_rad"),
+    "update_distance_m": ((0.1, 0.4), "localization.update_distance_m"),
+    "update_angle_rad": ((0.1, 0.3), "localization.update_angle_rad"),
+    "accept_delay_s": ((0.0, 1.0), "nav2.accept_delay_s"),
+    "abort_rate": ((0.0, 0.5), "nav2.abort_rate"),
+    "pickup_radius_m": ((0.2, 0.4), "execution.pickup_radius_m"),
 }
+RANGES = {name: limits for name, (limits, _) in FIELDS.items()}
 SETTINGS = {f"randomize.{name}": limits for name, limits in RANGES.items()}
-#: The fixed value that each range stands for.
-FIXED = {
-    "speed_mps": "robot.speed_mps",
-    "clyde_speed_mps": "clyde.speed_mps",
-    "sigma_xy_m": "localization.sigma_xy_m",
-    "sigma_yaw_rad": "localization.sigma_yaw_rad",
-    "update_distance_m": "localization.update_distance_m",
-    "update_angle_rad": "localization.update_angle_rad",
-    "accept_delay_s": "nav2.accept_delay_s",
-    "abort_rate": "nav2.abort_rate",
-    "pickup_radius_m": "execution.pickup_radius_m",
-}
 
 
-def test_every_field_that_can_be_drawn_is_tested_here() -> None:
-    assert list(RANGES) == list(FIXED) == [f.name for f in dataclasses.fields(RandomizeConfig)]
-
-
-def test_draws_are_uniform_over_their_ranges_and_independent_of_one_another() -> None:
+def test_draws_are_uniform_and_independent() -> None:
     config = make_config("robot", **SETTINGS)
     values = drawn_values(draw_episodes(SEEDS, config), config)
-    assert list(values) == list(RANGES)
+    assert list(values) == list(RANGES) == [f.name for f in dataclasses.fields(RandomizeConfig)]
     shares = np.stack([(values[name] - low) / (high - low) for name, (low, high) in RANGES.items()])
     assert (shares >= 0).all()
     assert (shares <= 1).all()
@@ -55,23 +40,23 @@ def test_draws_are_uniform_over_their_ranges_and_independent_of_one_another() ->
     assert np.abs(np.corrcoef(shares) - np.eye(len(shares))).max() < 5 / np.sqrt(len(SEEDS))
 
 
-def test_a_seed_draws_the_same_alone_among_others_and_again() -> None:
+def test_seed_draws_the_same_alone() -> None:
     config = make_config("robot", **SETTINGS)
     together = draw_episodes(SEEDS[:50], config)
     for i in (0, 7, 49):
         assert draw_episodes(SEEDS[i : i + 1], config)[0] == together[i]
 
 
-@pytest.mark.parametrize("name", RANGES)
-def test_a_range_without_width_is_the_fixed_value(name: str) -> None:
-    value = RANGES[name][1]
-    drawn = make_config("robot", **{f"randomize.{name}": (value, value)})
-    fixed = make_config("robot", **{FIXED[name]: value})
-    assert (draw_episodes(SEEDS[:20], drawn) == draw_episodes(SEEDS[:20], fixed)).all()
-    np.testing.assert_allclose(drawn_values(draw_episodes(SEEDS[:20], drawn), drawn)[name], value, rtol=1e-12)
+def test_range_without_width_is_the_fixed_value() -> None:
+    for name, ((_, value), fixed_name) in FIELDS.items():
+        drawn = make_config("robot", **{f"randomize.{name}": (value, value)})
+        fixed = make_config("robot", **{fixed_name: value})
+        assert (draw_episodes(SEEDS[:20], drawn) == draw_episodes(SEEDS[:20], fixed)).all()
+        found = drawn_values(draw_episodes(SEEDS[:20], drawn), drawn)[name]
+        np.testing.assert_allclose(found, value, rtol=1e-12)
 
 
-def test_the_delay_is_a_whole_number_of_physics_steps() -> None:
+def test_delay_is_a_number_of_steps() -> None:
     config = make_config("robot", **SETTINGS)
     delays = drawn_values(draw_episodes(SEEDS, config), config)["accept_delay_s"]
     steps = delays / config.physics_step_s
@@ -79,14 +64,14 @@ def test_the_delay_is_a_whole_number_of_physics_steps() -> None:
     assert len(set(np.rint(steps))) == 21
 
 
-def test_perfect_localization_has_no_error_whatever_is_drawn() -> None:
+def test_perfect_localization_has_no_error() -> None:
     config = make_config("ideal", **SETTINGS)
     values = drawn_values(draw_episodes(SEEDS, config), config)
     assert not values["sigma_xy_m"].any()
     assert not values["sigma_yaw_rad"].any()
 
 
-def test_without_ranges_every_episode_has_the_fixed_values() -> None:
+def test_episodes_without_ranges_have_fixed_values() -> None:
     config = make_config("robot")
     episodes = draw_episodes(SEEDS, config)
     np.testing.assert_array_equal(episodes["episode_seed"], SEEDS)
@@ -96,7 +81,7 @@ def test_without_ranges_every_episode_has_the_fixed_values() -> None:
     assert drawn_values(episodes, config) == {}
 
 
-def test_seeds_that_follow_are_new_and_below_2_to_the_63() -> None:
+def test_next_seeds_are_new_and_below_limit() -> None:
     first = next_seeds(SEEDS)
     second = next_seeds(first)
     everything = np.concatenate([SEEDS, first, second])
@@ -105,12 +90,10 @@ def test_seeds_that_follow_are_new_and_below_2_to_the_63() -> None:
     np.testing.assert_array_equal(next_seeds(SEEDS[3:5]), first[3:5])
 
 
-@pytest.mark.parametrize("count", [1, 2, 10, 1_000_000])
-def test_numbers_below_a_bound_are_uniform_and_differ_by_purpose(count: int) -> None:
-    numbers = draw_below(SEEDS, LEVEL, count)
-    assert numbers.min() >= 0
-    assert numbers.max() < count
-    if count == 10:
-        assert (np.abs(np.bincount(numbers) - 200) < 5 * np.sqrt(200)).all()
-    if count > 2:
-        assert (numbers != draw_below(SEEDS, LIDAR, count)).mean() > 0.8
+def test_numbers_below_a_bound_are_uniform() -> None:
+    for count in (1, 2, 10, 1_000_000):
+        numbers = draw_below(SEEDS, LEVEL, count)
+        assert 0 <= numbers.min() <= numbers.max() < count
+    counts = np.bincount(draw_below(SEEDS, LEVEL, 10))
+    assert (np.abs(counts - 200) < 5 * np.sqrt(200)).all()
+    assert (numbers != draw_below(SEEDS, LIDAR, count)).mean() > 0.8  # another purpose

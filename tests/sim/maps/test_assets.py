@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -13,7 +14,6 @@ from pacman_env.sim.maps.assets import MapAssets, map_assets, path_fields, prepa
 from pacman_env.world.maps.occupancy import MapError, OccupancyMap, load_map
 from pacman_env.world.navigation.paths import AT_GOAL, NO_STEP, UNREACHABLE_CM
 from tests.drawn import box, drawn
-from tests.shared import shared_path
 
 CONFIG = make_config("robot")
 #: A room with home, and a sealed one to its right; pellets lie in both at a spacing of 1.0 m.
@@ -29,25 +29,24 @@ def fine(**changes: object) -> Config:
 
 
 @pytest.fixture
-def empty_caches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Nothing kept in the process or on disk; the folder of the disk's."""
+def forget(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
+    """Nothing is kept on disk; a function that empties the memory of the process, too."""
+
+    def empty() -> None:
+        monkeypatch.setattr(module, "_assets", type(module._assets)())
+
     monkeypatch.setenv("PACMAN_ENV_CACHE", str(tmp_path))
-    monkeypatch.setattr(module, "_assets", type(module._assets)())
-    return tmp_path / "maps"
+    empty()
+    return empty
 
 
 # Kept
 
 
-def test_the_second_call_for_a_map_gives_the_same_object_and_prepares_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    first = map_assets("house", CONFIG)
-    monkeypatch.setattr(module, "_build", lambda *arguments: pytest.fail("prepared again"))
-    assert map_assets("house", CONFIG) is first
-
-
-def test_what_does_not_matter_to_the_map_shares_assets_and_what_does_has_its_own() -> None:
+def test_assets_are_shared_by_equal_map_settings() -> None:
     m = sealed_rooms()
     one = map_assets(m, fine())
+    assert map_assets(sealed_rooms(), fine()) is one  # by its content
     for same in ({"clyde.speed_mps": 0.4}, {"time_limit_s": 30.0}, {"reward.death": -1.0}, {"robot.speed_mps": 0.2}):
         assert map_assets(m, fine(**same)) is one
     different: list[dict[str, object]] = [
@@ -63,31 +62,22 @@ def test_what_does_not_matter_to_the_map_shares_assets_and_what_does_has_its_own
     assert map_assets(m, fine(), home=(0.5, 0.5, 0.0)) is not one
 
 
-def test_a_map_is_known_by_its_content_and_keeps_its_name(tmp_path: Path) -> None:
-    one = map_assets(sealed_rooms(), fine())
-    assert map_assets(sealed_rooms(), fine()) is one
-    sealed_rooms().save(tmp_path / "copy.yaml")
-    copy = map_assets(tmp_path / "copy.yaml", fine())
-    assert copy.length_cm is one.length_cm
-    assert (one.occupancy.name, copy.occupancy.name) == (sealed_rooms().name, "copy")
-
-
-def same_fields(one: MapAssets, other: MapAssets) -> None:
-    for name in ("length_cm", "next_step"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
-        assert getattr(one, name).dtype == getattr(other, name).dtype
-
-
-def test_path_fields_come_back_from_disk_as_they_were_computed(
-    empty_caches: Path, monkeypatch: pytest.MonkeyPatch
+def test_path_fields_are_read_back_from_disk(
+    forget: Callable[[], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     computed = map_assets(sealed_rooms(), fine())
-    assert len(list(empty_caches.glob("*/*.npy"))) == 2
-    monkeypatch.setattr(module, "_assets", type(module._assets)())
+    assert len(list(tmp_path.glob("maps/*/*.npy"))) == 2
+    sealed_rooms().save(tmp_path / "copy.yaml")
+    copied = map_assets(tmp_path / "copy.yaml", fine())
+    assert copied.length_cm is computed.length_cm
+    assert (computed.occupancy.name, copied.occupancy.name) == (sealed_rooms().name, "copy")
+    forget()
     monkeypatch.setattr(module, "path_fields", None)  # nothing may be computed now
     loaded = map_assets(sealed_rooms(), fine())
     assert loaded is not computed
-    same_fields(loaded, computed)
+    for name in ("length_cm", "next_step"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(computed, name))
+        assert getattr(loaded, name).dtype == getattr(computed, name).dtype
 
 
 def everything(assets: MapAssets) -> dict[str, np.ndarray]:
@@ -96,10 +86,9 @@ def everything(assets: MapAssets) -> dict[str, np.ndarray]:
     return {name: np.asarray(value) for name, value in fields.items() if not hasattr(value, "__dict__")}
 
 
-def test_a_prepared_map_is_the_same_bits_and_is_kept_nowhere(empty_caches: Path) -> None:
+def test_prepared_map_has_same_bits_uncached(forget: Callable[[], None], tmp_path: Path) -> None:
     prepared = prepare_map(sealed_rooms(), fine(), home=(0.5, 0.5, 0.0))
-    assert not empty_caches.exists()
-    assert len(module._assets) == 0
+    assert not (tmp_path / "maps").exists()
     kept = map_assets(sealed_rooms(), fine(), home=(0.5, 0.5, 0.0))
     assert kept is not prepared
     one, other = everything(prepared), everything(kept)
@@ -109,7 +98,7 @@ def test_a_prepared_map_is_the_same_bits_and_is_kept_nowhere(empty_caches: Path)
         np.testing.assert_array_equal(value, other[name], err_msg=name)
 
 
-def test_threads_prepare_maps_at_the_same_time() -> None:
+def test_threads_prepare_maps_concurrently() -> None:
     maps = [load_map("house"), load_map("maze")]
     alone = [everything(prepare_map(m, CONFIG)) for m in maps]
     with ThreadPoolExecutor(2) as pool:
@@ -119,37 +108,10 @@ def test_threads_prepare_maps_at_the_same_time() -> None:
             np.testing.assert_array_equal(found[name], value, err_msg=name)
 
 
-def test_a_home_pose_that_is_no_number_is_refused_when_preparing_too() -> None:
-    with pytest.raises(MapError, match=r"the home pose must be x, y, heading"):
-        prepare_map(sealed_rooms(), fine(), home=(np.nan, 0.0, 0.0))
-
-
-def test_a_damaged_file_on_disk_is_computed_again(empty_caches: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    computed = map_assets(sealed_rooms(), fine())
-    before = {name: np.array(getattr(computed, name)) for name in ("length_cm", "next_step")}
-    for path in empty_caches.glob("*/*.npy"):
-        content = path.read_bytes()
-        path.unlink()
-        path.write_bytes(content[: len(content) // 2])
-    monkeypatch.setattr(module, "_assets", type(module._assets)())
-    again = map_assets(sealed_rooms(), fine())
-    for name, array in before.items():
-        np.testing.assert_array_equal(getattr(again, name), array)
-
-
-def test_only_the_last_maps_are_kept_in_the_process(empty_caches: Path) -> None:
-    m = drawn(box(8, 6), origin=(-2.0, -1.5, 0.0))
-    first = map_assets(m, fine())
-    for k in range(module._KEEP):
-        map_assets(m, fine(**{"pellets.spacing_m": 1.0 + 0.05 * (k + 1)}))
-    assert len(module._assets) == module._KEEP
-    assert map_assets(m, fine()) is not first
-
-
 # Pellets
 
 
-def test_pellets_out_of_reach_are_dropped_and_the_others_keep_their_ids() -> None:
+def test_unreachable_pellets_are_dropped() -> None:
     m = sealed_rooms()
     assets = map_assets(m, fine())
     everything = generate_pellets(m, fine().pellets)
@@ -160,7 +122,7 @@ def test_pellets_out_of_reach_are_dropped_and_the_others_keep_their_ids() -> Non
     np.testing.assert_array_equal(assets.goal_xy[: assets.pellets], everything.position[~sealed])
 
 
-def test_as_the_original_had_it_pellets_out_of_reach_stay_and_have_no_way() -> None:
+def test_unreachable_pellets_may_stay_without_path() -> None:
     m = sealed_rooms()
     assets = map_assets(m, fine(**{"pellets.reachable_only": False}))
     everything = generate_pellets(m, fine().pellets)
@@ -172,22 +134,11 @@ def test_as_the_original_had_it_pellets_out_of_reach_stay_and_have_no_way() -> N
     assert (assets.next_step[sealed] == NO_STEP).all()
 
 
-@pytest.mark.parametrize(("spacing", "pellets"), [(2.0, 8), (1.0, 24)])
-def test_the_experiments_house_has_its_pellets(spacing: float, pellets: int) -> None:
-    source = shared_path("maps/pacmanbot_house")
-    assets = map_assets(source, make_config("robot", **{"pellets.spacing_m": spacing}))
-    assert (assets.pellets, len(assets.dropped_ids)) == (pellets, 0)
-    assert assets.pellet_ids.tolist() == list(range(pellets))
-    assert np.hypot(*(assets.goal_xy[:pellets] - (7.84, -1.69)).T).min() < 0.01
-    np.testing.assert_array_equal(assets.grid.home, [0.0, 0.0, 0.0])
-
-
-def test_a_map_without_a_pellet_in_reach_is_refused() -> None:
+def test_unplayable_maps_are_refused() -> None:
     with pytest.raises(MapError, match=r"drawn: no pellet that the robot can reach at a spacing of 9\.0 m"):
         map_assets(drawn(box(8, 6)), make_config("robot", **{"pellets.spacing_m": 9.0}))
-
-
-def test_a_map_whose_robots_part_is_too_narrow_for_clyde_is_refused() -> None:
+    with pytest.raises(MapError, match=r"the home pose must be x, y, heading"):
+        prepare_map(sealed_rooms(), fine(), home=(np.nan, 0.0, 0.0))
     # The robot fits into the corridor of 0.5 m; Clyde, whose square is 0.55 m wide, only into the room below.
     corridor = ["#" * 20, *["#" + "." * 18 + "#"] * 2, "#" * 20]
     m = drawn([*corridor, *["#" * 14 + "....." + "#"] * 5, "#" * 20], square_m=0.25)
@@ -199,7 +150,7 @@ def test_a_map_whose_robots_part_is_too_narrow_for_clyde_is_refused() -> None:
 # Fields
 
 
-def test_fields_lead_from_every_cell_to_every_goal() -> None:
+def test_fields_lead_to_every_goal() -> None:
     assets = map_assets("house", CONFIG)
     goals = np.arange(len(assets.goal_xy))
     np.testing.assert_array_equal(assets.next_step[goals, assets.goal_cell], np.full(len(goals), AT_GOAL))
@@ -207,7 +158,7 @@ def test_fields_lead_from_every_cell_to_every_goal() -> None:
     for goal in goals:
         here = cells.copy()
         walked = np.zeros(len(here))
-        for _ in range(2000):
+        for _ in range(800):
             step = assets.next_step[goal, here].astype(np.int64)
             walked += np.hypot(*(assets.cell_xy[here + step] - assets.cell_xy[here]).T)
             here = here + step
@@ -215,7 +166,7 @@ def test_fields_lead_from_every_cell_to_every_goal() -> None:
         np.testing.assert_allclose(walked, assets.length_cm[cells, goal] / 100, atol=0.011)
 
 
-def test_a_goal_without_a_cell_is_unreachable_from_everywhere() -> None:
+def test_goal_without_a_cell_is_unreachable() -> None:
     assets = map_assets(sealed_rooms(), fine())
     fields = path_fields(assets.grid, np.array([-1, 3], dtype=np.int32))
     assert (fields["length_cm"][:, 0] == UNREACHABLE_CM).all()
@@ -223,7 +174,7 @@ def test_a_goal_without_a_cell_is_unreachable_from_everywhere() -> None:
     assert (fields["length_cm"][:, 1] < UNREACHABLE_CM).all()
 
 
-def test_clydes_cells_know_the_robots_cell_under_them() -> None:
+def test_ghost_cells_know_the_drivable_cell_under() -> None:
     m = load_map("house")
     assets = map_assets(m, CONFIG)
     for k in np.random.default_rng(1).choice(len(assets.clyde.position), 300):

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pacman_env.config import ClydeConfig, ConfigError
+from pacman_env.config import ClydeConfig, ConfigError, make_config
+from pacman_env.sim.maps.assets import MapAssets, map_assets
 from pacman_env.sim.maps.ghost_cells import (
     DIAGONAL,
     STRAIGHT,
@@ -88,7 +89,7 @@ def path_between(cells: ClydeCells, start: int, goal: int) -> np.ndarray:
 # Cells
 
 
-def test_his_cells_are_those_whose_whole_square_is_free() -> None:
+def test_cells_are_those_with_a_free_square() -> None:
     m, cells = house()
     free = m.game_free(250)
     reach = 5  # 0.25 m of 0.05 m
@@ -104,7 +105,7 @@ def test_his_cells_are_those_whose_whole_square_is_free() -> None:
     np.testing.assert_allclose(cells.position, np.stack([x, y], axis=1), atol=1e-9)
 
 
-def test_parts_are_what_steps_connect_numbered_by_falling_size() -> None:
+def test_parts_are_connected_and_sorted_by_size() -> None:
     cells = pocket_cells()
     sizes = np.diff(cells.part_start)
     assert sizes.tolist() == sorted(sizes.tolist(), reverse=True)
@@ -118,7 +119,7 @@ def test_parts_are_what_steps_connect_numbered_by_falling_size() -> None:
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10**6), st.sampled_from([0.6, 0.85, 0.97, 1.0]))
-def test_landmarks_hold_exact_costs_and_no_path_has_more_cells_than_said(seed: int, share_free: float) -> None:
+def test_landmarks_hold_exact_costs(seed: int, share_free: float) -> None:
     grey = np.where(np.random.default_rng(seed).random((19, 24)) < share_free, 254, 0).astype(np.uint8)
     grey[9, 9] = 254
     cells = clyde_cells(OccupancyMap.from_pixels("rooms", grey, 0.5, (0.0, 0.0, 0.0)), CONFIG, 250)  # one cell's room
@@ -140,7 +141,7 @@ def test_landmarks_hold_exact_costs_and_no_path_has_more_cells_than_said(seed: i
         assert len(path_between(cells, start, goal)) > 0
 
 
-def test_landmarks_lie_far_apart_and_the_first_far_from_the_first_cell() -> None:
+def test_landmarks_lie_far_apart() -> None:
     _, cells = house()
     main = cells.part_cells[: cells.part_start[1]]
     landmarks = [int(main[column.argmin()]) for column in cells.landmark[main].T]
@@ -151,7 +152,7 @@ def test_landmarks_lie_far_apart_and_the_first_far_from_the_first_cell() -> None
         assert nearest[main == landmarks[k]] == nearest.max()
 
 
-def test_a_map_that_is_too_narrow_for_him_is_refused_by_name() -> None:
+def test_narrow_map_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"clyde\.clearance_m = 0\.25: the map has no place that wide"):
         clyde_cells(drawn(box(20, 4), square_m=0.1), CONFIG, 250)
 
@@ -161,7 +162,7 @@ def test_a_map_that_is_too_narrow_for_him_is_refused_by_name() -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 5), st.integers(0, 10**9))
-def test_a_path_is_as_cheap_as_dijkstras_and_every_step_of_it_is_allowed(source: int, pick: int) -> None:
+def test_path_is_as_cheap_as_dijkstras(source: int, pick: int) -> None:
     _, cells = house()
     main = cells.part_cells[: cells.part_start[1]]
     start = int(main[source * (len(main) - 1) // 5])
@@ -171,20 +172,17 @@ def test_a_path_is_as_cheap_as_dijkstras_and_every_step_of_it_is_allowed(source:
     steps = [dict(neighbours_by_hand()[a]).get(b) for a, b in itertools.pairwise(path)]
     assert None not in steps  # a neighbour, no corner cut, both inside his cells
     assert sum(s for s in steps if s) == dijkstra(start)[goal]
-
-
-def test_the_costs_of_steps_are_their_lengths() -> None:
     assert abs(DIAGONAL / STRAIGHT - math.sqrt(2)) < 1e-4
 
 
-def test_there_is_no_path_out_of_a_pocket() -> None:
+def test_no_path_leaves_a_pocket() -> None:
     cells = pocket_cells()
     first = cells.part_cells[cells.part_start[:-1]]
     assert len(path_between(cells, int(first[0]), int(first[1]))) == 0
     assert path_between(cells, int(first[1]), int(first[1])).tolist() == [first[1]]
 
 
-def test_a_path_that_does_not_fit_the_memory_is_none_and_the_longest_one_fits() -> None:
+def test_longest_path_fits_the_memory() -> None:
     _, cells = house()
     main = cells.part_cells[: cells.part_start[1]]
     start = int(main[0])
@@ -196,22 +194,17 @@ def test_a_path_that_does_not_fit_the_memory_is_none_and_the_longest_one_fits() 
     assert find_path(start, far, cells.graph, *search_memory(len(cells.position), cells.longest), short) == 0
 
 
-@pytest.mark.parametrize("name", ["pacmanbot_house", "mit_building_31"])
-def test_on_real_maps_far_targets_are_found_too(name: str) -> None:
-    cells = clyde_cells(load_map(shared_path(f"maps/{name}")), CONFIG, 250)
-    rng = np.random.default_rng(0)
-    memory, path = search_memory(len(cells.position), cells.longest), np.zeros(cells.longest, dtype=np.int32)
-    for part in range(min(3, len(cells.part_start) - 1)):
-        inside = cells.part_cells[cells.part_start[part] : cells.part_start[part + 1]]
-        for start, goal in rng.choice(inside, (20, 2)):
-            count = find_path(start, goal, cells.graph, *memory, path)
-            assert (path[0], path[count - 1]) == (start, goal)
+def test_far_targets_are_found_on_a_real_map() -> None:
+    cells = clyde_cells(load_map(shared_path("maps/mit_building_31")), CONFIG, 250)
+    for start, goal in np.random.default_rng(0).choice(cells.cells_in(0), (20, 2)):
+        path = path_between(cells, start, goal)
+        assert (path[0], path[-1]) == (start, goal)
 
 
 # Where he may begin
 
 
-def test_the_nearest_cell_is_found_for_any_place() -> None:
+def test_nearest_cell_is_found() -> None:
     _, cells = house()
     for k in (0, 17, len(cells.position) - 1):
         x, y = cells.position[k]
@@ -221,7 +214,7 @@ def test_the_nearest_cell_is_found_for_any_place() -> None:
     assert distance == pytest.approx(math.dist(cells.position[cell], (1e3, -1e3)))
 
 
-def test_cells_away_from_places_are_all_those_of_the_part_and_no_others() -> None:
+def test_start_cells_are_far_from_places() -> None:
     cells = pocket_cells()
     places = [tuple(cells.position[cells.cells_in(0)[0]]), (2.0, 2.0)]
     found = set(cells.start_cells(ClydeConfig(spawn_distance_m=1.5), 0, places).tolist())
@@ -230,11 +223,88 @@ def test_cells_away_from_places_are_all_those_of_the_part_and_no_others() -> Non
         assert (k in found) == (far and cells.part[k] == 0)
     assert 0 < len(found) < len(cells.cells_in(0))
     assert set(cells.start_cells(ClydeConfig(spawn_distance_m=1.5), 1, [])) == set(cells.cells_in(1))
-
-
-def test_where_no_cell_is_far_enough_the_farthest_is_taken() -> None:
-    cells = pocket_cells()
-    place = tuple(cells.position[cells.cells_in(0)[0]])
+    place = places[0]  # no cell is far enough: the farthest
     (cell,) = cells.start_cells(ClydeConfig(spawn_distance_m=100.0), 0, [place])
     distances = [math.dist(cells.position[k], place) for k in cells.cells_in(0)]
     assert math.dist(cells.position[cell], place) == max(distances)
+
+
+# Where a goal sends them
+
+#: A hall, a room that only the robot gets into, and a closet with pockets.
+ROOMS = [
+    "####################",
+    "#..................#",
+    "#..................#",
+    "#..................#",
+    "#..................#",
+    "#########.##########",
+    "       #.....#      ",
+    "       #.....#      ",
+    "       #######      ",
+]
+FINE = make_config("robot", **{"pellets.spacing_m": 1.0})
+
+
+@cache
+def assets_of(name: str) -> MapAssets:
+    if name == "rooms":
+        return map_assets(drawn(ROOMS, square_m=0.45, origin=(-2.0, -3.0, 0.0)), FINE)
+    if name == "turned":
+        return map_assets(drawn(ROOMS, square_m=0.45, origin=(-2.0, -3.0, 0.6)), FINE)
+    return map_assets(name, FINE)
+
+
+every_map = pytest.mark.parametrize("name", ["house", "rooms", "turned"])
+
+
+def cells_of(assets: MapAssets) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers and places of the cells of the ghosts' part."""
+    clyde, part = assets.clyde, assets.clyde_part
+    cells = clyde.part_cells[clyde.part_start[part] : clyde.part_start[part + 1]]
+    return cells, clyde.position[cells]
+
+
+@every_map
+def test_goal_maps_to_nearest_cell_within_metre(name: str) -> None:
+    assets = assets_of(name)
+    cells, position = cells_of(assets)
+    for goal, place in zip(assets.goal_xy, assets.ghost_targets.place.tolist(), strict=True):
+        distance = np.hypot(*(position - goal).T)
+        assert (place >= 0) == (distance.min() <= 1.0)
+        if place >= 0:
+            assert place in cells
+            assert np.hypot(*(assets.clyde.position[place] - goal)) == distance.min()
+    assert (assets.ghost_targets.place >= 0).any()
+    assert name == "house" or (assets.ghost_targets.place < 0).any()  # in the room that they do not fit into
+
+
+@every_map
+def test_nearest_ghost_cell_is_known_everywhere(name: str) -> None:
+    assets = assets_of(name)
+    cells, position = cells_of(assets)
+    snap = assets.ghost_targets.snap
+    assert snap.shape == assets.grid.shape
+    assert np.isin(snap, cells).all()
+    rng = np.random.default_rng(0)
+    for x, y in assets.cell_xy[rng.integers(len(assets.cell_xy), size=300)].astype(np.float64):
+        column, row, inside = assets.grid.locate(np.array([[x, y]]))
+        assert inside[0]
+        found = np.hypot(*(assets.clyde.position[snap[row[0], column[0]]] - (x, y)))
+        least = np.hypot(*(position - (x, y)).T).min()
+        assert found <= 1.03 * least + assets.grid.resolution  # cv2's 5 x 5 mask is exact within 2 %
+
+
+@every_map
+def test_corners_are_the_arcades(name: str) -> None:
+    assets = assets_of(name)
+    _, position = cells_of(assets)
+    low, high = position.min(axis=0), position.max(axis=0)
+    lower_left, upper_right = low, high
+    upper_left, lower_right = np.array([low[0], high[1]]), np.array([high[0], low[1]])
+    corners = (lower_left, upper_right, upper_left, lower_right)  # Clyde, Blinky, Pinky, Inky
+    for cell, corner in zip(assets.ghost_corner.tolist(), corners, strict=True):
+        found = np.hypot(*(assets.clyde.position[cell] - corner))
+        assert found == pytest.approx(np.hypot(*(position - corner).T).min(), abs=1e-9)
+    if name != "turned":
+        assert len(set(assets.ghost_corner.tolist())) == 4

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 
 from pacman_env.config import make_config
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.robot_features import (
     FAR_M,
     FAST_MPS,
@@ -21,18 +19,15 @@ from pacman_env.sim.observation.robot_features import (
 )
 from pacman_env.sim.observation.situation import PELLET, Situation
 from pacman_env.world.maps.occupancy import OccupancyMap
-
-from .scaling import scaled_by
+from tests.sim.players import new_batch
 
 CANNOT_REACH = {"pellets.reachable_only": False}
 
 
 def games(source: str | OccupancyMap = "house", n: int = 12, steps: int = 30, **settings: object) -> GameBatch:
-    """That have gone on for a while, each in another way."""
+    """Return games that have gone on for a while, each in another way."""
     config = make_config(**{"clyde.ghosts": ("wander", "chase"), "execution.death_radius_m": 1e-6, **settings})
-    batch = GameBatch(map_assets(source, config), config, n)
-    batch.reset(np.arange(n), np.arange(n, dtype=np.uint64))
-    rng = np.random.default_rng(0)
+    batch, rng = new_batch(config, n, source), np.random.default_rng(0)
     for _ in range(steps):
         batch.step(rng.integers(batch.candidates, size=n))
     return batch
@@ -45,7 +40,7 @@ def directions(situation: Situation, targets: np.ndarray) -> np.ndarray:
     return np.stack([np.cos(bearing), np.sin(bearing)], axis=-1)
 
 
-def test_the_nearest_pellets_are_listed_by_their_ways_and_lie_where_they_are_said_to() -> None:
+def test_nearest_pellets_have_their_bearings() -> None:
     situation = games().situation()
     seen = pellet_bearings(situation, 5)
     assert (seen.shape, seen.dtype) == ((12, 5, len(PELLET_BEARING_COLUMNS)), np.float32)
@@ -62,9 +57,6 @@ def test_the_nearest_pellets_are_listed_by_their_ways_and_lie_where_they_are_sai
     np.testing.assert_allclose(seen[there, 1:3], directions(situation, place)[there], atol=1e-5)
     np.testing.assert_allclose(seen[there, 3], off[there], atol=1e-5)
     np.testing.assert_allclose(seen[there, 4], np.take_along_axis(way, order, axis=1)[there], atol=1e-5)
-
-
-def test_rows_without_a_pellet_are_zero() -> None:
     batch = games(steps=0)
     left = min(3, batch.pellet_slots)
     batch.alive[:, left:] = False
@@ -73,9 +65,8 @@ def test_rows_without_a_pellet_are_zero() -> None:
     assert (seen[:, left:] == 0).all()
 
 
-@pytest.mark.parametrize("name", ["house", "maze"])
-def test_whoever_goes_in_the_direction_of_the_way_comes_to_the_pellet(name: str) -> None:
-    batch = games(name, steps=0)
+def test_path_directions_lead_to_the_pellet() -> None:
+    batch = games("maze", steps=0)
     situation = batch.situation()
     cells = batch.assets.cell_xy
     situation.robot[:, :2] = cells[np.random.default_rng(1).integers(len(cells), size=batch.n)]
@@ -95,7 +86,7 @@ def test_whoever_goes_in_the_direction_of_the_way_comes_to_the_pellet(name: str)
     assert not left.any()
 
 
-def test_a_pellet_that_cannot_be_reached_has_no_direction_of_a_way() -> None:
+def test_unreachable_pellet_has_no_path_direction() -> None:
     pixels = np.zeros((130, 230), dtype=np.uint8)
     pixels[5:-5, 5:140] = pixels[5:-5, 145:-5] = 254  # two rooms without a door
     rooms = OccupancyMap.from_pixels("rooms", pixels, 0.05, (-2.0, -2.0, 0.0))
@@ -110,7 +101,7 @@ def test_a_pellet_that_cannot_be_reached_has_no_direction_of_a_way() -> None:
     np.testing.assert_allclose(np.linalg.norm(seen[~no_way, 5:], axis=-1), 1.0, atol=1e-5)
 
 
-def test_every_ghost_lies_and_moves_as_seen_from_the_robot() -> None:
+def test_ghosts_have_bearing_and_relative_velocity() -> None:
     situation = games().situation()
     seen = ghost_bearings(situation)
     assert (seen.shape, seen.dtype) == ((12, 2, len(GHOST_BEARING_COLUMNS)), np.float32)
@@ -123,7 +114,7 @@ def test_every_ghost_lies_and_moves_as_seen_from_the_robot() -> None:
     assert (np.abs(turned) > 0.1).any()
 
 
-def test_values_are_cut_at_their_bounds_and_what_is_here_is_ahead() -> None:
+def test_values_are_clipped_to_their_bounds() -> None:
     situation = games(steps=0).situation()
     situation.ghosts[0] = [1e6, 0.0, -1e6, 1e6, 0.25]
     situation.ghosts[1, 0, :2] = situation.robot[1, :2]
@@ -135,15 +126,6 @@ def test_values_are_cut_at_their_bounds_and_what_is_here_is_ahead() -> None:
     assert seen[1, 0, :3].tolist() == [1.0, 0.0, 0.0]
 
 
-@pytest.mark.parametrize("columns", [PELLET_BEARING_COLUMNS, GHOST_BEARING_COLUMNS])
-def test_directions_are_not_scaled_and_lengths_are_within_1(columns: tuple[tuple[str, float, float, str], ...]) -> None:
-    scaled = scaled_by(columns, 600.0, np.array([[high for _, _, high, _ in columns]], dtype=np.float32))[0]
-    assert (scaled <= 1.0).all()
-    for (name, *_), value in zip(columns, scaled.tolist(), strict=True):
-        assert value == 1.0 or name in ("distance", "path_robot"), name
-    assert math.isclose(scaled[[c[0] for c in columns].index("distance")], FAR_M / (FAR_M + 3.0), rel_tol=1e-5)
-
-
-def test_a_situation_without_maps_has_no_ways() -> None:
+def test_situation_without_maps_is_refused() -> None:
     with pytest.raises(ValueError, match="no maps to plan a path on"):
         pellet_bearings(replace(games(n=1, steps=0).situation(), maps=None), 4)

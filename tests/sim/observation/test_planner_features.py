@@ -7,19 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pacman_env.config import make_config
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
-from pacman_env.sim.observation.situation import HOLD, PELLET, REFUGE, Nearest, nearest_candidates
-from tests.envs.helpers import make_vector
+from pacman_env.sim.observation.situation import HOLD, MISSING, PELLET, REFUGE, Nearest, Situation, nearest_candidates
 from tests.sim.observation.test_prediction import SPEED, batch_of
+from tests.sim.players import new_batch
 
 
 def column(candidates: np.ndarray, name: str) -> np.ndarray:
     return candidates[..., CANDIDATE_FEATURES.index(name)]
 
 
-@pytest.mark.parametrize("source", ["house", "generated"])
-def test_features_are_small_finite_and_empty_for_what_may_not_be_chosen(source: str) -> None:
-    situation = batch_of(source, n=30).situation()
+def test_features_are_small_and_zero_for_masked_candidates() -> None:
+    situation = batch_of("generated", n=30).situation()
     candidates, whole = planner_features(situation, SPEED)
     assert candidates.shape == (*situation.mask.shape, len(CANDIDATE_FEATURES))
     assert whole.shape == (30, len(GLOBAL_FEATURES))
@@ -29,7 +29,7 @@ def test_features_are_small_finite_and_empty_for_what_may_not_be_chosen(source: 
     assert (candidates[~situation.mask] == 0).all()
 
 
-def test_kinds_paths_and_the_goal_pursued_are_those_of_the_situation() -> None:
+def test_kinds_paths_and_goal_follow_the_situation() -> None:
     situation = batch_of("house", n=30).situation()
     candidates, whole = planner_features(situation, SPEED)
     shown = situation.mask
@@ -43,7 +43,7 @@ def test_kinds_paths_and_the_goal_pursued_are_those_of_the_situation() -> None:
     np.testing.assert_allclose(whole[:, GLOBAL_FEATURES.index("pellets_left")], situation.pellets_left / 8.0)
 
 
-def test_ways_are_compared_with_that_to_the_nearest_pellet() -> None:
+def test_paths_are_compared_with_the_nearest_pellet() -> None:
     batch = batch_of("house", n=30)
     situation = batch.situation()
     candidates, whole = planner_features(situation, SPEED)
@@ -57,10 +57,6 @@ def test_ways_are_compared_with_that_to_the_nearest_pellet() -> None:
         (np.clip(way - nearest[:, None], -20.0, 20.0) / 5.0)[shown],
         atol=1e-5,
     )
-
-
-def test_without_a_pellet_left_ways_are_told_from_here() -> None:
-    situation = batch_of("house", n=3).situation()
     none = replace(situation, mask=situation.mask & (situation.kind != PELLET))
     candidates, whole = planner_features(none, SPEED)
     assert (whole[:, GLOBAL_FEATURES.index("nearest_way")] == 0).all()
@@ -85,7 +81,7 @@ def test_distances_to_other_pellets_are_path_lengths() -> None:
             assert column(candidates, "mean_pellet")[game, c] == pytest.approx(mean, rel=1e-5)
 
 
-def test_candidates_in_another_order_have_the_same_features() -> None:
+def test_order_of_candidates_does_not_matter() -> None:
     situation = batch_of("house", n=6).situation()
     order = np.random.default_rng(1).permutation(situation.mask.shape[1])
     names = ("kind", "position", "mask", "path_robot", "path_clyde", "goal")
@@ -97,16 +93,13 @@ def test_candidates_in_another_order_have_the_same_features() -> None:
     np.testing.assert_array_equal(whole, same)
 
 
-@pytest.mark.parametrize("behaviours", [("wander",), ("arcade", "chase", "wander")])
-def test_rows_of_listed_candidates_are_the_same_bits_and_others_are_0(behaviours: tuple[str, ...]) -> None:
-    env = make_vector(8, map="house", ghosts=behaviours)
-    env.reset(seed=0)
-    for _ in range(6):
-        env.step(env.action_space.sample())
-    situation = env.situation
+def test_listed_candidates_have_the_same_bits() -> None:
+    batch = new_batch(make_config(**{"clyde.ghosts": ("arcade", "chase", "wander")}), 8)
+    for k in range(6):
+        batch.step(np.arange(8) + k)
+    situation = batch.situation()
     every, whole = planner_features(situation, SPEED)
-    if len(behaviours) > 1:
-        assert column(every, "hunted").any()
+    assert column(every, "hunted").any()
     listed = nearest_candidates(situation, Nearest(3, 2))
     some, same = planner_features(situation, SPEED, listed)
     assert same.tobytes() == whole.tobytes()
@@ -114,10 +107,43 @@ def test_rows_of_listed_candidates_are_the_same_bits_and_others_are_0(behaviours
     assert some.tobytes() == np.where(wanted[:, :, None], every, np.float32(0)).tobytes()
 
 
-def test_the_environment_shows_them_within_its_space() -> None:
-    env = make_vector(3, map="generated", settings={"num_levels": 3}, observation="planner")
-    observation, _ = env.reset(seed=0)
-    assert set(observation) == {"planner_candidates", "planner_globals", "action_mask"}
-    for _ in range(20):
-        observation, *_ = env.step(env.action_space.sample())
-        assert env.observation_space.contains(observation)
+# Candidates in the order of their paths
+
+
+@pytest.fixture(scope="module")
+def situation() -> Situation:
+    """Of games that have gone on for a while, each in another way."""
+    batch, rng = new_batch(make_config(), 16), np.random.default_rng(0)
+    for _ in range(60):
+        batch.step(rng.integers(batch.candidates, size=16))
+    return batch.situation()
+
+
+@pytest.mark.parametrize("nearest", [Nearest(8, 4), Nearest(1, 0), Nearest(40, 20)])
+def test_each_kind_is_sorted_by_path_length(situation: Situation, nearest: Nearest) -> None:
+    order = nearest_candidates(situation, nearest)
+    assert order.shape == (16, nearest.count)
+    for i in range(16):
+        parts = (order[i, : nearest.pellets], PELLET), (order[i, nearest.pellets : -1], REFUGE)
+        for listed, kind in parts:
+            allowed = np.flatnonzero((situation.kind[i] == kind) & situation.mask[i])
+            wanted = allowed[np.argsort(situation.path_robot[i, allowed], kind="stable")]
+            there = listed[listed != MISSING]
+            assert len(there) == min(len(wanted), len(listed))
+            assert (listed[: len(there)] == there).all()  # nobody comes last
+            current = situation.current[i]
+            if current in allowed and current not in wanted[: len(there)] and len(there):
+                assert there[-1] == current
+                there, wanted = there[:-1], wanted[: len(there) - 1]
+            assert there.tolist() == wanted[: len(there)].tolist()
+        assert situation.kind[i, order[i, -1]] == HOLD
+
+
+def test_pursued_candidate_is_always_listed(situation: Situation) -> None:
+    allowed = (situation.kind == PELLET) & situation.mask
+    way = np.where(allowed, situation.path_robot, -1.0)
+    situation = replace(situation, current=way.argmax(axis=1))
+    order = nearest_candidates(situation, Nearest(2, 0))
+    several = allowed.sum(axis=1) >= 2
+    assert several.any()
+    assert (order[several, 1] == situation.current[several]).all()

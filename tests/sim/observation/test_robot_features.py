@@ -8,21 +8,29 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from pacman_env.config import make_config
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.assets import map_assets
+from pacman_env.engine.arrays import Table, address
 from pacman_env.sim.observation.robot_features import (
     CANDIDATE_COLUMNS,
     CLYDE_COLUMNS,
     FAR_M,
+    GHOST_BEARING_COLUMNS,
+    LENGTH_M,
+    PELLET_BEARING_COLUMNS,
     ROBOT_COLUMNS,
     ROUND_COLUMNS,
+    Columns,
     Observation,
     observe,
+    unit_scale,
 )
+from pacman_env.sim.observation.robot_features import COLUMNS as ALL_COLUMNS
+from pacman_env.sim.observation.rows import BY_UNIT, PART, RowArrays, write_rows
 from pacman_env.sim.observation.situation import HOLD, PELLET, REFUGE, Situation
 from tests.policies.contract import random_situation
+from tests.sim.players import new_batch
 
 COLUMNS = {"robot": ROBOT_COLUMNS, "clyde": CLYDE_COLUMNS, "candidates": CANDIDATE_COLUMNS, "round": ROUND_COLUMNS}
 SEEDS = st.integers(0, 10**6)
@@ -46,11 +54,8 @@ def check(observation: Observation) -> None:
     assert set(np.unique(observation["action_mask"])) <= {0, 1}
 
 
-@pytest.mark.parametrize(("preset", "execution"), [("robot", "robust"), ("robot", "as_built"), ("ideal", "robust")])
-def test_observations_of_games_are_finite_and_within_the_bounds_declared(preset: str, execution: str) -> None:
-    config = make_config(preset, execution, max_pellets=20)
-    batch = GameBatch(map_assets("house", config), config, 8)
-    batch.reset(np.arange(8), np.arange(8, dtype=np.uint64))
+def test_observations_are_finite_and_within_bounds() -> None:
+    batch = new_batch(make_config(max_pellets=20), 8)
     rng = np.random.default_rng(0)
     for _ in range(80):
         observation = observe(batch.situation())
@@ -61,7 +66,7 @@ def test_observations_of_games_are_finite_and_within_the_bounds_declared(preset:
 
 @settings(deadline=None)
 @given(SEEDS, st.floats(1.0, 1e6))
-def test_what_is_beyond_all_measure_is_capped(seed: int, scale: float) -> None:
+def test_extreme_values_are_clipped(seed: int, scale: float) -> None:
     s = random_situation(seed, 3)
     wild = replace(
         s,
@@ -82,7 +87,7 @@ def test_what_is_beyond_all_measure_is_capped(seed: int, scale: float) -> None:
 
 @settings(deadline=None)
 @given(SEEDS)
-def test_numbers_are_those_worked_out_by_hand(seed: int) -> None:
+def test_columns_equal_values_computed_by_hand(seed: int) -> None:
     s = random_situation(seed, 2)
     observation = observe(s)
     for i in range(2):
@@ -138,7 +143,7 @@ def test_numbers_are_those_worked_out_by_hand(seed: int) -> None:
 
 @settings(deadline=None)
 @given(SEEDS)
-def test_a_forbidden_candidate_shows_its_kind_and_nothing_else(seed: int) -> None:
+def test_forbidden_candidate_shows_only_its_kind(seed: int) -> None:
     s = random_situation(seed, 4, allowed=0.4)
     observation = observe(s)
     np.testing.assert_array_equal(observation["action_mask"], s.mask)
@@ -151,27 +156,9 @@ def test_a_forbidden_candidate_shows_its_kind_and_nothing_else(seed: int) -> Non
         np.testing.assert_array_equal(array, observation[part])
 
 
-def test_observations_are_new_arrays_at_each_call() -> None:
-    s = random_situation(0, 5)
-    one, two = observe(s), observe(s)
-    for part in one:
-        assert not np.shares_memory(one[part], two[part])
-        np.testing.assert_array_equal(one[part], two[part])
-        one[part][:] = 7
-        assert not (two[part] == 7).all()
-
-
-def test_a_situation_among_others_is_observed_as_alone() -> None:
-    s = random_situation(3, 6)
-    together = observe(s)
-    for i in range(6):
-        for part, array in observe(s.rows(np.array([i]))).items():
-            np.testing.assert_array_equal(array[0], together[part][i])
-
-
 @settings(deadline=None)
 @given(SEEDS, st.floats(-3, 3), st.tuples(st.floats(-20, 20), st.floats(-20, 20)))
-def test_only_the_robots_own_pose_depends_on_the_map_frame(seed: int, angle: float, shift: tuple[float, float]) -> None:
+def test_only_the_pose_depends_on_map_frame(seed: int, angle: float, shift: tuple[float, float]) -> None:
     s = random_situation(seed, 3)
     turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
 
@@ -190,3 +177,47 @@ def test_only_the_robots_own_pose_depends_on_the_map_frame(seed: int, angle: flo
     for part in ("clyde", "candidates", "round"):
         np.testing.assert_allclose(one[part], two[part], atol=2e-4)
     np.testing.assert_array_equal(one["action_mask"], two["action_mask"])
+
+
+# Scaled to [-1, 1]
+
+LIMIT_S = 600.0
+
+
+def scaled_by(columns: Columns, limit_s: float, rows: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Rows (N, F) as a normalised observation has them."""
+    count, scaled = rows.shape[1], np.zeros_like(rows)
+    part = (address(rows), count, False, 1, count, False, BY_UNIT, 0, address(scaled), count)
+    by, soft = unit_scale(columns, limit_s)
+    listed = np.zeros((len(rows), 0), dtype=np.int64)
+    table = Table(RowArrays, parts=np.array([part], dtype=PART), listed=listed, first=by, second=soft)
+    write_rows(table.address, 0, len(rows))
+    return scaled
+
+
+SCALED = {**ALL_COLUMNS, "pellet_bearings": PELLET_BEARING_COLUMNS, "ghost_bearings": GHOST_BEARING_COLUMNS}
+
+
+@pytest.mark.parametrize("key", SCALED)
+@given(st.floats(-1e6, 1e6, width=32), st.floats(-1e6, 1e6, width=32))
+def test_scaled_columns_keep_bounds_and_order(key: str, one: float, other: float) -> None:
+    columns = SCALED[key]
+    rows = [np.full((1, len(columns)), value, np.float32) for value in sorted((one, other))]
+    low, high = (scaled_by(columns, LIMIT_S, row) for row in rows)
+    assert (np.abs([low, high]) <= 1.0).all()
+    assert (low <= high).all()
+
+
+def test_short_lengths_use_half_the_range() -> None:
+    lengths = np.array([[0.0], [LENGTH_M], [1e6]], np.float32)
+    scaled = scaled_by((("distance", 0.0, 100.0, "m, straight"),), LIMIT_S, lengths)
+    assert scaled.ravel().tolist() == pytest.approx([0.0, 0.5, 1.0], abs=1e-5)
+
+
+def test_time_is_its_share_of_the_limit() -> None:
+    assert scaled_by(ALL_COLUMNS["round"], LIMIT_S, np.array([[300.0, 0.0]], np.float32))[0, 0] == 0.5
+
+
+def test_unit_without_a_scale_is_an_error() -> None:
+    with pytest.raises(KeyError):
+        unit_scale((("mass", 0.0, 1.0, "kg"),), LIMIT_S)

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pacman_env.config import Config, make_config
+from pacman_env.config import Config, PelletConfig, make_config
 from pacman_env.game.execution import RUNNING
 from pacman_env.game.goals import Place
+from pacman_env.game.pellets import generate_pellets
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
@@ -17,13 +18,10 @@ from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.robot_view import RobotView, Seen
 from pacman_env.sim.observation.situation import LAYOUT, Situation
 from tests.drawn import drawn
+from tests.sim.players import new_batch
 
 #: What a robot measures with other arithmetic than the simulator's.
 ROUNDED = ("clyde_velocity", "closing_speed", "ghosts")
-
-
-def config_of(**changes: Any) -> Config:
-    return make_config("robot", **changes)
 
 
 def clydes_way(config: Config, source: str, seed: int, ticks: int) -> np.ndarray:
@@ -35,8 +33,7 @@ def clydes_way(config: Config, source: str, seed: int, ticks: int) -> np.ndarray
             "execution.death_radius_m": 1e-6,
         }
     )
-    batch = GameBatch(map_assets(source, alone), alone)
-    batch.reset(np.array([0]), np.array([seed], dtype=np.uint64))
+    batch = new_batch(alone, 1, source, first_seed=seed)
     places = [batch.obstacles[0, 0, :2].copy()]
     for _ in range(math.ceil(ticks * config.execution.tick_s / config.clyde.update_period_s) + 1):
         batch.step(np.array([batch.hold]))
@@ -101,9 +98,8 @@ def differences(robots: Situation, simulators: Situation, clyde_cell_m: float) -
 
 def play(source: str, seed: int, policies: list[Policy], ticks: int, **changes: Any) -> dict[str, int]:
     """Play rounds with the first policy through the robot's eyes; every policy must choose alike in both."""
-    config = config_of(**changes)
-    batch = GameBatch(map_assets(source, config), config)
-    batch.reset(np.array([0]), np.array([seed], dtype=np.uint64))
+    config = make_config("robot", **changes)
+    batch = new_batch(config, 1, source, first_seed=seed)
     robot = Robot(batch, clydes_way(config, source, seed, ticks))
     counts = {"ticks": 0, "same_cell": 0, "barred": 0, "collected": 0}
     for policy in policies:
@@ -126,15 +122,15 @@ def play(source: str, seed: int, policies: list[Policy], ticks: int, **changes: 
     return counts
 
 
-@pytest.mark.parametrize(("source", "seed"), [("house", 1), ("house", 7), ("open_plan", 3)])
-def test_a_robot_sees_and_chooses_what_the_simulator_does_tick_by_tick(source: str, seed: int) -> None:
+@pytest.mark.parametrize(("source", "seed"), [("house", 7), ("open_plan", 3)])
+def test_robot_sees_and_chooses_like_the_simulator(source: str, seed: int) -> None:
     counts = play(source, seed, [make_policy("lookahead"), make_policy("clyde_aware")], 200)
     assert counts["ticks"] > 20
     assert counts["collected"] > 0
     assert counts["same_cell"] > 0.9 * counts["ticks"]
 
 
-def test_so_it_is_with_goals_that_wait_after_an_abort_and_a_faster_clyde() -> None:
+def test_robot_agrees_after_aborts_and_fast_ghosts() -> None:
     policies = [make_policy("lookahead"), make_policy("clyde_aware"), make_policy("nearest"), make_policy("random")]
     changes = {"nav2.abort_rate": 0.5, "clyde.speed_mps": 0.45, "execution.death_radius_m": 1e-6}
     assert play("maze", 5, policies, 150, **changes)["barred"] > 5
@@ -142,17 +138,11 @@ def test_so_it_is_with_goals_that_wait_after_an_abort_and_a_faster_clyde() -> No
 
 @cache
 def house() -> RobotView:
-    config = config_of()
+    config = make_config("robot")
     return RobotView(map_assets("house", config), config)
 
 
-def test_a_situation_needs_a_clyde() -> None:
-    game = RobotView(house().assets, config_of())
-    with pytest.raises(ValueError, match="clyde has not been seen yet"):
-        game.situation(Seen(0.0, (0.0, 0.0, 0.0), left=()))
-
-
-def test_pellets_are_known_by_id_and_place_and_all_others_are_strange() -> None:
+def test_pellets_are_known_by_id_and_place() -> None:
     game = house()
     number = int(game.assets.pellet_ids[0])
     x, y = game.assets.goal_xy[0].tolist()
@@ -161,14 +151,15 @@ def test_pellets_are_known_by_id_and_place_and_all_others_are_strange() -> None:
     assert own.unknown == (9999, number + 1)
 
 
-def test_pellets_out_of_reach_are_known_but_no_candidates() -> None:
-    config = config_of()
+def test_unreachable_pellets_are_known_but_no_candidates() -> None:
+    config = make_config("robot")
     rows = ["#" * 14, "#.......######", "#.......#....#", "#.......#....#", "#.......#....#", "#" * 14]
     assets = map_assets(drawn(rows, origin=(-1.5, -1.5, 0.0)), config.with_fields(**{"pellets.spacing_m": 0.5}))
     game = RobotView(assets, config.with_fields(**{"pellets.spacing_m": 0.5}))
     assert len(assets.dropped_ids) > 0
     far = int(assets.dropped_ids[0])
-    everything = game._pellets
+    places = generate_pellets(assets.occupancy, PelletConfig(spacing_m=0.5))
+    everything = dict(zip(places.ids.tolist(), map(tuple, places.position.tolist()), strict=True))
     assert not game.pellets(everything).unknown
     assert not game.is_candidate(far)
     game.see_ghost(0, 0.0, 0.0, 0)
@@ -177,8 +168,8 @@ def test_pellets_out_of_reach_are_known_but_no_candidates() -> None:
     assert situation.mask[0].all()
 
 
-def test_a_clyde_put_elsewhere_has_no_velocity_and_a_repeated_message_changes_nothing() -> None:
-    game = RobotView(house().assets, config_of())
+def test_moved_ghost_has_no_velocity() -> None:
+    game = RobotView(house().assets, make_config("robot"))
     cells = game.assets.clyde.position
     here = cells[game.assets.clyde.cells_in(0)[0]]
     game.see_ghost(0, *here.tolist(), 10**9)
@@ -194,8 +185,8 @@ def test_a_clyde_put_elsewhere_has_no_velocity_and_a_repeated_message_changes_no
     assert game.ghosts == [(here[0] + 3.0, here[1])]
 
 
-def test_the_closing_speed_is_that_of_the_time_passed_and_kept_at_a_second_situation() -> None:
-    game = RobotView(house().assets, config_of())
+def test_closing_speed_uses_the_time_passed() -> None:
+    game = RobotView(house().assets, make_config("robot"))
     game.see_ghost(0, 2.0, 0.0, 0)
     looks = [(0.0, 0.0), (0.5, 0.1), (0.6, 0.12), (1.0, 0.15), (0.2, 0.2)]
     closing = [game.situation(Seen(time, (x, 0.0, 0.0), left=())).closing_speed[0] for time, x in looks]
@@ -204,7 +195,7 @@ def test_the_closing_speed_is_that_of_the_time_passed_and_kept_at_a_second_situa
     assert game.situation(Seen(0.0, (0.5, 0.0, 0.0), left=())).closing_speed[0] == 0.0
 
 
-def test_what_may_not_be_chosen_now_is_masked_for_one_decision() -> None:
+def test_mask_lasts_for_one_decision() -> None:
     game = house()
     game.see_ghost(0, 2.0, 0.0, 0)
     left = game.assets.pellet_ids.tolist()
@@ -215,7 +206,7 @@ def test_what_may_not_be_chosen_now_is_masked_for_one_decision() -> None:
     assert game.situation(Seen(0.5, (0.0, 0.0, 0.0), left=left)).mask.all()
 
 
-def test_candidates_are_places() -> None:
+def test_candidates_have_places_on_the_map() -> None:
     game = house()
     x, y = game.assets.goal_xy[1].tolist()
     assert game.goal(1) == Place(1, x, y, int(game.assets.pellet_ids[1]))
@@ -223,19 +214,17 @@ def test_candidates_are_places() -> None:
     assert home is not None
     assert home.pellet is None
     assert game.goal(game.hold) is None
-
-
-def test_a_pose_far_from_all_that_can_be_driven_on_is_off_the_map() -> None:
-    game = house()
     assert not game.off_the_map(*game.assets.grid.home[:2])
     assert game.off_the_map(400.0, -400.0)
 
 
-def test_a_rehearsal_leaves_nothing_behind() -> None:
-    game = RobotView(house().assets, config_of())
+def test_rehearsal_leaves_nothing_behind() -> None:
+    game = RobotView(house().assets, make_config("robot"))
     rehearsed = game.rehearsal()
     assert rehearsed.mask.all()
     assert game.unseen == ["clyde"]
+    with pytest.raises(ValueError, match="clyde has not been seen yet"):
+        game.situation(Seen(0.0, (0.0, 0.0, 0.0), left=()))
     make_policy("lookahead").select(rehearsed)
     game.see_ghost(0, 2.0, 0.0, 0)
     first = game.situation(Seen(0.0, (0.0, 0.0, 0.0), left=()))
