@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from functools import cache
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -13,16 +12,15 @@ import pytest
 from numpy.typing import NDArray
 
 from pacman_env.config import ClydeConfig, Nav2Config, PelletConfig, RobotConfig
-from pacman_env.game.pellets import generate_pellets
 from pacman_env.sim.maps.ghost_cells import clyde_cells
 from pacman_env.world.maps import houses
 from pacman_env.world.maps.house_rooms import Dice, area
 from pacman_env.world.maps.house_survey import GLASS, MAX_PIXELS, OPEN, SOLID, Shape, survey
 from pacman_env.world.maps.houses import LOOP_QUOTA, MAX_EXTENT_M, House, draw_house
-from pacman_env.world.maps.occupancy import OccupancyMap, load_map
+from pacman_env.world.maps.occupancy import OccupancyMap
 from pacman_env.world.navigation.grid import DriveGrid, build_grid
 
-LEVELS = range(40)
+LEVELS = range(20)
 MANY = range(200)
 
 
@@ -56,41 +54,18 @@ def holes(solid: NDArray[np.bool_]) -> int:
     return cv2.connectedComponents(padded, connectivity=8)[0] - 2  # without label 0 and the outside
 
 
-def is_playable(level: int) -> bool:
-    """What a game at the original's settings asks of a map."""
-    plan, drive = house(level), grid(level)
-    pellets = generate_pellets(plan, PelletConfig()).position
-    cells = clyde_cells(plan, ClydeConfig(), PelletConfig().free_grey)
-    ghost = cells.position[cells.part == 0]
-    reached = [drive.nearest_cell(x, y, 0.25) >= 0 for x, y in pellets]
-    near_ghosts = [np.hypot(*(ghost - p).T).min() <= 0.5 for p in pellets]
-    return (
-        4 <= len(pellets) <= 16
-        and all(reached)
-        and np.mean(near_ghosts) > 0.9
-        and len(ghost) * 4 >= len(drive.cell)
-        and len(drive.cell) <= 20_000
-    )
-
-
-def test_level_and_attempt_give_the_same_bits_in_every_process() -> None:
+def test_houses_have_the_recorded_bits() -> None:
     digest = hashlib.sha256("".join(draw_house(n, a).hash for n, a in ((0, 0), (0, 1), (7, 0), (10**12, 3))).encode())
     assert digest.hexdigest()[:16] == "941ea87256b30471"
 
 
-def test_levels_and_attempts_differ_in_the_map_and_levels_in_the_name() -> None:
+def test_levels_and_attempts_differ() -> None:
     maps = [draw_house(level, attempt) for level in range(3) for attempt in range(3)]
     assert len({m.hash for m in maps}) == 9
     assert [m.name for m in maps[::3]] == ["generated-0", "generated-1", "generated-2"]
 
 
-@pytest.mark.parametrize("numbers", [(-1, 0), (0, -1)])
-def test_negative_numbers_are_refused(numbers: tuple[int, int]) -> None:
-    with pytest.raises(ValueError, match="must not be negative"):
-        draw_house(*numbers)
-
-
-def test_loops_come_in_the_declared_proportion_in_any_ten_levels_and_for_every_attempt() -> None:
+def test_loops_come_in_the_declared_proportion() -> None:
     numbers = [loops(plan) for plan in plans()]
     assert all(Counter(numbers[k : k + 10]) == Counter(LOOP_QUOTA) for k in range(0, len(numbers), 10))
     share = Counter(min(n, 2) for n in numbers)
@@ -99,7 +74,7 @@ def test_loops_come_in_the_declared_proportion_in_any_ten_levels_and_for_every_a
     assert len({tuple(numbers[k : k + 10]) for k in range(0, len(numbers), 10)}) > 10  # no fixed order
 
 
-def test_every_house_has_a_dead_end_and_the_size_of_a_home() -> None:
+def test_houses_have_dead_ends_and_home_size() -> None:
     assert all(dead_ends(plan) >= 1 and 4 <= len(plan.rooms) <= 10 for plan in plans())
     assert all(30 <= sum(area(room.inner) for room in plan.rooms) <= 75 for plan in plans())
     assert len({len(plan.rooms) for plan in plans()}) >= 5
@@ -107,8 +82,8 @@ def test_every_house_has_a_dead_end_and_the_size_of_a_home() -> None:
     assert np.median([plan.furniture for plan in plans()]) >= 10
 
 
-@pytest.mark.parametrize("level", LEVELS)
-def test_map_is_a_clean_one_with_room_for_the_robot_at_home(level: int) -> None:
+@pytest.mark.parametrize("level", range(12))
+def test_house_has_room_for_robot_and_loops(level: int) -> None:
     plan, drive = house(level), grid(level)
     assert set(np.unique(plan.grey)) == {0, 205, 254}
     assert max(plan.grey.shape) <= MAX_PIXELS
@@ -119,24 +94,10 @@ def test_map_is_a_clean_one_with_room_for_the_robot_at_home(level: int) -> None:
     assert tuple(drive.home) == (0.0, 0.0, 0.0)
     column, row = drive.to_cell(0.0, 0.0)
     assert drive.clearance[row, column] >= 0.35
+    assert holes(drive.cell_id < 0) >= loops(plans()[level])  # furniture adds more
 
 
-@pytest.mark.parametrize("level", LEVELS)
-def test_loops_of_the_plan_can_be_driven(level: int) -> None:
-    """Furniture adds more of them, so a missing one shows a door that nobody passes."""
-    assert holes(grid(level).cell_id < 0) >= loops(plans()[level])
-
-
-def test_most_houses_are_playable_at_the_first_attempt() -> None:
-    assert np.mean([is_playable(level) for level in LEVELS]) > 0.9
-
-
-def test_a_saved_house_is_read_back_identically(tmp_path: Path) -> None:
-    for level in range(5):
-        assert load_map(house(level).save(tmp_path / f"{house(level).name}.yaml")).hash == house(level).hash
-
-
-def test_most_maps_show_rays_that_left_through_glass() -> None:
+def test_most_maps_show_rays_through_glass() -> None:
     """They are free cells in which the robot cannot be, on the far side of a wall."""
     outside = []
     for level in LEVELS:
@@ -155,8 +116,8 @@ def room_with_glass(size: float) -> list[Shape]:
     return shapes + [(GLASS, size / 2 + 0.05, float(y), 0.2, houses._PANE_M, 0.0) for y in across]
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_nobody_leaves_through_a_window(seed: int) -> None:
+@pytest.mark.parametrize("seed", range(4))
+def test_windows_cannot_be_passed(seed: int) -> None:
     dice = Dice(seed)
     turn = dice.between(-0.8, 0.8) if seed else 0.0
     plan = survey("room", room_with_glass(4.0), turn, dice.draw)
@@ -168,8 +129,11 @@ def test_nobody_leaves_through_a_window(seed: int) -> None:
     assert ghost.part.max() == 0  # no place for him outside
 
 
-def test_a_building_is_refused_where_the_robot_or_the_image_has_no_room() -> None:
+def test_impossible_buildings_are_refused() -> None:
     draw = Dice(0).draw
+    for numbers in ((-1, 0), (0, -1)):
+        with pytest.raises(ValueError, match="must not be negative"):
+            draw_house(*numbers)
     with pytest.raises(ValueError, match="closet: no place for the robot"):
         survey("closet", [(SOLID, 0.0, 0.0, 1.0, 1.0, 0.0), (OPEN, 0.0, 0.0, 0.6, 0.6, 0.0)], 0.0, draw)
     with pytest.raises(ValueError, match="hangar: the building needs 4"):

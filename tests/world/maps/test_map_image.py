@@ -19,8 +19,6 @@ from tests.world.map_files import chunk, pgm, png, row, write_map
         (pgm([[0, 60, 205, 255]]), [0, 60, 205, 255]),
         (pgm([[0, 60, 205, 255]], magic="P2"), [0, 60, 205, 255]),
         (pgm([[0, 50, 99, 100]], maxval=100), [0, 128, 252, 255]),  # 127.5 up, 252.45 down
-        (pgm([[0, 50, 99, 120]], maxval=100, magic="P2"), [0, 128, 252, 255]),
-        (pgm([[0, 1, 1, 1]], maxval=1), [0, 255, 255, 255]),
         (pgm([[0, 128, 129, 65535]], maxval=65535), [0, 0, 1, 255]),  # 0.498, 0.502
         (pgm([[0, 500, 750, 1000]], maxval=1000, magic="P2"), [0, 128, 191, 255]),  # 127.5, 191.25
         (png(4, 0, 8, bytes([0, 60, 205, 255])), [0, 60, 205, 255]),
@@ -33,29 +31,10 @@ from tests.world.map_files import chunk, pgm, png, row, write_map
         ),
         (png(4, 2, 8, bytes([255, 0, 0, 0, 255, 0, 0, 0, 255, 9, 9, 9])), [76, 150, 29, 9]),
         (cv2.imencode(".bmp", np.array([[0, 60, 205, 255]], np.uint8))[1].tobytes(), [0, 60, 205, 255]),
-        (cv2.imencode(".bmp", np.array([[[0, 0, 255]] * 4], np.uint8))[1].tobytes(), [76] * 4),
         (cv2.imencode(".bmp", np.array([[[9, 9, 9, 0]] * 4], np.uint8))[1].tobytes(), [9] * 4),
     ],
-    ids=[
-        "P5",
-        "P2",
-        "P5 maxval 100",
-        "P2 maxval 100",
-        "P5 maxval 1",
-        "P5 16 bit",
-        "P2 maxval 1000",
-        "PNG 8 bit",
-        "PNG 16 bit",
-        "PNG 1 bit",
-        "PNG 4 bit",
-        "PNG palette",
-        "PNG luma",
-        "BMP grey",
-        "BMP luma",
-        "BMP with padding for alpha",
-    ],
 )
-def test_brightness_is_that_of_the_image(tmp_path: Path, image: bytes, grey: list[int]) -> None:
+def test_brightness_is_that_of_the_image_format(tmp_path: Path, image: bytes, grey: list[int]) -> None:
     m = load_map(write_map(tmp_path, image))
     assert m.grey.tolist() == [grey]
     assert (m.grey.dtype, m.occupancy.dtype) == (np.uint8, np.int8)
@@ -76,9 +55,8 @@ def test_brightness_is_that_of_the_image(tmp_path: Path, image: bytes, grey: lis
             chunk(b"tRNS", bytes([255, 254, 0])),
         ),
     ],
-    ids=["grey and alpha", "16 bit grey and alpha", "colour and alpha", "palette and alpha"],
 )
-def test_what_is_not_opaque_is_unknown_to_nav2_and_dark_to_the_game(tmp_path: Path, image: bytes) -> None:
+def test_transparent_cells_are_unknown_and_dark(tmp_path: Path, image: bytes) -> None:
     for mode in ("trinary", "scale"):
         m = load_map(write_map(tmp_path, image, mode=mode))
         assert row(m) == [0, -1, -1]
@@ -93,11 +71,11 @@ def test_what_is_not_opaque_is_unknown_to_nav2_and_dark_to_the_game(tmp_path: Pa
         (png(2, 0, 16, struct.pack(">2H", 65534, 65535), chunk(b"tRNS", struct.pack(">H", 65535))), [0, -1]),
     ],
 )
-def test_a_grey_declared_transparent_is_unknown(tmp_path: Path, image: bytes, expected: list[int]) -> None:
+def test_transparent_grey_is_unknown(tmp_path: Path, image: bytes, expected: list[int]) -> None:
     assert row(load_map(write_map(tmp_path, image))) == expected
 
 
-def test_raw_ignores_alpha_for_the_costmap_but_not_for_the_game(tmp_path: Path) -> None:
+def test_raw_ignores_alpha_only_for_the_costmap(tmp_path: Path) -> None:
     m = load_map(write_map(tmp_path, png(2, 4, 8, bytes([60, 255, 60, 0])), mode="raw"))
     assert row(m) == [60, 60]
     assert m.grey[0].tolist() == [60, 0]
@@ -106,15 +84,11 @@ def test_raw_ignores_alpha_for_the_costmap_but_not_for_the_game(tmp_path: Path) 
 @pytest.mark.parametrize(
     ("image", "reason"),
     [
-        (b"", "neither PGM"),
         (b"GIF89a" + bytes(50), "neither PGM"),
-        (b"P6 1 1 255\n\0\0\0", "neither PGM"),
         (pgm([[1, 2, 3]])[:-1], "cut off after 2 of 3"),
-        (pgm([[1, 2, 3]], maxval=300)[:-1], "cut off after 2 of 3"),
         (b"P2 2 1 255\n1 -2", "not a number"),
         (b"P2 2 1 255\n1", "cut off after 1 of 2"),
         (b"P5 1 1 0\n\0", "maxval 0"),
-        (b"P5 1 1 99999\n\0\0", "maxval 99999"),
         (b"P5 0 1 255\n", "0 x 1 pixels"),
         (b"P5 10001 1 255\n" + bytes(10001), "10001 x 1 pixels"),
         (png(3, 0, 8, bytes(3))[:50], "broken image"),
@@ -123,7 +97,7 @@ def test_raw_ignores_alpha_for_the_costmap_but_not_for_the_game(tmp_path: Path) 
         (b"BM" + bytes(16) + struct.pack("<ii", 5, 2) + bytes(50), "broken image"),
     ],
 )
-def test_a_bad_image_is_refused_by_its_name(tmp_path: Path, image: bytes, reason: str) -> None:
+def test_bad_image_is_refused_by_name(tmp_path: Path, image: bytes, reason: str) -> None:
     path = write_map(tmp_path, image)
     with pytest.raises(MapError, match=reason) as caught:
         load_map(path)
@@ -133,9 +107,7 @@ def test_a_bad_image_is_refused_by_its_name(tmp_path: Path, image: bytes, reason
 
 
 @given(data=st.binary(max_size=60), magic=st.sampled_from([b"", b"P5 2 2 255\n", b"P2 2 2 9\n", b"BM"]))
-def test_no_image_gives_another_error_than_mine(
-    tmp_path_factory: pytest.TempPathFactory, data: bytes, magic: bytes
-) -> None:
+def test_any_image_raises_only_map_errors(tmp_path_factory: pytest.TempPathFactory, data: bytes, magic: bytes) -> None:
     path = write_map(tmp_path_factory.getbasetemp(), magic + data)
     message = ""
     try:

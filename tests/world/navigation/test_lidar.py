@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pacman_env.config import Nav2Config, PelletConfig, RobotConfig
-from pacman_env.world.maps.occupancy import OccupancyMap, load_map
+from pacman_env.world.maps.occupancy import OccupancyMap
 from pacman_env.world.navigation.grid import DriveGrid, build_grid, clearance_m
 from pacman_env.world.navigation.lidar import Sensor, scan
 from tests.drawn import box, drawn
@@ -99,7 +99,7 @@ def free_poses(grid: DriveGrid, seed: int, count: int) -> list[tuple[float, floa
     st.integers(0, 10**6),
     st.sampled_from([0.4, 2.0, 12.0]),
 )
-def test_jumps_give_the_same_ranges_as_looking_at_every_cell(rows: list[str], seed: int, maximum: float) -> None:
+def test_ranges_equal_those_of_every_cell(rows: list[str], seed: int, maximum: float) -> None:
     free = np.flipud(drawn(rows, square_m=0.3).game_free(PELLETS.free_grey))
     if free.all():
         free[0, 0] = False
@@ -110,18 +110,17 @@ def test_jumps_give_the_same_ranges_as_looking_at_every_cell(rows: list[str], se
     np.testing.assert_allclose(fast, slow_ranges(affine, clearance_cm, pose, 61, maximum), atol=1e-4, rtol=0)
 
 
-@pytest.mark.parametrize("name", ["house", "drawn and turned"])
-def test_ranges_on_maps_are_those_of_looking_at_every_cell(name: str) -> None:
-    grid = grid_of(load_map(name) if name == "house" else drawn(ROOMS, origin=(-1.2, -1.7, 0.7)))
-    for pose in free_poses(grid, 3, 12):
+def test_ranges_on_turned_map_equal_the_slow_ones() -> None:
+    grid = grid_of(drawn(ROOMS, origin=(-1.2, -1.7, 0.7)))
+    for pose in free_poses(grid, 3, 6):
         fast = ranges_at(grid.affine, grid.clearance_cm, pose, minimum=0.0)
         slow = slow_ranges(grid.affine, grid.clearance_cm, pose, 360, MAXIMUM)
         assert slow.min() < 4.0
         np.testing.assert_allclose(fast, slow, atol=1e-4, rtol=0)
 
 
-@pytest.mark.parametrize("pose", [(3.0, 2.0, 0.0), (0.8, 4.1, 2.2), (6.21, 0.93, -40.0)])
-def test_in_an_empty_room_ranges_are_the_distances_to_its_walls(pose: tuple[float, float, float]) -> None:
+@pytest.mark.parametrize("pose", [(3.0, 2.0, 0.0), (6.21, 0.93, -40.0)])
+def test_ranges_are_distances_to_walls(pose: tuple[float, float, float]) -> None:
     grid = grid_of(drawn(box(12, 8)))  # inside, x from 0.5 to 6.5 m and y from 0.5 to 4.5 m
     x, y, heading = pose
     angle = heading + 2 * np.pi * np.arange(360) / 360
@@ -129,15 +128,11 @@ def test_in_an_empty_room_ranges_are_the_distances_to_its_walls(pose: tuple[floa
         to_x = np.where(np.cos(angle) > 0, 6.5 - x, x - 0.5) / np.abs(np.cos(angle))
         to_y = np.where(np.sin(angle) > 0, 4.5 - y, y - 0.5) / np.abs(np.sin(angle))
     np.testing.assert_allclose(ranges_at(grid.affine, grid.clearance_cm, pose), np.minimum(to_x, to_y), atol=1e-4)
-
-
-def test_rays_go_counter_clockwise_from_ahead() -> None:
-    grid = grid_of(drawn(box(12, 8)))
     pose = (2.0, 1.5, math.pi / 2)  # facing the upper wall
     np.testing.assert_allclose(ranges_at(grid.affine, grid.clearance_cm, pose, rays=4), [3.0, 1.5, 1.0, 4.5], atol=1e-4)
 
 
-def test_rays_along_the_edges_of_cells_end() -> None:
+def test_rays_along_cell_edges_end() -> None:
     free = np.ones((40, 40), np.bool_)
     free[:, 30:] = False
     affine, clearance_cm = field(free)
@@ -145,23 +140,19 @@ def test_rays_along_the_edges_of_cells_end() -> None:
     np.testing.assert_allclose(ranges, [0.5, MAXIMUM, MAXIMUM, MAXIMUM], atol=1e-4)
 
 
-def test_no_return_within_the_maximum_or_off_the_grid_reads_the_maximum() -> None:
+def test_ranges_are_clipped_to_minimum_and_maximum() -> None:
     affine, clearance_cm = field(np.ones((40, 40), np.bool_))  # nothing solid at all
     assert (ranges_at(affine, clearance_cm, (1.0, 1.0, 0.3), noise=0.1) == np.float32(MAXIMUM)).all()
     grid = grid_of(drawn(box(12, 8)))
     short = ranges_at(grid.affine, grid.clearance_cm, (3.5, 2.5, 0.0), rays=4, noise=0.1, maximum=2.5)
     assert (short[[0, 2]] == 2.5).all()
     assert (ranges_at(grid.affine, grid.clearance_cm, (40.0, 2.5, 0.0)) == np.float32(MAXIMUM)).all()
-
-
-@pytest.mark.parametrize("x", [0.45, 0.55])
-def test_in_a_wall_or_close_to_it_reads_the_minimum(x: float) -> None:
-    grid = grid_of(drawn(box(12, 8)))
-    assert ranges_at(grid.affine, grid.clearance_cm, (x, 2.5, math.pi), rays=4)[0] == np.float32(MINIMUM)
+    for x in (0.45, 0.55):  # in a wall or close to it
+        assert ranges_at(grid.affine, grid.clearance_cm, (x, 2.5, math.pi), rays=4)[0] == np.float32(MINIMUM)
 
 
 @given(st.tuples(*[st.floats(allow_nan=False, allow_infinity=False)] * 3))
-def test_any_finite_pose_gives_ranges_between_the_bounds(pose: tuple[float, float, float]) -> None:
+def test_any_finite_pose_gives_bounded_ranges(pose: tuple[float, float, float]) -> None:
     affine, clearance_cm = field(np.ones((12, 17), np.bool_))
     clearance_cm[3:6, 4] = 0
     ranges = ranges_at(affine, clearance_cm, pose, rays=8, noise=0.3)
@@ -180,25 +171,17 @@ def noise_of(seeds: range, tick: int = 5) -> np.ndarray:
     return (np.array(noisy) / exact - 1) / 0.01
 
 
-def test_noise_is_normal_and_as_large_as_asked() -> None:
+def test_noise_is_normal_and_independent() -> None:
     z = noise_of(range(100))
     assert abs(z.mean()) < 0.02  # 36000 draws
     assert z.std() == pytest.approx(1.0, abs=0.02)
     assert (np.abs(z) > 1.96).mean() == pytest.approx(0.05, abs=0.005)
-
-
-def test_noise_is_independent_between_rays_seeds_and_ticks() -> None:
-    z = noise_of(range(100))
     ticks = np.concatenate([noise_of(range(7, 8), tick=t) for t in range(100)])
     for a, b in ((z[:, 1:], z[:, :-1]), (z[1:], z[:-1]), (ticks[1:], ticks[:-1])):
         assert abs(np.corrcoef(a.ravel(), b.ravel())[0, 1]) < 0.03
 
 
-def test_the_same_scan_is_read_twice() -> None:
-    np.testing.assert_array_equal(noise_of(range(3, 5)), noise_of(range(3, 5)))
-
-
-def test_noise_leaves_the_bounds_standing() -> None:
+def test_noise_keeps_the_bounds() -> None:
     grid = grid_of(drawn(box(12, 8)))
     ranges = ranges_at(grid.affine, grid.clearance_cm, (3.5, 2.5, 0.0), noise=0.5, minimum=1.0, maximum=3.2)
     assert ranges.min() == 1.0

@@ -76,7 +76,7 @@ def to_goal(batch: GameBatch, game: int = 0, refuge: int = 0) -> float:
 
 
 @pytest.mark.parametrize("preset", ["ideal", "robot"])
-def test_a_goal_is_reached_within_its_tolerance_and_the_robot_then_stands(preset: str) -> None:
+def test_goal_is_reached_within_its_tolerance(preset: str) -> None:
     batch = batch_to([(5.5, -1.5)], preset=preset)
     path_m = batch.situation().path_robot[0, batch.pellet_slots]
     assert drive(batch) == SUCCEEDED
@@ -103,10 +103,7 @@ def test_hold_cancels_and_the_robot_stops() -> None:
     assert (game["nav_state"], game["nav_last"], game["nav_goal"], game["nav_next"]) == (IDLE, CANCELED, -1, -1)
     assert np.hypot(game["vx"], game["vy"]) < 1e-9
     assert batch.situation().current[0] == -1
-
-
-def test_hold_cancels_a_goal_that_still_waits_too() -> None:
-    batch = batch_to([(5.5, -1.5)], **{"nav2.accept_delay_s": 2.0})
+    batch = batch_to([(5.5, -1.5)], **{"nav2.accept_delay_s": 2.0})  # a goal that still waits
     batch.step(np.array([batch.pellet_slots]))
     assert batch.games[0]["nav_next"] >= 0
     for _ in range(8):
@@ -115,7 +112,7 @@ def test_hold_cancels_a_goal_that_still_waits_too() -> None:
     assert batch.games[0]["x"] == batch.assets.grid.home[0]
 
 
-def test_a_new_goal_takes_over_at_the_planners_next_tick_and_the_old_path_is_followed_until_then() -> None:
+def test_new_goal_takes_over_at_next_planner_tick() -> None:
     changes = {"nav2.planner_period_s": 1.0, "nav2.accept_delay_s": 0.1}
     both, only = (batch_to([(5.5, -1.5), (-1.5, 1.5)], **changes) for _ in range(2))
     goals: list[int] = []
@@ -132,7 +129,7 @@ def test_a_new_goal_takes_over_at_the_planners_next_tick_and_the_old_path_is_fol
     assert goals[30:43] == [0] * 12 + [1]
 
 
-def test_a_goal_that_nobody_can_reach_is_aborted_after_11_s() -> None:
+def test_unreachable_goal_is_aborted_after_11_s() -> None:
     batch = batch_to([(5.5, -1.5)])
     assets = batch.assets
     batch.assets.next_step[assets.pellets] = -32768
@@ -143,19 +140,16 @@ def test_a_goal_that_nobody_can_reach_is_aborted_after_11_s() -> None:
     assert batch.games[0]["aborts"] == 1
 
 
-def test_a_goal_that_is_to_fail_is_aborted_at_once() -> None:
+def test_goals_fail_at_once_at_the_given_rate() -> None:
     batch = batch_to([(1.0, 1.0)], **{"nav2.abort_rate": 1.0, "nav2.accept_delay_s": 0.2})
     batch.step(np.array([batch.pellet_slots]))
     assert (batch.games[0]["nav_last"], batch.games[0]["nav_last_step"]) == (ABORTED, 4)
-
-
-def test_goals_fail_at_the_rate_asked_for() -> None:
     batch = batch_to([(1.0, 1.0)], n=400, **{"nav2.abort_rate": 0.2})
     batch.step(np.full(400, batch.pellet_slots))
     assert (batch.games["nav_last"] == ABORTED).mean() == pytest.approx(0.2, abs=0.07)
 
 
-def test_a_robot_that_makes_no_progress_is_aborted_after_150_s() -> None:
+def test_robot_without_progress_is_aborted_after_150_s() -> None:
     batch = batch_to([(5.5, -1.5)], **{"robot.speed_mps": 0.005})
     assert drive(batch, at_most_s=200) == ABORTED
     assert 150 <= batch.games[0]["nav_last_step"] * DT < 166  # the checker looks every 10 s, then waits 5 s
@@ -164,7 +158,7 @@ def test_a_robot_that_makes_no_progress_is_aborted_after_150_s() -> None:
 # Clyde in the way
 
 
-def test_a_doorway_that_clyde_stands_in_is_no_path_and_the_goal_is_aborted_after_11_s() -> None:
+def test_ghost_in_a_doorway_aborts_the_goal() -> None:
     batch = batch_to([(5.5, 0.0)])
     put_clyde(batch, 0, *DOOR)
     no_path: list[int] = []
@@ -176,7 +170,7 @@ def test_a_doorway_that_clyde_stands_in_is_no_path_and_the_goal_is_aborted_after
     assert 0.236 < distance < 2.3  # it went there until he mattered
 
 
-def test_when_clyde_leaves_the_doorway_the_robot_goes_on() -> None:
+def test_robot_continues_when_ghost_leaves_the_doorway() -> None:
     batch = batch_to([(5.5, 0.0)])
     put_clyde(batch, 0, *DOOR)
     for _ in range(14):
@@ -202,26 +196,26 @@ def nearest_while_passing(preset: str, clyde: tuple[float, float], seed: int = 3
     return nearest[0]
 
 
-@pytest.mark.parametrize("ahead", [0.6, 0.7, 0.9])
-@pytest.mark.parametrize("aside", [0.0, 0.05, -0.05, 0.1, -0.1, -0.15, 0.2])
-def test_in_an_open_room_the_robot_drives_round_clyde(ahead: float, aside: float) -> None:
-    assert 0.2 <= nearest_while_passing("ideal", (ahead, aside)) < 0.3
+@pytest.mark.parametrize("ahead", [0.6, 0.9])
+def test_robot_drives_round_a_ghost(ahead: float) -> None:
+    for aside in (0.0, 0.05, -0.1, -0.15, 0.2):
+        assert 0.2 <= nearest_while_passing("ideal", (ahead, aside)) < 0.3
 
 
-def test_with_a_pose_that_is_a_little_wrong_it_does_so_too() -> None:
+def test_robot_with_wrong_pose_drives_round_a_ghost() -> None:
     nearest = [nearest_while_passing("robot", (0.7, aside), seed) for aside in (0.05, -0.05) for seed in range(5)]
     assert min(nearest) > 0.1
     assert 0.18 < np.median(nearest) < 0.35
 
 
-def test_a_goal_that_clyde_stands_on_becomes_a_place_beside_it() -> None:
+def test_goal_under_a_ghost_moves_beside_it() -> None:
     batch = batch_to([(1.4, 0.0)])
     put_clyde(batch, 0, 1.4, 0.0)
     assert drive(batch) == SUCCEEDED
     assert 0.2 < to_goal(batch) <= 0.5 * np.sqrt(2) + 0.31
 
 
-def test_beside_clyde_already_the_robot_gets_away_from_him() -> None:
+def test_robot_beside_a_ghost_gets_away() -> None:
     batch = batch_to([(-1.5, 0.0)])
     put_clyde(batch, 0, 0.15, 0.0)
     assert drive(batch) == SUCCEEDED
@@ -230,7 +224,7 @@ def test_beside_clyde_already_the_robot_gets_away_from_him() -> None:
 # A goal beyond the reach
 
 
-def test_a_goal_just_out_of_reach_ends_at_the_nearest_place_as_navfns_tolerance_has_it() -> None:
+def test_goal_out_of_reach_ends_at_nearest_place() -> None:
     closet = ["#" * 40, *["#" + "." * 22 + "#" + "." * 14 + "##"] * 14, "#" * 40]  # behind a wall of 0.1 m
     changes = {"pellets.reachable_only": False, "pellets.spacing_m": 0.2, "pellets.wall_clearance_m": 0.1}
     radii = {"execution.pickup_radius_m": 0.05, "clyde.spawn_distance_m": 0.0}
@@ -275,7 +269,7 @@ def tour(preset: str) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("preset", ["ideal", "robot"])
-def test_no_wheel_and_no_turn_exceeds_the_bases_limits(preset: str) -> None:
+def test_wheels_and_turns_keep_their_limits(preset: str) -> None:
     log, robot = tour(preset), make_config(preset).robot
     wheels = np.stack([log["left"], log["right"]])
     assert np.abs(wheels).max() <= robot.wheel_speed_mps + 1e-9
@@ -288,22 +282,14 @@ def test_no_wheel_and_no_turn_exceeds_the_bases_limits(preset: str) -> None:
 
 
 @pytest.mark.parametrize("preset", ["ideal", "robot"])
-def test_the_body_moves_as_the_wheels_do_unless_a_wall_stops_it(preset: str) -> None:
-    log = tour(preset)
+def test_body_moves_as_its_wheels_do(preset: str) -> None:
+    log, robot = tour(preset), make_config(preset).robot
     forward = np.abs(0.5 * (log["left"] + log["right"]))[:-1]
     speed = np.hypot(log["vx"], log["vy"])[1:]  # as the next step finds it
     assert (np.abs(speed - forward) < 1e-5).mean() > 0.97
     assert (speed <= forward + 1e-5).mean() > 0.99  # a wall may push a robot out
     turned = np.diff(log["heading"], axis=0)
     np.testing.assert_allclose(turned, log["omega"][:-1] * DT, atol=1e-9)
-
-
-@pytest.mark.parametrize("preset", ["ideal", "robot"])
-def test_under_way_it_drives_at_the_speed_asked_for(preset: str) -> None:
-    log, robot = tour(preset), make_config(preset).robot
     speed = np.hypot(log["vx"], log["vy"])[(log["nav_state"] == ACTIVE) & (np.abs(log["omega"]) < 0.3)]
-    assert np.median(speed) == pytest.approx(robot.speed_mps, rel=0.03)
-
-
-def test_a_robot_that_knows_its_pose_stays_out_of_walls() -> None:
-    assert tour("ideal")["deepest"] <= 0.01
+    assert np.median(speed) == pytest.approx(robot.speed_mps, rel=0.03)  # under way
+    assert preset != "ideal" or log["deepest"] <= 0.01  # who knows its pose stays out of walls

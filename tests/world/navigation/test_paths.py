@@ -3,21 +3,28 @@ from __future__ import annotations
 import heapq
 import math
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pacman_env.config import make_config
+from pacman_env.sim.maps.assets import map_assets
 from pacman_env.world.navigation.paths import (
+    ARRIVED,
     AT_GOAL,
     NO_STEP,
+    NO_WAY,
     STEPS16,
+    TILE,
     UNREACHABLE_CM,
     PathFields,
+    coarse_step,
+    coarse_steps,
     navfn_weights,
     neighbour_table,
     step_lengths,
+    tile_index,
 )
 
 RESOLUTION = 0.05
@@ -84,7 +91,7 @@ def dijkstra(free: np.ndarray, cost: np.ndarray, goal: tuple[int, int]) -> dict[
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10**6))
-def test_following_the_steps_costs_what_dijkstras_algorithm_says(seed: int) -> None:
+def test_steps_cost_what_dijkstra_says(seed: int) -> None:
     free, cost = random_map(seed)
     free[0, 0] = True
     length_cm, next_step, cell = field(free, cost, 0)
@@ -103,7 +110,7 @@ def test_following_the_steps_costs_what_dijkstras_algorithm_says(seed: int) -> N
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10**6), st.floats(0.4, 1.0))
-def test_a_way_has_the_length_promised_and_cuts_no_corner(seed: int, share_free: float) -> None:
+def test_path_has_its_length_and_cuts_no_corner(seed: int, share_free: float) -> None:
     free, cost = random_map(seed, share_free)
     free[5, 5] = True
     goal = int(numbered(free)[0][5, 5])
@@ -155,16 +162,7 @@ def test_leaving_out_detours_changes_no_step(seed: int, share_free: float, share
     np.testing.assert_array_equal(field(free, cost, goal)[1], in_buckets(free, cost, goal)[1])
 
 
-def test_beside_walls_with_falling_costs_leaving_out_detours_changes_no_step() -> None:
-    free = np.ones((30, 40), np.bool_)
-    free[[0, -1]], free[:, [0, -1]], free[12:18, 15:22], free[:20, 30] = False, False, False, False
-    distance = cv2.distanceTransform(free.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    cost = np.where(distance < 4, 252 * np.exp(-0.5 * distance), 0).astype(np.uint8)
-    for goal in (0, 500, 900):
-        np.testing.assert_array_equal(field(free, cost, goal)[1], in_buckets(free, cost, goal)[1])
-
-
-def test_far_from_the_goal_where_costs_are_coarse_all_steps_are_tried() -> None:
+def test_all_steps_are_tried_far_from_goal() -> None:
     free, cost = np.zeros((3, 30000), np.bool_), np.full((3, 30000), 252, np.uint8)
     free[1] = True
     cost[:, 20000:] = 0
@@ -173,7 +171,7 @@ def test_far_from_the_goal_where_costs_are_coarse_all_steps_are_tried() -> None:
     assert length_cm[-1] == UNREACHABLE_CM - 1
 
 
-def test_a_field_is_computed_once_and_the_next_goal_starts_afresh() -> None:
+def test_field_is_computed_once_per_goal() -> None:
     free, cost = random_map(5, 0.9)
     cell = numbered(free)[1]
     fields = PathFields(cell, navfn_weights(cost, cell), RESOLUTION)
@@ -188,7 +186,7 @@ def test_a_field_is_computed_once_and_the_next_goal_starts_afresh() -> None:
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10**6))
-def test_the_neighbour_table_holds_exactly_the_allowed_steps(seed: int) -> None:
+def test_neighbour_table_holds_allowed_steps(seed: int) -> None:
     free, _ = random_map(seed, 0.7)
     cell_id, cell = numbered(free)
     table = neighbour_table(cell_id, cell)
@@ -198,13 +196,7 @@ def test_the_neighbour_table_holds_exactly_the_allowed_steps(seed: int) -> None:
             assert table[k, d] == expected
 
 
-def test_the_opposite_of_a_direction_is_half_a_turn_further() -> None:
-    np.testing.assert_array_equal(STEPS16[(np.arange(16) + 8) % 16], -STEPS16)
-    assert (np.abs(STEPS16[::2]).max(axis=1) == 1).all()  # the 8 neighbours
-    assert (np.diff(np.arctan2(STEPS16[:8, 1], STEPS16[:8, 0])) > 0).all()
-
-
-def test_on_an_empty_floor_a_way_is_at_most_2_75_percent_longer_than_a_straight_line() -> None:
+def test_path_exceeds_straight_line_by_2_75_percent() -> None:
     free = np.ones((101, 101), np.bool_)
     goal = 50 * 101 + 50
     length_cm, _, cell = field(free, np.zeros(free.shape, np.uint8), goal)
@@ -213,7 +205,7 @@ def test_on_an_empty_floor_a_way_is_at_most_2_75_percent_longer_than_a_straight_
     assert (length_cm <= 1.0275 * straight + 0.51).all()
 
 
-def test_costs_bend_a_way_and_its_length_stays_in_metres() -> None:
+def test_costs_bend_a_path() -> None:
     free, cost = np.ones((21, 21), np.bool_), np.zeros((21, 21), np.uint8)
     start, goal = 6 * 21, 6 * 21 + 20
     cost[1:, 8:13] = 30  # the way round over row 0 is 3.3 cells longer, straight on costs 2.4 more
@@ -226,7 +218,7 @@ def test_costs_bend_a_way_and_its_length_stays_in_metres() -> None:
     assert 116 < length_cm[start] < 135
 
 
-def test_a_sealed_room_is_marked_unreachable_and_the_goal_as_reached() -> None:
+def test_sealed_room_is_unreachable() -> None:
     free = np.ones((12, 12), np.bool_)
     free[:, 6] = False
     length_cm, next_step, cell = field(free, np.zeros(free.shape, np.uint8), 0)
@@ -238,7 +230,53 @@ def test_a_sealed_room_is_marked_unreachable_and_the_goal_as_reached() -> None:
     assert np.flatnonzero(next_step == AT_GOAL).tolist() == [0]
 
 
-def test_navfns_weights_are_its_cell_costs_over_those_of_free_space() -> None:
+def test_weights_are_navfn_costs_over_free_costs() -> None:
     cost = np.array([[0, 100, 252]], np.uint8)
     cell = np.array([[0, 0], [1, 0], [2, 0]], np.int32)
     assert navfn_weights(cost, cell).tolist() == pytest.approx([1.0, 130 / 50, 251.6 / 50])
+
+
+# Coarse steps against the steps that they are made of
+
+
+def test_coarse_step_is_three_steps() -> None:
+    assets = map_assets("maze", make_config())
+    cell, steps = assets.grid.cell, assets.next_step
+    found = coarse_steps(steps, cell, assets.grid.shape)
+    rng = np.random.default_rng(0)
+    arrived = 0
+    for _ in range(500):
+        goal, k = int(rng.integers(len(steps))), int(rng.integers(len(cell)))
+        there = k
+        for _ in range(3):
+            there += int(steps[goal, there])
+        column, row = cell[k]
+        code = found[row // TILE, column // TILE, row % TILE, column % TILE, goal]
+        assert coarse_step(code) == tuple(cell[there] - cell[k])
+        arrived += code == ARRIVED
+        assert (code == ARRIVED) == (steps[goal, k] == 0)
+    assert arrived < 500
+
+
+def test_every_coarse_step_has_its_own_code() -> None:
+    assert coarse_step(ARRIVED) == (0, 0)
+    all_of_them = {coarse_step(code) for code in range(1, 170)}
+    assert all_of_them == {(columns, rows) for columns in range(-6, 7) for rows in range(-6, 7)}
+
+
+def test_coarse_steps_end_at_goal_or_nowhere() -> None:
+    steps = np.array([[1, 1, 0], [NO_STEP, NO_STEP, NO_STEP]], dtype=np.int16)
+    cell = np.array([[0, 1], [1, 1], [2, 1]], dtype=np.int32)
+    found = coarse_steps(steps, cell, (9, 3))
+    assert found.shape == (2, 1, TILE, TILE, 2)
+    assert [coarse_step(code) for code in found[0, 0, 1, :3, 0]] == [(2, 0), (1, 0), (0, 0)]
+    assert (found[..., 1] == NO_WAY).all()
+    assert np.count_nonzero(found) == 3
+
+
+def test_cells_lie_tile_by_tile() -> None:
+    rows, columns = np.mgrid[:24, :16]
+    tiles = np.arange(24 * 16).reshape(3, 2, TILE, TILE)
+    expected = tiles[rows // TILE, columns // TILE, rows % TILE, columns % TILE]
+    found = [[tile_index(c, r, 2) for c in range(16)] for r in range(24)]
+    np.testing.assert_array_equal(found, expected)
