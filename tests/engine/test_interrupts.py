@@ -33,7 +33,7 @@ def handled(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @BOTH
-def test_a_signal_waits_for_the_end_of_the_block(number: int) -> None:
+def test_signal_waits_for_the_end_of_block(number: int) -> None:
     done = []
 
     @uninterrupted()
@@ -49,7 +49,7 @@ def test_a_signal_waits_for_the_end_of_the_block(number: int) -> None:
 
 
 @BOTH
-def test_it_waits_for_the_end_of_the_inner_block_alone(number: int) -> None:
+def test_signal_interrupts_after_the_inner_block(number: int) -> None:
     done = []
 
     @uninterrupted()
@@ -65,7 +65,7 @@ def test_it_waits_for_the_end_of_the_inner_block_alone(number: int) -> None:
 
 
 @BOTH
-def test_a_wait_for_others_is_broken_off_at_once(number: int) -> None:
+def test_interruptible_wait_ends_at_once(number: int) -> None:
     done = []
 
     @uninterrupted()
@@ -80,7 +80,7 @@ def test_a_wait_for_others_is_broken_off_at_once(number: int) -> None:
     assert done == ["waits"]
 
 
-def test_without_a_signal_nothing_happens_and_handlers_are_as_before() -> None:
+def test_handlers_are_restored_without_a_signal() -> None:
     before = signal.getsignal(signal.SIGINT)
     with uninterrupted(), interruptible(), uninterrupted():
         pass
@@ -115,6 +115,5 @@ def interrupted(words: list[str], callback: int, folder: Path) -> tuple[int, lis
     return ended.returncode, ended.stderr.splitlines()
 
 
-@pytest.mark.parametrize("callback", [1, 4])
-def test_ctrl_c_while_a_command_compiles_is_one_line(callback: int, tmp_path: Path) -> None:
-    assert interrupted(["pacman_env.cli.main", "warm-up"], callback, tmp_path) == (130, ["pacman-env warm-up: stopped"])
+def test_ctrl_c_while_compiling_is_one_line(tmp_path: Path) -> None:
+    assert interrupted(["pacman_env.cli.main", "warm-up"], 4, tmp_path) == (130, ["pacman-env warm-up: stopped"])

@@ -45,7 +45,7 @@ def _same(number, out):  # type: ignore[no-untyped-def]
 
 @settings(max_examples=60, deadline=None)
 @given(rows=ROWS, first=st.integers(0, 5))
-def test_an_operation_on_rows_is_that_on_each_number(rows: np.ndarray, first: int) -> None:
+def test_row_operations_equal_numpys(rows: np.ndarray, first: int) -> None:
     out = np.zeros(len(OPERATIONS) * WIDTH, np.float32)
     _all(rows, first, out)
     parts = rows[:, first : first + WIDTH]
@@ -56,7 +56,7 @@ def test_an_operation_on_rows_is_that_on_each_number(rows: np.ndarray, first: in
 
 
 @pytest.mark.parametrize("number", [0.1, 7])
-def test_a_row_of_one_number(number: float) -> None:
+def test_row_of_one_number_fills_its_width(number: float) -> None:
     out = np.zeros(WIDTH + 1, np.float32)
     _same(number, out)
     assert (out[:WIDTH] == np.float32(np.float32(number) + np.float32(1)) + np.float32(2)).all()
