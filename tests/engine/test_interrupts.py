@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -49,35 +50,23 @@ def test_signal_waits_for_the_end_of_block(number: int) -> None:
 
 
 @BOTH
-def test_signal_interrupts_after_the_inner_block(number: int) -> None:
+@pytest.mark.parametrize(
+    ("inner", "expected"), [(uninterrupted, ["begun", "ended"]), (interruptible, ["begun"])], ids=["inner", "wait"]
+)
+def test_signal_ends_inner_block_or_wait(number: int, inner: Any, expected: list[str]) -> None:
     done = []
 
     @uninterrupted()
     def work() -> None:
-        with uninterrupted():
+        with inner():
+            done.append("begun")
             signal.raise_signal(number)
-            done.append("inner")
+            done.append("ended")
         done.append("outer")
 
     with pytest.raises(Asked):
         work()
-    assert done == ["inner"]
-
-
-@BOTH
-def test_interruptible_wait_ends_at_once(number: int) -> None:
-    done = []
-
-    @uninterrupted()
-    def work() -> None:
-        with interruptible():
-            done.append("waits")
-            signal.raise_signal(number)
-            done.append("has waited")
-
-    with pytest.raises(Asked):
-        work()
-    assert done == ["waits"]
+    assert done == expected
 
 
 def test_handlers_are_restored_without_a_signal() -> None:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import logging
-import os
 import shutil
-import subprocess
 import time
 import urllib.request
 from collections.abc import Callable, Iterator
@@ -95,30 +93,13 @@ def no_plugin(folder: Path) -> dict[str, str]:
     return {"PYTHONPATH": str(ROOT)}
 
 
-def full_disk(folder: Path) -> dict[str, str]:
-    """A disk of 64 kB, mounted until the test ends."""
-    (folder / "disk").mkdir()
-    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", folder / "disk"], check=False).returncode:
-        pytest.skip("only root may mount a disk")
-    return {"PACMAN_ENV_CACHE": str(folder / "disk")}
-
-
-@pytest.fixture
-def unmounted(tmp_path: Path) -> Iterator[None]:
-    yield
-    if os.path.ismount(tmp_path / "disk"):
-        subprocess.run(["umount", "--lazy", tmp_path / "disk"], check=True)
-
-
 @pytest.mark.parametrize(
     ("environment", "reason"),
     [
         (other_sources, r": pacman_env [\d.]+, sources \w+; the command has [\d.]+, sources \w+: install the same"),
         (no_plugin, ": policy 'other_package:Mine': module other_package cannot be imported"),
-        (full_disk, r": .*/disk/sent/\w+: cannot be written: No space left on device"),
     ],
 )
-@pytest.mark.usefixtures("unmounted")
 def test_failing_machine_is_named_and_results_kept(
     environment: Callable[[Path], dict[str, str]],
     reason: str,

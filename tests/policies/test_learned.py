@@ -186,24 +186,6 @@ def test_wrong_inputs_and_outputs_are_named(
         LearnedPlanner(other)
 
 
-def test_outputs_unlike_declared_are_refused(path: Path, tmp_path: Path) -> None:
-    def without_logits(model: Any) -> None:
-        """Leaves out those that are not large, which nobody can know before the model runs."""
-        (last,) = (node for node in model.graph.node if node.output[0] == "logits")
-        last.output[0] = "all"
-        for name, value in (("large", np.float32(1e9)), ("row", np.array([-1]))):
-            model.graph.initializer.append(numpy_helper.from_array(np.array(value), name))
-        for operator, inputs, output in (
-            ("Greater", ["all", "large"], "are_large"),
-            ("Reshape", ["are_large", "row"], "kept"),
-        ):
-            model.graph.node.append(helper.make_node(operator, inputs, [output]))
-        model.graph.node.append(helper.make_node("Compress", ["all", "kept"], ["logits"], axis=1))
-
-    with pytest.raises(ValueError, match=r"outputs: found \[\(1, 0\), \(1,\)\], expected \[\(1, 3\), \(1,\)\]"):
-        LearnedPlanner(changed(path, tmp_path, without_logits))
-
-
 def test_weights_that_are_nan_are_refused(path: Path, tmp_path: Path) -> None:
     def spoil(model: Any) -> None:
         weights = numpy_helper.to_array(model.graph.initializer[0])

@@ -99,20 +99,6 @@ def test_ghosts_in_a_pocket_walk_alike_alone() -> None:
         assert together.ghosts[pocket] == alone.ghosts[0]
 
 
-def test_reset_leaves_other_games_alone() -> None:
-    batch = new_batch(make_config("robot"), 5)
-    for _ in range(4):
-        batch.step(np.arange(5))
-    before, alive = batch.games.copy(), batch.alive.copy()
-    batch.reset(np.array([1, 3]), np.array([77, 78], dtype=np.uint64))
-    others = [0, 2, 4]
-    np.testing.assert_array_equal(batch.games[others], before[others])
-    np.testing.assert_array_equal(batch.alive[others], alive[others])
-    assert batch.games["seed"].tolist() == [0, 77, 2, 78, 4]
-    assert (batch.games["tick"][[1, 3]] == 0).all()
-    assert (batch.games["x"][[1, 3]] == batch.assets.grid.home[0]).all()
-
-
 # Rules
 
 

@@ -41,6 +41,16 @@ def test_robot_stops_within_tolerance_of_its_goal() -> None:
     assert robot.velocity == pytest.approx((0.0, 0.0), abs=1e-9)
 
 
+def test_last_of_many_goals_is_reached_beside_walls() -> None:
+    robot = a_robot(preset="ideal")
+    for column, row in robot.grid.cell[:: len(robot.grid.cell) // 80].tolist():  # more goals than are kept
+        robot.set_goal(*robot.grid.to_world(column, row))
+    beyond = (1.5, 2.25)  # inside the wall, 0.44 m from a place for the robot
+    robot.set_goal(*beyond)
+    assert run(robot, 60.0) == SUCCEEDED
+    assert 0.45 < away(robot, *beyond) <= 0.44 + 0.3 + 0.05
+
+
 # Velocities
 
 

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,7 @@ import pytest
 from pacman_env.config import Config, make_config
 from pacman_env.game.pellets import generate_pellets
 from pacman_env.sim.maps import assets as module
-from pacman_env.sim.maps.assets import MapAssets, map_assets, path_fields, prepare_map
+from pacman_env.sim.maps.assets import MapAssets, map_assets, prepare_map
 from pacman_env.world.maps.occupancy import MapError, OccupancyMap, load_map
 from pacman_env.world.navigation.paths import AT_GOAL, NO_STEP, UNREACHABLE_CM
 from tests.drawn import box, drawn
@@ -98,16 +97,6 @@ def test_prepared_map_has_same_bits_uncached(forget: Callable[[], None], tmp_pat
         np.testing.assert_array_equal(value, other[name], err_msg=name)
 
 
-def test_threads_prepare_maps_concurrently() -> None:
-    maps = [load_map("house"), load_map("maze")]
-    alone = [everything(prepare_map(m, CONFIG)) for m in maps]
-    with ThreadPoolExecutor(2) as pool:
-        together = [everything(assets) for assets in pool.map(prepare_map, maps * 2, [CONFIG] * 4)]
-    for k, found in enumerate(together):
-        for name, value in alone[k % 2].items():
-            np.testing.assert_array_equal(found[name], value, err_msg=name)
-
-
 # Pellets
 
 
@@ -164,14 +153,6 @@ def test_fields_lead_to_every_goal() -> None:
             here = here + step
         assert (here == assets.goal_cell[goal]).all()
         np.testing.assert_allclose(walked, assets.length_cm[cells, goal] / 100, atol=0.011)
-
-
-def test_goal_without_a_cell_is_unreachable() -> None:
-    assets = map_assets(sealed_rooms(), fine())
-    fields = path_fields(assets.grid, np.array([-1, 3], dtype=np.int32))
-    assert (fields["length_cm"][:, 0] == UNREACHABLE_CM).all()
-    assert (fields["next_step"][0] == NO_STEP).all()
-    assert (fields["length_cm"][:, 1] < UNREACHABLE_CM).all()
 
 
 def test_ghost_cells_know_the_drivable_cell_under() -> None:

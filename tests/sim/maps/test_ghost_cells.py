@@ -141,17 +141,6 @@ def test_landmarks_hold_exact_costs(seed: int, share_free: float) -> None:
         assert len(path_between(cells, start, goal)) > 0
 
 
-def test_landmarks_lie_far_apart() -> None:
-    _, cells = house()
-    main = cells.part_cells[: cells.part_start[1]]
-    landmarks = [int(main[column.argmin()]) for column in cells.landmark[main].T]
-    cost = np.array([dijkstra(k) for k in (int(main[0]), *landmarks)])[:, main]
-    assert cost[0, main == landmarks[0]] == cost[0].max()
-    for k in range(1, 6):
-        nearest = cost[1 : k + 1].min(axis=0)
-        assert nearest[main == landmarks[k]] == nearest.max()
-
-
 def test_narrow_map_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"clyde\.clearance_m = 0\.25: the map has no place that wide"):
         clyde_cells(drawn(box(20, 4), square_m=0.1), CONFIG, 250)
