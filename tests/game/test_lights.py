@@ -39,7 +39,7 @@ def test_every_ring_has_six_colours_of_eight_bits() -> None:
 
 
 @pytest.mark.parametrize("word", ENDING)
-def test_animation_moves_and_ends_after_its_time(word: str) -> None:
+def test_animation_ends_after_its_time_fault_3(word: str) -> None:
     if word != "start":
         assert shown(word, 30.0)[-1] is None  # fault 3 of the original: it looped for ever
     duration = LIGHTS[word].duration_s(ShowConfig())

@@ -29,7 +29,7 @@ def test_pellet_sound_ends_before_the_next_pellet() -> None:
     assert all(seconds > 0 for sound in SOUNDS.values() for _, seconds in sound.melody)
 
 
-def test_win_melody_plays_after_the_pellet() -> None:
+def test_win_melody_plays_after_the_pellet_fault_2() -> None:
     queue = SoundQueue(SOUNDS)
     assert queue.request("pellet", 0.0) == "pellet"
     assert queue.request("win", 0.005) is None
@@ -37,7 +37,7 @@ def test_win_melody_plays_after_the_pellet() -> None:
     assert queue.ended(2.0) is None
 
 
-def test_melody_without_reported_end_times_out() -> None:
+def test_melody_without_reported_end_times_out_fault_12() -> None:
     queue = SoundQueue(SOUNDS)
     queue.request("pacman_theme", 0.0)
     queue.request("win", 1.0)

@@ -82,6 +82,17 @@ def test_inactive_cancels_and_repeated_goals_are_refused() -> None:
     assert not navigation.cancel(A)
 
 
+def test_old_goal_reached_on_the_way_ends_nothing() -> None:
+    robot = a_robot(**{"localization.perfect": True})
+    navigation = Navigation(robot)
+    navigation.send(A, 1.05, 0.0)
+    assert steps(navigation, 3.15) == []
+    assert 0.3 < math.dist(robot.pose[:2], (1.05, 0.0)) < 0.4
+    navigation.send(B, *LEFT)
+    assert brief(steps(navigation, 0.9)) == [(A, ABORTED, nav.NONE)]
+    assert brief(drive(navigation)) == [(B, SUCCEEDED, nav.NONE)]
+
+
 @pytest.mark.parametrize(
     ("goal", "code"),
     [

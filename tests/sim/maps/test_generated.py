@@ -139,6 +139,7 @@ def test_wide_house_has_cells_twice_as_long() -> None:
     assert wide.occupancy.resolution == pytest.approx(2 * house.resolution)
     assert wide.occupancy.origin[:2] == pytest.approx([2 * x for x in house.origin[:2]])
     assert wide.occupancy.name == f"{house.name}-wide"
+    assert most_pellets(make_config(**{"pellets.spacing_m": 4.0}), WIDE) == most_pellets(CONFIG) == 16
     assert 1.8 < longest_way(wide) / longest_way(plain) < 2.3
 
 

@@ -142,6 +142,20 @@ def test_cache_that_cannot_be_made_is_done_without(cache: Path, prepared: list[i
     assert prepared == [1, 1]
 
 
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root writes everywhere")
+def test_read_only_cache_is_used(cache: Path, prepared: list[int]) -> None:
+    maps = GeneratedMaps(CONFIG, 0, 100)
+    first, folder = maps.prepare(1), files(cache)[0].parent
+    folder.chmod(0o500)
+    try:
+        assert same(maps.prepare(1), first)
+        with pytest.warns(RuntimeWarning):
+            maps.prepare(2)
+    finally:
+        folder.chmod(0o700)
+    assert prepared == [1, 2]
+
+
 def test_sets_used_longest_ago_are_removed(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(level_files, "_KEEP_BYTES", 15 << 20)  # of two or three houses
     for radius in (0.17, 0.171, 0.172, 0.173):
