@@ -313,15 +313,6 @@ class Probe:
         """The time now, as messages have it."""
         return self.node.get_clock().now().to_msg()
 
-    def end_nodes(self) -> None:
-        """Have all processes stop, and answer what they ask on their way."""
-        for process in self.system.processes:
-            if process.popen.poll() is None:
-                process.send(signal.SIGINT)
-        end = time.monotonic() + PATIENCE_S
-        while time.monotonic() < end and any(one.popen.poll() is None for one in self.system.processes):
-            self.executor.spin_once(timeout_sec=0.05)
-
     def spin(self, seconds: float) -> None:
         """Listen for a while: only for what must *not* happen; else ``wait_for``."""
         end = time.monotonic() + seconds

@@ -14,7 +14,6 @@ pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
 from pacman_env.ros import topics
-from pacman_env.ros.composed import main
 from pacman_env.ros.supervisor.game_nodes import (
     COMPOSED,
     GAME,
@@ -30,14 +29,6 @@ if TYPE_CHECKING:
     from tests.ros.system import Probe, System
 
 PATIENCE_S = 240.0
-
-
-def setup(folder: Path, **fields: object) -> GameSetup:
-    extra = {REFEREE: {"state_file": str(folder / "game_controller.json")}}
-    shows = ("show.start_s=1.0", "show.death_s=1.0")
-    return GameSetup(
-        "house", "clyde_aware", NAMESPACE, True, 10.0, settings=shows, extra=extra, composed=True, **fields
-    )  # type: ignore[arg-type]
 
 
 def test_a_composed_game_is_three_processes_and_a_page() -> None:
@@ -66,23 +57,6 @@ def test_a_round_is_played_by_nodes_of_one_process_which_end_together_with_their
     processes[COMPOSED].send(signal.SIGINT)
     probe.wait_for(lambda: "disable" in probe.values(topics.GAME_COMMAND), PATIENCE_S, "the referee's last command")
     assert processes[COMPOSED].wait() == 0
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ([], "0 arguments: the setup of the game alone is needed"),
-        (["{}"], "no setup of a game"),
-        ([GameSetup("nowhere", sim=True, composed=True).as_json()], "nowhere"),
-    ],
-)
-def test_bad_arguments_are_one_line_and_status_2(
-    arguments: list[str], words: str, capfd: pytest.CaptureFixture[str]
-) -> None:
-    assert main(arguments) == 2
-    line = capfd.readouterr().err
-    assert words in line
-    assert line.count("\n") == 1
 
 
 def test_a_lock_step_game_is_not_composed() -> None:

@@ -25,18 +25,20 @@ from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, Reliabilit
 
 from pacman_env.ros import topics
 from pacman_env.ros.messages import nanoseconds_of, seconds_of, transform_of, twist_message
-from pacman_env.ros.supervisor.game_nodes import NAV2_BRINGUP, NODES, SIMULATOR, GameSetup
+from pacman_env.ros.supervisor.game_nodes import NAV2_BRINGUP, NAV2_BY_HAND, NODES, SIMULATOR, GameSetup
 from pacman_env.sim.core import navigate_to_pose
 from pacman_env.world.navigation.grid import clearance_m
 from pacman_env.world.navigation.localization import compose
 from tests.ros import session
 from tests.ros.nav2_chain import nav2_yaml
-from tests.ros.nav2_stand_in import BASE_ONLY
 from tests.sim.robots import rooms
 
 FACTS: dict[str, Any] = json.loads((Path(__file__).parent / "golden/nav2_interface.json").read_text())
 RELIABILITY = {"reliable": ReliabilityPolicy.RELIABLE, "best_effort": ReliabilityPolicy.BEST_EFFORT}
 DRIVEN_S = 5.0
+_FOR_NAV2 = GameSetup("house", sim=True, nav2=NAV2_BY_HAND).parameters(SIMULATOR)
+#: Parameters of the simulated robot that leave all to Nav2 but the base, as `ros up --sim --nav2` gives them.
+BASE_ONLY = {name: value for name, value in _FOR_NAV2.items() if name not in ("map_yaml", "speed", "use_sim_time")}
 #: What the lidar sees can be compared with the map while the odometry is exact.
 EXACT = [f"robot.{name}=0" for name in ("odometry_distance_error", "odometry_turn_error", "odometry_distance_noise")]
 EXACT += [f"robot.{name}=0" for name in ("odometry_turn_noise", "odometry_heading_noise", "wheel_slip")]
@@ -130,7 +132,9 @@ def driven_by(nodes: session.Session, row: dict[str, Any]) -> bool:
 def base(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Base]:
     folder = tmp_path_factory.mktemp("base")
     with session.nodes(folder, gives_time=False) as nodes:
-        nodes.start(SIMULATOR, map_yaml=rooms().save(folder / "rooms.yaml"), settings=EXACT, **BASE_ONLY)
+        nodes.start(
+            SIMULATOR, map_yaml=rooms().save(folder / "rooms.yaml"), settings=EXACT, **BASE_ONLY, set_initial_pose=False
+        )
         wanted = [row for param in rows("received", **{"from": "base"}) for row in param.values]
         received = [one for row in wanted for one in subscribe(nodes, row)]
         driven = [driven_by(nodes, row) for param in rows("sent", to="base") for row in param.values]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import json
-import math
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,16 +14,14 @@ import pytest
 rclpy = pytest.importorskip("rclpy")
 
 from rclpy.clock_type import ClockType  # noqa: E402
-from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.time import Time  # noqa: E402
 
 from pacman_env import ros  # noqa: E402
 from pacman_env.config import make_config, parse_settings  # noqa: E402
 from pacman_env.ros import topics  # noqa: E402
 from pacman_env.ros.node import BaseNode, Once  # noqa: E402
-from pacman_env.ros.nodes import game_event_mapper  # noqa: E402
 from pacman_env.ros.standstill import LEASE, STOOD_STILL  # noqa: E402
-from pacman_env.ros.supervisor.game_nodes import PROCESSES, REFEREE, SELECTOR, SIMULATOR, WAIT, module_of  # noqa: E402
+from pacman_env.ros.supervisor.game_nodes import SELECTOR, module_of  # noqa: E402
 from tests.engine.test_interrupts import interrupted  # noqa: E402
 from tests.ros import last_messages_node, session  # noqa: E402
 
@@ -117,31 +114,6 @@ def test_a_bad_start_is_one_line_and_status_2(
     assert len(lines) == 1
     assert lines[0].startswith("last_messages_node: ")
     assert complaint in lines[0]
-
-
-def test_a_process_that_starts_badly_ends_with_status_2(system: System) -> None:
-    process = system.start(NODE, "-p", "words:=21")
-    assert process.wait() == 2
-    system.processes.clear()
-    assert process.output.startswith("last_messages_node: ")
-    assert process.output.count("\n") == 1
-
-
-@pytest.mark.parametrize("name", [SIMULATOR, REFEREE, SELECTOR, WAIT, "clyde_ghost_node"])
-def test_an_integer_is_a_number_for_every_parameter_that_is_one(domain: int, tmp_path: Path, name: str) -> None:
-    own = {"map_yaml": "house"} if "map_yaml" in PROCESSES[name].parameters else {}
-    with session.nodes(tmp_path, gives_time=name != SIMULATOR) as nodes:
-        node = nodes.start(name, **own).node
-        floats = [key for key, one in node._parameters.items() if one.type_ is Parameter.Type.DOUBLE]
-        ranges = {key: node.describe_parameter(key).floating_point_range[0] for key in floats}
-        assert floats
-        given: dict[str, Any] = {key: math.ceil(allowed.from_value) for key, allowed in ranges.items()}
-        nodes.kill(name)
-        if name == SELECTOR:
-            given["home"] = [1, 0, 2]
-        again = nodes.start(name, **own, **given).node
-        assert {key: again.get_parameter(key).value for key in given} == given
-        assert all(isinstance(again.get_parameter(key).value, float) for key in floats)
 
 
 class Log(list[str]):
@@ -268,18 +240,6 @@ def test_of_two_nodes_each_says_that_the_other_plays_otherwise_whichever_comes_f
         (line,) = [line for line in log().splitlines() if text in line]
         assert "clyde.ghosts" in line
         assert "; map " in line
-
-
-@pytest.mark.parametrize(
-    "settings", ["[clyde.speed_mps=fast]", "[clyde.sped=1]", "[clyde.speed_mps]", "clyde.speed_mps=1"]
-)
-def test_a_bad_configuration_is_one_line_and_status_2(
-    domain: int, capfd: pytest.CaptureFixture[str], settings: str
-) -> None:
-    assert game_event_mapper.main(["--ros-args", "-p", f"settings:={settings}"]) == 2
-    said = capfd.readouterr().err
-    assert said.startswith("game_event_mapper: ")
-    assert said.count("\n") == 1
 
 
 def test_a_destroyed_node_is_gone_from_the_graph_while_something_refers_to_it(probe: Probe) -> None:

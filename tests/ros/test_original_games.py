@@ -1,8 +1,8 @@
 """Play recorded transcripts of the original's nodes to ours: two rounds, and every pellet that is reported counts.
 
-``golden/original_games.json`` was recorded once in lock-step, with stand-ins for the original's nodes beside ours. A line
-is the time since the line before, s, what happens, the topic or service, and the value. The original says its lines in
-order; it waits until it has heard from our nodes what it heard in the recording.
+``golden/original_games.json`` was recorded once in lock-step, with stand-ins for the original's nodes beside ours. A
+line is the time since the line before, s, what happens, the topic or service, and the value. The original says its
+lines in order; it waits until it has heard from our nodes what it heard in the recording.
 """
 
 from __future__ import annotations

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import signal
@@ -49,23 +48,6 @@ def test_a_game_is_started_and_watched_from_outside_and_ends_with_its_last_messa
     process.send(signal.SIGINT)
     probe.wait_for(lambda: "disable" in probe.values(topics.GAME_COMMAND), PATIENCE_S, "the referee's last command")
     assert process.wait() == 0
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ([], "0 arguments: the setup of the game alone is needed"),
-        (["{}"], "no setup of a game"),
-        (["nonsense"], "Expecting value"),
-        ([json.dumps({**json.loads(GameSetup("house", sim=True).as_json()), "map": "no_such_map"})], "no_such_map"),
-        ([GameSetup("house").as_json()], "only with a simulated robot"),
-    ],
-)
-def test_a_setup_that_makes_no_game_is_one_line_and_status_2(domain: int, arguments: list[str], words: str) -> None:
-    command = [sys.executable, "-m", "pacman_env.ros.lock_step", *arguments]
-    ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
-    assert ended.returncode == 2
-    assert words in ended.stderr.splitlines()[-1]
 
 
 def test_a_setup_survives_its_way_through_json() -> None:

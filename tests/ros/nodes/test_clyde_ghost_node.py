@@ -38,10 +38,6 @@ def cells() -> ClydeCells:
     return map_assets(MAP, CONFIG).clyde
 
 
-def fast_ghost(seed: int) -> MapGhosts:
-    return MapGhosts(map_assets(MAP, CONFIG), CONFIG, seed)
-
-
 def up(nodes: Session, **parameters: Any) -> None:
     """Start the node, and wait until it is shown."""
     nodes.record(topics.CLYDE_POSE, topics.CLYDE_MARKER, topics.CLYDE_OBSTACLE)
@@ -275,40 +271,4 @@ def test_a_click_places_it_for_the_coming_round_and_no_longer(nodes: Session) ->
     assert len(places) > 2
 
 
-def test_clicks_that_make_no_sense_are_ignored_and_said_once(nodes: Session, log: Callable[[], str]) -> None:
-    up(nodes)
-    here = at(nodes)
-    x, y = cells().position[200]
-    click(nodes, math.nan, y)
-    click(nodes, x, math.inf)
-    click(nodes, 500.0, 500.0)
-    click(nodes, x, y, frame="base_link")
-    nodes.publish(topics.GAME_STATE, "starting")
-    assert next_pose(nodes, 10) == here
-    assert log().count("clicked_point: ") == 1
-
-
 # The same walk
-
-
-def test_the_same_seed_walks_the_same_way_and_another_another() -> None:
-    def walk(seed: int) -> list[tuple[float, float, float]]:
-        clyde = fast_ghost(seed)
-        poses = []
-        for _ in range(100):
-            clyde.step()
-            poses.append(clyde.poses[0])
-        return poses
-
-    assert walk(3) == walk(3)
-    assert walk(3) != walk(4)
-
-
-def test_it_looks_where_it_goes() -> None:
-    clyde = fast_ghost(5)
-    for _ in range(50):
-        x, y, _ = clyde.poses[0]
-        clyde.step()
-        nx, ny, heading = clyde.poses[0]
-        if (nx, ny) != (x, y):
-            assert heading == pytest.approx(math.atan2(ny - y, nx - x))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -39,20 +38,6 @@ def of(colour: str) -> tuple[Any, bool]:
     return (COLOURS[colour],) * 6, True
 
 
-def test_a_colour_stays_and_off_gives_the_ring_back(nodes: Session) -> None:
-    nodes.start(NAME)
-    for colour in COLOURS:
-        nodes.publish(topics.GAME_LIGHT, colour)
-        assert rings(nodes)[-1] == of(colour)
-    nodes.forget()
-    nodes.advance(20.0)
-    assert set(rings(nodes)) == {of(colour)}
-    nodes.forget()
-    nodes.publish(topics.GAME_LIGHT, "off")
-    nodes.advance(20.0)
-    assert rings(nodes) == [RELEASED]
-
-
 def test_a_colour_is_said_again_for_a_base_that_was_not_there(nodes: Session) -> None:
     nodes.start(NAME)
     nodes.publish(topics.GAME_LIGHT, "blue")
@@ -72,15 +57,6 @@ def test_the_show_of_a_win_and_of_a_death_moves_and_ends_fault_3(nodes: Session,
     assert all(override for _, override in shown)
     end_s = nodes.on(topics.LIGHT_RING)[-1].at
     assert end_s - begin_s == pytest.approx(LIGHTS[word].duration_s(ShowConfig()), abs=0.1)
-
-
-def test_an_unknown_word_changes_nothing_and_is_said_once(nodes: Session, log: Callable[[], str]) -> None:
-    nodes.start(NAME)
-    for word in ("green", "\x00" * 3, "purple" * 1000, "  RED "):
-        nodes.publish(topics.GAME_LIGHT, word)
-    nodes.advance(3.0)
-    assert set(rings(nodes)) == {of("red")}
-    assert log().count("game_light: ") == 1
 
 
 def test_the_ring_is_given_back_at_the_end_fault_13(nodes: Session) -> None:

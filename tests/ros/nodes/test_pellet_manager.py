@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import pytest
@@ -13,7 +12,6 @@ from pacman_env.config import PelletConfig
 from pacman_env.game.pellets import generate_pellets
 from pacman_env.ros import topics
 from pacman_env.ros.messages import pellets_of, seconds_of
-from pacman_env.ros.nodes.pellet_manager import main
 from pacman_env.world.maps.occupancy import load_map
 
 if TYPE_CHECKING:
@@ -56,25 +54,3 @@ def test_a_pellet_that_is_taken_is_gone_at_once_and_a_reset_puts_all_back(nodes:
     assert answer.success
     assert answer.message == f"{len(everything)} pellets"
     assert shown(nodes) == everything
-
-
-def test_foreign_ids_are_ignored_and_said_once(nodes: Session, log: Callable[[], str]) -> None:
-    up(nodes)
-    everything = shown(nodes)
-    for i in (-1, 99, 2**31 - 1, -(2**31), 99):
-        nodes.publish(topics.REMOVE_PELLET, i)
-    nodes.publish(topics.REMOVE_PELLET, 1)
-    nodes.publish(topics.REMOVE_PELLET, 1)  # said twice is no trouble
-    assert set(everything) - set(shown(nodes)) == {1}
-    assert log().count("is not one of this map's") == 1
-
-
-@pytest.mark.parametrize("source", ["nowhere.yaml", "/dev/null"])
-def test_a_map_that_cannot_be_read_is_said_in_one_line(
-    domain: int, capfd: pytest.CaptureFixture[str], source: str
-) -> None:
-    assert main(["--ros-args", "-p", f"map_yaml:={source}"]) == 2
-    said = capfd.readouterr().err
-    assert said.startswith("pellet_manager: ")
-    assert source in said
-    assert said.count("\n") == 1

@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from pacman_env.game.requests import AGAIN_S, CALLS, EFFECT_S
+from pacman_env.game.requests import AGAIN_S, CALLS
 from pacman_env.ros import topics
 from pacman_env.ros.messages import markers_of
 from pacman_env.ros.supervisor.game_nodes import REFEREE
@@ -67,21 +67,6 @@ def test_a_frozen_pellet_manager_is_reported_and_the_round_begins_when_it_answer
     referee.wait_for(lambda: PELLETS not in reported(referee), LIMIT_S, "the end of the report")
     assert referee.values(topics.PELLETS_SPAWNED)[-1] == 13
     assert log().count(f"{PELLETS} does not respond: reset_pellets: no answer to") == 1
-
-
-def test_a_pellet_that_is_not_removed_is_reported(referee: Session) -> None:
-    begin(referee)
-    show(referee, 1, 2)
-    referee.wait_for(lambda: referee.values(topics.GAME_STATE)[-1] == "running", LIMIT_S, "the round")
-    referee.publish(topics.GAME_STATUS, "pellet_collected:1")
-    assert reported(referee) == {}
-    for _ in range(round(EFFECT_S) + 1):
-        show(referee, 1, 2)
-        referee.advance(1.0)
-    assert reported(referee)[PELLETS] == "remove_pellet: pellet 1 still shown after 5 s"
-    show(referee, 2)
-    referee.advance(0.1)
-    assert PELLETS not in reported(referee)
 
 
 @pytest.mark.parametrize(("reports", "words"), [(0, "no pellet_markers"), (1, "it shows no pellet")])

@@ -169,25 +169,6 @@ def test_the_node_follows_the_lifecycle(game: Game) -> None:
     game.session.stop(SELECTOR)
 
 
-@pytest.mark.parametrize(
-    ("parameters", "complaint"),
-    [
-        ({"policy": "bold"}, "unknown policy 'bold'"),
-        ({"map_yaml": "nowhere.yaml"}, "nowhere.yaml"),
-        ({"home": "[1.0, 2.0]"}, "home: 2 numbers"),
-        ({"settings": "[execution.tick_s=0]"}, "execution.tick_s"),
-    ],
-)
-def test_what_cannot_be_used_is_said_at_the_start(
-    domain: int, capfd: pytest.CaptureFixture[str], parameters: dict[str, str], complaint: str
-) -> None:
-    given = [word for name, value in {"map_yaml": "house", **parameters}.items() for word in ("-p", f"{name}:={value}")]
-    assert main(["--ros-args", *given]) == 2
-    said = capfd.readouterr().err
-    assert complaint in said
-    assert "Traceback" not in said
-
-
 def test_planner_of_another_shape_is_refused_with_both(
     domain: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -17,13 +17,12 @@ from rclpy.qos import ReliabilityPolicy  # noqa: E402
 
 from pacman_env.ros import topics  # noqa: E402
 from pacman_env.ros.messages import pose_of, seconds_of, transform_of, twist_message  # noqa: E402
-from pacman_env.ros.simulated_robot.sim_robot import FAULT, FAULTS_NOW, main  # noqa: E402
+from pacman_env.ros.simulated_robot.sim_robot import FAULT, FAULTS_NOW  # noqa: E402
 from pacman_env.world.navigation.localization import compose, relative  # noqa: E402
 from tests.ros.simulated import ABORTED, SUCCEEDED, Goal, Robot  # noqa: E402
-from tests.sim.robots import rooms  # noqa: E402
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    pass
 
 BASE = {"navigation": False, "localization": False}
 EXACT = [
@@ -310,21 +309,3 @@ def test_fault_clock_jump_moves_all_stamps(base: Driven) -> None:
     base.nodes.advance(0.2)
     after_s = seconds_of(base.robot.odometry().header.stamp)
     assert 100.0 < after_s - before_s < 101.0
-
-
-@pytest.mark.parametrize(
-    ("parameters", "reason"),
-    [
-        ({"navigation": True}, "needs navigation = false"),
-        ({"odometry_hz": 30}, "must be 0 or one of 20, 40, 50, 100"),
-        ({"dock": "here"}, "parameter dock = 'here': must be x,y,heading"),
-        ({"fault": "pose_lost"}, "needs the simulated AMCL"),
-    ],
-)
-def test_bad_parameters_of_a_base_end_it_with_a_reason(
-    domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str], parameters: dict[str, Any], reason: str
-) -> None:
-    parameters = {"map_yaml": rooms().save(tmp_path / "rooms.yaml"), **BASE, **parameters}
-    given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={str(value).lower()}")]
-    assert main(["--ros-args", *given]) == 2
-    assert reason in capsys.readouterr().err

@@ -6,7 +6,6 @@ import json
 import math
 import signal
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,7 +26,7 @@ from pacman_env.ros.messages import (  # noqa: E402
     transform_of,
     twist_message,
 )
-from pacman_env.ros.simulated_robot.sim_robot import AUDIO_SHOWN, FAULT, LIGHT_RING_SHOWN, main  # noqa: E402
+from pacman_env.ros.simulated_robot.sim_robot import AUDIO_SHOWN, FAULT, LIGHT_RING_SHOWN  # noqa: E402
 from pacman_env.ros.supervisor.game_nodes import SIMULATOR, module_of  # noqa: E402
 from pacman_env.sim.core import navigate_to_pose as nav  # noqa: E402
 from pacman_env.world.navigation.localization import compose  # noqa: E402
@@ -257,26 +256,3 @@ def test_a_signal_ends_its_process_cleanly_while_it_drives(probe: Probe, system:
     probe.wait_for(lambda: any(m.twist.twist.linear.x > 0.1 for m in probe.messages(topics.ODOMETRY)), what="motion")
     assert process.stop(number) == 0
     assert "Traceback" not in process.output
-
-
-@pytest.mark.parametrize(
-    ("parameters", "reason"),
-    [
-        ({"speed": 2.0}, "needs use_sim_time"),
-        ({"map_yaml": "nowhere.yaml"}, "nowhere.yaml"),
-        ({"settings": "[robot.speed_mps=fast]"}, "robot.speed_mps"),
-        ({"preset": "lunar"}, "lunar"),
-        ({"home": "1,2"}, "must be x,y,heading"),
-        ({"fault": "explode"}, "explode"),
-        ({"fault": "clock_jump 5"}, "needs use_sim_time"),
-    ],
-)
-def test_bad_parameters_end_it_with_a_reason(
-    domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str], parameters: dict[str, Any], reason: str
-) -> None:
-    parameters = {"map_yaml": rooms().save(tmp_path / "rooms.yaml"), **parameters}
-    given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
-    assert main(["--ros-args", *given]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("sim_robot: ")
-    assert reason in said

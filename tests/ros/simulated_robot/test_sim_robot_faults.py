@@ -13,7 +13,7 @@ from action_msgs.srv import CancelGoal  # noqa: E402
 
 from pacman_env.ros import topics  # noqa: E402
 from pacman_env.ros.messages import pose_of, seconds_of, transform_of, twist_message  # noqa: E402
-from pacman_env.ros.simulated_robot.sim_robot import FAULT, FAULTS_NOW  # noqa: E402
+from pacman_env.ros.simulated_robot.sim_robot import FAULT  # noqa: E402
 from pacman_env.ros.supervisor.game_nodes import SIMULATOR, module_of  # noqa: E402
 from pacman_env.sim.core import navigate_to_pose as nav  # noqa: E402
 from pacman_env.world.navigation.localization import compose  # noqa: E402
@@ -172,12 +172,6 @@ def test_fault_clock_jump(robot: Robot) -> None:
     robot.fault("end clock_jump", [])
     assert clock_s() == pytest.approx(before_s + 0.2)
     assert robot.goal(1.0, 0.5).end()[0] == SUCCEEDED
-
-
-def test_a_fault_that_is_none_is_refused_with_a_reason(robot: Robot, log: Callable[[], str]) -> None:
-    robot.nodes.publish(FAULT, "explode")
-    assert "sim/fault ignored: fault 'explode'" in log()
-    assert robot.nodes.values(FAULTS_NOW)[-1] == "[]"
 
 
 def test_answers_to_clients_that_have_gone_do_not_end_the_robot(

@@ -1,0 +1,213 @@
+"""What all nodes of the game have in common: parameters, arguments, namespaces and bad messages."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("irobot_create_msgs")
+
+from geometry_msgs.msg import Point, PointStamped, PoseWithCovarianceStamped
+from rclpy.parameter import Parameter
+from std_msgs.msg import Header
+
+from pacman_env.ros import topics
+from pacman_env.ros.messages import markers_of, twist_message
+from pacman_env.ros.simulated_robot.sim_robot import FAULT
+from pacman_env.ros.supervisor.game_nodes import (
+    COMPOSED,
+    GAME,
+    LOCK_STEP,
+    PROCESSES,
+    REFEREE,
+    SELECTOR,
+    SIMULATOR,
+    WAIT,
+    GameSetup,
+    module_of,
+)
+from tests.ros import session
+from tests.ros.session import NAMESPACE, Session
+
+NODES = (SIMULATOR, *GAME, WAIT, SELECTOR)
+LIGHT_NODES = ("pellet_manager", "audio_node", "game_light_node", "game_event_mapper", REFEREE, WAIT)
+#: Topics that all robots of a ROS domain share.
+OF_DOMAIN = {"/clock", "/clock_owner", "/rosout", "/parameter_events"}
+HEAVY = ("numba", "llvmlite", "cv2", "pymunk", "gymnasium", "onnxruntime", "scipy")
+
+
+def start(nodes: Session, name: str, **parameters: Any) -> Any:
+    """Start a node of the game on the house."""
+    own = {"map_yaml": "house"} if "map_yaml" in PROCESSES[name].parameters else {}
+    return nodes.start(name, **own, **parameters).node
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_parameters_are_described_and_numbers_may_be_integers(domain: int, tmp_path: Path, name: str) -> None:
+    with session.nodes(tmp_path, gives_time=name != SIMULATOR) as nodes:
+        node = start(nodes, name)
+        own = {key: one for key, one in node.get_parameters_by_prefix("").items() if key != "use_sim_time"}
+        described = {key: node.describe_parameter(key) for key in own}
+        game = {
+            key: one
+            for key, one in described.items()
+            if "qos_overrides" not in key and key != "start_type_description_service"
+        }
+        assert all(one.description for one in game.values())
+        floats = [key for key, one in own.items() if one.type_ is Parameter.Type.DOUBLE]
+        given: dict[str, Any] = {key: math.ceil(described[key].floating_point_range[0].from_value) for key in floats}
+        if name == SELECTOR:
+            given["home"] = [1, 0, 2]
+        nodes.kill(name)
+        again = start(nodes, name, **given)
+        assert {key: again.get_parameter(key).value for key in given} == given
+        assert all(isinstance(again.get_parameter(key).value, float) for key in floats)
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_topics_and_services_are_in_namespace(domain: int, tmp_path: Path, name: str) -> None:
+    with session.nodes(tmp_path, gives_time=name != SIMULATOR) as nodes:
+        node = start(nodes, name)
+        spoken = {one.topic_name for one in (*node.publishers, *node.subscriptions)}
+        spoken |= {one.service_name for one in (*node.services, *node.clients)}
+        assert {one for one in spoken if not one.startswith(f"{NAMESPACE}/")} <= OF_DOMAIN
+
+
+def click(x: float, y: float, frame: str = "map") -> Any:
+    return PointStamped(header=Header(frame_id=frame), point=Point(x=x, y=y))
+
+
+def pose(x: float, frame: str = "map", w: float = 1.0) -> Any:
+    message = PoseWithCovarianceStamped(header=Header(frame_id=frame))
+    message.pose.pose.position.x, message.pose.pose.orientation.w = x, w
+    return message
+
+
+STAMP = Header().stamp
+BAD_STOPS = ("release", "{}", '{"stopped": 0, "at": 99, "who": "", "by": ""}', "[" * 500, "x" * 2000)
+BAD_SPEEDS = (math.nan, -1.0, math.inf)
+BAD_POSES = (pose(math.nan), pose(1.0, frame="odom"), pose(1.0, w=0.0), pose(1e9))
+BAD_MARKERS = (
+    markers_of(dict.fromkeys(range(10_001), (0.0, 0.0)), STAMP),
+    markers_of({-1: (0.0, 0.0)}, STAMP),
+    markers_of({5: (math.nan, 0.0)}, STAMP),
+    markers_of({5: (1.0, 0.0)}, STAMP, frame="odom"),
+)
+BAD: list[tuple[str, topics.Topic, Sequence[Any]]] = [
+    ("audio_node", topics.GAME_SOUND, ("beep", "", "x" * 10_000, "beep")),
+    ("game_light_node", topics.GAME_LIGHT, ("green", "\x00" * 3, "purple" * 1000)),
+    ("game_event_mapper", topics.OPERATOR_STOP, BAD_STOPS),
+    ("pellet_manager", topics.REMOVE_PELLET, (-1, 99, 2**31 - 1, -(2**31), 99)),
+    ("clyde_ghost_node", topics.AMCL_POSE, BAD_POSES),
+    ("clyde_ghost_node", topics.CLYDE_SPEED, BAD_SPEEDS),
+    (
+        "clyde_ghost_node",
+        topics.CLICKED_POINT,
+        (click(math.nan, 0.0), click(0.0, math.inf), click(500.0, 500.0), click(1.0, 0.0, "base_link")),
+    ),
+    (REFEREE, topics.GAME_STATUS, ("ä" * 5000,) * 3),
+    (REFEREE, topics.PELLET_MARKERS, BAD_MARKERS),
+    (REFEREE, topics.BASE_CLYDE_SPEED, (*BAD_SPEEDS, 1e30)),
+    (REFEREE, topics.OPERATOR_STOP, BAD_STOPS),
+    (WAIT, topics.AMCL_POSE, BAD_POSES),
+    (SELECTOR, topics.AMCL_POSE, BAD_POSES),
+    (SELECTOR, topics.OPERATOR_STOP, BAD_STOPS),
+    (SELECTOR, topics.GAME_COMMAND, ("", "jump", "x" * 5000)),
+    (SIMULATOR, topics.CMD_VEL, (twist_message(math.nan, 0.0, STAMP),) * 3),
+    (SIMULATOR, topics.INITIAL_POSE, BAD_POSES),
+    (SIMULATOR, FAULT, ("explode", "", "abort soon")),
+]
+
+
+@pytest.mark.parametrize(("name", "topic", "bad"), BAD, ids=[f"{one[0]}-{one[1].name}" for one in BAD])
+def test_bad_messages_are_dropped_and_reported_once(
+    domain: int, tmp_path: Path, log: Callable[[], str], name: str, topic: topics.Topic, bad: Sequence[Any]
+) -> None:
+    with session.nodes(tmp_path, gives_time=name != SIMULATOR) as nodes:
+        node = start(nodes, name)
+        if name == SIMULATOR:
+            nodes.advance(0.05)
+        before = dict(node.once.counts)
+        said = log().count("\n")
+        for message in bad:
+            nodes.publish(topic, message)
+        new = {key: count for key, count in node.once.counts.items() if key not in before}
+        assert list(new.values()) == [len(bad)], new
+        lines = log().splitlines()[said:]
+        assert len([line for line in lines if "[WARN]" in line]) == 1
+
+
+def arguments(**parameters: Any) -> list[str]:
+    return ["--ros-args", *(word for key, value in parameters.items() for word in ("-p", f"{key}:={value}"))]
+
+
+HOUSE: dict[str, Any] = {"map_yaml": "house"}
+BASE = {**HOUSE, "navigation": "false", "localization": "false"}
+REFUSED: list[tuple[str, list[str], str]] = [
+    ("game_event_mapper", arguments(settings="[clyde.speed_mps=fast]"), "clyde.speed_mps"),
+    ("game_event_mapper", arguments(settings="[clyde.sped=1]"), "clyde.sped"),
+    ("game_event_mapper", arguments(settings="[clyde.speed_mps]"), "clyde.speed_mps"),
+    ("game_event_mapper", arguments(settings="clyde.speed_mps=1"), "settings"),
+    ("pellet_manager", arguments(map_yaml="nowhere.yaml"), "nowhere.yaml"),
+    ("pellet_manager", arguments(map_yaml="/dev/null"), "/dev/null"),
+    (WAIT, arguments(timeout_s=-1.0), "timeout_s"),
+    (SELECTOR, arguments(**HOUSE, policy="bold"), "unknown policy 'bold'"),
+    (SELECTOR, arguments(map_yaml="nowhere.yaml"), "nowhere.yaml"),
+    (SELECTOR, arguments(**HOUSE, home="[1.0, 2.0]"), "home: 2 numbers"),
+    (SELECTOR, arguments(**HOUSE, settings="[execution.tick_s=0]"), "execution.tick_s"),
+    (SIMULATOR, arguments(**HOUSE, speed=2.0), "needs use_sim_time"),
+    (SIMULATOR, arguments(map_yaml="nowhere.yaml"), "nowhere.yaml"),
+    (SIMULATOR, arguments(**HOUSE, settings="[robot.speed_mps=fast]"), "robot.speed_mps"),
+    (SIMULATOR, arguments(**HOUSE, preset="lunar"), "lunar"),
+    (SIMULATOR, arguments(**HOUSE, home="1,2"), "must be x,y,heading"),
+    (SIMULATOR, arguments(**HOUSE, fault="explode"), "explode"),
+    (SIMULATOR, arguments(**HOUSE, fault="clock_jump 5"), "needs use_sim_time"),
+    (SIMULATOR, arguments(**BASE | {"navigation": "true"}), "needs navigation = false"),
+    (SIMULATOR, arguments(**BASE, odometry_hz=30), "must be 0 or one of 20, 40, 50, 100"),
+    (SIMULATOR, arguments(**BASE, dock="here"), "must be x,y,heading"),
+    (SIMULATOR, arguments(**BASE, fault="pose_lost"), "needs the simulated AMCL"),
+    (COMPOSED, [], "0 arguments: the setup of the game alone is needed"),
+    (COMPOSED, ["{}"], "no setup of a game"),
+    (COMPOSED, [GameSetup("nowhere", sim=True, composed=True).as_json()], "nowhere"),
+    (LOCK_STEP, [], "0 arguments: the setup of the game alone is needed"),
+    (LOCK_STEP, ["nonsense"], "Expecting value"),
+    (LOCK_STEP, [json.dumps({**json.loads(GameSetup("house", sim=True).as_json()), "map": "no_map"})], "no_map"),
+    (LOCK_STEP, [GameSetup("house").as_json()], "only with a simulated robot"),
+]
+MAINS = {COMPOSED: "pacman_env.ros.composed", LOCK_STEP: "pacman_env.ros.lock_step.__main__"}
+
+
+@pytest.mark.parametrize(("name", "words", "reason"), REFUSED, ids=[f"{one[0]}-{one[2]}" for one in REFUSED])
+def test_bad_arguments_end_node_with_one_line(
+    domain: int, capfd: pytest.CaptureFixture[str], name: str, words: list[str], reason: str
+) -> None:
+    main = import_module(MAINS.get(name) or module_of(name)).main
+    assert main(words) == 2
+    said = capfd.readouterr().err
+    (line,) = [line for line in said.splitlines() if not line.startswith("[")]  # but for those of the log
+    assert reason in line
+    assert "Traceback" not in said
+
+
+def test_light_nodes_import_nothing_heavy() -> None:
+    code = f"""
+import importlib, json, sys
+for module in {[module_of(name) for name in LIGHT_NODES]!r}:
+    importlib.import_module(module)
+import pacman_env.game.pellets, pacman_env.world.maps.occupancy
+pellets = pacman_env.game.pellets.generate_pellets(
+    pacman_env.world.maps.occupancy.load_map("house"), pacman_env.config.make_config().pellets
+)
+print(json.dumps([len(pellets), sorted(set({HEAVY!r}) & set(sys.modules))]))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout) == [13, []]
