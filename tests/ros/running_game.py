@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 from pacman_env.ros import topics
-from pacman_env.ros.messages import pellets_of, pose_message, pose_of
-from pacman_env.ros.simulated_robot.sim_robot import AUDIO_SHOWN, FAULT, LIGHT_RING_SHOWN
+from pacman_env.ros.messages import pose_message, pose_of
+from pacman_env.ros.simulated_robot.sim_robot import FAULT
 from pacman_env.ros.supervisor.game_nodes import REFEREE, SELECTOR
 from tests.ros.session import Session
 
@@ -19,12 +18,11 @@ CLYDE_MPS = 0.02  # a robot that stands for as long as its planner is away is no
 SETTINGS = (f"clyde.speed_mps={CLYDE_MPS}", "show.start_s=4", "show.death_s=5")
 HOME = 0.0, 0.0, 0.0  # the map's
 POLICY = "lookahead"  # not clyde_aware, whose rounds Clyde ends too often
-GOALS = topics.NAVIGATE_TO_POSE.statuses
 RECORDED = (
     *(topics.GAME_STATE, topics.GAME_RESULT, topics.SCORE, topics.ROUND, topics.PELLETS_SPAWNED),
     *(topics.PELLETS_COLLECTED, topics.CLYDE_SPEED, topics.GAME_COMMAND, topics.GAME_EVENT, topics.GAME_STATUS),
     *(topics.GAME_LIGHT, topics.PELLET_MARKERS, topics.REMOVE_PELLET, topics.CLYDE_POSE, topics.AMCL_POSE),
-    *(topics.ODOMETRY, topics.CMD_VEL, GOALS, LIGHT_RING_SHOWN, AUDIO_SHOWN),
+    *(topics.ODOMETRY, topics.CMD_VEL),
 )
 
 
@@ -98,22 +96,9 @@ class Game:
         """Pellets that the planner has had removed in this round."""
         return set(self.values(topics.REMOVE_PELLET))
 
-    def goals(self) -> dict[bytes, int]:
-        """Nav2's goals and their last statuses."""
-        message = self.latest(GOALS)
-        return {bytes(goal.goal_info.goal_id.uuid): goal.status for goal in message.status_list} if message else {}
-
-    def shown(self) -> dict[int, tuple[float, float]]:
-        """Pellets, by number."""
-        return pellets_of(self.latest(topics.PELLET_MARKERS))
-
     def robot(self) -> tuple[float, float]:
         """Where it believes that it is."""
         return pose_of(self.latest(topics.AMCL_POSE))[:2]
-
-    def clyde(self) -> tuple[float, float]:
-        """Its place."""
-        return pose_of(self.latest(topics.CLYDE_POSE))[:2]
 
     def drives(self) -> bool:
         """Whether the robot moves."""
@@ -122,14 +107,6 @@ class Game:
     def turn(self) -> float:
         """rad/s."""
         return float(self.latest(topics.ODOMETRY).twist.twist.angular.z)
-
-    def sound(self) -> Any:
-        """What the loudspeaker got last."""
-        return json.loads(self.value(AUDIO_SHOWN) or '{"playing": false}')
-
-    def ring(self) -> Any:
-        """What the ring got last."""
-        return json.loads(self.value(LIGHT_RING_SHOWN) or '{"override_system": false}')
 
     def menu(self) -> None:
         """Nothing goes on; what was recorded before is forgotten."""

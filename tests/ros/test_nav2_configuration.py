@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -118,63 +118,6 @@ def test_every_plugin_of_the_file_is_listed_and_every_listed_one_is_there(nav2: 
             None
         }
         assert there == listed, node
-
-
-def comments(text: str) -> dict[str, str]:
-    """What is said beside and right above the line of every key, by ``node.name``."""
-    lines = text.splitlines()
-    said = {}
-    for name, mark in _keys(yaml.compose(text)):
-        above = []
-        for line in reversed(lines[: mark.line]):
-            if not line.strip().startswith("#"):
-                break
-            above.append(line.strip("# "))
-        node, _, rest = name.partition(".ros__parameters")
-        beside = lines[mark.line].partition(" #")[2]
-        said[f"{node.rpartition('.')[2]}{rest}"] = " ".join([*reversed(above), beside]).strip()
-    return said
-
-
-def _keys(node: Any, above: str = "") -> Iterator[tuple[str, Any]]:
-    if isinstance(node, yaml.MappingNode):
-        for key, value in node.value:
-            name = f"{above}.{key.value}" if above else key.value
-            yield name, key.start_mark
-            yield from _keys(value, name)
-
-
-def test_every_deviation_from_nav2_and_turtlebot_has_a_comment(known: dict[str, Any]) -> None:
-    text = NAV2.read_text()
-    values = by_node(yaml.safe_load(text))
-    said = comments(text)
-    silent = []
-    for node, ours in values.items():
-        declared = patterns(ours, node, known)
-        alike = [node, *(other for other in nav2_chain.COSTMAPS if node in nav2_chain.COSTMAPS and other != node)]
-        theirs = {name: value for of in reversed(alike) for name, value in known["turtlebot4"]["values"][of].items()}
-        for name in {**ours, **known["turtlebot4"]["values"][node]}:
-            try:
-                default = default_of(name, declared)
-            except KeyError:
-                continue  # of a plugin that is left out, which its list says, or of nothing
-            usual = theirs.get(name, default)
-            value = ours.get(name, default)
-            as_said = [of for of in alike if values[of].get(name, default) == value]  # once for both costmaps
-            words = " ".join(words for key, words in said.items() if key.partition(".")[0] in as_said)
-            block = name.removesuffix(".plugin")  # is named by its own name, and spoken of above it
-            beside = any(said.get(f"{of}.{name}") or said.get(f"{of}.{block}") for of in as_said)
-            named = re.search(rf"\b{block.rpartition('.')[2]}\b", words)
-            if _plain(value) != _plain(usual) and name in {**ours, **theirs} and not beside and not named:
-                silent.append(f"{node}.{name}: {value}, not {usual}")
-    assert not silent, "\n".join(silent)
-
-
-def _plain(value: Any) -> Any:
-    """A value as it is compared: a footprint is its corners."""
-    if isinstance(value, str) and value.startswith("[["):
-        return yaml.safe_load(value)
-    return [_plain(one) for one in value] if isinstance(value, list) else value
 
 
 # Numbers that the game and the simulator share

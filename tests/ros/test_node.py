@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import json
 import signal
 from collections.abc import Callable, Iterator
@@ -16,7 +15,6 @@ rclpy = pytest.importorskip("rclpy")
 from rclpy.clock_type import ClockType  # noqa: E402
 from rclpy.time import Time  # noqa: E402
 
-from pacman_env import ros  # noqa: E402
 from pacman_env.config import make_config, parse_settings  # noqa: E402
 from pacman_env.ros import topics  # noqa: E402
 from pacman_env.ros.node import BaseNode, Once  # noqa: E402
@@ -158,22 +156,6 @@ def test_a_trouble_that_is_not_found_again_is_over_unless_it_lasts_until_it_is_s
     ]
     once.over("stopped")
     assert once.counts == {"pose": 1}
-
-
-def begun_and_over() -> Iterator[tuple[str, list[str], list[str]]]:
-    """By file: the troubles that last until they are over, as written, and those that are ended."""
-    for path in sorted(Path(ros.__file__).parent.rglob("*.py")):
-        calls = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
-        named = [(ast.unparse(call.func), ast.unparse(call.args[0])) for call in calls if call.args]
-        begun, over = ([key for name, key in named if name.endswith(end)] for end in ("once.begin", "once.over"))
-        yield path.name, begun, over
-
-
-def test_every_trouble_that_lasts_has_an_end_in_the_same_file() -> None:
-    lasting = [(file, trouble) for file, begun, _ in begun_and_over() for trouble in begun]
-    assert {"node.py", "pursuit.py"} <= {file for file, _ in lasting}
-    endless = [(file, trouble) for file, begun, over in begun_and_over() for trouble in begun if trouble not in over]
-    assert endless == []
 
 
 class Peer:

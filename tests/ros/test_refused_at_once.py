@@ -48,12 +48,10 @@ def refusal(words: list[str], folder: Path) -> str:
     "words",
     [
         [*COMMAND, "ros", "up", "--map", "house", "--sim", "--policy", "BARE"],
-        [*COMMAND, "ros", "up", "--map", "house", "--sim", "--set", "clyde.ghosts=BARE"],
-        [*COMMAND, "compare", "--policies", "nearest", "BARE", "--episodes", "1"],
         node(SELECTOR, "policy:=BARE"),
         node(GHOSTS, "settings:=[clyde.ghosts=BARE]"),
     ],
-    ids=["up", "up, a ghost", "compare", SELECTOR, GHOSTS],
+    ids=["up", SELECTOR, GHOSTS],
 )
 def test_a_planner_without_its_metadata_is_refused_before_anything_is_compiled(
     words: list[str], bare: Path, tmp_path: Path

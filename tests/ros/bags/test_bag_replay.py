@@ -16,8 +16,6 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("rosbags")
 
-from hypothesis import given
-from hypothesis import strategies as st
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -25,17 +23,15 @@ from pacman_env.cli.main import main
 from pacman_env.config import make_config
 from pacman_env.game.decisions import LastDecision
 from pacman_env.heuristics.simple import Nearest
-from pacman_env.policies import registry
 from pacman_env.policies.registry import make_policy
 from pacman_env.ros import topics
 from pacman_env.ros.bags.bag import BagError, open_bag
-from pacman_env.ros.bags.bag_replay import Otherwise, ReplayReport, replay_bag
+from pacman_env.ros.bags.bag_replay import replay_bag
 from pacman_env.ros.bags.bag_walk import chosen_of, recorded_config
 from pacman_env.ros.bags.pose_statistics import PoseStatistics, simulated_statistics
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.situation import Situation
-from pacman_env.world.navigation.localization import compose, relative
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 START_S = 2.0  # of the round, since the bag began
@@ -219,15 +215,6 @@ def test_the_policy_that_played_chooses_as_recorded(bag: Path) -> None:
     assert report.same >= 0.9 * report.decisions  # the plan that shows a choice may come a tick late
 
 
-def test_decisions_that_the_goal_selector_told_are_met_exactly(tmp_path: Path) -> None:
-    write_round(tmp_path / "game", "nearest", plans=False, scores=True)
-    report = replay_bag(tmp_path / "game", "house", "nearest")
-    assert report.same == report.decisions == TICKS
-    other = replay_bag(tmp_path / "game", "house", "random")
-    assert other.decisions == TICKS
-    assert other.same < TICKS
-
-
 class Watcher(Nearest):
     """Nearest, and at which ticks it was asked."""
 
@@ -240,12 +227,11 @@ class Watcher(Nearest):
 
 
 def test_of_a_game_decided_by_events_the_policy_is_asked_at_its_decisions_and_sees_every_tick_counted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
 ) -> None:
     decided = write_round(tmp_path / "game", "nearest", plans=False, scores=True, when="event")
-    monkeypatch.setitem(registry.POLICIES._own, "watcher", Watcher)
     Watcher.ticks.clear()
-    report = replay_bag(tmp_path / "game", "house", "watcher")
+    report = replay_bag(tmp_path / "game", "house", f"{__name__}:Watcher")
     assert report.same == report.decisions == len(decided) < TICKS / 2
     assert Watcher.ticks[: len(decided)] == decided
 
@@ -261,18 +247,6 @@ def test_another_policy_is_reported_where_it_differs(bag: Path) -> None:
     text = report.render()
     assert f"{other} otherwise" in text
     assert f"{first.chosen} instead of {first.recorded}" in " ".join(text.split())
-
-
-def test_a_report_fits_80_columns(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
-    report = ReplayReport("games/first", "/robot_15", "house", "nearest", 255.7, rounds=1)
-    report.statuses = {"home_reached": 1, "pellet_collected": 8, "death_detected": 1}
-    report.otherwise = [Otherwise(76.4, 10, "refuge 9 at (9.28, -1.42)", "pellet 8 at (8.45, -1.30)")]
-    text = report.render()
-    lines = text.splitlines()
-    assert max(map(len, lines)) <= 80
-    assert lines[0].startswith("games/first: /robot_15, 255.7 s, rounds 1, 1 home_reached")
-    assert "refuge 9 at (9.28, -1.42), 10 times" in " ".join(text.split())
 
 
 def test_the_recorded_simulator_moves_as_the_simulator(bag: Path) -> None:
@@ -364,16 +338,6 @@ def test_the_candidate_shown_as_chosen_is_the_one_read() -> None:
     assert chosen_of(score_markers(situation, np.full_like(scores, -np.inf), batch.hold, Time())) == -1
 
 
-poses = st.tuples(st.floats(-50, 50), st.floats(-50, 50), st.floats(-3, 3))
-
-
-@given(poses, poses)
-def test_a_step_taken_back_leads_where_it_came_from(start: Any, end: Any) -> None:
-    there = compose(start, relative(start, end))
-    assert there[:2] == pytest.approx(end[:2], abs=1e-9)
-    assert math.remainder(there[2] - end[2], math.tau) == pytest.approx(0.0, abs=1e-9)
-
-
 def test_odometry_carries_a_pose_until_the_next_and_the_rest_is_its_jump() -> None:
     motion = PoseStatistics()
     assert motion.believed is None
@@ -401,19 +365,14 @@ def test_simulated_poses_jump_by_the_error_that_is_drawn_anew() -> None:
     assert quantiles["speed"][2] <= config.robot.wheel_speed_mps
 
 
-@pytest.mark.parametrize("unbuffered", ["", "1"], ids=["written at the end", "written at once"])
-@pytest.mark.parametrize("options", [[], ["--json"]], ids=["text", "JSON"])
-def test_a_replay_whose_reader_has_enough_ends_without_a_traceback(
-    bag: Path, options: list[str], unbuffered: str
-) -> None:
+def test_replay_ends_quietly_without_reader(bag: Path) -> None:
     """As ``| head`` does, but certainly before anything is written."""
     reading, writing = os.pipe()
     os.close(reading)
     command = [sys.executable, "-m", "pacman_env.cli.main", "ros", "replay", str(bag), "--map", "house"]
     with open(writing, "wb") as output:
         ended = subprocess.run(
-            [*command, "--policy", "nearest", *options],
-            env={**os.environ, "PYTHONUNBUFFERED": unbuffered},
+            [*command, "--policy", "nearest"],
             stdout=output,
             stderr=subprocess.PIPE,
         )

@@ -120,11 +120,3 @@ def test_an_action_of_a_node_that_is_gone_is_gone(domain: int, tmp_path: Path) -
         nodes.kill("server")
         assert not client.server_is_ready()
         client.destroy()
-
-
-def test_errors_that_nodes_log_are_known(domain: int, tmp_path: Path) -> None:
-    with session.nodes(tmp_path) as nodes:
-        nodes.start("speaker", Speaker)
-        nodes.node("speaker").get_logger().warning("a warning")
-        nodes.node("speaker").get_logger().error("an error")
-        assert nodes.errors() == ["robot_15.speaker: an error"]

@@ -1,4 +1,4 @@
-"""The page as a process beside a game in processes, asked over its websocket and by a real browser.
+"""The page as a process beside a game in processes, asked over its websocket as a browser does it.
 
 One game serves all tests, which wait for conditions only. How long a stop takes is printed; that it acts at once is in
 ``test_ros_game.py``.
@@ -6,12 +6,10 @@ One game serves all tests, which wait for conditions only. How long a stop takes
 
 from __future__ import annotations
 
-import dataclasses
 import statistics
 import time
 import urllib.request
 from collections.abc import Iterator
-from typing import Any
 
 import pytest
 
@@ -20,15 +18,13 @@ pytest.importorskip("irobot_create_msgs")
 pytest.importorskip("uvicorn")
 pytest.importorskip("websockets")
 
-from rclpy.qos import QoSProfile
 
 from pacman_env.ros import topics
-from tests.ros.operator_page.page_process import START_S, STILL_MPS, STILL_RADPS, Nodes, Page
+from tests.ros.operator_page.page_process import START_S, Nodes
 from tests.ros.system import Probe, System
 from tests.web.browser import Visitor, chromium  # noqa: F401 - a fixture
 
-STOPS = 5
-CLICKED = "document.getElementById('stop').addEventListener('click', () => { window.clicked = Date.now(); }, true)"
+STOPS = 2
 
 
 @pytest.fixture(scope="module")
@@ -143,83 +139,3 @@ def test_a_page_killed_while_driving_by_hand_leaves_a_robot_that_stands(nodes: N
     nodes.pass_s(1.0)
     assert nodes.stands()
     print(f"\npage killed while driving by hand: the robot stands after {stood - killed:.2f} s")
-
-
-# In a browser
-
-
-@pytest.fixture(scope="module")
-def page(nodes: Nodes) -> Page:
-    nodes.start_all_once()
-    return nodes.page()
-
-
-@pytest.fixture(scope="module")
-def visitor(chromium: Any, page: Page) -> Iterator[Visitor]:  # noqa: F811
-    context = chromium.new_context(viewport={"width": 1280, "height": 800})
-    tab = context.new_page()
-    tab.set_default_timeout(120_000)
-    yield Visitor(tab, f"http://127.0.0.1:{page.port}/").watch().open()
-    context.close()
-
-
-def until_it_drives(visitor: Visitor) -> None:
-    """The robot drives in a round, not home after one: where a round has ended meanwhile, in the next one."""
-    drives = "(state.frame.state === 'running' && Math.abs(state.frame.velocity[0]) > 0.1)"
-    visitor.wait(f"{drives} || state.frame.state === 'menu'", "the robot to drive, or the menu")
-    if visitor.value("state.frame.state === 'menu'"):
-        visitor.press("start")
-        visitor.wait(drives, "the robot to drive")
-
-
-def test_a_start_and_stops_by_clicks(
-    nodes: Nodes, page: Page, visitor: Visitor, capsys: pytest.CaptureFixture[str]
-) -> None:
-    still: list[float] = []  # when zero velocities reached this machine's middleware, s of the wall's clock
-
-    def take(message: Any, info: dict[str, int]) -> None:
-        twist = message.twist
-        if abs(twist.linear.x) < STILL_MPS and abs(twist.angular.z) < STILL_RADPS:
-            still.append(info["received_timestamp"] * 1e-9)
-
-    deep = QoSProfile(depth=2000, reliability=topics.CMD_VEL.qos.reliability)
-    dataclasses.replace(topics.CMD_VEL, qos=deep).subscription(nodes.probe.node, take)
-    visitor.page.evaluate(CLICKED)
-    visitor.reset()
-    visitor.wait("state.frame.state === 'menu'", "the menu")
-    visitor.press("start")
-    visitor.wait("state.frame.state === 'running' && state.frame.score > 0", "a pellet")
-    took = []
-    for _ in range(STOPS):
-        until_it_drives(visitor)
-        visitor.press("stop")
-        visitor.wait("state.frame.stopped && Math.abs(state.frame.velocity[0]) < 0.01", "the robot to stand")
-        clicked = visitor.page.evaluate("window.clicked") / 1000.0
-        nodes.wait(lambda clicked=clicked: any(at >= clicked for at in still), "zero velocity")
-        took.append(min(at for at in still if at >= clicked) - clicked)
-        visitor.press("release")
-        visitor.wait("!state.frame.stopped", "the release")
-    with capsys.disabled():
-        figures = f"median {statistics.median(took):.3f} s, longest {max(took):.3f} s, {STOPS} stops"
-        print(f"\nSTOP from click to zero velocity on the wire: {figures}")
-    visitor.reset()
-    visitor.wait("state.frame.state === 'menu'")
-    visitor.check()
-
-
-def test_by_arrow_keys_until_the_page_is_killed(nodes: Nodes, page: Page, visitor: Visitor) -> None:
-    visitor.wait("state.frame !== null", "the game")
-    visitor.reset()
-    visitor.wait("state.frame.state === 'menu'", "the menu")
-    visitor.press("tab-play")
-    visitor.page.click("[data-role=robot]")
-    visitor.wait("state.role === 'robot' && state.frame.state === 'menu'", "the role")
-    visitor.page.keyboard.down("ArrowLeft")
-    visitor.wait("state.frame.velocity[1] > 0.5", "the robot to turn")
-    visitor.check()
-    page.kill()
-    killed = time.monotonic()
-    visitor.page.wait_for_timeout(200)  # the key is still held
-    nodes.wait(lambda: nodes.first_still(topics.ODOMETRY, lambda m: m.twist.twist, killed), "the robot to stand")
-    nodes.pass_s(1.0)
-    assert nodes.stands()

@@ -31,7 +31,7 @@ from tests.ros import session
 from tests.ros.operator_page.page_game import EXTRA, HOME, MAP, POLICY, SETTINGS, STILL_MPS, STILL_RADPS, PageGame
 from tests.web.frames import decode
 
-STOPS = 10
+STOPS = 3
 BRAKES_S = 0.4  # from full speed, 0.256 m/s, at the wheels' 0.9 m/s2, and two steps
 CANCELED = 5  # action_msgs/GoalStatus
 

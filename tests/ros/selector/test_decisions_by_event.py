@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -16,7 +17,6 @@ from std_msgs.msg import Header, String
 
 from pacman_env.config import make_config
 from pacman_env.game.goals import ExecutorAction
-from pacman_env.policies import registry
 from pacman_env.policies.base import BasePolicy
 from pacman_env.ros import topics
 from pacman_env.ros.messages import markers_of, pose_message
@@ -34,12 +34,13 @@ RULES = make_config().decisions
 
 
 class Stubborn(BasePolicy):
-    """Always the same candidate; and what it saw."""
+    """Always chooses the same candidate, and keeps what it saw."""
 
     name = "stubborn"
+    candidate: ClassVar[int] = 0
+    failing: ClassVar[range] = range(0)  # which of its decisions are none
 
-    def __init__(self, candidate: int) -> None:
-        self.candidate, self.failing = candidate, range(0)  # which of its decisions are none
+    def __init__(self) -> None:
         self.seen: list[Situation] = []
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
@@ -55,7 +56,7 @@ Plays = Callable[..., tuple[Stubborn, list[ExecutorAction]]]
 
 @pytest.fixture
 def plays(monkeypatch: pytest.MonkeyPatch) -> Plays:
-    """A minute of a robot that stands at home while Clyde comes and goes; the policy, and what was done.
+    """Play a minute of a robot that stands at home while Clyde comes and goes; return the policy and what was done.
 
     Called with when it is asked, what it always chooses, which candidates are gone, and in which decisions it fails.
     """
@@ -63,14 +64,14 @@ def plays(monkeypatch: pytest.MonkeyPatch) -> Plays:
     def play(
         when: str, candidate: int, gone: set[int], failing: range = range(0)
     ) -> tuple[Stubborn, list[ExecutorAction]]:
-        policy, done = Stubborn(candidate), []
-        monkeypatch.setitem(registry.POLICIES._own, "stubborn", lambda: policy)
-        config = make_config(**{"decisions.when": when})
-        selection = Selection(
-            config, "house", "stubborn", None, PoseLimits(1e9), Once(logging.getLogger(__name__), lambda: 0.0)
-        )
+        monkeypatch.setattr(Stubborn, "candidate", candidate)
+        config, done = make_config(**{"decisions.when": when}), list[ExecutorAction]()
+        once = Once(logging.getLogger(__name__), lambda: 0.0)
+        selection = Selection(config, "house", f"{__name__}:Stubborn", None, PoseLimits(1e9), once)
+        policy = selection.policy
+        assert isinstance(policy, Stubborn)
         policy.seen.clear()  # the rehearsal
-        policy.failing = failing
+        monkeypatch.setattr(Stubborn, "failing", failing)
         stamp = Time().to_msg()
         amcl = topics.AMCL_POSE.type(header=Header(stamp=stamp, frame_id="map"))
         amcl.pose.pose = pose_message(0.0, 0.0, 0.0, stamp).pose

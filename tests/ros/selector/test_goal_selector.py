@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
-from collections.abc import Callable
 
 import pytest
 
@@ -14,12 +12,12 @@ from std_msgs.msg import Header, String  # noqa: E402
 
 from pacman_env.config import make_config  # noqa: E402
 from pacman_env.ros import topics  # noqa: E402
-from pacman_env.ros.messages import markers_of, pose_message, transform_message  # noqa: E402
+from pacman_env.ros.messages import markers_of, pose_message  # noqa: E402
 from pacman_env.ros.node import Once  # noqa: E402
 from pacman_env.ros.selector.pose_watch import PoseLimits  # noqa: E402
 from pacman_env.ros.selector.selection import Selection  # noqa: E402
 from tests.calls import calls_of  # noqa: E402
-from tests.ros.selector_game import FAR_AWAY, Game, house, number_at, pellet  # noqa: E402
+from tests.ros.selector_game import Game, house, number_at, pellet  # noqa: E402
 
 # A round
 
@@ -77,63 +75,6 @@ def test_death_is_reported_with_the_ghosts_name_and_ends_the_drive(game: Game) -
 # What comes in
 
 
-def test_a_burst_of_commands_loses_none(game: Game) -> None:
-    game.start()
-    game.stand(*game.pose)
-    game.clyde(*FAR_AWAY)
-    game.pellets()
-    game.say(topics.GAME_STATE, "running")
-    for word in ("disable", "reset_round", "return_home", "disable", "reset_round", "enable"):
-        game.say(topics.GAME_COMMAND, word)
-    game.running_goal(1)
-    for word in ("enable", "return_home", "disable", "enable", "disable"):
-        game.say(topics.GAME_COMMAND, word)
-    game.condition(lambda c: c["task"] == "none")
-    assert not game.nav2.running()
-    assert not game.statuses()
-
-
-def test_bad_messages_reach_nothing_but_the_log(game: Game, log: Callable[[], str]) -> None:
-    game.start()
-    game.begin()
-    game.running_goal(1)
-    wrong = topics.AMCL_POSE.type(header=Header(frame_id="odom"))
-    bent = topics.AMCL_POSE.type(header=Header(frame_id="map"))
-    bent.pose.pose.orientation.w = 0.5
-    lost = topics.AMCL_POSE.type(header=Header(frame_id="map"))
-    lost.pose.pose.position.x = math.nan
-    for bad in (wrong, bent, lost):
-        game.say(topics.AMCL_POSE, bad)
-    assert game.troubles["bad amcl_pose"] == 3
-    for bad_x in (math.nan, math.inf, 1e5):
-        game.clyde(bad_x, 0.0)
-    assert game.condition()["pose"] == pytest.approx(game.pose)
-    game.stand(400.0, 400.0)  # no such place on this map
-    game.condition(lambda c: "off the map" in c["troubles"] and c["pose"] is None, "the pose off the map")
-    for word in ("", "jump", "x" * 5000):
-        game.say(topics.GAME_COMMAND, word)
-        game.say(topics.GAME_STATE, word)
-    foreign = {99_999: pellet(0), int(house().pellet_ids[0]): (pellet(0)[0] + 0.3, pellet(0)[1])}
-    game.say(topics.PELLET_MARKERS, markers_of(foreign, game.session.stamp()))
-    game.say(topics.CLYDE_SPEED, -1.0)
-    broken = [transform_message("odom", "base_link", (math.nan, 0.0, 0.0), game.session.stamp())]
-    game.say(topics.TF, topics.TF.type(transforms=broken))
-    condition = game.condition(lambda c: "bad tf" in c["troubles"] and c["pellets_unknown"], "the troubles")
-    assert set(condition["troubles"]) >= {
-        *("bad amcl_pose", "bad clyde_pose", "bad game_command", "bad game_state", "bad clyde/speed"),
-        *("bad tf", "unknown pellets", "off the map"),
-    }
-    assert sorted(condition["pellets_unknown"]) == sorted(foreign)
-    assert condition["state"] == "running"
-    game.session.advance(5.0)
-    assert log().count("bad") < 20
-    game.stand(*game.pose)
-    game.pellets()
-    condition = game.condition(lambda c: c["pose"] is not None and c["pellets_left"] == len(game.left))
-    assert not game.statuses()
-    assert not game.nav2.goals[0].cancelled
-
-
 def test_ten_thousand_markers_do_not_hold_the_robot_up(game: Game) -> None:
     game.start()
     game.begin()
@@ -146,24 +87,10 @@ def test_ten_thousand_markers_do_not_hold_the_robot_up(game: Game) -> None:
     game.status("death_detected")
 
 
-def test_transforms_are_believed_before_the_latched_pose(game: Game) -> None:
-    game.start(pose_timeout_s=1.0, pose_lost_s=5.0)
-    game.begin()
-    game.running_goal(1)
-    stamp = game.session.stamp()
-    links = [transform_message("map", "odom", (0.5, 0.0, 0.0), stamp)]
-    links += [transform_message("odom", "base_link", (0.25, 0.125, 0.0), stamp)]
-    game.say(topics.TF, topics.TF.type(transforms=links))
-    condition = game.condition(lambda c: c["pose_source"] == "tf", "TF")
-    assert condition["pose"] == pytest.approx([0.75, 0.125, 0.0])
-    condition = game.condition(lambda c: c["pose_source"] == "amcl_pose", "the latched pose, TF being old")
-    assert condition["pose"] == pytest.approx(game.pose)
-
-
 # How much work
 
 
-@pytest.mark.parametrize("policy", ["ppo", "lookahead", "clyde_aware"])
+@pytest.mark.parametrize("policy", ["ppo", "clyde_aware"])
 def test_a_decision_is_a_few_hundred_calls(policy: str) -> None:
     once = Once(logging.getLogger(__name__), lambda: 0.0)
     selection = Selection(make_config(), "house", policy, None, PoseLimits(), once)
@@ -179,7 +106,7 @@ def test_a_decision_is_a_few_hundred_calls(policy: str) -> None:
     selection.on_state(String(data="running"), 0.0)
     selection.on_command(String(data="enable"), 0.0)
     cells = house().clyde.position[house().clyde.cells_in(0)]
-    for k in range(1000):
+    for k in range(300):
         now = 0.5 * k
         selection.view.see_ghost(0, *cells[(37 * k) % len(cells)].tolist(), int(now * 1e9) + 1)
         calls.append(calls_of(lambda now=now: selection.decide(now, sent.extend)))
@@ -190,5 +117,5 @@ def test_a_decision_is_a_few_hundred_calls(policy: str) -> None:
             if action.kind == "send":
                 executor.sent.accepted(int(action.value), now)
     assert sum(action.kind == "send" for action in sent) > 2
-    assert sorted(calls)[989] < 400, "99 of 100 decisions; the first imports and compiles"
+    assert sorted(calls)[296] < 400, "99 of 100 decisions; the first imports and compiles"
     assert not once.counts

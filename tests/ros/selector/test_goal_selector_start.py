@@ -25,9 +25,7 @@ from pacman_env.ros.messages import pose_message
 from pacman_env.ros.selector.goal_selector import main
 from pacman_env.ros.supervisor.game_nodes import SELECTOR
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
-from tests.ros.selector_game import FAR_AWAY, Game, house, number_at, pellet, slot_of
-
-REPEATED_S = 6.0  # in which an unanswered word is said three times
+from tests.ros.selector_game import FAR_AWAY, Game, house, pellet, slot_of
 
 
 def test_a_start_in_the_middle_of_a_round_goes_on_from_what_is_latched(game: Game) -> None:
@@ -64,27 +62,6 @@ def test_goals_that_a_killed_node_has_left_are_cancelled_at_the_start(game: Game
     else:
         game.session.advance(5.0)
         assert len(game.nav2.goals) == 1
-
-
-def test_what_the_referee_does_not_answer_is_reported_again(game: Game) -> None:
-    game.start()
-    game.begin()
-    game.say(topics.PELLETS_COLLECTED, 0)
-    first = game.running_goal(1)
-    game.stand(first.x, first.y)
-    word = f"pellet_collected:{number_at(first)}"
-    game.session.advance(REPEATED_S)
-    assert game.statuses() == [word] * 3
-    game.say(topics.PELLETS_COLLECTED, 1)
-    game.session.advance(REPEATED_S)
-    assert game.statuses() == [word] * 3
-    game.clyde(first.x, first.y)
-    game.session.advance(REPEATED_S)
-    assert game.statuses()[3:] == ["death_detected"] * 3
-    game.say(topics.GAME_STATE, "dying")
-    game.session.advance(REPEATED_S)
-    assert len(game.statuses()) == 6
-    assert game.session.values(topics.GAME_EVENT) == ["clyde killed"]
 
 
 def test_a_shadow_decides_and_sends_nothing(game: Game, log: Callable[[], str]) -> None:

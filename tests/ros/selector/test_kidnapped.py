@@ -41,15 +41,7 @@ def give(played: Played) -> None:
     played.nodes.publish(topics.INITIAL_POSE, message)
 
 
-def answer(played: Played, how: str) -> None:
-    if how == "set":
-        give(played)
-    else:
-        assert played.nodes.call(topics.CONTINUE).success
-
-
-@pytest.mark.parametrize("how", ["continue", pytest.param("set", marks=pytest.mark.daily)])
-def test_a_carried_robot_collects_nothing_and_stands_until_a_person_answers(played: Played, how: str) -> None:
+def test_a_carried_robot_collects_nothing_and_stands_until_a_person_answers(played: Played) -> None:
     nodes = played.nodes
     nodes.advance(3.0)
     score, sent = nodes.values(topics.SCORE)[-1], played.condition["goals_sent"]
@@ -63,33 +55,11 @@ def test_a_carried_robot_collects_nothing_and_stands_until_a_person_answers(play
     assert condition["pursued"] == -1
     assert nodes.values(topics.SCORE)[-1] <= score + 1
     assert nodes.node("sim_robot").robot.velocity == pytest.approx((0.0, 0.0), abs=0.01)
-    answer(played, how)
+    give(played)
     condition = played.wait(lambda c: c["goals_sent"] > sent, "the next goal", 5.0)
     assert JUMPED not in condition["troubles"]
     nodes.wait_for(lambda: "menu" in nodes.values(topics.GAME_STATE)[-1:], 900, "the end of the round")
     assert max(nodes.values(topics.SCORE)) == len(house().pellet_ids)
-
-
-def test_a_carried_robot_does_not_die_of_the_ghost_beside_its_believed_place(played: Played) -> None:
-    nodes = played.nodes
-    x, y, _ = nodes.node("sim_robot").robot.pose
-    ghost = played.condition["clyde"]
-    played.fault(f"pose_jump {ghost[0] - x} {ghost[1] - y} 0")
-    played.wait(lambda c: JUMPED in c["troubles"], "the report", 5.0)
-    nodes.advance(5.0)
-    assert "death_detected" not in nodes.values(topics.GAME_STATUS)
-
-
-def test_a_jump_in_the_menu_is_answered_before_a_round_goes_on(played: Played) -> None:
-    nodes = played.nodes
-    assert nodes.call(topics.RESET_GAME).success
-    carry(played)
-    played.wait(lambda c: JUMPED in c["troubles"] and c["state"] == "menu", "the report", 5.0)
-    assert nodes.call(topics.START_GAME).success
-    nodes.advance(20.0)
-    assert nodes.values(topics.GAME_STATE)[-1] == "returning_home"
-    give(played)
-    nodes.wait_for(lambda: nodes.values(topics.GAME_STATE)[-1] == "running", 120, "the round")
 
 
 def test_a_jump_outlives_a_goal_selector_that_is_killed(played: Played) -> None:
@@ -109,14 +79,6 @@ def test_a_jump_outlives_a_goal_selector_that_is_killed(played: Played) -> None:
     nodes.forget(topics.DIAGNOSTICS)
     nodes.wait_for(lambda: nodes.values(topics.DIAGNOSTICS), 30, "the node")
     played.wait(lambda c: c["goals_sent"] > 0, "a goal", 5.0)
-
-
-def test_without_a_jump_there_is_nothing_to_continue_from(played: Played) -> None:
-    response = played.nodes.call(topics.CONTINUE)
-    assert (response.success, response.message) == (
-        False,
-        "there is nothing to continue from: the pose has not jumped",
-    )
 
 
 def test_while_localization_uses_another_map_nothing_is_sent_until_the_games_is_back(played: Played) -> None:

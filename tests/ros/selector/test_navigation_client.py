@@ -11,10 +11,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from action_msgs.msg import GoalStatus
-from rclpy.task import Future
-from unique_identifier_msgs.msg import UUID
 
-from pacman_env.ros import topics
 from pacman_env.ros.node import BaseNode
 from pacman_env.ros.selector.navigation_client import NavigationClient
 from tests.ros import scripted_nav2, session
@@ -120,21 +117,6 @@ def test_the_cancel_of_a_goal_that_is_not_accepted_yet_ends_nothing(nodes: Sessi
     assert asker.words == [("accepted", 1)]
     do("cancel", 1)
     assert asker.words == [("accepted", 1), ("finished", 1, GoalStatus.STATUS_CANCELED)]
-
-
-def test_answers_that_were_under_way_when_it_was_destroyed_mean_nothing(nodes: Session) -> None:
-    start_nav2(nodes)
-    asker, do = start_asker(nodes)
-    do("send", 1, PLACE)
-    assert asker.words == [("accepted", 1)]
-    do("destroy")
-    result, accepted = Future(), Future()
-    result.set_result(topics.NAVIGATE_TO_POSE.type.Impl.GetResultService.Response(status=GoalStatus.STATUS_CANCELED))
-    answer = topics.NAVIGATE_TO_POSE.type.Impl.SendGoalService.Response(accepted=True)
-    accepted.set_result(answer)
-    do("_on_result", 1, result)  # rclpy calls what was due, however much has gone in between
-    do("_on_answer", 2, UUID(), accepted)
-    assert asker.words == [("accepted", 1)]
 
 
 def test_a_goal_of_another_node_that_arrives_after_all_were_cancelled_is_cancelled_too(nodes: Session) -> None:

@@ -148,16 +148,6 @@ def test_fault_base_silent(make_robot: Callable[..., Robot], alone: bool) -> Non
     assert robot.place() == pytest.approx((0.0, 0.0), abs=1e-3)  # velocities take the same way
 
 
-def test_a_base_that_is_silent_ends_the_goal_as_without_a_transform(robot: Robot) -> None:
-    goal = robot.on_its_way()
-    robot.fault("base_silent", ["base_silent"])
-    status, result = goal.end()
-    assert (status, result.error_code) == (ABORTED, nav.TF_ERROR)
-    robot.fault("end", [])
-    robot.nodes.wait_for(lambda: robot.nodes.messages(topics.AMCL_POSE), what="amcl_pose")
-    assert robot.goal(*RIGHT).end()[0] == SUCCEEDED
-
-
 def test_fault_clock_jump(robot: Robot) -> None:
     robot.nodes.record(topics.CLOCK)
 

@@ -31,7 +31,6 @@ from pacman_env.ros.supervisor.checks.check import BAD, OK, UNKNOWN, Finding, So
 from pacman_env.ros.supervisor.checks.game import CLOUDS
 from pacman_env.ros.supervisor.checks.robot import CHARGE, DOCKED
 from pacman_env.ros.supervisor.doctor import Doctor, doctor
-from pacman_env.ros.supervisor.game_nodes import GAME, NODES, SELECTOR, SIMULATOR, WAIT
 from pacman_env.world.maps.occupancy import load_map
 from tests.ros.system import PATIENCE_S, Probe, System
 
@@ -300,7 +299,3 @@ def test_sources_have_the_types_of_the_games_topics() -> None:
     for source in sources:
         assert known[source.name] == source.type_name
         assert hasattr(topics, source.qos)
-
-
-def test_every_node_of_the_game_is_looked_for() -> None:
-    assert set(NODES) == {SIMULATOR, *GAME, WAIT, SELECTOR}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import os
-import re
 import sys
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -21,27 +20,22 @@ from pacman_env import ros
 from pacman_env.cli import main as cli
 from pacman_env.files import install_command
 from pacman_env.ros import topics
-from pacman_env.ros.discovery import join
-from pacman_env.ros.node import StopSignals
+from pacman_env.ros.node import Stop
+from pacman_env.ros.supervisor import rounds as rounds_module
 from pacman_env.ros.supervisor import terminal as terminal_module
 from pacman_env.ros.supervisor import up as up_module
 from pacman_env.ros.supervisor.game_lock import GameLock
-from pacman_env.ros.supervisor.game_nodes import COMPOSED, MOVERS, REFEREE, SELECTOR, STOP_ORDER, GameSetup
-from pacman_env.ros.supervisor.rounds import RoundRequests
+from pacman_env.ros.supervisor.game_nodes import REFEREE, SELECTOR, GameSetup
+from pacman_env.ros.supervisor.rounds import Rounds
 from pacman_env.ros.supervisor.status_line import StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter
-from pacman_env.ros.supervisor.up import HAD_TO_KILL, NO_POSE, NODE_LOST, UpOptions
+from pacman_env.ros.supervisor.up import NODE_LOST, UpOptions
 from tests.ros import session
 
 if TYPE_CHECKING:
-    from tests.ros.system import Probe
+    pass
 
 PATIENCE_S = 240.0  # the first nodes may have to compile
-
-
-def test_what_moves_the_robot_stops_first_then_the_lights() -> None:
-    assert MOVERS == (SELECTOR, COMPOSED, "game_event_mapper")
-    assert STOP_ORDER[:4] == (*MOVERS, "game_light_node")
 
 
 #: One node cannot be started; the others are processes that have begun, compute nothing beside it and end with their
@@ -87,33 +81,6 @@ def own_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
 
 
-@pytest.mark.parametrize(
-    ("namespace", "words"),
-    [
-        ("robot_15", r"a game is in /robot_15 already: game_controller \(process \d+ on \S+, since "),
-        (
-            "robot_16",
-            r"another clock runs in this ROS domain: /robot_15/time_node \(/clock\); choose another --domain-id",
-        ),
-    ],
-)
-@pytest.mark.usefixtures("own_locks")
-def test_game_that_is_up_is_refused_by_the_names_of_its_nodes(
-    domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, namespace: str, words: str
-) -> None:
-    monkeypatch.setattr(up_module, "GOING_S", 0.0)
-    setup = GameSetup("house", namespace=namespace, sim=True)
-    with (
-        StatusLine(setup.namespace, setup.sim) as status_line,
-        GameLock(setup.namespace, domain, setup.sim) as lock,
-        session.nodes(tmp_path, alone=False) as nodes,
-    ):
-        nodes.start(REFEREE)
-        assert status_line.spin_until(lambda: re.match(words, status_line.others()), PATIENCE_S)
-        with pytest.raises(ValueError, match=words):
-            up_module.be_alone(status_line, lock, LineWriter(io.StringIO()), StopSignals())
-
-
 class EndsOther(LineWriter):
     """Ends another game as soon as it is said to be waited for."""
 
@@ -130,7 +97,7 @@ class EndsOther(LineWriter):
 @pytest.mark.usefixtures("own_locks")
 def test_game_that_ends_is_waited_for(domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(up_module, "GOING_S", PATIENCE_S)
-    setup, stop = GameSetup("house", sim=True), StopSignals()
+    setup, stop = GameSetup("house", sim=True), Stop()
     place = setup.namespace, domain, setup.sim
     with session.nodes(tmp_path, alone=False) as nodes:
         nodes.start(REFEREE)
@@ -215,16 +182,6 @@ def test_without_ros_the_command_says_what_to_install(
     assert install_command("ros") in err
 
 
-def test_a_simulated_game_stays_on_this_machine(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE", raising=False)
-    monkeypatch.setenv("ROS_DOMAIN_ID", "3")
-    assert join(None, this_machine=False) == 3
-    assert "ROS_AUTOMATIC_DISCOVERY_RANGE" not in os.environ
-    assert join(7, this_machine=True) == 7
-    assert os.environ["ROS_DOMAIN_ID"] == "7"
-    assert os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
-
-
 def test_lines_are_written_when_something_changes_and_over_one_another_on_a_terminal(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -248,10 +205,6 @@ def test_lines_are_written_when_something_changes_and_over_one_another_on_a_term
     assert "\n" not in terminal.getvalue()
 
 
-def test_every_end_has_an_exit_status_of_its_own() -> None:
-    assert (NO_POSE, NODE_LOST, HAD_TO_KILL) == (3, 4, 5)
-
-
 @pytest.mark.parametrize(("sim", "words"), [(True, "the simulated robot's pose"), (False, "docs/robot.md, step 5")])
 def test_only_a_real_robots_pose_is_waited_for_with_a_step_of_the_page(
     domain: int, tmp_path: Path, sim: bool, words: str
@@ -260,72 +213,53 @@ def test_only_a_real_robots_pose_is_waited_for_with_a_step_of_the_page(
     with StatusLine(setup.namespace, setup.sim) as status_line:
         status_line.nodes |= {name: {} for name in setup.first_nodes}
         options = UpOptions(logs=tmp_path)
-        game = up_module.GameProcesses(
-            setup, options, status_line, LineWriter(io.StringIO()), StopSignals()
-        )  # nothing is started
+        game = up_module.Game(setup, options, status_line, LineWriter(io.StringIO()), Stop())  # nothing is started
         assert words in game.awaited()
         assert ("step" in game.awaited()) != sim
 
 
-@pytest.mark.parametrize("has_selector", [True, False])
-def test_a_start_that_a_newborn_referee_refuses_is_asked_for_again_if_a_goal_selector_is_there(
-    domain: int, probe: Probe, has_selector: bool
-) -> None:
-    refusal = "start: no goal selector is there; it starts when the robot has a pose"
-    asked = []
-
-    def answer(request: Any, response: Any) -> Any:
-        """As a referee that discovers the goal selector after its third answer."""
-        asked.append(request)
-        response.success = len(asked) > 3
-        response.message = "" if response.success else refusal
-        return response
-
-    topics.START_GAME.server(probe.node, answer)
-    if has_selector:
-        probe.publisher(topics.GAME_STATUS)
-    out = io.StringIO()
-    setup = GameSetup("house", sim=True)
-    with StatusLine(setup.namespace, setup.sim) as status_line:
-        probe.publish(topics.GAME_STATE, "menu")
-        rounds = RoundRequests(status_line, LineWriter(out))
-
-        def wait(condition: Callable[[], bool], what: str) -> None:
-            def holds() -> bool:
-                status_line.spin(0.02)
-                return condition()
-
-            probe.wait_for(holds, PATIENCE_S, what)
-
-        def is_done() -> bool:
-            rounds.call_services()
-            return not rounds.wanted and not rounds.answers
-
-        wait(lambda: status_line.state == "menu" and status_line.has_selector == has_selector, "the game")
-        rounds.wanted.append(topics.START_GAME)
-        wait(is_done, "the last answer")
-    if has_selector:
-        assert len(asked) > 3
-        assert out.getvalue() == ""
-    else:
-        assert out.getvalue() == f"game/start: {refusal}\n"
+REFUSAL = "start: no goal selector is there; it starts when the robot has a pose"
 
 
-def test_a_reset_that_is_asked_for_after_a_start_stands() -> None:
-    called = []
+def answers(*answered: bool | None) -> tuple[list[topics.Service], Callable[[topics.Service], Future[Any]]]:
+    """Return the services called so far, and a referee that accepts (True), refuses or does not answer (None) them."""
+    called: list[topics.Service] = []
 
     def call(service: topics.Service) -> Future[Any]:
-        """As a newborn referee answers."""
+        accepts = answered[min(len(called), len(answered) - 1)]
         called.append(service)
         answer: Future[Any] = Future()
-        answer.set_result(SimpleNamespace(success=service is topics.RESET_GAME, message="no goal selector is there"))
+        if accepts is not None:
+            answer.set_result(SimpleNamespace(success=accepts or service is topics.RESET_GAME, message=REFUSAL))
         return answer
 
+    return called, call
+
+
+@pytest.mark.parametrize(
+    ("answered", "has_selector", "wanted", "calls", "said"),
+    [
+        ((False, False, True), True, [topics.START_GAME], 3, ""),  # a newborn referee does not know the selector yet
+        ((False,), False, [topics.START_GAME], 1, f"game/start: {REFUSAL}\n"),
+        ((None, True), True, [topics.START_GAME], 2, ""),  # a killed referee never answers
+        ((False,), True, [topics.START_GAME, topics.RESET_GAME], 2, f"game/start: {REFUSAL}\n"),  # the reset stands
+    ],
+)
+def test_rounds_repeat_start_until_it_is_answered(
+    monkeypatch: pytest.MonkeyPatch,
+    answered: tuple[bool | None, ...],
+    has_selector: bool,
+    wanted: list[topics.Service],
+    calls: int,
+    said: str,
+) -> None:
+    monkeypatch.setattr(rounds_module, "ANSWER_S", 0.0)
+    called, call = answers(*answered)
     out = io.StringIO()
-    there = SimpleNamespace(state="menu", has_selector=True, call=call)
-    rounds = RoundRequests(there, LineWriter(out))  # type: ignore[arg-type]
-    rounds.wanted += [topics.START_GAME, topics.RESET_GAME]
-    for _ in range(2):
+    there = SimpleNamespace(state="menu", has_selector=has_selector, call=call)
+    rounds = Rounds(there, LineWriter(out))  # type: ignore[arg-type]
+    rounds.wanted += wanted
+    for _ in range(5):
         rounds.call_services()
-    assert called == [topics.START_GAME, topics.RESET_GAME]
-    assert out.getvalue() == "game/start: no goal selector is there\n"
+    assert (len(called), rounds.wanted, rounds.answers) == (calls, [], [])
+    assert out.getvalue() == said
