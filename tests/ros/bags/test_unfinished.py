@@ -29,7 +29,6 @@ from pacman_env.ros.bags.bag import BagError, open_bag, unfinished_folder
 from pacman_env.ros.bags.record import FLUSH_S, NAME, RECORDED, Recorder, record
 from pacman_env.ros.messages import markers_of, pose_message
 from tests.ros import session
-from tests.ros.bags.test_bag_replay import write_round
 from tests.ros.bags.test_record import start_recording
 from tests.ros.selector_game import house, pellet
 
@@ -197,10 +196,10 @@ def test_recording_cut_anywhere_is_refused_in_one_line(recorded: Path, share: fl
     assert ("; mcap recover " in str(caught.value)) == (length >= 8)  # with MCAP's first bytes
 
 
-def test_remedy_of_unfinished_bag_quotes_its_path(tmp_path: Path) -> None:
-    write_round(tmp_path / "my game", "nearest")
+def test_remedy_of_unfinished_bag_quotes_its_path(recorded: Path, tmp_path: Path) -> None:
     file = tmp_path / "my game" / "my game.mcap"
-    file.write_bytes(file.read_bytes()[:-50])
+    file.parent.mkdir()
+    file.write_bytes((recorded / "first.mcap").read_bytes()[:-50])
     for path in (file, file.parent):
         with pytest.raises(BagError, match="no bag that can be read") as caught, open_bag(path):
             pass
