@@ -31,14 +31,12 @@ if TYPE_CHECKING:
 PATIENCE_S = 240.0
 
 
-def test_a_composed_game_is_three_processes_and_a_page() -> None:
+def test_composed_game_is_three_processes_and_page() -> None:
     processes = GameSetup("house", sim=True, composed=True, web=8000).first_processes
     assert processes == (SIMULATOR, COMPOSED, WAIT, "operator_page")
 
 
-def test_a_round_is_played_by_nodes_of_one_process_which_end_together_with_their_last_messages(
-    system: System, probe: Probe, tmp_path: Path
-) -> None:
+def test_composed_nodes_play_round_and_end_together(system: System, probe: Probe, tmp_path: Path) -> None:
     extra: dict[str, dict[str, Any]] = {REFEREE: {"state_file": str(tmp_path / "game_controller.json")}}
     shows = ("show.start_s=1.0", "show.death_s=1.0")
     game = GameSetup("house", "clyde_aware", NAMESPACE, True, 10.0, settings=shows, extra=extra, composed=True)
@@ -59,6 +57,6 @@ def test_a_round_is_played_by_nodes_of_one_process_which_end_together_with_their
     assert processes[COMPOSED].wait() == 0
 
 
-def test_a_lock_step_game_is_not_composed() -> None:
+def test_lock_step_game_is_not_composed() -> None:
     with pytest.raises(ValueError, match="composed: a lock-step game is one process anyway"):
         GameSetup("house", sim=True, lock_step=True, composed=True)

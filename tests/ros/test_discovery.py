@@ -40,17 +40,17 @@ START_S = 240.0  # the first may have to compile
 
 
 @pytest.mark.parametrize(("text", "number"), [("", 0), ("0", 0), ("15", 15), ("232", 232)])
-def test_a_domain_is_a_number(text: str, number: int) -> None:
+def test_domain_is_a_number(text: str, number: int) -> None:
     assert domain_of(text) == number
 
 
 @pytest.mark.parametrize("text", ["abc", "500", "-1", "1.5", "²", " 1"])
-def test_no_domain_is_refused_by_name(text: str) -> None:
+def test_invalid_domain_is_refused_by_name(text: str) -> None:
     with pytest.raises(ValueError, match="ROS_DOMAIN_ID"):
         domain_of(text)
 
 
-def test_who_stays_on_this_machine_leaves_no_other_way_to_others() -> None:
+def test_local_process_has_no_way_to_others() -> None:
     environment = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "ROS_DISCOVERY_SERVER": "10.0.0.1:11811", "HOME": "/"}
     stay_on_this_machine(environment)
     assert environment == {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "HOME": "/"}
@@ -70,7 +70,7 @@ def test_who_stays_on_this_machine_leaves_no_other_way_to_others() -> None:
         ("-p", False),
     ],
 )
-def test_arguments_that_ask_for_simulated_time_are_known(words: str, asks: bool, tmp_path: Path) -> None:
+def test_arguments_tell_simulated_time(words: str, asks: bool, tmp_path: Path) -> None:
     file = tmp_path / "launch_params"
     file.write_text("/robot_15/sim_robot:\n  ros__parameters:\n    use_sim_time: true\n")
     assert simulated(["--ros-args", *words.format(file=file).split()]) is asks
@@ -79,7 +79,7 @@ def test_arguments_that_ask_for_simulated_time_are_known(words: str, asks: bool,
 @pytest.mark.parametrize(
     ("value", "asks"), [("\ttrue", True), (" y", True), (" On", True), (" off", False), (" no", False)]
 )
-def test_simulated_time_is_read_from_file_as_by_ros(value: str, asks: bool, tmp_path: Path) -> None:
+def test_file_tells_simulated_time_as_ros_does(value: str, asks: bool, tmp_path: Path) -> None:
     file = tmp_path / "params.yaml"
     file.write_text(f"sim_robot:\n  ros__parameters:\n    use_sim_time:{value}\n")
     assert simulated(["--ros-args", "--params-file", str(file)]) is asks
@@ -103,7 +103,7 @@ OWN = "{package}/udp_alone.xml"
         ({ROS_PROFILE: "{file}.none"}, "", "UDPv4", "{file}.none"),
     ],
 )
-def test_transports_and_profiles_that_the_user_has_chosen_stay(
+def test_chosen_transports_and_profiles_stay(
     given: dict[str, str], profile: str, transports: str | None, file: str | None, tmp_path: Path
 ) -> None:
     names = {"file": str(tmp_path / "profiles.xml"), "package": str(Path(ros.__file__).parent)}
@@ -114,7 +114,7 @@ def test_transports_and_profiles_that_the_user_has_chosen_stay(
     assert environment.get(ROS_PROFILE) == (file and file.format(**names))
 
 
-def test_own_profile_has_last_messages_acknowledged_in_time() -> None:
+def test_last_messages_are_acknowledged_in_time() -> None:
     """A writer asks for acknowledgements once per heartbeat; the end of a node waits for them."""
     root = ElementTree.parse(OWN.format(package=Path(ros.__file__).parent)).getroot()
     name = {"dds": "http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"}
@@ -123,7 +123,7 @@ def test_own_profile_has_last_messages_acknowledged_in_time() -> None:
     assert 0.0 < seconds + nanoseconds * 1e-9 < LAST_MESSAGES_S / 10.0
 
 
-def test_the_doctor_shows_no_profile_that_the_user_has_not_named() -> None:
+def test_doctor_hides_profile_that_user_did_not_set() -> None:
     with mock.patch.dict(os.environ, {"HOME": "/h"}, clear=True):
         avoid_shared_memory()
         assert ROS_PROFILE in os.environ
@@ -151,7 +151,7 @@ def ports(process: int) -> set[str]:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.parametrize("chosen", ["", "DEFAULT"])
-def test_nodes_talk_without_a_port_in_shared_memory_unless_the_user_wants_it(system: System, chosen: str) -> None:
+def test_nodes_use_shared_memory_only_on_request(system: System, chosen: str) -> None:
     with mock.patch.dict(os.environ):
         for name in (TRANSPORTS, *PROFILES):
             os.environ.pop(name, None)
@@ -167,7 +167,7 @@ def test_nodes_talk_without_a_port_in_shared_memory_unless_the_user_wants_it(sys
         assert [bool(ports(node.popen.pid)) for node in nodes] == [bool(chosen)] * 2
 
 
-def test_the_later_of_two_nodes_of_one_kind_is_refused_by_the_name_of_the_first(probe: Probe, system: System) -> None:
+def test_second_node_of_same_kind_is_refused(probe: Probe, system: System) -> None:
     first = system.start(LIGHTS)
     probe.record(topics.CONFIGURATION, topics.LIGHT_RING)
     probe.wait_for(lambda: probe.heard(topics.CONFIGURATION), what="the first")
@@ -188,7 +188,7 @@ def lit_rings(probe: Probe) -> list[bool]:
     return [heard.message.override_system for heard in probe.heard(topics.LIGHT_RING)]
 
 
-def test_a_simulated_robot_is_refused_where_a_base_answers(probe: Probe, system: System) -> None:
+def test_simulated_robot_is_refused_beside_real_base(probe: Probe, system: System) -> None:
     probe.publisher(topics.ODOMETRY)
     robot = system.start(SIM_ROBOT, map_yaml="house", use_sim_time=True)
     assert robot.wait(START_S) == 2
@@ -196,7 +196,7 @@ def test_a_simulated_robot_is_refused_where_a_base_answers(probe: Probe, system:
     assert "a robot's base answers in /robot_15: /robot_15/probe (odom)" in robot.output
 
 
-def test_a_second_clock_in_a_domain_is_refused_and_the_first_goes_on(probe: Probe, system: System) -> None:
+def test_second_clock_in_domain_is_refused(probe: Probe, system: System) -> None:
     first = system.start(SIM_ROBOT, map_yaml="house", use_sim_time=True)
     probe.record(topics.CLOCK)
     probe.wait_for(lambda: probe.heard(topics.CLOCK), START_S, "the clock")
@@ -232,7 +232,7 @@ print(*sorted(seen))
 
 
 @pytest.mark.skipif(bool(why_not()) and not os.environ.get("CI"), reason=f"no network namespaces: {why_not()}")
-def test_a_simulated_robot_and_its_game_are_not_seen_on_the_network(domain: int, tmp_path: Path) -> None:
+def test_simulated_game_is_not_seen_on_network(domain: int, tmp_path: Path) -> None:
     listen = [sys.executable, "-c", textwrap.dedent(LISTENER)]
     nodes = {
         "sim_robot": (SIM_ROBOT, "map_yaml:=house", "use_sim_time:=true"),

@@ -70,7 +70,7 @@ def to_the_end(game: Game, score: int) -> None:
     assert game.value(topics.SCORE) == score
 
 
-def test_a_referee_that_was_frozen_counts_all_that_was_collected_meanwhile(game: Game, lasts: str) -> None:
+def test_frozen_referee_counts_all_later(game: Game, lasts: str) -> None:
     spawned = game.value(topics.PELLETS_SPAWNED)
     game.collect(1)
     with frozen(game, "game_controller", lasts):
@@ -79,9 +79,7 @@ def test_a_referee_that_was_frozen_counts_all_that_was_collected_meanwhile(game:
     assert {value for value in game.values(topics.PELLETS_SPAWNED) if value} == {spawned}
 
 
-def test_a_pellet_manager_that_was_frozen_between_two_rounds_has_all_pellets_in_the_next(
-    game: Game, lasts: str
-) -> None:
+def test_frozen_pellet_manager_has_all_pellets_later(game: Game, lasts: str) -> None:
     spawned = game.value(topics.PELLETS_SPAWNED)
     game.until("returning_home")
     with frozen(game, "pellet_manager", lasts):

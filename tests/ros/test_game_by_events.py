@@ -18,7 +18,7 @@ from tests.ros import session
 SETTINGS = ("decisions.when=event", "clyde.speed_mps=0.1", "show.start_s=1.0")
 
 
-def test_a_round_is_completed_with_fewer_decisions_than_ticks(domain: int, tmp_path: Path) -> None:
+def test_round_by_events_needs_fewer_decisions(domain: int, tmp_path: Path) -> None:
     ground = part_of_map("house", 3.0).save(tmp_path / "ground.yaml")
     with session.game(tmp_path, ground, seed=3, settings=SETTINGS) as game:
         game.record(

@@ -37,7 +37,7 @@ def game(whole: Game) -> Game:
     return whole
 
 
-def test_a_goal_selector_that_is_back_plays_on_and_collects_nothing_twice(game: Game) -> None:
+def test_restarted_goal_selector_collects_nothing_twice(game: Game) -> None:
     game.play(7)
     game.collect(1)
     game.kill("goal_selector")
@@ -49,7 +49,7 @@ def test_a_goal_selector_that_is_back_plays_on_and_collects_nothing_twice(game: 
     assert "reset_round" not in game.values(topics.GAME_COMMAND)[commands:]
 
 
-def test_a_goal_selector_that_is_back_brings_the_robot_home(game: Game) -> None:
+def test_restarted_goal_selector_brings_robot_home(game: Game) -> None:
     score, round_ = game.complete()
     game.kill("goal_selector")
     game.start("goal_selector", "home")
@@ -58,7 +58,7 @@ def test_a_goal_selector_that_is_back_brings_the_robot_home(game: Game) -> None:
     assert math.hypot(*game.robot()) < FAR_M / 2
 
 
-def test_a_referee_that_is_back_goes_on_with_the_round_and_counts_what_was_collected_meanwhile(game: Game) -> None:
+def test_restarted_referee_counts_meanwhile_collected_pellets(game: Game) -> None:
     game.play(7)
     game.collect(1)
     game.kill("game_controller")
@@ -76,7 +76,7 @@ def test_a_referee_that_is_back_goes_on_with_the_round_and_counts_what_was_colle
     assert game.value(topics.CLYDE_SPEED) == pytest.approx(CLYDE_MPS)
 
 
-def test_a_referee_that_is_back_learns_of_a_death_that_it_missed(game: Game) -> None:
+def test_restarted_referee_learns_of_missed_death(game: Game) -> None:
     game.play(1)
     game.kill("game_controller")
     game.die()
@@ -88,7 +88,7 @@ def test_a_referee_that_is_back_learns_of_a_death_that_it_missed(game: Game) -> 
     game.until("menu")
 
 
-def test_a_referee_that_is_back_on_the_way_home_ends_the_round(game: Game) -> None:
+def test_restarted_referee_ends_round_on_way_home(game: Game) -> None:
     score, round_ = game.complete()
     game.kill("game_controller")
     game.wait(lambda: "home_reached" in game.values(topics.GAME_STATUS), "home, without a referee")
@@ -97,7 +97,7 @@ def test_a_referee_that_is_back_on_the_way_home_ends_the_round(game: Game) -> No
     game.stands_at(score, round_ + 1)
 
 
-def test_a_robot_whose_spin_has_lost_its_node_stands_and_the_node_comes_back_silent(game: Game) -> None:
+def test_spinning_robot_stands_when_mapper_is_killed(game: Game) -> None:
     def turns(since_s: float) -> bool:
         velocities = [one for one in game.messages(topics.CMD_VEL) if one.twist.angular.z != 0.0]
         return any(seconds_of(one.header.stamp) > since_s for one in velocities)

@@ -169,7 +169,7 @@ def game(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Game
                 game.kill(name)
 
 
-def test_a_round_in_which_each_node_of_the_game_was_killed_once_ends_with_the_right_score(game: Game) -> None:
+def test_round_with_killed_nodes_has_right_score(game: Game) -> None:
     spawned = game.begin()
     game.wait(lambda: game.value(COLLECTED), "a pellet")
     game.probe.publish(FAULT, "reject")  # no round ends while nodes come up
@@ -185,7 +185,7 @@ def test_a_round_in_which_each_node_of_the_game_was_killed_once_ends_with_the_ri
     assert "Traceback" not in game.system.outputs()
 
 
-def test_a_referee_that_was_taken_for_gone_counts_all_that_was_collected_meanwhile(game: Game) -> None:
+def test_absent_referee_counts_all_later(game: Game) -> None:
     spawned = game.begin()
     game.wait(lambda: game.value(COLLECTED), "a pellet")
     with game.frozen("game_controller"):
@@ -194,7 +194,7 @@ def test_a_referee_that_was_taken_for_gone_counts_all_that_was_collected_meanwhi
     assert {value for value in game.probe.values(SPAWNED) if value} == {spawned}
 
 
-def test_a_pellet_manager_that_was_taken_for_gone_between_two_rounds_has_all_pellets_in_the_next(game: Game) -> None:
+def test_absent_pellet_manager_has_all_pellets_later(game: Game) -> None:
     spawned = game.begin()
     with game.frozen("pellet_manager"):
         game.to_the_end(spawned)

@@ -91,7 +91,7 @@ def handlers(actions: list[Any]) -> dict[str, Any]:
     return {options["target_action"].options["executable"]: options["on_exit"] for options in found}
 
 
-def test_a_node_that_refuses_to_start_ends_the_launch_and_one_that_died_is_started_again(started: Any) -> None:
+def test_launch_restarts_dead_nodes_and_ends_with_refusal(started: Any) -> None:
     actions = started()
     assert set(handlers(actions)) == {*GAME, WAIT}
     for name in GAME:
@@ -101,7 +101,7 @@ def test_a_node_that_refuses_to_start_ends_the_launch_and_one_that_died_is_start
         assert nodes(actions)[name]["respawn"]
 
 
-def test_a_simulated_launch_stays_on_this_machine_before_any_node_starts(started: Any) -> None:
+def test_simulated_launch_stays_on_this_machine(started: Any) -> None:
     actions = started(sim="true")
     kinds = [kind(action) for action in actions]
     changed = {a.arguments[0]: a.arguments[1] for a in actions if kind(a) == "SetEnvironmentVariable"}
@@ -112,14 +112,14 @@ def test_a_simulated_launch_stays_on_this_machine_before_any_node_starts(started
     assert not [k for k in map(kind, started()) if "Environment" in k]
 
 
-def test_the_launch_file_starts_the_game_and_waits_for_a_pose(started: Any) -> None:
+def test_launch_starts_game_and_waits_for_pose(started: Any) -> None:
     found = nodes(started(map="/maps/home.yaml", namespace="robot_7"))
     assert tuple(found) == (*GAME, WAIT)
     assert {(o["package"], o["namespace"]) for o in found.values()} == {("pacman_env", "robot_7")}
     assert found["pellet_manager"]["parameters"] == [{"map_yaml": "/maps/home.yaml"}]
 
 
-def test_only_a_pose_starts_the_goal_selector(started: Any) -> None:
+def test_only_a_pose_starts_goal_selector(started: Any) -> None:
     localized = handlers(started(policy="lookahead", home="1 2 0.5"))[WAIT]
     refused, selector = localized(types.SimpleNamespace(returncode=0), None)
     assert list(handlers([refused])) == [SELECTOR]
@@ -128,14 +128,14 @@ def test_only_a_pose_starts_the_goal_selector(started: Any) -> None:
     assert [kind(a) for a in localized(types.SimpleNamespace(returncode=1), None)] == ["EmitEvent"]
 
 
-def test_a_simulated_robot_comes_first_and_gives_the_time(started: Any) -> None:
+def test_simulated_robot_comes_first_with_time(started: Any) -> None:
     found = nodes(started(sim="true", speed="4"))
     assert tuple(found) == (SIMULATOR, *GAME, WAIT)
     assert found[SIMULATOR]["parameters"] == [{"map_yaml": "house", "speed": 4.0, "use_sim_time": True}]
     assert all(o["parameters"][0]["use_sim_time"] for o in found.values())
 
 
-def test_a_real_nav2_is_started_after_the_base_that_it_drives(started: Any) -> None:
+def test_nav2_starts_after_its_base(started: Any) -> None:
     actions = started(sim="true", nav2="sleep {namespace} {map}", namespace="robot_7")
     kinds = [kind(a) for a in actions if kind(a) in ("Node", "ExecuteProcess")]
     assert kinds[:3] == ["Node", "ExecuteProcess", "Node"]
@@ -153,30 +153,30 @@ def test_a_real_nav2_is_started_after_the_base_that_it_drives(started: Any) -> N
 @pytest.mark.parametrize(
     "given", [{"nav2": "none"}, {"sim": "perhaps"}, {"speed": "2.0"}, {"sim": "true", "speed": "11"}, {"home": "1 2"}]
 )
-def test_the_launch_file_refuses_what_makes_no_game(started: Any, given: dict[str, str]) -> None:
+def test_invalid_launch_arguments_are_refused(started: Any, given: dict[str, str]) -> None:
     with pytest.raises(ValueError, match=r"nav2|speed|must be true or false|home"):
         started(**given)
 
 
 @pytest.mark.parametrize(("name", "full"), [("robot_15", "/robot_15"), ("/a/b2/", "/a/b2"), ("", "/"), ("/", "/")])
-def test_a_namespace_is_completed(name: str, full: str) -> None:
+def test_namespace_is_completed(name: str, full: str) -> None:
     assert full_namespace(name) == full
 
 
 @pytest.mark.parametrize("name", ["15", "a b", "a//b", "robot-15", "é", "a\n"])
-def test_a_bad_namespace_is_refused(name: str) -> None:
+def test_invalid_namespace_is_refused(name: str) -> None:
     with pytest.raises(ValueError, match="namespace"):
         GameSetup("house", namespace=name)
 
 
-def test_arguments_of_a_node_keep_their_types() -> None:
+def test_arguments_keep_their_types() -> None:
     setup = GameSetup("1e3", namespace="r", sim=True, speed=2.0, extra={SELECTOR: {"seed": 7}})
     assert setup.command(SIMULATOR)[:5] == [module_of(SIMULATOR), "--ros-args", *QUIET, "-r", "__ns:=/r"]
     assert setup.command(SIMULATOR)[5:] == ["-p", 'map_yaml:="1e3"', "-p", "speed:=2.0", "-p", "use_sim_time:=true"]
     assert setup.command(SELECTOR)[-4:] == ["-p", "use_sim_time:=true", "-p", "seed:=7"]
 
 
-def test_every_node_but_the_waiting_one_gets_the_configuration() -> None:
+def test_every_playing_node_gets_configuration() -> None:
     setup = GameSetup("house", preset="ideal", settings=("clyde.speed_mps=0.35", "clyde.ghosts=chase,wander"))
     words = ["-p", 'preset:="ideal"', "-p", 'settings:=["clyde.speed_mps=0.35", "clyde.ghosts=chase,wander"]']
     for node in (SIMULATOR, *GAME, SELECTOR):
@@ -186,7 +186,7 @@ def test_every_node_but_the_waiting_one_gets_the_configuration() -> None:
         GameSetup("house", settings=("clyde.speed_mps=fast",))
 
 
-def test_the_launch_file_passes_the_configuration_on(started: Any) -> None:
+def test_launch_passes_configuration_on(started: Any) -> None:
     found = nodes(started(preset="ideal", settings="clyde.speed_mps=0.35 clyde.ghosts=chase,wander"))
     expected = {"preset": "ideal", "settings": ["clyde.speed_mps=0.35", "clyde.ghosts=chase,wander"]}
     assert found["audio_node"]["parameters"] == [expected]
@@ -194,7 +194,7 @@ def test_the_launch_file_passes_the_configuration_on(started: Any) -> None:
         started(preset="lunar")
 
 
-def test_a_launch_in_lock_step_is_one_process_whose_end_is_the_end(started: Any) -> None:
+def test_lock_step_launch_is_one_process(started: Any) -> None:
     actions = started(sim="true", lock_step="true", seed="7", policy="lookahead")
     assert set(nodes(actions)) == {LOCK_STEP} == set(handlers(actions))
     (text,) = nodes(actions)[LOCK_STEP]["arguments"]
@@ -208,7 +208,7 @@ def test_a_launch_in_lock_step_is_one_process_whose_end_is_the_end(started: Any)
         started(lock_step="true")
 
 
-def test_a_composed_launch_starts_one_process_for_the_light_nodes_again_when_it_dies(started: Any) -> None:
+def test_composed_launch_restarts_its_process(started: Any) -> None:
     actions = started(composed="true")
     assert set(nodes(actions)) == {COMPOSED, WAIT}
     (text,) = nodes(actions)[COMPOSED]["arguments"]

@@ -51,7 +51,7 @@ def pose() -> Any:
 
 
 @given(METRES, METRES, ANGLES)
-def test_a_pose_comes_back(x: float, y: float, theta: float) -> None:
+def test_pose_comes_back(x: float, y: float, theta: float) -> None:
     message = pose_message(x, y, theta, STAMP)
     assert (message.header.frame_id, message.header.stamp) == ("map", STAMP)
     assert pose_of(message)[:2] == (x, y)
@@ -62,7 +62,7 @@ def test_a_pose_comes_back(x: float, y: float, theta: float) -> None:
     assert nearly(transform_of(child)[2][2], theta)
 
 
-def test_amcl_poses_are_read_too() -> None:
+def test_amcl_pose_is_read() -> None:
     message = PoseWithCovarianceStamped(header=Header(frame_id="map"))
     message.pose.pose.position.x = 3.0
     message.pose.pose.orientation.z, message.pose.pose.orientation.w = 1.0, 0.0
@@ -88,14 +88,14 @@ def broken(change: Callable[[Any], None]) -> Any:
         (lambda m: setattr(m.pose.orientation, "w", math.nan), "length nan, must be 1"),
     ],
 )
-def test_a_bad_pose_is_refused_by_name(change: Callable[[Any], None], complaint: str) -> None:
+def test_invalid_pose_is_refused_by_field(change: Callable[[Any], None], complaint: str) -> None:
     with pytest.raises(BadMessage) as refused:
         pose_of(broken(change))
     assert complaint in str(refused.value)
 
 
 @given(st.tuples(*[st.floats(width=64)] * 7))
-def test_no_pose_of_any_numbers_gets_past_the_checks(numbers: tuple[float, ...]) -> None:
+def test_arbitrary_numbers_never_pass_checks(numbers: tuple[float, ...]) -> None:
     message = pose()
     p, q = message.pose.position, message.pose.orientation
     p.x, p.y, p.z, q.x, q.y, q.z, q.w = numbers
@@ -107,11 +107,11 @@ def test_no_pose_of_any_numbers_gets_past_the_checks(numbers: tuple[float, ...])
     assert abs(theta) <= math.pi
 
 
-def test_another_frame_may_be_asked_for() -> None:
+def test_pose_in_other_frame_can_be_read() -> None:
     assert pose_of(pose_message(0.0, 0.0, 0.0, STAMP, "odom"), frame="odom") == (0.0, 0.0, 0.0)
 
 
-def test_a_clicked_point_is_a_position() -> None:
+def test_clicked_point_is_a_position() -> None:
     message = PointStamped(header=Header(frame_id="map"))
     message.point.x, message.point.y = 1.5, -2.5
     assert point_of(message) == (1.5, -2.5)
@@ -120,7 +120,7 @@ def test_a_clicked_point_is_a_position() -> None:
         point_of(message)
 
 
-def test_a_word_is_trimmed_and_must_be_known() -> None:
+def test_word_is_trimmed_and_must_be_known() -> None:
     assert word_of(String(data=" Returning_Home "), topics.STATE_WORDS) == "returning_home"
     assert word_of(String(data="anything")) == "anything"
     with pytest.raises(BadMessage, match="unknown word 'stop': one of disable, enable, reset_round, return_home"):
@@ -130,7 +130,7 @@ def test_a_word_is_trimmed_and_must_be_known() -> None:
 
 
 @pytest.mark.parametrize("message", [Float32(data=math.nan), Float32(data=math.inf), Int32(data=6), Int32(data=-1)])
-def test_a_number_out_of_range_is_refused(message: Any) -> None:
+def test_number_out_of_range_is_refused(message: Any) -> None:
     assert number_of(Int32(data=5), 0, 5) == 5
     with pytest.raises(BadMessage, match="must be within 0 and 5"):
         number_of(message, 0, 5)
@@ -150,7 +150,7 @@ def test_pellets_are_spheres_of_12_cm() -> None:
     assert marker.header.frame_id == "map"
 
 
-def test_markers_mean_what_they_do_on_a_screen() -> None:
+def test_markers_add_change_and_delete_pellets() -> None:
     message = markers_of({1: (0.0, 0.0), 2: (1.0, 0.0), 3: (2.0, 0.0)}, STAMP)
     message.markers.append(Marker(ns="pellets", id=2, action=Marker.DELETE))
     message.markers.append(marker_message("pellets", 3, (2.5, 0.0), 0.12, (1.0, 1.0, 0.0), STAMP))
@@ -160,7 +160,7 @@ def test_markers_mean_what_they_do_on_a_screen() -> None:
     assert pellets_of(message) == {}
 
 
-def test_bad_pellets_are_refused_by_id() -> None:
+def test_invalid_pellets_are_refused_by_id() -> None:
     message = markers_of({4: (0.0, 0.0)}, STAMP)
     message.markers[1].pose.position.x = math.nan
     with pytest.raises(BadMessage, match="pellet 4: position x = nan"):
@@ -173,14 +173,14 @@ def test_bad_pellets_are_refused_by_id() -> None:
         pellets_of(markers_of(dict.fromkeys(range(3), (0.0, 0.0)), STAMP), limit=3)
 
 
-def test_a_cloud_comes_back_without_points_that_are_nowhere() -> None:
+def test_cloud_comes_back_without_invalid_points() -> None:
     points = np.array([[1.0, 2.0], [np.nan, 0.0], [-3.5, 0.25]])
     message = cloud_message(points, STAMP, z=0.1)
     assert points_of(message).tolist() == [[1.0, 2.0], [-3.5, 0.25]]
     assert points_of(cloud_message(np.zeros((0, 2)), STAMP)).shape == (0, 2)
 
 
-def test_a_cloud_whose_sizes_do_not_fit_is_refused() -> None:
+def test_cloud_of_wrong_size_is_refused() -> None:
     def cloud(**changes: Any) -> Any:
         message = cloud_message(np.zeros((3, 2)), STAMP)
         for name, value in changes.items():
@@ -198,7 +198,7 @@ def test_a_cloud_whose_sizes_do_not_fit_is_refused() -> None:
             points_of(cloud(**changes))
 
 
-def test_a_twist_is_forwards_and_to_the_left() -> None:
+def test_twist_is_forwards_and_to_the_left() -> None:
     message = twist_message(0.3, -1.5, STAMP)
     assert (message.twist.linear.x, message.twist.angular.z) == (0.3, -1.5)
     assert (message.header.frame_id, message.header.stamp) == ("base_link", STAMP)
@@ -212,7 +212,7 @@ def test_times_are_seconds() -> None:
 @pytest.mark.parametrize(
     "entry", [e for e in vars(topics).values() if isinstance(e, topics.Topic | topics.Service | topics.RosAction)]
 )
-def test_every_type_that_is_named_exists(entry: Any) -> None:
+def test_every_named_type_exists(entry: Any) -> None:
     package, _, name = entry.type_name.partition("/")
     assert entry.type.__name__ == name
     assert entry.type.__module__.startswith(f"{package}.")

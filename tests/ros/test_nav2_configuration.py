@@ -43,7 +43,7 @@ def known() -> dict[str, Any]:
     return content
 
 
-def test_the_nav2_file_has_no_alias_which_ros_cannot_read() -> None:
+def test_nav2_file_has_no_yaml_alias() -> None:
     tokens = yaml.scan(NAV2.read_text())
     assert not [t for t in tokens if isinstance(t, (yaml.AliasToken, yaml.AnchorToken))]
 
@@ -96,12 +96,12 @@ def undeclared(content: dict[str, Any], known: dict[str, Any]) -> list[str]:
     return found
 
 
-def test_nav2_declares_every_parameter_of_the_file(known: dict[str, Any]) -> None:
+def test_nav2_declares_every_parameter(known: dict[str, Any]) -> None:
     assert known["source"]["version"].startswith("1.3.")
     assert undeclared(yaml.safe_load(NAV2.read_text()), known) == []
 
 
-def test_every_value_has_the_type_that_nav2_declares(known: dict[str, Any]) -> None:
+def test_values_have_declared_types(known: dict[str, Any]) -> None:
     for node, parameters in by_node(yaml.safe_load(NAV2.read_text())).items():
         declared = patterns(parameters, node, known)
         for name, value in parameters.items():
@@ -110,7 +110,7 @@ def test_every_value_has_the_type_that_nav2_declares(known: dict[str, Any]) -> N
                 assert type(value) is type(default), f"{node}.{name}: {value} in place of such as {default}"
 
 
-def test_every_plugin_of_the_file_is_listed_and_every_listed_one_is_there(nav2: dict[str, Any]) -> None:
+def test_every_plugin_is_listed(nav2: dict[str, Any]) -> None:
     for node, parameters in nav2.items():
         there = {name for name, inner in parameters.items() if isinstance(inner, dict) and "plugin" in inner}
         lists = [v for k, v in parameters.items() if k.endswith("plugins") or k == "navigators"]
@@ -123,7 +123,7 @@ def test_every_plugin_of_the_file_is_listed_and_every_listed_one_is_there(nav2: 
 # Numbers that the game and the simulator share
 
 
-def test_nav2_drives_no_faster_than_the_robot_can(nav2: dict[str, Any]) -> None:
+def test_nav2_respects_limits_of_robot(nav2: dict[str, Any]) -> None:
     robot = Config().robot
     drive, smooth = nav2["controller_server"]["FollowPath"], nav2["velocity_smoother"]
     assert drive["vx_max"] == smooth["max_velocity"][0] == robot.wheel_speed_mps
@@ -137,11 +137,11 @@ def test_nav2_drives_no_faster_than_the_robot_can(nav2: dict[str, Any]) -> None:
     assert drive["PathAngleCritic"]["threshold_to_consider"] < Config().nav2.goal_tolerance_m
 
 
-def test_a_server_that_acknowledges_late_aborts_no_goal(nav2: dict[str, Any]) -> None:
+def test_late_acknowledgement_aborts_no_goal(nav2: dict[str, Any]) -> None:
     assert nav2["bt_navigator"]["default_server_timeout"] >= 500  # ms
 
 
-def test_nav2_ends_and_gives_up_as_the_simulator_does(nav2: dict[str, Any]) -> None:
+def test_nav2_gives_up_as_simulator_does(nav2: dict[str, Any]) -> None:
     expected = Config().nav2
     control = nav2["controller_server"]
     assert control["general_goal_checker"]["xy_goal_tolerance"] == expected.goal_tolerance_m
@@ -152,7 +152,7 @@ def test_nav2_ends_and_gives_up_as_the_simulator_does(nav2: dict[str, Any]) -> N
     assert nav2["planner_server"]["GridBased"]["tolerance"] == expected.unreachable_tolerance_m
 
 
-def test_costmaps_leave_pellets_and_doors_open_and_walls_at_a_distance(nav2: dict[str, Any]) -> None:
+def test_costmaps_leave_pellets_and_doors_open(nav2: dict[str, Any]) -> None:
     config = Config()
     corners = yaml.safe_load(nav2["global_costmap"]["footprint"])
     edges = zip(corners, corners[1:] + corners[:1], strict=True)
@@ -173,7 +173,7 @@ def test_costmaps_leave_pellets_and_doors_open_and_walls_at_a_distance(nav2: dic
 
 @pytest.mark.parametrize("launcher", [nav2_chain.turtlebot4, nav2_chain.nav2_bringup])
 @pytest.mark.parametrize("namespace", NAMESPACES)
-def test_costmaps_subscribe_to_clydes_and_the_lidars_topics_in_every_namespace(
+def test_costmaps_subscribe_in_every_namespace(
     launcher: Callable[[str], nav2_chain.Launched], namespace: str, domain: int, tmp_path: Path
 ) -> None:
     launched = launcher(namespace)
@@ -187,7 +187,7 @@ def test_costmaps_subscribe_to_clydes_and_the_lidars_topics_in_every_namespace(
         assert set(found) == {f"{above}/{topic}" for topic in (CLYDE_OBSTACLE.name, TRAIL, SCAN.name)}, costmap
 
 
-def test_the_costmaps_hear_the_cloud_of_clydes_node(domain: int, tmp_path: Path) -> None:
+def test_costmaps_hear_cloud_of_clyde_node(domain: int, tmp_path: Path) -> None:
     launched = nav2_chain.turtlebot4("robot_15")
     parameters = nav2_chain.written(NAV2, launched, tmp_path)
     rclpy.init(args=["--ros-args", "-r", "__ns:=/robot_15", "-p", "map_yaml:=house"], domain_id=domain)
@@ -301,7 +301,7 @@ WALKS = {"in sight": np.array([[2.4, 3.2], [2.4, 1.2]]), "behind the box": np.ar
 
 @pytest.mark.parametrize("costmap", nav2_chain.COSTMAPS)
 @pytest.mark.parametrize("walk", WALKS)
-def test_clyde_leaves_no_marks_behind_him(nav2: dict[str, Any], costmap: str, walk: str) -> None:
+def test_clyde_leaves_no_marks_behind(nav2: dict[str, Any], costmap: str, walk: str) -> None:
     room = Room(nav2, costmap, Pose(4.0, -7.0, 0.4) if costmap == "local_costmap" else None)
     place = room.shift(play(room, WALKS[walk], seconds=3.0)[None])[0]
     far = np.hypot(*(room.marks_of_clyde() - place).T)
@@ -310,7 +310,7 @@ def test_clyde_leaves_no_marks_behind_him(nav2: dict[str, Any], costmap: str, wa
 
 
 @pytest.mark.parametrize("costmap", nav2_chain.COSTMAPS)
-def test_a_silent_clyde_is_gone_from_the_costmap(nav2: dict[str, Any], costmap: str) -> None:
+def test_silent_clyde_leaves_costmap(nav2: dict[str, Any], costmap: str) -> None:
     room = Room(nav2, costmap, Pose(4.0, -7.0, 0.4) if costmap == "local_costmap" else None)
     play(room, WALKS["behind the box"], seconds=3.0)
     assert len(room.marks_of_clyde())
@@ -318,7 +318,7 @@ def test_a_silent_clyde_is_gone_from_the_costmap(nav2: dict[str, Any], costmap: 
     assert not len(room.marks_of_clyde())
 
 
-def test_marks_go_when_localization_has_moved_the_map(nav2: dict[str, Any]) -> None:
+def test_marks_go_when_map_frame_moves(nav2: dict[str, Any]) -> None:
     room = Room(nav2, "local_costmap", Pose(4.0, -7.0, 0.4))
     play(room, WALKS["behind the box"], seconds=2.0)
     room.shift = Pose(4.1, -6.95, 0.42)
@@ -328,7 +328,7 @@ def test_marks_go_when_localization_has_moved_the_map(nav2: dict[str, Any]) -> N
 
 
 @pytest.mark.parametrize("costmap", nav2_chain.COSTMAPS)
-def test_what_clears_clyde_leaves_what_the_lidar_saw_and_what_nobody_knows(nav2: dict[str, Any], costmap: str) -> None:
+def test_clearing_clyde_keeps_lidar_marks_and_unknown(nav2: dict[str, Any], costmap: str) -> None:
     room = Room(nav2, costmap)
     play(room, WALKS["behind the box"], seconds=3.0)
     assert room.cost(1.0, 1.145) == LETHAL  # the box's face, between the robot and the trail
@@ -339,14 +339,14 @@ def test_what_clears_clyde_leaves_what_the_lidar_saw_and_what_nobody_knows(nav2:
         assert room.cost(3.9, 4.1) == UNKNOWN
 
 
-def test_a_clyde_who_tells_no_trail_is_cleared_where_the_lidar_looks_through_him(nav2: dict[str, Any]) -> None:
+def test_lidar_clears_clyde_without_trail(nav2: dict[str, Any]) -> None:
     room = Room(nav2, "global_costmap")
     place = play(room, WALKS["in sight"], seconds=3.0, tells_trail=False)
     left = np.hypot(*(room.marks_of_clyde() - place).T) > 0.4
     assert left.sum() <= 2  # a ray for every degree leaves gaps
 
 
-def test_clyde_is_in_both_costmaps_wherever_he_is_and_not_when_he_is_silent(nav2: dict[str, Any]) -> None:
+def test_clyde_layer_has_consistent_numbers(nav2: dict[str, Any]) -> None:
     layer = nav2["global_costmap"]["clyde_layer"]
     clyde = layer["clyde"]
     assert clyde["data_type"] == CLYDE_OBSTACLE.type_name.partition("/")[2]

@@ -143,19 +143,19 @@ def base(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Base
 
 
 @pytest.mark.parametrize("row", rows("received", **{"from": "base"}))
-def test_each_topic_that_nav2_subscribes_to_arrives_with_its_qos(base: Base, row: dict[str, Any]) -> None:
+def test_topics_arrive_with_qos_of_nav2(base: Base, row: dict[str, Any]) -> None:
     arrived = [len(one.messages) for one in base.received if one.row is row]
     assert len(arrived) == len(profiles(row))
     assert min(arrived) > 0, f"reliabilities {row['reliability']}: {arrived} messages"
 
 
-def test_the_base_drives_by_the_commands_of_all_nodes_of_nav2_that_send_any(base: Base) -> None:
+def test_base_obeys_every_velocity_publisher_of_nav2(base: Base) -> None:
     assert len(base.driven) == 2
     assert all(base.driven)
 
 
 @pytest.mark.parametrize("row", rows("received", **{"from": "game"}))
-def test_what_the_game_publishes_suits_nav2s_subscriptions(row: dict[str, Any]) -> None:
+def test_game_topics_suit_subscriptions_of_nav2(row: dict[str, Any]) -> None:
     offered = next(topic for topic in vars(topics).values() if getattr(topic, "name", "") == row["topic"])
     assert offered.type_name == row["type"]
     for profile in profiles(row):
@@ -163,14 +163,14 @@ def test_what_the_game_publishes_suits_nav2s_subscriptions(row: dict[str, Any]) 
 
 
 @pytest.mark.parametrize("row", rows("sent", to="game"))
-def test_what_nav2_publishes_suits_the_games_subscriptions(row: dict[str, Any]) -> None:
+def test_nav2_topics_suit_subscriptions_of_game(row: dict[str, Any]) -> None:
     wanted = next(topic for topic in vars(topics).values() if getattr(topic, "name", "") == row["topic"])
     assert wanted.type_name == row["type"]
     for profile in profiles(row):
         assert qos_check_compatible(profile, wanted.qos)[0] != QoSCompatibility.ERROR
 
 
-def test_the_base_leaves_to_nav2_what_nav2_offers(base: Base) -> None:
+def test_base_leaves_services_of_nav2_free(base: Base) -> None:
     node = base.nodes.node(SIMULATOR)
     published = {publisher.topic_name for publisher in node.publishers}
     services = {service.srv_name for service in node.services}
@@ -184,12 +184,12 @@ def test_the_base_leaves_to_nav2_what_nav2_offers(base: Base) -> None:
     assert "map" not in base.links.values()
 
 
-def test_no_node_of_the_game_has_the_name_of_one_of_nav2s() -> None:
+def test_nodes_have_no_names_of_nav2() -> None:
     assert set(NODES) & set(FACTS["nodes"]["names"]) == set()
 
 
 @pytest.mark.parametrize("row", FACTS["transforms"], ids=lambda row: f"{row['node']}: {row['of']} in {row['in']}")
-def test_the_frames_that_nav2_looks_up_are_connected(base: Base, row: dict[str, Any]) -> None:
+def test_frames_are_connected(base: Base, row: dict[str, Any]) -> None:
     def frame(words: str | list[str]) -> str:
         if words == "the scan's frame":
             return str(base.on("scan")[0].header.frame_id)
@@ -205,7 +205,7 @@ def test_the_frames_that_nav2_looks_up_are_connected(base: Base, row: dict[str, 
 
 
 @pytest.mark.parametrize("row", FACTS["rates"], ids=lambda row: f"{row['of']}: {row['why']}")
-def test_rates_suffice_for_the_loops_of_the_configuration(base: Base, row: dict[str, Any]) -> None:
+def test_rates_suffice_for_loops(base: Base, row: dict[str, Any]) -> None:
     longest_s = np.diff(base.stamps(row["of"])).max()
     if "at_least_hz" in row:
         allowed_s = 1.0 / (setting(*row["at_least_hz"]) * (2.0 if row.get("twice") else 1.0))
@@ -308,11 +308,11 @@ RULES: dict[str, Callable[[Base], None]] = {
 
 
 @pytest.mark.parametrize("row", FACTS["fields"], ids=lambda row: f"{row['of']}: {row['rule']}")
-def test_messages_hold_what_nav2_reads_of_them(base: Base, row: dict[str, Any]) -> None:
+def test_messages_hold_what_nav2_reads(base: Base, row: dict[str, Any]) -> None:
     RULES[row["rule"]](base)
 
 
-def test_odometry_and_its_transform_say_the_same(base: Base) -> None:
+def test_odometry_agrees_with_its_transform(base: Base) -> None:
     of_transforms = {nanoseconds_of(one.header.stamp): transform_of(one)[2] for one in base.odometry_transforms()}
     messages = base.on("odom")
     assert len(messages) > 100
@@ -322,7 +322,7 @@ def test_odometry_and_its_transform_say_the_same(base: Base) -> None:
         assert (x, y) == pytest.approx((at.x, at.y), abs=1e-9)
 
 
-def test_each_scan_has_a_transform_of_its_time(base: Base) -> None:
+def test_each_scan_has_transform_of_its_time(base: Base) -> None:
     stamps = base.stamps("transform")
     tolerance_s = FACTS["defaults"]["obstacle_layer.tf_filter_tolerance"]
     assert base.stamps("scan")[2] > stamps[0]
@@ -330,7 +330,7 @@ def test_each_scan_has_a_transform_of_its_time(base: Base) -> None:
         assert min(abs(stamp - one) for one in stamps) <= tolerance_s
 
 
-def test_walls_of_the_map_lie_where_scan_and_transforms_put_them(base: Base) -> None:
+def test_scans_show_walls_of_map(base: Base) -> None:
     """Each ray from where the base was at its time, by ``time_increment``."""
     static = {
         one.child_frame_id: transform_of(one)[2] for message in base.on("tf_static") for one in message.transforms
@@ -353,13 +353,13 @@ def test_walls_of_the_map_lie_where_scan_and_transforms_put_them(base: Base) -> 
     assert np.percentile(off, 95) < occupancy.resolution + 0.03 * 4.0  # lidar noise: 1 % of 4 m, three sigmas
 
 
-def test_time_runs_as_fast_as_the_wall_where_nav2s_loops_go_by_it() -> None:
+def test_nav2_refuses_other_speed() -> None:
     assert FACTS["wall_clock"]["loops"].keys() >= {"controller_server", "velocity_smoother"}
     with pytest.raises(ValueError, match="speed 2"):
         GameSetup("house", sim=True, nav2=NAV2_BRINGUP, speed=2.0)
 
 
-def test_the_simulators_goals_end_with_nav2s_error_codes() -> None:
+def test_error_codes_are_those_of_nav2() -> None:
     known = FACTS["error_codes"]
     ours = {name: value for name, value in vars(navigate_to_pose).items() if name.isupper() and type(value) is int}
     for name in ("FAILED_TO_MAKE_PROGRESS", "NO_VALID_CONTROL"):

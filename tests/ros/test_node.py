@@ -41,9 +41,7 @@ def up(probe: Probe, system: System, *arguments: str, **parameters: Any) -> Proc
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)
-def test_the_last_messages_arrive_after_a_signal_and_the_node_ends_with_status_0(
-    probe: Probe, system: System, number: int
-) -> None:
+def test_last_messages_arrive_after_signal(probe: Probe, system: System, number: int) -> None:
     process = up(probe, system, words=20)
     process.send(number)
     process.send(number)  # a terminal and a launcher may both send one
@@ -53,7 +51,7 @@ def test_the_last_messages_arrive_after_a_signal_and_the_node_ends_with_status_0
     assert "Traceback" not in process.output
 
 
-def test_the_end_waits_for_an_answer(probe: Probe, system: System) -> None:
+def test_end_waits_for_answer(probe: Probe, system: System) -> None:
     asked = []
 
     def answer(request: Any, response: Any) -> Any:
@@ -69,13 +67,13 @@ def test_the_end_waits_for_an_answer(probe: Probe, system: System) -> None:
     assert process.wait() == 0
 
 
-def test_the_end_does_not_wait_for_ever_for_an_answer(probe: Probe, system: System) -> None:
+def test_end_does_not_wait_for_ever(probe: Probe, system: System) -> None:
     topics.RESET_GAME.server(probe.node, lambda request, response: response)  # answers only while the probe spins
     process = up(probe, system, call=True)
     assert process.stop(signal.SIGTERM) == 0  # the probe does not spin meanwhile
 
 
-def test_a_failing_callback_ends_the_node_after_its_last_messages(probe: Probe, system: System) -> None:
+def test_failing_callback_ends_node_after_last_messages(probe: Probe, system: System) -> None:
     process = up(probe, system)
     probe.publish(topics.GAME_EVENT, "fail")
     with pytest.raises(AssertionError, match="ZeroDivisionError: a callback that fails"):
@@ -85,7 +83,7 @@ def test_a_failing_callback_ends_the_node_after_its_last_messages(probe: Probe, 
     probe.wait_for(lambda: probe.values(topics.GAME_COMMAND) == ["last 0"], what="the last messages")
 
 
-def test_a_signal_breaks_off_the_making_of_a_node(probe: Probe, system: System) -> None:
+def test_signal_interrupts_making_of_node(probe: Probe, system: System) -> None:
     process = system.start(NODE, pause_s=30.0)
     probe.record(topics.GAME_STATE)
     probe.wait_for(lambda: probe.values(topics.GAME_STATE) == ["making"], what="the half-made node")
@@ -104,7 +102,7 @@ def test_a_signal_breaks_off_the_making_of_a_node(probe: Probe, system: System) 
         (["--fast"], "unknown arguments --fast"),
     ],
 )
-def test_a_bad_start_is_one_line_and_status_2(
+def test_invalid_start_is_refused_in_one_line(
     domain: int, capfd: pytest.CaptureFixture[str], arguments: list[str], complaint: str
 ) -> None:
     assert last_messages_node.main(arguments) == 2
@@ -122,7 +120,7 @@ class Log(list[str]):
         self.append(f"info {text}")
 
 
-def test_a_trouble_is_said_once_and_counted_and_said_again_after_it_was_over() -> None:
+def test_trouble_is_logged_once_and_counted() -> None:
     log = Log()
     once = Once(log, lambda: 0.0)
     for i in range(3):
@@ -138,7 +136,7 @@ def test_a_trouble_is_said_once_and_counted_and_said_again_after_it_was_over() -
     assert log[3:] == ["info pose: over, after 3 times", "warning bad again"]
 
 
-def test_a_trouble_that_is_not_found_again_is_over_unless_it_lasts_until_it_is_said_to_be() -> None:
+def test_trouble_ends_unless_it_lasts() -> None:
     log, now_s = Log(), 0.0
     once = Once(log, lambda: now_s)
     once.warning("pose", "bad pose")
@@ -176,9 +174,7 @@ def nodes(domain: int, tmp_path: Path) -> Iterator[Session]:
         yield nodes
 
 
-def test_an_equal_configuration_is_silent_and_another_one_is_said_once_for_each_node_by_field(
-    nodes: Session, log: Callable[[], str]
-) -> None:
+def test_other_configuration_is_reported_by_field(nodes: Session, log: Callable[[], str]) -> None:
     settings = ["clyde.speed_mps=0.25", "clyde.ghosts=wander,chase"]
     nodes.record(topics.CONFIGURATION)
     member = nodes.start("game_event_mapper", settings=settings)
@@ -212,9 +208,7 @@ def test_an_equal_configuration_is_silent_and_another_one_is_said_once_for_each_
     assert log().count("game_controller plays by another") == 2
 
 
-def test_of_two_nodes_each_says_that_the_other_plays_otherwise_whichever_comes_first_and_on_another_map(
-    nodes: Session, log: Callable[[], str]
-) -> None:
+def test_both_nodes_report_other_configuration(nodes: Session, log: Callable[[], str]) -> None:
     nodes.start("pellet_manager", map_yaml="house")
     nodes.start("clyde_ghost_node", map_yaml="loop", settings=["clyde.ghosts=chase"])
     for here, there in (("pellet_manager", "clyde_ghost_node"), ("clyde_ghost_node", "pellet_manager")):
@@ -224,7 +218,7 @@ def test_of_two_nodes_each_says_that_the_other_plays_otherwise_whichever_comes_f
         assert "; map " in line
 
 
-def test_a_destroyed_node_is_gone_from_the_graph_while_something_refers_to_it(probe: Probe) -> None:
+def test_destroyed_node_leaves_graph(probe: Probe) -> None:
     node = BaseNode("navigator", context=probe.context, namespace=probe.system.namespace)
     server = topics.NAVIGATE_TO_POSE.server(node, lambda handle: None)
     client = topics.NAVIGATE_TO_POSE.goal_client(probe.node)
@@ -236,7 +230,7 @@ def test_a_destroyed_node_is_gone_from_the_graph_while_something_refers_to_it(pr
     probe.node.destroy_client(client)
 
 
-def test_a_nodes_time_goes_on_where_its_clock_is_set_back(probe: Probe) -> None:
+def test_node_time_continues_when_clock_jumps_back(probe: Probe) -> None:
     node = BaseNode("clockwork", context=probe.context)
     clock = node.get_clock()
     clock._set_ros_time_is_active(True)
@@ -248,9 +242,7 @@ def test_a_nodes_time_goes_on_where_its_clock_is_set_back(probe: Probe) -> None:
     assert seen == pytest.approx([10.0, 11.0, 1011.0, 1012.0, 1012.0, 1013.0, 1013.0, 1014.0])
 
 
-def test_a_node_that_stood_still_for_longer_than_others_wait_ends_to_be_started_again(
-    probe: Probe, system: System, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_node_ends_after_long_standstill(probe: Probe, system: System, monkeypatch: pytest.MonkeyPatch) -> None:
     """The node is stopped for longer than the lease that it is started with; a busy machine makes that longer still."""
     monkeypatch.setenv(LEASE, str(LEASE_S))
     process = up(probe, system, words=1)
@@ -262,7 +254,7 @@ def test_a_node_that_stood_still_for_longer_than_others_wait_ends_to_be_started_
     system.processes.remove(process)
 
 
-def test_a_node_that_stood_still_for_less_goes_on(probe: Probe, system: System) -> None:
+def test_node_continues_after_short_standstill(probe: Probe, system: System) -> None:
     process = up(probe, system, words=1)  # with the lease of 20 s
     stand_still(probe, process, 0.5)
     for word in ("event", "over"):
@@ -281,7 +273,7 @@ def stand_still(probe: Probe, process: Process, seconds: float) -> None:
     process.send(signal.SIGCONT)
 
 
-def test_a_lease_that_is_none_is_refused_by_name(system: System, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_invalid_lease_is_refused_by_name(system: System, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(LEASE, "soon")
     process = system.start(NODE)
     assert process.wait() == 2
@@ -289,7 +281,7 @@ def test_a_lease_that_is_none_is_refused_by_name(system: System, monkeypatch: py
     system.processes.remove(process)
 
 
-def test_ctrl_c_while_a_node_compiles_ends_it_without_a_traceback(domain: int, tmp_path: Path) -> None:
+def test_ctrl_c_while_compiling_shows_no_traceback(domain: int, tmp_path: Path) -> None:
     words = [module_of(SELECTOR), "--ros-args", "-p", "map_yaml:=house", "-p", "policy:=nearest"]
     status, lines = interrupted(words, 3, tmp_path)
     assert (status, lines) == (0, [])

@@ -33,7 +33,7 @@ def named() -> set[str | None]:
     return {element.text for element in ElementTree.parse(ROOT / "package.xml").getroot().iter("exec_depend")}
 
 
-def test_package_xml_is_of_this_version() -> None:
+def test_package_xml_has_this_version() -> None:
     package = ElementTree.parse(ROOT / "package.xml").getroot()
     assert (package.tag, package.get("format")) == ("package", "3")
     assert package.findtext("name") == "pacman_env"
@@ -56,7 +56,7 @@ def imported(paths: list[Path]) -> set[str]:
     return found
 
 
-def test_package_xml_names_every_ros_package_that_nodes_and_the_launch_file_import(named: set[str | None]) -> None:
+def test_package_xml_names_imported_ros_packages(named: set[str | None]) -> None:
     files = [*(ROOT / "pacman_env" / "ros").rglob("*.py"), *(ROOT / "launch").glob("*.py")]
     modules = imported(files) - set(sys.stdlib_module_names) - {"pacman_env", "__future__"}
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -68,7 +68,7 @@ def test_package_xml_names_every_ros_package_that_nodes_and_the_launch_file_impo
     assert ros <= named, f"neither in package.xml nor in pyproject.toml: {sorted(ros - named)}"
 
 
-def test_package_xml_names_rviz_and_every_package_with_a_plugin_of_the_view(named: set[str | None]) -> None:
+def test_package_xml_names_plugins_of_view(named: set[str | None]) -> None:
     def classes(part: Any) -> Iterator[str]:
         if isinstance(part, dict):
             if isinstance(part.get("Class"), str):
@@ -82,7 +82,7 @@ def test_package_xml_names_rviz_and_every_package_with_a_plugin_of_the_view(name
     assert packages | {"rviz2"} <= named
 
 
-def test_the_view_shows_topics_of_the_game() -> None:
+def test_view_shows_topics_of_game() -> None:
     view = yaml.safe_load(VIEW.read_text())
     known = {value.name for value in vars(topics).values() if isinstance(value, topics.Topic)} | {topics.SCORES.name}
     shown = {display["Topic"]["Value"] for display in view["Visualization Manager"]["Displays"] if "Topic" in display}
@@ -93,7 +93,7 @@ def test_the_view_shows_topics_of_the_game() -> None:
     assert view["Visualization Manager"]["Global Options"]["Fixed Frame"] == "map"
 
 
-def test_every_node_is_a_command_of_the_ros_package_and_a_module(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_node_is_a_console_script(monkeypatch: pytest.MonkeyPatch) -> None:
     given: dict[str, Any] = {}
     monkeypatch.setattr("setuptools.setup", lambda **arguments: given.update(arguments))
     monkeypatch.setattr(sys, "argv", ["setup.py", "install"])
@@ -179,7 +179,7 @@ def workspaces(colcon: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[s
 
 @pytest.mark.daily
 @pytest.mark.parametrize("kind", ["plain", "links"])
-def test_colcon_builds_a_package_that_ros2_run_and_launch_find(workspaces: dict[str, Workspace], kind: str) -> None:
+def test_colcon_builds_package_for_ros2_run(workspaces: dict[str, Workspace], kind: str) -> None:
     workspace = workspaces[kind]
     installed = workspace.folder / "install" / "pacman_env"
     commands = {path.name for path in (installed / "lib" / "pacman_env").iterdir() if os.access(path, os.X_OK)}
@@ -201,7 +201,7 @@ def test_colcon_builds_a_package_that_ros2_run_and_launch_find(workspaces: dict[
 
 @pytest.mark.daily
 @pytest.mark.parametrize("kind", ["plain", "links"])
-def test_a_node_that_colcon_installed_starts_and_refuses_a_bad_map(workspaces: dict[str, Workspace], kind: str) -> None:
+def test_installed_node_refuses_bad_map(workspaces: dict[str, Workspace], kind: str) -> None:
     workspace = workspaces[kind]
     node = str(workspace.folder / "install" / "pacman_env" / "lib" / "pacman_env" / SELECTOR)
     done = workspace.run(node, "--ros-args", "-p", "map_yaml:=nowhere.yaml")
@@ -211,7 +211,7 @@ def test_a_node_that_colcon_installed_starts_and_refuses_a_bad_map(workspaces: d
 
 
 @pytest.mark.daily
-def test_a_workspace_of_links_can_be_built_again(workspaces: dict[str, Workspace]) -> None:
+def test_linked_workspace_can_be_built_again(workspaces: dict[str, Workspace]) -> None:
     build = workspaces["links"].build()
     said, _ = build.communicate()
     assert build.returncode == 0, said

@@ -34,7 +34,7 @@ assert double(21) == 42 and triple(14) == 42  # what was compiled runs on, and m
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks at /proc, and gives pages back on Linux alone")
-def test_a_settled_process_is_smaller_and_goes_on_as_before() -> None:
+def test_settled_process_is_smaller_and_continues() -> None:
     done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     mappings, smaller_by_mb, frozen = done.stdout.split()

@@ -33,7 +33,7 @@ def test_one_module_alone_uses_private_attributes() -> None:
 
 
 @pytest.mark.parametrize(("version", "refused"), [("7.1.6", False), ("9.0.1", True)])
-def test_lock_step_refuses_another_rclpy(monkeypatch: pytest.MonkeyPatch, version: str, refused: bool) -> None:
+def test_lock_step_refuses_other_rclpy(monkeypatch: pytest.MonkeyPatch, version: str, refused: bool) -> None:
     monkeypatch.setattr(metadata, "version", lambda name: version)
     if refused:
         with pytest.raises(ValueError, match=r"lock-step: needs rclpy 7 \(ROS 2 Jazzy\), here is rclpy 9\.0\.1"):
@@ -42,7 +42,7 @@ def test_lock_step_refuses_another_rclpy(monkeypatch: pytest.MonkeyPatch, versio
         rclpy_private.require_known_version()
 
 
-def test_nodes_do_without_private_attributes() -> None:
+def test_nodes_work_without_private_attributes() -> None:
     rclpy_private.accept_integers(SimpleNamespace(), "speed")
     rclpy_private.destroy_state_machine(SimpleNamespace())
     node = SimpleNamespace(_parameter_overrides={"speed": Parameter("speed", Parameter.Type.INTEGER, 4)})

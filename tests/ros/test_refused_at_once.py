@@ -53,14 +53,12 @@ def refusal(words: list[str], folder: Path) -> str:
     ],
     ids=["up", SELECTOR, GHOSTS],
 )
-def test_a_planner_without_its_metadata_is_refused_before_anything_is_compiled(
-    words: list[str], bare: Path, tmp_path: Path
-) -> None:
+def test_planner_without_metadata_is_refused_before_compiling(words: list[str], bare: Path, tmp_path: Path) -> None:
     line = refusal([word.replace("BARE", str(bare)) for word in words], tmp_path)
     assert f"{bare}: its metadata {bare.stem}.json is missing" in line
 
 
 @pytest.mark.usefixtures("domain")
-def test_a_ghost_with_the_behaviour_policy_and_no_policy_is_refused(tmp_path: Path) -> None:
+def test_ghost_named_policy_is_refused(tmp_path: Path) -> None:
     line = refusal(node(GHOSTS, "settings:=['clyde.ghosts=policy']"), tmp_path)
     assert line == f"{GHOSTS}: clyde.ghosts[0] = 'policy': name the .onnx file that moves it instead"

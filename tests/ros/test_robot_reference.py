@@ -13,7 +13,7 @@ from pacman_env.ros.supervisor.game_nodes import NODES
 from tools.robot_reference import main
 
 
-def test_the_committed_page_is_what_the_nodes_say(domain: int, tmp_path: Path) -> None:
+def test_robot_reference_is_what_nodes_declare(domain: int, tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     assert main(["--check", str(page)]) == 1
     assert main([str(page)]) == 0

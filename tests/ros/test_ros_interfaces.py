@@ -62,7 +62,7 @@ def tiny(folder: Path) -> Path:
     )
 
 
-def test_the_projects_own_definitions_are_those_that_its_topics_need() -> None:
+def test_own_definitions_are_those_of_topics() -> None:
     packages = {package.name: package.types for package in find_packages(build.HERE)}
     assert packages == {
         "irobot_create_msgs": [
@@ -75,7 +75,7 @@ def test_the_projects_own_definitions_are_those_that_its_topics_need() -> None:
     }
 
 
-def test_what_can_be_imported_is_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_importable_packages_are_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     tiny(tmp_path)
     (tmp_path / "tiny_msgs").rename(tmp_path / "std_msgs")
     for path in (tmp_path / "std_msgs" / "msg").iterdir():
@@ -89,7 +89,7 @@ def test_what_can_be_imported_is_left_alone(tmp_path: Path, capsys: pytest.Captu
 
 
 @pip_ros
-def test_what_is_missing_is_said_in_one_line(
+def test_missing_tools_are_named_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     tiny(tmp_path / "definitions")
@@ -108,7 +108,7 @@ def test_what_is_missing_is_said_in_one_line(
 
 
 @pip_ros
-def test_a_compiler_that_fails_leaves_no_wheel_and_no_temporary_files(
+def test_failing_compiler_leaves_no_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     tiny(tmp_path / "definitions")
@@ -126,7 +126,7 @@ def test_a_compiler_that_fails_leaves_no_wheel_and_no_temporary_files(
 
 @pip_ros
 @pytest.mark.skipif(not os.environ.get("CI") and not shutil.which("g++"), reason="no compiler")
-def test_a_package_built_from_definitions_is_installed_by_pip_and_carries_messages(domain: int, tmp_path: Path) -> None:
+def test_built_package_carries_messages(domain: int, tmp_path: Path) -> None:
     (package,) = find_packages(tiny(tmp_path / "definitions"))
     wheel = build.build_wheel([package], tmp_path / "wheel")
     prefix = tmp_path / "prefix"

@@ -48,7 +48,7 @@ class Robot:
         return int(self.line.facts()["score"] or 0)
 
 
-def test_two_games_in_one_domain_do_not_disturb_each_other(system: System, domain: int) -> None:
+def test_two_games_in_one_domain_stay_apart(system: System, domain: int) -> None:
     with contextlib.ExitStack() as closed:
         robots = [Robot(system, name) for name in ("robot_1", "robot_2")]
         for robot in robots:

@@ -122,13 +122,11 @@ def ids(records: list[Recorded]) -> list[int]:
 # What is published
 
 
-def test_commands_events_states_and_statuses_come_in_the_recorded_order(
-    game: Recording, golden: dict[str, Any]
-) -> None:
+def test_messages_come_in_recorded_order(game: Recording, golden: dict[str, Any]) -> None:
     assert [line for _, line in story(game)] == golden["story"]
 
 
-def test_each_pellet_is_reported_and_then_removed_once_at_the_same_moment(game: Recording, name: str) -> None:
+def test_each_pellet_is_reported_and_removed_once(game: Recording, name: str) -> None:
     reports_and_removals = [
         one
         for one in game.on(topics.GAME_STATUS, topics.REMOVE_PELLET)
@@ -142,13 +140,13 @@ def test_each_pellet_is_reported_and_then_removed_once_at_the_same_moment(game: 
     assert len(set(ids(reported))) == len(reported) == {"complete": PELLETS, "lost": 1}[name]
 
 
-def test_the_result_is_published_and_kept_in_the_menu(game: Recording, golden: dict[str, Any]) -> None:
+def test_result_is_kept_in_menu(game: Recording, golden: dict[str, Any]) -> None:
     results = game.values(topics.GAME_RESULT)
     assert [text for k, text in enumerate(results) if k == 0 or text != results[k - 1]] == golden["results"]
 
 
 @pytest.mark.parametrize("kind", ["lights", "sounds"])
-def test_each_event_has_its_light_and_its_sound_at_once(game: Recording, golden: dict[str, Any], kind: str) -> None:
+def test_each_event_has_light_and_sound_at_once(game: Recording, golden: dict[str, Any], kind: str) -> None:
     answers = game.on(topics.GAME_LIGHT if kind == "lights" else topics.GAME_SOUND)
     assert [one.value for one in answers] == golden[kind]
     events = [event for event in game.on(topics.GAME_EVENT) if kind == "lights" or event.value != "reset"]
@@ -176,13 +174,13 @@ def test_shows_last_as_long_as_recorded(game: Recording, golden: dict[str, Any])
 # What the robot does
 
 
-def test_goals_are_sent_only_while_the_robot_may_drive(game: Recording) -> None:
+def test_goals_are_sent_only_while_robot_may_drive(game: Recording) -> None:
     assert len(game.goals) > 0
     for at, _ in game.goals.values():
         assert game.states_at(at) & DRIVING
 
 
-def test_no_goal_is_left_when_the_robot_may_not_drive(game: Recording) -> None:
+def test_no_goal_is_left_when_robot_must_stand(game: Recording) -> None:
     unfinished = {GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING}
     statuses = game.on(GOALS)
     for one, until in zip(statuses, [*(later.at for later in statuses[1:]), math.inf], strict=True):
@@ -192,7 +190,7 @@ def test_no_goal_is_left_when_the_robot_may_not_drive(game: Recording) -> None:
                     assert min(until, end) - max(one.at, begin) < STEP_S + 1e-6, word
 
 
-def test_the_robot_stands_while_it_may_not_drive(game: Recording) -> None:
+def test_robot_stands_while_it_may_not_drive(game: Recording) -> None:
     for word, begin, end in game.states:
         if word not in DRIVING:
             for one in game.on(topics.ODOMETRY):
@@ -203,7 +201,7 @@ def test_the_robot_stands_while_it_may_not_drive(game: Recording) -> None:
 # What is left
 
 
-def test_the_game_ends_in_the_menu_with_the_robot_at_home(game: Recording, golden: dict[str, Any]) -> None:
+def test_game_ends_in_menu_at_home(game: Recording, golden: dict[str, Any]) -> None:
     kept = {one.topic: number_line(one) for one in game.records if one.topic in NUMBERS}
     assert {*kept.values(), f"state {game.values(topics.GAME_STATE)[-1]}"} == set(golden["finally"])
     assert game.values(topics.PELLETS_SPAWNED)[-1] == PELLETS

@@ -8,7 +8,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -17,62 +17,20 @@ pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 pytest.importorskip("rosbags")
 
-from rosbags.rosbag2 import Reader
-from rosbags.typesys import Stores, get_typestore
 
 from pacman_env.cli.main import main
 from pacman_env.config import make_config
 from pacman_env.heuristics.simple import Nearest
 from pacman_env.policies.registry import make_policy
 from pacman_env.ros import topics
-from pacman_env.ros.bags.bag import BagError, new_bag, open_bag
-from pacman_env.ros.bags.bag_replay import ReplayReport, replay_bag
+from pacman_env.ros.bags.bag import BagError, open_bag
+from pacman_env.ros.bags.bag_replay import replay_bag
 from pacman_env.ros.bags.bag_walk import chosen_of, recorded_config
 from pacman_env.ros.bags.pose_statistics import PoseStatistics, simulated_statistics
-from pacman_env.ros.bags.record import NAME, Recorder
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.situation import Situation
-from tests.map_parts import part_of_map
-from tests.ros import session
-
-STORE = get_typestore(Stores.ROS2_JAZZY)
-OFTEN = ("execution.tick_s=0.1", "execution.check_period_s=0.1")  # many decisions in a short round
-
-
-def record_round(folder: Path, policy: str, *settings: str) -> Path:
-    """Play a round of three pellets and record it; return the bag, whose map is ``ground.yaml`` beside it."""
-    ground = part_of_map("loop", 3.0).save(folder / "ground.yaml")
-    settings = ("show.start_s=1.0", "clyde.speed_mps=0.02", *OFTEN, *settings)
-    with session.game(folder, ground, policy, seed=1, settings=settings) as game:
-        recorder = game.start(NAME, lambda: Recorder(folder / "game", sim_time=True))
-        game.record(topics.GAME_STATE, topics.GAME_RESULT)
-        assert game.call(topics.START_GAME).success
-        game.wait_for(lambda: game.last(topics.GAME_RESULT).data, 600, "the end of the round")
-        assert game.last(topics.GAME_RESULT).data == "Complete - Score: 3"
-        game.game.remove(recorder)
-    return folder / "game"
-
-
-def replay(bag: Path, policy: str = "nearest") -> ReplayReport:
-    return replay_bag(bag, str(bag.parent / "ground.yaml"), policy)
-
-
-def words_bag(path: Path, **words: list[str]) -> Path:
-    """Write a bag of words on topics, by the names that ``topics`` has for them."""
-    with new_bag(path) as writer:
-        for name, values in words.items():
-            topic = getattr(topics, name)
-            kind = topic.type_name.replace("/", "/msg/")
-            connection = writer.add_connection(f"/robot_15/{topic.name}", kind, typestore=STORE)
-            for at_ns, value in enumerate(values):
-                writer.write(connection, at_ns, STORE.serialize_cdr(STORE.types[kind](data=value), kind))
-    return path
-
-
-def said(node: str, configuration: Any) -> str:
-    """Return what a node says on ``game/configuration``."""
-    return json.dumps({"node": node, "hash": "", "map": None, "configuration": configuration})
+from tests.ros.bags.recorded import record_round, replay, said, without, words_bag
 
 
 @pytest.fixture(scope="module")
@@ -135,13 +93,7 @@ def test_robot_is_compared_with_simulator(bag: Path) -> None:
 
 
 def test_choices_are_unknown_without_plans(bag: Path, tmp_path: Path) -> None:
-    left_out = {f"/robot_15/{topic.name}" for topic in (topics.PLAN, topics.SCORES, topics.ODOMETRY)}
-    copy = tmp_path / "game"
-    with Reader(bag) as reader, new_bag(copy) as writer:
-        kept = {one.id: one for one in reader.connections if one.topic not in left_out}
-        new = {key: writer.add_connection(one.topic, one.msgtype, typestore=STORE) for key, one in kept.items()}
-        for connection, at_ns, raw in reader.messages(kept.values()):
-            writer.write(new[connection.id], at_ns, raw)
+    copy = without(bag, tmp_path / "game", topics.PLAN, topics.SCORES, topics.ODOMETRY)
     report = replay_bag(copy, str(bag.parent / "ground.yaml"), "nearest")
     assert report.unknown == report.decisions > 0
     assert report.otherwise == []
@@ -194,7 +146,7 @@ def test_configuration_is_that_of_goal_selector(tmp_path: Path) -> None:
             recorded_config(bag)
 
 
-def test_the_candidate_shown_as_chosen_is_the_one_read() -> None:
+def test_chosen_candidate_is_read_from_markers() -> None:
     from builtin_interfaces.msg import Time
 
     from pacman_env.ros.selector.goal_scores import score_markers
@@ -210,7 +162,7 @@ def test_the_candidate_shown_as_chosen_is_the_one_read() -> None:
     assert chosen_of(score_markers(situation, np.full_like(scores, -np.inf), batch.hold, Time())) == -1
 
 
-def test_odometry_carries_a_pose_until_the_next_and_the_rest_is_its_jump() -> None:
+def test_jump_is_what_odometry_does_not_explain() -> None:
     motion = PoseStatistics()
     assert motion.believed is None
     motion.drive((10.0, 0.0, math.pi / 2), 0.0)
@@ -226,7 +178,7 @@ def test_odometry_carries_a_pose_until_the_next_and_the_rest_is_its_jump() -> No
     assert len(motion.samples["interval"]) == 1
 
 
-def test_simulated_poses_jump_by_the_error_that_is_drawn_anew() -> None:
+def test_simulated_poses_jump_by_their_drawn_error() -> None:
     config = make_config()
     motion = simulated_statistics(map_assets("house", config), config, make_policy("nearest"), rounds=2)
     quantiles = motion.quantiles()

@@ -57,7 +57,7 @@ def _moment() -> Any:
     return Duration(seconds=0.2)
 
 
-def test_a_bag_holds_what_was_said_in_order_and_can_be_read_back(bag: Path) -> None:
+def test_bag_holds_messages_in_order(bag: Path) -> None:
     with open_bag(bag) as game:
         assert game.namespace == "/robot_15"
         said = list(game.messages(RECORDED))
@@ -78,12 +78,12 @@ def test_no_map_scan_or_picture_is_recorded() -> None:
     assert not {topic.type_name for topic in RECORDED} & {"nav_msgs/OccupancyGrid", "sensor_msgs/Image"}
 
 
-def test_an_existing_folder_is_not_touched(tmp_path: Path) -> None:
+def test_existing_folder_is_not_touched(tmp_path: Path) -> None:
     with pytest.raises(FileExistsError, match="not overwritten"):
         record(tmp_path, "robot_15")
 
 
-def test_nothing_heard_is_no_bag(system: Any, probe: Any, tmp_path: Path) -> None:
+def test_recorder_leaves_nothing_without_messages(system: Any, probe: Any, tmp_path: Path) -> None:
     recorder = start_recording(system, tmp_path / "empty")
     probe.wait_for(lambda: "recording /robot_15" in recorder.output, what="the recorder is up")
     assert recorder.stop() == 2
@@ -96,7 +96,7 @@ def test_nothing_heard_is_no_bag(system: Any, probe: Any, tmp_path: Path) -> Non
     ("content", "words"),
     [(None, "no bag that can be read"), (b"", "no bag that can be read"), (b"\x89MCAP0\r\n" + bytes(99), "no bag")],
 )
-def test_what_is_no_bag_is_one_line(tmp_path: Path, content: bytes | None, words: str) -> None:
+def test_file_that_is_no_bag_is_refused(tmp_path: Path, content: bytes | None, words: str) -> None:
     path = tmp_path / "x.mcap"
     if content is not None:
         path.write_bytes(content)
@@ -105,7 +105,7 @@ def test_what_is_no_bag_is_one_line(tmp_path: Path, content: bytes | None, words
     assert "\n" not in str(caught.value)
 
 
-def test_a_cut_or_changed_bag_is_one_line(bag: Path, tmp_path: Path) -> None:
+def test_cut_or_changed_bag_is_refused(bag: Path, tmp_path: Path) -> None:
     whole = (bag / "first.mcap").read_bytes()
     for broken in (whole[: len(whole) // 2], whole[:100] + bytes(40) + whole[140:], whole[:-2000] + bytes(2000)):
         path = tmp_path / "broken.mcap"
@@ -115,7 +115,7 @@ def test_a_cut_or_changed_bag_is_one_line(bag: Path, tmp_path: Path) -> None:
         assert "\n" not in str(caught.value)
 
 
-def test_a_bag_of_something_else_says_what_it_has(tmp_path: Path) -> None:
+def test_bag_of_other_topics_is_refused(tmp_path: Path) -> None:
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 

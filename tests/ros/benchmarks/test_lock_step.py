@@ -15,7 +15,7 @@ from tests.map_parts import part_of_map
 
 
 @pytest.mark.daily
-def test_the_command_plays_a_seed_twice_and_finds_both_equal(
+def test_benchmark_plays_seed_twice_and_compares(
     domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "games.json"

@@ -16,9 +16,7 @@ from tests.ros import session
 from tests.ros.session import Observer
 
 
-def test_a_robot_that_is_killed_while_it_drives_leaves_the_middleware_and_comes_back_as_one_node(
-    domain: int, tmp_path: Path
-) -> None:
+def test_killed_robot_comes_back_as_one_node(domain: int, tmp_path: Path) -> None:
     with session.game(tmp_path, settings=("show.start_s=1.0",)) as game:
         game.record(topics.GAME_STATE)
         assert game.call(topics.START_GAME).success
@@ -31,7 +29,7 @@ def test_a_robot_that_is_killed_while_it_drives_leaves_the_middleware_and_comes_
             assert game.observer.get_node_names().count("sim_robot") == 1
 
 
-def test_a_node_that_has_joined_loses_nothing_and_one_of_the_game_does(domain: int, tmp_path: Path) -> None:
+def test_joined_node_loses_no_packets(domain: int, tmp_path: Path) -> None:
     with session.game(tmp_path) as game:
         beside = game.game.join(Observer)
         counts = {"joined": 0, "robot's": 0}
@@ -49,9 +47,7 @@ def test_a_node_that_has_joined_loses_nothing_and_one_of_the_game_does(domain: i
         assert 150 < counts["robot's"] < 250
 
 
-def test_a_request_is_observed_in_the_order_of_all_messages_even_if_no_server_gets_it(
-    domain: int, tmp_path: Path
-) -> None:
+def test_request_is_observed_in_order_without_server(domain: int, tmp_path: Path) -> None:
     with session.nodes(tmp_path) as nodes:
         heard: list[str] = []
         game, observer = nodes.game, nodes.observer
@@ -69,9 +65,7 @@ def test_a_request_is_observed_in_the_order_of_all_messages_even_if_no_server_ge
         assert heard == ["before", "start", "after"]
 
 
-def test_latched_messages_of_several_nodes_that_are_more_than_a_reader_keeps_keep_no_new_node_waiting(
-    domain: int, tmp_path: Path
-) -> None:
+def test_latched_surplus_keeps_no_new_node_waiting(domain: int, tmp_path: Path) -> None:
     with session.nodes(tmp_path) as nodes:
         other = nodes.start("other", Observer).node
         depth = topics.GAME_COMMAND.qos.depth
@@ -89,7 +83,7 @@ def _command(k: int) -> object:
     return topics.GAME_COMMAND.type(data=str(k))
 
 
-def test_nodes_that_are_alone_meet_those_of_no_other_process_and_of_no_other_context(domain: int) -> None:
+def test_nodes_alone_meet_no_other_process(domain: int) -> None:
     game = LockStep(alone=True)
     context = Context()
     try:

@@ -43,7 +43,7 @@ def troubled(folder: Path, seed: int) -> tuple[str, list[tuple[float, str, int |
 
 
 @pytest.mark.daily
-def test_faults_come_at_the_same_moment_of_the_same_game_and_no_pellet_is_lost(domain: int, tmp_path: Path) -> None:
+def test_faults_repeat_exactly_and_lose_no_pellet(domain: int, tmp_path: Path) -> None:
     first = troubled(tmp_path / "first", 5)
     assert troubled(tmp_path / "again", 5) == first
     _, restarts, scores = first
@@ -56,9 +56,7 @@ def test_faults_come_at_the_same_moment_of_the_same_game_and_no_pellet_is_lost(d
     assert max(scores) == 13
 
 
-def test_a_pellet_collected_while_the_referee_was_dead_by_a_goal_selector_that_is_killed_before_it_is_back_counts(
-    domain: int, tmp_path: Path
-) -> None:
+def test_uncounted_pellet_counts_after_both_nodes_were_killed(domain: int, tmp_path: Path) -> None:
     ground = part_of_map("loop", 3.0).save(tmp_path / "ground.yaml")
     settings = (*SHOWS, "execution.death_radius_m=0.001")  # no round is lost
     with session.game(tmp_path, ground, "nearest", settings=settings) as played:
@@ -84,7 +82,7 @@ def test_a_pellet_collected_while_the_referee_was_dead_by_a_goal_selector_that_i
         assert played.values(topics.GAME_RESULT)[-1] == f"Complete - Score: {spawned}"
 
 
-def test_a_killed_node_is_back_after_the_time_that_its_start_takes(domain: int, tmp_path: Path) -> None:
+def test_killed_node_is_back_after_restart_time(domain: int, tmp_path: Path) -> None:
     with session.game(tmp_path) as played:
         played.game.kill("audio_node")
         assert played.game.member("audio_node") is None

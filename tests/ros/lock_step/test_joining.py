@@ -67,7 +67,7 @@ class Server(BaseNode):
         return topics.NAVIGATE_TO_POSE.type.Result()
 
 
-def test_a_node_that_publishes_while_it_is_made_gets_what_the_others_have_latched(domain: int, tmp_path: Path) -> None:
+def test_node_gets_latched_messages_while_it_is_made(domain: int, tmp_path: Path) -> None:
     with session.nodes(tmp_path) as nodes:
         names = [f"talker_{k}" for k in range(8)]
         for name in names:
@@ -77,7 +77,7 @@ def test_a_node_that_publishes_while_it_is_made_gets_what_the_others_have_latche
 
 
 @pytest.mark.parametrize("depth", [1, 32])
-def test_a_subscription_gets_as_much_of_what_is_latched_as_it_keeps(domain: int, tmp_path: Path, depth: int) -> None:
+def test_subscription_gets_latched_messages_up_to_its_depth(domain: int, tmp_path: Path, depth: int) -> None:
     with session.nodes(tmp_path) as nodes:
         nodes.start("speaker", Speaker)
         for _ in range(20):
@@ -87,9 +87,7 @@ def test_a_subscription_gets_as_much_of_what_is_latched_as_it_keeps(domain: int,
 
 
 @pytest.mark.parametrize("depth", [1, 32])
-def test_what_is_latched_by_several_nodes_comes_by_the_time_of_publication(
-    domain: int, tmp_path: Path, depth: int
-) -> None:
+def test_latched_messages_come_by_time_of_publication(domain: int, tmp_path: Path, depth: int) -> None:
     with session.nodes(tmp_path) as nodes:
         publishers = [
             topics.GAME_COMMAND.publisher(nodes.start(name, lambda name=name: Talker(name)).node) for name in "ab"
@@ -101,7 +99,7 @@ def test_what_is_latched_by_several_nodes_comes_by_the_time_of_publication(
         assert nodes.node(f"listener_{depth}").words == words[-depth:]
 
 
-def test_a_node_that_was_killed_leaves_its_name_in_the_log_to_its_successor(domain: int, tmp_path: Path) -> None:
+def test_killed_node_leaves_log_to_its_successor(domain: int, tmp_path: Path) -> None:
     with session.game(tmp_path) as game:
         killed = game.member(SELECTOR)
         game.kill(SELECTOR)
@@ -112,7 +110,7 @@ def test_a_node_that_was_killed_leaves_its_name_in_the_log_to_its_successor(doma
         assert game.errors() == ["robot_15.goal_selector: an error"]
 
 
-def test_an_action_of_a_node_that_is_gone_is_gone(domain: int, tmp_path: Path) -> None:
+def test_action_of_removed_node_is_gone(domain: int, tmp_path: Path) -> None:
     with session.nodes(tmp_path) as nodes:
         nodes.start("server", Server)
         client = topics.NAVIGATE_TO_POSE.client(nodes.observer)

@@ -33,9 +33,7 @@ def setup(folder: Path, **fields: object) -> GameSetup:
 
 
 @pytest.mark.daily
-def test_a_game_is_started_and_watched_from_outside_and_ends_with_its_last_messages(
-    system: System, probe: Probe, tmp_path: Path
-) -> None:
+def test_game_process_ends_with_its_last_messages(system: System, probe: Probe, tmp_path: Path) -> None:
     probe.record(topics.GAME_STATE, topics.GAME_COMMAND, topics.SCORE)
     process = system.run(LOCK_STEP, [sys.executable, "-m", *setup(tmp_path).command(LOCK_STEP)])
     probe.wait_for(lambda: "menu" in probe.values(topics.GAME_STATE), PATIENCE_S, "the menu")
@@ -50,7 +48,7 @@ def test_a_game_is_started_and_watched_from_outside_and_ends_with_its_last_messa
     assert process.wait() == 0
 
 
-def test_a_setup_survives_its_way_through_json() -> None:
+def test_setup_survives_json() -> None:
     given = GameSetup(
         *("house", "ppo", "robot_7", True),
         settings=("clyde.speed_mps=0.4",),
@@ -62,7 +60,7 @@ def test_a_setup_survives_its_way_through_json() -> None:
     assert from_json(given.as_json()) == given
 
 
-def test_lock_step_is_for_simulated_robots_and_has_no_speed() -> None:
+def test_lock_step_needs_simulated_robot_without_speed() -> None:
     with pytest.raises(ValueError, match="only with a simulated robot"):
         GameSetup("house", lock_step=True)
     with pytest.raises(ValueError, match="speed 4: a lock-step game is as fast as its nodes"):
@@ -70,7 +68,7 @@ def test_lock_step_is_for_simulated_robots_and_has_no_speed() -> None:
 
 
 @pytest.mark.daily
-def test_ros_up_plays_in_lock_step_until_it_is_stopped(domain: int, tmp_path: Path) -> None:
+def test_ros_up_plays_lock_step_until_stopped(domain: int, tmp_path: Path) -> None:
     words = ["--map", "house", "--sim", "--lock-step", "--start", "--policy", "clyde_aware", "--logs", str(tmp_path)]
     log = tmp_path / "up.txt"
     with log.open("w") as out:
@@ -82,7 +80,7 @@ def test_ros_up_plays_in_lock_step_until_it_is_stopped(domain: int, tmp_path: Pa
     assert log.read_text().splitlines()[-1] == "stopped"
 
 
-def test_a_process_that_is_final_is_not_started_again(tmp_path: Path) -> None:
+def test_final_process_is_not_started_again(tmp_path: Path) -> None:
     (tmp_path / "silent.py").write_text("import sys; print('goal_selector has not answered'); sys.exit(70)")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(tmp_path)])}
     group = ProcessGroup(lambda name: [name], tmp_path, environment, print, final=("silent",))

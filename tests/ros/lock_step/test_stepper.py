@@ -58,7 +58,7 @@ class Echo(BaseNode):
         return [value for _, value in self.handled]
 
 
-def test_messages_are_handled_in_the_order_of_their_publication_over_all_topics(nodes: Session) -> None:
+def test_messages_are_handled_in_order_of_publication(nodes: Session) -> None:
     nodes.record(topics.GAME_SOUND, topics.GAME_LIGHT)
     nodes.start("one", lambda: Echo("one"))
     nodes.start("two", lambda: Echo("two"))
@@ -69,7 +69,7 @@ def test_messages_are_handled_in_the_order_of_their_publication_over_all_topics(
     assert [(one.topic, one.value) for one in nodes.records] == expected
 
 
-def test_no_time_passes_while_messages_are_handled_and_timers_fire_at_their_simulated_times(nodes: Session) -> None:
+def test_time_stands_still_while_messages_are_handled(nodes: Session) -> None:
     echo = nodes.start("echo", Echo).node
     nodes.advance(0.05)  # before the first message of the clock a node's time is 0
     fired: list[tuple[float, float]] = []
@@ -86,7 +86,7 @@ def test_no_time_passes_while_messages_are_handled_and_timers_fire_at_their_simu
     assert [round(at - began, 6) for at, _ in fired] == [0.2, 0.4, 0.5, 0.6, 0.8, 1.0, 1.0]
 
 
-def test_who_comes_later_gets_what_is_latched_before_anything_else(nodes: Session) -> None:
+def test_late_node_gets_latched_messages_first(nodes: Session) -> None:
     nodes.publish(LATCHED, "menu")
     nodes.publish(LATCHED, "running")
     nodes.publish(RELIABLE, "too early")
@@ -95,7 +95,7 @@ def test_who_comes_later_gets_what_is_latched_before_anything_else(nodes: Sessio
     assert late.words == ["running", "in time"]
 
 
-def test_a_frozen_node_gets_what_its_queues_kept_when_it_runs_again(nodes: Session) -> None:
+def test_frozen_node_gets_what_its_queues_kept(nodes: Session) -> None:
     member = nodes.start("echo", Echo)
     nodes.game.freeze(member)
     for number in range(RELIABLE.qos.depth + 3):
@@ -107,7 +107,7 @@ def test_a_frozen_node_gets_what_its_queues_kept_when_it_runs_again(nodes: Sessi
     assert member.node.words == [str(number) for number in range(3, RELIABLE.qos.depth + 3)]
 
 
-def test_a_node_that_is_gone_handles_nothing_any_more(nodes: Session) -> None:
+def test_removed_node_handles_nothing(nodes: Session) -> None:
     member = nodes.start("echo", Echo)
     nodes.game.remove(member, last_messages=False)
     nodes.publish(RELIABLE, "a")
@@ -115,7 +115,7 @@ def test_a_node_that_is_gone_handles_nothing_any_more(nodes: Session) -> None:
     assert nodes.game.member("echo") is None
 
 
-def test_what_comes_for_an_entity_that_was_destroyed_meanwhile_is_lost(nodes: Session) -> None:
+def test_message_for_destroyed_entity_is_lost(nodes: Session) -> None:
     class Leaver(BaseNode):
         def __init__(self) -> None:
             super().__init__("leaver")
@@ -146,7 +146,7 @@ def lossy(nodes: Session, percent: float, count: int) -> Member:
     return member
 
 
-def test_of_lost_messages_the_reliable_ones_come_later_in_their_order_and_the_others_never(nodes: Session) -> None:
+def test_lost_reliable_messages_come_later_in_order(nodes: Session) -> None:
     member = lossy(nodes, 50, 9)
     nodes.game.losses.end("echo", nodes.now_s)
     nodes.advance(HEARTBEAT_S + 0.1)
@@ -157,7 +157,7 @@ def test_of_lost_messages_the_reliable_ones_come_later_in_their_order_and_the_ot
     assert 0 < len(member.node.handled) - len(words) < 9
 
 
-def test_after_a_loss_beyond_the_lease_only_what_is_latched_comes(nodes: Session) -> None:
+def test_only_latched_messages_survive_lease(nodes: Session) -> None:
     member = lossy(nodes, 100, 3)
     nodes.publish(LATCHED, "running")
     nodes.advance(21.0)
@@ -167,7 +167,7 @@ def test_after_a_loss_beyond_the_lease_only_what_is_latched_comes(nodes: Session
     assert member.node.words == ["running"]
 
 
-def test_the_same_seed_loses_the_same_packets(domain: int, tmp_path: Path) -> None:
+def test_same_seed_loses_same_packets(domain: int, tmp_path: Path) -> None:
     def lost(seed: int) -> list[Any]:
         with session.nodes(tmp_path, seed) as found:
             member = lossy(found, 50, 20)
@@ -177,13 +177,13 @@ def test_the_same_seed_loses_the_same_packets(domain: int, tmp_path: Path) -> No
     assert first == again != other
 
 
-def test_an_exception_in_a_callback_names_its_node(nodes: Session) -> None:
+def test_exception_in_callback_names_its_node(nodes: Session) -> None:
     nodes.start("echo", Echo)
     with pytest.raises(NodeFailed, match="echo: ZeroDivisionError: a callback that fails"):
         nodes.publish(RELIABLE, "fail")
 
 
-def test_nodes_that_answer_one_another_without_end_are_named(nodes: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_endless_answers_name_their_nodes(nodes: Session, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(deliveries, "MOST_DELIVERIES", 100)
 
     class Loop(BaseNode):
@@ -199,7 +199,7 @@ def test_nodes_that_answer_one_another_without_end_are_named(nodes: Session, mon
         nodes.publish(RELIABLE, "a")
 
 
-def test_a_node_that_does_not_answer_is_named_and_the_process_ends(domain: int) -> None:
+def test_silent_node_is_named_and_process_ends(domain: int) -> None:
     script = """
         import time
         from pacman_env.ros import topics
@@ -221,14 +221,14 @@ def test_a_node_that_does_not_answer_is_named_and_the_process_ends(domain: int) 
     assert "sleeper has not answered for 10 s of real time: the game ends" in ended.stderr
 
 
-def test_services_are_answered_in_the_same_step(nodes: Session) -> None:
+def test_service_is_answered_in_same_step(nodes: Session) -> None:
     nodes.start("pellet_manager", map_yaml="house")
     began = nodes.now_s
     assert nodes.call(topics.RESET_PELLETS).message == "13 pellets"
     assert nodes.now_s == began
 
 
-def test_two_games_one_after_the_other_in_one_process_do_not_meet(domain: int, tmp_path: Path) -> None:
+def test_games_in_one_process_do_not_meet(domain: int, tmp_path: Path) -> None:
     make: Callable[[], LockStep] = LockStep
     for _ in range(2):
         game = make()

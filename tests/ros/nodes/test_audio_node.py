@@ -30,7 +30,7 @@ def speaker(nodes: Session) -> Loudspeaker:
     return speaker
 
 
-def test_a_melody_reaches_the_base_note_by_note(nodes: Session, speaker: Loudspeaker) -> None:
+def test_melody_reaches_base_note_by_note(nodes: Session, speaker: Loudspeaker) -> None:
     nodes.publish(topics.GAME_SOUND, " Pacman_Theme")
     assert speaker.played == ["pacman_theme"]
     (goal,) = speaker.goals
@@ -40,7 +40,7 @@ def test_a_melody_reaches_the_base_note_by_note(nodes: Session, speaker: Loudspe
     assert notes == [(frequency_hz(note), pytest.approx(seconds)) for note, seconds in SOUNDS["pacman_theme"].melody]
 
 
-def test_the_win_melody_plays_after_the_pellet_fault_2(nodes: Session, speaker: Loudspeaker) -> None:
+def test_win_melody_plays_after_pellet_fault_2(nodes: Session, speaker: Loudspeaker) -> None:
     nodes.publish(topics.GAME_SOUND, "pellet")
     nodes.publish(topics.GAME_SOUND, "win")
     nodes.advance(SOUNDS["pellet"].duration_s)
@@ -49,7 +49,7 @@ def test_the_win_melody_plays_after_the_pellet_fault_2(nodes: Session, speaker: 
     assert speaker.played == ["pellet", "win"]
 
 
-def test_a_melody_that_never_ends_blocks_only_for_a_while_fault_12(nodes: Session, speaker: Loudspeaker) -> None:
+def test_endless_melody_blocks_for_a_while_fault_12(nodes: Session, speaker: Loudspeaker) -> None:
     nodes.publish(topics.GAME_SOUND, "pellet")
     nodes.publish(topics.GAME_SOUND, "death")
     nodes.advance(SOUNDS["pellet"].duration_s + PATIENCE_S - 0.05)
@@ -62,9 +62,7 @@ def test_a_melody_that_never_ends_blocks_only_for_a_while_fault_12(nodes: Sessio
     assert speaker.played == ["pellet", "death"]
 
 
-def test_a_refused_melody_and_unknown_words_do_not_block_the_next(
-    nodes: Session, speaker: Loudspeaker, log: Callable[[], str]
-) -> None:
+def test_refused_melody_does_not_block_next(nodes: Session, speaker: Loudspeaker, log: Callable[[], str]) -> None:
     speaker.refuse = True
     nodes.publish(topics.GAME_SOUND, "ghost")
     assert "refused" in log()
@@ -76,7 +74,7 @@ def test_a_refused_melody_and_unknown_words_do_not_block_the_next(
     assert log().count("game_sound: ") == 1
 
 
-def test_without_a_loudspeaker_the_game_goes_on_silently(nodes: Session, log: Callable[[], str]) -> None:
+def test_game_continues_silently_without_loudspeaker(nodes: Session, log: Callable[[], str]) -> None:
     nodes.start("audio_node")
     for word in ("pellet", "win", "pellet"):
         nodes.publish(topics.GAME_SOUND, word)

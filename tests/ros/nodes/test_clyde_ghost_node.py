@@ -85,7 +85,7 @@ def apart(a: tuple[float, float], b: tuple[float, float]) -> float:
 # What it is
 
 
-def test_it_is_seen_five_times_a_second_as_pose_marker_and_nine_obstacle_points(nodes: Session) -> None:
+def test_ghost_is_shown_five_times_a_second(nodes: Session) -> None:
     up(nodes)
     nodes.forget()
     nodes.advance(2.0)
@@ -102,7 +102,7 @@ def test_it_is_seen_five_times_a_second_as_pose_marker_and_nine_obstacle_points(
     assert distance.max() == pytest.approx(0.05, abs=1e-4)
 
 
-def test_it_moves_only_while_the_game_is_running_and_then_at_its_speed(nodes: Session) -> None:
+def test_ghost_moves_at_its_speed_while_game_runs(nodes: Session) -> None:
     up(nodes)
     for state in ("menu", "returning_home", "starting", "dying", "complete", "paused"):
         here = at(nodes)
@@ -121,7 +121,7 @@ def test_it_moves_only_while_the_game_is_running_and_then_at_its_speed(nodes: Se
     assert next_pose(nodes) == next_pose(nodes, 10)
 
 
-def test_it_keeps_its_speed_where_its_timer_is_late(nodes: Session) -> None:
+def test_ghost_keeps_speed_when_timer_is_late(nodes: Session) -> None:
     up(nodes)
     nodes.publish(topics.CLYDE_SPEED, 0.8)
     nodes.publish(topics.GAME_STATE, "running")
@@ -138,7 +138,7 @@ def test_it_keeps_its_speed_where_its_timer_is_late(nodes: Session) -> None:
     assert np.median(np.hypot(*np.diff(poses, axis=0).T)) == pytest.approx(2 * 0.8 * PERIOD, rel=0.01)
 
 
-def test_it_is_no_obstacle_on_the_way_home_and_after_its_end(nodes: Session) -> None:
+def test_ghost_is_no_obstacle_on_way_home(nodes: Session) -> None:
     up(nodes)
     nodes.publish(topics.GAME_STATE, "returning_home")
     next_pose(nodes)
@@ -150,7 +150,7 @@ def test_it_is_no_obstacle_on_the_way_home_and_after_its_end(nodes: Session) -> 
     assert obstacle(nodes) == 0
 
 
-def test_its_trail_covers_where_it_was_shown_in_every_state(nodes: Session) -> None:
+def test_trail_covers_where_ghost_was_shown(nodes: Session) -> None:
     nodes.record(topics.CLYDE_TRAIL)
     up(nodes)
 
@@ -175,7 +175,7 @@ def test_its_trail_covers_where_it_was_shown_in_every_state(nodes: Session) -> N
 # Fault 11
 
 
-def test_it_never_respawns_beside_the_robot_or_its_home_fault_11(nodes: Session, log: Callable[[], str]) -> None:
+def test_ghost_respawns_away_from_robot_fault_11(nodes: Session, log: Callable[[], str]) -> None:
     up(nodes)
     area = cells().position[cells().cells_in(0)]
     home, away = tuple(area[100]), tuple(area[len(area) // 2])
@@ -195,14 +195,14 @@ def test_it_never_respawns_beside_the_robot_or_its_home_fault_11(nodes: Session,
     assert len(places) > 15
 
 
-def test_a_first_pose_beside_it_makes_it_go_elsewhere_fault_11(nodes: Session) -> None:
+def test_first_pose_beside_ghost_moves_it_fault_11(nodes: Session) -> None:
     up(nodes)
     here = at(nodes)
     robot(nodes, *here)
     assert apart(at(nodes), here) >= 1.5
 
 
-def test_planning_does_not_stall_its_pose_on_a_large_map_fault_11() -> None:
+def test_planning_stalls_no_pose_on_large_map_fault_11() -> None:
     config = make_config("robot", **{"clyde.speed_mps": 5.0, "pellets.spacing_m": 20.0})
     large = map_assets(shared_path("maps/mit_stata_basement"), config)
     clyde = MapGhosts(large, config, seed=1)
@@ -232,7 +232,7 @@ class Costmap(BaseNode):
         return response
 
 
-def test_the_costmap_is_cleared_seldom_and_only_after_a_way_fault_11(nodes: Session) -> None:
+def test_costmap_is_cleared_seldom_after_a_way_fault_11(nodes: Session) -> None:
     costmap = nodes.start("global_costmap", lambda: Costmap(lambda: nodes.now_s)).node
     assert isinstance(costmap, Costmap)
     up(nodes, clear_costmap_s=1.5, settings=["clyde.speed_mps=2.0"])
@@ -253,7 +253,7 @@ def test_the_costmap_is_cleared_seldom_and_only_after_a_way_fault_11(nodes: Sess
 # Placing it
 
 
-def test_a_click_places_it_for_the_coming_round_and_no_longer(nodes: Session) -> None:
+def test_click_places_ghost_for_next_round(nodes: Session) -> None:
     up(nodes)
     place = tuple(cells().position[200])
     click(nodes, place[0] + 0.03, place[1])

@@ -85,7 +85,7 @@ def running(nodes: Session, count: int = 3) -> None:
     wait_state(nodes, "running")
 
 
-def test_everything_latched_is_there_for_a_node_that_comes_late(nodes: Session) -> None:
+def test_late_node_gets_all_latched_values(nodes: Session) -> None:
     nodes.start(REFEREE, settings=["clyde.speed_mps=0.3"])
     nodes.advance(10.0)
     nodes.record(*SAID)
@@ -102,7 +102,7 @@ def test_everything_latched_is_there_for_a_node_that_comes_late(nodes: Session) 
     }
 
 
-def test_a_start_resets_pellets_and_clyde_and_is_refused_during_a_game(nodes: Session) -> None:
+def test_start_resets_others_and_is_refused_during_game(nodes: Session) -> None:
     called = serve(nodes)
     up(nodes)
     begun = nodes.call(topics.START_GAME)
@@ -116,7 +116,7 @@ def test_a_start_resets_pellets_and_clyde_and_is_refused_during_a_game(nodes: Se
     assert last(nodes, topics.GAME_STATE) == "menu"
 
 
-def test_a_start_is_refused_while_no_goal_selector_is_there(nodes: Session) -> None:
+def test_start_is_refused_without_goal_selector(nodes: Session) -> None:
     nodes.record(*SAID)
     nodes.start(REFEREE)
     nodes.advance(0.1)
@@ -131,7 +131,7 @@ def test_a_start_is_refused_while_no_goal_selector_is_there(nodes: Session) -> N
     assert last(nodes, topics.GAME_STATE) == "returning_home"
 
 
-def test_a_report_from_before_the_pellets_were_put_back_is_none_of_the_new_round(nodes: Session) -> None:
+def test_report_before_reset_is_not_of_new_round(nodes: Session) -> None:
     asked = 0
     reports = topics.PELLET_MARKERS.publisher(nodes.observer)
 
@@ -157,7 +157,7 @@ def test_a_report_from_before_the_pellets_were_put_back_is_none_of_the_new_round
     assert set(nodes.values(topics.PELLETS_SPAWNED)) <= {0, 3}
 
 
-def test_commands_sent_in_a_burst_all_arrive_even_for_a_node_that_comes_late_fault_1(nodes: Session) -> None:
+def test_burst_of_commands_arrives_completely_fault_1(nodes: Session) -> None:
     up(nodes)
     for _ in range(4):  # disable, reset_round, return_home; disable, reset_round
         nodes.call(topics.START_GAME)
@@ -172,7 +172,7 @@ def test_commands_sent_in_a_burst_all_arrive_even_for_a_node_that_comes_late_fau
     assert late == commands
 
 
-def test_a_stale_report_of_pellets_does_not_keep_the_round_from_completing_fault_7(nodes: Session) -> None:
+def test_stale_pellet_report_blocks_no_completion_fault_7(nodes: Session) -> None:
     up(nodes)
     assert nodes.call(topics.START_GAME).success
     pellets(nodes, range(9))  # of another map, or of the round before
@@ -188,7 +188,7 @@ def test_a_stale_report_of_pellets_does_not_keep_the_round_from_completing_fault
     assert last(nodes, topics.SCORE) == 2
 
 
-def test_a_way_home_that_fails_is_tried_again_and_in_the_end_reported_fault_9(nodes: Session) -> None:
+def test_failed_way_home_is_repeated_then_reported_fault_9(nodes: Session) -> None:
     up(nodes, "show.home_retries=2")
     running(nodes)
     status(nodes, "death_detected")
@@ -201,7 +201,7 @@ def test_a_way_home_that_fails_is_tried_again_and_in_the_end_reported_fault_9(no
     assert "home_failed" in nodes.values(topics.GAME_RESULT)
 
 
-def test_the_robot_is_to_stop_before_the_referee_leaves_fault_13(nodes: Session, state_folder: Path) -> None:
+def test_referee_stops_robot_before_it_leaves_fault_13(nodes: Session, state_folder: Path) -> None:
     up(nodes)
     running(nodes)
     assert list(state_folder.rglob("*.json"))
@@ -222,7 +222,7 @@ def again(nodes: Session) -> dict[str, Any]:
     return {one.topic: one.value for one in nodes.on(*SAID)}
 
 
-def test_a_killed_referee_goes_on_with_the_round(nodes: Session, state_folder: Path) -> None:
+def test_killed_referee_continues_round(nodes: Session, state_folder: Path) -> None:
     up(nodes)
     running(nodes)
     status(nodes, "pellet_collected:1")
@@ -258,9 +258,7 @@ def test_a_killed_referee_goes_on_with_the_round(nodes: Session, state_folder: P
     assert not kept.exists()
 
 
-def test_pellets_reported_to_a_referee_that_has_not_gone_on_yet_count_before_the_end_of_the_round(
-    nodes: Session, tmp_path: Path, domain: int
-) -> None:
+def test_pellets_reported_before_clock_count(nodes: Session, tmp_path: Path, domain: int) -> None:
     file = tmp_path / "game.json"
     referee = RoundController()
     referee.start(0.0)
@@ -301,7 +299,7 @@ def a_game(nodes: Session, domain: int, **changes: Any) -> dict[str, Any]:
         ({"format": 1}, "another version"),
     ],
 )
-def test_a_game_that_is_old_or_strange_is_not_gone_on_with(
+def test_old_or_invalid_game_is_not_continued(
     nodes: Session, tmp_path: Path, domain: int, log: Callable[[], str], change: dict[str, Any], complaint: str
 ) -> None:
     file = tmp_path / "game.json"
@@ -320,9 +318,7 @@ def test_a_game_that_is_old_or_strange_is_not_gone_on_with(
         assert not file.exists()
 
 
-def test_nothing_is_kept_where_none_is_wanted_and_no_folder_stops_a_game(
-    nodes: Session, tmp_path: Path, log: Callable[[], str]
-) -> None:
+def test_game_without_state_file_is_played(nodes: Session, tmp_path: Path, log: Callable[[], str]) -> None:
     up(nodes, state_file="")
     running(nodes)
     nodes.advance(5.0)

@@ -32,7 +32,7 @@ def turns(nodes: Session) -> list[float]:
     return [m.twist.angular.z for m in messages]
 
 
-def test_every_event_is_answered_as_the_rule_says(nodes: Session) -> None:
+def test_every_event_gets_its_answer(nodes: Session) -> None:
     for count, (event, answer) in enumerate(FEEDBACK.items(), 1):
         nodes.forget()
         nodes.publish(topics.GAME_EVENT, "no such event" if count % 2 else "x" * 1000)
@@ -45,9 +45,7 @@ def test_every_event_is_answered_as_the_rule_says(nodes: Session) -> None:
 @pytest.mark.parametrize(
     ("event", "speeds", "seconds"), [("start theatrical", {1.5}, 8.0), ("clyde killed", {1.5, -1.5}, 5.0 - STAND_S)]
 )
-def test_a_motion_ends_after_its_time_and_the_robot_stands(
-    nodes: Session, event: str, speeds: set[float], seconds: float
-) -> None:
+def test_motion_ends_after_its_time(nodes: Session, event: str, speeds: set[float], seconds: float) -> None:
     nodes.publish(topics.GAME_EVENT, event)
     nodes.advance(seconds + STAND_S + 0.5)
     nodes.publish(topics.GAME_EVENT, "pellet")  # what moves nothing
@@ -60,7 +58,7 @@ def test_a_motion_ends_after_its_time_and_the_robot_stands(
     assert np.diff(stamps).max() <= 0.101, "the base stops by itself after 0.5 s"
 
 
-def test_events_in_a_row_prolong_nothing_and_a_reset_stops_at_once(nodes: Session) -> None:
+def test_reset_stops_motion_and_repeats_prolong_nothing(nodes: Session) -> None:
     for _ in range(4):
         nodes.publish(topics.GAME_EVENT, "start theatrical")
         nodes.advance(1.5)
@@ -76,7 +74,7 @@ def test_events_in_a_row_prolong_nothing_and_a_reset_stops_at_once(nodes: Sessio
     assert len(turns(nodes)) == count
 
 
-def test_a_motion_ends_when_the_planner_takes_over(nodes: Session) -> None:
+def test_motion_ends_when_planner_takes_over(nodes: Session) -> None:
     for event, command in (("start theatrical", "enable"), ("death", "return_home")):
         nodes.forget()
         nodes.publish(topics.GAME_COMMAND, "disable")
@@ -92,7 +90,7 @@ def test_a_motion_ends_when_the_planner_takes_over(nodes: Session) -> None:
         assert len(turns(nodes)) == count  # the planner's commands are not disturbed
 
 
-def test_a_command_that_arrives_late_does_not_end_the_start_show(nodes: Session) -> None:
+def test_late_command_does_not_end_start_show(nodes: Session) -> None:
     nodes.publish(topics.GAME_EVENT, "start theatrical")
     nodes.advance(0.5)
     for word in ("disable", "reset_round", "return_home"):  # sent before the event, on another topic
@@ -101,7 +99,7 @@ def test_a_command_that_arrives_late_does_not_end_the_start_show(nodes: Session)
     assert set(turns(nodes)) == {1.5}
 
 
-def test_no_show_begins_while_the_planner_drives(nodes: Session) -> None:
+def test_no_show_begins_while_planner_drives(nodes: Session) -> None:
     for command, event, light in (
         ("return_home", "clyde killed", "clyde killed"),
         ("enable", "start theatrical", "start"),
@@ -113,7 +111,7 @@ def test_no_show_begins_while_the_planner_drives(nodes: Session) -> None:
         assert not any(turns(nodes))
 
 
-def test_the_robot_stands_after_the_nodes_end_fault_13(nodes: Session) -> None:
+def test_robot_stands_after_mapper_ends_fault_13(nodes: Session) -> None:
     nodes.publish(topics.GAME_EVENT, "death")
     nodes.advance(STAND_S + 0.5)
     assert set(turns(nodes)) == {1.5, -1.5}
@@ -121,7 +119,7 @@ def test_the_robot_stands_after_the_nodes_end_fault_13(nodes: Session) -> None:
     assert turns(nodes)[-1] == 0.0
 
 
-def test_an_operators_stop_ends_a_motion_and_lets_none_begin(nodes: Session) -> None:
+def test_operator_stop_ends_motion_and_blocks_others(nodes: Session) -> None:
     def word(stopped: bool, at: int) -> str:
         return json.dumps({"stopped": stopped, "at": at, "who": "guest-1", "by": "page"})
 

@@ -38,7 +38,7 @@ def of(colour: str) -> tuple[Any, bool]:
     return (COLOURS[colour],) * 6, True
 
 
-def test_a_colour_is_said_again_for_a_base_that_was_not_there(nodes: Session) -> None:
+def test_colour_is_repeated_once_a_second(nodes: Session) -> None:
     nodes.start(NAME)
     nodes.publish(topics.GAME_LIGHT, "blue")
     nodes.advance(3.3)
@@ -46,7 +46,7 @@ def test_a_colour_is_said_again_for_a_base_that_was_not_there(nodes: Session) ->
 
 
 @pytest.mark.parametrize("word", ["win", "clyde killed"])
-def test_the_show_of_a_win_and_of_a_death_moves_and_ends_fault_3(nodes: Session, word: str) -> None:
+def test_show_of_win_and_death_ends_fault_3(nodes: Session, word: str) -> None:
     nodes.start(NAME)
     nodes.publish(topics.GAME_LIGHT, word)
     begin_s = nodes.now_s
@@ -59,7 +59,7 @@ def test_the_show_of_a_win_and_of_a_death_moves_and_ends_fault_3(nodes: Session,
     assert end_s - begin_s == pytest.approx(LIGHTS[word].duration_s(ShowConfig()), abs=0.1)
 
 
-def test_the_ring_is_given_back_at_the_end_fault_13(nodes: Session) -> None:
+def test_ring_is_released_at_end_fault_13(nodes: Session) -> None:
     nodes.start(NAME)
     nodes.publish(topics.GAME_LIGHT, "pacman")
     nodes.advance(0.5)
@@ -69,7 +69,7 @@ def test_the_ring_is_given_back_at_the_end_fault_13(nodes: Session) -> None:
     assert rings(nodes)[-1] == RELEASED
 
 
-def test_a_ring_that_a_killed_node_has_left_lit_is_given_back(nodes: Session) -> None:
+def test_ring_of_killed_node_is_released(nodes: Session) -> None:
     nodes.start(NAME)
     nodes.publish(topics.GAME_LIGHT, "red")
     nodes.kill(NAME)
@@ -80,7 +80,7 @@ def test_a_ring_that_a_killed_node_has_left_lit_is_given_back(nodes: Session) ->
 
 
 @pytest.mark.parametrize("state", ["starting", "running"])
-def test_a_start_in_the_middle_of_a_game_shows_what_belongs_to_it(nodes: Session, state: str) -> None:
+def test_node_started_in_game_shows_its_light(nodes: Session, state: str) -> None:
     nodes.publish(topics.GAME_STATE, state)
     nodes.start(NAME)
     nodes.advance(3.0)

@@ -30,7 +30,7 @@ def shown(nodes: Session) -> dict[int, tuple[float, float]]:
     return pellets_of(nodes.last(topics.PELLET_MARKERS))
 
 
-def test_the_pellets_are_those_of_the_rule_once_a_second(nodes: Session) -> None:
+def test_pellets_are_shown_once_a_second(nodes: Session) -> None:
     up(nodes)
     nodes.advance(4.0)
     nodes.forget()
@@ -44,7 +44,7 @@ def test_the_pellets_are_those_of_the_rule_once_a_second(nodes: Session) -> None
     assert stamps == pytest.approx([stamps[0] + k for k in range(3)])
 
 
-def test_a_pellet_that_is_taken_is_gone_at_once_and_a_reset_puts_all_back(nodes: Session) -> None:
+def test_removed_pellets_come_back_with_reset(nodes: Session) -> None:
     up(nodes)
     everything = shown(nodes)
     for i in (3, 0):

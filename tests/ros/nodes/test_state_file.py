@@ -15,7 +15,7 @@ from pacman_env.ros.nodes.state_file import StateFile
 ME = {"namespace": "/robot_15", "simulated": False}
 
 
-def test_what_was_kept_comes_back_and_what_was_forgotten_does_not(tmp_path: Path) -> None:
+def test_saved_state_is_loaded_until_removed(tmp_path: Path) -> None:
     path = tmp_path / "new" / "game.json"
     file = StateFile(path, 60.0, ME)
     assert file.load() is None
@@ -28,7 +28,7 @@ def test_what_was_kept_comes_back_and_what_was_forgotten_does_not(tmp_path: Path
     assert file.load() is None
 
 
-def test_what_another_owner_kept_or_too_long_ago_does_not_come_back(tmp_path: Path) -> None:
+def test_old_or_foreign_state_is_ignored(tmp_path: Path) -> None:
     path = tmp_path / "game.json"
     StateFile(path, 60.0, ME).save(1)
     assert StateFile(path, 60.0, {**ME, "simulated": True}).load() is None
@@ -48,7 +48,7 @@ def test_what_another_owner_kept_or_too_long_ago_does_not_come_back(tmp_path: Pa
     ],
     ids=range(10),
 )
-def test_a_file_of_something_else_is_an_error_and_stays(tmp_path: Path, text: str) -> None:
+def test_invalid_file_is_an_error_and_stays(tmp_path: Path, text: str) -> None:
     path = tmp_path / "game.json"
     path.write_text(text)
     with pytest.raises(ValueError, match=r"damaged|another version|more than"):
@@ -56,7 +56,7 @@ def test_a_file_of_something_else_is_an_error_and_stays(tmp_path: Path, text: st
     assert path.read_text() == text
 
 
-def test_a_cut_off_write_leaves_what_was_kept_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_interrupted_write_keeps_last_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = StateFile(tmp_path / "game.json", 60.0, ME)
     file.save("old")
 
@@ -73,7 +73,7 @@ def test_a_cut_off_write_leaves_what_was_kept_before(tmp_path: Path, monkeypatch
     assert os.listdir(tmp_path) == ["game.json"]
 
 
-def test_an_empty_file_and_no_path_are_nothing(tmp_path: Path) -> None:
+def test_empty_file_and_no_path_are_nothing(tmp_path: Path) -> None:
     (tmp_path / "game.json").touch()
     assert StateFile(tmp_path / "game.json", 60.0, ME).load() is None
     file = StateFile(None, 60.0, ME)
@@ -82,6 +82,6 @@ def test_an_empty_file_and_no_path_are_nothing(tmp_path: Path) -> None:
     assert file.load() is None
 
 
-def test_a_folder_in_its_place_is_an_error(tmp_path: Path) -> None:
+def test_folder_in_place_of_file_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="not a file"):
         StateFile(tmp_path, 60.0, ME).load()

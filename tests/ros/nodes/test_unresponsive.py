@@ -43,15 +43,13 @@ def begin(nodes: Session) -> None:
     nodes.publish(topics.GAME_STATUS, "home_reached")
 
 
-def test_a_referee_that_has_just_started_reports_that_no_node_is_unresponsive(referee: Session) -> None:
+def test_new_referee_reports_no_unresponsive_node(referee: Session) -> None:
     """So that nobody keeps what a referee before it has reported, and the doctor has an answer."""
     referee.wait_for(lambda: referee.values(topics.GAME_STATE), LIMIT_S, "the state")
     assert [json.loads(text) for text in referee.values(topics.UNRESPONSIVE)] == [{}]
 
 
-def test_a_frozen_pellet_manager_is_reported_and_the_round_begins_when_it_answers(
-    referee: Session, log: Callable[[], str]
-) -> None:
+def test_frozen_pellet_manager_is_reported_until_it_answers(referee: Session, log: Callable[[], str]) -> None:
     manager = referee.start(PELLETS, map_yaml="house")
     referee.game.freeze(manager)
     begin(referee)
@@ -70,9 +68,7 @@ def test_a_frozen_pellet_manager_is_reported_and_the_round_begins_when_it_answer
 
 
 @pytest.mark.parametrize(("reports", "words"), [(0, "no pellet_markers"), (1, "it shows no pellet")])
-def test_a_round_without_pellets_does_not_begin_and_that_is_reported(
-    referee: Session, reports: int, words: str
-) -> None:
+def test_round_without_pellets_is_reported_and_waits(referee: Session, reports: int, words: str) -> None:
     def done(request: Any, response: Any) -> Any:
         response.success = True
         return response

@@ -61,7 +61,7 @@ def has(kind: Any, field: str) -> bool:
     return True
 
 
-def test_the_3d_panel_draws_topics_of_types_that_it_can() -> None:
+def test_panel_3d_draws_topics_of_known_types() -> None:
     panel = PANELS["3D!game"]
     for name in panel["topics"]:
         assert known(name).type_name in DRAWN, name
@@ -71,7 +71,7 @@ def test_the_3d_panel_draws_topics_of_types_that_it_can() -> None:
     assert known(panel["publish"]["poseEstimateTopic"]).type_name == "geometry_msgs/PoseWithCovarianceStamped"
 
 
-def test_curves_are_of_recorded_topics_and_fields_that_there_are() -> None:
+def test_curves_show_recorded_topics_and_fields() -> None:
     recorded = {topic.name for topic in RECORDED}
     found = list(paths())
     assert len(found) > 5
@@ -84,7 +84,7 @@ def test_curves_are_of_recorded_topics_and_fields_that_there_are() -> None:
     assert known(PANELS["RawMessages!selector"]["topicPath"]).name in recorded
 
 
-def test_scripts_read_topics_and_fields_that_there_are() -> None:
+def test_scripts_read_existing_topics() -> None:
     for source in SCRIPTS.values():
         names = re.findall(r'"(/robot_15/[^"]+)"', source)
         assert names

@@ -39,7 +39,7 @@ def nodes(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nod
                 nodes.close()
 
 
-def test_a_page_over_nothing_says_so_and_shows_the_game_when_it_comes(nodes: Nodes) -> None:
+def test_page_waits_for_game_and_shows_it(nodes: Nodes) -> None:
     page = nodes.page()
     page.wait(lambda: "no game is found in /robot_15" in page.notice(), "what is missing")
     hello = next(one for one in page.texts if one["kind"] == "hello")
@@ -60,7 +60,7 @@ def test_a_page_over_nothing_says_so_and_shows_the_game_when_it_comes(nodes: Nod
     page.wait(lambda: page.frame is not None and page.frame.score > 0, "a pellet")
 
 
-def test_the_readiness_list_is_the_doctors_with_the_nodes_that_obey_a_stop(nodes: Nodes) -> None:
+def test_readiness_list_is_that_of_doctor(nodes: Nodes) -> None:
     nodes.start_all_once()
     page = nodes.page()
     wanted = ("domain", "base", "map", "pose", "Nav2", "game's nodes", "configuration", "STOP")
@@ -78,9 +78,7 @@ def test_the_readiness_list_is_the_doctors_with_the_nodes_that_obey_a_stop(nodes
     assert "goal_selector" in rows["STOP"]["words"]
 
 
-def test_a_stop_by_websocket_and_its_page_killed_and_another_one_that_lets_go(
-    nodes: Nodes, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_stop_by_websocket_outlives_page_and_node(nodes: Nodes, capsys: pytest.CaptureFixture[str]) -> None:
     nodes.start_all_once()
     page = nodes.page()
     page.wait(lambda: page.frame is not None, "the game")
@@ -113,7 +111,7 @@ def test_a_stop_by_websocket_and_its_page_killed_and_another_one_that_lets_go(
     other.wait(other.drives, "the round to go on")
 
 
-def test_a_page_killed_while_driving_by_hand_leaves_a_robot_that_stands(nodes: Nodes) -> None:
+def test_robot_stands_when_driving_page_is_killed(nodes: Nodes) -> None:
     nodes.start_all_once()
     page = nodes.page()
     page.wait(lambda: page.frame is not None, "the game")

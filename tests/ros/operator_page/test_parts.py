@@ -65,7 +65,7 @@ class Air:
         del self.nodes[name]
 
 
-def test_a_stop_outlives_who_said_it_and_who_obeyed_it() -> None:
+def test_stop_outlives_its_sender_and_readers() -> None:
     air = Air()
     planner, mapper = air.join("goal_selector"), air.join("game_event_mapper")
     page = air.join("pacman_page")
@@ -85,7 +85,7 @@ def test_a_stop_outlives_who_said_it_and_who_obeyed_it() -> None:
     assert not mapper.stopped
 
 
-def test_a_change_is_told_once() -> None:
+def test_change_is_told_once() -> None:
     air, told = Air(), []
     air.join("goal_selector", changed=lambda stopped, who: told.append((stopped, who)))
     page, other = air.join("pacman_page"), air.join("another_page")
@@ -97,7 +97,7 @@ def test_a_change_is_told_once() -> None:
     assert page.stopped
 
 
-def test_a_release_counts_where_the_clocks_differ(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_release_counts_when_clocks_differ(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(operator_stop, "_INSISTS_S", 0.0)
     air = Air()
     planner, ahead, behind = air.join("goal_selector"), air.join("ahead"), air.join("behind")
@@ -111,7 +111,7 @@ def test_a_release_counts_where_the_clocks_differ(monkeypatch: pytest.MonkeyPatc
     assert planner.stopped
 
 
-def test_a_stop_of_a_clock_that_is_behind_is_said_again_after_an_old_release(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stop_is_repeated_after_old_release(monkeypatch: pytest.MonkeyPatch) -> None:
     air = Air()
     old = {"stopped": False, "at": time.time_ns() + 10**12, "who": "guest-1", "by": "/robot_15/ahead"}
     page = air.join("pacman_page")
@@ -129,7 +129,7 @@ def wheels() -> Iterator[tuple[Wheels, list[tuple[float, float]]]]:
     wheels.close()
 
 
-def test_a_drive_ends_half_a_second_after_the_last_word(wheels: tuple[Wheels, list[tuple[float, float]]]) -> None:
+def test_drive_ends_half_a_second_after_last_word(wheels: tuple[Wheels, list[tuple[float, float]]]) -> None:
     own, said = wheels
     began = time.monotonic()
     assert own.drive(0.2, 0.1)
@@ -140,7 +140,7 @@ def test_a_drive_ends_half_a_second_after_the_last_word(wheels: tuple[Wheels, li
     wait_for(lambda: said.count((0.0, 0.0)) >= 5)  # one may be lost
 
 
-def test_a_stop_is_said_at_once_and_again_and_nobody_drives(wheels: tuple[Wheels, list[tuple[float, float]]]) -> None:
+def test_stop_is_repeated_and_nobody_drives(wheels: tuple[Wheels, list[tuple[float, float]]]) -> None:
     own, said = wheels
     assert own.drive(0.2, 0.0)
     own.stop()
@@ -155,7 +155,7 @@ def test_a_stop_is_said_at_once_and_again_and_nobody_drives(wheels: tuple[Wheels
     assert said[-1] == (0.0, 0.0)
 
 
-def test_what_is_closed_while_driving_stands() -> None:
+def test_closed_wheels_stand() -> None:
     said: list[tuple[float, float]] = []
     own = Wheels(lambda v, omega: said.append((v, omega)))
     own.drive(0.2, 0.0)
@@ -164,7 +164,7 @@ def test_what_is_closed_while_driving_stands() -> None:
     assert not own.drive(0.2, 0.0)
 
 
-def test_a_map_becomes_the_picture_of_its_file() -> None:
+def test_map_becomes_picture_of_its_file() -> None:
     pytest.importorskip("irobot_create_msgs")
     from builtin_interfaces.msg import Time
 
@@ -185,7 +185,7 @@ def test_a_map_becomes_the_picture_of_its_file() -> None:
         picture_of(message)
 
 
-def test_ray_0_is_ahead_wherever_the_lidar_looks() -> None:
+def test_ray_0_is_ahead_wherever_lidar_looks() -> None:
     ranges = [math.inf, 2.0, math.nan, 0.01, 3.0, 4.0]  # at 0, 60, ... degrees of the lidar
     scan = SimpleNamespace(ranges=ranges, angle_min=0.0, angle_increment=math.pi / 3, range_min=0.1, range_max=12.0)
     rays = rays_of(scan, 0.0)
@@ -195,7 +195,7 @@ def test_ray_0_is_ahead_wherever_the_lidar_looks() -> None:
     assert np.isfinite(turned).sum() == 3
 
 
-def test_news_are_numbered_and_of_reasons_the_newest_is_kept() -> None:
+def test_newest_reason_alone_is_kept_in_news() -> None:
     news = News()
     for number in range(MOST_NEWS):
         news.add(why={"goal": number})
@@ -207,7 +207,7 @@ def test_news_are_numbered_and_of_reasons_the_newest_is_kept() -> None:
     assert [one["words"] for one in news.after(2 * MOST_NEWS - 2) if "words" in one] == [str(MOST_NEWS - 1)]
 
 
-def test_a_configuration_is_told_by_what_it_has_otherwise() -> None:
+def test_configuration_is_told_by_its_differences() -> None:
     def text(*arguments: Any, **fields: Any) -> str:
         return json.dumps(make_config(*arguments, **fields).as_dict())
 

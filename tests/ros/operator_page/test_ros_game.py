@@ -56,7 +56,7 @@ def game(whole: PageGame) -> PageGame:
     return whole
 
 
-def test_the_scene_is_the_map_with_its_pellets_and_the_robot_stands_at_home(game: PageGame) -> None:
+def test_scene_shows_map_pellets_and_robot_at_home(game: PageGame) -> None:
     game.menu()
     scene = game.page.scene()
     facts = scene.facts
@@ -78,7 +78,7 @@ def test_the_scene_is_the_map_with_its_pellets_and_the_robot_stands_at_home(game
     assert [ghost["role"] for ghost in facts["ghosts"]] == ["ghost-0"]
 
 
-def test_a_start_leads_to_a_score_and_the_frames_show_the_choice(game: PageGame) -> None:
+def test_start_leads_to_score_and_shown_choice(game: PageGame) -> None:
     game.menu()
     game.page.watch(why=True, lidar=True)
     number, after = game.frame.number, game.news_number()
@@ -116,7 +116,7 @@ def first_still_s(game: PageGame, topic: topics.Topic, twist: Any) -> float:
     return float(game.wait(still, f"a velocity of zero on {topic.name}"))
 
 
-def test_a_pose_that_has_jumped_is_an_alert_until_it_is_set_or_taken_as_it_is(game: PageGame) -> None:
+def test_jumped_pose_is_alert_until_it_is_answered(game: PageGame) -> None:
     def alerts() -> list[dict[str, Any]]:
         found: list[dict[str, Any]] = game.page.scene().facts["alerts"]
         return found
@@ -141,7 +141,7 @@ def test_a_pose_that_has_jumped_is_an_alert_until_it_is_set_or_taken_as_it_is(ga
     game.wait(lambda: not alerts(), "its end")
 
 
-def test_a_node_that_does_not_respond_is_an_alert_until_it_does(game: PageGame) -> None:
+def test_unresponsive_node_is_alert_until_it_answers(game: PageGame) -> None:
     def alerts() -> list[dict[str, Any]]:
         return list(game.page.scene().facts["alerts"])
 
@@ -156,7 +156,7 @@ def test_a_node_that_does_not_respond_is_an_alert_until_it_does(game: PageGame) 
     game.wait(lambda: not alerts(), "its end")
 
 
-def test_stop_is_quick_holds_and_lets_go(game: PageGame) -> None:
+def test_stop_acts_at_once_and_holds_until_release(game: PageGame) -> None:
     for _ in range(STOPS):
         game.round()
         game.session.forget()
@@ -174,7 +174,7 @@ def test_stop_is_quick_holds_and_lets_go(game: PageGame) -> None:
         game.wait(lambda: not game.frame.stopped, "the release")
 
 
-def test_a_stopped_game_stays_so_whatever_is_asked(game: PageGame) -> None:
+def test_stopped_game_refuses_goals_and_starts(game: PageGame) -> None:
     game.round()
     game.stop("guest-2")
     game.wait(lambda: game.stands, "the robot to stand")
@@ -202,7 +202,7 @@ def test_a_stopped_game_stays_so_whatever_is_asked(game: PageGame) -> None:
     client.destroy()
 
 
-def test_a_stop_ends_the_bases_own_motions(game: PageGame) -> None:
+def test_stop_ends_motions_of_base(game: PageGame) -> None:
     game.menu()
     undock = topics.RosAction("undock", topics.NAVIGATE_TO_POSE.type_name)  # of any type
     ended: list[bool] = []
@@ -224,7 +224,7 @@ def test_a_stop_ends_the_bases_own_motions(game: PageGame) -> None:
     server.destroy()
 
 
-def test_a_goal_selector_that_is_started_again_stays_stopped(game: PageGame) -> None:
+def test_restarted_goal_selector_stays_stopped(game: PageGame) -> None:
     game.round()
     game.stop()
     game.wait(lambda: game.stands, "the robot to stand")
@@ -246,7 +246,7 @@ def test_a_goal_selector_that_is_started_again_stays_stopped(game: PageGame) -> 
     game.wait(lambda: game.drives, "the round to go on")
 
 
-def test_by_hand_the_robot_drives_in_the_menu_alone_and_stands_when_nothing_more_is_said(game: PageGame) -> None:
+def test_driving_by_hand_needs_menu_and_repeated_words(game: PageGame) -> None:
     game.menu()
     with pytest.raises(Refused, match="role"):
         game.handle(messages.Drive(v=0.2, omega=0.0))
@@ -267,7 +267,7 @@ def test_by_hand_the_robot_drives_in_the_menu_alone_and_stands_when_nothing_more
         game.handle(messages.Drive(v=0.2, omega=0.0))
 
 
-def test_clyde_is_placed_in_the_menu_alone(game: PageGame) -> None:
+def test_clyde_is_placed_in_menu_alone(game: PageGame) -> None:
     game.menu()
     x, y = game.page.scene().facts["pellets"][-1]
     game.handle(messages.PlaceClyde(x=x, y=y))
@@ -281,7 +281,7 @@ def test_clyde_is_placed_in_the_menu_alone(game: PageGame) -> None:
         game.handle(messages.PlaceClyde(x=x, y=y))
 
 
-def test_events_move_the_robot_only_when_armed(game: PageGame) -> None:
+def test_events_move_robot_only_when_armed(game: PageGame) -> None:
     game.menu()
     after = game.news_number()
     game.session.forget()
@@ -308,7 +308,7 @@ def test_events_move_the_robot_only_when_armed(game: PageGame) -> None:
         game.handle(messages.Event(word="dance"))
 
 
-def test_speed_and_policy_change_and_what_cannot_says_why(game: PageGame) -> None:
+def test_settings_change_or_are_refused_with_reason(game: PageGame) -> None:
     game.menu()
     game.handle(messages.ClydeSpeed(mps=0.03))
     game.wait(lambda: game.page.scene().facts["clyde_speed_mps"] == pytest.approx(0.03), "the speed")
@@ -333,7 +333,7 @@ def test_speed_and_policy_change_and_what_cannot_says_why(game: PageGame) -> Non
     assert game.page.story(1) is None
 
 
-def test_a_map_that_comes_before_all_else_is_kept_and_goes_with_its_robot(domain: int, tmp_path: Path) -> None:
+def test_early_map_is_kept_while_robot_is_there(domain: int, tmp_path: Path) -> None:
     with session.nodes(tmp_path) as nodes:
         pages: list[RosGame] = []
 
@@ -355,7 +355,7 @@ def test_a_map_that_comes_before_all_else_is_kept_and_goes_with_its_robot(domain
             pages[0].close()
 
 
-def test_a_referee_that_is_gone_and_back_is_said(game: PageGame) -> None:
+def test_page_tells_that_referee_is_gone(game: PageGame) -> None:
     game.menu()
     after = game.news_number()
     game.session.kill("game_controller")

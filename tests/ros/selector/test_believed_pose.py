@@ -30,11 +30,11 @@ def amcl(x: float, y: float, heading: float, at: float, frame: str = "map") -> A
     return message
 
 
-def test_nothing_is_believed_before_anything_is_heard() -> None:
+def test_nothing_is_believed_before_first_message() -> None:
     assert BelievedPose(1.0).at(0.0) is None
 
 
-def test_transforms_are_composed_from_the_base_to_the_map() -> None:
+def test_transforms_are_composed_from_base_to_map() -> None:
     believed = BelievedPose(1.0)
     assert not believed.transforms(tf(("map", "odom", (1.0, 2.0, math.pi / 2))), 10.0)
     assert believed.at(10.0) is None
@@ -47,7 +47,7 @@ def test_transforms_are_composed_from_the_base_to_the_map() -> None:
     assert belief.source == "tf"
 
 
-def test_old_transforms_give_way_to_the_latched_pose_and_come_back() -> None:
+def test_old_transforms_give_way_to_latched_pose() -> None:
     believed = BelievedPose(1.0)
     links = [("map", "odom", (0.0, 0.0, 0.0)), ("odom", "base_link", (1.0, 0.0, 0.0))]
     believed.transforms(tf(*links), 10.0)
@@ -60,13 +60,13 @@ def test_old_transforms_give_way_to_the_latched_pose_and_come_back() -> None:
     assert believed.at(12.0).source == "tf"  # type: ignore[union-attr]
 
 
-def test_a_stamp_of_the_future_is_no_negative_age() -> None:
+def test_future_stamp_has_age_zero() -> None:
     believed = BelievedPose(1.0)
     believed.latched(amcl(0.0, 0.0, 0.0, at=20.0))
     assert believed.at(10.0).age_s == 0.0  # type: ignore[union-attr]
 
 
-def test_velocities_come_from_odometry_along_the_heading() -> None:
+def test_velocities_come_from_odometry_along_heading() -> None:
     believed = BelievedPose(1.0)
     believed.transforms(tf(("map", "odom", (7.0, 7.0, 1.0))), 0.0, static=True)
     for k in range(11):  # 50 Hz, 0.25 m/s to the north, turning left through pi
@@ -80,7 +80,7 @@ def test_velocities_come_from_odometry_along_the_heading() -> None:
     assert believed.at(1.0).velocity == (0.0, 0.0)  # type: ignore[union-attr]
 
 
-def test_bad_and_foreign_transforms_change_nothing() -> None:
+def test_invalid_transforms_change_nothing() -> None:
     believed = BelievedPose(1.0)
     links = [("map", "odom", (0.0, 0.0, 0.0)), ("odom", "base_link", (1.0, 0.0, 0.0))]
     believed.transforms(tf(*links), 0.0)
@@ -94,7 +94,7 @@ def test_bad_and_foreign_transforms_change_nothing() -> None:
         believed.latched(amcl(0.0, 0.0, 0.0, 0.0, frame="odom"))
 
 
-def test_frames_in_a_circle_lead_nowhere() -> None:
+def test_circle_of_frames_gives_no_pose() -> None:
     believed = BelievedPose(1.0)
     believed.transforms(tf(("odom", "base_link", (0.0, 0.0, 0.0)), ("base_link", "odom", (0.0, 0.0, 0.0))), 0.0)
     assert believed.at(0.0) is None

@@ -96,7 +96,7 @@ def plays(monkeypatch: pytest.MonkeyPatch) -> Plays:
     return play
 
 
-def test_a_policy_sees_at_its_decisions_what_it_would_see_at_that_tick_if_it_were_always_asked(
+def test_policy_sees_same_situations_by_event(
     plays: Plays,
 ) -> None:
     (ticks, done), (events, same) = plays("tick", 5, set()), plays("event", 5, set())
@@ -112,9 +112,7 @@ def test_a_policy_sees_at_its_decisions_what_it_would_see_at_that_tick_if_it_wer
 
 
 @pytest.mark.parametrize("when", ["tick", "event"])
-def test_a_choice_that_may_not_be_chosen_is_to_hold_as_in_the_simulator_and_the_policy_is_asked_again(
-    plays: Plays, when: str
-) -> None:
+def test_forbidden_choice_holds_and_policy_is_asked_again(plays: Plays, when: str) -> None:
     policy, done = plays(when, 5, {5})
     assert done == []
     assert len(policy.seen) == 120
@@ -130,7 +128,7 @@ def asked(game: Game, seconds: float) -> int:
     return int(game.condition()["decisions"]["count"]) - begin
 
 
-def test_the_policy_is_asked_when_something_has_happened_and_else_seldom(game: Game) -> None:
+def test_policy_is_asked_after_events_and_seldom_otherwise(game: Game) -> None:
     game.start(settings=BY_EVENT)
     game.begin()
     first = game.running_goal(1)
@@ -157,9 +155,7 @@ def test_the_policy_is_asked_when_something_has_happened_and_else_seldom(game: G
 
 
 @pytest.mark.parametrize("when", ["tick", "event"])
-def test_the_robot_stands_while_a_policy_chooses_no_candidate_and_goes_on_when_it_does_again(
-    plays: Plays, when: str
-) -> None:
+def test_robot_stands_while_policy_chooses_no_candidate(plays: Plays, when: str) -> None:
     policy, done = plays(when, 5, set(), range(5, 10))
     kinds = [action.kind for action in done]
     assert kinds.count("send") == 2, "before and after"

@@ -22,7 +22,7 @@ from tests.ros.selector_game import Game, house, number_at, pellet  # noqa: E402
 # A round
 
 
-def test_a_round_from_the_first_goal_to_the_way_home(game: Game) -> None:
+def test_round_leads_from_first_goal_to_home(game: Game) -> None:
     game.start()
     game.begin()
     first = game.running_goal(1)
@@ -56,7 +56,7 @@ def test_a_round_from_the_first_goal_to_the_way_home(game: Game) -> None:
     assert game.statuses()[2:] == ["home_reached"]
 
 
-def test_death_is_reported_with_the_ghosts_name_and_ends_the_drive(game: Game) -> None:
+def test_death_names_ghost_and_ends_drive(game: Game) -> None:
     game.start()
     game.begin()
     goal = game.running_goal(1)
@@ -75,7 +75,7 @@ def test_death_is_reported_with_the_ghosts_name_and_ends_the_drive(game: Game) -
 # What comes in
 
 
-def test_ten_thousand_markers_do_not_hold_the_robot_up(game: Game) -> None:
+def test_ten_thousand_markers_delay_no_decision(game: Game) -> None:
     game.start()
     game.begin()
     game.running_goal(1)
@@ -91,7 +91,7 @@ def test_ten_thousand_markers_do_not_hold_the_robot_up(game: Game) -> None:
 
 
 @pytest.mark.parametrize("policy", ["ppo", "clyde_aware"])
-def test_a_decision_is_a_few_hundred_calls(policy: str) -> None:
+def test_decision_takes_few_hundred_calls(policy: str) -> None:
     once = Once(logging.getLogger(__name__), lambda: 0.0)
     selection = Selection(make_config(), "house", policy, None, PoseLimits(), once)
     executor, sent = selection.executor, []

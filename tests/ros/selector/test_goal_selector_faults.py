@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 NODE = module_of(SELECTOR)
 
 
-def test_fault_4_an_aborted_goal_loses_no_pellet_and_another_one_is_next(game: Game) -> None:
+def test_fault_4_aborted_goal_loses_no_pellet(game: Game) -> None:
     game.start()
     game.begin()
     first = game.running_goal(1)
@@ -37,7 +37,7 @@ def test_fault_4_an_aborted_goal_loses_no_pellet_and_another_one_is_next(game: G
     assert not game.statuses()
 
 
-def test_fault_5_a_rejected_goal_is_not_asked_for_again_and_again(game: Game) -> None:
+def test_fault_5_rejected_goal_is_not_repeated(game: Game) -> None:
     game.nav2.script = ["reject"] * 3
     game.start()
     game.begin()
@@ -47,7 +47,7 @@ def test_fault_5_a_rejected_goal_is_not_asked_for_again_and_again(game: Game) ->
     assert len(condition["masked"]) == 3
 
 
-def test_fault_6_a_goal_accepted_after_disable_is_cancelled_at_once(game: Game) -> None:
+def test_fault_6_goal_accepted_after_disable_is_cancelled(game: Game) -> None:
     game.nav2.script = ["late"]
     game.start()
     game.begin()
@@ -62,7 +62,7 @@ def test_fault_6_a_goal_accepted_after_disable_is_cancelled_at_once(game: Game) 
     assert len(game.nav2.goals) == 1
 
 
-def test_fault_8_goals_do_not_alternate_at_a_boundary(game: Game) -> None:
+def test_fault_8_goals_do_not_alternate_at_boundary(game: Game) -> None:
     game.start()
     game.begin()
     a, b = pellet(0), pellet(1)
@@ -76,9 +76,7 @@ def test_fault_8_goals_do_not_alternate_at_a_boundary(game: Game) -> None:
 
 
 @pytest.mark.parametrize(("at", "report"), [((0.2, 0.0), "home_reached"), ((3.0, 0.0), "home_failed")])
-def test_fault_9_home_has_failed_only_if_the_robot_is_not_there(
-    game: Game, at: tuple[float, float], report: str
-) -> None:
+def test_fault_9_home_fails_only_away_from_home(game: Game, at: tuple[float, float], report: str) -> None:
     game.start(home=list(map(float, game.pose)))
     game.say(topics.GAME_STATE, "menu")
     x, y = pellet(0)
@@ -98,7 +96,7 @@ def test_fault_9_home_has_failed_only_if_the_robot_is_not_there(
     assert game.statuses() == [report]
 
 
-def test_fault_10_without_nav2_the_rules_go_on_and_it_is_used_once_it_is_there(game: Game) -> None:
+def test_fault_10_rules_continue_without_nav2(game: Game) -> None:
     game.end_nav2()
     game.start()
     game.begin()
@@ -117,7 +115,7 @@ def test_fault_10_without_nav2_the_rules_go_on_and_it_is_used_once_it_is_there(g
 
 
 @pytest.mark.parametrize("answer", ["accept", "late"])
-def test_fault_13_at_its_end_the_node_stops_the_robot_and_cancels_its_goal(game: Game, answer: str) -> None:
+def test_fault_13_node_stops_robot_at_its_end(game: Game, answer: str) -> None:
     game.nav2.script = [answer]
     game.start()
     game.begin()
@@ -135,7 +133,7 @@ def test_fault_13_at_its_end_the_node_stops_the_robot_and_cancels_its_goal(game:
     assert len(stops) == game.stops() >= 3
 
 
-def test_fault_13_a_signal_stops_the_robot_before_the_process_ends(probe: Probe, system: System) -> None:
+def test_fault_13_signal_stops_robot_before_process_ends(probe: Probe, system: System) -> None:
     nav2 = ScriptedNav2(namespace=system.namespace, context=probe.context)
     probe.executor.add_node(nav2)
     probe.record(topics.CMD_VEL, topics.DIAGNOSTICS)

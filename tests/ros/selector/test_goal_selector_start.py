@@ -28,7 +28,7 @@ from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
 from tests.ros.selector_game import FAR_AWAY, Game, house, pellet, slot_of
 
 
-def test_a_start_in_the_middle_of_a_round_goes_on_from_what_is_latched(game: Game) -> None:
+def test_node_started_in_round_continues_it(game: Game) -> None:
     game.start()
     game.begin()
     game.running_goal(1)
@@ -45,7 +45,7 @@ def test_a_start_in_the_middle_of_a_round_goes_on_from_what_is_latched(game: Gam
 
 
 @pytest.mark.parametrize("state", ["menu", "running"])
-def test_goals_that_a_killed_node_has_left_are_cancelled_at_the_start(game: Game, state: str) -> None:
+def test_goals_of_killed_node_are_cancelled(game: Game, state: str) -> None:
     game.start()
     game.begin()
     orphan = game.running_goal(1)
@@ -64,7 +64,7 @@ def test_goals_that_a_killed_node_has_left_are_cancelled_at_the_start(game: Game
         assert len(game.nav2.goals) == 1
 
 
-def test_a_shadow_decides_and_sends_nothing(game: Game, log: Callable[[], str]) -> None:
+def test_shadow_decides_and_sends_nothing(game: Game, log: Callable[[], str]) -> None:
     game.start(shadow=True)
     game.begin()
     chosen = game.session.wait_for(lambda: re.search(r"shadow: goal 1: pellet (\d+)", log()), what="a decision")
@@ -87,7 +87,7 @@ def set_policy(game: Game, value: str) -> Any:
     return game.session.call(service, request).results[0]
 
 
-def test_the_policy_changes_in_menu_alone_and_only_to_one_that_can_be_used(game: Game) -> None:
+def test_policy_changes_in_menu_alone(game: Game) -> None:
     game.start()
     game.begin()
     game.running_goal(1)
@@ -115,7 +115,7 @@ def test_the_policy_changes_in_menu_alone_and_only_to_one_that_can_be_used(game:
     assert sum(marker.color.g > 0.5 for marker in shown) == 1
 
 
-def test_the_node_follows_the_lifecycle(game: Game) -> None:
+def test_node_follows_lifecycle(game: Game) -> None:
     game.session.start(SELECTOR, policy="nearest", map_yaml="house", autostart=False)
 
     def change(transition: int) -> bool:
@@ -146,9 +146,7 @@ def test_the_node_follows_the_lifecycle(game: Game) -> None:
     game.session.stop(SELECTOR)
 
 
-def test_planner_of_another_shape_is_refused_with_both(
-    domain: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_planner_of_another_shape_is_refused(domain: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     onnx = pytest.importorskip("onnx")
     make, kinds = onnx.helper, onnx.TensorProto
     values = lambda name, kind, *shape: make.make_tensor_value_info(name, kind, shape)  # noqa: E731
@@ -176,7 +174,7 @@ def test_planner_of_another_shape_is_refused_with_both(
     assert ("(None, None, 5)" in said, f"(None, None, {len(CANDIDATE_FEATURES)})" in said) == (True, True)
 
 
-def test_home_is_where_the_robot_leaves_the_menu_after_its_pose_was_set_and_not_the_click(game: Game) -> None:
+def test_home_is_where_robot_leaves_menu(game: Game) -> None:
     game.start()
     game.stand(*game.pose)
     game.say(topics.GAME_STATE, "menu")

@@ -41,7 +41,7 @@ def give(played: Played) -> None:
     played.nodes.publish(topics.INITIAL_POSE, message)
 
 
-def test_a_carried_robot_collects_nothing_and_stands_until_a_person_answers(played: Played) -> None:
+def test_carried_robot_stands_until_person_answers(played: Played) -> None:
     nodes = played.nodes
     nodes.advance(3.0)
     score, sent = nodes.values(topics.SCORE)[-1], played.condition["goals_sent"]
@@ -62,7 +62,7 @@ def test_a_carried_robot_collects_nothing_and_stands_until_a_person_answers(play
     assert max(nodes.values(topics.SCORE)) == len(house().pellet_ids)
 
 
-def test_a_jump_outlives_a_goal_selector_that_is_killed(played: Played) -> None:
+def test_jump_outlives_killed_goal_selector(played: Played) -> None:
     nodes = played.nodes
     carry(played)
     played.wait(lambda c: JUMPED in c["troubles"], "the report", 5.0)
@@ -81,7 +81,7 @@ def test_a_jump_outlives_a_goal_selector_that_is_killed(played: Played) -> None:
     played.wait(lambda c: c["goals_sent"] > 0, "a goal", 5.0)
 
 
-def test_while_localization_uses_another_map_nothing_is_sent_until_the_games_is_back(played: Played) -> None:
+def test_nothing_is_sent_while_map_differs(played: Played) -> None:
     nodes = played.nodes
     nodes.advance(2.0)
     nodes.publish(topics.MAP, map_message(load_map("loop"), nodes.stamp()))

@@ -17,9 +17,7 @@ from tests.ros.selector_game import Game, house, pellet
 LOST, FAILS, SILENT = "pose lost", "Nav2 fails", "no odometry"
 
 
-def test_without_a_transform_nothing_is_sent_or_counted_and_it_is_reported_until_it_is_back(
-    played: Played, log: Callable[[], str]
-) -> None:
+def test_lost_pose_stops_goals_until_it_is_back(played: Played, log: Callable[[], str]) -> None:
     nodes = played.nodes
     nodes.advance(3.0)
     played.fault("pose_lost")
@@ -41,9 +39,7 @@ def test_without_a_transform_nothing_is_sent_or_counted_and_it_is_reported_until
     assert max(nodes.values(topics.SCORE)) == len(house().pellet_ids)
 
 
-def test_a_base_that_falls_silent_is_named_as_the_cause_in_place_of_the_pose_that_is_lost_with_it(
-    played: Played, log: Callable[[], str]
-) -> None:
+def test_silent_base_is_reported_as_cause(played: Played, log: Callable[[], str]) -> None:
     nodes = played.nodes
     nodes.advance(3.0)
     played.fault("base_silent")
@@ -61,7 +57,7 @@ def test_a_base_that_falls_silent_is_named_as_the_cause_in_place_of_the_pose_tha
     assert SILENT not in condition["troubles"]
 
 
-def test_a_node_that_starts_while_the_pose_is_lost_waits_for_it(game: Game) -> None:
+def test_node_started_without_pose_waits(game: Game) -> None:
     game.start()
     for _ in range(30):  # the base alone, no localization; the latched pose is of another time
         links = [transform_message("odom", "base_link", (0.0, 0.0, 0.0), game.session.stamp())]
@@ -74,9 +70,7 @@ def test_a_node_that_starts_while_the_pose_is_lost_waits_for_it(game: Game) -> N
     assert not game.nav2.goals
 
 
-def test_goals_that_all_fail_are_reported_with_code_and_name_until_one_is_reached(
-    game: Game, log: Callable[[], str]
-) -> None:
+def test_failing_goals_are_reported_until_one_succeeds(game: Game, log: Callable[[], str]) -> None:
     game.start()
     game.begin()
     for number in range(1, 5):
@@ -91,7 +85,7 @@ def test_goals_that_all_fail_are_reported_with_code_and_name_until_one_is_reache
     game.condition(lambda c: FAILS not in c["troubles"], "the end of the trouble")
 
 
-def test_goals_that_fail_at_once_are_not_sent_in_a_flood(game: Game) -> None:
+def test_failing_goals_are_sent_at_intervals(game: Game) -> None:
     game.start()
     game.begin()
     began_s, number = game.session.now_s, 0
@@ -101,7 +95,7 @@ def test_goals_that_fail_at_once_are_not_sent_in_a_flood(game: Game) -> None:
     assert 5 <= number <= 12
 
 
-def test_a_goal_that_another_one_pre_empts_has_not_failed(game: Game) -> None:
+def test_preempted_goal_has_not_failed(game: Game) -> None:
     game.start()
     game.begin()
     for slot in (0, 5, 0, 5, 0, 5):  # the nearest pellet changes; the goal before ends aborted
@@ -118,7 +112,7 @@ def test_a_goal_that_another_one_pre_empts_has_not_failed(game: Game) -> None:
         *((723, "723 DriveOnHeading COLLISION_AHEAD"), (4711, "4711")),
     ],
 )
-def test_an_error_code_has_its_name(code: int, words: str) -> None:
+def test_error_code_has_its_name(code: int, words: str) -> None:
     from pacman_env.ros.selector.nav2_failures import error_words
 
     assert error_words(code) == words

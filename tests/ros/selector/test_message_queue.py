@@ -30,7 +30,7 @@ class Sleeper(BaseNode):
         self.waiting = MessageQueue(self, topics.GAME_COMMAND, lambda message, s: self.taken.append((message.data, s)))
 
 
-def test_in_lock_step_they_are_taken_in_order_with_how_long_they_waited(domain: int, tmp_path: Path) -> None:
+def test_queue_keeps_order_and_waiting_times(domain: int, tmp_path: Path) -> None:
     with session.nodes(tmp_path) as nodes:
         sleeper = nodes.start("sleeper", Sleeper).node
         assert isinstance(sleeper, Sleeper)
@@ -44,7 +44,7 @@ def test_in_lock_step_they_are_taken_in_order_with_how_long_they_waited(domain: 
         assert len(sleeper.taken) == 3
 
 
-def test_they_wake_no_executor_and_are_taken_in_order_with_how_long_they_waited(probe: Probe) -> None:
+def test_queue_wakes_no_executor(probe: Probe) -> None:
     node = rclpy.create_node("sleeper", namespace=probe.system.namespace, context=probe.context)
     taken: list[tuple[str, float]] = []
     waiting = MessageQueue(node, topics.GAME_COMMAND, lambda message, waited_s: taken.append((message.data, waited_s)))

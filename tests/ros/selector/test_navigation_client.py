@@ -55,7 +55,7 @@ def start_asker(nodes: Session, name: str = "asker") -> tuple[Asker, Callable[..
     return asker, lambda method, *arguments: nodes.within(lambda: getattr(asker.client, method)(*arguments), asker)
 
 
-def test_a_goal_whose_acceptance_was_lost_can_be_cancelled(nodes: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_goal_without_acceptance_can_be_cancelled(nodes: Session, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(NavigationClient, "_on_answer", lambda *lost: None)
     nav2, (asker, do) = start_nav2(nodes), start_asker(nodes)
     do("send", 1, PLACE)
@@ -65,7 +65,7 @@ def test_a_goal_whose_acceptance_was_lost_can_be_cancelled(nodes: Session, monke
     assert [goal.cancelled for goal in nav2.goals] == [True]
 
 
-def test_a_goal_whose_result_was_lost_ends_as_its_status_says(nodes: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_goal_without_result_ends_by_status(nodes: Session, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(NavigationClient, "_on_result", lambda *lost: None)
     nav2, (asker, do) = start_nav2(nodes), start_asker(nodes)
     do("send", 1, PLACE)
@@ -77,7 +77,7 @@ def test_a_goal_whose_result_was_lost_ends_as_its_status_says(nodes: Session, mo
     assert asker.words == [("accepted", 1), ("finished", 1, GoalStatus.STATUS_SUCCEEDED)]
 
 
-def test_a_goal_that_a_server_started_anew_does_not_know_has_ended(nodes: Session) -> None:
+def test_goal_unknown_to_restarted_server_has_ended(nodes: Session) -> None:
     first = start_nav2(nodes)
     asker, do = start_asker(nodes)
     do("send", 1, PLACE)
@@ -95,9 +95,7 @@ def test_a_goal_that_a_server_started_anew_does_not_know_has_ended(nodes: Sessio
     assert asker.words == [("accepted", 1), ("finished", 1, GoalStatus.STATUS_CANCELED)]
 
 
-def test_at_rest_nothing_is_driven_even_if_an_acceptance_was_lost(
-    nodes: Session, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_drives_at_rest_after_lost_acceptance(nodes: Session, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(NavigationClient, "_on_answer", lambda *lost: None)
     nav2, (_, do) = start_nav2(nodes), start_asker(nodes)
     do("send", 1, PLACE)
@@ -106,7 +104,7 @@ def test_at_rest_nothing_is_driven_even_if_an_acceptance_was_lost(
     assert not nav2.running()
 
 
-def test_the_cancel_of_a_goal_that_is_not_accepted_yet_ends_nothing(nodes: Session) -> None:
+def test_cancel_of_unaccepted_goal_ends_nothing(nodes: Session) -> None:
     nav2, (asker, do) = start_nav2(nodes, "late"), start_asker(nodes)
     do("send", 1, PLACE)
     assert nav2.all == [PLACE[:2]]
@@ -119,7 +117,7 @@ def test_the_cancel_of_a_goal_that_is_not_accepted_yet_ends_nothing(nodes: Sessi
     assert asker.words == [("accepted", 1), ("finished", 1, GoalStatus.STATUS_CANCELED)]
 
 
-def test_a_goal_of_another_node_that_arrives_after_all_were_cancelled_is_cancelled_too(nodes: Session) -> None:
+def test_late_goal_of_other_node_is_cancelled(nodes: Session) -> None:
     nav2, (asker, do) = start_nav2(nodes), start_asker(nodes)
     assert not do("clear")
     assert do("clear")

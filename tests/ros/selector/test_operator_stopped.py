@@ -20,7 +20,7 @@ def word(stopped: bool, at: int, by: str = "/robot_15/page") -> str:
     return json.dumps({"stopped": stopped, "at": at, "who": "guest-1", "by": by})
 
 
-def test_a_stop_ends_the_goal_and_no_other_comes_until_the_release(game: Game) -> None:
+def test_stop_ends_goal_until_release(game: Game) -> None:
     game.session.record(topics.OPERATOR_STOP)
     game.start()
     game.begin()
@@ -45,7 +45,7 @@ def test_a_stop_ends_the_goal_and_no_other_comes_until_the_release(game: Game) -
     assert echoed[-2:] == [(True, 10), (False, 11)]
 
 
-def test_an_earlier_word_changes_nothing_and_of_two_at_once_the_stop_counts(game: Game) -> None:
+def test_stop_wins_over_release_of_same_time(game: Game) -> None:
     game.start()
     game.begin()
     game.running_goal(1)
@@ -61,7 +61,7 @@ def test_an_earlier_word_changes_nothing_and_of_two_at_once_the_stop_counts(game
 
 
 @pytest.mark.parametrize("when", ["before the stop", "after it"])
-def test_a_goal_of_another_node_is_cancelled_while_stopped(game: Game, when: str) -> None:
+def test_goal_of_other_node_is_cancelled_while_stopped(game: Game, when: str) -> None:
     client = topics.NAVIGATE_TO_POSE.client(game.session.observer)  # RViz's, say
 
     def send() -> None:
@@ -82,7 +82,7 @@ def test_a_goal_of_another_node_is_cancelled_while_stopped(game: Game, when: str
     assert not game.nav2.running()
 
 
-def test_the_way_home_waits_for_the_release_and_does_not_fail(game: Game) -> None:
+def test_way_home_waits_for_release(game: Game) -> None:
     game.start()
     game.stand(*pellet(0))
     game.say(topics.OPERATOR_STOP, word(True, 10))
@@ -97,7 +97,7 @@ def test_the_way_home_waits_for_the_release_and_does_not_fail(game: Game) -> Non
     game.running_goal(1)
 
 
-def test_reasons_are_published_with_what_the_numbers_mean(game: Game) -> None:
+def test_reasons_are_published_with_terms(game: Game) -> None:
     game.session.record(topics.WHY, topics.CANDIDATES)
     game.start(policy="clyde_aware")
     game.begin()

@@ -22,7 +22,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("policy", ["shy", "pacman_plugin.policy:Shy"])
-def test_the_goal_selector_plays_with_the_policy_of_an_installed_package(
+def test_goal_selector_plays_policy_of_installed_package(
     game: Game, policy: str, site: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.syspath_prepend(site)

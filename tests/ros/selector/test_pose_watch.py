@@ -50,14 +50,14 @@ def robot() -> Robot:
     return robot
 
 
-def test_transforms_that_were_held_up_and_come_all_at_once_are_no_jump(robot: Robot) -> None:
+def test_delayed_transforms_are_no_jump(robot: Robot) -> None:
     x, y, heading = robot.travelled
     robot.travelled, robot.stamp = (x + 1.3, y, heading), robot.stamp + 5.0
     robot.step()
     assert not robot.watch.jump
 
 
-def test_corrections_as_amcl_makes_them_are_no_jump(robot: Robot) -> None:
+def test_corrections_of_amcl_are_no_jump(robot: Robot) -> None:
     for k in range(30):
         error = (0.3 * math.sin(k), 0.3 * math.cos(k), 0.2 * math.sin(2.0 * k))
         robot.correction = compose(compose(robot.travelled, error), inverse(robot.travelled))
@@ -65,7 +65,7 @@ def test_corrections_as_amcl_makes_them_are_no_jump(robot: Robot) -> None:
         assert not robot.watch.jump
 
 
-def test_drift_that_is_corrected_bit_by_bit_is_no_jump(robot: Robot) -> None:
+def test_gradual_drift_is_no_jump(robot: Robot) -> None:
     for k in range(40):  # odometry that overestimates by a sixth: 2 m in the end
         robot.correction = (-0.05 * k, 0.0, 0.0)
         robot.drive(1.0)
@@ -82,7 +82,7 @@ def test_drift_that_is_corrected_bit_by_bit_is_no_jump(robot: Robot) -> None:
         ((3.0, 0.0, math.pi), "180 degrees"),  # at the same place, the other way round
     ],
 )
-def test_a_correction_of_metres_or_half_a_turn_is_a_jump(robot: Robot, correction: Pose, words: str) -> None:
+def test_large_correction_is_jump(robot: Robot, correction: Pose, words: str) -> None:
     robot.correction = correction
     robot.step()
     assert words in robot.watch.jump
@@ -92,19 +92,19 @@ def test_a_correction_of_metres_or_half_a_turn_is_a_jump(robot: Robot, correctio
     assert robot.watch.jump
 
 
-def test_odometry_that_begins_anew_while_the_robot_runs_is_a_jump(robot: Robot) -> None:
+def test_restarted_odometry_is_jump(robot: Robot) -> None:
     robot.travelled = (0.0, 0.0, 0.0)
     robot.step()
     assert "from (1.50, 0.00) to (0.00, 0.00)" in robot.watch.jump
 
 
-def test_a_simulated_robot_that_is_started_again_has_not_jumped(robot: Robot) -> None:
+def test_restarted_simulation_is_no_jump(robot: Robot) -> None:
     robot.travelled, robot.stamp = (0.0, 0.0, 0.0), 1.0
     robot.drive(5.0)
     assert not robot.watch.jump
 
 
-def test_a_robot_that_was_carried_while_its_pose_was_lost_has_jumped(robot: Robot) -> None:
+def test_robot_carried_while_lost_has_jumped(robot: Robot) -> None:
     for _ in range(100):
         robot.step(localized=False)
     assert robot.watch.reasons(robot.now)[POSE_LOST] == "pose lost: no transform from map to base_link for 10 s"
@@ -114,7 +114,7 @@ def test_a_robot_that_was_carried_while_its_pose_was_lost_has_jumped(robot: Robo
     assert "pose jumped 4.0 m" in robot.watch.jump
 
 
-def test_a_jump_to_where_a_person_has_said_is_expected(robot: Robot) -> None:
+def test_jump_to_given_pose_is_expected(robot: Robot) -> None:
     robot.watch.give((5.0, 5.0, 0.0))
     robot.drive(2.0)  # before localization follows
     robot.correction = (3.5, 5.0, 0.0)
@@ -125,7 +125,7 @@ def test_a_jump_to_where_a_person_has_said_is_expected(robot: Robot) -> None:
     assert robot.watch.jump, "but only there"
 
 
-def test_a_pose_set_by_a_person_ends_a_jump_once_localization_agrees(robot: Robot) -> None:
+def test_given_pose_ends_jump_once_localization_agrees(robot: Robot) -> None:
     robot.correction = (3.0, 0.0, 0.0)
     robot.step()
     robot.watch.give((1.5, 2.0, 0.0))
@@ -138,7 +138,7 @@ def test_a_pose_set_by_a_person_ends_a_jump_once_localization_agrees(robot: Robo
     assert not robot.watch.jump
 
 
-def test_a_pose_that_was_set_before_a_jump_does_not_answer_it(robot: Robot) -> None:
+def test_pose_given_before_jump_does_not_answer_it(robot: Robot) -> None:
     robot.watch.give((1.5, 0.0, 0.0))
     robot.correction = (3.0, 0.0, 0.0)
     robot.step()
@@ -148,7 +148,7 @@ def test_a_pose_that_was_set_before_a_jump_does_not_answer_it(robot: Robot) -> N
     assert robot.watch.jump
 
 
-def test_a_person_may_continue_with_the_pose_as_it_is(robot: Robot) -> None:
+def test_person_may_continue_with_jumped_pose(robot: Robot) -> None:
     robot.correction = (3.0, 0.0, 0.0)
     robot.step()
     robot.watch.accept()

@@ -33,12 +33,12 @@ def in_the_simulator(settings: list[str]) -> tuple[bool, bool, bool]:
     return collected, side.seen()["end"] == DEAD, counted
 
 
-def test_in_the_simulator() -> None:
+def test_settings_change_rules_in_simulator() -> None:
     assert in_the_simulator([]) == (False, True, False)
     assert in_the_simulator(SETTINGS) == (True, False, True)
 
 
-def test_in_the_goal_selector(game: Game) -> None:
+def test_settings_change_rules_in_goal_selector(game: Game) -> None:
     game.start(settings=[*QUICK, *SETTINGS])
     game.begin()
     first = game.running_goal(1)

@@ -81,7 +81,7 @@ def test_trouble_leaves_list_when_it_is_over(game: Game) -> None:
     assert not OVER.keys() & game.condition()["troubles"].keys()
 
 
-def test_no_clyde_is_over_when_clyde_is_there(game: Game) -> None:
+def test_missing_clyde_is_trouble_until_it_comes(game: Game) -> None:
     game.start()
     game.stand(*game.pose)
     game.pellets()
@@ -102,7 +102,7 @@ class Peer(GameNode):
         super().__init__("peer")
 
 
-def test_another_configuration_is_a_trouble_until_its_node_agrees_or_is_gone(game: Game) -> None:
+def test_other_configuration_is_trouble_until_node_agrees(game: Game) -> None:
     session: Session = game.session
     game.start()
     trouble = "configuration of peer"

@@ -69,7 +69,7 @@ def base(make_robot: Make) -> Driven:
     return Driven(make_robot(**BASE, settings=EXACT))
 
 
-def test_it_has_neither_nav2_nor_amcl_and_a_map_only_if_it_is_to(make_robot: Make) -> None:
+def test_base_alone_has_no_nav2_and_no_amcl(make_robot: Make) -> None:
     robot = make_robot(**BASE, map_out=False)
     robot.nodes.record(topics.MAP)
     robot.nodes.advance(2.0)
@@ -86,7 +86,7 @@ def test_it_has_neither_nav2_nor_amcl_and_a_map_only_if_it_is_to(make_robot: Mak
 
 
 @pytest.mark.parametrize(("asked_hz", "hz"), [(0, 50), (20, 20), (100, 100)])
-def test_clock_odometry_and_transforms_come_at_the_rate_asked_for(make_robot: Make, asked_hz: int, hz: int) -> None:
+def test_odometry_comes_at_requested_rate(make_robot: Make, asked_hz: int, hz: int) -> None:
     robot = make_robot(**BASE, odometry_hz=asked_hz)
     robot.nodes.record(topics.CLOCK)
     robot.nodes.forget()
@@ -98,7 +98,7 @@ def test_clock_odometry_and_transforms_come_at_the_rate_asked_for(make_robot: Ma
 
 
 @pytest.mark.daily
-def test_without_errors_odometry_is_the_truth_and_with_them_it_drifts_by_the_seed(make_robot: Make) -> None:
+def test_odometry_drifts_by_its_errors_and_seed(make_robot: Make) -> None:
     def drift(seed: int, settings: list[str]) -> tuple[float, float, float]:
         driven = Driven(make_robot(**BASE, seed=seed, settings=settings))
         for _ in range(6):
@@ -116,7 +116,7 @@ def test_without_errors_odometry_is_the_truth_and_with_them_it_drifts_by_the_see
         assert 0.005 < abs(heading) < 0.8
 
 
-def test_a_wall_is_felt_by_the_bumper_where_it_is(base: Driven) -> None:
+def test_bumper_and_backup_limit_are_hazards(base: Driven) -> None:
     base.drive(-0.2, 0.0, 0.5)
     assert base.hazards() == {("base_link", irobot.HazardDetection.BACKUP_LIMIT)}
     base.nodes.advance(1.0)
@@ -133,7 +133,7 @@ def test_a_wall_is_felt_by_the_bumper_where_it_is(base: Driven) -> None:
     assert base.hazards() == {("bump_front_right", irobot.HazardDetection.BUMP)}
 
 
-def test_a_docked_robot_undocks_and_docks_again(make_robot: Make, log: Callable[[], str]) -> None:
+def test_docked_robot_undocks_and_docks_again(make_robot: Make, log: Callable[[], str]) -> None:
     base = Driven(make_robot(**BASE, settings=EXACT, dock="home"))
     base.nodes.advance(2.0)
     status = base.nodes.last(topics.DOCK_STATUS)
@@ -159,7 +159,7 @@ def test_a_docked_robot_undocks_and_docks_again(make_robot: Make, log: Callable[
     assert base.truth() == pytest.approx((0.0, 0.0, 0.0), abs=0.1)
 
 
-def test_docking_that_takes_too_long_is_aborted_and_one_can_be_cancelled(make_robot: Make) -> None:
+def test_slow_docking_is_aborted_and_docking_cancelled(make_robot: Make) -> None:
     base = Driven(make_robot(**BASE, settings=EXACT, dock="home", fault="wheels_slip 60"))
     assert base.act(topics.UNDOCK).end(31.0)[0] == ABORTED
     base.nodes.kill("sim_robot")
@@ -173,7 +173,7 @@ def test_docking_that_takes_too_long_is_aborted_and_one_can_be_cancelled(make_ro
     assert again.robot.odometry().twist.twist.linear.x == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_battery_empties_and_charges_on_the_dock(make_robot: Make) -> None:
+def test_battery_empties_and_charges_on_dock(make_robot: Make) -> None:
     base = Driven(make_robot(**BASE, settings=EXACT, charge=0.5))
     base.nodes.advance(10.0)
     charges = [message.percentage for message in base.nodes.messages(topics.BATTERY_STATE)]
@@ -196,7 +196,7 @@ def test_odometry_does_not_notice_slipping_wheels(base: Driven) -> None:
     assert base.truth()[0] == pytest.approx(0.4, abs=0.1)
 
 
-def test_a_real_amcl_is_given_the_true_pose_until_it_has_published_one(make_robot: Make) -> None:
+def test_real_amcl_gets_true_pose_until_it_publishes(make_robot: Make) -> None:
     base = Driven(make_robot(**BASE))
     base.nodes.record(topics.INITIAL_POSE)
     base.nodes.advance(3.0)

@@ -5,7 +5,7 @@ import pytest
 from pacman_env.ros.simulated_robot.sim_faults import FAULTS, Faults
 
 
-def test_faults_begin_with_their_numbers_and_end_one_by_one_or_all() -> None:
+def test_faults_begin_and_end_by_name() -> None:
     faults = Faults()
     faults.apply("reject")
     faults.apply("  Abort 2.5 ")
@@ -24,7 +24,7 @@ def test_faults_begin_with_their_numbers_and_end_one_by_one_or_all() -> None:
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_what_is_shown_can_be_applied_again(name: str) -> None:
+def test_shown_fault_can_be_applied_again(name: str) -> None:
     faults, again = Faults(), Faults()
     faults.apply(" ".join([name, *("0.5" for _ in FAULTS[name])]))
     for text in faults.words():
@@ -51,7 +51,7 @@ def test_what_is_shown_can_be_applied_again(name: str) -> None:
         ("kidnap 1 2", "X Y HEADING"),
     ],
 )
-def test_what_is_no_fault_is_refused_with_a_reason_and_changes_nothing(text: str, reason: str) -> None:
+def test_invalid_fault_is_refused_and_changes_nothing(text: str, reason: str) -> None:
     faults = Faults()
     faults.apply("late_acceptance 3")
     with pytest.raises(ValueError, match=reason):

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from tests.ros.system import Probe, System
 
 
-def test_it_drives_to_a_goal_shows_where_it_is_and_amcl_is_silent_while_it_stands(robot: Robot) -> None:
+def test_robot_drives_to_goal_and_amcl_falls_silent(robot: Robot) -> None:
     goal = robot.goal(*RIGHT)
     status, result = goal.end()
     assert (status, result.error_code) == (SUCCEEDED, nav.NONE)
@@ -59,7 +59,7 @@ def test_it_drives_to_a_goal_shows_where_it_is_and_amcl_is_silent_while_it_stand
     assert all(m.twist.twist.linear.x == pytest.approx(0.0, abs=1e-9) for m in odometry)
 
 
-def test_a_newer_goal_ends_the_older_one_aborted_without_an_error(robot: Robot) -> None:
+def test_newer_goal_aborts_older_without_error(robot: Robot) -> None:
     first = robot.on_its_way()
     second = robot.goal(*LEFT)
     status, result = first.end()
@@ -68,7 +68,7 @@ def test_a_newer_goal_ends_the_older_one_aborted_without_an_error(robot: Robot) 
     assert robot.is_at(LEFT)
 
 
-def test_a_cancelled_goal_ends_cancelled_and_the_robot_stands(robot: Robot) -> None:
+def test_cancelled_goal_leaves_robot_standing(robot: Robot) -> None:
     goal = robot.on_its_way(3.0)
     assert robot.odometry().twist.twist.linear.x > 0.2
     assert goal.cancel() == 1
@@ -78,9 +78,7 @@ def test_a_cancelled_goal_ends_cancelled_and_the_robot_stands(robot: Robot) -> N
     assert goal.cancel() == 0
 
 
-def test_bad_goals_are_rejected_with_a_reason_and_impossible_ones_aborted_at_once(
-    robot: Robot, log: Callable[[], str]
-) -> None:
+def test_invalid_goals_are_rejected_impossible_ones_aborted(robot: Robot, log: Callable[[], str]) -> None:
     assert not robot.goal(math.nan, 0.0).accepted
     assert "position x = nan: must be finite" in log()
     assert not robot.goal(1.0, 0.0, frame="odom").accepted
@@ -95,7 +93,7 @@ def test_bad_goals_are_rejected_with_a_reason_and_impossible_ones_aborted_at_onc
     assert robot.goal(1.0, 0.5).end()[0] == SUCCEEDED
 
 
-def test_clyde_is_an_obstacle_until_it_is_seen_no_more(robot: Robot) -> None:
+def test_clyde_blocks_path_until_cleared(robot: Robot) -> None:
     around = np.array([DOOR]) + 0.05 * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     goal = robot.goal(*RIGHT)
     while not goal.result().done():
@@ -109,7 +107,7 @@ def test_clyde_is_an_obstacle_until_it_is_seen_no_more(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize("stamped", [True, False])
-def test_a_velocity_moves_it_for_half_a_second_and_a_bad_one_does_not(
+def test_velocity_moves_robot_for_half_a_second(
     make_robot: Callable[..., Robot], log: Callable[[], str], stamped: bool
 ) -> None:
     robot = make_robot(stamped_cmd_vel=stamped)
@@ -129,9 +127,7 @@ def test_a_velocity_moves_it_for_half_a_second_and_a_bad_one_does_not(
     assert 0.09 <= robot.place()[0] <= 0.12
 
 
-def test_before_an_initial_pose_amcl_is_silent_and_goals_fail(
-    make_robot: Callable[..., Robot], log: Callable[[], str]
-) -> None:
+def test_goals_fail_before_initial_pose(make_robot: Callable[..., Robot], log: Callable[[], str]) -> None:
     robot = make_robot(set_initial_pose=False)
     status, result = robot.goal(*RIGHT).end()
     assert (status, result.error_code) == (ABORTED, nav.TF_ERROR)
@@ -150,7 +146,7 @@ def test_before_an_initial_pose_amcl_is_silent_and_goals_fail(
     assert robot.goal(*RIGHT).end()[0] == SUCCEEDED
 
 
-def test_map_and_scan_are_those_of_the_rooms(robot: Robot) -> None:
+def test_map_and_scan_show_the_rooms(robot: Robot) -> None:
     robot.nodes.record(topics.MAP, topics.SCAN, topics.TF_STATIC)
     (grid,) = robot.nodes.messages(topics.MAP)
     info = grid.info
@@ -164,9 +160,7 @@ def test_map_and_scan_are_those_of_the_rooms(robot: Robot) -> None:
     assert static.transforms[0].child_frame_id == scan.header.frame_id
 
 
-def test_lights_are_shown_when_they_change_and_notes_are_played_one_sequence_at_a_time(
-    robot: Robot, log: Callable[[], str]
-) -> None:
+def test_lights_and_notes_are_shown(robot: Robot, log: Callable[[], str]) -> None:
     nodes = robot.nodes
     nodes.record(LIGHT_RING_SHOWN, AUDIO_SHOWN)
     leds = LightringLeds(leds=[LedColor(red=200, green=i, blue=0) for i in range(6)], override_system=True)
@@ -206,7 +200,7 @@ def test_lights_are_shown_when_they_change_and_notes_are_played_one_sequence_at_
     assert shown[0]["notes"] == [[440, 2.0]] * 2
 
 
-def test_without_simulated_time_there_is_no_clock(make_robot: Callable[..., Robot], log: Callable[[], str]) -> None:
+def test_real_time_has_no_clock(make_robot: Callable[..., Robot], log: Callable[[], str]) -> None:
     robot = make_robot(use_sim_time=False)
     robot.nodes.forget()
     robot.nodes.advance(1.5)
@@ -218,7 +212,7 @@ def test_without_simulated_time_there_is_no_clock(make_robot: Callable[..., Robo
     assert "sim/fault ignored: fault clock_jump: needs use_sim_time" in log()
 
 
-def test_a_signal_ends_its_process_cleanly_while_it_drives(probe: Probe, system: System) -> None:
+def test_signal_ends_process_while_robot_drives(probe: Probe, system: System) -> None:
     map_yaml = rooms().save(system.folder / "rooms.yaml")
     process = system.start(module_of(SIMULATOR), map_yaml=map_yaml, use_sim_time=True, speed=10.0)
     probe.record(topics.ODOMETRY)

@@ -164,9 +164,7 @@ def test_fault_clock_jump(robot: Robot) -> None:
     assert robot.goal(1.0, 0.5).end()[0] == SUCCEEDED
 
 
-def test_answers_to_clients_that_have_gone_do_not_end_the_robot(
-    probe: Probe, system: System, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_robot_survives_clients_that_have_gone(probe: Probe, system: System, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONWARNINGS", "error::RuntimeWarning")  # rclpy warns, and breaks where that is an error
     map_yaml = rooms().save(system.folder / "rooms.yaml")
     process = system.start(module_of(SIMULATOR), map_yaml=map_yaml, use_sim_time=True, speed=10.0)

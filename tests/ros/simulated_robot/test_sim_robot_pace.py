@@ -61,7 +61,7 @@ def late(node: SimRobot, wall: WallClock, seconds: float) -> int:
     raise AssertionError("it does not catch up")
 
 
-def test_time_runs_ten_times_as_fast_as_the_walls(make: Make, wall: WallClock) -> None:
+def test_time_runs_ten_times_as_fast(make: Make, wall: WallClock) -> None:
     node = make(use_sim_time="true", speed=10.0)
     for k in range(1, 301):
         wall.now_s += 0.01
@@ -70,7 +70,7 @@ def test_time_runs_ten_times_as_fast_as_the_walls(make: Make, wall: WallClock) -
         assert node._now_ns() - START_NS == pytest.approx(k * 0.1e9, abs=0.051e9)
 
 
-def test_without_simulated_time_stamps_are_the_walls(make: Make, wall: WallClock) -> None:
+def test_stamps_are_real_time_without_simulated_time(make: Make, wall: WallClock) -> None:
     node = make()
     for k in range(1, 400):
         wall.now_s += 0.03 if k % 100 else 2.0  # now and then it gets no core for a while
@@ -81,13 +81,13 @@ def test_without_simulated_time_stamps_are_the_walls(make: Make, wall: WallClock
     assert node.once.counts["too slow"] == 3
 
 
-def test_a_robot_that_catches_up_is_not_deaf_meanwhile(make: Make, wall: WallClock) -> None:
+def test_catching_up_leaves_time_for_messages(make: Make, wall: WallClock) -> None:
     node = make(use_sim_time="true", speed=10.0)
     assert late(node, wall, 0.4) >= 8
     assert node.robot.steps == pytest.approx(80, abs=1)
 
 
-def test_what_is_too_late_is_left_out(make: Make, wall: WallClock) -> None:
+def test_lost_time_is_left_out(make: Make, wall: WallClock) -> None:
     node = make(use_sim_time="true", speed=10.0)
     steps = node.robot.steps
     late(node, wall, 60.0)

@@ -189,18 +189,18 @@ def found(observations: Observations, check: str) -> Finding:
     return one
 
 
-def test_every_check_has_a_name_of_its_own_and_a_question() -> None:
+def test_every_check_has_name_and_question() -> None:
     assert len({check.name for check in CHECKS}) == len(CHECKS)
     assert all(check.question.endswith("?") for check in CHECKS)
 
 
-def test_a_robot_where_all_is_well_is_ready_and_nothing_is_left_to_listen_for() -> None:
+def test_good_robot_is_ready_and_settled() -> None:
     findings = examine(robot())
     assert [(f.check, f.summary) for f in findings if f.status != OK or f.remedy or not f.settled] == []
     assert is_ready(findings)
 
 
-def test_a_simulated_base_with_a_real_nav2_where_all_is_well_is_checked_as_a_robot() -> None:
+def test_good_base_with_nav2_is_ready() -> None:
     findings = examine(base_with_nav2())
     assert [(f.check, f.summary) for f in findings if f.status != OK] == []
 
@@ -218,7 +218,7 @@ def test_a_simulated_base_with_a_real_nav2_where_all_is_well_is_checked_as_a_rob
         ({"scans": None}, "lidar", "scan not received", "start or restart the simulated game"),
     ],
 )
-def test_what_is_wrong_with_a_real_nav2_on_a_simulated_base_has_a_remedy_that_fits(
+def test_nav2_trouble_on_simulated_base_has_fitting_remedy(
     changes: dict[str, Any], check: str, summary: str, remedy: str
 ) -> None:
     finding = found(base_with_nav2(**changes), check)
@@ -230,7 +230,7 @@ def test_what_is_wrong_with_a_real_nav2_on_a_simulated_base_has_a_remedy_that_fi
         assert finding.command == f"pacman-env ros up --map house --namespace {NS.strip('/')} --sim --nav2"
 
 
-def test_a_simulated_robot_where_all_is_well_has_no_dock_no_battery_and_no_nav2_nodes() -> None:
+def test_good_simulated_robot_has_no_dock_or_battery() -> None:
     findings = examine(simulated())
     assert [f.check for f in findings if f.status != OK] == ["dock", "battery", "Nav2's nodes", "clyde_trail"]
     assert all(f.settled for f in findings)
@@ -238,7 +238,7 @@ def test_a_simulated_robot_where_all_is_well_has_no_dock_no_battery_and_no_nav2_
     assert "10.0 times real time" in found(simulated(), "clock").summary
 
 
-def test_before_a_game_its_nodes_are_no_fault_and_the_command_that_starts_them_is_named() -> None:
+def test_missing_game_is_no_fault_before_start() -> None:
     nodes = tuple(name for name in robot().nodes if name.rpartition("/")[2] not in (*GAME, SELECTOR))
     observations = robot(nodes=nodes, configurations=(), state=None, condition=None)
     assert is_ready(examine(observations))
@@ -345,7 +345,7 @@ SPEEDY = {"clyde": {"speed_mps": 0.35}, "show": {"start_s": 8.0}}
          f"pellet_manager plays on feed, goal_selector's map is {HASH}", "the same --map"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_bad_with_figures_and_its_remedy(
+def test_bad_robot_is_reported_with_figures_and_remedy(
     changes: dict[str, Any], check: str, summary: str, remedy: str
 ) -> None:
     observations = robot(**changes)
@@ -376,7 +376,7 @@ def test_what_is_wrong_is_bad_with_figures_and_its_remedy(
         ({"condition": {"policy": 5, "troubles": [1]}, "state": None}, "game", "game_state not received", "see"),
     ],
 )  # fmt: skip
-def test_a_question_without_an_answer_has_its_reason_and_is_no_fault(
+def test_unanswered_question_has_reason_and_is_no_fault(
     changes: dict[str, Any], check: str, summary: str, remedy: str
 ) -> None:
     observations = robot(**changes)
@@ -403,9 +403,7 @@ def test_a_question_without_an_answer_has_its_reason_and_is_no_fault(
         ({"condition": {"troubles": {"pose jumped": 1}}}, "game", "pacman-env ros continue --namespace robot_15 --sim"),
     ],
 )
-def test_the_remedies_of_a_simulated_robot_are_no_commands_for_a_real_one(
-    changes: dict[str, Any], check: str, remedy: str
-) -> None:
+def test_remedies_for_simulated_robot_are_no_robot_commands(changes: dict[str, Any], check: str, remedy: str) -> None:
     one = found(simulated(**changes), check)
     assert one.status == BAD
     assert remedy in f"{one.remedy}: {one.command}"
@@ -413,7 +411,7 @@ def test_the_remedies_of_a_simulated_robot_are_no_commands_for_a_real_one(
     assert "turtlebot4" not in one.command + one.remedy
 
 
-def test_what_stops_the_game_is_bad_with_its_words_and_a_remedy() -> None:
+def test_trouble_that_stops_game_is_bad() -> None:
     words = "pose lost: no transform from map to base_link for 12 s"
     condition = {"policy": "ppo", "troubles": {"late": 3, "pose lost": 9}, "trouble_texts": {"pose lost": words}}
     one = found(robot(condition=condition, state="running"), "game")
@@ -426,19 +424,19 @@ def test_what_stops_the_game_is_bad_with_its_words_and_a_remedy() -> None:
     assert (one.status, one.summary) == (BAD, "running; Nav2 fails")
 
 
-def test_skew_of_a_fifth_of_a_second_is_borne_and_a_scan_may_be_late_by_its_turn() -> None:
+def test_skew_within_limits_is_accepted() -> None:
     late = {"odom": delays(*[0.2] * 9), "scan": delays(*[0.32] * 9, turn_s=0.13), "tf": delays(*[-0.2] * 9)}
     assert is_ready(examine(robot(delays=late)))
     later = delays(*[0.34] * 9, turn_s=0.13)
     assert found(robot(delays=late | {"scan": later}), "time of scan").status == BAD
 
 
-def test_some_outliers_are_no_skew() -> None:
+def test_few_outliers_are_no_skew() -> None:
     late = {"odom": delays(*[0.02] * 9, *[40.0] * 4), "tf": LATE}
     assert found(robot(delays=late), "time of odom").status == OK
 
 
-def test_a_clock_of_another_simulation_is_not_the_robots_time() -> None:
+def test_clock_of_other_simulation_is_not_used() -> None:
     changes = {"publishers": {"odom": (BASE,), "/clock": ("/sim/robot",)}, "clock": Clock(0.0, 0.0, 1.0, 1.0)}
     late = {"odom": delays(*[3.0] * 9, clock_s=(-1.7e9,) * 9)}
     observations = robot(**changes, delays=late)
@@ -447,18 +445,18 @@ def test_a_clock_of_another_simulation_is_not_the_robots_time() -> None:
     assert not [f for f in examine(simulated(clock=None)) if f.check.startswith("time of")]
 
 
-def test_the_original_planner_counts_as_the_goal_selector() -> None:
+def test_original_planner_counts_as_goal_selector() -> None:
     nodes = [f"{NS}/planner_stub" if name == f"{NS}/{SELECTOR}" else name for name in robot().nodes]
     assert found(robot(nodes=tuple(nodes)), "game's nodes").status == OK
 
 
-def test_in_the_root_namespace_names_have_one_slash_and_launches_no_namespace() -> None:
+def test_root_namespace_has_one_slash() -> None:
     observations = dataclasses.replace(robot(docked=True, grid=None), namespace="/")
     assert 'send_goal /undock irobot_create_msgs/action/Undock "{}"' in found(observations, "dock").command
     assert "namespace:=" not in found(observations, "map").command
 
 
-def test_the_list_fits_80_columns_but_for_commands_which_stay_whole() -> None:
+def test_list_fits_80_columns_except_commands() -> None:
     findings = examine(robot(docked=True, scans=None, subscribers={}, delays={"odom": delays(*[3.0] * 9)}, grid=None))
     commands = {f.command for f in findings if f.command}
     lines = render(findings, "title").splitlines()
@@ -470,7 +468,7 @@ def test_the_list_fits_80_columns_but_for_commands_which_stay_whole() -> None:
     assert render(examine(robot()), "title").endswith("\nnothing is BAD")
 
 
-def test_names_from_other_machines_cannot_write_to_the_terminal() -> None:
+def test_foreign_names_cannot_write_to_terminal() -> None:
     text = render(examine(robot(navigators=("/a\x1b[2J\nBAD all", "/" + "b" * 5000))), "title")
     assert "\x1b" not in text
     assert not any(line.startswith("BAD all") for line in text.splitlines())

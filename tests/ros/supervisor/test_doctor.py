@@ -164,9 +164,7 @@ def robot(probe: Probe) -> Iterator[FakeRobot]:
     robot.close()
 
 
-def test_a_robot_that_is_ready_is_all_ok_and_each_fault_is_named_with_its_remedy(
-    domain: int, probe: Probe, robot: FakeRobot
-) -> None:
+def test_doctor_finds_ready_robot_and_each_fault(domain: int, probe: Probe, robot: FakeRobot) -> None:
     def ready(found: dict[str, Finding]) -> bool:
         return {check for check, finding in found.items() if finding.status != OK} == {
             *("game's nodes", "configuration", "game")
@@ -222,9 +220,7 @@ def test_a_robot_that_is_ready_is_all_ok_and_each_fault_is_named_with_its_remedy
     assert said["tf to base"].status == OK, said["tf to base"]
 
 
-def test_without_its_message_types_the_dock_cannot_be_told_and_the_reason_is_given(
-    domain: int, probe: Probe, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_dock_is_unknown_without_message_types(domain: int, probe: Probe, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "irobot_create_msgs.msg", None)  # as if it were not there
     said = diagnose(domain, lambda found: "dock" in found)
     assert said["dock"].status == UNKNOWN
@@ -232,7 +228,7 @@ def test_without_its_message_types_the_dock_cannot_be_told_and_the_reason_is_giv
     assert said["dock"].command == "python -m tools.ros_interfaces.build"
 
 
-def test_nobody_is_bad_in_json_and_with_status_1(domain: int) -> None:
+def test_missing_robot_is_bad_in_json(domain: int) -> None:
     out = io.StringIO()
     assert doctor("/nobody", domain, MAP, wait_s=0.1, as_json=True, out=out) == 1
     said = json.loads(out.getvalue())
@@ -256,14 +252,14 @@ def test_nobody_is_bad_in_json_and_with_status_1(domain: int) -> None:
         ({"wait_s": 601.0}, "at most 600"),
     ],
 )
-def test_bad_arguments_are_refused_before_anything_is_observed(arguments: dict[str, Any], words: str) -> None:
+def test_invalid_arguments_are_refused_first(arguments: dict[str, Any], words: str) -> None:
     before = dict(os.environ)
     with pytest.raises(ValueError, match=words):
         doctor(**{"namespace": "robot_15", "domain": 1, **arguments})
     assert dict(os.environ) == before
 
 
-def test_a_simulated_robot_is_looked_for_on_this_machine_only(domain: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_simulated_robot_is_sought_on_this_machine(domain: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
     monkeypatch.setenv("ROS_STATIC_PEERS", "10.0.0.2")
     out = io.StringIO()
@@ -273,7 +269,7 @@ def test_a_simulated_robot_is_looked_for_on_this_machine_only(domain: int, monke
     assert "sees this machine only" in out.getvalue()
 
 
-def test_an_interrupt_ends_it_in_one_line(probe: Probe, system: System) -> None:
+def test_interrupt_ends_doctor_in_one_line(probe: Probe, system: System) -> None:
     code = "import sys; from pacman_env.ros.supervisor.doctor import doctor; sys.exit(doctor('nobody', wait_s=300))"
     process = system.run("doctor", [sys.executable, "-c", code])
     probe.wait_for(lambda: "pacman_doctor" in probe.node.get_node_names(), START_S, "the doctor")
@@ -282,7 +278,7 @@ def test_an_interrupt_ends_it_in_one_line(probe: Probe, system: System) -> None:
     system.processes.clear()
 
 
-def test_the_doctor_publishes_nothing_that_moves_anything(domain: int) -> None:
+def test_doctor_publishes_nothing(domain: int) -> None:
     node = Doctor(NS, domain, None, "", False, 1.0)
     try:
         spoken = {publisher.topic_name for publisher in node.publishers}
@@ -291,7 +287,7 @@ def test_the_doctor_publishes_nothing_that_moves_anything(domain: int) -> None:
     assert spoken <= {"/rosout", "/parameter_events"}
 
 
-def test_sources_have_the_types_of_the_games_topics() -> None:
+def test_sources_have_types_of_game_topics() -> None:
     known = {one.name: one.type_name for one in vars(topics).values() if isinstance(one, topics.Topic)}
     known |= {DOCKED.name: DOCKED.type_name, CHARGE.name: CHARGE.type_name}
     sources = [source for check in CHECKS for source in check.sources if isinstance(source, Source)]

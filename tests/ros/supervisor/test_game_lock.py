@@ -28,7 +28,7 @@ def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "state"
 
 
-def test_second_game_in_namespace_waits_for_the_first() -> None:
+def test_second_game_in_namespace_waits_for_first() -> None:
     with GameLock("/robot_15/", 7, False) as second:
         with GameLock("robot_15", 7, False) as first:
             assert first.acquire() == ""
@@ -37,7 +37,7 @@ def test_second_game_in_namespace_waits_for_the_first() -> None:
         assert second.acquire() == ""
 
 
-def test_games_elsewhere_are_free_but_for_a_second_clock() -> None:
+def test_games_elsewhere_are_free_except_second_clock() -> None:
     with GameLock("robot_15", 7, True) as first:
         assert first.acquire() == ""
         for other in (GameLock("robot_16", 7, False), GameLock("robot_15", 8, True), GameLock("a/b", 7, False)):
@@ -58,7 +58,7 @@ def test_lock_of_killed_process_is_free() -> None:
             assert lock.acquire() == ""
 
 
-def test_game_without_a_place_for_locks_plays(state: Path) -> None:
+def test_game_without_lock_folder_plays(state: Path) -> None:
     with GameLock("robot_15", 7, True) as lock:
         state.joinpath("pacman_env").rmdir()
         state.joinpath("pacman_env").touch()

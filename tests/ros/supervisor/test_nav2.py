@@ -58,9 +58,7 @@ def notes(folder: Path) -> dict[int, dict[str, Any]]:
 
 
 @pytest.mark.daily
-def test_nav2_gets_its_arguments_is_started_again_after_its_death_and_is_stopped(
-    system: Any, probe: Any, tmp_path: Path, noting: str
-) -> None:
+def test_nav2_is_started_restarted_and_stopped(system: Any, probe: Any, tmp_path: Path, noting: str) -> None:
     logs = tmp_path / "logs"
     words = [*COMMAND, "--sim", "--nav2", f"{noting} {{namespace}} {{map}} {{params}}", "--logs", str(logs)]
     up = system.run("up", words)
@@ -94,7 +92,7 @@ def _command_line(parent: int, node: str) -> str:
     return ""
 
 
-def test_a_killed_command_leaves_no_nav2_behind(system: Any, probe: Any, tmp_path: Path, noting: str) -> None:
+def test_killed_command_leaves_no_nav2_behind(system: Any, probe: Any, tmp_path: Path, noting: str) -> None:
     up = system.run("up", [*COMMAND, "--sim", "--nav2", noting, "--logs", str(tmp_path / "logs")])
     probe.wait_for(lambda: notes(tmp_path), PATIENCE_S, "the process in Nav2's place")
     up.popen.kill()
@@ -105,7 +103,7 @@ def test_a_killed_command_leaves_no_nav2_behind(system: Any, probe: Any, tmp_pat
     assert notes(tmp_path)[process]["ended"] == signal.SIGINT
 
 
-def test_what_ignores_a_signal_is_killed_with_all_that_it_has_started(system: Any, probe: Any, tmp_path: Path) -> None:
+def test_stubborn_command_is_killed_with_its_children(system: Any, probe: Any, tmp_path: Path) -> None:
     stubborn = (
         "import signal, time; signal.signal(signal.SIGINT, signal.SIG_IGN); print('here', flush=True); time.sleep(600)"
     )
@@ -127,7 +125,7 @@ def _words(process: Path) -> str:
         return ""
 
 
-def test_the_end_of_a_foreign_command_is_its_status(system: Any) -> None:
+def test_exit_status_is_that_of_foreign_command(system: Any) -> None:
     module = [sys.executable, "-m", "pacman_env.ros.supervisor.foreign"]
     assert system.run("foreign", [*module, "bash", "-c", "exit 7"]).wait() == 7
     assert system.run("foreign", [*module, "bash", "-c", "kill -9 $$"]).wait() == 137
@@ -137,7 +135,7 @@ def test_the_end_of_a_foreign_command_is_its_status(system: Any) -> None:
     system.processes.clear()
 
 
-def test_where_nav2_is_not_installed_one_line_names_what_is_missing_before_anything_starts(
+def test_missing_nav2_is_named_before_start(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
@@ -151,9 +149,7 @@ def test_where_nav2_is_not_installed_one_line_names_what_is_missing_before_anyth
     assert not logs.exists()
 
 
-def test_where_it_is_installed_nav2s_own_launch_file_gets_namespace_map_and_parameters(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nav2_launch_file_gets_its_arguments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     index = tmp_path / "share" / "ament_index" / "resource_index" / "packages"
     index.mkdir(parents=True)
     (index / "nav2_bringup").touch()
@@ -184,15 +180,13 @@ def test_where_it_is_installed_nav2s_own_launch_file_gets_namespace_map_and_para
         ({"nav2": " ", "sim": True}, "no command"),
     ],
 )
-def test_a_nav2_that_cannot_be_is_refused_with_its_reason(given: dict[str, Any], reason: str) -> None:
+def test_invalid_nav2_is_refused_with_reason(given: dict[str, Any], reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
         nav2.check(GameSetup("house", **given))
 
 
 @pytest.mark.daily
-def test_a_nav2_that_is_started_by_hand_is_awaited_and_its_command_is_printed(
-    system: Any, probe: Any, tmp_path: Path
-) -> None:
+def test_nav2_started_by_hand_is_awaited(system: Any, probe: Any, tmp_path: Path) -> None:
     up = system.run("up", [*COMMAND, "--sim", "--nav2", NAV2_BY_HAND, "--logs", str(tmp_path / "logs")])
     probe.wait_for(lambda: "waiting for the pose, from AMCL" in up.output, PATIENCE_S, "the wait for a pose")
     assert "start Nav2: ros2 launch nav2_bringup bringup_launch.py namespace:=robot_15 use_namespace:=True" in up.output
@@ -201,7 +195,7 @@ def test_a_nav2_that_is_started_by_hand_is_awaited_and_its_command_is_printed(
     assert up.wait() == 0, up.output
 
 
-def test_a_round_that_was_asked_for_is_played_and_the_command_ends(system: Any, tmp_path: Path) -> None:
+def test_requested_round_is_played_and_command_ends(system: Any, tmp_path: Path) -> None:
     words = [*COMMAND, "--sim", "--lock-step", "--seed", "3", "--logs", str(tmp_path / "logs"), "--rounds", "1"]
     up = system.run(
         "up", [*words, "--set", "show.start_s=0", "--set", "clyde.speed_mps=0", "--set", "pellets.spacing_m=4"]
@@ -210,6 +204,6 @@ def test_a_round_that_was_asked_for_is_played_and_the_command_ends(system: Any, 
     assert "1 round played: " in up.output
 
 
-def test_rounds_by_themselves_are_for_simulated_robots_alone(capsys: pytest.CaptureFixture[str]) -> None:
+def test_automatic_rounds_need_simulated_robot(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["ros", "up", "--map", "house", "--policy", "nearest", "--rounds", "1"]) == 2
     assert "--play-on, --rounds: only with --sim" in capsys.readouterr().err

@@ -178,7 +178,7 @@ def test_round_is_recorded_and_replayed(game: Game) -> None:
     assert report.robot["speed"][1] < 0.31
 
 
-def test_keys_start_and_reset_a_game_and_what_is_refused_is_said(game: Game) -> None:
+def test_keys_start_and_reset_game(game: Game) -> None:
     terminal = game.terminal
     game.in_menu()
     game.begin_round()
@@ -189,7 +189,7 @@ def test_keys_start_and_reset_a_game_and_what_is_refused_is_said(game: Game) -> 
     game.wait_for(lambda: terminal.shows(r"^menu ", since), "the menu again")
 
 
-def test_others_start_and_reset_the_game_and_get_its_state(game: Game) -> None:
+def test_others_start_and_reset_game(game: Game) -> None:
     game.in_menu()
     started = ask("start")
     assert (started.status, started.err) == (0, "")
@@ -208,7 +208,7 @@ def test_others_start_and_reset_the_game_and_get_its_state(game: Game) -> None:
     assert ask("reset").status == 0
 
 
-def test_the_space_bar_stops_the_robot_until_g_and_so_do_others(game: Game) -> None:
+def test_stop_holds_robot_until_release(game: Game) -> None:
     terminal = game.terminal
     game.in_menu()
     game.begin_round()
@@ -239,7 +239,7 @@ def test_the_space_bar_stops_the_robot_until_g_and_so_do_others(game: Game) -> N
     assert ask("release").out == "nothing was stopped\n"
 
 
-def test_the_page_and_a_node_come_back_when_they_were_killed(game: Game) -> None:
+def test_killed_page_and_node_come_back(game: Game) -> None:
     terminal = game.terminal
     game.in_menu()
     game.wait_for(lambda: terminal.shows(r"^page: http://127\.0\.0\.1:\d+/ on this computer$"), "the page's address")
@@ -265,9 +265,7 @@ def test_the_page_and_a_node_come_back_when_they_were_killed(game: Game) -> None
     game.probe.answered_by("/robot_15/game_light_node", anew=True)
 
 
-def test_a_pellet_manager_that_is_there_and_does_not_answer_is_reported_and_started_again(
-    game: Game, domain: int
-) -> None:
+def test_frozen_pellet_manager_is_started_again(game: Game, domain: int) -> None:
     terminal, number = game.terminal, pid_of("pellet_manager")
     game.in_menu()
     assert number is not None
@@ -283,9 +281,7 @@ def test_a_pellet_manager_that_is_there_and_does_not_answer_is_reported_and_star
     game.in_menu()
 
 
-def test_the_doctor_finds_a_whole_simulated_game_ready_and_names_another_map_and_namespace(
-    game: Game, domain: int
-) -> None:
+def test_doctor_finds_whole_game_ready(game: Game, domain: int) -> None:
     game.in_menu()
     out = io.StringIO()
     with mock.patch.dict(os.environ):
@@ -334,7 +330,7 @@ def rounds_of(lines: list[str]) -> int:
 
 
 @pytest.mark.daily
-def test_a_simulated_game_plays_round_after_round_where_it_is_asked_to(domain: int, tmp_path: Path) -> None:
+def test_simulated_game_plays_round_after_round(domain: int, tmp_path: Path) -> None:
     ground = str(part_of_map("loop", 3.0).save(tmp_path / "ground.yaml"))
     words = ["--map", ground, "--policy", "nearest", "--sim", "--lock-step", "--play-on", *SHOWS]
     terminal = Terminal([*COMMAND, "up", *words, "--set", "clyde.speed_mps=0.01", "--logs", str(tmp_path / "logs")])
@@ -382,9 +378,7 @@ UP = ["up", "--map", "house", "--sim"]
 @pytest.mark.parametrize(
     ("words", "moment"), [(UP, "begun"), (["status"], "importing ROS"), (UP, "joining"), (["status"], "going on")]
 )
-def test_ctrl_c_while_a_command_begins_is_no_traceback(
-    probe: Probe, tmp_path: Path, words: list[str], moment: str
-) -> None:
+def test_ctrl_c_at_start_shows_no_traceback(probe: Probe, tmp_path: Path, words: list[str], moment: str) -> None:
     awaited, line = MOMENTS[moment]
     logs = ["--logs", str(tmp_path)] if words[0] == "up" else []
     command = [sys.executable, "-c", BEGUN, awaited, "ros", *words, *logs]
@@ -408,7 +402,7 @@ def test_ctrl_c_while_a_command_begins_is_no_traceback(
 
 @pytest.mark.parametrize("text", ["abc"])
 @pytest.mark.parametrize("words", [["up", "--map", "house"], ["start"], ["status"], ["record", "--out", "OUT"]])
-def test_a_bad_domain_is_one_line(
+def test_invalid_domain_is_refused_in_one_line(
     words: list[str],
     text: str,
     tmp_path: Path,
@@ -427,7 +421,7 @@ def test_a_bad_domain_is_one_line(
 @pytest.mark.parametrize(
     ("width", "line"), [(30, "state  score 1  pellets 2/3"), (14, "state  score 1"), (4, "sta…"), (12, "state")]
 )
-def test_a_line_leaves_out_what_does_not_fit(width: int, line: str) -> None:
+def test_line_leaves_out_what_does_not_fit(width: int, line: str) -> None:
     assert fitted(["state", "score 1", "pellets 2/3"], width) == line
 
 
@@ -438,7 +432,7 @@ class Screen(io.StringIO):
         return True
 
 
-def test_lines_that_stay_are_broken_between_words_but_for_paths_and_commands(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lines_are_broken_between_words(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "40")
     screen, path = Screen(), f"/home/{'a' * 50}/log"
     LineWriter(screen).print(f"pose jumped 3.1 m and 4 degrees, which odometry does not explain; log {path}")

@@ -43,7 +43,7 @@ def test_game_is_compiled_once_before_its_nodes() -> None:
         ({"settings": ("clyde.ghosts=policy",)}, "clyde.ghosts"),
     ],
 )
-def test_what_is_wrong_is_known_before_anything_else_is_compiled(fields: dict[str, object], words: str) -> None:
+def test_invalid_setup_is_refused_before_compiling(fields: dict[str, object], words: str) -> None:
     setup = GameSetup("house", **fields)  # type: ignore[arg-type]
     with contextlib.closing(Preparation(setup, print)) as preparation, pytest.raises(ValueError, match=words):
         preparation.check()

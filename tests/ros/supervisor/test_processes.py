@@ -86,7 +86,7 @@ def ready(group: ProcessGroup, *names: str) -> None:
         wait_for(lambda name=name: group.last_words(name).startswith("ready"), f"{name} ready")
 
 
-def test_nodes_stop_together_after_the_first_and_before_the_last(group: ProcessGroup, folder: Path) -> None:
+def test_nodes_stop_in_order(group: ProcessGroup, folder: Path) -> None:
     """The two nodes between the first and the last end only when both have been asked to."""
     order = folder / "order"
     names = ("first", "waits", "waits_too", "second")
@@ -101,16 +101,14 @@ def test_nodes_stop_together_after_the_first_and_before_the_last(group: ProcessG
     assert (ended[0], set(ended[1:3]), ended[3:]) == ("second", {"waits", "waits_too"}, ["first"])
 
 
-def test_a_node_that_ignores_the_end_is_killed_and_named(group: ProcessGroup, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stubborn_node_is_killed_and_named(group: ProcessGroup, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "PATIENCE_S", 0.2)
     group.start("stubborn")
     ready(group, "stubborn")
     assert group.stop() == ["stubborn"]
 
 
-def test_a_dead_node_is_started_again_and_its_reason_is_said(
-    group: ProcessGroup, folder: Path, said: list[str]
-) -> None:
+def test_dead_node_is_started_again_with_reason(group: ProcessGroup, folder: Path, said: list[str]) -> None:
     group.start("first")
     ready(group, "first")
     first = group.ids()
@@ -122,9 +120,7 @@ def test_a_dead_node_is_started_again_and_its_reason_is_said(
     wait_for(lambda: group.tend() == [] and group.ids().items() - first.items(), "started again")
 
 
-def test_a_node_that_keeps_dying_is_given_up_with_its_last_words(
-    group: ProcessGroup, said: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_dying_node_is_given_up(group: ProcessGroup, said: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "SLOW_START_S", 0.0)
     monkeypatch.setattr(module, "SOON_S", PATIENCE_S)
     group.start("dies")
@@ -139,7 +135,7 @@ def test_a_node_that_keeps_dying_is_given_up_with_its_last_words(
     assert len(said) == 4
 
 
-def test_the_reason_of_a_death_is_an_error_of_the_same_life(group: ProcessGroup, folder: Path, said: list[str]) -> None:
+def test_reason_of_death_is_of_same_life(group: ProcessGroup, folder: Path, said: list[str]) -> None:
     """Its first life ends with an error in its log, the second with no word."""
     group.start("twice")
     wait_for(lambda: group.tend() == ["twice"], "the first death")
@@ -149,14 +145,14 @@ def test_the_reason_of_a_death_is_an_error_of_the_same_life(group: ProcessGroup,
     assert said[1:] == [f"twice ended with status 3, its log is {log}; again in 2 s"]
 
 
-def test_a_node_that_refuses_its_arguments_is_not_started_again(group: ProcessGroup, said: list[str]) -> None:
+def test_refusing_node_is_not_started_again(group: ProcessGroup, said: list[str]) -> None:
     group.start("refuses")
     with pytest.raises(Lost, match="refuses does not start: refuses: no such map"):
         wait_for(lambda: group.tend() and False, "it is given up")
     assert said == []
 
 
-def test_what_the_others_can_do_without_is_given_up_and_they_go_on(folder: Path, said: list[str]) -> None:
+def test_spare_node_is_given_up(folder: Path, said: list[str]) -> None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(folder)])}
     command = lambda name: [f"nodes.{name}", str(folder / "order")]  # noqa: E731
     group = ProcessGroup(command, folder, environment, said.append, spare=("refuses",))
@@ -172,7 +168,7 @@ def test_what_the_others_can_do_without_is_given_up_and_they_go_on(folder: Path,
     assert group.stop() == []
 
 
-def test_a_node_whose_work_is_done_can_be_dismissed(group: ProcessGroup) -> None:
+def test_finished_node_can_be_dismissed(group: ProcessGroup) -> None:
     group.start("done")
     wait_for(lambda: group.status("done") == 0, "done")
     group.dismiss("done")
@@ -181,7 +177,7 @@ def test_a_node_whose_work_is_done_can_be_dismissed(group: ProcessGroup) -> None
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells a process that its parent is gone")
-def test_no_node_outlives_a_killed_parent(folder: Path) -> None:
+def test_no_node_outlives_killed_parent(folder: Path) -> None:
     order = folder / "order"
     parent = f"""
 import time
@@ -200,7 +196,7 @@ time.sleep(600)
     wait_for(order.exists, "the node has ended")
 
 
-def test_a_process_that_does_not_respond_is_started_again_but_not_too_soon_or_too_often(
+def test_unresponsive_process_is_restarted_with_limits(
     group: ProcessGroup, said: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     group.start("stubborn")

@@ -14,7 +14,7 @@ pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
 from pacman_env.ros import topics
-from pacman_env.ros.node import ObserverNode
+from pacman_env.ros.node import Observer
 from pacman_env.ros.supervisor.game_nodes import GAME, REFEREE, SELECTOR
 from pacman_env.ros.supervisor.status import Missing, as_json
 from pacman_env.ros.supervisor.status_line import StatusLine
@@ -30,8 +30,8 @@ def status_line(domain: int) -> Iterator[StatusLine]:
         yield node
 
 
-def test_what_is_absent_and_what_has_not_answered_is_named_and_is_an_exit_status(domain: int, tmp_path: Path) -> None:
-    with session.nodes(tmp_path, alone=False) as nodes, ObserverNode("audio_node", "/robot_15") as silent:
+def test_absent_and_pending_parts_are_named(domain: int, tmp_path: Path) -> None:
+    with session.nodes(tmp_path, alone=False) as nodes, Observer("audio_node", "/robot_15") as silent:
         nodes.start(REFEREE)
         topics.AMCL_POSE.publisher(silent)  # a localization without a pose
         answer = ask_plainly("status", "--json", "--wait", str(PATIENCE_S))
@@ -52,14 +52,14 @@ def test_what_is_absent_and_what_has_not_answered_is_named_and_is_an_exit_status
     assert lines["pending"] == "audio_node, pose_age_s"
 
 
-def test_the_table_of_the_robots_page_has_every_key_of_the_json(status_line: StatusLine) -> None:
+def test_robot_page_lists_every_key_of_json(status_line: StatusLine) -> None:
     text = (ROOT / "docs" / "robot.md").read_text()
     rows = text.partition("| Key | Content |\n|---|---|\n")[2].partition("\n\n")[0].splitlines()
     named = {key for row in rows for key in re.findall(r"`(\w+)`", row.split("|")[1])}
     assert named == json.loads(as_json(status_line, Missing())).keys()
 
 
-def test_words_and_numbers_that_no_game_has_are_shown_as_unknown(probe: Probe, status_line: StatusLine) -> None:
+def test_invalid_values_are_shown_as_unknown(probe: Probe, status_line: StatusLine) -> None:
     def say(topic: topics.Topic, value: Any) -> None:
         probe.publisher(topic).publish(topic.type(data=value))
 
@@ -91,7 +91,7 @@ def test_words_and_numbers_that_no_game_has_are_shown_as_unknown(probe: Probe, s
     assert status_line.line(pose_age=False).startswith("running         round ?  score ?  pellets 5/13")
 
 
-def test_the_line_has_the_troubles_of_the_goal_selector(probe: Probe, status_line: StatusLine) -> None:
+def test_status_line_shows_troubles(probe: Probe, status_line: StatusLine) -> None:
     condition = {"nav2": True, "troubles": {"stopped by the operator": 3, "off the map": 4, "ghosts unheard": 1}}
     probe.publisher(topics.GAME_STATE).publish(topics.GAME_STATE.type(data="running"))
     probe.publisher(topics.DIAGNOSTICS).publish(topics.DIAGNOSTICS.type(data=json.dumps(condition)))

@@ -68,7 +68,7 @@ def broken_game(tmp_path: Path) -> list[str]:
     return ["env", environment, sys.executable, "-c", code, *words]
 
 
-def test_a_node_that_cannot_be_kept_alive_ends_the_game_with_its_reason(system: Any, broken_game: list[str]) -> None:
+def test_lost_node_ends_game_with_reason(system: Any, broken_game: list[str]) -> None:
     up = system.run("up", broken_game)
     assert up.wait(PATIENCE_S) == NODE_LOST, up.output
     assert "audio_node died 5 times within 300 s" in up.output
@@ -95,7 +95,7 @@ class EndsOther(LineWriter):
 
 
 @pytest.mark.usefixtures("own_locks")
-def test_game_that_ends_is_waited_for(domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ending_game_is_waited_for(domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(up_module, "GOING_S", PATIENCE_S)
     setup, stop = GameSetup("house", sim=True), Stop()
     place = setup.namespace, domain, setup.sim
@@ -134,7 +134,7 @@ def test_game_that_ends_is_waited_for(domain: int, tmp_path: Path, monkeypatch: 
         (["--map", "house", "--set", "clyde.ghosts=angry"], "unknown ghost behaviour 'angry'"),
     ],
 )
-def test_what_cannot_be_played_is_one_line_before_anything_starts(
+def test_invalid_options_are_refused_in_one_line(
     capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
 ) -> None:
     assert cli.main(["ros", "up", *arguments]) == 2
@@ -145,7 +145,7 @@ def test_what_cannot_be_played_is_one_line_before_anything_starts(
 
 
 @pytest.mark.parametrize("command", [["status"], ["up", "--map", "house"], ["doctor"]])
-def test_a_middleware_that_is_not_installed_is_one_line(
+def test_missing_middleware_is_one_line(
     command: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
@@ -156,19 +156,19 @@ def test_a_middleware_that_is_not_installed_is_one_line(
     assert err.count("\n") == 1
 
 
-def test_lock_step_is_refused_with_another_middleware(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lock_step_is_refused_with_other_middleware(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
     with pytest.raises(ValueError, match="--lock-step: only with rmw_fastrtps_cpp"):
         up_module.check(GameSetup("house", sim=True, lock_step=True))
 
 
-def test_a_home_is_three_finite_numbers() -> None:
+def test_home_is_three_finite_numbers() -> None:
     assert GameSetup("house", home=(1.0, 2.0, 0.5)).parameters(SELECTOR)["home"] == [1.0, 2.0, 0.5]
     with pytest.raises(ValueError, match="home"):
         GameSetup("house", home=(1.0, 2.0, float("inf")))
 
 
-def test_without_ros_the_command_says_what_to_install(
+def test_command_without_ros_names_installation(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ros, "supervisor", ros.supervisor)  # is put back: the command imports another one
@@ -182,7 +182,7 @@ def test_without_ros_the_command_says_what_to_install(
     assert install_command("ros") in err
 
 
-def test_lines_are_written_when_something_changes_and_over_one_another_on_a_terminal(
+def test_lines_overwrite_each_other_on_terminal(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(terminal_module, "LINE_S", 0.0)
@@ -206,9 +206,7 @@ def test_lines_are_written_when_something_changes_and_over_one_another_on_a_term
 
 
 @pytest.mark.parametrize(("sim", "words"), [(True, "the simulated robot's pose"), (False, "docs/robot.md, step 5")])
-def test_only_a_real_robots_pose_is_waited_for_with_a_step_of_the_page(
-    domain: int, tmp_path: Path, sim: bool, words: str
-) -> None:
+def test_only_real_pose_is_awaited_with_page_step(domain: int, tmp_path: Path, sim: bool, words: str) -> None:
     setup = GameSetup("house", sim=sim)
     with StatusLine(setup.namespace, setup.sim) as status_line:
         status_line.nodes |= {name: {} for name in setup.first_nodes}
