@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
+    from tests.ros.session import Session
     from tests.ros.system import Probe, System
 
 if os.environ.get("CI") and find_spec("rclpy") is None:
@@ -35,6 +36,15 @@ def probe(system: System) -> Iterator[Probe]:
 
     with Probe(system) as probe:
         yield probe
+
+
+@pytest.fixture
+def nodes(domain: int, tmp_path: Path) -> Iterator[Session]:
+    """A lock-step session, to which the test adds nodes."""
+    from tests.ros import session
+
+    with session.nodes(tmp_path) as nodes:
+        yield nodes
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ from tests.map_parts import part_of_map
 from tests.ros import session
 from tests.ros.running_game import HOME, POLICY, SETTINGS, Game
 
-LASTS_S = {"shorter": DEFAULT_LEASE_S - 5.0, "longer": DEFAULT_LEASE_S + 5.0}  # than the middleware's lease
+LASTS_S = DEFAULT_LEASE_S + 5.0  # longer than the middleware's lease
 
 
 @pytest.fixture(scope="module")
@@ -43,23 +43,17 @@ def game(whole: Game) -> Game:
     return whole
 
 
-@pytest.fixture(params=[pytest.param("shorter", marks=pytest.mark.daily), "longer"])
-def lasts(request: pytest.FixtureRequest) -> str:
-    """Than the middleware's lease."""
-    return str(request.param)
-
-
 @contextmanager
-def frozen(game: Game, name: str, lasts: str) -> Iterator[None]:
-    """A node stands still meanwhile, and so long; after the longer time it ends, and is started again."""
+def frozen(game: Game, name: str) -> Iterator[None]:
+    """Have a node stand still meanwhile, until it ends and is started again."""
     nodes = game.session.game
     assert isinstance(nodes, LockStepGame)
     restarts, since_s = len(nodes.restarts), game.session.now_s
     nodes.freeze_node(name)
     yield
-    game.session.advance(since_s + LASTS_S[lasts] - game.session.now_s)
+    game.session.advance(since_s + LASTS_S - game.session.now_s)
     nodes.thaw_node(name)
-    assert [one[1:] for one in nodes.restarts[restarts:]] == [(name, STOOD_STILL)] * (lasts == "longer")
+    assert [one[1:] for one in nodes.restarts[restarts:]] == [(name, STOOD_STILL)]
     game.wait(lambda: nodes.member(name), f"{name} to be there", RESTART_S + 0.1)
 
 
@@ -70,19 +64,19 @@ def to_the_end(game: Game, score: int) -> None:
     assert game.value(topics.SCORE) == score
 
 
-def test_frozen_referee_counts_all_later(game: Game, lasts: str) -> None:
+def test_frozen_referee_counts_all_later(game: Game) -> None:
     spawned = game.value(topics.PELLETS_SPAWNED)
     game.collect(1)
-    with frozen(game, "game_controller", lasts):
-        game.wait(lambda: len(game.removed()) > 1, "pellets that are not counted", LASTS_S["shorter"])
+    with frozen(game, "game_controller"):
+        game.wait(lambda: len(game.removed()) > 1, "pellets that are not counted", LASTS_S)
     to_the_end(game, spawned)
     assert {value for value in game.values(topics.PELLETS_SPAWNED) if value} == {spawned}
 
 
-def test_frozen_pellet_manager_has_all_pellets_later(game: Game, lasts: str) -> None:
+def test_frozen_pellet_manager_has_all_pellets_later(game: Game) -> None:
     spawned = game.value(topics.PELLETS_SPAWNED)
     game.until("returning_home")
-    with frozen(game, "pellet_manager", lasts):
+    with frozen(game, "pellet_manager"):
         to_the_end(game, spawned)
         game.until("menu")
         game.forget(topics.GAME_RESULT, topics.REMOVE_PELLET)

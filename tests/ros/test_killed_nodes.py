@@ -88,15 +88,6 @@ def test_restarted_referee_learns_of_missed_death(game: Game) -> None:
     game.until("menu")
 
 
-def test_restarted_referee_ends_round_on_way_home(game: Game) -> None:
-    score, round_ = game.complete()
-    game.kill("game_controller")
-    game.wait(lambda: "home_reached" in game.values(topics.GAME_STATUS), "home, without a referee")
-    game.start("game_controller")
-    game.until("menu")
-    game.stands_at(score, round_ + 1)
-
-
 def test_spinning_robot_stands_when_mapper_is_killed(game: Game) -> None:
     def turns(since_s: float) -> bool:
         velocities = [one for one in game.messages(topics.CMD_VEL) if one.twist.angular.z != 0.0]

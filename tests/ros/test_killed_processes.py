@@ -192,15 +192,3 @@ def test_absent_referee_counts_all_later(game: Game) -> None:
         game.wait(lambda: len(game.removed()) >= spawned - 1, "all but one or none")
     game.to_the_end(spawned)
     assert {value for value in game.probe.values(SPAWNED) if value} == {spawned}
-
-
-def test_absent_pellet_manager_has_all_pellets_later(game: Game) -> None:
-    spawned = game.begin()
-    with game.frozen("pellet_manager"):
-        game.to_the_end(spawned)
-        game.wait(lambda: game.value(STATE) == "menu", "the menu")
-        game.forget(RESULT, topics.REMOVE_PELLET)
-        game.ask(topics.START_GAME, lambda: game.value(STATE) == "starting", "the start show", only_in="menu")
-    game.wait(lambda: game.value(STATE) == "running", "the round, which has waited for its pellets")
-    assert game.value(ROUND) == 2
-    game.to_the_end(2 * spawned)

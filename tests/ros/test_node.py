@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,7 @@ from pacman_env.ros.node import BaseNode, Once  # noqa: E402
 from pacman_env.ros.standstill import LEASE, STOOD_STILL  # noqa: E402
 from pacman_env.ros.supervisor.game_nodes import SELECTOR, module_of  # noqa: E402
 from tests.engine.test_interrupts import interrupted  # noqa: E402
-from tests.ros import last_messages_node, session  # noqa: E402
+from tests.ros import last_messages_node  # noqa: E402
 
 if TYPE_CHECKING:
     from tests.ros.session import Session
@@ -166,12 +166,6 @@ class Peer:
         config = make_config("robot", **changes)
         said = {"node": self.name, "hash": config.hash, "map": map, "configuration": config.as_dict()}
         self.nodes.publish(topics.CONFIGURATION, json.dumps(said))
-
-
-@pytest.fixture
-def nodes(domain: int, tmp_path: Path) -> Iterator[Session]:
-    with session.nodes(tmp_path) as nodes:
-        yield nodes
 
 
 def test_other_configuration_is_reported_by_field(nodes: Session, log: Callable[[], str]) -> None:

@@ -89,25 +89,6 @@ def test_importable_packages_are_left_alone(tmp_path: Path, capsys: pytest.Captu
 
 
 @pip_ros
-def test_missing_tools_are_named_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    tiny(tmp_path / "definitions")
-    arguments = ["--definitions", str(tmp_path / "definitions"), "--wheel", str(tmp_path / "wheel")]
-
-    def complaint() -> str:
-        assert build.main(arguments) == 2
-        assert not (tmp_path / "wheel").exists()
-        (line,) = capsys.readouterr().err.splitlines()
-        return line
-
-    monkeypatch.setenv("PATH", str(tmp_path))
-    assert "gcc and g++ not found: install a C and C++ compiler" in complaint()
-    monkeypatch.setattr(build, "PREFIX", tmp_path)
-    assert "ROS's generators are not in" in complaint()
-
-
-@pip_ros
 def test_failing_compiler_leaves_no_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

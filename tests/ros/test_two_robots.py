@@ -1,4 +1,4 @@
-"""Two robots in one ROS domain, each with a game of its own in its own namespace, as real processes in real time."""
+"""Two robots in one ROS domain, each with a composed game of its own in its own namespace, in real time."""
 
 from __future__ import annotations
 
@@ -9,13 +9,23 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+import psutil
 import pytest
 
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
 from pacman_env.ros import topics
-from pacman_env.ros.supervisor.game_nodes import COMPOSED, REFEREE, SELECTOR, SIMULATOR, GameSetup, module_of
+from pacman_env.ros.supervisor.game_nodes import (
+    COMPOSED,
+    GAME,
+    REFEREE,
+    SELECTOR,
+    SIMULATOR,
+    WAIT,
+    GameSetup,
+    module_of,
+)
 from pacman_env.ros.supervisor.status_line import StatusLine
 
 if TYPE_CHECKING:
@@ -24,6 +34,7 @@ if TYPE_CHECKING:
 PATIENCE_S = 400.0
 SETTINGS = ("show.start_s=0.5", "clyde.speed_mps=0.02", "execution.death_radius_m=0.001")  # no round is lost
 PELLETS = 2  # of each, before it is compared
+TOGETHER = SELECTOR, COMPOSED
 
 
 class Robot:
@@ -41,6 +52,8 @@ class Robot:
         self.removed: set[int] = set()
         self.nodes = self.line.nodes
         topics.GAME_STATUS.subscription(self.line, lambda message: self.collected.add(message.data))
+        self.commands: list[str] = []
+        topics.GAME_COMMAND.subscription(self.line, lambda message: self.commands.append(message.data))
         topics.REMOVE_PELLET.subscription(self.line, lambda message: self.removed.add(message.data))
 
     @property
@@ -72,8 +85,14 @@ def test_two_games_in_one_domain_stay_apart(system: System, domain: int) -> None
         for robot in robots:
             wait(lambda robot=robot: robot.score == len(pellets(robot)), "a score of what was collected")
             assert robot.removed <= pellets(robot)
-        first.processes[SELECTOR].send(signal.SIGINT)
-        first.processes[COMPOSED].send(signal.SIGINT)
+        resident_mb = [psutil.Process(first.processes[name].popen.pid).memory_info().rss / 1e6 for name in TOGETHER]
+        assert sum(resident_mb) < 400.0
+        assert set(GAME) <= set(first.line.nodes)
+        first.commands.clear()
+        for name in TOGETHER:
+            first.processes[name].send(signal.SIGINT)
+        wait(lambda: "disable" in first.commands, "the last command of the first one's referee")
+        assert first.processes[COMPOSED].wait() == 0
         before = second.score
         wait(lambda: second.score > before, "the second one's game goes on")
         assert set(second.line.nodes) >= {REFEREE, SELECTOR}
@@ -81,3 +100,10 @@ def test_two_games_in_one_domain_stay_apart(system: System, domain: int) -> None
 
 def pellets(robot: Robot) -> set[int]:
     return {int(word.partition(":")[2]) for word in robot.collected if word.startswith("pellet_collected:")}
+
+
+def test_composed_game_is_three_processes_and_page() -> None:
+    processes = GameSetup("house", sim=True, composed=True, web=8000).first_processes
+    assert processes == (SIMULATOR, COMPOSED, WAIT, "operator_page")
+    with pytest.raises(ValueError, match="composed: a lock-step game is one process anyway"):
+        GameSetup("house", sim=True, lock_step=True, composed=True)

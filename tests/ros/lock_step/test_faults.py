@@ -11,49 +11,10 @@ pytest.importorskip("irobot_create_msgs")
 
 from pacman_env.ros import topics
 from pacman_env.ros.lock_step.game import RESTART_S
-from pacman_env.ros.lock_step.transcript import Transcript
-from pacman_env.ros.standstill import DEFAULT_LEASE_S, STOOD_STILL
 from tests.map_parts import part_of_map
 from tests.ros import session
 
 SHOWS = ("show.start_s=1.0", "show.death_s=1.0")
-
-
-def troubled(folder: Path, seed: int) -> tuple[str, list[tuple[float, str, int | None]], list[int]]:
-    """A round in which nodes are killed, stand still and lose packets: its hash, restarts and scores."""
-    folder.mkdir()
-    with session.game(folder, seed=seed, policy="ppo", settings=SHOWS) as played:
-        game = played.game
-        played.record(topics.GAME_STATE, topics.SCORE)
-        transcript = Transcript(game)
-        assert played.call(topics.START_GAME).success
-        played.wait_for(lambda: "running" in played.values(topics.GAME_STATE), 60)
-        played.advance(5.0)
-        game.kill("goal_selector")
-        played.advance(10.0)
-        game.freeze_node("pellet_manager")
-        game.losses.begin("clyde_ghost_node", 60, played.now_s)
-        played.advance(DEFAULT_LEASE_S + 1.0)
-        game.thaw_node("pellet_manager")
-        game.losses.end("clyde_ghost_node", played.now_s)
-        game.kill("game_controller")
-        played.forget()
-        played.wait_for(lambda: "menu" in played.values(topics.GAME_STATE)[-1:], 900, "the end of the game")
-        return transcript.hexdigest(), game.restarts, played.values(topics.SCORE)
-
-
-@pytest.mark.daily
-def test_faults_repeat_exactly_and_lose_no_pellet(domain: int, tmp_path: Path) -> None:
-    first = troubled(tmp_path / "first", 5)
-    assert troubled(tmp_path / "again", 5) == first
-    _, restarts, scores = first
-    assert [(name, status) for _, name, status in restarts] == [
-        ("goal_selector", None),
-        ("pellet_manager", STOOD_STILL),
-        ("game_controller", None),
-    ]
-    assert restarts[2][0] - restarts[0][0] == pytest.approx(10.0 + DEFAULT_LEASE_S + 1.0)
-    assert max(scores) == 13
 
 
 def test_uncounted_pellet_counts_after_both_nodes_were_killed(domain: int, tmp_path: Path) -> None:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import os
-import re
 import signal
-import subprocess
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -65,19 +63,6 @@ def test_lock_step_needs_simulated_robot_without_speed() -> None:
         GameSetup("house", lock_step=True)
     with pytest.raises(ValueError, match="speed 4: a lock-step game is as fast as its nodes"):
         GameSetup("house", sim=True, lock_step=True, speed=4.0)
-
-
-@pytest.mark.daily
-def test_ros_up_plays_lock_step_until_stopped(domain: int, tmp_path: Path) -> None:
-    words = ["--map", "house", "--sim", "--lock-step", "--start", "--policy", "clyde_aware", "--logs", str(tmp_path)]
-    log = tmp_path / "up.txt"
-    with log.open("w") as out:
-        command = [sys.executable, "-m", "pacman_env.cli.main", "ros", "up", *words]
-        process = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=out, stderr=subprocess.STDOUT)
-    wait_for(lambda: re.search(r"menu .*(Complete|Death) - Score: \d+", log.read_text()), "a whole round")
-    process.send_signal(signal.SIGINT)
-    assert process.wait(PATIENCE_S) == 0
-    assert log.read_text().splitlines()[-1] == "stopped"
 
 
 def test_final_process_is_not_started_again(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -27,12 +27,6 @@ from tests.ros.session import Session
 
 ROOT = Path(__file__).resolve().parents[3]
 RELIABLE, LATCHED, SENSOR = topics.GAME_EVENT, topics.GAME_STATE, topics.ODOMETRY
-
-
-@pytest.fixture
-def nodes(domain: int, tmp_path: Path) -> Iterator[Session]:
-    with session.nodes(tmp_path) as found:
-        yield found
 
 
 class Echo(BaseNode):

@@ -141,21 +141,6 @@ def test_jumped_pose_is_alert_until_it_is_answered(game: PageGame) -> None:
     game.wait(lambda: not alerts(), "its end")
 
 
-def test_unresponsive_node_is_alert_until_it_answers(game: PageGame) -> None:
-    def alerts() -> list[dict[str, Any]]:
-        return list(game.page.scene().facts["alerts"])
-
-    game.menu()
-    game.session.publish(topics.UNRESPONSIVE, '{"pellet_manager": "reset_pellets: no answer to 3 calls"}')
-    game.wait(alerts, "the alert")
-    (alert,) = alerts()
-    assert (alert["kind"], alert["asks"]) == ("pellet_manager does not respond", False)
-    assert alert["words"] == "the node pellet_manager does not respond (reset_pellets: no answer to 3 calls)"
-    assert "ros up starts it again" in alert["remedy"]
-    game.session.publish(topics.UNRESPONSIVE, "{}")
-    game.wait(lambda: not alerts(), "its end")
-
-
 def test_stop_acts_at_once_and_holds_until_release(game: PageGame) -> None:
     for _ in range(STOPS):
         game.round()

@@ -75,18 +75,6 @@ def test_death_names_ghost_and_ends_drive(game: Game) -> None:
 # What comes in
 
 
-def test_ten_thousand_markers_delay_no_decision(game: Game) -> None:
-    game.start()
-    game.begin()
-    game.running_goal(1)
-    many = dict(game.left) | {100_000 + k: (0.01 * k, 0.0) for k in range(10_000 - len(game.left) - 1)}
-    game.say(topics.PELLET_MARKERS, markers_of(many, game.session.stamp()))
-    game.condition(lambda c: len(c["pellets_unknown"]) == 20 and c["pellets_left"] == len(game.left), "the markers")
-    x, y, _ = game.pose
-    game.clyde(x, y + 0.1)
-    game.status("death_detected")
-
-
 # How much work
 
 

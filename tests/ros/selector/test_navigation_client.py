@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -14,7 +13,7 @@ from action_msgs.msg import GoalStatus
 
 from pacman_env.ros.node import BaseNode
 from pacman_env.ros.selector.navigation_client import NavigationClient
-from tests.ros import scripted_nav2, session
+from tests.ros import scripted_nav2
 from tests.ros.scripted_nav2 import ScriptedNav2
 from tests.ros.session import Session
 
@@ -33,12 +32,6 @@ class Asker(BaseNode):
             lambda number: self.words.append(("rejected", number)),
             lambda number, status, seen: self.words.append(("finished", number, status)),
         )
-
-
-@pytest.fixture
-def nodes(domain: int, tmp_path: Path) -> Iterator[Session]:
-    with session.nodes(tmp_path) as nodes:
-        yield nodes
 
 
 def start_nav2(nodes: Session, *script: str) -> ScriptedNav2:
