@@ -17,6 +17,7 @@ import pytest
 
 from pacman_env import ros
 from pacman_env.game.lights import LASTING
+from pacman_env.ros import topics
 from pacman_env.ros.discovery import (
     PROFILES,
     TRANSPORTS,
@@ -26,10 +27,6 @@ from pacman_env.ros.discovery import (
     stay_on_this_machine,
     users_environment,
 )
-
-pytest.importorskip("rclpy")
-
-from pacman_env.ros import topics
 from pacman_env.ros.node import LAST_MESSAGES_S
 from tests.ros.network import on_the_network, two_machines, why_not
 from tests.ros.system import Probe, System

@@ -11,9 +11,6 @@ from contextlib import contextmanager
 
 import pytest
 
-pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
-
 from pacman_env.ros import topics
 from pacman_env.ros.lock_step.game import RESTART_S, LockStepGame
 from pacman_env.ros.standstill import DEFAULT_LEASE_S, STOOD_STILL

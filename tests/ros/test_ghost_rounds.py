@@ -8,9 +8,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
-
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.ros import topics
 from pacman_env.ros.messages import pose_of

@@ -11,9 +11,6 @@ from collections.abc import Iterator
 
 import pytest
 
-pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
-
 from pacman_env.ros import topics
 from pacman_env.ros.messages import seconds_of
 from tests.ros import session

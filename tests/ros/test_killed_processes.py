@@ -14,22 +14,17 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
 
 from pacman_env.ros import topics
 from pacman_env.ros.simulated_robot.sim_robot import FAULT
 from pacman_env.ros.standstill import LEASE, STOOD_STILL
-from pacman_env.ros.supervisor.game_nodes import GAME, REFEREE, SELECTOR, SIMULATOR, module_of
+from pacman_env.ros.supervisor.game_nodes import GAME, REFEREE, SELECTOR, SIMULATOR
 from tests.map_parts import part_of_map
+from tests.ros.game_processes import GameProcesses
 from tests.ros.system import Probe, System
-
-if TYPE_CHECKING:
-    from tests.ros.system import Process
 
 AGAIN_S = 5.0  # of real time: a busy machine answers within it
 LIMIT_S = 240.0  # of real time, for anything that happens at all
@@ -39,8 +34,6 @@ OWN: dict[str, dict[str, Any]] = {
     SIMULATOR: {"speed": 10.0},
     SELECTOR: {"policy": "lookahead", "home": "[0.0, 0.0, 0.0]"},
 }
-FROZEN = (REFEREE, "pellet_manager")  # they end after a standstill of 4 s; others take a busy machine's pauses
-WITH_MAP = (SIMULATOR, "pellet_manager", "clyde_ghost_node", SELECTOR)
 
 
 def every_value(topic: topics.Topic) -> topics.Topic:
@@ -57,34 +50,23 @@ RECORDED = STATE, RESULT, SCORE, ROUND, SPAWNED, COLLECTED = [
 ]
 
 
-class Game:
+class Game(GameProcesses):
     """All nodes but the operator, which is the test."""
 
     def __init__(self, probe: Probe, system: System, map: str) -> None:
-        self.probe, self.system, self.map = probe, system, map
-        self.processes: dict[str, Process] = {}
+        super().__init__(probe, system, map, SETTINGS, OWN)
         probe.record(*RECORDED, topics.REMOVE_PELLET)
-        for name in (SIMULATOR, *GAME, SELECTOR):
-            self.start(name)
+        self.start_all()
         self.wait(lambda: "policy lookahead" in self.processes[SELECTOR].output, "the planner")
         self.wait(lambda: self.value(STATE) == "menu", "the referee")
 
     def start(self, name: str) -> None:
-        own = OWN.get(name, {}) | ({"map_yaml": self.map} if name in WITH_MAP else {})
         with pytest.MonkeyPatch.context() as patch:
-            patch.setenv(LEASE, "4" if name in FROZEN else "3600")
-            process = self.system.start(module_of(name), use_sim_time=True, settings=SETTINGS, **own)
-        self.processes[name] = process
+            patch.setenv(LEASE, "4" if name == REFEREE else "3600")
+            super().start(name)
 
-    def kill(self, name: str) -> None:
-        """As a crash does it: without last messages."""
-        process = self.processes.pop(name)
-        process.popen.kill()
-        process.popen.wait()
-        self.system.processes.remove(process)
-
-    def wait(self, condition: Callable[[], Any], what: str) -> Any:
-        return self.probe.wait_for(condition, LIMIT_S, what)
+    def wait(self, condition: Callable[[], Any], what: str, timeout_s: float = LIMIT_S) -> Any:
+        return super().wait(condition, what, timeout_s)
 
     def value(self, topic: topics.Topic) -> Any:
         values = self.probe.values(topic)
@@ -165,8 +147,7 @@ def game(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Game
         with System(folder) as system, Probe(system) as probe:
             game = Game(probe, system, ground)
             yield game
-            for name in list(game.processes):  # how they end in order is tested elsewhere
-                game.kill(name)
+            game.kill_all()  # how they end in order is tested elsewhere
 
 
 def test_round_with_killed_nodes_has_right_score(game: Game) -> None:

@@ -8,13 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-
-pytest.importorskip("rclpy")
-
 from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
+from hypothesis import given
+from hypothesis import strategies as st
 from std_msgs.msg import Float32, Header, Int32, String
 from visualization_msgs.msg import Marker
 

@@ -6,26 +6,21 @@ import json
 import signal
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
+from rclpy.clock_type import ClockType
+from rclpy.time import Time
 
-rclpy = pytest.importorskip("rclpy")
-
-from rclpy.clock_type import ClockType  # noqa: E402
-from rclpy.time import Time  # noqa: E402
-
-from pacman_env.config import make_config, parse_settings  # noqa: E402
-from pacman_env.ros import topics  # noqa: E402
-from pacman_env.ros.node import BaseNode, Once  # noqa: E402
-from pacman_env.ros.standstill import LEASE, STOOD_STILL  # noqa: E402
-from pacman_env.ros.supervisor.game_nodes import SELECTOR, module_of  # noqa: E402
-from tests.engine.test_interrupts import interrupted  # noqa: E402
-from tests.ros import last_messages_node  # noqa: E402
-
-if TYPE_CHECKING:
-    from tests.ros.session import Session
-    from tests.ros.system import Probe, Process, System
+from pacman_env.config import make_config, parse_settings
+from pacman_env.ros import topics
+from pacman_env.ros.node import BaseNode, Once
+from pacman_env.ros.standstill import LEASE, STOOD_STILL
+from pacman_env.ros.supervisor.game_nodes import SELECTOR, module_of
+from tests.engine.test_interrupts import interrupted
+from tests.ros import last_messages_node
+from tests.ros.session import Session
+from tests.ros.system import Probe, Process, System
 
 NODE = "tests.ros.last_messages_node"
 LEASE_S = 4.0

@@ -14,9 +14,6 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
-
 from pacman_env.game.events import FEEDBACK, LIGHTS, SOUNDS
 from pacman_env.ros import topics
 from pacman_env.ros.messages import markers_of

@@ -7,8 +7,6 @@ import sys
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 PROGRAM = """
 import gc, re
 from pathlib import Path

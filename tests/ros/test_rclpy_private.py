@@ -8,9 +8,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from rclpy.parameter import Parameter
 
 from pacman_env import ros

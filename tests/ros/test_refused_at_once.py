@@ -10,8 +10,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from pacman_env.policies.learned import PRETRAINED
 from pacman_env.ros.supervisor.game_nodes import SELECTOR, module_of
 

@@ -4,11 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
-
-pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
-
 from pacman_env.ros.supervisor.game_nodes import NODES
 from tools.robot_reference import main
 

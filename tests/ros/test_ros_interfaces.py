@@ -7,17 +7,11 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from tools.ros_interfaces import build
 from tools.ros_interfaces.build import find_packages
-
-if TYPE_CHECKING:
-    pass
 
 pip_ros = pytest.mark.skipif(
     not (build.PREFIX / "share" / "rosidl_generator_c").is_dir(),

@@ -7,13 +7,10 @@ import json
 import signal
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import psutil
 import pytest
-
-pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
 
 from pacman_env.ros import topics
 from pacman_env.ros.supervisor.game_nodes import (
@@ -27,9 +24,7 @@ from pacman_env.ros.supervisor.game_nodes import (
     module_of,
 )
 from pacman_env.ros.supervisor.status_line import StatusLine
-
-if TYPE_CHECKING:
-    from tests.ros.system import System
+from tests.ros.system import System
 
 PATIENCE_S = 400.0
 SETTINGS = ("show.start_s=0.5", "clyde.speed_mps=0.02", "execution.death_radius_m=0.001")  # no round is lost

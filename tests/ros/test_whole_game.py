@@ -11,11 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-pytest.importorskip("nav2_msgs")
-pytest.importorskip("irobot_create_msgs")
-
 from action_msgs.msg import GoalStatus
 
 from pacman_env.config import make_config

@@ -13,8 +13,6 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
 pytest.importorskip("rosbags")
 
 

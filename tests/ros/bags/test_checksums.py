@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("rclpy")
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("rclpy")
 pytest.importorskip("rosbags")
 
 from pacman_env.ros import topics

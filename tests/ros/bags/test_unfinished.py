@@ -11,7 +11,6 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("rclpy")
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 

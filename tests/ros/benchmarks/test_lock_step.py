@@ -7,9 +7,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
-
 from benchmarks import lock_step
 from tests.map_parts import part_of_map
 

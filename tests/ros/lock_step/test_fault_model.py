@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
 import rclpy
 from rclpy.context import Context
-
-pytest.importorskip("irobot_create_msgs")
 
 from pacman_env.ros import topics
 from pacman_env.ros.lock_step.stepper import LockStep

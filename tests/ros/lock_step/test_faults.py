@@ -4,11 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
-
-pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
-
 from pacman_env.ros import topics
 from pacman_env.ros.lock_step.game import RESTART_S
 from tests.map_parts import part_of_map

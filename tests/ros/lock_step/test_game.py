@@ -6,11 +6,6 @@ import random
 import time
 from pathlib import Path
 
-import pytest
-
-pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
-
 from pacman_env.ros import topics
 from pacman_env.ros.lock_step.transcript import Transcript
 from tests.map_parts import part_of_map

@@ -8,9 +8,6 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("rclpy")
-pytest.importorskip("nav2_msgs")
-
 from pacman_env.ros import topics
 from pacman_env.ros.node import BaseNode
 from pacman_env.ros.supervisor.game_nodes import SELECTOR

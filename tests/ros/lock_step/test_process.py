@@ -6,20 +6,14 @@ import os
 import signal
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
-
-pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
 
 from pacman_env.ros import topics
 from pacman_env.ros.supervisor.game_nodes import LOCK_STEP, NAMESPACE, REFEREE, GameSetup, from_json
 from pacman_env.ros.supervisor.processes import Lost, ProcessGroup
+from tests.ros.system import Probe, System
 from tests.waiting import PATIENCE_S, wait_for
-
-if TYPE_CHECKING:
-    from tests.ros.system import Probe, System
 
 ROOT = Path(__file__).resolve().parents[3]
 

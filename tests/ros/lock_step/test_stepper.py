@@ -11,9 +11,6 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
-
 from pacman_env.ros import topics
 from pacman_env.ros.lock_step import deliveries
 from pacman_env.ros.lock_step.deliveries import NodeFailed

@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import pytest
-
-pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
 
 from pacman_env.game.events import SOUNDS
 from pacman_env.game.sounds import PATIENCE_S, frequency_hz
@@ -16,9 +12,7 @@ from pacman_env.ros import topics
 from pacman_env.ros.messages import seconds_of
 from tests.ros import loudspeaker
 from tests.ros.loudspeaker import Loudspeaker
-
-if TYPE_CHECKING:
-    from tests.ros.session import Session
+from tests.ros.session import Session
 
 
 @pytest.fixture

@@ -5,13 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 from geometry_msgs.msg import Point, PointStamped, PoseWithCovarianceStamped
 from std_msgs.msg import Header
 
@@ -22,10 +19,8 @@ from pacman_env.ros.node import BaseNode
 from pacman_env.sim.core.ghosts import MapGhosts
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.maps.ghost_cells import ClydeCells
+from tests.ros.session import Session
 from tests.shared import shared_path
-
-if TYPE_CHECKING:
-    from tests.ros.session import Session
 
 NAME = "clyde_ghost_node"
 MAP = "loop"

@@ -12,10 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
-
 from geometry_msgs.msg import Point, PointStamped, PoseWithCovarianceStamped
 from rclpy.parameter import Parameter
 from std_msgs.msg import Header

@@ -5,19 +5,15 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
 
 from pacman_env.game.round import RoundController
 from pacman_env.ros import topics
 from pacman_env.ros.messages import markers_of
 from pacman_env.ros.supervisor.game_nodes import REFEREE
-
-if TYPE_CHECKING:
-    from tests.ros.session import Session
+from tests.ros.session import Session
 
 SAID = (
     *(topics.GAME_STATE, topics.GAME_COMMAND, topics.GAME_RESULT, topics.GAME_EVENT),

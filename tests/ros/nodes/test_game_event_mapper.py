@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from pacman_env.game.events import FEEDBACK, STAND_S
 from pacman_env.ros import topics
 from pacman_env.ros.messages import seconds_of
-
-if TYPE_CHECKING:
-    from tests.ros.session import Session
+from tests.ros.session import Session
 
 NAME = "game_event_mapper"
 

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
 
 from pacman_env.config import ShowConfig
 from pacman_env.game.events import LIGHTS
 from pacman_env.game.lights import COLOURS
 from pacman_env.ros import topics
-
-if TYPE_CHECKING:
-    from tests.ros.session import Session
+from tests.ros.session import Session
 
 NAME = "game_light_node"
 RELEASED = (((0, 0, 0),) * 6, False)

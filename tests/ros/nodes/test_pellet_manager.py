@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import pytest
-
-pytest.importorskip("rclpy")
 
 from pacman_env.config import PelletConfig
 from pacman_env.game.pellets import generate_pellets
 from pacman_env.ros import topics
 from pacman_env.ros.messages import pellets_of, seconds_of
 from pacman_env.world.maps.occupancy import load_map
-
-if TYPE_CHECKING:
-    from tests.ros.session import Session
+from tests.ros.session import Session
 
 NAME = "pellet_manager"
 

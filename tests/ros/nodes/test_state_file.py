@@ -8,8 +8,6 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from pacman_env.ros.nodes.state_file import StateFile
 
 ME = {"namespace": "/robot_15", "simulated": False}

@@ -9,8 +9,6 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from pacman_env.game.requests import AGAIN_S, CALLS
 from pacman_env.ros import topics
 from pacman_env.ros.messages import markers_of

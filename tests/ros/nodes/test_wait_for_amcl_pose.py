@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import signal
-from typing import TYPE_CHECKING
 
 import pytest
-
-pytest.importorskip("rclpy")
 
 from pacman_env.ros import topics
 from pacman_env.ros.nodes.wait_for_amcl_pose import FOUND, NAME, NOT_FOUND
 from pacman_env.ros.supervisor.game_nodes import module_of
 from tests.ros.nodes.test_contract import BAD_POSES, pose
-
-if TYPE_CHECKING:
-    from tests.ros.session import Session
-    from tests.ros.system import Probe, System
+from tests.ros.session import Session
+from tests.ros.system import Probe, System
 
 
 def test_wait_ends_with_first_valid_pose(nodes: Session) -> None:

@@ -8,12 +8,13 @@ import socket
 import time
 import urllib.request
 from collections.abc import Callable, Iterator
-from typing import Any, TypeVar
+from typing import Any
 
 from pacman_env.ros import topics
 from pacman_env.ros.messages import seconds_of
-from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, SIMULATOR, module_of
+from pacman_env.ros.supervisor.game_nodes import SELECTOR, SIMULATOR
 from pacman_env.web.frame import Frame
+from tests.ros.game_processes import GameProcesses
 from tests.ros.system import NAMESPACE, PATIENCE_S, Probe, Process, System
 from tests.web.frames import decode
 
@@ -22,12 +23,9 @@ START_S = 240.0  # the first nodes may have to compile
 STILL_MPS, STILL_RADPS = 0.005, 0.02
 SETTINGS = ["clyde.speed_mps=0.02", "show.start_s=1", "show.death_s=1"]
 OWN: dict[str, dict[str, Any]] = {
-    SIMULATOR: {"map_yaml": MAP, "speed": 3.0},
-    "pellet_manager": {"map_yaml": MAP},
-    "clyde_ghost_node": {"map_yaml": MAP},
-    SELECTOR: {"map_yaml": MAP, "policy": "nearest", "home": "[0.0, 0.0, 0.0]", "diagnostics_rate": 5.0},
+    SIMULATOR: {"speed": 3.0},
+    SELECTOR: {"policy": "nearest", "home": "[0.0, 0.0, 0.0]", "diagnostics_rate": 5.0},
 }
-T = TypeVar("T")
 
 
 @contextlib.contextmanager
@@ -39,32 +37,13 @@ def free_port() -> Iterator[int]:
         yield int(one.getsockname()[1])
 
 
-class Nodes:
-    """All nodes of a game, and a probe."""
+class Nodes(GameProcesses):
+    """All nodes of a game, and the page."""
 
     def __init__(self, probe: Probe, system: System) -> None:
-        self.probe, self.system = probe, system
-        self.processes: dict[str, Process] = {}
+        super().__init__(probe, system, MAP, SETTINGS, OWN)
         self.pages: list[Page] = []  # at most one, which tests pass on
         probe.record(topics.CMD_VEL, topics.ODOMETRY, topics.OPERATOR_STOP, topics.GAME_STATE, topics.DIAGNOSTICS)
-
-    def start(self, name: str) -> None:
-        own = OWN.get(name, {})
-        self.processes[name] = self.system.start(module_of(name), use_sim_time=True, settings=SETTINGS, **own)
-
-    def start_all(self) -> None:
-        for name in (SIMULATOR, *GAME, SELECTOR):
-            self.start(name)
-
-    def kill(self, name: str) -> None:
-        """As a crash does it: nothing is said."""
-        process = self.processes.pop(name)
-        process.popen.kill()
-        process.popen.wait()
-        self.system.processes.remove(process)
-
-    def wait(self, condition: Callable[[], T], what: str, timeout_s: float = PATIENCE_S) -> T:
-        return self.probe.wait_for(condition, timeout_s, what)
 
     def page(self) -> Page:
         """The page that an earlier test has left, or a new one."""
@@ -75,8 +54,7 @@ class Nodes:
     def close(self) -> None:
         for page in self.pages[:]:
             page.kill()
-        for name in list(self.processes):
-            self.kill(name)
+        self.kill_all()
 
     def first_still(self, topic: topics.Topic, twist: Callable[[Any], Any], since: float) -> float | None:
         """When a topic first said after an instant that nothing turns; ``time.monotonic`` s."""

@@ -8,10 +8,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import pytest
-
-pytest.importorskip("rclpy")
-
 from pacman_env.ros import topics
 from pacman_env.ros.bags.record import RECORDED
 from pacman_env.ros.topics import Topic

@@ -13,8 +13,6 @@ from collections.abc import Iterator
 
 import pytest
 
-pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
 pytest.importorskip("uvicorn")
 pytest.importorskip("websockets")
 
@@ -40,6 +38,7 @@ def nodes(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nod
 
 
 def test_page_waits_for_game_and_shows_it(nodes: Nodes) -> None:
+    nodes.close()
     page = nodes.page()
     page.wait(lambda: "no game is found in /robot_15" in page.notice(), "what is missing")
     hello = next(one for one in page.texts if one["kind"] == "hello")

@@ -13,8 +13,6 @@ import cv2
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from pacman_env.config import make_config
 from pacman_env.ros import operator_stop, topics
 from pacman_env.ros.messages import BadMessage

@@ -11,10 +11,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
-
 from nav_msgs.msg import Odometry
 from rclpy.action import CancelResponse
 from std_msgs.msg import Header

@@ -4,15 +4,12 @@ import math
 from typing import Any
 
 import pytest
+from builtin_interfaces.msg import Time
+from std_msgs.msg import Header
 
-rclpy = pytest.importorskip("rclpy")
-
-from builtin_interfaces.msg import Time  # noqa: E402
-from std_msgs.msg import Header  # noqa: E402
-
-from pacman_env.ros import topics  # noqa: E402
-from pacman_env.ros.messages import BadMessage, pose_message, transform_message  # noqa: E402
-from pacman_env.ros.selector.believed_pose import BelievedPose  # noqa: E402
+from pacman_env.ros import topics
+from pacman_env.ros.messages import BadMessage, pose_message, transform_message
+from pacman_env.ros.selector.believed_pose import BelievedPose
 
 
 def stamp(seconds: float) -> Any:

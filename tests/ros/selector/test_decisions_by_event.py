@@ -9,9 +9,6 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-
-pytest.importorskip("rclpy")
-
 from rclpy.time import Time
 from std_msgs.msg import Header, String
 

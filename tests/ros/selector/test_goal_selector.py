@@ -5,19 +5,17 @@ from __future__ import annotations
 import logging
 
 import pytest
+import rclpy
+from std_msgs.msg import Header, String
 
-rclpy = pytest.importorskip("rclpy")
-
-from std_msgs.msg import Header, String  # noqa: E402
-
-from pacman_env.config import make_config  # noqa: E402
-from pacman_env.ros import topics  # noqa: E402
-from pacman_env.ros.messages import markers_of, pose_message  # noqa: E402
-from pacman_env.ros.node import Once  # noqa: E402
-from pacman_env.ros.selector.pose_watch import PoseLimits  # noqa: E402
-from pacman_env.ros.selector.selection import Selection  # noqa: E402
-from tests.calls import calls_of  # noqa: E402
-from tests.ros.selector_game import Game, house, number_at, pellet  # noqa: E402
+from pacman_env.config import make_config
+from pacman_env.ros import topics
+from pacman_env.ros.messages import markers_of, pose_message
+from pacman_env.ros.node import Once
+from pacman_env.ros.selector.pose_watch import PoseLimits
+from pacman_env.ros.selector.selection import Selection
+from tests.calls import calls_of
+from tests.ros.selector_game import Game, house, number_at, pellet
 
 # A round
 

@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import signal
-from typing import TYPE_CHECKING
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from std_msgs.msg import Header
 
 from pacman_env.ros import topics
@@ -16,9 +12,7 @@ from pacman_env.ros.messages import markers_of, pose_message
 from pacman_env.ros.supervisor.game_nodes import SELECTOR, module_of
 from tests.ros.scripted_nav2 import ScriptedNav2
 from tests.ros.selector_game import FAR_AWAY, Game, house, pellet
-
-if TYPE_CHECKING:
-    from tests.ros.system import Probe, System
+from tests.ros.system import Probe, System
 
 NODE = module_of(SELECTOR)
 

@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import json
 import math
-from typing import TYPE_CHECKING
 
 import pytest
-
-pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
 
 from pacman_env.ros import topics
 from pacman_env.ros.messages import pose_message
 from pacman_env.ros.simulated_robot.sim_sensors import map_message
 from pacman_env.world.maps.occupancy import load_map
+from tests.ros.played_round import Played
 from tests.ros.selector_game import house
-
-if TYPE_CHECKING:
-    from tests.ros.played_round import Played
 
 JUMPED, OTHER = "pose jumped", "another map"
 

@@ -6,9 +6,6 @@ from collections.abc import Callable
 
 import pytest
 
-pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
-
 from pacman_env.ros import topics
 from pacman_env.ros.messages import transform_message
 from tests.ros.played_round import Played

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
+import rclpy
 
-rclpy = pytest.importorskip("rclpy")
-
-from pacman_env.ros import topics  # noqa: E402
-from pacman_env.ros.node import BaseNode  # noqa: E402
-from pacman_env.ros.selector.message_queue import MessageQueue  # noqa: E402
-from tests.ros import session  # noqa: E402
-
-if TYPE_CHECKING:
-    from tests.ros.system import Probe
+from pacman_env.ros import topics
+from pacman_env.ros.node import BaseNode
+from pacman_env.ros.selector.message_queue import MessageQueue
+from tests.ros import session
+from tests.ros.system import Probe
 
 WORDS = ["first", "second", "third"]
 

@@ -6,9 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from action_msgs.msg import GoalStatus
 
 from pacman_env.ros.node import BaseNode

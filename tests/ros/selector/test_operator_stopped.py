@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from pacman_env.ros import topics
-from tests.ros.selector_game import house, pellet
-
-if TYPE_CHECKING:
-    from tests.ros.selector_game import Game
+from tests.ros.selector_game import Game, house, pellet
 
 
 def word(stopped: bool, at: int, by: str = "/robot_15/page") -> str:

@@ -4,16 +4,11 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
 from tests.plugin_example import install
-
-pytest.importorskip("rclpy")
-
-if TYPE_CHECKING:
-    from tests.ros.selector_game import Game
+from tests.ros.selector_game import Game
 
 
 @pytest.fixture(scope="module")

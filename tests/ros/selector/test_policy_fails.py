@@ -9,8 +9,6 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from pacman_env.heuristics.simple import Nearest
 from pacman_env.ros import topics
 from pacman_env.ros.operator_page.ros_game import RosGame

@@ -5,9 +5,6 @@ from __future__ import annotations
 import math
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from builtin_interfaces.msg import Time
 
 from pacman_env.ros import topics

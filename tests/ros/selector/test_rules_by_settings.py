@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from pacman_env.config import make_config, parse_settings
 from pacman_env.game.execution import DEAD, SUCCEEDED
 from tests.one_game import SimulatorSide

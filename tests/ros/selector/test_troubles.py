@@ -4,11 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
-
-import pytest
-
-pytest.importorskip("rclpy")
 
 from std_msgs.msg import Header
 
@@ -17,9 +12,7 @@ from pacman_env.ros.messages import markers_of, transform_message
 from pacman_env.ros.node import GameNode
 from pacman_env.ros.supervisor.game_nodes import SELECTOR
 from tests.ros.selector_game import FAR_AWAY, Game, pellet
-
-if TYPE_CHECKING:
-    from tests.ros.session import Session
+from tests.ros.session import Session
 
 LONGEST_S = 7.0  # simulated, from a trouble's end until it is no longer listed
 

@@ -5,23 +5,16 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from irobot_create_msgs import msg as irobot
 
-rclpy = pytest.importorskip("rclpy")
-
-from irobot_create_msgs import msg as irobot  # noqa: E402
-
-from pacman_env.ros import topics  # noqa: E402
-from pacman_env.ros.messages import pose_of, seconds_of, twist_message  # noqa: E402
-from pacman_env.ros.simulated_robot.sim_robot import FAULT, FAULTS_NOW  # noqa: E402
-from pacman_env.world.navigation.localization import relative  # noqa: E402
-from tests.ros.simulated import ABORTED, SUCCEEDED, Goal, Robot  # noqa: E402
-
-if TYPE_CHECKING:
-    pass
+from pacman_env.ros import topics
+from pacman_env.ros.messages import pose_of, seconds_of, twist_message
+from pacman_env.ros.simulated_robot.sim_robot import FAULT, FAULTS_NOW
+from pacman_env.world.navigation.localization import relative
+from tests.ros.simulated import ABORTED, SUCCEEDED, Goal, Robot
 
 BASE = {"navigation": False, "localization": False}
 EXACT = [

@@ -6,33 +6,28 @@ import json
 import math
 import signal
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Duration
+from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
+from irobot_create_msgs.msg import AudioNote, AudioNoteVector, LedColor, LightringLeds
 
-rclpy = pytest.importorskip("rclpy")
-
-from builtin_interfaces.msg import Duration  # noqa: E402
-from geometry_msgs.msg import PoseWithCovarianceStamped, Twist  # noqa: E402
-from irobot_create_msgs.msg import AudioNote, AudioNoteVector, LedColor, LightringLeds  # noqa: E402
-
-from pacman_env.ros import topics  # noqa: E402
-from pacman_env.ros.messages import (  # noqa: E402
+from pacman_env.ros import topics
+from pacman_env.ros.messages import (
     cloud_message,
     pose_message,
     pose_of,
     seconds_of,
     twist_message,
 )
-from pacman_env.ros.simulated_robot.sim_robot import AUDIO_SHOWN, FAULT, LIGHT_RING_SHOWN  # noqa: E402
-from pacman_env.ros.supervisor.game_nodes import SIMULATOR, module_of  # noqa: E402
-from pacman_env.sim.core import navigate_to_pose as nav  # noqa: E402
-from tests.ros.simulated import ABORTED, CANCELED, LEFT, SUCCEEDED, Goal, Robot  # noqa: E402
-from tests.sim.robots import DOOR, RIGHT, rooms  # noqa: E402
-
-if TYPE_CHECKING:
-    from tests.ros.system import Probe, System
+from pacman_env.ros.simulated_robot.sim_robot import AUDIO_SHOWN, FAULT, LIGHT_RING_SHOWN
+from pacman_env.ros.supervisor.game_nodes import SIMULATOR, module_of
+from pacman_env.sim.core import navigate_to_pose as nav
+from tests.ros.simulated import ABORTED, CANCELED, LEFT, SUCCEEDED, Goal, Robot
+from tests.ros.system import Probe, System
+from tests.sim.robots import DOOR, RIGHT, rooms
 
 
 def test_robot_drives_to_goal_and_amcl_falls_silent(robot: Robot) -> None:

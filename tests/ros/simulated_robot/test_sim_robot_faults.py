@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import pytest
+from action_msgs.srv import CancelGoal
 
-rclpy = pytest.importorskip("rclpy")
-
-from action_msgs.srv import CancelGoal  # noqa: E402
-
-from pacman_env.ros import topics  # noqa: E402
-from pacman_env.ros.messages import pose_of, seconds_of, transform_of, twist_message  # noqa: E402
-from pacman_env.ros.simulated_robot.sim_robot import FAULT  # noqa: E402
-from pacman_env.ros.supervisor.game_nodes import SIMULATOR, module_of  # noqa: E402
-from pacman_env.sim.core import navigate_to_pose as nav  # noqa: E402
-from pacman_env.world.navigation.localization import compose  # noqa: E402
-from tests.ros.simulated import ABORTED, SUCCEEDED, Robot  # noqa: E402
-from tests.sim.robots import RIGHT, rooms  # noqa: E402
-
-if TYPE_CHECKING:
-    from tests.ros.system import Probe, System
+from pacman_env.ros import topics
+from pacman_env.ros.messages import pose_of, seconds_of, transform_of, twist_message
+from pacman_env.ros.simulated_robot.sim_robot import FAULT
+from pacman_env.ros.supervisor.game_nodes import SIMULATOR, module_of
+from pacman_env.sim.core import navigate_to_pose as nav
+from pacman_env.world.navigation.localization import compose
+from tests.ros.simulated import ABORTED, SUCCEEDED, Robot
+from tests.ros.system import Probe, System
+from tests.sim.robots import RIGHT, rooms
 
 
 def test_fault_reject(make_robot: Callable[..., Robot], log: Callable[[], str]) -> None:

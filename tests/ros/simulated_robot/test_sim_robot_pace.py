@@ -6,14 +6,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+import rclpy
 
-rclpy = pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
-
-from pacman_env.ros import surroundings  # noqa: E402
-from pacman_env.ros.simulated_robot.sim_robot import AT_ONCE, CATCH_UP_S, START_NS, SimRobot  # noqa: E402
-from tests.sim.robots import rooms  # noqa: E402
-from tests.wall_clock import WallClock  # noqa: E402
+from pacman_env.ros import surroundings
+from pacman_env.ros.simulated_robot.sim_robot import AT_ONCE, CATCH_UP_S, START_NS, SimRobot
+from tests.sim.robots import rooms
+from tests.wall_clock import WallClock
 
 Make = Callable[..., SimRobot]
 

@@ -11,13 +11,9 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
-
 import rclpy
 from lifecycle_msgs.srv import GetState
 from rclpy.time import Time
@@ -31,11 +27,8 @@ from pacman_env.ros.supervisor.checks.check import BAD, OK, UNKNOWN, Finding, So
 from pacman_env.ros.supervisor.checks.game import CLOUDS
 from pacman_env.ros.supervisor.checks.robot import CHARGE, DOCKED
 from pacman_env.ros.supervisor.doctor import Doctor, doctor
-from pacman_env.world.maps.occupancy import load_map
+from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 from tests.ros.system import PATIENCE_S, Probe, System
-
-if TYPE_CHECKING:
-    from pacman_env.world.maps.occupancy import OccupancyMap
 
 DOCK_STATUS = topics.Topic(DOCKED.name, DOCKED.type_name, topics.SENSOR_DATA)
 BATTERY = topics.Topic(CHARGE.name, CHARGE.type_name, topics.SENSOR_DATA)

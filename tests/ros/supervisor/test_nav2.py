@@ -16,9 +16,6 @@ from typing import Any
 import pytest
 import yaml
 
-pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
-
 from pacman_env.cli import main as cli
 from pacman_env.ros.supervisor import nav2
 from pacman_env.ros.supervisor.game_nodes import NAV2_BRINGUP, NAV2_BY_HAND, GameSetup

@@ -24,9 +24,6 @@ from unittest import mock
 
 import pytest
 
-pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
-
 from pacman_env.cli import main as cli
 from pacman_env.ros import topics
 from pacman_env.ros.bags.bag_replay import replay_bag

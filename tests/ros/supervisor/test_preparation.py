@@ -6,8 +6,6 @@ import contextlib
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from pacman_env.ros.supervisor.game_nodes import SELECTOR, SIMULATOR, GameSetup
 from pacman_env.ros.supervisor.preparation import GHOSTS, Preparation, PreparationJob, map_mark
 from tests.waiting import wait_for

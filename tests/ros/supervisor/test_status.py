@@ -10,9 +10,6 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
-
 from pacman_env.ros import topics
 from pacman_env.ros.node import Observer
 from pacman_env.ros.supervisor.game_nodes import GAME, REFEREE, SELECTOR

@@ -9,12 +9,9 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
-
-pytest.importorskip("rclpy")
-pytest.importorskip("irobot_create_msgs")
 
 from pacman_env import ros
 from pacman_env.cli import main as cli
@@ -31,9 +28,6 @@ from pacman_env.ros.supervisor.status_line import StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter
 from pacman_env.ros.supervisor.up import NODE_LOST, UpOptions
 from tests.ros import session
-
-if TYPE_CHECKING:
-    pass
 
 PATIENCE_S = 240.0  # the first nodes may have to compile
 
