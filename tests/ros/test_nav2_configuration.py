@@ -11,12 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import rclpy
 import yaml
 
 from pacman_env.config import Config
 from pacman_env.ros.messages import GHOST_OBSTACLE
-from pacman_env.ros.nodes.clyde_ghost_node import ClydeGhostNode
 from pacman_env.ros.nodes.ghost_trail import GhostTrail
 from pacman_env.ros.topics import CLYDE_OBSTACLE, CLYDE_TRAIL, SCAN
 from tests.ros import nav2_chain
@@ -185,24 +183,6 @@ def test_costmaps_subscribe_in_every_namespace(
             layers = nav2_chain.declared_layers(node)
             found = [topic for layer in layers for topic in nav2_chain.subscribed_topics(node, layer).values()]
         assert set(found) == {f"{above}/{topic}" for topic in (CLYDE_OBSTACLE.name, TRAIL, SCAN.name)}, costmap
-
-
-def test_costmaps_hear_cloud_of_clyde_node(domain: int, tmp_path: Path) -> None:
-    launched = nav2_chain.turtlebot4("robot_15")
-    parameters = nav2_chain.written(NAV2, launched, tmp_path)
-    rclpy.init(args=["--ros-args", "-r", "__ns:=/robot_15", "-p", "map_yaml:=house"], domain_id=domain)
-    try:
-        clyde = ClydeGhostNode()
-        spoken = {p.topic_name for p in clyde.publishers if p.msg_type is CLYDE_OBSTACLE.type}
-        assert len(spoken) == 2
-        clyde.destroy_node()
-    finally:
-        rclpy.shutdown()
-    assert "/robot_15/clyde_obstacle" in spoken
-    for costmap in nav2_chain.COSTMAPS:
-        with nav2_chain.costmap_node(costmap, launched, parameters, domain) as node:
-            named = [nav2_chain.subscribed_topics(node, layer) for layer in nav2_chain.declared_layers(node)]
-        assert spoken <= {topic for sources in named for topic in sources.values()}, costmap
 
 
 # Clyde's marks and what clears them

@@ -62,24 +62,6 @@ def test_request_is_observed_in_order_without_server(domain: int, tmp_path: Path
         assert heard == ["before", "start", "after"]
 
 
-def test_latched_surplus_keeps_no_new_node_waiting(domain: int, tmp_path: Path) -> None:
-    with session.nodes(tmp_path) as nodes:
-        other = nodes.start("other", Observer).node
-        depth = topics.GAME_COMMAND.qos.depth
-        for node in (nodes.observer, other):
-            publisher = topics.GAME_COMMAND.publisher(node)
-            for k in range(depth):
-                nodes.game.within(node, lambda publisher=publisher, k=k: publisher.publish(_command(k)))
-        late = nodes.start("late", Observer).node
-        taken: list[str] = []
-        nodes.game.subscribe(late, lambda: topics.GAME_COMMAND.subscription(late, lambda m: taken.append(m.data)))
-        assert len(taken) == depth
-
-
-def _command(k: int) -> object:
-    return topics.GAME_COMMAND.type(data=str(k))
-
-
 def test_nodes_alone_meet_no_other_process(domain: int) -> None:
     game = LockStep(alone=True)
     context = Context()
