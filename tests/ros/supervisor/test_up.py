@@ -26,7 +26,7 @@ from pacman_env.ros.supervisor.game_nodes import REFEREE, SELECTOR, GameSetup
 from pacman_env.ros.supervisor.rounds import Rounds
 from pacman_env.ros.supervisor.status_line import StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter
-from pacman_env.ros.supervisor.up import NODE_LOST, UpOptions
+from pacman_env.ros.supervisor.up import HAD_TO_KILL, NO_POSE, NODE_LOST, UpOptions
 from tests.ros import session
 
 PATIENCE_S = 240.0  # the first nodes may have to compile
@@ -65,6 +65,7 @@ def broken_game(tmp_path: Path) -> list[str]:
 def test_lost_node_ends_game_with_reason(system: Any, broken_game: list[str]) -> None:
     up = system.run("up", broken_game)
     assert up.wait(PATIENCE_S) == NODE_LOST, up.output
+    assert (NO_POSE, NODE_LOST, HAD_TO_KILL) == (3, 4, 5)
     assert "audio_node died 5 times within 300 s" in up.output
     system.processes.clear()
 
