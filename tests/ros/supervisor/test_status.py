@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from pacman_env.ros import topics
-from pacman_env.ros.node import Observer
+from pacman_env.ros.node import ObserverNode
 from pacman_env.ros.supervisor.game_nodes import GAME, REFEREE, SELECTOR
 from pacman_env.ros.supervisor.status import Missing, as_json
 from pacman_env.ros.supervisor.status_line import StatusLine
@@ -28,7 +28,7 @@ def status_line(domain: int) -> Iterator[StatusLine]:
 
 
 def test_absent_and_pending_parts_are_named(domain: int, tmp_path: Path) -> None:
-    with session.nodes(tmp_path, alone=False) as nodes, Observer("audio_node", "/robot_15") as silent:
+    with session.nodes(tmp_path, alone=False) as nodes, ObserverNode("audio_node", "/robot_15") as silent:
         nodes.start(REFEREE)
         topics.AMCL_POSE.publisher(silent)  # a localization without a pose
         answer = ask_plainly("status", "--json", "--wait", str(PATIENCE_S))

@@ -17,13 +17,13 @@ from pacman_env import ros
 from pacman_env.cli import main as cli
 from pacman_env.files import install_command
 from pacman_env.ros import topics
-from pacman_env.ros.node import Stop
+from pacman_env.ros.node import StopSignals
 from pacman_env.ros.supervisor import rounds as rounds_module
 from pacman_env.ros.supervisor import terminal as terminal_module
 from pacman_env.ros.supervisor import up as up_module
 from pacman_env.ros.supervisor.game_lock import GameLock
 from pacman_env.ros.supervisor.game_nodes import REFEREE, SELECTOR, GameSetup
-from pacman_env.ros.supervisor.rounds import Rounds
+from pacman_env.ros.supervisor.rounds import RoundRequests
 from pacman_env.ros.supervisor.status_line import StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter
 from pacman_env.ros.supervisor.up import HAD_TO_KILL, NO_POSE, NODE_LOST, UpOptions
@@ -92,7 +92,7 @@ class EndsOther(LineWriter):
 @pytest.mark.usefixtures("own_locks")
 def test_ending_game_is_waited_for(domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(up_module, "GOING_S", PATIENCE_S)
-    setup, stop = GameSetup("house", sim=True), Stop()
+    setup, stop = GameSetup("house", sim=True), StopSignals()
     place = setup.namespace, domain, setup.sim
     with session.nodes(tmp_path, alone=False) as nodes:
         nodes.start(REFEREE)
@@ -206,7 +206,9 @@ def test_only_real_pose_is_awaited_with_page_step(domain: int, tmp_path: Path, s
     with StatusLine(setup.namespace, setup.sim) as status_line:
         status_line.nodes |= {name: {} for name in setup.first_nodes}
         options = UpOptions(logs=tmp_path)
-        game = up_module.Game(setup, options, status_line, LineWriter(io.StringIO()), Stop())  # nothing is started
+        game = up_module.GameProcesses(
+            setup, options, status_line, LineWriter(io.StringIO()), StopSignals()
+        )  # nothing is started
         assert words in game.awaited()
         assert ("step" in game.awaited()) != sim
 
@@ -250,7 +252,7 @@ def test_rounds_repeat_start_until_it_is_answered(
     called, call = answers(*answered)
     out = io.StringIO()
     there = SimpleNamespace(state="menu", has_selector=has_selector, call=call)
-    rounds = Rounds(there, LineWriter(out))  # type: ignore[arg-type]
+    rounds = RoundRequests(there, LineWriter(out))  # type: ignore[arg-type]
     rounds.wanted += wanted
     for _ in range(5):
         rounds.call_services()
