@@ -21,13 +21,13 @@ class BaseEnv:
 
     metadata: dict[str, Any]
     render_mode: str | None
-    _core: GameRunner
+    _runner: GameRunner
     _spec: Any = None
 
-    def _make_core(self, n: int, arguments: EnvArguments, **more: Any) -> None:
+    def _make_runner(self, n: int, arguments: EnvArguments, **more: Any) -> None:
         check_render_mode(arguments.render_mode, self.metadata["render_modes"])
         self._made_from = n, arguments, more
-        self._core = GameRunner(n, arguments, **more)
+        self._runner = GameRunner(n, arguments, **more)
         self.render_mode = arguments.render_mode
 
     @property
@@ -44,33 +44,33 @@ class BaseEnv:
     @property
     def batch(self) -> GameBatch:
         """Return the batch of games."""
-        return self._core.batch
+        return self._runner.batch
 
     @property
     def config(self) -> Config:
         """Return the configuration of the games."""
-        return self._core.config
+        return self._runner.config
 
     @property
     def started(self) -> bool:
         """Return True after the first reset."""
-        return self._core.begun
+        return self._runner.begun
 
-    def _core_by(self, settings: Mapping[str, Any]) -> GameRunner:
-        """Return a core with ``settings``; raises ConfigError if they change the spaces or the agents."""
-        if settings == self._core.settings:
-            return self._core
+    def _runner_with(self, settings: Mapping[str, Any]) -> GameRunner:
+        """Return a runner with ``settings``; raises ConfigError if they change the spaces or the agents."""
+        if settings == self._runner.settings:
+            return self._runner
         n, arguments, more = self._made_from
-        core = GameRunner(n, arguments, **more, settings=settings)
-        if any(getattr(core, name) != getattr(self._core, name) for name in _FIXED):
+        runner = GameRunner(n, arguments, **more, settings=settings)
+        if any(getattr(runner, name) != getattr(self._runner, name) for name in _FIXED):
             would = f"{', '.join(sorted(settings))} would change the spaces or agents"
             raise ConfigError(f"options['settings']: {would}; make an environment with them")
-        return core
+        return runner
 
     @property
     def situation(self) -> Situation:
         """Return the situation of each game, as policies of this package read it; raises ResetNeeded before a reset."""
-        return self._core.situation
+        return self._runner.situation
 
     @property
     def action_masks(self) -> Callable[[], NDArray[np.bool_]]:
@@ -91,11 +91,11 @@ class BaseEnv:
         """
         if self.config.action != "goal":
             raise AttributeError("velocity actions choose no candidate")
-        self._core.require_reset()
-        return self._core.observer.actions_of(np.asarray(candidates))[0]
+        self._runner.require_reset()
+        return self._runner.observer.actions_of(np.asarray(candidates))[0]
 
     def _masks(self) -> NDArray[np.bool_]:
-        return self._core.masks()
+        return self._runner.masks()
 
     def _pictures(self, cores: Sequence[GameRunner]) -> tuple[NDArray[np.uint8], ...] | None:
         """Return one picture per game, or None without a render mode."""
@@ -103,7 +103,7 @@ class BaseEnv:
             return None
         from ..render.frames import render_frame
 
-        return tuple(render_frame(core.batch, i) for core in cores for i in range(core.batch.n))
+        return tuple(render_frame(runner.batch, i) for runner in cores for i in range(runner.batch.n))
 
 
 def as_json(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Common core of the environments: games, ghost policies, observations, rewards and infos."""
+"""Run the games of an environment: ghost policies, observations, rewards and infos."""
 
 import functools
 from collections.abc import Mapping

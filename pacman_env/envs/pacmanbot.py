@@ -153,9 +153,9 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     @takes_env_arguments
     def __init__(self, *, arguments: EnvArguments) -> None:
         """Create the environment; raises ConfigError or MapError for arguments that cannot be played."""
-        self._make_core(1, arguments)
-        self.observation_space = self._core.observation_space
-        self.action_space = self._core.action_space
+        self._make_runner(1, arguments)
+        self.observation_space = self._runner.observation_space
+        self.action_space = self._runner.action_space
 
     def reset(self, *, seed: int | None = None, options: Options = None) -> tuple[Observation, dict[str, Any]]:
         """Start a new episode; ``seed`` seeds the generator of episode seeds (None: it continues).
@@ -164,11 +164,11 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
         Gymnasium's Error for a bad seed.
         """
         request = ResetOptions.of(options, 1)
-        core = self._core_by(request.settings)
-        levels = request.levels(core.batch.source, _ONE)
+        runner = self._runner_with(request.settings)
+        levels = request.levels(runner.batch.source, _ONE)
         super().reset(seed=seed)
-        self._core = core
-        self._core.reset(_ONE, request.seeds(_ONE, [self.np_random]), levels)
+        self._runner = runner
+        self._runner.reset(_ONE, request.seeds(_ONE, [self.np_random]), levels)
         if self.render_mode == "human":
             self.render()
         return self._result()
@@ -179,15 +179,15 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
         Raises ValueError for an action outside the action space (velocities are clipped instead), and ResetNeeded
         before the first reset or after the end of an episode.
         """
-        self._core.require_reset(running=True)
-        reward, terminated, truncated = self._core.step(checked_action(self.action_space, action)[None])
+        self._runner.require_reset(running=True)
+        reward, terminated, truncated = self._runner.step(checked_action(self.action_space, action)[None])
         if self.render_mode == "human":
             self.render()
         observation, info = self._result()
         return observation, float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
 
     def _masks(self) -> NDArray[np.bool_]:
-        return self._core.masks()[0]
+        return self._runner.masks()[0]
 
     def _result(self) -> tuple[Observation, dict[str, Any]]:
-        return self._core.observe_game(), self._core.info_of_game()
+        return self._runner.observe_game(), self._runner.info_of_game()

@@ -31,7 +31,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
     Spaces, rewards and arguments are those of the single environment, with arrays (N,) and (N, ...). Game i with seed s
     equals a single environment with seed s, bit for bit. ``autoreset_mode`` is one of Gymnasium's three; with
     ``DISABLED`` pass ``options={"reset_mask": mask}`` to ``reset``. Episodes are truncated after ``max_episode_steps``
-    decisions. ``num_threads`` threads play the games (0: one per core); the results do not depend on it.
+    decisions. ``num_threads`` threads play the games (0: one per runner); the results do not depend on it.
 
     A ``batch_size`` below the number of games divides the games into sub-batches of this size. While one is stepped in
     the background the network chooses for another, with EnvPool's methods (``async_reset``, ``recv``, ``send``) and the
@@ -75,19 +75,19 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         self._whole: SubBatches | None = None  # all games as one sub-batch, for the asynchronous methods
         more: dict[str, Any] = {"num_threads": num_threads, "copy": copy, "max_episode_steps": steps}
         if size == num_envs:
-            self._make_core(num_envs, arguments, **more)
+            self._make_runner(num_envs, arguments, **more)
         else:
             more |= {"autoreset_mode": autoreset_mode, **vars(arguments)}
             ghosts = [deepcopy(arguments.ghosts) for _ in range(num_envs // size)]  # policies keep state by game number
             self._sub_batches = SubBatches([PacManBotVectorEnv(int(size), **{**more, "ghosts": one}) for one in ghosts])
-            self._core, self.render_mode = self._sub_batches.envs[0]._core, arguments.render_mode
+            self._runner, self.render_mode = self._sub_batches.envs[0]._runner, arguments.render_mode
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.reports_all = self.config.observation.infos == "all"
         if not self.reports_all and self.autoreset_mode != AutoresetMode.SAME_STEP:
             raise ValueError("observation.infos = 'ends': is for AutoresetMode.SAME_STEP")
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        self.single_observation_space = self._core.observation_space
-        self.single_action_space = self._core.action_space
+        self.single_observation_space = self._runner.observation_space
+        self.single_action_space = self._runner.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._make_generators()
@@ -110,7 +110,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         if isinstance(options, dict) and "reset_mask" in options:
             mask = () if options["reset_mask"] is None else options["reset_mask"]
         index = self._reset_games(seed, options, mask, "options['reset_mask']", "reset_mask")
-        return self._core.observe(), self._infos(index)
+        return self._runner.observe(), self._infos(index)
 
     def step(self, actions: NDArray[Any]) -> Step:
         """Play one decision in every game, actions (N,) or (N, 2); return observations, rewards, ends and infos.
@@ -129,9 +129,9 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         return self._step_games(self.check(actions))
 
     def _step_games(self, actions: NDArray[Any]) -> Step:
-        core = self._core
-        over = (self.batch.summary[0] != RUNNING) | core.cut
-        reward, terminated, truncated = core.step(actions)
+        runner = self._runner
+        over = (self.batch.summary[0] != RUNNING) | runner.cut
+        reward, terminated, truncated = runner.step(actions)
         final: dict[str, Any] = {}
         if self.autoreset_mode == AutoresetMode.NEXT_STEP and over.any():
             self._follow(np.flatnonzero(over))
@@ -143,7 +143,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
                 final = self._final(ended)
                 self._follow(ended)
         infos = {**final, **self._infos()} if self.reports_all else final
-        return core.observe(), reward, terminated, truncated, infos
+        return runner.observe(), reward, terminated, truncated, infos
 
     def async_reset(self, *, seed: Seeds = None, options: Options = None) -> None:
         """Start new rounds in all sub-batches; :meth:`recv` returns their first observations, with rewards of 0.
@@ -182,12 +182,12 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
     def _show_last(self) -> None:
         """Let the properties of this environment refer to the sub-batch received last."""
         if self._sub_batches is not None:
-            self._core = self._sub_batches.envs[self._sub_batches.last]._core
+            self._runner = self._sub_batches.envs[self._sub_batches.last]._runner
 
     def _masks(self) -> Flags:
         if self._sub_batches is None or not self._sub_batches.received_all:
-            return self._core.masks()
-        return np.concatenate([env._core.masks() for env in self._sub_batches.envs])
+            return self._runner.masks()
+        return np.concatenate([env._runner.masks() for env in self._sub_batches.envs])
 
     def _in_sub_batches(self) -> SubBatches:
         if self._sub_batches is not None:
@@ -199,7 +199,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return one picture (H, W, 3) per game, or None without a render mode."""
         envs = [self] if self._sub_batches is None else self._sub_batches.envs
-        return self._pictures([env._core for env in envs])
+        return self._pictures([env._runner for env in envs])
 
     def check(self, actions: NDArray[Any]) -> NDArray[Any]:
         """Convert actions to int64 (N,) or float64 (N, 2); raises ValueError for an invalid shape, dtype or value."""
@@ -211,9 +211,11 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
             return actions.astype(np.float64)
         if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
             raise ValueError(f"actions must be {self.num_envs} integers, {_got(actions)}")
-        if actions.min() < 0 or actions.max() >= self._core.candidates:
-            game = int(np.flatnonzero((actions < 0) | (actions >= self._core.candidates))[0])
-            raise ValueError(f"choice {actions[game]} of game {game}: candidates are 0 to {self._core.candidates - 1}")
+        if actions.min() < 0 or actions.max() >= self._runner.candidates:
+            game = int(np.flatnonzero((actions < 0) | (actions >= self._runner.candidates))[0])
+            raise ValueError(
+                f"choice {actions[game]} of game {game}: candidates are 0 to {self._runner.candidates - 1}"
+            )
         return actions.astype(np.int64, copy=False)
 
     def close_extras(self, **_: Any) -> None:
@@ -226,7 +228,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         """Return infos in Gymnasium's layout: an array per key, and a mask of the games ``index`` (None: all)."""
         present = np.ones(self.num_envs, dtype=np.bool_) if index is None else self._mask(index)
         result: dict[str, Any] = {}
-        for key, array in self._core.infos().items():
+        for key, array in self._runner.infos().items():
             if index is not None:
                 array[~present] = None if array.dtype == object else 0
             result[key], result[f"_{key}"] = array, present.copy()
@@ -236,7 +238,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         """Return the last observations and infos of games that have just ended."""
         if not self.reports_all:
             return {"final_info": self._infos(ended)}
-        final = {"final_obs": self._last_of(ended, self._core.observe(copy=False)), "final_info": self._infos(ended)}
+        final = {"final_obs": self._last_of(ended, self._runner.observe(copy=False)), "final_info": self._infos(ended)}
         return final | {f"_{name}": self._mask(ended) for name in final}
 
 

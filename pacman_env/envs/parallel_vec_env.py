@@ -30,21 +30,21 @@ class SeveralAgents(BaseEnv):
     """Base class for N games with the agents ``pacman`` and the ghosts that are agents."""
 
     def _make_agents(self, n: int, arguments: EnvArguments, **more: Any) -> None:
-        self._make_core(n, arguments, ghost_agents=True, **more)
-        core = self._core
+        self._make_runner(n, arguments, ghost_agents=True, **more)
+        runner = self._runner
         if self.config.decisions.when == "event":
             raise ConfigError("decisions.when='event' is for one agent: here all decide at each tick")
-        self._ghosts = {GHOST_NAMES[k]: k for k in core.ghost_agents}
+        self._ghosts = {GHOST_NAMES[k]: k for k in runner.ghost_agents}
         if not self._ghosts:
             raise ConfigError("ghosts: at least one must have the behaviour 'policy', as in ('policy', 'policy')")
         self._ghost_masks: dict[str, NDArray[np.bool_]] = {}  # (N, C) each, of the last observations
         self._ghost_listed: dict[str, NDArray[np.int64] | None] = {}  # (N, C) candidates of actions
         self.possible_agents = [PACMAN, *self._ghosts]
-        self.observation_spaces: dict[str, spaces.Space[Any]] = {PACMAN: core.observation_space}
-        self.action_spaces: dict[str, spaces.Space[Any]] = {PACMAN: core.action_space}
+        self.observation_spaces: dict[str, spaces.Space[Any]] = {PACMAN: runner.observation_space}
+        self.action_spaces: dict[str, spaces.Space[Any]] = {PACMAN: runner.action_space}
         for name in self._ghosts:
-            self.observation_spaces[name] = core.ghost_observation_space()
-            self.action_spaces[name] = spaces.Discrete(core.candidates)
+            self.observation_spaces[name] = runner.ghost_observation_space()
+            self.action_spaces[name] = spaces.Discrete(runner.candidates)
         low, high = np.array(list(state_limits(self.batch).values())).T
         self.state_space = spaces.Box(low, high, dtype=np.float64)
 
@@ -64,8 +64,8 @@ class SeveralAgents(BaseEnv):
     def _decide(self, actions: dict[str, NDArray[Any]]) -> Ends:
         """Play one decision with actions (N,) by agent; return rewards (N, A), terminated and truncated (N,)."""
         choices = {number: self._ghost_choice(name, actions[name]) for name, number in self._ghosts.items()}
-        reward, terminated, truncated = self._core.step(actions[PACMAN], choices)
-        of_ghosts = -reward / len(self._ghosts) if self.config.zero_sum else self._core.ghost_reward()
+        reward, terminated, truncated = self._runner.step(actions[PACMAN], choices)
+        of_ghosts = -reward / len(self._ghosts) if self.config.zero_sum else self._runner.ghost_reward()
         return np.stack([reward, *[of_ghosts] * len(self._ghosts)], axis=1), terminated, truncated
 
     def _ghost_choice(self, name: str, actions: NDArray[Any]) -> NDArray[Any]:
@@ -75,10 +75,10 @@ class SeveralAgents(BaseEnv):
 
     def _observe(self) -> Observations:
         """Observe all games for all agents, (N, ...), and store masks and listed candidates of the ghosts."""
-        core = self._core
-        observations: Observations = {PACMAN: core.observe()}
+        runner = self._runner
+        observations: Observations = {PACMAN: runner.observe()}
         for name, number in self._ghosts.items():
-            observation, mask, listed = core.observe_ghost(number)
+            observation, mask, listed = runner.observe_ghost(number)
             observations[name], self._ghost_masks[name], self._ghost_listed[name] = observation, mask, listed
         return observations
 
@@ -116,7 +116,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
     (N,) then contains the last observations by agent (None for other games), ``final_info`` the last infos and
     ``final_state`` (N, S) the last states (0 for other games); each has a mask ``_final_...``. ``DISABLED``: a game
     that is over stands still, without reward and with its flags unchanged, until ``reset(mask=...)`` starts it again.
-    ``num_threads`` threads play the games (0: one per core); the results do not depend on it.
+    ``num_threads`` threads play the games (0: one per runner); the results do not depend on it.
     """
 
     metadata: dict[str, Any] = {"name": "pacmanbot_v0", "render_modes": ["rgb_array"], "render_fps": RENDER_FPS}  # noqa: RUF012
@@ -167,7 +167,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
         ``pacman`` are numbers (N, 2), v and omega, and are clipped. Raises ValueError, without any change, for invalid
         actions, and ResetNeeded before the first reset.
         """
-        self._core.require_reset()
+        self._runner.require_reset()
         rewards, terminated, truncated = self._decide(self._check(actions))
         observations, final = self._observe(), {}
         ended = np.flatnonzero(terminated | truncated)
@@ -182,10 +182,10 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
 
         Raises ResetNeeded before the first reset.
         """
-        self._core.require_reset()
+        self._runner.require_reset()
         if self.config.action != "goal":
             return {name: mask.copy() for name, mask in self._ghost_masks.items()}
-        return np.stack([self._core.masks(), *self._ghost_masks.values()], axis=1)
+        return np.stack([self._runner.masks(), *self._ghost_masks.values()], axis=1)
 
     def state(self) -> NDArray[np.float64]:
         """Return the true states (N, S), named by ``state_names``; raises ResetNeeded before the first reset."""
@@ -200,8 +200,8 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return one picture (H, W, 3) per game, or None without a render mode."""
-        self._core.require_reset()
-        return self._pictures([self._core])
+        self._runner.require_reset()
+        return self._pictures([self._runner])
 
     def close(self) -> None:
         """Do nothing; there is nothing to close."""
@@ -243,7 +243,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
         return np.ascontiguousarray(given, dtype=np.int64 if goals else np.float64)
 
     def _infos(self) -> dict[str, Any]:
-        infos: dict[str, Any] = self._core.infos()
+        infos: dict[str, Any] = self._runner.infos()
         if MASK in infos:
             infos[MASK] = self.action_masks().astype(np.int8)
         return infos

@@ -63,12 +63,12 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
     def reset(self, seed: int | None = None, options: Options = None) -> tuple[Observations, Infos]:
         """Start a new episode; ``seed`` and ``options`` are those of the Gymnasium environment."""
         request = ResetOptions.of(options, 1, "options")  # PettingZoo's test passes this name and expects no effect
-        core = self._core_by(request.settings)
-        levels = request.levels(core.batch.source, _ONE)
+        runner = self._runner_with(request.settings)
+        levels = request.levels(runner.batch.source, _ONE)
         if seed is not None:
             self._generator, _ = seeding.np_random(seed)
-        self._core = core
-        self._core.reset(_ONE, request.seeds(_ONE, [self.np_random]), levels)
+        self._runner = runner
+        self._runner.reset(_ONE, request.seeds(_ONE, [self.np_random]), levels)
         self.agents = list(self.possible_agents)
         if self.render_mode == "human":
             self.render()
@@ -82,7 +82,7 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
         Raises ValueError, without any change, if an agent has no action or one outside its space, and ResetNeeded
         before the first reset.
         """
-        self._core.require_reset()
+        self._runner.require_reset()
         if not self.agents:
             return {}, {}, {}, {}, {}
         missing = [agent for agent in self.agents if agent not in actions]
@@ -116,12 +116,12 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
         return self._states()[0]
 
     def _result(self) -> tuple[Observations, Infos]:
-        observations, info = self._observe(), self._core.info_of_game()
+        observations, info = self._observe(), self._runner.info_of_game()
         infos = {agent: dict(info) for agent in self.possible_agents}
         if MASK in info:
             for name, mask in self._ghost_masks.items():
                 infos[name][MASK] = mask[0].astype(np.int8)
-        return {agent: self._core.of_game(observation, 0) for agent, observation in observations.items()}, infos
+        return {agent: self._runner.of_game(observation, 0) for agent, observation in observations.items()}, infos
 
 
 class _InTurn(parallel_to_aec_wrapper):

@@ -79,7 +79,7 @@ class ResetOptions:
 class CheckedReset:
     """A checked reset, which cannot fail any more."""
 
-    core: GameRunner
+    runner: GameRunner
     index: Indices  # games to reset, (M,)
     levels: Indices | None
     generators: Mapping[int, np.random.Generator]  # new generators by game
@@ -108,22 +108,24 @@ class ManyGames(BaseEnv):
             raise gym.error.ResetNeeded("the first reset() must be of all games")
         if request.settings and not every:
             raise ValueError("options['settings'] are for all games, which are not all reset")
-        core = self._core_by(request.settings) if every else self._core
-        levels = request.levels(core.batch.source, index)
+        runner = self._runner_with(request.settings) if every else self._runner
+        levels = request.levels(runner.batch.source, index)
         seeds = one_for_each(seed, self.num_envs)
         fresh = [i for i in index.tolist() if seeds[i] is not None or self._generators[i] is None]
-        return CheckedReset(core, index, levels, {i: gym.utils.seeding.np_random(seeds[i])[0] for i in fresh}, request)
+        return CheckedReset(
+            runner, index, levels, {i: gym.utils.seeding.np_random(seeds[i])[0] for i in fresh}, request
+        )
 
     def _begin(self, reset: CheckedReset) -> Indices:
-        self._core = reset.core
+        self._runner = reset.runner
         for i, generator in reset.generators.items():
             self._generators[i], self._next[i] = generator, None
-        self._core.reset(reset.index, self._episode_seeds(reset.index, reset.request), reset.levels)
+        self._runner.reset(reset.index, self._episode_seeds(reset.index, reset.request), reset.levels)
         return reset.index
 
     def _follow(self, ended: Indices) -> None:
         """Start the next episodes in the games ``ended``, whose last observations may be overwritten."""
-        self._core.reset(ended, self._episode_seeds(ended, ResetOptions()), in_step=True)
+        self._runner.reset(ended, self._episode_seeds(ended, ResetOptions()), in_step=True)
 
     def _mask(self, index: Indices) -> Flags:
         mask = np.zeros(self.num_envs, dtype=np.bool_)
@@ -134,7 +136,7 @@ class ManyGames(BaseEnv):
         """Return copies (N,) of the observations of the games ``ended``, which later steps may overwrite; else None."""
         last = np.full(self.num_envs, None, dtype=object)
         for i in ended.tolist():
-            last[i] = deepcopy(self._core.of_game(observations, i))
+            last[i] = deepcopy(self._runner.of_game(observations, i))
         return last
 
     def _episode_seeds(self, index: Indices, request: ResetOptions) -> NDArray[np.uint64]:

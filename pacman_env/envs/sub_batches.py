@@ -127,7 +127,7 @@ class SubBatches:
 def _begin_games(env: PacManBotVectorEnv, prepared: CheckedReset) -> Step:
     index = env._begin(prepared)
     nothing = np.zeros(env.num_envs, dtype=np.bool_)
-    return env._core.observe(), np.zeros(env.num_envs), nothing, nothing.copy(), env._infos(index)
+    return env._runner.observe(), np.zeros(env.num_envs), nothing, nothing.copy(), env._infos(index)
 
 
 def _join(values: Sequence[Any]) -> Any:

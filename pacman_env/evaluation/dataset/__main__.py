@@ -96,11 +96,13 @@ def _dataset(arguments: argparse.Namespace, given: Sequence[str]) -> None:
     else:
         tasks = tasks_of(arguments.policy, made, round_seeds(arguments.seed, arguments.episodes))
         parts = _simulated(arguments, tasks)
-    core = GameRunner(1, made)
-    facts = _facts(arguments, given, env_id, core)
+    runner = GameRunner(1, made)
+    facts = _facts(arguments, given, env_id, runner)
     with new_folder(folder) as temporary:
         with contextlib.ExitStack() as stack:
-            writers = [stack.enter_context(one) for one in _writers(arguments, temporary, (env_id, named), core, facts)]
+            writers = [
+                stack.enter_context(one) for one in _writers(arguments, temporary, (env_id, named), runner, facts)
+            ]
             facts |= _written(stack.enter_context(parts), writers)
         write_json(temporary / "facts.json", facts)
         write_card(temporary, facts)
@@ -149,8 +151,8 @@ def _is_name(name: str, for_minari: bool) -> bool:
     return is_dataset_id(name)
 
 
-def _facts(arguments: argparse.Namespace, given: Sequence[str], env_id: str, core: GameRunner) -> dict[str, Any]:
-    first = core.batch.source.first.occupancy
+def _facts(arguments: argparse.Namespace, given: Sequence[str], env_id: str, runner: GameRunner) -> dict[str, Any]:
+    first = runner.batch.source.first.occupancy
     return {
         "name": arguments.name,
         "policy": "the robot's own" if arguments.bags else arguments.policy,
@@ -163,9 +165,9 @@ def _facts(arguments: argparse.Namespace, given: Sequence[str], env_id: str, cor
         "sources": package_hash(),
         "commit": commit(),
         "command": _command(given),
-        "observation_space": str(core.observation_space).replace("\n", ""),
-        "action_space": str(core.action_space),
-        "settings": core.config.as_settings(),
+        "observation_space": str(runner.observation_space).replace("\n", ""),
+        "action_space": str(runner.action_space),
+        "settings": runner.config.as_settings(),
     }
 
 
@@ -181,13 +183,13 @@ def _writers(
     arguments: argparse.Namespace,
     folder: Path,
     env: tuple[str, dict[str, Any]],
-    core: GameRunner,
+    runner: GameRunner,
     facts: dict[str, Any],
 ) -> Iterator[Any]:
     if "minari" in arguments.format:
         from .minari_files import MinariFiles, spec_of
 
-        spaces = core.observation_space, core.action_space
+        spaces = runner.observation_space, runner.action_space
         more = {"dataset_id": arguments.name, "algorithm_name": facts["policy"], "pacman_env": facts}
         requirements = {"requirements": [f"pacman_env=={__version__}"], "description": "rounds of PacManBot"}
         yield MinariFiles(folder, spec_of(*env), spaces, {**more, **requirements})

@@ -134,9 +134,9 @@ def record(task: Recording) -> RecordedRounds:
         ghosts = [places[name] if isinstance(name, str) and name in places else name for name in arguments.ghosts]
         arguments = replace(arguments, ghosts=ghosts)
     policy = load_policy(places.get(task.policy, task.policy))
-    core = GameRunner(min(BATCH, len(task.seeds)), arguments)
-    check(core.config)
-    return _Recorder(core, policy, task.seeds).play()
+    runner = GameRunner(min(BATCH, len(task.seeds)), arguments)
+    check(runner.config)
+    return _Recorder(runner, policy, task.seeds).play()
 
 
 class _View(NamedTuple):
@@ -159,9 +159,9 @@ class _Decision(NamedTuple):
 class _Recorder:
     """Plays rounds in a batch; an ended game starts its next round in the step of the others, so one view is enough."""
 
-    def __init__(self, core: GameRunner, policy: Any, seeds: NDArray[np.uint64]) -> None:
-        self._core, self._policy, self._seeds = core, policy, seeds
-        n = core.batch.n
+    def __init__(self, runner: GameRunner, policy: Any, seeds: NDArray[np.uint64]) -> None:
+        self._runner, self._policy, self._seeds = runner, policy, seeds
+        n = runner.batch.n
         self._round = np.arange(n)  # round that each game plays, -1: none
         self._began = np.zeros(n, dtype=np.int64)  # step of the first decision in the round
         self._unlisted = np.zeros(n, dtype=np.int64)
@@ -170,39 +170,39 @@ class _Recorder:
         self._places = np.zeros((len(seeds), 2), dtype=np.int64)  # game and first step of each round
 
     def play(self) -> RecordedRounds:
-        core, n = self._core, self._core.batch.n
-        core.reset(np.arange(n), self._seeds[:n])
-        reset(self._policy, np.ones(n, dtype=np.bool_), core.config)
+        runner, n = self._runner, self._runner.batch.n
+        runner.reset(np.arange(n), self._seeds[:n])
+        reset(self._policy, np.ones(n, dtype=np.bool_), runner.config)
         over = np.zeros(n, dtype=np.bool_)
         views, decisions = [self._look()], list[_Decision]()
         while (self._round >= 0).any():
             decisions.append(self._decide(over))
             restarts = np.flatnonzero(over & (self._round >= 0))
             if len(restarts):
-                core.reset(restarts, self._seeds[self._round[restarts]], in_step=True)
+                runner.reset(restarts, self._seeds[self._round[restarts]], in_step=True)
                 self._began[restarts], self._unlisted[restarts] = len(decisions), 0
-            starts = np.isin(np.arange(n), restarts) | (core.batch.completed_s > 0)
+            starts = np.isin(np.arange(n), restarts) | (runner.batch.completed_s > 0)
             if starts.any():
-                reset(self._policy, starts, core.config)
+                reset(self._policy, starts, runner.config)
             views.append(self._look())
             over = self._end(decisions[-1], over, len(decisions))
         return self._collect(views, decisions)
 
     def _look(self) -> _View:
-        return _View(flattened(self._core.observe()), self._core.masks())
+        return _View(flattened(self._runner.observe()), self._runner.masks())
 
     def _decide(self, over: NDArray[np.bool_]) -> _Decision:
         """Play the policy's choice until the next decision; games that are over stand still."""
-        core = self._core
-        chosen = choose(self._policy, core.situation)
-        action, listed = core.observer.actions_of(chosen)
+        runner = self._runner
+        chosen = choose(self._policy, runner.situation)
+        action, listed = runner.observer.actions_of(chosen)
         self._unlisted += ~listed
-        rewards, terminated, truncated = core.step(action)
-        return _Decision(action, rewards, terminated & ~over, truncated & ~over, core.elapsed_s.copy())
+        rewards, terminated, truncated = runner.step(action)
+        return _Decision(action, rewards, terminated & ~over, truncated & ~over, runner.elapsed_s.copy())
 
     def _end(self, decision: _Decision, over: NDArray[np.bool_], steps: int) -> NDArray[np.bool_]:
         """Return the mask (N,) of games that are over; record their rounds and assign the next ones."""
-        batch = self._core.batch
+        batch = self._runner.batch
         many = (batch.games["round"] > MOST_ROUNDS) & ~over
         decision.truncated[many & ~decision.terminated] = True
         ended = np.flatnonzero((decision.terminated | decision.truncated) & (self._round >= 0))

@@ -44,8 +44,8 @@ class RobotRounds:
         self.unchecked: dict[str, str] = {}  # by bag: why damage to its messages cannot be ruled out
         with open_bag(bags[0], namespace) as bag:
             self.arguments = _played_by(recorded_config(bag), arguments)
-        self._core = GameRunner(1, self.arguments)
-        for kind in self._core.config.observation.kinds:
+        self._runner = GameRunner(1, self.arguments)
+        for kind in self._runner.config.observation.kinds:
             if kind not in KINDS:
                 raise ConfigError(f"observation kind {kind!r}: of a robot's rounds there are only {', '.join(KINDS)}")
 
@@ -55,11 +55,11 @@ class RobotRounds:
             with open_bag(path, self._namespace) as bag:
                 if not bag.has(topics.SCORES):
                     raise BagError(f"{path}: no {topics.SCORES.name}: the choices of its goal selector are not known")
-                recorder, config = _RoundRecorder(self._core), recorded_config(bag)
+                recorder, config = _RoundRecorder(self._runner), recorded_config(bag)
                 walk = Walk(bag, map_assets(self.arguments.map, config), config, recorder)
                 if (
-                    walk.view.hold != self._core.batch.hold
-                    or len(config.clyde.ghosts) != self._core.batch.ghosts.shape[1]
+                    walk.view.hold != self._runner.batch.hold
+                    or len(config.clyde.ghosts) != self._runner.batch.ghosts.shape[1]
                 ):
                     raise BagError(f"{path}: has other pellets, refuges or ghosts than {self._bags[0]}")
                 walk.run()
@@ -82,9 +82,9 @@ def _played_by(played: Config, arguments: EnvArguments) -> EnvArguments:
 class _RoundRecorder:
     """Listener of a walk that collects its rounds and omits those without a decision."""
 
-    def __init__(self, core: GameRunner) -> None:
+    def __init__(self, runner: GameRunner) -> None:
         self.rounds: list[RecordedRounds] = []
-        self._core = core
+        self._runner = runner
         self._begin()
 
     def _begin(self) -> None:
@@ -107,11 +107,11 @@ class _RoundRecorder:
             self._word = word
 
     def decide(self, at_s: float, situation: Situation, recorded: int | None) -> None:
-        core = self._core
+        runner = self._runner
         self._look(situation)
         self._spawned = max(self._spawned, int(situation.pellets_left[0]) + len(self._collected))
         assert recorded is not None  # bags without choices are refused above
-        (action,), (listed,) = core.observer.actions_of(np.array([recorded]))
+        (action,), (listed,) = runner.observer.actions_of(np.array([recorded]))
         self._unlisted += not listed
         self._actions.append(int(action))
         self._at_s.append(at_s)
@@ -142,9 +142,9 @@ class _RoundRecorder:
         self._begin()
 
     def _look(self, situation: Situation) -> None:
-        seen = flattened(self._core.observe_from(situation))
+        seen = flattened(self._runner.observe_from(situation))
         self._seen.append({key: array[0] for key, array in seen.items()})
-        self._masks.append(self._core.masks()[0])
+        self._masks.append(self._runner.masks()[0])
 
     def _outcome(self, state: str) -> str:
         """Return the outcome of a round; ``running`` if a person interrupted it."""
@@ -156,7 +156,7 @@ class _RoundRecorder:
 
     def _rewards(self, elapsed_s: Any, outcome: str) -> Any:
         """Return the rewards (D,) of ticks, pellets and the end as in the environment, without ``reward.progress``."""
-        config = self._core.config
+        config = self._runner.config
         rewards = config.reward.tick * elapsed_s / config.execution.tick_s
         pellet_of = np.searchsorted(self._at_s, [at_s for at_s, _ in self._collected], side="right") - 1
         np.add.at(rewards, np.maximum(pellet_of, 0), config.reward.pellet)
