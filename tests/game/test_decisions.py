@@ -130,7 +130,7 @@ ticks = st.lists(
 )
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(ticks=ticks)
 def test_simulator_asks_at_the_same_ticks(ticks: list[tuple[int, str, bool, float, bool]]) -> None:
     games, before, last = np.zeros(1, GAME), np.zeros(1, LAST_DECISION), LastDecision(CONFIG)

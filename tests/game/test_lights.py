@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pacman_env.config import ShowConfig
@@ -89,6 +89,7 @@ def test_clock_set_back_ends_the_show_only() -> None:
     assert ring.ring(3.0) == (COLOURS["yellow"],) * 6
 
 
+@settings(max_examples=20)
 @given(st.text())
 def test_unknown_word_is_refused_and_changes_nothing(word: str) -> None:
     ring = LightRing(LIGHTS, ShowConfig())
