@@ -23,7 +23,7 @@ class Progress:
     waiting: int = 0  # for a worker at present
 
     def summary(self, workers: int) -> str:
-        """Return the numbers of workers and losses for the bar, short enough for a line of 80 columns."""
+        """Return the numbers of workers and of lost workers for the progress bar, short enough for 80 columns."""
         lost = f", {self.lost} lost" if self.lost else ""
         return f"{workers} {'worker' if workers == 1 else 'workers'}{lost}"
 

@@ -15,7 +15,7 @@ class StickyQueue:
     """
 
     def __init__(self, count: int, keys: Sequence[Hashable] | None, owners: dict[Hashable, Worker]) -> None:
-        """``owners``: the worker of each key in the last run, updated by this one."""
+        """Queue the tasks of a run; ``owners``, the worker of each key in earlier runs, is updated."""
         self._has_keys = keys is not None
         self._key_of: Sequence[Hashable] = range(count) if keys is None else keys
         self._count = count

@@ -26,7 +26,7 @@ FRAME_S = 0.15
 
 @dataclass(frozen=True)
 class Light:
-    """A light word and its rings, which are shown in a loop until the time is over."""
+    """A named light: colours of the LED ring over time, repeated until its duration is over."""
 
     word: str
     rings: tuple[Ring, ...]  # empty: the robot controls the ring

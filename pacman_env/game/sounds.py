@@ -58,7 +58,7 @@ class SoundQueue:
         return None
 
     def ended(self, now: float) -> str | None:
-        """End the playing melody, which is over or could not be played."""
+        """Note that the current melody has finished or could not be played."""
         self._playing = None
         word, self._waiting = self._waiting, None
         return None if word is None else self._begin(word, now)

@@ -36,7 +36,7 @@ class Standstill:
         threading.Thread(target=self._watch, daemon=True).start()
 
     def __bool__(self) -> bool:
-        """Return True if other nodes have dropped this process."""
+        """Return True if this process stood still so long that other nodes regard it as gone."""
         return self.longest_s > self._lease_s
 
     def close(self) -> None:

@@ -71,7 +71,7 @@ _CURRENT = ContextVar("surroundings", default=Surroundings())  # noqa: B039 - it
 
 
 def current() -> Surroundings:
-    """Return the surroundings; call this while a node is created."""
+    """Return the clock and options of the process or lock-step game in which a node is being created."""
     return _CURRENT.get()
 
 

@@ -67,7 +67,7 @@ class Fragment(NamedTuple):
 def choose(
     network: EntityNetwork, observation: Observation, generator: torch.Generator | None = None
 ) -> tuple[FragmentChoices, NDArray[np.int64]]:
-    """Return choices for all situations and the candidates' numbers; the best ones without a generator to draw from."""
+    """Return a choice for each situation and its numbers of candidates; draw with the generator, or take the best."""
     seen = {key: torch.from_numpy(array) for key, array in observation.items()}
     situations, order = network.pack(seen["planner_candidates"], seen["planner_globals"], seen["action_mask"] > 0.5)
     logits, values = network.judge_packed(situations.of(slice(None)))
@@ -180,7 +180,7 @@ class _Unpickler(pickle.Unpickler):
 
 
 class _Running:
-    """Parts whose games this process keeps, of one learner at a time."""
+    """Games that this worker process keeps between tasks; those of another learner replace them."""
 
     def __init__(self) -> None:
         self._parts: dict[tuple[int, int], _RunningPart] = {}

@@ -261,7 +261,7 @@ class GhostPart(Part):
 
 
 class GhostGames(Games):
-    """Games of Clyde, which observes planner features from its own side."""
+    """Games in which Clyde learns; it observes planner features from its own point of view."""
 
     def __init__(self, env: PacManBotParallelVecEnv, robot: Policy, scale: float = 1.0) -> None:
         if tuple(env.possible_agents) != (PACMAN, CLYDE):

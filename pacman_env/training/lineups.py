@@ -80,7 +80,7 @@ def make_teacher(lineup: str, nodes: int) -> Policy:
 
 
 def sub_batches(ghosts: Sequence[str], games: int, levels: int) -> list[str]:
-    """Return the line-up of each sub-batch, ordered so that both halves are equally costly.
+    """Return the list of ghosts of each sub-batch, ordered so that both halves take equally long to play.
 
     Their number is a multiple of the number of line-ups, so that each line-up has its share of the games. Raises
     ConfigError if ``games`` cannot be divided evenly, or if there are fewer ``levels`` than line-ups.

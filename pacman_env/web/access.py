@@ -76,7 +76,7 @@ class Name:
 
     @property
     def url(self) -> str:
-        """Return the address of the page behind the proxy, or an empty string for a host name."""
+        """Return the address of the page behind the proxy, or an empty string if no proxy was named."""
         return f"{self.origin}{self.path}/" if self.origin else ""
 
 

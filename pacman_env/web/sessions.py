@@ -209,7 +209,7 @@ class Sessions:
                 await self._attempt("a person left", self.requests.in_thread(self._game.leave, viewer.name))
 
     async def _attempt(self, what: str, work: Awaitable[Any]) -> str:
-        """Return the words of a failure, or an empty string after success."""
+        """Call the game; return the words of a failure, or an empty string after success."""
         try:
             await work
         except Refused as refused:

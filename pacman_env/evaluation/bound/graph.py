@@ -168,7 +168,7 @@ class Map(NamedTuple):
 
 @kernel
 def _ask(table, k, robot, ghost, corner, other):  # type: ignore[no-untyped-def]
-    """Return the target of ghost k, m; NaN if it wanders or fails. ``other``: ghost velocity and robot heading."""
+    """Return the target (x, y) in m of ghost ``k``, NaN if it wanders or fails."""
     a = behaviour_arrays(table)
     v = a.views[k]
     v[0], v[1], v[2], v[3], v[4] = k, ghost[0], ghost[1], other[0], other[1]

@@ -89,7 +89,7 @@ rounds = pandas.read_parquet("rounds.parquet")
 
 
 def write_card(folder: Path, facts: dict[str, Any]) -> None:
-    """Write the card for the files that are in the folder."""
+    """Write README.md of a data set: its rounds, files and licence, for the files that are in the folder."""
     sizes = {name: (folder / name).stat().st_size for name in _MEANING if (folder / name).is_file()}
     files = "\n".join(f"| `{name}` | {size:,} | {_MEANING[name]} |" for name, size in sizes.items())
     reading = _MINARI.format(**facts) if "data/metadata.json" in sizes else ""

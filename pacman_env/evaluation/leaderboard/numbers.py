@@ -59,7 +59,7 @@ class Against(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class CellResult(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Results of all policies in one cell."""
+    """Results of all policies in one cell of the table: one list of ghosts at one speed on one group of maps."""
 
     group: Group
     ghosts: Ghosts

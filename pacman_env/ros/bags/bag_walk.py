@@ -29,7 +29,7 @@ END_OF_PLAN_M = 0.75  # Nav2 may end a plan next to its goal, half a metre off i
 
 
 class Follower(Protocol):
-    """Receiver of the events of a walk; times are in s since the start of the bag."""
+    """Receiver of the events of a recorded game; times are in s since the start of the bag."""
 
     def begin(self, at_s: float) -> None:
         """Handle the start of a round."""

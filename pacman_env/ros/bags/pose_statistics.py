@@ -32,7 +32,7 @@ QUANTITIES = {
 
 @dataclass
 class PoseStatistics:
-    """Samples of one or several games in order; times in s."""
+    """Samples of the poses and speeds of one or several games in order; times in s."""
 
     samples: dict[str, list[float]] = field(default_factory=lambda: {name: [] for name in QUANTITIES})
     pose: Pose | None = None  # last received pose

@@ -76,7 +76,7 @@ class LockStep:
         return subscriptions
 
     def observe_requests(self, node: BaseNode, service: str, callback: Callable[[Any], None]) -> None:
-        """Let a member receive all requests to a service (absolute name), even those that do not arrive."""
+        """Copy all requests to a service (absolute name) to a node, including requests that the fault model drops."""
         self.messages.observed[service].append((self._member_of(node), callback))
 
     def member(self, name: str) -> Member | None:

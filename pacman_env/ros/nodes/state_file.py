@@ -60,7 +60,7 @@ class StateFile:
         os.replace(temporary, self.path)
 
     def remove(self) -> None:
-        """Remove the file; if that fails, it will soon be too old to load."""
+        """Remove the saved game; ignore an error, because an old file is not loaded anyway."""
         if self.path is not None:
             with contextlib.suppress(OSError):
                 self.path.unlink(missing_ok=True)

@@ -183,7 +183,7 @@ class Pursuit:
         self._decide()
 
     def _check_nav2(self) -> None:
-        """Notice a missing Nav2 without a tick: if the simulated robot is gone, its clock and the ticks stop."""
+        """Report a missing Nav2 by wall clock: without the simulated robot its clock stops, and with it the ticks."""
         if self._tick_timer is not None and not self._passive and not self._nav2.ready:
             self._do(self._executor.nav2(False, self._node.now_s()))
 

@@ -30,7 +30,7 @@ class RoundRequests:
         self._played, self._running = 0, False
 
     def are_over(self, can_begin: bool) -> bool:
-        """Request the next round if it is due and can begin; return True if the last round was played."""
+        """Request the next round if it is due and can begin; return True once all requested rounds were played."""
         self._running = self._running or self.status_line.state == "running"
         if not (self.starts and can_begin and self._in_menu()):
             return False

@@ -38,7 +38,7 @@ class Missing:
 
 
 def settled(status_line: StatusLine, end_s: float) -> Missing:
-    """Wait until nothing is missing, nothing more arrives, or ``end_s``, and return what is missing."""
+    """Wait until all nodes and values of a game are there, no more arrive, or ``end_s``; return the missing ones."""
     previous: Any = None
     quiet_s = 0.0
     while True:

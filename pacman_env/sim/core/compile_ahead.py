@@ -24,7 +24,7 @@ _WATCH_S = 0.5
 
 
 def begin() -> subprocess.Popen[bytes] | None:
-    """Start the other process, if the tick kernel is not cached yet and a core is free; return None otherwise."""
+    """Start a process that compiles the tick kernel; return None if it is cached or no core is free."""
     if kernel_folder() is None or numba_config.DISABLE_JIT or cores() < 2 or not sys.executable:
         return None
     cache = play._cache  # type: ignore[attr-defined]

@@ -112,7 +112,7 @@ class Level:
         return self._later.get(place)
 
     def add(self, place: int, table: Table) -> Table:
-        """Add a table at an index of ``later`` unless there is one already, and return the table in use."""
+        """Store a table at an index of ``later`` unless another thread has stored one; return the stored table."""
         shared = self._later.setdefault(place, table)  # another thread may have added one
         self.table.array("later")[place] = shared.address
         return shared

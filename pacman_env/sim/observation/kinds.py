@@ -57,7 +57,7 @@ class ObservationPart(NamedTuple):
 
 
 class ObservationKind(Protocol):
-    """An observation kind, without state between observations."""
+    """A kind of observation: describes and fills its arrays; keeps no state between observations."""
 
     name: str
 
@@ -113,7 +113,7 @@ class CompiledKind(_Kind):
 def _table_part(
     columns: Columns, rows: tuple[int, ...], known: Mapping[str, tuple[float, float]] | None = None
 ) -> ObservationPart:
-    """Return a part with rows of these columns; ``known`` replaces the bounds of columns."""
+    """Return the description of an array with these columns; ``known`` replaces the bounds of some."""
     low, high = np.array([(known or {}).get(name, limits) for name, *limits, _ in columns], dtype=np.float32).T
     shape = *rows, len(columns)
     return ObservationPart(np.broadcast_to(low, shape), np.broadcast_to(high, shape), shape, np.float32, columns)

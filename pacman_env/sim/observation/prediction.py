@@ -105,7 +105,7 @@ def _write(out_x, out_y, at, x, y, dx, dy, share):  # type: ignore[no-untyped-de
 
 @kernel
 def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type: ignore[no-untyped-def]
-    """Write the positions of ``count`` walkers at every instant, on static paths to their goals, (B, _BLOCK) cells.
+    """Simulate ``count`` walkers on shortest paths to goals, and write the cell of each at every instant, (B, _BLOCK).
 
     Walkers take coarse steps in turn, which hides the latency of memory. Instants beyond a coarse step are written too,
     and overwritten later, which avoids a branch. With ``goals`` above 1, a walker that has arrived continues to another

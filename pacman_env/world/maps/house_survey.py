@@ -157,7 +157,7 @@ def _largest_part(mask):  # type: ignore[no-untyped-def]
 
 @kernel
 def _drive(kind, tour, ray, seed):  # type: ignore[no-untyped-def]
-    """Scan from the places of a tour that no earlier scan saw from nearby, and return ``seen`` and ``hit``.
+    """Drive a tour, scan at each place not yet covered at short range, and return ``seen`` and ``hit``.
 
     ``seen`` (H, W) is 1 for cells that a ray passed, 2 for those near a stop; ``hit`` (H, W) is 1 where a ray ended.
     """

@@ -246,7 +246,7 @@ LENGTHS = np.stack([_lengths, 1.0 / np.maximum(_lengths, 1e-9)], axis=1)  # of e
 
 
 def coarse_steps(next_step: NDArray[np.int16], cell: NDArray[np.int32], shape: tuple[int, int]) -> NDArray[np.uint8]:
-    """Return codes (R, C, 8, 8, G) for the cell three steps ahead on path fields (G, K) of cells (K, 2).
+    """Return for every cell, in tiles (R, C, 8, 8), a code for the cell three steps further to each of G goals.
 
     The code is ``NO_WAY`` without a path and ``ARRIVED`` at the goal. A step is 0.15 to 0.35 m for cells of 0.05 m.
     """

@@ -173,14 +173,14 @@ def _empty(space, body, calls, seconds):  # type: ignore[no-untyped-def]
 
 @kernel
 def empty(spaces, k, steps, seconds):  # type: ignore[no-untyped-def]
-    """Call :func:`_empty` ``steps`` times."""
+    """Keep the robot far from all walls for ``steps`` steps, so that the space forgets its contacts."""
     table, given, calls = spaces[0], spaces[1], spaces[3]
     for _ in range(steps):
         _empty(table[k], given[k, :_GIVEN], calls, seconds)
 
 
 class Spaces:
-    """Spaces for ``robots`` robots on ``levels`` levels, created on demand.
+    """Physics spaces with the walls of ``levels`` levels for ``robots`` robots, created on demand.
 
     One unused space per level is kept in addition to those with robots; ``arrays`` are for :func:`move`.
     """
