@@ -9,14 +9,14 @@ from benchmarks.coarse_model import Trials, main
 from tests.sim.coarse.games import config_of
 
 
-def test_the_command_prints_arrivals_places_and_catches(capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_prints_arrivals_places_and_catches(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--map", "loop", "--games", "6", "--rounds", "2"]) == 0
     printed = capsys.readouterr().out
     assert "12 trials" in printed
     assert "caught" in printed
 
 
-def test_the_model_agrees_with_the_simulator() -> None:
+def test_coarse_model_agrees_with_simulator() -> None:
     config = config_of("chase", **{"execution.pickup_radius_m": 1e-4})
     found = Trials("house", config, games=40, seconds=12.0, seed=0).trials()
     assert np.mean(found["caught"] == found["expected_caught"]) > 0.75
@@ -26,6 +26,6 @@ def test_the_model_agrees_with_the_simulator() -> None:
     assert abs(np.median(late)) < 1.5
 
 
-def test_a_map_that_is_not_there_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_missing_map_is_reported_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--map", "nowhere.yaml"]) == 2
     assert capsys.readouterr().err.count("\n") == 1

@@ -23,7 +23,7 @@ def alone(path: Path, policy: str) -> dict[str, Any]:
     return json.loads(path.read_text())
 
 
-def test_a_learned_planner_decides_without_torch_in_250_mb(tmp_path: Path) -> None:
+def test_learned_planner_decides_without_torch_in_250_mb(tmp_path: Path) -> None:
     pytest.importorskip("torch")
     pytest.importorskip("onnx")
     from tests.training.planners import random_planner
@@ -37,14 +37,14 @@ def test_a_learned_planner_decides_without_torch_in_250_mb(tmp_path: Path) -> No
     assert (figures["policy"], figures["map"], figures["decisions"]) == ("mine", "house", 100)
 
 
-def test_figures_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_benchmark_prints_policy_map_and_percentile(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--policy", "nearest", "--map", "loop", "--set", "pellets.spacing_m=1.5", *SHORT]) == 0
     out = capsys.readouterr().out
     assert "nearest on loop:" in out
     assert "99 % within" in out
 
 
-def test_parameters_of_the_policy_are_given_by_name(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_policy_parameters_are_set_by_name(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     path = tmp_path / "figures.json"
     search = ["--policy", "search", "--set", "clyde.ghosts=chase", "--parameter", "nodes=500", "--decisions", "20"]
     assert main([*search, "--json", str(path)]) == 0
@@ -52,7 +52,7 @@ def test_parameters_of_the_policy_are_given_by_name(capsys: pytest.CaptureFixtur
     assert "search on house" in capsys.readouterr().out
 
 
-def test_memory_is_the_most_there_ever_was() -> None:
+def test_peak_memory_stays_after_memory_is_freed() -> None:
     before = peak_memory_mb()
     used = np.ones(50_000_000, np.uint8)
     while_used = peak_memory_mb()
@@ -76,7 +76,7 @@ def test_memory_is_the_most_there_ever_was() -> None:
         (["--policy", "search", "--parameter", "nodes=3"], "nodes = 3: must be at least"),
     ],
 )
-def test_bad_arguments_are_one_line_and_status_2(
+def test_bad_arguments_end_with_line_and_status_2(
     arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([*SHORT, *arguments]) == 2

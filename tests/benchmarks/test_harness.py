@@ -13,7 +13,7 @@ import pacman_env
 from benchmarks.harness import ROOT, benchmark, in_checkout, median_and_range, turns
 
 
-def test_alternatives_take_turns() -> None:
+def test_turns_measure_alternatives_in_alternation() -> None:
     calls: list[str] = []
 
     def measure(name: str) -> int:
@@ -26,7 +26,7 @@ def test_alternatives_take_turns() -> None:
 
 
 @pytest.mark.parametrize(("rate", "status"), [(2.0, 0), (0.5, 1)])
-def test_figures_are_written_with_version_seed_and_machine(rate: float, status: int, tmp_path: Path) -> None:
+def test_figures_contain_version_seed_and_machine(rate: float, status: int, tmp_path: Path) -> None:
     out = tmp_path / "new" / "figures.json"
     main = benchmark("mine", "Mine.", lambda _: {"rate": rate}, "--seed", failed=lambda f: f["rate"] < 1.0)
     assert main(["--map", "loop", "--seed", "3", "--json", str(out)]) == status
@@ -35,7 +35,7 @@ def test_figures_are_written_with_version_seed_and_machine(rate: float, status: 
     assert figures == {"version": pacman_env.__version__, "map": "loop", "seed": 3, "rate": rate}
 
 
-def test_a_file_that_cannot_be_written_is_refused_before_anything_is_measured(
+def test_unwritable_file_is_refused_before_measuring(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     def measure(_: Any) -> dict[str, Any]:
@@ -45,7 +45,7 @@ def test_a_file_that_cannot_be_written_is_refused_before_anything_is_measured(
     assert "is a folder" in capsys.readouterr().err
 
 
-def test_a_process_runs_the_code_of_the_checkout() -> None:
+def test_child_process_runs_code_of_checkout() -> None:
     code = "import os, pacman_env; print(pacman_env.__file__, os.environ['COLOUR'])"
     done = subprocess.run(**in_checkout(ROOT, "-c", code, COLOUR="red"), capture_output=True, check=True)
     assert done.stdout == f"{ROOT / 'pacman_env' / '__init__.py'} red\n"

@@ -31,7 +31,7 @@ def measured() -> dict[str, Any]:
     return run([], None, "loop", 1, 0.1)
 
 
-def test_ours_steps_one_game_and_64(measured: dict[str, Any]) -> None:
+def test_environment_is_measured_with_1_and_64_games(measured: dict[str, Any]) -> None:
     assert [(row["library"], row["n"], row["threads"]) for row in measured["rows"]] == [(OURS, 1, 1), (OURS, 64, 1)]
     for row in measured["rows"]:
         assert row["decisions_per_s"] > 0
@@ -42,7 +42,7 @@ def test_ours_steps_one_game_and_64(measured: dict[str, Any]) -> None:
 
 
 @pytest.mark.daily
-def test_the_script_says_what_a_decision_of_ours_is() -> None:
+def test_worker_describes_and_measures_own_environment() -> None:
     worker = Worker(OURS, "loop")
     (task,) = worker.tasks
     assert task["description"].startswith("10 Chipmunk steps")
@@ -52,14 +52,14 @@ def test_the_script_says_what_a_decision_of_ours_is() -> None:
         worker.turn(1, 64, 1, 0.05)
 
 
-def test_a_turn_counts_the_games_and_lasts_a_step_at_least() -> None:
+def test_turn_counts_all_games_and_takes_one_step() -> None:
     steps: list[int] = []
     rate = peer_worker.turn(lambda: steps.append(1), 64, 0.0)["decisions_per_s"]
     assert len(steps) == 1
     assert rate >= 64
 
 
-def test_ended_episodes_begin_anew() -> None:
+def test_ended_episode_is_reset_before_next_step() -> None:
     class Env:
         resets = 0
 
@@ -85,7 +85,7 @@ def test_ended_episodes_begin_anew() -> None:
     assert first.actions == second.actions
 
 
-def test_what_is_not_installed_is_named_and_the_others_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_library_is_named_as_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in ("envpool", "vmas", "mpe2"):
         monkeypatch.setitem(sys.modules, module, None)
         with pytest.raises(ModuleNotFoundError) as caught:
@@ -116,7 +116,7 @@ class Fake(Worker):
         return {"decisions_per_s": 2000.0 * size * (2 if self.name == OURS else threads), "cores": float(threads)}
 
 
-def test_the_table_has_ratios_and_names_what_failed(
+def test_table_shows_ratios_and_libraries_that_failed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(peers, "Worker", Fake)
@@ -146,7 +146,7 @@ def test_the_table_has_ratios_and_names_what_failed(
     assert "Speed is no measure of an environment's quality." in " ".join(said.split())
 
 
-def test_a_process_that_dies_is_an_error_with_its_last_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_dead_worker_is_reported_with_its_last_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(peers, "SCRIPT", a_script(tmp_path, "import sys; sys.exit('out of luck')"))
     with pytest.raises(PeerError, match="ended with status 1: out of luck"):
         Worker("vmas", "loop")
@@ -155,7 +155,7 @@ def test_a_process_that_dies_is_an_error_with_its_last_words(tmp_path: Path, mon
         Worker("vmas", "loop")
 
 
-def test_a_library_that_cannot_be_imported_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_library_import_error_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In the worker's process; what the library prints is no answer."""
     (tmp_path / "mpe2.py").write_text("print('hello'); raise ImportError('mpe2 wants\\na display')")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
@@ -163,7 +163,7 @@ def test_a_library_that_cannot_be_imported_says_why(tmp_path: Path, monkeypatch:
         Worker("mpe2", "loop")
 
 
-def test_a_process_that_hangs_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_hanging_worker_is_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(peers, "SCRIPT", a_script(tmp_path, "import time; time.sleep(600)"))
     monkeypatch.setattr(peers, "LIMIT_S", 0.2)
     with pytest.raises(PeerError, match=r"no answer within 0\.2 s"):
@@ -182,9 +182,7 @@ def an_empty_wheel(folder: Path, name: str) -> None:
             wheel.writestr(f"{name}-1.0.dist-info/{file}", text)
 
 
-def test_a_venv_is_used_again_and_what_cannot_be_installed_is_said(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_venv_is_reused_and_failed_installation_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With no index to ask, but a folder with one wheel."""
     monkeypatch.setenv("PIP_NO_INDEX", "1")
     monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path))
@@ -212,7 +210,7 @@ def test_a_venv_is_used_again_and_what_cannot_be_installed_is_said(
         (["--json", "."], "is a folder"),
     ],
 )
-def test_bad_arguments_are_one_line_and_status_2(
+def test_bad_arguments_end_with_line_and_status_2(
     arguments: list[str],
     message: str,
     tmp_path: Path,

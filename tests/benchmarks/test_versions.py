@@ -42,19 +42,19 @@ def checkout(folder: Path, said: dict[str, Any]) -> Path:
     return folder
 
 
-def test_ratios_are_of_figures_of_the_same_turn() -> None:
+def test_ratio_uses_figures_of_same_turn() -> None:
     here, there = [figures(10, 200, 5.0), figures(30, 100, 4.0)], [figures(20, 100, 10.0), figures(30, 200, 2.0)]
     assert ratios(here, there) == {"N = 1": [0.5, 1.0], "N = 64": [2.0, 0.5], "start": [2.0, 0.5]}
 
 
-def test_rows_that_one_side_lacks_or_skips_have_no_ratio() -> None:
+def test_missing_or_skipped_row_has_no_ratio() -> None:
     here, there = figures(10, 200, 5.0), figures(20, 100, 5.0)
     del there["rows"]["start"]
     here["rows"]["N = 64"] = {"skipped": "stable_baselines3 is not installed"}
     assert ratios([here], [there]) == {"N = 1": [0.5]}
 
 
-def test_versions_are_measured_in_turns_by_the_same_program(
+def test_versions_are_measured_in_turns_by_one_program(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     here = checkout(tmp_path / "here", figures(10, 100, 5.0))
@@ -75,7 +75,7 @@ def test_versions_are_measured_in_turns_by_the_same_program(
     assert json.loads(out.read_text())["ratios"]["start"] == [2.0, 2.0]
 
 
-def test_this_versions_program_measures_what_is_compared() -> None:
+def test_current_program_measures_every_compared_row() -> None:
     found = measure(ROOT, "--map", "loop", "--seconds", "0.01", "--only", "PacManBot-v0, make, N = 1")
     assert set(ratios([found], [found])) == {"bare Chipmunk, 64 bodies", "PacManBot-v0, make, N = 1, random"}
 
@@ -84,7 +84,7 @@ def test_this_versions_program_measures_what_is_compared() -> None:
     ("arguments", "message"),
     [(["{folder}"], "no checkout"), ([str(ROOT), "--map", "nowhere", "--seconds", "0.01"], "nowhere")],
 )
-def test_what_cannot_be_compared_is_refused(
+def test_bad_arguments_are_refused_with_reason(
     arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([a.format(folder=tmp_path) for a in arguments]) == 2
