@@ -18,13 +18,13 @@ from pacman_env.files import install_command
 
 
 @pytest.mark.parametrize("text", ["-5.", "-1e3", "-.5e-1", "-1_0", ".3", "+60", "5.", "1_000"])
-def test_parser_reads_numbers_that_python_reads(text: str) -> None:
+def test_parser_accepts_every_number_format_of_python(text: str) -> None:
     parser = Parser(prog="command")
     parser.add_argument("--home", nargs=2, type=finite_number())
     assert parser.parse_args(["--home", "1", text]).home == [1.0, float(text)]
 
 
-def test_ctrl_c_while_a_parser_is_made_follows_once_it_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parser_finishes_before_ctrl_c_takes_effect(monkeypatch: pytest.MonkeyPatch) -> None:
     """Argparse imports modules meanwhile, and Python drops what is raised in some parts of an import."""
     finished = False
     add_argument = argparse.ArgumentParser.add_argument
@@ -42,7 +42,7 @@ def test_ctrl_c_while_a_parser_is_made_follows_once_it_is_made(monkeypatch: pyte
     assert finished
 
 
-def test_on_a_terminal_what_is_wrong_is_broken_between_words_and_else_one_line(
+def test_error_is_wrapped_on_terminals_only(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("COLUMNS", "30")
@@ -58,7 +58,7 @@ def test_on_a_terminal_what_is_wrong_is_broken_between_words_and_else_one_line(
     assert lines == ["command: a game is in", "/robot_15 already: ros up", "(process 4504 on this machine)"]
 
 
-def test_a_command_can_be_called_in_another_thread() -> None:
+def test_command_runs_in_another_thread() -> None:
     statuses: list[int] = []
     thread = threading.Thread(target=lambda: statuses.append(main(["map", "list"])))
     thread.start()
@@ -70,7 +70,7 @@ def test_a_command_can_be_called_in_another_thread() -> None:
     ("module", "extra"),
     [("ray", "ray"), ("ray.exceptions", "ray"), ("action_msgs", "ros"), ("rclpy", "ros"), ("tqdm", "eval")],
 )
-def test_what_is_missing_decides_which_extra_is_named(
+def test_error_names_extra_that_installs_missing_module(
     module: str, extra: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def fail() -> int:
@@ -80,18 +80,18 @@ def test_what_is_missing_decides_which_extra_is_named(
     assert f"needs {module}: {install_command(extra)}" in capsys.readouterr().err
 
 
-def test_what_is_named_are_extras() -> None:
+def test_every_named_extra_exists_in_pyproject() -> None:
     tomllib = pytest.importorskip("tomllib")  # Python 3.11
     project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
     assert set(EXTRA_OF.values()) <= set(project["optional-dependencies"])
 
 
-def test_an_error_of_the_system_is_the_path_and_the_reason(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_system_error_is_reported_as_path_and_reason(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert guarded("command", lambda: (tmp_path / "absent").read_bytes() and 0) == 2
     assert capsys.readouterr().err == f"command: {tmp_path}/absent: No such file or directory\n"
 
 
-def test_an_empty_path_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+def test_empty_path_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     parser = Parser(prog="command")
     parser.add_argument("--json", type=Path)
     with pytest.raises(SystemExit):
@@ -99,7 +99,7 @@ def test_an_empty_path_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().err == "command: argument --json: is empty, must be a path\n"
 
 
-def test_ctrl_c_in_compiled_code_stops_the_command_too(capsys: pytest.CaptureFixture[str]) -> None:
+def test_ctrl_c_in_compiled_code_stops_command(capsys: pytest.CaptureFixture[str]) -> None:
     def fail() -> int:
         raise SystemError("CPUDispatcher(...) returned a result with an exception set") from KeyboardInterrupt()
 
@@ -113,6 +113,6 @@ def test_ctrl_c_in_compiled_code_stops_the_command_too(capsys: pytest.CaptureFix
         guarded("command", break_down)
 
 
-def test_a_description_is_shown_without_marks_of_sphinx() -> None:
+def test_help_shows_description_without_sphinx_markup() -> None:
     parser = Parser(prog="command", description="What ``x`` is, see :mod:`a.b` and :func:`c`.")
     assert "What x is, see a.b and c." in parser.format_help()

@@ -53,14 +53,14 @@ def test_bash_completes_commands_options_and_files(
 
 
 @pytest.mark.parametrize(("shell", "option"), [("bash", "-n"), ("zsh", "-n"), ("fish", "--no-execute")])
-def test_a_shell_can_read_its_script(scripts: dict[str, Path], shell: str, option: str) -> None:
+def test_completion_script_is_valid_for_its_shell(scripts: dict[str, Path], shell: str, option: str) -> None:
     if shutil.which(shell) is None:
         pytest.skip(f"no {shell}")
     done = subprocess.run([shell, option, scripts[shell]], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_without_shtab_it_is_one_line_and_status_2(
+def test_completion_without_shtab_ends_with_one_line(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "shtab", None)

@@ -30,7 +30,7 @@ def need_extra(command: str) -> None:
             pytest.importorskip("optuna")
 
 
-def test_the_command_alone_shows_what_can_be_done_next(capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_without_arguments_suggests_first_steps(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([]) == 0
     out, err = capsys.readouterr()
     assert err == ""
@@ -41,12 +41,12 @@ def test_the_command_alone_shows_what_can_be_done_next(capsys: pytest.CaptureFix
         assert line.endswith(f" {purpose} [{extra}]" if extra else f" {purpose}")
 
 
-def test_every_command_has_examples_and_no_other() -> None:
+def test_every_command_has_examples() -> None:
     assert set(commands(make_parser())) == set(EXAMPLES)
 
 
 @pytest.mark.parametrize("command", EXAMPLES)
-def test_a_help_ends_with_the_commands_examples(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_ends_with_examples_of_command(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     need_extra(command)
     with pytest.raises(SystemExit, match="0"):
         main([*command.split(), "--help"])
@@ -58,9 +58,7 @@ def test_a_help_ends_with_the_commands_examples(command: str, capsys: pytest.Cap
 
 
 @pytest.mark.parametrize(("group", "last"), [("map", "generate"), ("ros", "replay")])
-def test_a_groups_help_has_an_example_of_each_subcommand(
-    group: str, last: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_group_help_has_example_of_each_subcommand(group: str, last: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="0"):
         main([group, "--help"])
     examples = capsys.readouterr().out.partition("\nexamples:\n")[2].splitlines()
@@ -73,6 +71,6 @@ def test_a_groups_help_has_an_example_of_each_subcommand(
 @pytest.mark.parametrize(
     "words", [*(words for words, *_ in FIRST), *(words for examples in EXAMPLES.values() for words, _ in examples)]
 )
-def test_an_example_is_accepted(words: str) -> None:
+def test_example_is_accepted_by_parser(words: str) -> None:
     need_extra(words.split()[0])
     make_parser(whole=True).parse_args(shlex.split(words))

@@ -40,7 +40,7 @@ def test_check_prints_json(room: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert [(p["id"], p["x"], p["reachable"]) for p in report["pellets"]] == [(0, 0.0, True), (1, 1.0, True)]
 
 
-def test_warnings_leave_the_status_0(room: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_map_check_returns_0_despite_warnings(room: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["map", "check", str(room), "--home", "50", "50", "--spacing", "1.0"]) == 0
     assert "warning: home (50, 50) is not free" in capsys.readouterr().out
 
@@ -55,7 +55,7 @@ def test_warnings_leave_the_status_0(room: Path, capsys: pytest.CaptureFixture[s
         (["BROKEN"], "key 'image' is missing"),
     ],
 )
-def test_an_error_is_one_line_and_status_2(
+def test_map_check_error_ends_with_one_line(
     room: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
 ) -> None:
     broken = room.with_name("broken.yaml")
@@ -89,7 +89,7 @@ def test_an_error_is_one_line_and_status_2(
         ["play", "--fps", "inf"],
     ],
 )
-def test_bad_arguments_are_one_line_and_status_2(capsys: pytest.CaptureFixture[str], arguments: list[str]) -> None:
+def test_bad_arguments_end_with_line_and_status_2(capsys: pytest.CaptureFixture[str], arguments: list[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         main(arguments)
     assert caught.value.code == 2
@@ -102,7 +102,7 @@ def test_bad_arguments_are_one_line_and_status_2(capsys: pytest.CaptureFixture[s
     ("arguments", "meant"),
     [(["comapre"], "compare"), (["map", "chek", "house"], "check"), (["ros", "doctr"], "doctor")],
 )
-def test_mistyped_command_is_answered_with_nearest(
+def test_mistyped_command_is_answered_with_nearest_name(
     capsys: pytest.CaptureFixture[str], arguments: list[str], meant: str
 ) -> None:
     with pytest.raises(SystemExit):
@@ -123,7 +123,7 @@ def test_mistyped_command_is_answered_with_nearest(
         (["--fps", "0"], "fps = 0.0"),
     ],
 )
-def test_what_cannot_be_played_is_one_line_and_status_2(
+def test_play_refuses_wrong_arguments_in_one_line(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, arguments: list[str], words: str
 ) -> None:
     pytest.importorskip("pygame")
@@ -134,7 +134,7 @@ def test_what_cannot_be_played_is_one_line_and_status_2(
     assert err.count("\n") == 1
 
 
-def test_playing_without_pygame_is_one_line_and_status_2(
+def test_play_without_pygame_ends_with_one_line(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "pygame", None)
@@ -142,7 +142,7 @@ def test_playing_without_pygame_is_one_line_and_status_2(
     assert capsys.readouterr().err == f"pacman-env play: a window needs pygame: {files.install_command('render')}\n"
 
 
-def test_playing_without_a_screen_is_one_line_and_status_2() -> None:
+def test_play_without_screen_ends_with_one_line() -> None:
     pytest.importorskip("pygame")
     without = {key: os.environ[key] for key in os.environ if "DISPLAY" not in key and key != "SDL_VIDEODRIVER"}
     command = [sys.executable, "-m", "pacman_env.cli.main", "play"]
@@ -168,7 +168,7 @@ def test_list_names_the_shipped_maps(
     ("option", "said"),
     [("'--version'", __version__), ("'--help'", "usage: pacman-env "), ("", f"pacman_env {__version__}: ")],
 )
-def test_the_command_runs_as_a_module_and_loads_nothing_heavy_for_its_help(option: str, said: str) -> None:
+def test_module_prints_help_without_loading_heavy_libraries(option: str, said: str) -> None:
     code = f"import runpy, sys; sys.argv = ['pacman-env', {option}]\n"
     code += "try: runpy.run_module('pacman_env.cli.main', run_name='__main__')\n"
     heavy = {"cv2", "gymnasium", "matplotlib", "numba", "numpy", "onnxruntime", "pymunk", "torch", "yaml"}
@@ -180,7 +180,7 @@ def test_the_command_runs_as_a_module_and_loads_nothing_heavy_for_its_help(optio
 
 
 @pytest.mark.parametrize("command", MODULES)
-def test_every_command_has_a_help_of_its_own(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_command_has_its_own_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("psutil")
     if MODULES[command][0].startswith("training"):
         pytest.importorskip("torch")
@@ -190,7 +190,7 @@ def test_every_command_has_a_help_of_its_own(command: str, capsys: pytest.Captur
     assert capsys.readouterr().out.startswith(f"usage: pacman-env {command} ")
 
 
-def test_what_a_command_needs_is_one_line_and_status_2(
+def test_missing_library_of_command_ends_with_one_line(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "torch", None)
@@ -202,13 +202,13 @@ def test_what_a_command_needs_is_one_line_and_status_2(
     )
 
 
-def test_version_as_a_process() -> None:
+def test_version_option_prints_version_in_new_process() -> None:
     command = [sys.executable, "-m", "pacman_env.cli.main", "--version"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert (done.returncode, done.stdout, done.stderr) == (0, f"{__version__}\n", "")
 
 
-def test_generate_writes_the_houses_of_levels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_map_generate_writes_houses_of_levels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["map", "generate", str(tmp_path / "houses"), "--level", "7", "--count", "2"]) == 0
     assert sorted(path.name for path in (tmp_path / "houses").iterdir()) == [
         *("generated-7.pgm", "generated-7.yaml", "generated-8.pgm", "generated-8.yaml")
@@ -218,7 +218,7 @@ def test_generate_writes_the_houses_of_levels(tmp_path: Path, capsys: pytest.Cap
 
 
 @pytest.mark.parametrize("as_json", [False, True])
-def test_a_map_that_cannot_be_played_is_status_1(room: Path, capsys: pytest.CaptureFixture[str], as_json: bool) -> None:
+def test_map_check_returns_1_for_unplayable_map(room: Path, capsys: pytest.CaptureFixture[str], as_json: bool) -> None:
     assert main(["map", "check", str(room), "--spacing", "9", *(["--json"] if as_json else [])]) == 1
     out = capsys.readouterr().out
     refusal = json.loads(out)["refusal"] if as_json else out.partition("cannot be played: ")[2]
@@ -228,7 +228,7 @@ def test_a_map_that_cannot_be_played_is_status_1(room: Path, capsys: pytest.Capt
 @pytest.mark.parametrize(
     "levels", [["--count", "0"], ["--level", "1000999", "--count", "2"], ["--level", "999999", "--count", "2"]]
 )
-def test_levels_of_no_split_and_of_both_are_not_generated(
+def test_map_generate_refuses_levels_outside_one_split(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], levels: list[str]
 ) -> None:
     assert main(["map", "generate", str(tmp_path / "houses"), *levels]) == 2
@@ -236,7 +236,7 @@ def test_levels_of_no_split_and_of_both_are_not_generated(
     assert not (tmp_path / "houses").exists()
 
 
-def test_houses_that_are_there_already_are_not_generated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_map_generate_keeps_existing_houses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     kept = tmp_path / "generated-1.pgm"
     kept.write_text("mine")
     assert main(["map", "generate", str(tmp_path), "--count", "2"]) == 2
@@ -253,7 +253,7 @@ def test_houses_that_are_there_already_are_not_generated(tmp_path: Path, capsys:
         (["completion"], "pacman-env completion: the following arguments are required: {bash,zsh,fish}"),
     ],
 )
-def test_wrong_arguments_name_the_command_and_what_it_takes(
+def test_wrong_arguments_name_command_and_accepted_values(
     arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as ended:

@@ -70,7 +70,7 @@ print(len(before), "kernels")
 """
 
 
-def test_what_other_games_and_policies_need_is_compiled_afterwards() -> None:
+def test_warm_up_compiles_kernels_of_other_games_too() -> None:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run([sys.executable, "-c", OTHERS], env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -93,7 +93,7 @@ def done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return names
 
 
-def test_what_was_done_is_done_once_and_the_robot_when_asked_for(
+def test_warm_up_skips_finished_parts_and_unrequested_robot(
     done: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["warm-up"]) == 0
@@ -105,7 +105,7 @@ def test_what_was_done_is_done_once_and_the_robot_when_asked_for(
     assert out.count("done before") == 2
 
 
-def test_another_compiler_or_processor_does_it_again(
+def test_warm_up_repeats_after_compiler_change(
     done: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     main(["warm-up"])
@@ -115,7 +115,7 @@ def test_another_compiler_or_processor_does_it_again(
     assert "done before" not in capsys.readouterr().out
 
 
-def test_a_part_that_fails_is_not_marked(
+def test_failed_part_runs_again_next_time(
     done: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def fail() -> None:
@@ -129,7 +129,7 @@ def test_a_part_that_fails_is_not_marked(
     assert capsys.readouterr().err == "pacman-env warm-up: no such map\n"
 
 
-def test_part_is_not_marked_if_its_kernels_were_not_kept(
+def test_part_runs_again_if_kernels_were_not_saved(
     done: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(cache_folder, "unkept", [])
@@ -143,7 +143,7 @@ def test_part_is_not_marked_if_its_kernels_were_not_kept(
     assert done == ["one game", "policies"]
 
 
-def test_a_cache_that_cannot_be_written_is_one_line_and_status_2(
+def test_unwritable_cache_is_reported_in_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("PACMAN_ENV_CACHE", "/dev/null/cache")

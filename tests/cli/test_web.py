@@ -30,7 +30,7 @@ def server() -> Iterator[subprocess.Popen[str]]:
     process.communicate()
 
 
-def test_it_prints_where_the_page_is_serves_it_and_ends_by_ctrl_c(server: subprocess.Popen[str]) -> None:
+def test_web_prints_address_serves_page_and_stops_cleanly(server: subprocess.Popen[str]) -> None:
     assert server.stdout is not None
     said = server.stdout.readline()
     found = re.search(r"http://127\.0\.0\.1:\d+/", said)
@@ -55,7 +55,7 @@ def test_it_prints_where_the_page_is_serves_it_and_ends_by_ctrl_c(server: subpro
         (["--host", "192.0.2.1"], "192.0.2.1 is no address of this computer"),
     ],
 )
-def test_what_cannot_be_served_is_one_line(
+def test_web_refuses_wrong_arguments_in_one_line(
     arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["web", "--port", "0", *arguments]) == 2
@@ -64,14 +64,14 @@ def test_what_cannot_be_served_is_one_line(
     assert len(said.splitlines()) == 1
 
 
-def test_a_port_that_is_taken_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+def test_occupied_port_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         assert main(["web", "--port", str(port)]) == 2
     assert f"port {port} of 127.0.0.1 is in use" in capsys.readouterr().err
 
 
-def test_a_map_and_a_policy_of_ones_own_can_be_chosen(tmp_path: Path) -> None:
+def test_web_offers_map_file_of_user(tmp_path: Path) -> None:
     from pacman_env.cli.main import _simulated_game
     from pacman_env.world.maps.occupancy import load_map
 
