@@ -32,7 +32,7 @@ def cloned(folder: Path, recorded: list[str], learnt: list[str]) -> tuple[list[f
 
 
 @pytest.mark.daily
-def test_a_clone_of_a_simple_rule_chooses_as_it_does(tmp_path: Path) -> None:
+def test_clone_of_nearest_policy_agrees_with_it(tmp_path: Path) -> None:
     recorded = ["--policy", "nearest", "--map", "house", "--episodes", "60"]
     weights = tmp_path / "clone.pt"
     learnt = ["--epochs", "8", "--test", "house", "--rounds", "10", "--save", str(weights)]
@@ -44,7 +44,7 @@ def test_a_clone_of_a_simple_rule_chooses_as_it_does(tmp_path: Path) -> None:
 
 
 @pytest.mark.daily
-def test_a_clone_of_lookahead_completes_nearly_as_many_rounds_in_other_houses(tmp_path: Path) -> None:
+def test_lookahead_clone_completes_nearly_as_many_unseen_houses(tmp_path: Path) -> None:
     levels = ["--map", "generated", "--set", "num_levels=150"]
     more = ["--set", "observation.nearest_pellets=12", "--set", "observation.nearest_refuges=3"]
     _, rates = cloned(tmp_path, [*levels, *more, "--episodes", "1500"], ["--rounds", "500"])

@@ -24,7 +24,7 @@ SCRIPTS = ROOT / "docs" / "examples" / "clients"
 SHARED = "evaluate"  # by several scripts
 
 
-def test_every_script_is_run_and_on_the_page_with_its_pinned_version() -> None:
+def test_every_script_is_run_documented_and_pinned() -> None:
     rows = re.findall(
         r"\| \[(\w+)\].*? \| ([\d.]+)\S* \|.*clients/(\w+)\.py", (ROOT / "docs/use_with/README.md").read_text()
     )
@@ -40,7 +40,7 @@ def test_every_script_is_run_and_on_the_page_with_its_pinned_version() -> None:
             assert re.search(rf"^{library}(\[\w+\])?=={version}$", requirements[environment[name]], re.MULTILINE), name
 
 
-def test_gymnasiums_wrappers_work_unmodified(tmp_path: Path) -> None:
+def test_gymnasium_wrappers_work_unmodified(tmp_path: Path) -> None:
     command = [sys.executable, str(SCRIPTS / "gymnasium_wrappers.py"), "--map", "house", "--decisions", "100"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -90,7 +90,7 @@ def evaluate() -> Any:
         pytest.param("sb3_maskable_ppo.py", sb3_contrib.MaskablePPO, marks=pytest.mark.daily),
     ],
 )
-def test_stable_baselines3_learns_and_its_model_is_for_every_map(script: str, algorithm: Any, tmp_path: Path) -> None:
+def test_stable_baselines3_model_plays_every_map_after_learning(script: str, algorithm: Any, tmp_path: Path) -> None:
     model = algorithm.load(run(script, 300, tmp_path), device="cpu")
     env = gym.make(FLAT_ID, map="maze")
     observation, _ = env.reset(seed=0)
@@ -99,12 +99,12 @@ def test_stable_baselines3_learns_and_its_model_is_for_every_map(script: str, al
 
 
 @pytest.mark.daily
-def test_cleanrl_s_ppo_learns_and_saves_its_networks(tmp_path: Path) -> None:
+def test_cleanrl_ppo_learns_and_saves_its_networks(tmp_path: Path) -> None:
     weights = torch.load(run("cleanrl_ppo.py", 512, tmp_path), weights_only=True)
     assert not torch.equal(weights["critic.4.bias"], torch.zeros(1))  # it begins there
 
 
-def test_torchrl_s_ppo_learns_and_saves_its_actor(tmp_path: Path) -> None:
+def test_torchrl_ppo_learns_and_saves_its_actor(tmp_path: Path) -> None:
     pytest.importorskip("torchrl")
     weights = torch.load(run("torchrl_ppo.py", 1000, tmp_path), weights_only=True)
     assert all(torch.isfinite(value).all() for value in weights.values())
@@ -124,13 +124,13 @@ def rllib() -> str:
 
 
 @pytest.mark.daily
-def test_rllib_s_ppo_learns_with_two_processes_and_saves_its_network(rllib: str, tmp_path: Path) -> None:
+def test_rllib_ppo_learns_in_two_processes_and_saves(rllib: str, tmp_path: Path) -> None:
     weights = torch.load(run("rllib_ppo.py", 300, tmp_path, python=(rllib,)), weights_only=True)
     assert all(torch.isfinite(value).all() for value in weights.values())
 
 
 @pytest.mark.daily
-def test_rllib_s_self_play_reports_returns_that_cancel_out(rllib: str) -> None:
+def test_rllib_self_play_returns_sum_to_zero(rllib: str) -> None:
     given = ["--map", "loop", "--decisions", "1000", "--test", "loop", "--rounds", "4"]
     command = [rllib, str(SCRIPTS / "rllib_self_play.py"), *given]
     done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(ROOT)})
@@ -144,14 +144,14 @@ def test_rllib_s_self_play_reports_returns_that_cancel_out(rllib: str) -> None:
 
 
 @pytest.mark.daily
-def test_supersuit_s_network_of_both_players_learns_and_plays_the_game_of_one(tmp_path: Path) -> None:
+def test_supersuit_ppo_learns_both_players_in_one_network(tmp_path: Path) -> None:
     python = interpreter("farama", "supersuit_ppo")
     model = run("supersuit_ppo.py", 600, tmp_path, python=(python,))
     assert stable_baselines3.PPO.load(model, device="cpu").observation_space.shape == (88,)
 
 
 @pytest.mark.daily
-def test_benchmarl_s_robot_learns_and_plays_the_game_of_one(tmp_path: Path) -> None:
+def test_benchmarl_mappo_learns_and_saves_finite_weights(tmp_path: Path) -> None:
     python = interpreter("benchmarl", "benchmarl_mappo")
     weights = torch.load(run("benchmarl_mappo.py", 500, tmp_path, python=(python,)), weights_only=True)
     tensors = [value for value in weights.values() if isinstance(value, torch.Tensor)]  # beside their sizes
@@ -159,7 +159,7 @@ def test_benchmarl_s_robot_learns_and_plays_the_game_of_one(tmp_path: Path) -> N
     assert all(torch.isfinite(value).all() for value in tensors)
 
 
-def test_a_round_is_the_same_for_models_and_baselines_however_many_there_are(evaluate: Any) -> None:
+def test_evaluation_plays_same_rounds_for_models_and_baselines(evaluate: Any) -> None:
     def nearest(observation: np.ndarray, masks: np.ndarray) -> np.ndarray:
         return masks.argmax(axis=1)
 
@@ -169,7 +169,7 @@ def test_a_round_is_the_same_for_models_and_baselines_however_many_there_are(eva
     assert (evaluate.completed(nearest, "house", 6, seed=50) == ours[50:56]).all()
 
 
-def test_the_ten_lines_of_the_page_learn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ten_line_example_of_sb3_page_learns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     lines = re.findall(r"```py\n(.*?)```", (ROOT / "docs" / "use_with" / "sb3.md").read_text(), re.DOTALL)[0]
     assert len(lines.splitlines()) <= 10
     monkeypatch.chdir(tmp_path)

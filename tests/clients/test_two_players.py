@@ -40,7 +40,7 @@ def games(number: int, **more: Any) -> Any:
     return parallel_vec_env(number, map="loop", flat=True, settings=SETTINGS, **more)
 
 
-def test_rules_play_the_rounds_that_they_play_against_a_ghost_that_wanders(example: ModuleType) -> None:
+def test_rules_play_same_rounds_against_wandering_ghost(example: ModuleType) -> None:
     env = games(6, autoreset_mode="Disabled")
     _, infos = env.reset(seed=5)
     last = example.rounds(env, (example.rule("nearest"), example.wander), 5)
@@ -52,7 +52,7 @@ def test_rules_play_the_rounds_that_they_play_against_a_ghost_that_wanders(examp
 
 
 @pytest.mark.parametrize("side", [0, 1])
-def test_one_side_is_the_game_with_the_rivals_actions(side: int, example: ModuleType) -> None:
+def test_one_side_plays_game_with_actions_of_rival(side: int, example: ModuleType) -> None:
     plain, masks = games(3), np.zeros((3, 1))
     env = VecMonitor(example.OneSide(games(3), side, lambda _, seen, masks: masks.argmax(axis=1)))
     agent = env.venv.games.possible_agents[side]
@@ -76,13 +76,13 @@ def test_one_side_is_the_game_with_the_rivals_actions(side: int, example: Module
     env.close()
 
 
-def test_in_half_of_the_games_the_ghost_wanders(example: ModuleType) -> None:
+def test_ghost_wanders_in_half_of_games(example: ModuleType) -> None:
     masks = np.ones((5, 4), dtype=np.bool_)
     act = example.half_wandering(lambda _, __, masks: np.ones(len(masks), dtype=np.int64))
     assert act(games(1), {}, masks).tolist() == [3, 3, 1, 1, 1]
 
 
-def test_both_learn_and_the_same_seed_learns_the_same(example: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_both_sides_learn_reproducibly_by_seed(example: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     settings = {**example.ARGUMENTS["settings"], "time_limit_s": 15.0}
     monkeypatch.setattr(example, "ARGUMENTS", {**example.ARGUMENTS, "map": "loop", "settings": settings})
     monkeypatch.setattr(example, "GAMES", 2)
@@ -102,7 +102,7 @@ def test_both_learn_and_the_same_seed_learns_the_same(example: ModuleType, monke
 
 
 @pytest.mark.daily
-def test_the_script_prints_every_pair_after_each_turn() -> None:
+def test_script_prints_every_pair_after_each_turn() -> None:
     words = ["--turns", "1", "--decisions", "1", "--rounds", "2"]
     done = subprocess.run(
         [sys.executable, "-W", "error", str(FILE), *words],
