@@ -72,7 +72,7 @@ def test_notebook_runs_from_top_to_bottom(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.ipynb")), ids=lambda path: path.stem)
-def test_notebook_keeps_small_outputs_and_names_its_extra(path: Path) -> None:
+def test_notebook_stores_small_outputs_and_names_extra(path: Path) -> None:
     cells = read(path.stem).cells
     code = [cell for cell in cells if cell.cell_type == "code"]
     assert path.stem in SHORT
@@ -81,7 +81,7 @@ def test_notebook_keeps_small_outputs_and_names_its_extra(path: Path) -> None:
     assert "`pip install -e '.[notebooks]' jupyterlab`" in cells[0].source
 
 
-def test_ten_lines_beat_nearest_and_twenty_the_scorer() -> None:
+def test_own_policies_of_notebook_are_short_and_better() -> None:
     notebook = read("own_policy")
     first, second, *_ = tables(notebook)
     assert [row[0] for row in first] == ["nearest", "first"]
@@ -95,5 +95,5 @@ def test_ten_lines_beat_nearest_and_twenty_the_scorer() -> None:
 
 
 @pytest.mark.daily
-def test_tables_of_policies_are_those_played_now(tmp_path: Path) -> None:
+def test_notebook_tables_equal_tables_played_again(tmp_path: Path) -> None:
     assert tables(run("own_policy", "", tmp_path)) == tables(read("own_policy"))

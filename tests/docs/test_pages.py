@@ -17,13 +17,13 @@ from tests.pages import public_names
 from tools import ids
 
 
-def test_every_public_name_is_on_one_page_of_the_reference() -> None:
+def test_reference_lists_every_public_name_once() -> None:
     pages = (Path(__file__).resolve().parents[2] / "docs" / "reference").glob("*.md")
     named = [name for page in pages for name in re.findall(r"^\.\. \S+:: pacman_env\.(\S+)", page.read_text(), re.M)]
     assert sorted(named) == sorted(public_names())
 
 
-def test_the_numbers_of_a_flat_row_are_numbered_as_they_lie() -> None:
+def test_flat_row_columns_match_documented_indices() -> None:
     env = PacManBotEnv(flat=True)
     text = ids.page("pacman_env/PacManBotFlat-v0", env)
     assert "| 0 to 223 | `planner_candidates` | (7, 32) |" in text
@@ -35,14 +35,14 @@ def test_the_numbers_of_a_flat_row_are_numbered_as_they_lie() -> None:
 
 
 @pytest.mark.parametrize("name", ["Rewards", "Episode End", "Arguments", "Version History"])
-def test_sections_of_the_docstring_link_to_pages(name: str) -> None:
+def test_docstring_sections_link_to_pages(name: str) -> None:
     section = ids.sections("pacman_env/PacManBot-v0")[name]
     assert section
     assert "`docs/" not in section
 
 
 @pytest.mark.parametrize("env_id", IDS)
-def test_page_of_an_id_states_how_its_time_limit_ends(env_id: str) -> None:
+def test_id_page_states_how_time_limit_ends(env_id: str) -> None:
     env: Any = gym.make(env_id, settings={"time_limit_s": 5.0})
     env.reset(seed=0)
     drives = env.unwrapped.config.action == "velocity"
@@ -55,7 +55,7 @@ def test_page_of_an_id_states_how_its_time_limit_ends(env_id: str) -> None:
 
 
 @pytest.mark.parametrize("env_id", IDS)
-def test_page_of_an_id_shows_arguments_for_that_id(env_id: str) -> None:
+def test_id_page_shows_arguments_of_that_id(env_id: str) -> None:
     code = ids.sections(env_id)["Arguments"].split("```python\n")[1].split("```")[0]
     env = eval(code, {"gymnasium": gym})
     assert env.spec.id == env_id
@@ -64,7 +64,7 @@ def test_page_of_an_id_shows_arguments_for_that_id(env_id: str) -> None:
 
 
 @pytest.mark.parametrize("env_id", IDS)
-def test_the_example_of_an_id_plays_an_episode_to_its_end(env_id: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_id_page_example_plays_one_whole_episode(env_id: str, capsys: pytest.CaptureFixture[str]) -> None:
     page = ids.page(env_id, gym.make(env_id).unwrapped)
     example = page.split("```python\n")[1].split("```")[0]
     exec(compile(example, env_id, "exec"), {})

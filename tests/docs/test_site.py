@@ -50,16 +50,16 @@ def index(site: Path) -> dict[str, Any]:
     return found
 
 
-def test_build_writes_only_into_its_two_folders(site: Path) -> None:
+def test_site_build_writes_only_into_its_folders(site: Path) -> None:
     assert {path.name for path in site.parent.iterdir()} == {"site", "build", "jupyter_execute"}  # myst-nb's
 
 
-def test_every_page_of_the_documentation_is_on_the_site(pages: dict[Path, Page], site: Path) -> None:
+def test_site_contains_every_documentation_page(pages: dict[Path, Page], site: Path) -> None:
     for path in (*(ROOT / "docs").rglob("*.md"), *(ROOT / "docs").rglob("*.ipynb")):
         assert site / path.relative_to(ROOT / "docs").with_suffix(".html") in pages
 
 
-def test_no_link_leads_nowhere(pages: dict[Path, Page], site: Path) -> None:
+def test_site_links_lead_to_existing_pages_and_anchors(pages: dict[Path, Page], site: Path) -> None:
     dead = []
     for path, page in pages.items():
         for target in page.targets:
@@ -74,7 +74,7 @@ def test_no_link_leads_nowhere(pages: dict[Path, Page], site: Path) -> None:
 
 
 @pytest.mark.parametrize("env_id", IDS)
-def test_every_id_has_a_page_with_spaces_rewards_ends_arguments_scores_and_picture(site: Path, env_id: str) -> None:
+def test_id_page_has_every_section_and_picture(site: Path, env_id: str) -> None:
     text = (site / "environments" / "ids" / f"{file_name(env_id)}.html").read_text(encoding="utf-8")
     titles = ["Action space", "Observation space", "Rewards", "Episode end", "Arguments", "Version history"]
     for title in [*titles, "Reference scores"]:
@@ -84,18 +84,18 @@ def test_every_id_has_a_page_with_spaces_rewards_ends_arguments_scores_and_pictu
     assert ("<h2>Several agents<" in text) == (IDS[env_id].several is not None)
 
 
-def test_every_public_name_has_its_place_in_the_reference(pages: dict[Path, Page], site: Path) -> None:
+def test_reference_has_anchor_for_every_public_name(pages: dict[Path, Page], site: Path) -> None:
     known = set().union(*(page.ids for path, page in pages.items() if path.parent == site / "reference"))
     assert {f"pacman_env.{name}" for name in public_names()} <= known
 
 
-def test_every_command_has_a_section(pages: dict[Path, Page], site: Path) -> None:
+def test_commands_page_has_section_for_every_command(pages: dict[Path, Page], site: Path) -> None:
     sections = {name.replace(" ", "-") for name in COMMANDS}
     assert len(sections) > 25
     assert sections <= pages[site / "commands.html"].ids
 
 
-def test_the_index_of_the_search_has_every_id_command_and_public_name(index: dict[str, Any]) -> None:
+def test_search_index_contains_ids_commands_and_public_names(index: dict[str, Any]) -> None:
     titles = index["alltitles"].keys()
     assert {file_name(env_id) for env_id in IDS} <= titles
     assert titles >= COMMANDS
@@ -103,7 +103,7 @@ def test_the_index_of_the_search_has_every_id_command_and_public_name(index: dic
     assert {f"pacman_env.{name}" for name in public_names()} <= objects
 
 
-def test_no_page_shows_the_paths_of_the_machine_that_built_it(pages: dict[Path, Page], site: Path) -> None:
+def test_pages_contain_no_path_of_build_machine(pages: dict[Path, Page], site: Path) -> None:
     for path in pages:
         assert str(ROOT) not in path.read_text(encoding="utf-8"), path
         assert str(site) not in path.read_text(encoding="utf-8"), path

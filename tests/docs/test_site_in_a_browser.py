@@ -64,7 +64,7 @@ def address(site: Path) -> Iterator[str]:
         ("pacman-env leaderboard", "commands.html#pacman-env-leaderboard"),
     ],
 )
-def test_a_search_finds_the_page(chromium: Any, address: str, query: str, page: str) -> None:
+def test_search_finds_page(chromium: Any, address: str, query: str, page: str) -> None:
     with chromium.new_context() as context:
         tab = context.new_page()
         tab.goto(f"{address}search.html?q={query}")
@@ -75,7 +75,7 @@ def test_a_search_finds_the_page(chromium: Any, address: str, query: str, page: 
 
 
 @pytest.mark.parametrize(("width", "scheme"), [(390, "dark"), (1024, "light"), (1920, "dark")])
-def test_axe_finds_nothing_serious_nothing_is_cut_off_and_no_other_host_is_asked(
+def test_pages_are_accessible_uncut_and_load_nothing_foreign(
     chromium: Any, address: str, axe: str, width: int, scheme: str
 ) -> None:
     found: dict[str, Any] = {}
