@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.mark.skipif(sys.version_info[:2] != (3, 11), reason="argparse of another Python wraps lines elsewhere")
-def test_committed_page_is_what_commands_print_now() -> None:
+def test_committed_page_equals_current_command_help() -> None:
     """In a process of its own: another test may have registered policies, which helps name."""
     pytest.importorskip("torch")
     pytest.importorskip("optuna")
@@ -22,7 +22,7 @@ def test_committed_page_is_what_commands_print_now() -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
-def test_page_has_a_section_for_every_command() -> None:
+def test_commands_page_has_section_for_every_command() -> None:
     text = (ROOT / "docs" / "commands.md").read_text()
     for name in (*MODULES, "map generate", "ros up", "web"):
         assert f"\n## `pacman-env {name}`\n" in text

@@ -21,16 +21,16 @@ from tools.reference import TABLES, configuration, fill, main
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 
 
-def test_the_committed_pages_have_the_tables_of_now(capsys: pytest.CaptureFixture[str]) -> None:
+def test_committed_pages_contain_current_tables(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--check"]) == 0, capsys.readouterr().out
 
 
-def test_every_table_stands_on_a_page() -> None:
+def test_every_table_appears_on_one_page() -> None:
     named = [name for page in PAGES for name in re.findall(r"<!-- table: ([\w-]+) -->", page.read_text())]
     assert sorted(named) == sorted(TABLES)
 
 
-def test_the_configurations_page_has_every_field_and_its_default() -> None:
+def test_configuration_table_lists_every_field_and_default() -> None:
     rows = dict(re.findall(r"^\| `([\w.]+)` \| `(.*?)` \|", configuration(), re.MULTILINE))
     wanted = {}
     for field in dataclasses.fields(Config):
@@ -42,17 +42,17 @@ def test_the_configurations_page_has_every_field_and_its_default() -> None:
     assert rows == {name: repr(value).replace("'", '"') for name, value in wanted.items()}
 
 
-def test_every_field_says_what_it_means_or_where_it_is_from() -> None:
+def test_every_configuration_field_has_a_description() -> None:
     for line in configuration().splitlines():
         if line.startswith("| `"):
             assert not line.endswith("|  |"), line
 
 
-def test_every_hyperparameter_says_what_it_means() -> None:
+def test_every_hyperparameter_has_a_help_text() -> None:
     assert list(help_texts(Hyperparameters)) == [field.name for field in dataclasses.fields(Hyperparameters)]
 
 
-def test_the_columns_on_the_page_are_those_of_the_space() -> None:
+def test_documented_columns_match_observation_space() -> None:
     page = (ROOT / "docs" / "environments" / "pacmanbot.md").read_text()
     space = make(ghosts=2, observation=("features", "scan")).observation_space
     bearings = {"pellet_bearings": PELLET_BEARING_COLUMNS, "ghost_bearings": GHOST_BEARING_COLUMNS}
@@ -66,14 +66,14 @@ def test_the_columns_on_the_page_are_those_of_the_space() -> None:
         np.testing.assert_allclose(high, [float(row[3]) for row in rows], atol=5e-4)
 
 
-def test_a_form_gets_unit_and_description_of_a_field() -> None:
+def test_setting_provides_unit_and_description_of_field() -> None:
     shown = {setting.name: (setting.unit, setting.words) for setting in settings()}
     assert shown["robot.radius_m"] == ("m", "body (Create 3)")
     assert shown["robot.wheel_acceleration_mps2"] == ("m/s²", "Create 3")
     assert shown["localization.perfect"] == ("", "True: belief = truth at every instant")
 
 
-def test_only_what_is_between_the_marks_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_page_update_changes_only_text_between_marks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page = tmp_path / "page.md"
     page.write_text("before\n<!-- table: actions -->\nstale\n<!-- end -->\nafter\n")
     assert main([str(page), "--check"]) == 1
@@ -87,7 +87,7 @@ def test_only_what_is_between_the_marks_is_written(tmp_path: Path, capsys: pytes
     assert main([str(page), "--check"]) == 0
 
 
-def test_an_unknown_table_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_unknown_table_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page = tmp_path / "page.md"
     page.write_text("<!-- table: nothing -->\n<!-- end -->\n")
     assert main([str(page)]) == 2

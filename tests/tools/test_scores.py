@@ -15,7 +15,7 @@ from pacman_env.policies.registry import make_policy
 from tools.scores import POLICIES, main, play, read, scores_of
 
 
-def test_the_committed_scores_are_of_200_episodes_of_every_id_and_policy() -> None:
+def test_committed_scores_cover_every_id_and_policy() -> None:
     known = read()
     assert list(known) == list(IDS)
     for env_id, scores in known.items():
@@ -25,7 +25,7 @@ def test_the_committed_scores_are_of_200_episodes_of_every_id_and_policy() -> No
 
 
 @pytest.mark.parametrize("env_id", ["pacman_env/PacManBot-v0", "pacman_env/PacManBotFlatEndless-v0"])
-def test_the_single_environment_with_the_same_seed_has_the_same_return(env_id: str) -> None:
+def test_score_equals_return_of_single_environment(env_id: str) -> None:
     played = play(env_id, "clyde_aware", range(3, 5))
     env: Any = gym.make(env_id).unwrapped
     for k, seed in enumerate((3, 4)):
@@ -43,7 +43,7 @@ def test_the_single_environment_with_the_same_seed_has_the_same_return(env_id: s
         assert played["pellets"][k] == info.get("score", info["collected"])
 
 
-def test_scores_of_some_ids_leave_the_others_as_they_are(tmp_path: Path) -> None:
+def test_scores_of_other_ids_are_kept(tmp_path: Path) -> None:
     out = tmp_path / "scores.json"
     out.write_text(json.dumps({"pacman_env/PacManBotGhosts-v0": {"random": 3}}))
     assert main(["pacman_env/PacManBotVelocity-v0", "--episodes", "2", "--out", str(out)]) == 0
