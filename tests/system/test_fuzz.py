@@ -14,7 +14,7 @@ from tests.shared import shared_path
 from tests.system.fuzz import COUNTS, draw_arguments, main
 
 
-def test_fuzzer_finds_no_fault_and_repeats_runs(capsys: pytest.CaptureFixture[str]) -> None:
+def test_fuzzer_finds_no_fault_and_repeats_by_seed(capsys: pytest.CaptureFixture[str]) -> None:
     words = ["--maps", "maze", "generated", "--episodes", "12", "--seed", "3"]
     assert main(words) == 0
     first = capsys.readouterr().out
@@ -25,12 +25,12 @@ def test_fuzzer_finds_no_fault_and_repeats_runs(capsys: pytest.CaptureFixture[st
     assert capsys.readouterr().out == first
 
 
-def test_map_without_pellets_is_no_fault(capsys: pytest.CaptureFixture[str]) -> None:
+def test_map_without_pellets_is_reported_as_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--maps", str(shared_path("maps/nav2_testmap")), "--episodes", "3"]) == 0
     assert "nav2_testmap                 refused: nav2_testmap: no pellet" in capsys.readouterr().out
 
 
-def test_arguments_cover_every_axis_and_follow_seed() -> None:
+def test_drawn_arguments_cover_every_axis_and_follow_seed() -> None:
     drawn = [draw_arguments(np.random.default_rng(seed)) for seed in range(100)]
     assert drawn[7] == draw_arguments(np.random.default_rng(7))
     assert len({str(one["observation"]) for one in drawn}) == 7
@@ -75,7 +75,7 @@ def changing(step: Callable[..., Any], env: PacManBotEnv, action: Any) -> Any:
         (changing, "changed the game"),
     ],
 )
-def test_fault_ends_run_with_command_that_repeats(
+def test_fault_stops_fuzzer_and_prints_repeating_command(
     broken: Callable[..., Any], message: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     step = PacManBotEnv.step

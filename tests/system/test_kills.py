@@ -95,7 +95,7 @@ class Watch:
 
 @pytest.mark.daily
 @pytest.mark.parametrize("seed", [0, 1])
-def test_game_goes_on_after_killing_each_node(seed: int, domain: int, tmp_path: Path) -> None:
+def test_game_continues_after_each_node_is_killed(seed: int, domain: int, tmp_path: Path) -> None:
     watch, rng = Watch(), np.random.default_rng(seed)
     assert set(EFFECTS) == {SIMULATOR, SELECTOR, *GAME}
     with session.game(tmp_path, policy="nearest", seed=seed, settings=SETTINGS) as played:

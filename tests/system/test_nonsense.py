@@ -71,7 +71,7 @@ def ask_and_leave(played: session.Session) -> None:
     goals.destroy()
 
 
-def test_random_messages_on_every_topic_end_no_node(domain: int, tmp_path: Path) -> None:
+def test_nodes_survive_random_messages_on_every_topic(domain: int, tmp_path: Path) -> None:
     rng, ground = np.random.default_rng(0), part_of_map("loop", 3.0).save(tmp_path / "ground.yaml")
     with session.game(tmp_path, ground, "nearest") as played:
         played.record(topics.GAME_STATE)
