@@ -16,7 +16,7 @@ from pacman_env.config.validation import Share, convert, require
 
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("execution", EXECUTIONS)
-def test_every_preset_composes_with_every_execution(preset: str, execution: str) -> None:
+def test_preset_composes_with_every_execution(preset: str, execution: str) -> None:
     config = make_config(preset, execution, **{"clyde.speed_mps": 0.35, "time_limit_s": 60.0})
     wanted = {**PRESETS[preset], **EXECUTIONS[execution], "clyde.speed_mps": 0.35}
     for name, value in wanted.items():
@@ -25,20 +25,20 @@ def test_every_preset_composes_with_every_execution(preset: str, execution: str)
     assert config.time_limit_s == 60.0
 
 
-def test_single_fields_win_over_preset_and_execution() -> None:
+def test_single_fields_override_preset_and_execution() -> None:
     changes = {"robot.speed_mps": 0.2, "execution.switch": "cancel_then_send"}
     config = make_config("robot", "robust", **changes)
     assert (config.robot.speed_mps, config.execution.switch) == (0.2, "cancel_then_send")
 
 
-def test_the_robot_preset_drives_as_measured_and_the_ideal_one_knows_its_pose() -> None:
+def test_robot_and_ideal_presets_have_documented_values() -> None:
     robot, ideal = make_config("robot"), make_config("ideal")
     assert (robot.robot.speed_mps, robot.localization.perfect) == (0.256, False)
     assert (ideal.robot.speed_mps, ideal.localization.perfect) == (0.306, True)
     assert (robot.execution.tick_s, robot.physics_step_s, robot.nav2.planner_period_s) == (0.5, 0.05, 1.0)
 
 
-def test_with_fields_leaves_the_original_and_other_fields_alone() -> None:
+def test_with_fields_changes_only_named_fields_of_copy() -> None:
     before = make_config()
     after = before.with_fields(**{"clyde.speed_mps": 0.4, "clyde.spawn": "anywhere", "max_pellets": 30})
     assert before == make_config()
@@ -50,13 +50,13 @@ def test_with_fields_leaves_the_original_and_other_fields_alone() -> None:
     ("name", "meant"),
     [("clyde.spead_mps", r"clyde\.speed_mps"), ("speed_step_mps", r"clyde\.speed_step_mps"), ("endles", "endless")],
 )
-def test_what_a_mistyped_field_may_have_been_is_said(name: str, meant: str) -> None:
+def test_mistyped_field_is_answered_with_similar_name(name: str, meant: str) -> None:
     with pytest.raises(ConfigError, match=f"unknown configuration field '{name}': did you mean {meant}"):
         make_config(**{name: 1.0})
 
 
 @pytest.mark.parametrize("name", ["speed", "clyde.spead_mps", "ghost.speed_mps", "max_pellets.x"])
-def test_an_unknown_field_is_named(name: str) -> None:
+def test_unknown_field_is_named(name: str) -> None:
     with pytest.raises(ConfigError, match=f"unknown configuration field '{name}'"):
         make_config(**{name: 1.0})
 
@@ -65,7 +65,7 @@ def test_an_unknown_field_is_named(name: str) -> None:
     ("arguments", "message"),
     [(("fast",), "unknown preset 'fast'.*ideal.*robot"), (("robot", "x"), "unknown execution 'x'.*as_built.*robust")],
 )
-def test_an_unknown_preset_or_execution_is_named_with_the_choices(arguments: tuple[str, ...], message: str) -> None:
+def test_unknown_preset_or_execution_is_refused_with_choices(arguments: tuple[str, ...], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         make_config(*arguments)
 
@@ -111,7 +111,7 @@ def test_an_unknown_preset_or_execution_is_named_with_the_choices(arguments: tup
         ("max_pellets", 0),
     ],
 )
-def test_a_value_out_of_range_is_named_with_its_field(name: str, value: object) -> None:
+def test_value_out_of_range_is_named_with_field(name: str, value: object) -> None:
     with pytest.raises(ConfigError) as error:
         make_config(**{name: value})
     assert name.rpartition(".")[2] in str(error.value)
@@ -126,7 +126,7 @@ def test_a_value_out_of_range_is_named_with_its_field(name: str, value: object) 
         ("clyde.ghosts", ("wander", 3), r"clyde\.ghosts\[1\] = 3"),
     ],
 )
-def test_the_value_that_is_wrong_among_several_is_named(name: str, value: object, place: str) -> None:
+def test_wrong_value_in_list_is_named_with_place(name: str, value: object, place: str) -> None:
     with pytest.raises(ConfigError, match=f"^{place}: Expected "):
         make_config(**{name: value})
 
@@ -150,7 +150,7 @@ class Entries(msgspec.Struct):
         ({"word": "no", "inner": {"word": 3}}, r"listed\[1\]\.inner\.word = 3: Expected `str`"),
     ],
 )
-def test_the_field_that_is_wrong_in_an_entry_of_a_list_is_named(wrong: dict[str, Any], message: str) -> None:
+def test_wrong_field_in_list_entry_is_named(wrong: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=f"^{message}"):
         convert({"listed": [{"word": "yes"}, wrong]}, Entries)
 
@@ -166,19 +166,19 @@ def test_the_field_that_is_wrong_in_an_entry_of_a_list_is_named(wrong: dict[str,
     ],
 )
 @pytest.mark.parametrize("value", [0.12, 0.02])
-def test_a_period_is_a_whole_number_of_physics_steps(name: str, value: float) -> None:
+def test_period_must_be_multiple_of_physics_step(name: str, value: float) -> None:
     with pytest.raises(ConfigError, match=rf"{name} = {value}: must be a whole number of physics steps of 0\.05 s"):
         make_config(**{name: value})
     allowed = {"execution.tick_s": 1.5, "execution.check_period_s": 0.25}.get(name, 0.15)
     assert make_config(**{name: allowed}).as_dict() != make_config().as_dict()
 
 
-def test_checks_come_a_whole_number_of_times_a_tick() -> None:
+def test_check_period_must_divide_tick() -> None:
     with pytest.raises(ConfigError, match=r"check_period_s = 0\.2: must divide execution\.tick_s = 0\.5 s"):
         make_config(**{"execution.check_period_s": 0.2})
 
 
-def test_a_physics_step_that_divides_no_period_is_refused() -> None:
+def test_physics_step_must_divide_every_period() -> None:
     with pytest.raises(ConfigError, match=r"physics steps of 0\.03 s"):
         make_config(physics_step_s=0.03)
     assert make_config(physics_step_s=0.025).physics_step_s == 0.025
@@ -192,7 +192,7 @@ def _leaves(value: object) -> list[object]:
     return [value]
 
 
-def test_as_dict_is_plain_data_with_every_field() -> None:
+def test_as_dict_contains_every_field_as_plain_data() -> None:
     config = make_config("ideal", "as_built", max_pellets=12)
     data = config.as_dict()
     assert json.loads(json.dumps(data)) == data
@@ -204,7 +204,7 @@ def test_as_dict_is_plain_data_with_every_field() -> None:
     assert Config(**rebuilt) == config
 
 
-def test_a_configuration_is_frozen_and_hashable() -> None:
+def test_configuration_is_frozen_and_hashable() -> None:
     config = make_config()
     with pytest.raises(dataclasses.FrozenInstanceError):
         config.time_limit_s = 1.0  # type: ignore[misc]
@@ -225,40 +225,40 @@ def test_a_configuration_is_frozen_and_hashable() -> None:
         ("robot", 5, "must be a RobotConfig"),
     ],
 )
-def test_a_value_of_another_type_is_named_with_what_it_must_be(name: str, value: object, rule: str) -> None:
+def test_value_of_wrong_type_is_refused_with_rule(name: str, value: object, rule: str) -> None:
     with pytest.raises(ConfigError, match=rf"{name.rpartition('.')[2]} = .*: {rule}"):
         make_config(**{name: value})
 
 
 @pytest.mark.parametrize("name", ["with_fields", "time_limit_s.real", "clyde.", "as_dict"])
-def test_what_is_no_field_is_no_setting(name: str) -> None:
+def test_methods_and_partial_names_are_not_fields(name: str) -> None:
     with pytest.raises(ConfigError, match="unknown configuration field"):
         make_config(**{name: 1})
 
 
-def test_a_robot_is_not_asked_for_more_than_its_wheels_give() -> None:
+def test_robot_speed_must_not_exceed_wheel_speed() -> None:
     with pytest.raises(ConfigError, match=r"speed_mps = 0\.46: must be at most wheel_speed_mps = 0\.306"):
         make_config(**{"robot.speed_mps": 0.46})
     assert make_config(**{"robot.speed_mps": 0.46, "robot.wheel_speed_mps": 0.46}).robot.speed_mps == 0.46
 
 
-def test_a_plan_reaches_to_the_next_one() -> None:
+def test_planner_period_must_not_outlast_the_plan() -> None:
     with pytest.raises(ConfigError, match=r"planner_period_s = 5\.0: the robot would drive more than 0\.8 m"):
         make_config(**{"nav2.planner_period_s": 5.0})
 
 
-def test_numbers_of_numpy_are_numbers() -> None:
+def test_numpy_numbers_become_python_numbers() -> None:
     config = make_config(**{"clyde.speed_mps": np.float32(0.5), "refuges.spread": np.int64(3)})
     assert (type(config.clyde.speed_mps), type(config.refuges.spread)) == (float, int)
     json.dumps(config.as_dict())
 
 
-def test_the_dwell_belongs_to_the_robust_execution() -> None:
+def test_dwell_time_is_set_by_robust_execution_only() -> None:
     dwell = {name: make_config(execution=name).execution.min_dwell_s for name in EXECUTIONS}
     assert dwell == {"as_built": 0.0, "robust": 1.0}
 
 
-def test_a_hash_stands_for_all_fields_in_any_process() -> None:
+def test_configuration_hash_depends_on_field_values() -> None:
     config = make_config()
     assert config.hash == make_config().hash
     assert len(config.hash) == 12
@@ -267,7 +267,7 @@ def test_a_hash_stands_for_all_fields_in_any_process() -> None:
     assert len({c.hash for c in (config, *others)}) == 3
 
 
-def test_differences_are_named_with_both_values() -> None:
+def test_differences_list_fields_with_both_values() -> None:
     one, other = make_config(), make_config(**{"clyde.speed_mps": 0.3, "clyde.ghosts": ("chase",), "endless": True})
     assert differences(one.as_dict(), one.as_dict()) == {}
     assert differences(one.as_dict(), other.as_dict()) == {
@@ -283,6 +283,6 @@ def test_differences_are_named_with_both_values() -> None:
     }
 
 
-def test_a_path_that_is_refused_is_shown_as_its_text() -> None:
+def test_refused_path_is_shown_as_text() -> None:
     with pytest.raises(ConfigError, match=r"^clyde = 'nope': is for --measure$"):
         require(False, "clyde", Path("nope"), "is for --measure")

@@ -43,7 +43,7 @@ IN_A_CHECKOUT = sorted(
 
 
 @pytest.mark.parametrize("example", EXAMPLES)
-def test_examples_run(example: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_documentation_examples_run(example: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     for client in CLIENTS:
         if f"import {client}" in example or f"from {client}" in example:
@@ -53,7 +53,7 @@ def test_examples_run(example: str, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     exec(compile(example, "example", "exec"), {})
 
 
-def test_the_table_of_faults_has_each_test_that_holds_one_by_its_name() -> None:
+def test_fault_table_lists_every_fault_test() -> None:
     text = (ROOT / "docs" / "robot.md").read_text()
     section = text.partition("### Faults of the original")[2].partition("\n### ")[0]
     tests = {str(file.relative_to(ROOT / "tests")): file.read_text() for file in (ROOT / "tests").rglob("test_*.py")}
@@ -84,7 +84,7 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-def test_links_lead_to_files_and_headings() -> None:
+def test_links_lead_to_existing_files_and_headings() -> None:
     for page in PAGES:
         for target in re.findall(r"\]\(([^)]+)\)", page.read_text()):
             if not target.startswith("http"):
@@ -94,7 +94,7 @@ def test_links_lead_to_files_and_headings() -> None:
                 assert not anchor or anchor in anchors(there), f"{page.name}: {target}"
 
 
-def test_every_page_can_be_reached_from_the_readme() -> None:
+def test_every_page_is_reachable_from_readme() -> None:
     found, waiting = set(), [ROOT / "README.md"]
     while waiting:
         page = waiting.pop()
@@ -105,7 +105,7 @@ def test_every_page_can_be_reached_from_the_readme() -> None:
     assert set(PAGES) <= found
 
 
-def test_pictures_are_all_shown_and_few_bytes() -> None:
+def test_every_picture_is_shown_and_total_is_small() -> None:
     pictures = set((ROOT / "docs" / "images").iterdir())
     shown = {
         (page.parent / target).resolve()
@@ -116,12 +116,12 @@ def test_pictures_are_all_shown_and_few_bytes() -> None:
     assert sum(picture.stat().st_size for picture in pictures) < 1_500_000
 
 
-def test_the_pages_show_every_command() -> None:
+def test_pages_show_every_command() -> None:
     assert {shlex.split(command)[1] for command in COMMANDS} >= {"map", "play", "ros", *MODULES}
 
 
 @pytest.mark.parametrize("command", IN_A_CHECKOUT)
-def test_commands_of_the_checkout_have_the_options_that_the_pages_name(command: str) -> None:
+def test_documented_options_exist_in_checkout_commands(command: str) -> None:
     _, *words = shlex.split(command)
     program = words[: 2 if words[0] == "-m" else 1]
     done = subprocess.run([sys.executable, *program, "--help"], cwd=ROOT, capture_output=True, text=True)
@@ -131,7 +131,7 @@ def test_commands_of_the_checkout_have_the_options_that_the_pages_name(command: 
 
 
 @pytest.mark.parametrize("folder", ["train", "eval"])
-def test_every_entry_point_of_the_checkout_is_a_command_of_the_package(folder: str) -> None:
+def test_checkout_scripts_match_commands_of_package(folder: str) -> None:
     imported = {
         module
         for path in (ROOT / folder).glob("*.py")
@@ -142,7 +142,7 @@ def test_every_entry_point_of_the_checkout_is_a_command_of_the_package(folder: s
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_the_packages_commands_run(
+def test_documented_package_commands_run(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -162,26 +162,26 @@ def test_the_packages_commands_run(
         assert option in help_text, command
 
 
-def test_scripts_that_the_pages_name_can_be_run() -> None:
+def test_documented_scripts_are_executable() -> None:
     named = {name for page in PAGES for name in re.findall(r"\bscripts/(\w+)", page.read_text())}
     assert {"compare", "test", "gallery", "reference"} <= named
     for name in named:
         assert os.access(ROOT / "scripts" / name, os.X_OK), name
 
 
-def test_no_line_of_a_page_is_a_comment_in_myst() -> None:
+def test_pages_contain_no_accidental_myst_comments() -> None:
     for page in PAGES:
         text = re.sub(r"^( *)```.*?^\1```", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
         assert not re.findall(r"^ *(?:%|\+\+\+).*", text, re.MULTILINE), page.name
 
 
-def test_no_page_or_source_names_a_later_version() -> None:
+def test_pages_and_sources_name_no_later_version() -> None:
     current = [int(part) for part in __version__.split(".")]
     for path in (*TODAYS_PAGES, *(ROOT / "docs").rglob("*.ipynb"), *(ROOT / "pacman_env").rglob("*.py")):
         for named in re.findall(r"\b(?:since|before|until|version) (\d+\.\d+(?:\.\d+)?)\b", path.read_text(), re.I):
             assert [int(part) for part in named.split(".")] <= current, f"{path.name}: {named}"
 
 
-def test_no_page_has_a_gap_to_be_filled_in() -> None:
+def test_pages_contain_no_unfilled_placeholders() -> None:
     for page in PAGES:
         assert not re.findall(r"^[A-Z]{4,}$|: [A-Z]{4,}$", page.read_text(), re.MULTILINE), page.name

@@ -19,16 +19,14 @@ from pacman_env import files
 from pacman_env.files import commit, install_command, new_folder, prepare, reason, replaced, user_folder
 
 
-def test_the_commit_is_that_of_the_sources_wherever_it_is_asked_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_commit_is_independent_of_working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     here = commit()
     monkeypatch.chdir(tmp_path)
     assert commit() == here
     assert here == "unknown" or len(here.rstrip("+")) == 40
 
 
-def test_extras_are_installed_from_the_checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_install_command_uses_checkout_if_there_is_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     top = tmp_path / "my clone"
     monkeypatch.setattr(files, "__file__", str(top / "pacman_env" / "files.py"))
     assert install_command("web") == "pip install 'pacman_env[web]'"
@@ -42,7 +40,7 @@ def test_extras_are_installed_from_the_checkout(tmp_path: Path, monkeypatch: pyt
     [("", ".", True), (".venv/site-packages", "README", False), ("", "README", False), ("libraries", ".", False)],
     ids=["checkout", "installed in a project", "copied into a project", "tracked below the top"],
 )
-def test_commit_is_that_of_own_checkout_alone(place: str, added: str, known: bool, tmp_path: Path) -> None:
+def test_commit_is_unknown_outside_own_checkout(place: str, added: str, known: bool, tmp_path: Path) -> None:
     package = tmp_path / place / "pacman_env"
     package.mkdir(parents=True)
     shutil.copy(files.__file__, package)
@@ -73,7 +71,7 @@ def homeless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     files.temporary_folder.cache_clear()
 
 
-def test_user_without_home_has_one_private_temporary_folder(homeless: Path) -> None:
+def test_user_without_home_gets_private_temporary_folder(homeless: Path) -> None:
     with pytest.warns(RuntimeWarning) as said:
         folders = [user_folder(kind) for kind in ("cache", "state", "cache")]
     assert len(said) == 1
@@ -83,14 +81,14 @@ def test_user_without_home_has_one_private_temporary_folder(homeless: Path) -> N
     assert stat.S_IMODE(private.stat().st_mode) == 0o700
 
 
-def test_home_that_cannot_be_written_is_replaced(homeless: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unwritable_home_is_replaced_by_temporary_folder(homeless: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOME", os.devnull)
     with pytest.warns(RuntimeWarning):
         assert user_folder("cache").is_relative_to(homeless)
 
 
 @pytest.mark.parametrize("kind", ["file", "link", "writable", "foreign"])
-def test_temporary_folder_of_others_is_refused(kind: str, homeless: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unsafe_temporary_folder_is_refused(kind: str, homeless: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = homeless / f"pacman_env-{os.getuid()}"
     if kind == "file":
         folder.touch()
@@ -106,11 +104,11 @@ def test_temporary_folder_of_others_is_refused(kind: str, homeless: Path, monkey
         user_folder("cache")
 
 
-def test_folders_are_created(tmp_path: Path) -> None:
+def test_prepare_creates_missing_folders(tmp_path: Path) -> None:
     assert prepare(tmp_path / "a" / "b" / "c.json").parent.is_dir()
 
 
-def test_a_path_that_cannot_be_a_file_is_refused_at_once(tmp_path: Path) -> None:
+def test_prepare_refuses_paths_that_cannot_be_files(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(ValueError, match="is a folder"):
         prepare(tmp_path)
@@ -118,7 +116,7 @@ def test_a_path_that_cannot_be_a_file_is_refused_at_once(tmp_path: Path) -> None
         prepare(tmp_path / "file" / "out.json")
 
 
-def test_a_file_is_there_only_when_it_is_whole(tmp_path: Path) -> None:
+def test_replaced_file_appears_only_when_complete(tmp_path: Path) -> None:
     path = tmp_path / "out.txt"
     with replaced(path) as temporary:
         temporary.write_text("whole")
@@ -127,7 +125,7 @@ def test_a_file_is_there_only_when_it_is_whole(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+def test_failed_write_keeps_old_file_and_nothing_else(tmp_path: Path) -> None:
     path = tmp_path / "out.txt"
     path.write_text("old")
 
@@ -142,7 +140,7 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_the_target_of_a_link_is_replaced_and_the_link_stays(tmp_path: Path) -> None:
+def test_write_through_symlink_replaces_target_only(tmp_path: Path) -> None:
     target, link = tmp_path / "elsewhere" / "data.json", tmp_path / "link.json"
     link.symlink_to(target)
     prepare(link)
@@ -155,7 +153,7 @@ def test_the_target_of_a_link_is_replaced_and_the_link_stays(tmp_path: Path) -> 
     assert list(target.parent.iterdir()) == [target]
 
 
-def test_a_pipe_is_written_to_and_stays_a_pipe(tmp_path: Path) -> None:
+def test_pipe_is_written_and_stays_a_pipe(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe.json"
     os.mkfifo(pipe)
     read: list[str] = []
@@ -179,7 +177,7 @@ def small_files() -> Iterator[None]:
     signal.signal(signal.SIGXFSZ, on_signal)
 
 
-def test_what_the_system_refuses_names_the_file_that_was_asked_for(tmp_path: Path, small_files: None) -> None:
+def test_system_error_names_final_file_instead_of_temporary(tmp_path: Path, small_files: None) -> None:
     def write(temporary: Path) -> None:
         with temporary.open("wb", buffering=0) as file:
             while True:

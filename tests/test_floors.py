@@ -99,7 +99,7 @@ def room(name: str) -> str:
 
 
 @pytest.mark.parametrize("path", MODULES, ids=module_name)
-def test_a_module_uses_only_rooms_of_its_floor_and_below(path: Path) -> None:
+def test_module_imports_only_same_or_lower_floors(path: Path) -> None:
     name = module_name(path)
     if not name:
         return  # the package's own __init__ is tested below
@@ -116,12 +116,12 @@ def test_a_module_uses_only_rooms_of_its_floor_and_below(path: Path) -> None:
 
 
 @pytest.mark.parametrize("package", ONLY_IN)
-def test_an_outside_package_is_imported_only_where_it_belongs(package: str) -> None:
+def test_outside_package_is_imported_only_where_allowed(package: str) -> None:
     users = {module_name(path) for path in MODULES if any(room(i) == package for i in imports_of(path))}
     assert {u for u in users if u not in ONLY_IN[package] and room(u) not in ONLY_IN[package]} == set()
 
 
-def test_the_package_itself_imports_nothing_but_its_version_and_the_registration() -> None:
+def test_package_imports_only_its_version_and_registration() -> None:
     assert {i for i in imports_of(PACKAGE / "__init__.py") if room(i) == "pacman_env"} == {
         "pacman_env._version.__version__",
         "pacman_env.envs.registration.register_envs",
@@ -129,7 +129,7 @@ def test_the_package_itself_imports_nothing_but_its_version_and_the_registration
     }
 
 
-def test_relative_absolute_and_late_imports_are_seen_and_those_for_types_are_not() -> None:
+def test_import_scan_sees_all_but_type_checking_imports() -> None:
     source = (
         "from .. import rng\nfrom ..sim.batch import GameBatch\nfrom . import grid\nimport pymunk.batch\n"
         "def f():\n    from pacman_env.envs import arguments\n"
@@ -142,7 +142,7 @@ def test_relative_absolute_and_late_imports_are_seen_and_those_for_types_are_not
     assert imports("from . import a\nfrom .b import c", "game", True) == {"pacman_env.game.a", "pacman_env.game.b.c"}
 
 
-def test_a_module_is_loaded_by_name_in_known_places_alone() -> None:
+def test_modules_are_imported_by_name_only_where_listed() -> None:
     """What the tests above cannot see."""
     users = {module_name(path) for path in MODULES if "import_module(" in path.read_text()}
     assert users == {
@@ -157,7 +157,7 @@ def test_a_module_is_loaded_by_name_in_known_places_alone() -> None:
     }
 
 
-def test_onnxruntime_is_imported_by_the_first_planner_and_not_before() -> None:
+def test_onnxruntime_is_not_imported_before_first_planner() -> None:
     code = (
         "import sys, pacman_env\nfrom pacman_env.policies.registry import policy_names\n"
         "print('ppo' in policy_names(), 'onnxruntime' in sys.modules)"
@@ -166,7 +166,7 @@ def test_onnxruntime_is_imported_by_the_first_planner_and_not_before() -> None:
     assert done.stdout.split() == ["True", "False"]
 
 
-def test_importing_the_package_is_light_and_registers_the_environment() -> None:
+def test_package_import_is_light_and_registers_environment() -> None:
     code = (
         "import json, sys, pacman_env\n"
         "heavy = {'gymnasium', 'torch', 'numba', 'cv2', 'pymunk', 'onnxruntime', 'rclpy', 'matplotlib'}\n"

@@ -18,14 +18,14 @@ PYTHONS = [
 ]
 
 
-def test_the_citation_is_of_this_version_and_its_date_in_the_changelog() -> None:
+def test_citation_matches_version_date_and_authors() -> None:
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert citation["version"] == __version__
     assert f"## [{__version__}] - {citation['date-released']}\n" in (ROOT / "CHANGELOG.md").read_text()
     assert [author["name"] for author in PROJECT["authors"]] == [author["name"] for author in citation["authors"]]
 
 
-def test_the_licence_is_mit_everywhere() -> None:
+def test_licence_is_mit_in_every_file() -> None:
     assert (ROOT / "LICENSE").read_text().startswith("MIT License")
     assert yaml.safe_load((ROOT / "CITATION.cff").read_text())["license"] == "MIT"
     assert 'license="MIT"' in (ROOT / "setup.py").read_text()
@@ -33,7 +33,7 @@ def test_the_licence_is_mit_everywhere() -> None:
     assert card()["license"] == "mit"
 
 
-def test_badges_name_the_pythons_and_the_licence_of_the_package() -> None:
+def test_badges_name_supported_pythons_and_licence() -> None:
     badges = re.findall(r"!\[([^]]*)\]\(https://img\.shields\.io/badge/([^)]*)\)", (ROOT / "README.md").read_text())
     assert dict(badges).keys() == {f"Python {PYTHONS[0]} to {PYTHONS[-1]}", "Licence: MIT"}
     shown = " ".join(text for _, text in badges)
@@ -42,7 +42,7 @@ def test_badges_name_the_pythons_and_the_licence_of_the_package() -> None:
     assert f'python_requires=">={PYTHONS[0]}"' in (ROOT / "setup.py").read_text()
 
 
-def test_the_model_cards_front_matter_names_the_shipped_planner() -> None:
+def test_model_card_names_shipped_planner() -> None:
     facts = card()
     assert facts["library_name"] == "onnx"
     assert "reinforcement-learning" in facts["tags"]
@@ -53,7 +53,7 @@ def test_the_model_cards_front_matter_names_the_shipped_planner() -> None:
 @pytest.mark.parametrize(
     "workflow", sorted((ROOT / ".github" / "workflows").glob("*.y*ml")), ids=lambda path: path.stem
 )
-def test_workflows_pin_actions_read_only_and_try_every_python(workflow: Path) -> None:
+def test_workflows_pin_actions_and_run_every_python(workflow: Path) -> None:
     text, content = workflow.read_text(), yaml.safe_load(workflow.read_text())
     actions = re.findall(r"uses: (.*)", text)
     assert actions

@@ -142,5 +142,5 @@ class Trace:
 @pytest.mark.parametrize("execution", ["robust", "as_built"])
 @settings(max_examples=TRACES, deadline=None)
 @given(codes=st.binary(min_size=20, max_size=80))
-def test_any_trace_of_events_is_the_same_game_on_both_sides(execution: str, codes: bytes) -> None:
+def test_simulator_and_robot_agree_on_any_event_trace(execution: str, codes: bytes) -> None:
     Trace(execution).play(codes)

@@ -104,14 +104,14 @@ def played(site: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, An
     return json.loads(out.splitlines()[-1])
 
 
-def test_the_build_has_nothing_to_complain_about(built: tuple[Path, str]) -> None:
+def test_build_prints_no_warnings(built: tuple[Path, str]) -> None:
     complaints = ("warn", "!!", "deprecat", "cannot be found")
     nothing_excluded = "warning: no previously-included files matching '*.py[cod]'"  # a clean checkout has none
     said = [line for line in built[1].splitlines() if not line.startswith(nothing_excluded)]
     assert [line for line in said if any(word in line.lower() for word in complaints)] == []
 
 
-def test_the_sdist_holds_every_tracked_file_that_is_not_the_repositorys_and_nothing_else(
+def test_sdist_contains_exactly_the_tracked_project_files(
     distributions: tuple[Path, Path, str], tracked: list[str]
 ) -> None:
     with tarfile.open(distributions[0]) as archive:
@@ -120,7 +120,7 @@ def test_the_sdist_holds_every_tracked_file_that_is_not_the_repositorys_and_noth
     assert packed - written - {"MANIFEST.in"} == {name for name in tracked if not name.startswith(NOT_PACKED)}
 
 
-def test_the_wheel_says_what_the_project_is(built: tuple[Path, str]) -> None:
+def test_wheel_metadata_describes_project(built: tuple[Path, str]) -> None:
     with zipfile.ZipFile(built[0]) as wheel:
         (name,) = [name for name in wheel.namelist() if name.endswith(".dist-info/METADATA")]
         metadata = email.message_from_bytes(wheel.read(name))
@@ -132,7 +132,7 @@ def test_the_wheel_says_what_the_project_is(built: tuple[Path, str]) -> None:
     assert str(metadata.get_payload()).startswith("# pacman_env\n")
 
 
-def test_the_wheel_holds_the_package_evaluation_training_maps_planner_page_and_nothing_else(
+def test_wheel_contains_exactly_package_maps_and_planners(
     built: tuple[Path, str],
 ) -> None:
     wheel, _ = built
@@ -150,29 +150,29 @@ def test_the_wheel_holds_the_package_evaluation_training_maps_planner_page_and_n
     assert wheel.name == f"pacman_env-{pacman_env.__version__}-py3-none-any.whl"
 
 
-def test_the_installed_package_is_the_one_that_plays(played: dict[str, Any], site: Path) -> None:
+def test_installed_package_is_the_one_imported(played: dict[str, Any], site: Path) -> None:
     assert Path(played["package"]) == site / "pacman_env" / "__init__.py"
     assert played["version"] == pacman_env.__version__
 
 
-def test_a_wheel_beside_a_warm_checkout_compiles_nothing(played: dict[str, Any]) -> None:
+def test_wheel_compiles_no_kernels_next_to_warm_checkout(played: dict[str, Any]) -> None:
     assert played["compiled"] == []
 
 
-def test_every_shipped_map_is_played_from_the_wheel(played: dict[str, Any], site: Path) -> None:
+def test_every_shipped_map_is_playable_from_wheel(played: dict[str, Any], site: Path) -> None:
     assert list(played["rounds"]) == shipped_maps()
     assert played["folders"] == [str(site / "pacman_env" / "maps")]
     assert all(pellets > 0 for pellets, _ in played["rounds"].values())
     assert len({content for _, content in played["rounds"].values()}) == len(played["rounds"])
 
 
-def test_the_installed_command_lists_the_maps(site: Path, tmp_path: Path) -> None:
+def test_installed_command_lists_maps(site: Path, tmp_path: Path) -> None:
     script = site / "bin" / "pacman-env"
     out = run(sys.executable, str(script), "map", "list", cwd=tmp_path, site=site)
     assert out.split() == shipped_maps()
 
 
-def test_the_installed_command_compares_policies_in_an_empty_folder(site: Path, tmp_path: Path) -> None:
+def test_installed_command_compares_policies_in_empty_folder(site: Path, tmp_path: Path) -> None:
     """With workers, to which blocks of rounds are pickled by the names of the installed package."""
     script = [sys.executable, str(site / "bin" / "pacman-env")]
     few = ["--episodes", "2", "--endless", "0", "--speeds", "0.3", "--variant", "--set", "time_limit_s=20"]
@@ -186,7 +186,7 @@ def test_the_installed_command_compares_policies_in_an_empty_folder(site: Path, 
 
 
 @pytest.mark.parametrize("command", [["train", "--quick", "--help"], ["tune", "--help"]])
-def test_the_installed_command_trains(site: Path, tmp_path: Path, command: list[str]) -> None:
+def test_installed_command_shows_help_of_training(site: Path, tmp_path: Path, command: list[str]) -> None:
     """Hyperparameters are read before the help is shown."""
     pytest.importorskip("torch")
     pytest.importorskip("optuna")
@@ -195,7 +195,7 @@ def test_the_installed_command_trains(site: Path, tmp_path: Path, command: list[
 
 
 @pytest.mark.daily
-def test_a_checkpoint_of_the_checkout_is_compared_by_the_installed_command(site: Path, tmp_path: Path) -> None:
+def test_installed_command_compares_checkpoint_of_checkout(site: Path, tmp_path: Path) -> None:
     pytest.importorskip("torch")
     pytest.importorskip("optuna")
     tiny = ["--decisions", "64", "--segment", "64", "--games", "2", "--n-steps", "32", "--batch-size", "32"]

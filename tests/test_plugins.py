@@ -41,14 +41,14 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     sys.modules.pop("added_things", None)
 
 
-def test_a_name_is_the_packages_own_then_an_entry_point_then_a_module_and_attribute(package: Path) -> None:
+def test_registry_finds_own_names_entry_points_and_attributes(package: Path) -> None:
     registry = Registry("thing", GROUP, OWN)
     assert registry.names() == ["one", "two", "bad", "gone", "three"]
     found = [registry.find(name) for name in ("one", "two", "three", "added_things:THREE", "added_things:Box.FIVE")]
     assert found == [1, 2, 3, 3, 5]
 
 
-def test_a_registered_name_counts_in_this_registry_alone() -> None:
+def test_registered_name_belongs_to_one_registry_only() -> None:
     registry = Registry("thing", GROUP, OWN)
     registry.register("six", 6)
     assert registry.find("six") == 6
@@ -76,19 +76,19 @@ def test_a_registered_name_counts_in_this_registry_alone() -> None:
         ("", "unknown thing ''"),
     ],
 )
-def test_what_stands_for_nothing_is_said_with_the_name_and_the_reason(package: Path, name: str, message: str) -> None:
+def test_unknown_name_is_refused_with_reason(package: Path, name: str, message: str) -> None:
     with pytest.raises(PluginError, match=message):
         Registry("thing", GROUP, OWN).find(name)
 
 
 @pytest.mark.parametrize("spec", ["json:decoder", "collections:OrderedDict"])
-def test_what_makes_no_policy_is_refused(spec: str) -> None:
+def test_object_that_makes_no_policy_is_refused(spec: str) -> None:
     with pytest.raises(ValueError, match=f"policy '{spec}': .* is no"):
         make_policy(spec)
 
 
 @pytest.mark.parametrize("preset", ["json:decoder", "json:loads", "tests.test_plugins:OWN"])
-def test_what_is_no_preset_is_refused(preset: str) -> None:
+def test_object_that_is_no_preset_is_refused(preset: str) -> None:
     with pytest.raises(ConfigError, match=preset if "OWN" not in preset else "unknown configuration field 'one'"):
         make_config(preset)
 
@@ -102,7 +102,7 @@ class Twice:
         return {"robot": None}
 
 
-def test_two_kinds_cannot_add_one_key() -> None:
+def test_observation_kinds_with_duplicate_key_are_refused() -> None:
     kinds = ("features", "tests.test_plugins:Twice")
     with pytest.raises(ConfigError, match="observation kind 'twice': 'robot' is in the observation already"):
         make(observation=kinds)
@@ -124,14 +124,14 @@ def example(site: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         del sys.modules[name]
 
 
-def test_the_example_is_found_by_its_names(example: None) -> None:
+def test_example_plugin_is_found_by_its_names(example: None) -> None:
     assert "shy" in policy_names()
     assert set(preset_names()) == {"robot", "ideal", "sleepy"}
     assert make_policy("shy", haste=1.0).name == make_policy("pacman_plugin.policy:Shy").name == "shy"
     assert make_config("sleepy").clyde.speed_mps == make_config("pacman_plugin.preset:SLEEPY").clyde.speed_mps == 0.1
 
 
-def test_the_example_is_played_in_gymnasium(example: None) -> None:
+def test_example_plugin_plays_in_gymnasium(example: None) -> None:
     arguments: dict[str, Any] = {"preset": "sleepy", "observation": ("features", "compass")}
     env = make(**arguments)
     check_env(env, skip_render_check=True)
@@ -149,7 +149,7 @@ def test_the_example_is_played_in_gymnasium(example: None) -> None:
     assert np.hypot(*observation["compass"]) > 0.0
 
 
-def test_the_example_is_played_in_pettingzoo(example: None) -> None:
+def test_example_plugin_plays_in_pettingzoo(example: None) -> None:
     env = pacman_env.parallel_env(preset="sleepy", observation="compass", ghosts=("policy", "ambush"), settings=QUICK)
     observations, _ = env.reset(seed=0)
     while env.agents:
@@ -158,14 +158,14 @@ def test_the_example_is_played_in_pettingzoo(example: None) -> None:
         observations, *_ = env.step(actions)
 
 
-def test_the_example_policy_fills_a_ghosts_place(example: None) -> None:
+def test_example_policy_plays_a_ghost(example: None) -> None:
     env = gym.make("pacman_env/PacManBot-v0", ghosts=["wander", make_policy("shy")], settings=QUICK)
     env.reset(seed=0)
     for _ in range(10):
         env.step(0)
 
 
-def test_the_example_ghost_goes_where_the_robot_is_about_to_be(example: None) -> None:
+def test_example_ghost_waits_ahead_of_robot(example: None) -> None:
     env = make(ghosts=("ambush", "wander"), preset="ideal", settings={"execution.death_radius_m": 0.01})
     env.reset(seed=4)
     for _ in range(60):
@@ -176,7 +176,7 @@ def test_the_example_ghost_goes_where_the_robot_is_about_to_be(example: None) ->
     assert np.hypot(wander["x"] - x - 1.0, wander["y"] - y) > 0.3
 
 
-def test_what_is_no_ghost_is_refused(example: None) -> None:
+def test_object_that_is_no_ghost_is_refused(example: None) -> None:
     with pytest.raises(ConfigError, match=r"unknown ghost behaviour 'sulk': choose one of .*, ambush, or"):
         make(ghosts="sulk")
     with pytest.raises(ConfigError, match=r"clyde\.ghosts = \('json:loads',\): .*, must be a Behaviour"):
@@ -184,7 +184,7 @@ def test_what_is_no_ghost_is_refused(example: None) -> None:
 
 
 @pytest.mark.parametrize("workers", ["1", "2"])
-def test_the_example_is_compared(example: None, tmp_path: Path, workers: str) -> None:
+def test_example_policy_is_compared_with_others(example: None, tmp_path: Path, workers: str) -> None:
     from pacman_env.evaluation.compare.__main__ import main
 
     out = tmp_path / "out.json"

@@ -43,7 +43,7 @@ def imported(source: str) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("source", SOURCES.values(), ids=SOURCES)
-def test_docs_and_examples_import_public_names_only(source: str) -> None:
+def test_docs_and_examples_import_only_public_names(source: str) -> None:
     allowed = {"pacman_env", "pacman_env.__version__", "pacman_env.sb3", *(f"pacman_env.{name}" for name in PUBLIC)}
     assert set(imported(source)) <= allowed
     used = set(
@@ -52,7 +52,7 @@ def test_docs_and_examples_import_public_names_only(source: str) -> None:
     assert used <= {*NAMES, "sb3"}
 
 
-def test_the_names_for_type_checkers_are_those_at_run_time() -> None:
+def test_type_checker_names_equal_runtime_names() -> None:
     tree = ast.parse(inspect.getsource(pacman_env))
     (block,) = (node for node in tree.body if isinstance(node, ast.If))
     typed = {alias.name for node in block.body for alias in getattr(node, "names", ())}
@@ -60,13 +60,13 @@ def test_the_names_for_type_checkers_are_those_at_run_time() -> None:
     assert set(NAMES) <= set(dir(pacman_env))
 
 
-def test_a_name_that_there_is_not_is_an_attribute_error() -> None:
+def test_unknown_name_raises_attribute_error() -> None:
     with pytest.raises(AttributeError, match="module 'pacman_env' has no attribute 'nothing'"):
         pacman_env.nothing  # noqa: B018
 
 
 @pytest.mark.parametrize("name", ["make_config", "load_map", "Situation", "make_policy"])
-def test_a_name_loads_its_own_room_alone(name: str) -> None:
+def test_public_name_imports_no_unrelated_library(name: str) -> None:
     code = (
         f"import sys\nfrom pacman_env import {name}\nprint({{'gymnasium', 'pettingzoo', 'torch'}} & set(sys.modules))"
     )
@@ -74,7 +74,7 @@ def test_a_name_loads_its_own_room_alone(name: str) -> None:
     assert done.stdout.strip() == "set()"
 
 
-def test_the_names_of_the_package_need_no_extra() -> None:
+def test_public_names_need_no_extra() -> None:
     code = (
         "import sys, pacman_env\nfor name in pacman_env.__all__: getattr(pacman_env, name)\n"
         "print({'torch', 'stable_baselines3', 'matplotlib', 'pygame', 'rclpy', 'starlette'} & set(sys.modules))"
@@ -97,7 +97,7 @@ def members(thing: Any) -> Iterator[tuple[str, Any]]:
 
 
 @pytest.mark.parametrize("name", DOCUMENTED)
-def test_a_public_name_is_documented_with_what_it_raises_and_the_shapes_of_its_arrays(name: str) -> None:
+def test_public_name_documents_exceptions_and_array_shapes(name: str) -> None:
     thing, lacking = DOCUMENTED[name], []
     whole = inspect.getdoc(thing) or ""
     for member, function in [("", None), *members(thing)]:
@@ -157,7 +157,7 @@ assert config.clyde.ghosts == ("stay", "policy") and "east" in policy_names()
 """
 
 
-def test_what_is_registered_can_be_named(tmp_path: Path) -> None:
+def test_registered_objects_are_available_by_name(tmp_path: Path) -> None:
     """In a process of its own, as a registration is for a whole process."""
     (tmp_path / "own.py").write_text(OWN)
     done = subprocess.run([sys.executable, "own.py"], cwd=tmp_path, capture_output=True, text=True)

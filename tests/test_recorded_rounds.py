@@ -121,7 +121,7 @@ def play_again(
 
 
 @pytest.mark.parametrize(("policy", "ghosts"), [("clyde_aware", ("wander",)), ("nearest", ("arcade", "wander"))])
-def test_recorded_rounds_are_the_same_games_on_the_robots_side(policy: str, ghosts: tuple[str, ...]) -> None:
+def test_robot_replays_recorded_rounds_as_same_games(policy: str, ghosts: tuple[str, ...]) -> None:
     changes = {**EXACT, "clyde.ghosts": ghosts, "localization.perfect": False, "time_limit_s": 200.0}
     config = make_config("robot", **changes, **{"nav2.abort_rate": 0.05})
     n = ROUNDS
@@ -163,7 +163,7 @@ class Asked:
 
 
 @pytest.mark.parametrize(("policy", "execution"), [("clyde_aware", "robust"), ("random", "as_built")])
-def test_by_events_the_robots_planner_is_asked_when_the_simulators_is(policy: str, execution: str) -> None:
+def test_robot_planner_decides_at_events_of_simulator(policy: str, execution: str) -> None:
     n = max(1, ROUNDS // 4)
     changes = {**EXACT, "localization.perfect": False, "time_limit_s": 150.0, "nav2.abort_rate": 0.05}
     envs = PacManBotVectorEnv(

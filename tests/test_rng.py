@@ -34,7 +34,7 @@ def uniforms(seed: int, purpose: int, count: int) -> np.ndarray:
     return draws
 
 
-def test_the_reference_outputs_of_seed_1234567_come_out() -> None:
+def test_generator_reproduces_published_outputs_for_seed_1234567() -> None:
     known = [6457827717110365317, 3203168211198807973, 9817491932198370423, 4593380528125082431, 16408922859458223821]
     state = word = 1234567
     for output in known:
@@ -45,7 +45,7 @@ def test_the_reference_outputs_of_seed_1234567_come_out() -> None:
 
 
 @given(seeds)
-def test_every_state_steps_and_mixes_as_the_published_generator(word: int) -> None:
+def test_generator_equals_splitmix64_for_every_state(word: int) -> None:
     state, _ = uniform(np.uint64(word))
     expected_state, expected = splitmix64(word)
     assert (state, mix(np.uint64(state))) == (expected_state, expected)
@@ -70,7 +70,7 @@ def test_below_stays_below_its_bound(seed: int, bound: int) -> None:
         assert 0 <= draw < bound
 
 
-def test_below_reaches_every_number_equally_often() -> None:
+def test_below_returns_every_number_equally_often() -> None:
     state, counts = stream(np.uint64(8), POLICY), np.zeros(7)
     for _ in range(14000):
         state, draw = below(np.uint64(state), 7)
@@ -78,7 +78,7 @@ def test_below_reaches_every_number_equally_often() -> None:
     assert ((counts - 2000) ** 2 / 2000).sum() < 22.5  # 6 degrees of freedom, p = 0.001
 
 
-def test_normal_has_mean_0_variance_1_and_a_normals_tails() -> None:
+def test_normal_has_mean_0_variance_1_and_tails() -> None:
     state, draws = stream(np.uint64(5), LOCALIZATION), np.empty(40000)
     for i in range(len(draws)):
         state, draws[i] = normal(np.uint64(state))
@@ -89,12 +89,12 @@ def test_normal_has_mean_0_variance_1_and_a_normals_tails() -> None:
 
 
 @given(seeds)
-def test_the_purposes_of_a_round_have_streams_of_their_own(seed: int) -> None:
+def test_purposes_of_round_have_different_streams(seed: int) -> None:
     states = {int(stream(np.uint64(seed), purpose)) for purpose in PURPOSES}
     assert len(states) == len(PURPOSES)
 
 
-def test_streams_of_purposes_and_of_neighbouring_seeds_are_independent() -> None:
+def test_streams_of_purposes_and_seeds_are_uncorrelated() -> None:
     columns = [uniforms(seed, purpose, 2000) for seed in (0, 1, 2) for purpose in PURPOSES]
     correlation = np.corrcoef(columns) - np.eye(len(columns))
     assert np.abs(correlation).max() < 4.5 / math.sqrt(2000)

@@ -30,7 +30,7 @@ from pacman_env.config import ConfigError, make_config, parse_settings
         ("randomize.clyde_speed_mps=none", None),
     ],
 )
-def test_values_get_the_type_of_their_field(text: str, value: object) -> None:
+def test_setting_gets_type_of_its_field(text: str, value: object) -> None:
     name = text.partition("=")[0]
     changes = parse_settings([text])
     assert changes == {name: value}
@@ -52,6 +52,6 @@ def test_values_get_the_type_of_their_field(text: str, value: object) -> None:
         ("randomize.clyde_speed_mps=0.2,fast", "'fast': Expected `float`"),
     ],
 )
-def test_wrong_settings_are_named(text: str, message: str) -> None:
+def test_wrong_setting_is_refused_with_reason(text: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         parse_settings([text])
