@@ -57,7 +57,7 @@ def test_decisions_last_a_tick_or_until_an_event(row: BenchmarkRow, report: tupl
         assert lasts_s == pytest.approx(0.5)
 
 
-def test_figures_say_what_was_measured_where(report: tuple[dict[str, Any], Path], printed: io.StringIO) -> None:
+def test_figures_name_measurement_and_machine(report: tuple[dict[str, Any], Path], printed: io.StringIO) -> None:
     figures, _ = report
     assert figures["map"] == "loop"
     assert figures["version"] == pacman_env.__version__
@@ -67,7 +67,9 @@ def test_figures_say_what_was_measured_where(report: tuple[dict[str, Any], Path]
 
 
 @pytest.mark.parametrize(("made", "decisions"), [("make", 4), ("make_vec", 8), ("sb3", 16)])
-def test_steps_that_only_reset_are_no_decisions(made: str, decisions: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reset_only_steps_are_not_counted_as_decisions(
+    made: str, decisions: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     games = 1 if made == "make" else 4
     player = BenchmarkPlayer(BenchmarkRow("PacManBot-v0", made, games, arguments={"max_episode_steps": 1}), "loop")
     ticks = itertools.count()
@@ -87,7 +89,7 @@ def test_rows_without_their_library_are_skipped(monkeypatch: pytest.MonkeyPatch)
     assert len({line.count("|") for line in lines[2:]}) == 1
 
 
-def test_start_and_training_are_measured_in_children(
+def test_start_and_training_are_measured_in_child_processes(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     caches: list[bool] = []
@@ -112,7 +114,7 @@ def test_start_and_training_are_measured_in_children(
     assert any("train --quick" in line and "| 4,321 |" in line for line in lines)
 
 
-def test_a_child_runs_this_package_and_its_failure_is_an_error() -> None:
+def test_child_runs_this_package_and_reports_failure() -> None:
     code = f"import pacman_env, sys; sys.exit(pacman_env.__file__ != {pacman_env.__file__!r})"
     wall_s, cpu_s = benchmark._child("-P", "-c", code)
     assert wall_s > 0 < cpu_s

@@ -31,7 +31,9 @@ def run(corridor: str, folder: Path, *more: str) -> dict:
     return found
 
 
-def test_a_table_and_the_same_file_each_time(corridor: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bound_prints_table_and_writes_reproducible_file(
+    corridor: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     found = run(corridor, tmp_path)
     shown = capsys.readouterr().out
     assert max(map(len, shown.splitlines()[1:-1])) <= 80
@@ -51,20 +53,20 @@ def test_a_table_and_the_same_file_each_time(corridor: str, tmp_path: Path, caps
     assert all(seconds is not None for seconds in fast["caught_s"])
 
 
-def test_starts_are_the_games_own() -> None:
+def test_starts_equal_starts_of_simulated_games() -> None:
     assets, config, seeds = assets_of("ring"), config_of(), episode_seeds(3, 4)
     batch = GameBatch(assets, config, 4)
     batch.reset(np.arange(4), seeds)
     np.testing.assert_array_equal(MapBounds(assets, seeds).starts(config).ghosts, batch.situation().ghosts)
 
 
-def test_of_wanderers_nothing_is_said_to_be_lost() -> None:
+def test_bound_is_trivial_against_wandering_ghosts() -> None:
     row = MapBounds(assets_of("room"), episode_seeds(0, 2)).row(config_of("wander"), 4)
     assert (row["bound"], row["bounded"], row["estimate"], row["lost"]) == (1.0, [], None, [])
     assert "100.0*" in render([{"map": "room", **row}])
 
 
-def test_a_second_ghost_makes_no_start_better() -> None:
+def test_second_ghost_never_improves_bound() -> None:
     bounds = MapBounds(assets_of("corridor"), episode_seeds(0, 4))
     one = bounds.row(config_of("chase", **{"clyde.speed_mps": 0.45}), 0)
     two = bounds.row(config_of("chase", **{"clyde.speed_mps": 0.45, "clyde.ghosts": ("chase", "chase")}), 0)
@@ -72,7 +74,7 @@ def test_a_second_ghost_makes_no_start_better() -> None:
     assert all(b <= a for a, b in zip(one["caught_s"], two["caught_s"], strict=True))
 
 
-def test_what_the_bound_assumes_anyway_may_be_said(corridor: str, tmp_path: Path) -> None:
+def test_settings_assumed_by_bound_are_accepted(corridor: str, tmp_path: Path) -> None:
     said = ("localization.perfect=true", "randomize.clyde_speed_mps=none", "endless=false")
     assert run(corridor, tmp_path, *(word for one in said for word in ("--set", one)))["rows"]
 
@@ -96,7 +98,7 @@ def test_what_the_bound_assumes_anyway_may_be_said(corridor: str, tmp_path: Path
         (["--starts", "0"], "--starts"),
     ],
 )
-def test_what_is_wrong_is_named_in_one_line(
+def test_wrong_arguments_are_refused_in_one_line(
     arguments: list[str], named: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     try:

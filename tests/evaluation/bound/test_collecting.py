@@ -10,7 +10,7 @@ from pacman_env.evaluation.bound.collecting import least_collection_s, ways_from
 from tests.evaluation.bound.maps import config_of, graph_of
 
 
-def test_ways_are_symmetric_and_no_shorter_than_the_straight_line() -> None:
+def test_path_lengths_are_symmetric_and_at_least_straight() -> None:
     graph = graph_of("ring")
     ways = np.stack([ways_from(graph, k) for k in range(0, len(graph.robot_xy), 20)])
     places = np.arange(0, len(graph.robot_xy), 20)
@@ -19,7 +19,7 @@ def test_ways_are_symmetric_and_no_shorter_than_the_straight_line() -> None:
     assert (ways >= straight - 1.5 * graph.edge_m).all()
 
 
-def test_no_order_of_the_pellets_takes_less_time() -> None:
+def test_least_collection_time_never_exceeds_any_pellet_order() -> None:
     graph, config = graph_of("ring"), config_of()
     rng = np.random.default_rng(0)
     for _ in range(5):
@@ -32,5 +32,5 @@ def test_no_order_of_the_pellets_takes_less_time() -> None:
         assert 0.0 <= least <= shortest / config.robot.speed_mps
 
 
-def test_without_pellets_it_is_nothing() -> None:
+def test_least_collection_time_is_zero_without_pellets() -> None:
     assert least_collection_s(graph_of("ring"), 0, np.array([], dtype=np.int32), config_of()) == 0.0

@@ -13,7 +13,7 @@ from tests.evaluation.bound.maps import MAPS, assets_of, config_of, graph_of, ta
 
 
 @pytest.mark.parametrize("name", MAPS)
-def test_moves_lead_back_and_are_as_far_as_their_squares(name: str) -> None:
+def test_graph_moves_are_reversible_and_short(name: str) -> None:
     graph = graph_of(name)
     here = np.repeat(np.arange(len(graph.robot_xy)), np.diff(graph.first_move))
     moves = set(zip(here.tolist(), graph.move_to.tolist(), graph.move_kind.tolist(), strict=True))
@@ -23,19 +23,19 @@ def test_moves_lead_back_and_are_as_far_as_their_squares(name: str) -> None:
     assert apart.max() < 3.0 * graph.edge_m
 
 
-def test_squares_grow_until_there_are_few_enough_pairs() -> None:
+def test_graph_coarsens_until_pairs_fit_limit() -> None:
     coarse = build_graph(assets_of("ring"), most_pairs=4000)
     assert len(coarse.robot_xy) * len(coarse.ghost_xy) <= 4000
     assert coarse.edge_m > graph_of("ring").edge_m
 
 
-def test_a_chaser_goes_to_the_block_nearest_to_the_robot() -> None:
+def test_chasing_ghost_targets_block_nearest_to_robot() -> None:
     graph = graph_of("ring")
     found = targets("ring")
     np.testing.assert_array_equal(found[:, :, 0], np.broadcast_to(graph.snap[:, None], found.shape[:2]))
 
 
-def test_the_arcades_ghost_goes_to_its_corner_when_it_is_near() -> None:
+def test_arcade_ghost_targets_its_corner_near_robot() -> None:
     graph = graph_of("ring")
     found = targets("ring", "arcade")
     apart = np.hypot(*(graph.robot_xy[:, None] - graph.ghost_xy[None]).transpose(2, 0, 1))
@@ -53,12 +53,12 @@ def test_the_arcades_ghost_goes_to_its_corner_when_it_is_near() -> None:
         Behaviour("ahead", lambda view, parameters: (view.robot_x + math.cos(view.robot_heading), view.robot_y)),
     ],
 )
-def test_a_behaviour_that_does_not_follow_from_positions_is_refused(behaviour: Behaviour) -> None:
+def test_behaviour_that_needs_more_than_positions_is_refused(behaviour: Behaviour) -> None:
     with pytest.raises(ValueError, match=f"ghosts {behaviour.name}"):
         targets_of(graph_of("corridor"), assets_of("corridor"), behaviour, config_of())
 
 
-def test_a_behaviour_from_outside_is_asked() -> None:
+def test_custom_behaviour_determines_targets() -> None:
     home = Behaviour("home", lambda view, parameters: (view.corner_x, view.corner_y))
     found = targets_of(graph_of("corridor"), assets_of("corridor"), home, config_of())
     assert len(np.unique(found[:, :, 0])) == 1

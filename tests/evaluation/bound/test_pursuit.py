@@ -20,16 +20,16 @@ def beyond(name: str, least_m: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("speed", [0.2, 0.3, ROBOT_MPS])
-def test_on_a_ring_a_robot_runs_from_a_chaser_that_is_no_faster(speed: float) -> None:
+def test_robot_on_ring_escapes_slower_or_equal_chaser(speed: float) -> None:
     assert (left("ring", speed)[beyond("ring", 1.0)] == FOR_EVER).all()
 
 
 @pytest.mark.parametrize(("name", "speed"), [("corridor", 0.45), ("room", 0.9), ("ring", 0.9)])
-def test_a_faster_chaser_catches_it_where_no_place_is_out_of_its_reach(name: str, speed: float) -> None:
+def test_faster_chaser_catches_robot_everywhere(name: str, speed: float) -> None:
     assert (left(name, speed) != FOR_EVER).all()
 
 
-def test_at_the_end_of_a_corridor_it_is_caught_when_the_ghost_has_come() -> None:
+def test_robot_at_corridor_end_is_caught_on_arrival() -> None:
     graph = graph_of("corridor")
     end = int(graph.robot_xy[:, 0].argmax())
     ghost = int(graph.ghost_xy[:, 0].argmin())
@@ -39,13 +39,13 @@ def test_at_the_end_of_a_corridor_it_is_caught_when_the_ghost_has_come() -> None
 
 
 @pytest.mark.parametrize("name", MAPS)
-def test_a_faster_ghost_never_enlarges_the_safe_set(name: str) -> None:
+def test_faster_ghost_never_enlarges_safe_set(name: str) -> None:
     safe = [left(name, speed) == FOR_EVER for speed in SPEEDS]
     for slow, fast in itertools.pairwise(safe):
         assert not (fast & ~slow).any()
 
 
-def test_the_set_is_closed_under_some_move() -> None:
+def test_robot_can_stay_in_safe_set() -> None:
     """From a safe pair the robot can reach, or keep, a block that is safe from some block of the ghost's."""
     graph, found = graph_of("ring"), left("ring", 0.3)
     safe = (found == FOR_EVER).any(axis=1)
@@ -54,7 +54,7 @@ def test_the_set_is_closed_under_some_move() -> None:
         assert safe[r] or safe[beside].any()
 
 
-def test_the_pace_is_rounded_for_the_robot() -> None:
+def test_pace_is_rounded_in_favour_of_robot() -> None:
     graph = graph_of("ring")
     for speed in SPEEDS:
         step = pace(graph, ROBOT_MPS, speed)
@@ -64,7 +64,7 @@ def test_the_pace_is_rounded_for_the_robot() -> None:
         assert step.lasts[0] * UNIT_S >= graph.edge_m / (1.0824 * ROBOT_MPS)
 
 
-def test_a_start_has_two_moves_before_the_ghosts_first() -> None:
+def test_survival_from_start_is_at_least_table_value() -> None:
     graph = graph_of("corridor")
     table = left("corridor", 0.45)[:, :, None]
     step = pace(graph, ROBOT_MPS, 0.45)

@@ -12,7 +12,7 @@ from tests.evaluation.bound.maps import assets_of, config_of
 
 
 @pytest.mark.parametrize(("name", "speed"), [("corridor", 0.45), ("room", 0.9), ("ring", 0.9)])
-def test_no_policy_outlives_the_bound(name: str, speed: float) -> None:
+def test_no_policy_survives_longer_than_bound(name: str, speed: float) -> None:
     assets, seeds = assets_of(name), episode_seeds(5, 12)
     config = config_of("chase", **{"clyde.speed_mps": speed})
     row = MapBounds(assets, seeds).row(config, 0)

@@ -30,28 +30,28 @@ def meets_the_contract(trials: Trials, goals: int) -> None:
     assert trials.deepest_m <= 0.01
 
 
-def test_in_the_house_all_goals_are_reached_in_time_and_no_wall_is_entered() -> None:
+def test_navigator_meets_contract_in_house() -> None:
     meets_the_contract(drive_to_random_goals("house", 40, seed=1), 40)
 
 
 @pytest.mark.parametrize("name", ["pacmanbot_house", "elsabot_upstairs", "mh_amcl_lab"])
-def test_so_it_is_on_real_maps(name: str) -> None:
+def test_navigator_meets_contract_on_real_maps(name: str) -> None:
     source = str(shared_path(f"maps/{name}"))
     meets_the_contract(drive_to_random_goals(source, 30, seed=2), 30)
     assert unreachable_goal_status(source, seed=2) == ABORTED
 
 
-def test_a_goal_that_cannot_be_reached_is_aborted() -> None:
+def test_unreachable_goal_is_aborted() -> None:
     assert unreachable_goal_status("house", seed=0) == ABORTED
 
 
-def test_trials_are_those_of_their_seed() -> None:
+def test_trials_are_reproducible_by_seed() -> None:
     one, same, other = (drive_to_random_goals("house", 10, seed=seed) for seed in (3, 3, 4))
     np.testing.assert_array_equal(one.time_s, same.time_s)
     assert (one.path_m != other.path_m).any()
 
 
-def test_the_summary_counts_what_came_of_the_goals() -> None:
+def test_summary_counts_results_and_times_of_goals() -> None:
     status = np.array([SUCCEEDED, SUCCEEDED, ABORTED, SUCCEEDED])
     path, time = np.array([SPEED * 10, SPEED * 20, 1.0, SPEED * 5]), np.array([10.0, 40.0, 99.0, 5.0])
     trials = Trials("m", status, path, time, np.array([0.1, 0.2, 5.0, 0.3]), 0.004)
@@ -64,9 +64,7 @@ def test_the_summary_counts_what_came_of_the_goals() -> None:
     assert (figures["error_m_max"], figures["deepest_m"]) == (0.3, 0.004)
 
 
-def test_the_command_prints_a_line_per_map_and_writes_the_figures(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command_prints_line_per_map_and_writes_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "results" / "navigation.json"
     assert main(["--map", "house", "maze", "--goals", "6", "--json", str(path)]) == 0
     lines = capsys.readouterr().out.splitlines()

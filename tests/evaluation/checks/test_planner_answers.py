@@ -42,7 +42,7 @@ def a_path(*points: tuple[float, float]) -> np.ndarray:
 
 
 @pytest.mark.parametrize("answers", ANSWERS, ids=lambda path: path.stem)
-def test_our_paths_stay_beside_those_of_the_real_planner(answers: Path) -> None:
+def test_paths_stay_close_to_paths_of_nav2_planner(answers: Path) -> None:
     """The bounds are what was measured in thousands of pairs (docs/validation.md), and a little more."""
     result = compare(answers)
     assert list(result) == ["house", "loop", "maze", "open_plan"]
@@ -57,7 +57,7 @@ def test_our_paths_stay_beside_those_of_the_real_planner(answers: Path) -> None:
         assert abs(f["clearance_m"] - f["clearance_theirs_m"]) <= 0.03, (name, f)
 
 
-def test_both_end_at_the_same_place_near_a_goal_that_cannot_be_reached() -> None:
+def test_paths_end_alike_near_unreachable_goals() -> None:
     for path in ANSWERS:
         _, config, maps = read_answers(path)
         tolerance = config.nav2.unreachable_tolerance_m
@@ -77,7 +77,7 @@ def test_both_end_at_the_same_place_near_a_goal_that_cannot_be_reached() -> None
         assert ended >= 12
 
 
-def test_the_bounds_distinguish_another_planner() -> None:
+def test_bounds_reject_paths_of_another_planner() -> None:
     """Paths of one inflation are no answers for the other: those that hug walls are too short in the maze."""
     planner = make_config("robot")
     narrow = build_grid(load_map("maze"), planner.robot, planner.nav2, planner.pellets)
@@ -87,7 +87,7 @@ def test_the_bounds_distinguish_another_planner() -> None:
     assert f["length_ratio"] < 0.95
 
 
-def test_a_path_in_the_open_leads_straight_from_cell_to_goal() -> None:
+def test_path_in_open_room_is_straight() -> None:
     grid = room()
     path = our_path(grid, grid.path_fields(), np.array([1.0, 1.0]), np.array([3.0, 1.0]), 0.5)
     assert path is not None
@@ -96,7 +96,7 @@ def test_a_path_in_the_open_leads_straight_from_cell_to_goal() -> None:
     assert our_path(grid, grid.path_fields(), np.array([1.0, 1.0]), np.array([9.0, 1.0]), 0.5) is None
 
 
-def test_distances_are_those_to_the_nearest_point_of_the_polyline() -> None:
+def test_distances_are_measured_to_nearest_polyline_point() -> None:
     corner = a_path((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))
     np.testing.assert_allclose(distances_m(a_path((0.5, 0.2), (2.0, 1.0), (-1.0, 0.0)), corner), (0.2, 1.0, 1.0))
     assert length_m(corner) == 2.0
@@ -106,7 +106,7 @@ def test_distances_are_those_to_the_nearest_point_of_the_polyline() -> None:
     assert beside.apart_m().max() == pytest.approx(0.1)
 
 
-def test_clearance_along_a_path_is_interpolated_between_cells() -> None:
+def test_clearance_is_interpolated_between_cells() -> None:
     grid = room()
     along = clearances_m(grid, a_path((1.3, 1.0), (2.7, 1.0)))
     np.testing.assert_allclose(along, 1.025, atol=1e-6)  # the wall's first cells have their centres at -0.025
@@ -114,14 +114,14 @@ def test_clearance_along_a_path_is_interpolated_between_cells() -> None:
     assert (np.diff(towards) > 0.0).all()
 
 
-def test_a_file_that_holds_no_answers_is_refused_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_file_without_answers_is_refused_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "answers.json"
     path.write_text(json.dumps({"planner": "x", "maps": {}}))
     assert main(["--planner-answers", str(path)]) == 2
     assert f"{path}: not a file of a planner's answers" in capsys.readouterr().err
 
 
-def test_the_command_prints_a_row_for_each_map(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_command_prints_row_for_each_map(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main(["--planner-answers", str(ANSWERS[0]), "--markdown", str(tmp_path / "table.md")]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert "NavFn of nav2_navfn_planner 1.3.13" in lines[0]

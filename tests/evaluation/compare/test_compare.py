@@ -70,13 +70,13 @@ def test_json_has_every_row_and_setting(tmp_path: Path) -> None:
     assert result["arguments"]["clyde_speed"] == [0.25, 0.4]
 
 
-def test_workers_change_nothing_but_decision_times(tmp_path: Path) -> None:
+def test_workers_change_only_decision_times(tmp_path: Path) -> None:
     one = run(tmp_path)
     two = run(tmp_path, "--workers", "2")
     assert without_times(one["rows"]) == without_times(two["rows"])
 
 
-def test_threads_change_nothing_but_decision_times(tmp_path: Path) -> None:
+def test_threads_change_only_decision_times(tmp_path: Path) -> None:
     policies = ["--policies", "lookahead", "nearest"]
     one = run(tmp_path, *policies)
     for more in (["--threads", "2"], ["--threads", "7"], ["--threads", "2", "--workers", "2"]):
@@ -87,7 +87,7 @@ def test_threads_change_nothing_but_decision_times(tmp_path: Path) -> None:
         assert changed <= {"arguments"}
 
 
-def test_options_reach_the_game(tmp_path: Path) -> None:
+def test_options_change_configuration_of_game(tmp_path: Path) -> None:
     options = ["--preset", "ideal", "--execution", "as_built", "--clyde-spawn", "anywhere"]
     options += ["--clyde-spawn-distance", "0", "--set", "nav2.abort_rate=1", "--policies", "nearest"]
     result = run(tmp_path, *options)
@@ -113,7 +113,7 @@ def test_plot_is_written_next_to_the_json(tmp_path: Path) -> None:
     assert (tmp_path / "sub" / "other.png").is_file()
 
 
-def test_levels_count_as_one_map(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_several_levels_count_as_one_map(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     options = ["--levels", "test", "--num-levels", "2", "--policies", "clyde_aware", "nearest", "--time-limit", "20"]
     result = run(tmp_path, *options)
     (about,), rows = result["maps"], result["rows"]
@@ -147,7 +147,7 @@ def test_ghosts_of_every_behaviour_can_be_set(tmp_path: Path, ghosts: str) -> No
     assert len(result["rows"][0]["outcomes"]["end"]) == 8
 
 
-def test_json_outcomes_take_one_line_each(tmp_path: Path) -> None:
+def test_json_lists_outcomes_on_one_line_each(tmp_path: Path) -> None:
     odd = tmp_path / "a [1,\n 2] b"
     odd.mkdir()
     result = run(odd, "--policies", "nearest")
@@ -156,7 +156,7 @@ def test_json_outcomes_take_one_line_each(tmp_path: Path) -> None:
     assert f'"collected": {collected}' in (odd / "out.json").read_text()
 
 
-def test_script_runs_from_the_checkout(tmp_path: Path) -> None:
+def test_script_runs_from_checkout(tmp_path: Path) -> None:
     command = [
         sys.executable,
         "eval/compare.py",

@@ -15,7 +15,7 @@ def parse(*words: str, several: bool = True) -> argparse.Namespace:
     return parser.parse_args(words)
 
 
-def test_whole_numbers_are_taken_from_the_least_to_the_most() -> None:
+def test_whole_number_accepts_only_its_range() -> None:
     number = whole_number(1, 2**64 - 1)
     assert number("1") == 1
     assert number("18446744073709551615") == 2**64 - 1
@@ -24,7 +24,7 @@ def test_whole_numbers_are_taken_from_the_least_to_the_most() -> None:
             number(text)
 
 
-def test_each_speed_gets_a_configuration_and_everything_else_is_in_all() -> None:
+def test_each_speed_gets_configuration_with_all_other_settings() -> None:
     configs = game_configs(
         parse("--clyde-speed", "0.3", "0.4", "0.3", "--endless", "--set", "clyde.ghosts=wander,arcade,chase")
     )
@@ -34,20 +34,20 @@ def test_each_speed_gets_a_configuration_and_everything_else_is_in_all() -> None
         assert config.clyde.ghosts == ("wander", "arcade", "chase")
 
 
-def test_endless_can_be_set_as_any_field_but_not_twice() -> None:
+def test_endless_is_set_by_option_or_setting_only() -> None:
     assert game_configs(parse("--set", "endless=true"))[0].endless
     assert not game_configs(parse("--set", "endless=false"))[0].endless
     with pytest.raises(ConfigError, match="endless: given twice"):
         game_configs(parse("--endless", "--set", "endless=true"))
 
 
-def test_one_map_and_one_speed_are_lists_too() -> None:
+def test_single_map_and_speed_become_lists() -> None:
     arguments = parse("--map", "maze", "--clyde-speed", "0.3", several=False)
     assert (arguments.map, arguments.clyde_speed) == (["maze"], [0.3])
     assert len(game_configs(parse(several=False))) == 1
 
 
-def test_settings_are_values_and_clydes_speed_has_its_own_argument() -> None:
+def test_settings_are_parsed_but_ghost_speed_is_refused() -> None:
     assert rule_changes(parse("--set", "refuges.nooks=0", "--set", "nav2.abort_rate=0.1")) == {
         "refuges.nooks": 0,
         "nav2.abort_rate": 0.1,
@@ -56,14 +56,14 @@ def test_settings_are_values_and_clydes_speed_has_its_own_argument() -> None:
         rule_changes(parse("--set", "clyde.speed_mps=0.3"))
 
 
-def test_a_speed_that_is_drawn_is_refused_where_rounds_are_told_by_their_speed() -> None:
+def test_random_ghost_speed_is_refused_in_comparison() -> None:
     assert len(game_configs(parse("--set", "randomize.clyde_speed_mps=none", "--clyde-speed", "0.25", "0.45"))) == 2
     for more in ([], ["--clyde-speed", "0.25", "0.45"]):
         with pytest.raises(ConfigError, match=r"randomize\.clyde_speed_mps = \(0\.1, 0\.2\).* --clyde-speed"):
             game_configs(parse("--set", "randomize.clyde_speed_mps=0.1,0.2", *more))
 
 
-def test_games_in_which_no_goals_are_named_are_refused() -> None:
+def test_games_without_goal_actions_are_refused() -> None:
     check_goals(make_config())
     with pytest.raises(ConfigError, match="action = 'velocity'"):
         check_goals(make_config(action="velocity"))

@@ -10,7 +10,7 @@ from tests.evaluation.compare.test_table import rows
 
 
 @pytest.mark.parametrize("endless", [False, True])
-def test_plot_is_a_png_with_a_band_for_each_speed(tmp_path: Path, endless: bool) -> None:
+def test_plot_is_png_with_one_band_per_speed(tmp_path: Path, endless: bool) -> None:
     path, speeds = tmp_path / "plot.png", (0.25, 0.3, 0.35)
     save_plot([row for speed in speeds for row in rows(speed=speed, endless=endless)], path, "title")
     assert path.read_bytes().startswith(b"\x89PNG")

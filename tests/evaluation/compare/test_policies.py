@@ -19,18 +19,18 @@ from pacman_env.evaluation.rounds.scenarios import load_policy, named_policies, 
         (["ppo", "runs/ppo.onnx"], ["ppo", "runs/ppo.onnx"]),
     ],
 )
-def test_files_are_called_by_their_stems_unless_another_is_called_so(specs: list[str], names: list[str]) -> None:
+def test_policy_files_are_named_by_stem_unless_ambiguous(specs: list[str], names: list[str]) -> None:
     assert result_names(specs) == dict(zip(specs, names, strict=True))
 
 
-def test_a_registered_policy_is_made_anew_each_time() -> None:
+def test_registered_policy_is_created_for_each_load() -> None:
     assert load_policy("nearest").name == "nearest"
     assert load_policy("nearest") is not load_policy("nearest")
 
 
 @pytest.mark.skipif(importlib.util.find_spec("torch") is None, reason="nothing here loads checkpoints")
 @pytest.mark.parametrize("content", [None, b"anything"])
-def test_a_file_that_is_no_checkpoint_is_refused_by_name(content: bytes | None, tmp_path: Path) -> None:
+def test_invalid_checkpoint_is_refused_by_name(content: bytes | None, tmp_path: Path) -> None:
     path = tmp_path / "run.zip"
     if content is not None:
         path.write_bytes(content)
@@ -39,17 +39,17 @@ def test_a_file_that_is_no_checkpoint_is_refused_by_name(content: bytes | None, 
             load(str(path))
 
 
-def test_a_checkpoint_without_torch_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_checkpoint_without_torch_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "torch", None)
     with pytest.raises(ValueError, match=r"run\.zip: needs torch: .*pip install"):
         load_policy("run.zip")
 
 
-def test_the_packages_planner_is_made_by_its_name() -> None:
+def test_shipped_planner_is_loaded_by_name() -> None:
     assert load_policy("ppo").name == "ppo"
 
 
 @pytest.mark.parametrize("spec", ["nobody", "nowhere.onnx"])
-def test_a_policy_that_there_is_not_is_refused_early(spec: str) -> None:
+def test_unknown_policy_is_refused_before_playing(spec: str) -> None:
     with pytest.raises(ValueError, match=spec):
         named_policies(["nearest", spec])

@@ -17,7 +17,7 @@ def rows(
     return [first, make_row(abouts[1], [(OTHER_FIVE, times)], [FIVE], endless=endless)]
 
 
-def test_every_number_is_in_its_line() -> None:
+def test_table_row_contains_every_number() -> None:
     title, header, first, second = render(rows()).splitlines()[:4]
     assert title == "home: 8 pellets, Clyde at 0.25 m/s, 5 episodes"
     assert header.split("  ")[0] == "policy"
@@ -27,7 +27,7 @@ def test_every_number_is_in_its_line() -> None:
     assert second.split()[-3] == "-20.0"
 
 
-def test_columns_are_aligned() -> None:
+def test_table_columns_are_aligned() -> None:
     lines = render(rows()).splitlines()[1:4]
     assert len({len(line) for line in lines}) == 1
 
@@ -41,30 +41,30 @@ def test_table_fits_a_terminal_of_80_columns(endless: bool) -> None:
         assert [parts[0][0], *(word for part in parts for word in part[1:])] == wide[k].split()
 
 
-def test_each_speed_has_its_block() -> None:
+def test_table_has_one_block_for_each_speed() -> None:
     text = render(rows() + rows(speed=0.4))
     assert text.count("policy  ") == 2
     assert "Clyde at 0.4 m/s" in text
 
 
-def test_the_columns_are_explained_and_the_compared_policy_is_named() -> None:
+def test_table_explains_columns_and_names_compared_policy() -> None:
     explanation = render(rows()).split("\n\n")[1].replace("\n", " ")
     for word in ("complete:", "all but one:", "lossy:", "p50", "minus that of clyde_aware"):
         assert word in explanation
 
 
-def test_long_names_of_policies_keep_the_table_narrow() -> None:
+def test_long_policy_names_keep_table_narrow() -> None:
     text = render(rows(("runs/" + "x" * 200 + "/best.onnx", "nearest")))
     assert max(map(len, text.splitlines())) <= 140
     assert "best.onnx" in text
 
 
-def test_a_short_name_is_the_end_of_a_long_one() -> None:
+def test_short_name_keeps_end_of_long_name() -> None:
     assert short_name("abcdef", 6) == "abcdef"
     assert short_name("abcdefg", 6) == "…cdefg"
 
 
-def test_endless_games_have_columns_of_their_own() -> None:
+def test_endless_games_have_their_own_columns() -> None:
     text = render(rows(endless=True))
     title, header, first, second = text.splitlines()[:4]
     assert title == "home: 8 pellets, Clyde at 0.25 m/s, 5 endless games"
@@ -78,6 +78,6 @@ def test_endless_games_have_columns_of_their_own() -> None:
     assert "pellets per game minus those of clyde_aware" in " ".join(text.split())
 
 
-def test_a_title_over_several_levels_tells_how_many_and_the_range_of_pellets() -> None:
+def test_title_of_levels_shows_number_and_pellet_range() -> None:
     row = rows()[0] | {"levels": 31, "pellets_least": 4}
     assert group_title(row) == "home: 4 to 8 pellets on 31 levels, Clyde at 0.25 m/s, 5 episodes"

@@ -47,7 +47,7 @@ def opened(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     return minari.load_dataset(NAME)
 
 
-def test_minari_reads_what_was_played(opened: Any, folder: Path) -> None:
+def test_minari_reads_played_rounds(opened: Any, folder: Path) -> None:
     played = _played(["--seed", "3"])
     assert (opened.total_episodes, opened.total_steps) == (6, len(played.actions))
     metadata = list(opened.storage.get_episode_metadata(range(6)))
@@ -62,7 +62,7 @@ def test_minari_reads_what_was_played(opened: Any, folder: Path) -> None:
     assert minari.MinariDataset(folder / "data").total_steps == opened.total_steps
 
 
-def test_a_round_is_played_again_in_the_recovered_environment(opened: Any) -> None:
+def test_recovered_environment_repeats_recorded_round(opened: Any) -> None:
     env = opened.recover_environment()
     (about,) = opened.storage.get_episode_metadata([4])
     episode = opened[4]
@@ -77,7 +77,7 @@ def test_a_round_is_played_again_in_the_recovered_environment(opened: Any) -> No
     assert terminated or truncated
 
 
-def test_pandas_reads_a_row_for_each_decision_and_each_round(folder: Path) -> None:
+def test_pandas_reads_rows_for_decisions_and_rounds(folder: Path) -> None:
     played = _played(["--seed", "3"])
     decisions, rounds = (pandas.read_parquet(folder / f"{name}.parquet") for name in ("decisions", "rounds"))
     assert rounds["decisions"].sum() == len(decisions) == len(played.actions)
@@ -94,7 +94,7 @@ def test_pandas_reads_a_row_for_each_decision_and_each_round(folder: Path) -> No
     assert set(rounds["outcome"]) <= {"caught", "complete", "cleared", "timeout"}
 
 
-def test_observations_of_several_arrays_are_groups_and_columns(tmp_path: Path) -> None:
+def test_observation_arrays_become_groups_and_columns(tmp_path: Path) -> None:
     more = ["--id", "PacManBot-v0", "--observation", "features", "grid", "--episodes", "2"]
     there = written(tmp_path, *more)
     data = minari.MinariDataset(there / "data")
@@ -109,7 +109,7 @@ def test_observations_of_several_arrays_are_groups_and_columns(tmp_path: Path) -
     np.testing.assert_array_equal(decisions["action_mask"][0], first.observations["action_mask"][0] == 1)
 
 
-def test_the_files_are_the_same_whatever_the_number_of_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_are_identical_for_any_number_of_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("ray")
     small: Callable[..., list[Recording]] = lambda *given: [  # noqa: E731
         Recording(one.policy, one.arguments, part) for one in tasks_of(*given) for part in np.array_split(one.seeds, 3)
@@ -126,16 +126,14 @@ def test_the_files_are_the_same_whatever_the_number_of_workers(tmp_path: Path, m
     assert all(other == one for other in others)
 
 
-def test_a_data_set_is_written_below_the_working_folder_as_the_documentation_does(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_minari_loads_data_set_from_documented_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert dataset.main([NAME, *SHORT, "--episodes", "2"]) == 0
     monkeypatch.setenv("MINARI_DATASETS_PATH", "results/datasets")
     assert minari.load_dataset(NAME).total_episodes == 2
 
 
-def test_the_card_and_the_facts_say_how_it_was_made(folder: Path) -> None:
+def test_card_and_facts_describe_how_data_was_made(folder: Path) -> None:
     facts = json.loads((folder / "facts.json").read_text())
     assert facts["version"] == __version__
     assert facts["map_hash"] == load_map("loop").hash
@@ -159,7 +157,7 @@ def test_the_card_and_the_facts_say_how_it_was_made(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("form", ["minari", "parquet"])
-def test_one_format_alone_is_written_where_it_is_asked_for(form: str, tmp_path: Path) -> None:
+def test_single_format_is_written_alone(form: str, tmp_path: Path) -> None:
     there = written(tmp_path, "--format", form)
     assert (there / "data").exists() == (form == "minari")
     assert (there / "decisions.parquet").exists() == (form == "parquet")
@@ -178,7 +176,7 @@ def test_one_format_alone_is_written_where_it_is_asked_for(form: str, tmp_path: 
         (["--ghosts", "nobody"], "unknown ghost behaviour 'nobody'"),
     ],
 )
-def test_bad_arguments_are_one_line_and_leave_nothing(
+def test_bad_arguments_print_one_line_and_leave_nothing(
     arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert dataset.main([NAME, "--episodes", "1", "--root", str(tmp_path), *arguments]) == 2
@@ -190,16 +188,14 @@ def test_bad_arguments_are_one_line_and_leave_nothing(
 @pytest.mark.parametrize(
     "name", ["nothing", "../out-v0", "/out-v0", "a/b", "x/a-v0", "_/a-v0", "xx/a-v00", "xx/a-v\u0660", "data/a-v0"]
 )
-def test_a_name_that_minari_does_not_take_is_refused(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_name_that_minari_rejects_is_refused(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert dataset.main([name, *SHORT, "--episodes", "1", "--root", str(tmp_path)]) == 2
     assert name in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("name", ["a-v0", "xx/y/a-v1", "__/--v0", "xx/a-v0-v12"])
-def test_minari_lists_what_was_written(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_minari_lists_written_data_set(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     assert dataset.main([name, *SHORT, "--episodes", "1", "--format", "minari", "--root", str(tmp_path)]) == 0
     assert list(minari.list_local_datasets()) == [name]
@@ -220,14 +216,14 @@ def test_environment_of_map_file_is_recovered(tmp_path: Path) -> None:
     assert env.unwrapped.batch.source.first.occupancy.hash == load_map("loop").hash
 
 
-def test_a_data_set_that_is_there_already_is_not_touched(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_existing_data_set_is_not_changed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = (folder / "README.md").stat().st_mtime_ns
     assert dataset.main([NAME, "--root", str(folder.parents[1])]) == 2
     assert capsys.readouterr().err.splitlines() == [f"pacman-env dataset: {folder}: is there already"]
     assert (folder / "README.md").stat().st_mtime_ns == before
 
 
-def test_what_fails_half_way_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_recording_leaves_no_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*_: Any) -> Any:
         yield record(tasks[0])
         raise ValueError("broken")
@@ -239,7 +235,7 @@ def test_what_fails_half_way_leaves_nothing(tmp_path: Path, monkeypatch: pytest.
 
 
 @pytest.mark.parametrize("free", [2**20, 2**22])
-def test_a_full_disk_is_one_line_and_leaves_nothing(
+def test_full_disk_is_reported_and_leaves_no_files(
     free: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("shutil.disk_usage", lambda folder: mock.Mock(free=free))
@@ -248,7 +244,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
-def test_without_the_extra_the_command_names_it(
+def test_missing_extra_is_named_by_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def absent(*_: Any) -> Any:

@@ -48,7 +48,7 @@ def equal(a: RecordedRounds, b: RecordedRounds) -> bool:
 
 
 @pytest.mark.parametrize("name", ENVIRONMENTS)
-def test_a_round_is_that_of_the_single_environment_number_by_number(name: str) -> None:
+def test_recorded_round_equals_round_of_single_environment(name: str) -> None:
     arguments, seeds = ENVIRONMENTS[name], round_seeds(3, 5)
     played = record(Recording("nearest", arguments, seeds))
     assert (played.rounds["seed"] == seeds).all()
@@ -80,7 +80,7 @@ def test_a_round_is_that_of_the_single_environment_number_by_number(name: str) -
         assert about["level"] == info.get("level", 0)
 
 
-def test_more_rounds_than_games_are_the_same_rounds_as_one_by_one() -> None:
+def test_rounds_are_same_when_recorded_together_or_alone() -> None:
     arguments, seeds = ENVIRONMENTS["flat"], round_seeds(0, 80)
     together = record(Recording("random", arguments, seeds))
     assert (together.rounds["seed"] == seeds).all()
@@ -92,7 +92,7 @@ def test_more_rounds_than_games_are_the_same_rounds_as_one_by_one() -> None:
             np.testing.assert_array_equal(alone.observations[""], together.observations[""][looks])
 
 
-def test_rounds_of_a_level_are_neighbours_in_tasks_of_at_most_500() -> None:
+def test_rounds_of_level_are_adjacent_in_small_tasks() -> None:
     arguments = EnvArguments("generated", flat=True, settings={**SHORT, "num_levels": 3})
     seeds = round_seeds(0, 1100)
     tasks = tasks_of("nearest", arguments, seeds)
@@ -113,7 +113,7 @@ class _Backwards(InProcess):
             yield Done(number, function(tasks[number]))
 
 
-def test_the_order_is_that_of_the_tasks_whichever_is_done_first() -> None:
+def test_recorded_tasks_keep_order_on_any_executor() -> None:
     tasks = [Recording("nearest", ENVIRONMENTS["flat"], round_seeds(seed, 2)) for seed in range(3)]
     forwards, backwards = (list(recorded(tasks, executor)) for executor in (InProcess(), _Backwards()))
     assert len(forwards) == 3
@@ -136,7 +136,7 @@ class _Elsewhere(InProcess):
         yield from super()._ends(function, tasks, homes)
 
 
-def test_another_machine_gets_the_map_and_the_policies_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_map_and_policy_files_reach_another_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PACMAN_ENV_CACHE", str(tmp_path / "cache"))
     load_map("loop").save(tmp_path / "mine.yaml")
     for path, name in ((PRETRAINED, "own"), (PRETRAINED.with_name("clyde.onnx"), "ghost")):
@@ -151,7 +151,7 @@ def test_another_machine_gets_the_map_and_the_policies_files(tmp_path: Path, mon
     assert not list(tmp_path.glob("*.onnx"))
 
 
-def test_choices_that_are_not_listed_are_counted_and_hold() -> None:
+def test_unlisted_choices_are_counted_and_become_hold() -> None:
     few = EnvArguments("loop", flat=True, settings={**SHORT, "observation.nearest_pellets": 1})
     every = EnvArguments("loop", flat=True, settings={**SHORT, "observation.candidates": "all"})
     listed, whole = (record(Recording("lookahead", one, round_seeds(0, 8))) for one in (few, every))
@@ -160,7 +160,7 @@ def test_choices_that_are_not_listed_are_counted_and_hold() -> None:
     assert whole.rounds["unlisted"].sum() == 0
 
 
-def test_velocities_are_refused() -> None:
+def test_velocity_actions_are_refused() -> None:
     arguments = EnvArguments("loop", action="velocity", observation="scan")
     with pytest.raises(ConfigError, match="policies name goals"):
         tasks_of("nearest", arguments, round_seeds(0, 1))

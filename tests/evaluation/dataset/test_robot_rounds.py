@@ -48,7 +48,7 @@ def written(folder: Path, bag: Path, ground: str, *more: str) -> Path:
     return folder / NAME_OF_IT
 
 
-def test_a_round_that_was_played_by_the_nodes_is_an_episode(
+def test_round_of_robot_nodes_becomes_one_episode(
     recorded: tuple[Path, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = written(tmp_path, *recorded)
@@ -83,14 +83,14 @@ def test_a_round_that_was_played_by_the_nodes_is_an_episode(
         (["--id", "PacManBot-v0", "--observation", "planner"], {"observation.planner_globals"}),
     ],
 )
-def test_other_observations_are_made_from_the_same_round(
+def test_recorded_round_yields_other_observation_kinds(
     recorded: tuple[Path, str], tmp_path: Path, more: list[str], keys: set[str]
 ) -> None:
     folder = written(tmp_path, *recorded, "--format", "parquet", *more)
     assert keys <= set(pandas.read_parquet(folder / "decisions.parquet").columns)
 
 
-def test_a_round_that_was_broken_off_is_truncated(domain: int, tmp_path: Path) -> None:
+def test_interrupted_round_is_truncated(domain: int, tmp_path: Path) -> None:
     bag = record_round(tmp_path, "nearest", breaks_off=True)
     folder = written(tmp_path, bag, str(tmp_path / "ground.yaml"), "--format", "parquet")
     decisions, rounds = (pandas.read_parquet(folder / f"{name}.parquet") for name in ("decisions", "rounds"))
@@ -116,7 +116,7 @@ def refusals(tmp_path: Path, bag: Path, ground: str) -> dict[str, tuple[list[str
 
 
 @pytest.mark.parametrize("case", ["of another goal selector", "absent", "a scan", "of another map"])
-def test_what_cannot_be_written_is_one_line_and_nothing_is_left(
+def test_refused_recording_prints_one_line_and_leaves_nothing(
     case: str, recorded: tuple[Path, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     given, words = refusals(tmp_path, *recorded)[case]

@@ -75,7 +75,7 @@ def places(content: Any, inside: tuple[str | int, ...] = ()) -> Iterator[tuple[s
         yield from places(value, (*inside, key))
 
 
-def test_table_has_every_policy_in_every_cell(tiny: Path) -> None:
+def test_table_contains_every_policy_in_every_cell(tiny: Path) -> None:
     found = table(tiny)
     assert [(cell["group"], cell["ghosts"], cell["rounds"]) for cell in found["cells"]] == [
         ("test levels", ["wander"], 12),
@@ -97,7 +97,7 @@ def test_table_has_every_policy_in_every_cell(tiny: Path) -> None:
     assert (found["suite"], found["seed"], found["preset"], found["execution"]) == ("tiny", 0, "robot", "robust")
 
 
-def test_cell_equals_the_comparison_of_the_same_rounds(tiny: Path, folder: Path) -> None:
+def test_cell_equals_comparison_of_same_rounds(tiny: Path, folder: Path) -> None:
     arguments = ["--levels", "test", "--num-levels", "2", "--episodes", "12", "--clyde-speed", "0.2"]
     arguments += ["--time-limit", "60", "--spacing", "3", "--set", "clyde.ghosts=arcade,chase"]
     assert compare([*arguments, "--policies", "clyde_aware", "nearest", "--json", "out.json"]) == 0
@@ -110,7 +110,7 @@ def test_cell_equals_the_comparison_of_the_same_rounds(tiny: Path, folder: Path)
     assert (cell["against"]["difference"], cell["against"]["ci"]) == (row["paired_difference"], row["paired_ci"])
 
 
-def test_added_policy_leaves_other_rows_as_they_were(
+def test_added_policy_keeps_rows_of_other_policies(
     tiny: Path, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shutil.copytree(tiny / "leaderboard", folder / "results" / "leaderboard")
@@ -142,7 +142,7 @@ def test_planner_file_is_listed_with_hash_and_command(folder: Path) -> None:
     assert table(folder / "results") == before
 
 
-def test_page_is_written_from_the_json_alone(tiny: Path, folder: Path) -> None:
+def test_page_is_rendered_from_json_alone(tiny: Path, folder: Path) -> None:
     numbers = folder / "numbers.json"
     numbers.write_bytes((tiny / "leaderboard.json").read_bytes())
     assert main(["--from", "numbers.json", "--out", "page.md"]) == 0
@@ -175,7 +175,7 @@ def test_wrong_field_of_the_json_is_named(
 
 @settings(max_examples=300, deadline=None, derandomize=True)
 @given(data=st.data())
-def test_damaged_json_is_refused_or_makes_a_page(tiny: Path, data: st.DataObject) -> None:
+def test_damaged_json_is_refused_or_rendered(tiny: Path, data: st.DataObject) -> None:
     content = table(tiny)
     *inside, last = data.draw(st.sampled_from(list(places(content))))
     owner: Any = content
@@ -195,7 +195,7 @@ def test_damaged_json_is_refused_or_makes_a_page(tiny: Path, data: st.DataObject
     assert not refused or re.match(rf"{re.escape(str(path))}: \w", refused)
 
 
-def test_documentation_page_says_how_it_was_made() -> None:
+def test_documentation_page_states_its_command() -> None:
     page = PAGE.read_text()
     made = re.search(
         r"Suite `(\w+)`, \d+ cells?, seed \d+, preset robot, execution robust, version [\d.]+, commits? `[0-9a-f]{12}",

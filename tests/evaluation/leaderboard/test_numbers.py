@@ -38,7 +38,7 @@ def test_policy_numbers_are_computed_from_its_rounds() -> None:
     assert policy_in_cell("mine", [rounds("DDDD")]).win_time_mean_s is None
 
 
-def test_worst_tenth_of_known_levels() -> None:
+def test_worst_tenth_is_exact_for_known_levels() -> None:
     """20 levels of 10 rounds; of level k the first k // 2 are completed."""
     level = np.repeat(np.arange(20), 10)
     complete = np.tile(np.arange(10), 20) < level // 2
@@ -67,7 +67,7 @@ def test_worst_tenth_ignores_places_with_few_rounds() -> None:
 
 
 @pytest.mark.parametrize("each", [4, 10, 40])
-def test_worst_tenth_estimates_bracket_the_truth(each: int) -> None:
+def test_worst_tenth_interval_contains_true_value(each: int) -> None:
     """100 levels whose completion is 0.5 to 0.995: the worst tenth complete 0.5225 of their rounds."""
     chance = 0.5 + 0.005 * np.arange(100)
     truth = chance[:10].mean()
@@ -94,7 +94,7 @@ def test_planner_is_compared_with_best_other_policy() -> None:
     assert against([planner], {}) is None
 
 
-def test_means_weigh_cells_equally() -> None:
+def test_cell_means_have_equal_weights() -> None:
     def cell(group: str, speed: float, end: str, verdict: str) -> Cell:
         result = Against("other", 0.0, (0.0, 0.0), verdict)  # type: ignore[arg-type]
         return Cell(group, ("wander",), speed, len(end), (policy_in_cell("mine", [rounds(end)]),), result)

@@ -24,7 +24,7 @@ def written(folder: Path, text: str) -> Path:
     return path
 
 
-def test_the_full_suite_has_the_cells_that_it_promises() -> None:
+def test_full_suite_has_documented_cells() -> None:
     suite = choose_suite(SUITES, "full")
     expected = {(name,) * number for name in ("wander", "arcade", "chase", "clyde:learned") for number in (1, 2, 4)}
     assert set(suite.ghosts) == expected | {("arcade", "chase"), ("wander", "arcade", "chase", "wander")}
@@ -39,7 +39,7 @@ def test_the_full_suite_has_the_cells_that_it_promises() -> None:
     }
 
 
-def test_the_quick_suite_is_a_small_part_of_the_full_one() -> None:
+def test_quick_suite_is_small_part_of_full_suite() -> None:
     full, quick = (choose_suite(SUITES, name) for name in ("full", "quick"))
     assert set(quick.ghosts) < set(full.ghosts)
     assert set(quick.speeds_mps) < set(full.speeds_mps)
@@ -47,7 +47,7 @@ def test_the_quick_suite_is_a_small_part_of_the_full_one() -> None:
     assert rounds <= 400
 
 
-def test_the_suite_of_the_search_has_every_behaviour_and_mixture_in_16_cells() -> None:
+def test_search_suite_covers_all_behaviours_in_16_cells() -> None:
     full, search = (choose_suite(SUITES, name) for name in ("full", "search"))
     assert {name for ghosts in search.ghosts for name in ghosts} == {name for ghosts in full.ghosts for name in ghosts}
     assert {ghosts for ghosts in full.ghosts if len(set(ghosts)) > 1} < set(search.ghosts) < set(full.ghosts)
@@ -95,7 +95,7 @@ def test_settings_reach_every_cell(tmp_path: Path) -> None:
         ("  ghosts:", "  ghosts: [[chase]]\n  ghosts:", "key 'ghosts' is there twice"),
     ],
 )
-def test_what_is_wrong_is_named_with_file_and_field(old: str, new: str, message: str, tmp_path: Path) -> None:
+def test_wrong_suite_is_refused_with_file_and_field(old: str, new: str, message: str, tmp_path: Path) -> None:
     assert old in GOOD
     path = written(tmp_path, GOOD.replace(old, new))
     with pytest.raises(ValueError) as caught:  # noqa: PT011 (the message is compared below)
@@ -104,7 +104,7 @@ def test_what_is_wrong_is_named_with_file_and_field(old: str, new: str, message:
     assert message in str(caught.value)
 
 
-def test_a_suite_or_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+def test_missing_suite_or_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(
         ValueError, match=r"leaderboard\.yaml: no suite 'slow': choose one of full, brief, learned, search, quick"
     ):
@@ -113,6 +113,6 @@ def test_a_suite_or_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
         read_suites(tmp_path / "absent.yaml")
 
 
-def test_a_behaviour_of_another_package_is_one(tmp_path: Path) -> None:
+def test_behaviour_of_another_package_is_accepted(tmp_path: Path) -> None:
     suite = choose_suite(written(tmp_path, GOOD.replace("[wander]", f"['{__name__}:SHY']")), "tiny")
     assert cells(suite, {})[0].config.clyde.ghosts == (f"{__name__}:SHY",)

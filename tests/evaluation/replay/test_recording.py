@@ -25,20 +25,20 @@ def watched(policy: str, scenario: Scenario = "house", config: Config = CONFIG, 
 
 
 @pytest.mark.parametrize("policy", ["clyde_aware", "lookahead", "nearest"])
-def test_a_round_goes_as_in_the_comparison(policy: str) -> None:
+def test_replayed_round_equals_comparison(policy: str) -> None:
     record = played(policy)[0][0]
     words = f" after {record['time_s']:.1f} s, {record['collected']} of {record['spawned']} pellets"
     assert watched(policy).outcome().startswith(OUTCOMES[record["end"]] + words)
 
 
-def test_a_round_on_a_level_goes_as_in_the_comparison() -> None:
+def test_replayed_level_round_equals_comparison() -> None:
     record = played_on_levels("lookahead")[3]
     game = watched("lookahead", LEVELS, LEVELS_CONFIG, record["seed"])
     assert game.level == record["level"]
     assert f" after {record['time_s']:.1f} s, {record['collected']} of {record['spawned']} pellets" in game.outcome()
 
 
-def test_an_endless_game_goes_as_in_the_comparison() -> None:
+def test_replayed_endless_game_equals_comparison() -> None:
     record = max(played_endless("nearest"), key=lambda r: r["rounds"])
     game = watched("nearest", "house", ENDLESS, record["seed"])
     assert game.outcome() == (
@@ -50,7 +50,7 @@ def test_an_endless_game_goes_as_in_the_comparison() -> None:
 
 
 @pytest.mark.parametrize("when", ["tick", "event"])
-def test_a_game_with_ghosts_that_policies_move_goes_as_in_the_comparison(when: str) -> None:
+def test_replayed_game_with_policy_ghosts_equals_comparison(when: str) -> None:
     ghosts = {"clyde.ghosts": ("nearest", "chase", "clyde:learned"), "clyde.speed_mps": 0.2}
     config = CONFIG.with_fields(**ghosts, **{"decisions.when": when})
     records, _ = play(open_scenario("house", config), config, "nearest", episode_seeds(5, 4))
@@ -61,7 +61,7 @@ def test_a_game_with_ghosts_that_policies_move_goes_as_in_the_comparison(when: s
         assert outcome.startswith(OUTCOMES[record["end"]] + words)
 
 
-def test_an_endless_game_with_a_ghost_that_a_policy_moves_goes_as_in_the_comparison() -> None:
+def test_replayed_endless_game_with_learned_ghost_equals_comparison() -> None:
     config = ENDLESS.with_fields(**{"clyde.ghosts": ("clyde:learned",), "clyde.speed_mps": 0.1})
     records, _ = play(open_scenario("house", config), config, "nearest", episode_seeds(5, 4))
     record = max(records, key=lambda r: r["rounds"])
@@ -72,7 +72,7 @@ def test_an_endless_game_with_a_ghost_that_a_policy_moves_goes_as_in_the_compari
     )
 
 
-def test_changes_tell_when_where_to_and_why() -> None:
+def test_goal_changes_state_time_place_and_reason() -> None:
     changes = watched("clyde_aware").changes
     assert changes[0].when == "0.0 s"
     assert len(changes) > 2
@@ -87,7 +87,7 @@ def test_changes_tell_when_where_to_and_why() -> None:
     assert "the one before is gone" in "".join(change.why for change in changes)
 
 
-def test_a_score_beats_that_of_the_goal_before_where_that_may_still_be_chosen() -> None:
+def test_new_goal_scores_higher_than_previous_goal() -> None:
     reasons = [change.why for seed in episode_seeds(5, 6) for change in watched("lookahead", seed=seed).changes]
     pairs = [re.search(r"score (-[\d.]+) against (-[\d.]+) of the one before", why) for why in reasons]
     better = [(float(pair[1]), float(pair[2])) for pair in pairs if pair]
@@ -95,7 +95,7 @@ def test_a_score_beats_that_of_the_goal_before_where_that_may_still_be_chosen() 
     assert all(new >= old for new, old in better)
 
 
-def test_a_film_shows_the_games_side_by_side_until_the_last_has_ended() -> None:
+def test_film_shows_games_in_parallel_until_last_ends() -> None:
     games = [RecordedGame(open_scenario("house", CONFIG), CONFIG, name, SEED, name) for name in ("nearest", "random")]
     frames = list(film(games, 120))
     longest = max(played(policy)[0]["time_s"][0] for policy in ("nearest", "random"))
@@ -106,7 +106,7 @@ def test_a_film_shows_the_games_side_by_side_until_the_last_has_ended() -> None:
 
 
 @pytest.mark.parametrize("behaviour", [name for name in BEHAVIOURS if name != "policy"])
-def test_a_game_that_is_over_stands_still(behaviour: str) -> None:
+def test_ended_game_does_not_change(behaviour: str) -> None:
     config = CONFIG.with_fields(**{"clyde.ghosts": (behaviour,), "time_limit_s": 2.0})
     game = watched("nearest", config=config)
     outcome, changes = game.outcome(), list(game.changes)

@@ -17,7 +17,7 @@ SEED = str(episode_seeds(5, 1)[0])
 SAME_AS_CONFIG = ["--execution", "as_built", "--spacing", "3", "--time-limit", "120"]
 
 
-def test_a_round_of_the_comparison_is_played_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_replay_repeats_round_of_comparison(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "new" / "round.mp4"
     assert main([SEED, *SAME_AS_CONFIG, "--policies", "nearest", "clyde_aware", "--out", str(out)]) == 0
     text = capsys.readouterr().out
@@ -31,7 +31,7 @@ def test_a_round_of_the_comparison_is_played_again(tmp_path: Path, capsys: pytes
     assert list(out.parent.iterdir()) == [out]
 
 
-def test_a_round_on_a_level_names_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_replay_names_level_of_round(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     record = played_on_levels("nearest")[0]
     options = ["--levels", "test", "--num-levels", "2", "--time-limit", "40", "--policies", "nearest"]
     assert main([str(record["seed"]), *options, "--out", str(tmp_path / "r.gif")]) == 0
@@ -40,7 +40,7 @@ def test_a_round_on_a_level_names_it(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert f"after {record['time_s']:.1f} s, {record['collected']} of {record['spawned']} pellets" in text
 
 
-def test_the_page_holds_the_film_and_needs_nothing_else(
+def test_replay_page_contains_film_and_loads_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -56,13 +56,13 @@ def test_the_page_holds_the_film_and_needs_nothing_else(
         assert f"<td>{when}<td>{goal}<td>{why}" in text
 
 
-def test_the_film_lies_in_results_unless_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_film_is_written_to_results_by_default(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["12345678901234567890", "--policies", "nearest", "--time-limit", "2"]) == 0
     assert [p.name for p in (tmp_path / "results").iterdir()] == ["replay-12345678901234567890.mp4"]
 
 
-def test_what_a_policy_says_is_text_on_the_page(tmp_path: Path) -> None:
+def test_replay_page_escapes_texts_of_policy(tmp_path: Path) -> None:
     from pacman_env.evaluation.rounds.scenarios import open_scenario
 
     game = RecordedGame(open_scenario("house", CONFIG), CONFIG, "nearest", episode_seeds(5, 1)[0], "<b>policy</b>")
@@ -73,7 +73,7 @@ def test_what_a_policy_says_is_text_on_the_page(tmp_path: Path) -> None:
     assert "<script" not in text
 
 
-def test_what_is_not_installed_is_named(
+def test_replay_names_missing_library(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for name in ("imageio", "imageio.v2"):

@@ -25,7 +25,7 @@ def film(path: Path) -> list[NDArray]:
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".gif"])
-def test_a_film_has_all_frames_and_shows_the_last_for_a_while(suffix: str, tmp_path: Path) -> None:
+def test_film_contains_all_frames_and_holds_last_frame(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"film{suffix}"
     # a white bar that grows, so that no two frames are one to the GIF writer
     frames = (np.where(np.arange(64)[None, :, None] < 6 * k, 255, 0).repeat(48, 0).repeat(3, 2) for k in range(9))
@@ -57,14 +57,14 @@ except OSError as error:
 
 # In a process of its own, which the limit is for; and imageio leaves its pipe open where ffmpeg has died.
 @pytest.mark.parametrize("count", [40, 400])  # ffmpeg ends after the last frame, and before it
-def test_a_film_that_could_not_be_written_is_an_error_and_leaves_nothing(count: int, tmp_path: Path) -> None:
+def test_incomplete_film_is_an_error_and_leaves_nothing(count: int, tmp_path: Path) -> None:
     command = [sys.executable, "-c", FULL, str(tmp_path / "film.mp4"), str(count)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert "film.mp4: ffmpeg has not written the whole film" in done.stdout
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_command_writes_a_film(tmp_path: Path) -> None:
+def test_command_writes_film(tmp_path: Path) -> None:
     out = ["--json", str(tmp_path / "r.json"), "--video", str(tmp_path / "film.mp4")]
     assert main(["--episodes", "1", "--policies", "nearest", "--time-limit", "3", *out]) == 0
     shown = film(tmp_path / "film.mp4")

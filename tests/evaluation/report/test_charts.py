@@ -18,7 +18,7 @@ def chart(lines: list[Line], **arguments: object) -> ET.Element:
     return ET.fromstring(curve_chart(lines, x_title="x", y_title="y", **arguments))  # type: ignore[arg-type]
 
 
-def test_higher_rates_are_higher_and_bands_hold_their_lines() -> None:
+def test_chart_places_rates_by_height_inside_their_bands() -> None:
     root = chart(LINES)
     points = [[tuple(map(float, p.split(","))) for p in e.get("points", "").split()] for e in root if e.get("points")]
     bands, lines = points[:2], points[2:]
@@ -31,7 +31,7 @@ def test_higher_rates_are_higher_and_bands_hold_their_lines() -> None:
             assert high < rate < low
 
 
-def test_names_are_escaped_and_do_not_cover_one_another() -> None:
+def test_chart_names_are_escaped_and_do_not_overlap() -> None:
     names = [e for e in chart(LINES * 3) if "name" in e.get("class", "")]
     assert {e.text for e in names} == {"first", "<second> & more"}
     heights = sorted(float(e.get("y", "")) for e in names)
@@ -39,18 +39,18 @@ def test_names_are_escaped_and_do_not_cover_one_another() -> None:
     assert heights[-1] < 400
 
 
-def test_marks_are_drawn_within_the_axis_only() -> None:
+def test_chart_draws_marks_only_within_axis() -> None:
     root = chart(LINES, marks=[(0.3, "inside"), (0.7, "outside")])
     assert [e.text for e in root if e.get("class") == "note"] == ["inside"]
 
 
-def test_one_speed_makes_a_chart_too() -> None:
+def test_chart_with_one_speed_shows_one_dot() -> None:
     root = chart([Line("only", [(0.25, 1.0, 0.7, 1.0)])])
     assert [e.get("class") for e in root if e.tag == "circle"] == ["dot c0"]
 
 
 @pytest.mark.parametrize(("value", "place"), [(0.0, 6), (0.5, 52), (1.0, 98)])
-def test_a_bar_has_its_dot_in_its_place(value: float, place: float) -> None:
+def test_interval_bar_places_dot_by_value(value: float, place: float) -> None:
     dot = re.search(r'cx="([\d.]+)"', interval_bar(value, (value, value), 8))
     assert dot is not None
     assert float(dot[1]) == place

@@ -12,7 +12,7 @@ from pacman_env.policies.metadata import read_planner
 from tests.training.planners import random_planner
 
 
-def test_facts_are_those_of_the_metadata_flat_and_short(tmp_path: Path) -> None:
+def test_model_facts_are_flat_short_planner_metadata(tmp_path: Path) -> None:
     path = random_planner(tmp_path, dropped_kinds=(1,))
     shown, metadata = model_facts(str(path)), read_planner(path)[0]
     assert shown["sha256"] == metadata.sha256
@@ -23,12 +23,12 @@ def test_facts_are_those_of_the_metadata_flat_and_short(tmp_path: Path) -> None:
     assert shown["candidate_features"].startswith(", ".join(metadata.candidate_features[:3]))
 
 
-def test_other_policies_have_no_facts() -> None:
+def test_model_facts_are_empty_for_other_policies() -> None:
     for spec in ("clyde_aware", "clyde_aware:documented", "run.zip"):
         assert model_facts(spec) == {}
 
 
-def test_a_file_that_is_no_planner_is_named(tmp_path: Path) -> None:
+def test_invalid_planner_file_is_named(tmp_path: Path) -> None:
     path = random_planner(tmp_path)
     path.with_suffix(".json").write_text("{")
     with pytest.raises(ValueError, match=r"mine\.json"):

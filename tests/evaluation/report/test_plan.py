@@ -38,7 +38,7 @@ def plan(*variants: str, settings: tuple[str, ...] = (), file: str = "runs/best.
     )
 
 
-def test_everything_is_played_once() -> None:
+def test_plan_plays_every_matchup_once() -> None:
     work = matchups(plan("slow=robot.speed_mps=0.2"))
     house = {cell: matchup for cell, matchup in work.items() if cell.map == "house"}
     assert list(house) == [
@@ -57,7 +57,7 @@ def test_everything_is_played_once() -> None:
 
 
 @pytest.mark.parametrize("separator", [",", ";", " ", ", "])
-def test_a_variant_changes_what_it_names_and_nothing_else(separator: str) -> None:
+def test_variant_changes_only_its_named_fields(separator: str) -> None:
     text = "my name=" + separator.join(["preset=robot", "randomize.clyde_speed_mps=0.2,0.5", "refuges.nooks=0"])
     variant = parse_variant(text, "ideal", "as_built", ["refuges.spread=3"])
     assert variant.name == "my name"
@@ -77,7 +77,7 @@ def test_a_variant_changes_what_it_names_and_nothing_else(separator: str) -> Non
         ("calm=preset=perfect", "--variant calm: unknown preset 'perfect'"),
     ],
 )
-def test_a_wrong_variant_is_named(text: str, message: str) -> None:
+def test_wrong_variant_is_refused_with_reason(text: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         parse_variant(text, "robot", "robust", ())
 
@@ -90,12 +90,12 @@ def test_a_wrong_variant_is_named(text: str, message: str) -> None:
         ({"clyde.ghosts": ("policy",)}, "slow: clyde.ghosts"),
     ],
 )
-def test_what_is_not_played_in_single_rounds_is_named(changes: dict[str, object], message: str) -> None:
+def test_setting_unsuitable_for_single_rounds_is_named(changes: dict[str, object], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         check_single_rounds(make_config(**changes), "slow: ")
 
 
-def test_a_replay_repeats_everything_that_decides_a_round() -> None:
+def test_replay_command_contains_everything_about_a_round() -> None:
     words = shlex.split(replay_command(plan(settings=("refuges.nooks=0", "time_limit_s=60")), "house", 2**63))
     assert words[:5] == ["pacman-env", "replay", str(2**63), "--map", "some folder/house.yaml"]
     assert words[5:10] == ["--policies", "runs/best.onnx", "clyde_aware", "--clyde-speed", "0.25"]
@@ -109,5 +109,5 @@ def test_a_replay_repeats_everything_that_decides_a_round() -> None:
     assert words[9:12] == ["--policies", "a.zip", "clyde_aware"]
 
 
-def test_the_challenger_is_the_first_that_is_not_the_baseline() -> None:
+def test_challenger_is_first_policy_besides_baseline() -> None:
     assert plan().challenger == "best"

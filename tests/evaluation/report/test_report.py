@@ -74,7 +74,7 @@ def outcomes(report: dict[str, Any], policy: str) -> dict[str, Any]:
     return result
 
 
-def test_json_says_what_was_played(made: tuple[dict[str, Any], Path]) -> None:
+def test_json_describes_played_rounds(made: tuple[dict[str, Any], Path]) -> None:
     report, page = made
     assert (report["version"], report["seed"], report["execution"]) == (__version__, 5, "as_built")
     occupancy = load_map("house")
@@ -85,7 +85,7 @@ def test_json_says_what_was_played(made: tuple[dict[str, Any], Path]) -> None:
     assert [(p["name"], p["baseline"]) for p in report["policies"]] == [("clyde_aware", False), ("random", True)]
 
 
-def test_rows_compare_with_baseline_and_variants_with_the_policy(made: tuple[dict[str, Any], Path]) -> None:
+def test_rows_compare_with_baseline_and_variants_with_policy(made: tuple[dict[str, Any], Path]) -> None:
     report, _ = made
     for part, speed in (("rounds", 0.25), ("rounds", 0.4), ("endless games", 0.25), ("no refuges", 0.25)):
         ours, theirs = (row_of(report, policy, part, speed) for policy in ("clyde_aware", "random"))
@@ -111,7 +111,7 @@ def test_improvement_counts_every_pair_of_rounds(made: tuple[dict[str, Any], Pat
     assert "improvement" not in baseline
 
 
-def test_pair_lists_rounds_only_one_completes(made: tuple[dict[str, Any], Path]) -> None:
+def test_pair_lists_rounds_completed_by_one_policy_only(made: tuple[dict[str, Any], Path]) -> None:
     report, page = made
     ours, theirs = (outcomes(report, policy)["end"] for policy in ("clyde_aware", "random"))
     won = [(a == "C") - (b == "C") for a, b in zip(ours, theirs, strict=True)]
@@ -146,7 +146,7 @@ def test_replay_command_repeats_a_listed_round(
         assert re.search(rf"^{policy}: \w+ {words}", text, re.M)
 
 
-def test_films_are_written_next_to_the_page(made: tuple[dict[str, Any], Path]) -> None:
+def test_films_are_written_next_to_page(made: tuple[dict[str, Any], Path]) -> None:
     report, page = made
     films = [row["film"] for row in report["pair"]["wins"] + report["pair"]["losses"] if "film" in row]
     assert len(films) == 2
@@ -165,7 +165,7 @@ def test_round_against_learned_ghost_is_filmed(tmp_path: Path) -> None:
     assert (tmp_path / film).stat().st_size > 1000
 
 
-def test_failing_film_loses_no_numbers(
+def test_failed_film_keeps_numbers_of_report(
     made: tuple[dict[str, Any], Path],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -205,7 +205,7 @@ def test_page_escapes_every_text(made: tuple[dict[str, Any], Path]) -> None:
     assert Tags(page).text.count(evil) >= 4
 
 
-def test_report_is_equal_for_two_workers(made: tuple[dict[str, Any], Path], tmp_path: Path) -> None:
+def test_report_is_equal_with_two_workers(made: tuple[dict[str, Any], Path], tmp_path: Path) -> None:
     report, _ = made
     files = ["--out", str(tmp_path / "p.html"), "--json", str(tmp_path / "p.json")]
     few = ["--endless", "0", "--variant", "--speeds", "0.4"]
@@ -242,7 +242,7 @@ def test_quick_report_plays_few_rounds_on_levels(tmp_path: Path) -> None:
         ((-0.1, 0.5), "not significant"),
     ],
 )
-def test_headline_follows_the_interval(
+def test_headline_follows_confidence_interval(
     interval: tuple[float, float], words: str, made: tuple[dict[str, Any], Path]
 ) -> None:
     report = json.loads(json.dumps(made[0]))

@@ -106,7 +106,7 @@ def test_kept_rounds_are_found_for_any_division(tmp_path: Path) -> None:
     assert play(tmp_path, levels) == 0
 
 
-def test_key_has_everything_that_decides_rounds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_key_contains_everything_that_determines_rounds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     play(tmp_path, matchup(rounds=2))
     others = [
         matchup("random", rounds=2),
@@ -123,13 +123,13 @@ def test_key_has_everything_that_decides_rounds(tmp_path: Path, monkeypatch: pyt
     assert KeptRounds(tmp_path, [matchup(rounds=2)], resume=True).left == 2
 
 
-def test_planner_is_described_by_its_file_under_any_name() -> None:
+def test_planner_key_depends_on_file_content_only() -> None:
     by_name, by_path = (kept.describe_policy(make_policy(spec), spec) for spec in ("ppo", str(PRETRAINED)))
     assert by_name == by_path
     assert len(by_name["sha256"]) == 64
 
 
-def test_search_is_described_by_its_base_too() -> None:
+def test_search_key_includes_its_base_policy() -> None:
     by_name, by_path, nearest = (
         kept.describe_policy(make_policy("search", base=base), "search") for base in ("ppo", str(PRETRAINED), "nearest")
     )
@@ -172,7 +172,7 @@ def test_checkpoint_is_described_by_its_content(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", ["torn", "changed", "foreign", "short"])
-def test_damaged_file_is_reported_and_played_again(
+def test_damaged_file_is_reported_and_rounds_played_again(
     damage: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     play(tmp_path, matchup())
@@ -208,7 +208,7 @@ def test_kept_rounds_are_ignored_without_resume(
     assert not (tmp_path / "other.parts").exists()
 
 
-def test_folder_that_cannot_be_made_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_uncreatable_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "file").touch()
     assert (
         main([*SHORT, "--policies", "nearest", "--json", str(tmp_path / "out.json"), "--parts", f"{tmp_path}/file"])

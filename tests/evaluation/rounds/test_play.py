@@ -12,7 +12,7 @@ from pacman_env.executors.choice import local
 from tests.evaluation.helpers import CONFIG, LEVELS, LEVELS_CONFIG, played, played_on_levels
 
 
-def test_two_processes_give_the_records_of_one_in_several_calls() -> None:
+def test_two_processes_repeat_records_of_one_process() -> None:
     seeds = episode_seeds(5, 12)
     matchups = [Matchup("house", CONFIG, policy, seeds) for policy in ("clyde_aware", "random")]
     with local(2) as executor:
@@ -32,13 +32,13 @@ def test_progress_counts_every_round() -> None:
     assert len(ended) > 1
 
 
-def test_an_error_in_another_process_arrives() -> None:
+def test_error_of_worker_process_is_raised() -> None:
     with local(2) as executor, pytest.raises(ValueError, match="unknown policy 'nobody'"):
         play_all([Matchup("house", CONFIG, "nobody", episode_seeds(5, 2))], executor)
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_rounds_on_levels_come_back_in_the_order_of_their_seeds(workers: int) -> None:
+def test_level_rounds_are_returned_in_seed_order(workers: int) -> None:
     matchups = [Matchup(LEVELS, LEVELS_CONFIG, policy, episode_seeds(5, 8)) for policy in ("lookahead", "nearest")]
     with local(workers) as executor:
         (first, _), (second, _) = play_all(matchups, executor)

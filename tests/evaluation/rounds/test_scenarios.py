@@ -41,7 +41,7 @@ def given(*words: str) -> argparse.Namespace:
         (["--map", "maze", "--levels", "test"], ["maze", Levels("test")]),
     ],
 )
-def test_places_are_what_was_asked_for(words: list[str], expected: list[object]) -> None:
+def test_arguments_become_maps_and_levels(words: list[str], expected: list[object]) -> None:
     assert from_arguments(given(*words)) == expected
 
 
@@ -54,19 +54,19 @@ def test_places_are_what_was_asked_for(words: list[str], expected: list[object])
         (["--start-level", "0"], "--start-level: is for --levels"),
     ],
 )
-def test_what_cannot_be_meant_is_refused(words: list[str], message: str) -> None:
+def test_contradictory_arguments_are_refused(words: list[str], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         from_arguments(given(*words))
 
 
-def test_levels_that_the_split_does_not_have_are_refused() -> None:
+def test_levels_outside_split_are_refused() -> None:
     with pytest.raises(ConfigError, match="num_levels = 1001"):
         open_scenario(Levels("test", None, 1001), CONFIG)
     with pytest.raises(ConfigError, match="start_level = 3"):
         open_scenario(Levels("test", 3, 1), CONFIG)
 
 
-def test_levels_are_drawn_and_prepared_as_an_environment_does() -> None:
+def test_levels_equal_levels_of_environment() -> None:
     ours = open_scenario(LEVELS, LEVELS_CONFIG)
     theirs = GeneratedMaps.named("generated:test", LEVELS_CONFIG, None, LEVELS.count)
     seeds = episode_seeds(1, 20)
@@ -76,7 +76,7 @@ def test_levels_are_drawn_and_prepared_as_an_environment_does() -> None:
     assert ours.first.occupancy.hash == theirs.first.occupancy.hash
 
 
-def test_a_level_is_prepared_once_for_all_of_clydes_speeds_but_not_for_other_pellets() -> None:
+def test_level_is_prepared_once_for_all_ghost_speeds() -> None:
     sources._prepared.cache_clear()
     for speed in (0.25, 0.4):
         config = LEVELS_CONFIG.with_fields(**{"clyde.speed_mps": speed, "endless": speed > 0.3})
@@ -86,7 +86,7 @@ def test_a_level_is_prepared_once_for_all_of_clydes_speeds_but_not_for_other_pel
     assert denser.assets.pellets > open_scenario(LEVELS, LEVELS_CONFIG).prepare(TEST_LEVEL).assets.pellets
 
 
-def test_level_is_prepared_once_for_all_ghosts_as_environments_prepare_it() -> None:
+def test_level_is_prepared_once_for_all_ghost_behaviours() -> None:
     sources._prepared.cache_clear()
     for ghosts in (("wander",), ("chase",), ("arcade", "chase"), ("wander", "arcade", "chase", "wander")):
         config = LEVELS_CONFIG.with_fields(**{"clyde.ghosts": ghosts})
@@ -99,7 +99,7 @@ def test_level_is_prepared_once_for_all_ghosts_as_environments_prepare_it() -> N
         np.testing.assert_array_equal(array, getattr(theirs.ghost_targets, name))
 
 
-def test_names_are_the_maps_own_and_that_of_the_split(tmp_path: Path) -> None:
+def test_scenarios_are_named_by_map_or_split(tmp_path: Path) -> None:
     file = str(load_map("maze").save(tmp_path / "maze.yaml"))
     assert named_scenarios(["house", file, LEVELS], [LEVELS_CONFIG]) == {
         "house": "house",
@@ -108,7 +108,7 @@ def test_names_are_the_maps_own_and_that_of_the_split(tmp_path: Path) -> None:
     }
 
 
-def test_places_that_could_not_be_told_apart_or_played_on_are_refused(tmp_path: Path) -> None:
+def test_ambiguous_or_unplayable_scenarios_are_refused(tmp_path: Path) -> None:
     load_map("maze").save(tmp_path / "maze.yaml")
     with pytest.raises(ValueError, match="two maps are called maze"):
         named_scenarios(["maze", "house", str(tmp_path / "maze.yaml")], [CONFIG])
@@ -118,7 +118,7 @@ def test_places_that_could_not_be_told_apart_or_played_on_are_refused(tmp_path: 
             named_scenarios([scenario], [CONFIG, far])
 
 
-def test_a_result_file_says_where_a_place_is_found_again() -> None:
+def test_scenario_description_contains_source_and_hash() -> None:
     assert describe_scenario("maze", "maze", CONFIG) == {
         "name": "maze",
         "source": "maze",
@@ -130,7 +130,7 @@ def test_a_result_file_says_where_a_place_is_found_again() -> None:
     assert about == {"name": "x", "source": "--levels test", "start_level": TEST_LEVEL, "num_levels": 2}
 
 
-def test_parts_hold_every_round_once_and_rounds_of_a_level_together() -> None:
+def test_parts_contain_every_round_once_grouped_by_level() -> None:
     seeds, many = episode_seeds(0, 400), Levels("test", None, 250)
     levels = open_scenario(many, LEVELS_CONFIG).levels_of(seeds)
     parts = parts_of_play(many, LEVELS_CONFIG, seeds, 2)
@@ -140,13 +140,13 @@ def test_parts_hold_every_round_once_and_rounds_of_a_level_together() -> None:
     assert (np.diff(levels[np.concatenate(parts)]) >= 0).all()
 
 
-def test_rounds_on_one_map_are_played_as_they_come() -> None:
+def test_rounds_on_one_map_keep_their_order() -> None:
     parts = parts_of_play("house", CONFIG, episode_seeds(0, 5), 2)
     assert [part.tolist() for part in parts] == [[0, 1, 2], [3, 4]]
     assert len(parts_of_play("house", CONFIG, episode_seeds(0, 2), 5)) == 2
 
 
-def test_the_help_names_what_is_played_on_by_default() -> None:
+def test_help_names_default_number_of_levels() -> None:
     parser = argparse.ArgumentParser()
     add_game_arguments(parser, several=True)
     assert re.search(rf"{LEVELS_PLAYED}\b", parser.format_help())

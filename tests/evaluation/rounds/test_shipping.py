@@ -34,7 +34,7 @@ def matchups(tmp_path: Path) -> list[Matchup]:
     ]
 
 
-def test_what_was_sent_is_played_without_its_files(
+def test_packed_matchup_is_played_without_original_files(
     matchups: list[Matchup], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PACMAN_ENV_CACHE", str(tmp_path / "cache"))
@@ -49,9 +49,7 @@ def test_what_was_sent_is_played_without_its_files(
 
 
 @pytest.mark.daily
-def test_a_copy_that_was_damaged_is_written_anew(
-    matchups: list[Matchup], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_damaged_copy_is_replaced(matchups: list[Matchup], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PACMAN_ENV_CACHE", str(tmp_path / "cache"))
     records = play_packed(pack(matchups[0]))[0]
     for path in (tmp_path / "cache" / "sent").glob("*/own.onnx"):
@@ -59,7 +57,7 @@ def test_a_copy_that_was_damaged_is_written_anew(
     np.testing.assert_array_equal(play_packed(pack(matchups[0]))[0], records)
 
 
-def test_a_file_that_is_absent_is_named_before_anything_is_pack(matchups: list[Matchup], tmp_path: Path) -> None:
+def test_absent_file_is_named_before_packing(matchups: list[Matchup], tmp_path: Path) -> None:
     (tmp_path / "own.onnx").unlink()
     with pytest.raises(FileNotFoundError, match=r"own\.onnx"):
         pack(matchups[0])
@@ -74,7 +72,7 @@ def without_times(path: Path) -> dict:
     return content
 
 
-def test_a_comparison_on_ray_writes_the_numbers_of_one_process(tmp_path: Path) -> None:
+def test_comparison_on_ray_equals_comparison_in_process(tmp_path: Path) -> None:
     pytest.importorskip("ray")
     found = []
     for name, more in (("one", []), ("ray", ["--ray", "--workers", "2"])):

@@ -23,7 +23,7 @@ def row(rounds: np.ndarray = FIVE, first: np.ndarray | None = None, endless: boo
     return make_row({"policy": "p"}, [(rounds, np.arange(101.0))], others, endless=endless)
 
 
-def test_row_has_every_promised_key_and_is_json() -> None:
+def test_row_contains_every_documented_key_as_json() -> None:
     assert set(row()) >= PROMISED
     assert json.loads(json.dumps(row(), allow_nan=False)) == row()
 
@@ -57,7 +57,7 @@ def test_rounds_of_other_seeds_are_refused() -> None:
         row(other, first=FIVE)
 
 
-def test_win_time_is_none_without_a_win() -> None:
+def test_win_time_is_none_without_wins() -> None:
     assert row(records([1, 1], [0, 3]))["win_time_mean_s"] is None
 
 
@@ -103,7 +103,7 @@ def test_endless_difference_is_paired_by_game() -> None:
     assert row(theirs, endless=True)["paired_ci"] == [0.0, 0.0]
 
 
-def test_row_of_several_maps_is_stratified_and_has_no_outcomes() -> None:
+def test_row_of_several_maps_is_stratified() -> None:
     games = [records([DEAD] * 3, [10, 10, 10]), records([DEAD] * 3, [30, 30, 30])]
     r = make_row({}, [(one, np.ones(1)) for one in games], endless=True)
     assert (r["pellets_mean"], r["pellets_ci"], r["episodes"]) == (20.0, [20.0, 20.0], 6)
