@@ -55,7 +55,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_a_run_writes_planners_clydes_and_who_completes_against_whom(run: Path) -> None:
+def test_run_writes_planners_ghosts_and_completion_table(run: Path) -> None:
     assert {path.name for path in run.glob("*.onnx")} == {"planner-0.onnx", "planner-1.onnx", "clyde-1.onnx"}
     record = json.loads((run / "record.json").read_text())
     assert record["version"] == pacman_env.__version__
@@ -73,12 +73,12 @@ def test_a_run_writes_planners_clydes_and_who_completes_against_whom(run: Path) 
     assert (clyde.decisions, clyde.ghosts) == (128, ("policy",))
 
 
-def test_both_sides_have_learned_something(run: Path) -> None:
+def test_both_sides_change_by_learning(run: Path) -> None:
     before, after = (network_of(run / f"planner-{k}.onnx").state_dict() for k in (0, 1))
     assert not torch.equal(before["encode.weight"], after["encode.weight"])
 
 
-def test_the_learned_clyde_plays_in_a_ghosts_seat(run: Path) -> None:
+def test_learned_ghost_plays_in_environment(run: Path) -> None:
     env = PacManBotEnv(map="house", ghosts=make_policy(str(run / "clyde-1.onnx")))
     env.reset(seed=0)
     sent = {int(env.batch.ghosts["place"][0, 0]) for _ in range(10) if env.step(env.batch.hold)}
@@ -86,7 +86,7 @@ def test_the_learned_clyde_plays_in_a_ghosts_seat(run: Path) -> None:
 
 
 @pytest.mark.daily
-def test_the_same_seed_gives_the_same_files(run: Path, tmp_path: Path) -> None:
+def test_same_seed_writes_same_files(run: Path, tmp_path: Path) -> None:
     assert main([*TINY, "--out", str(tmp_path)]) == 0
     for path in run.glob("*.onnx"):
         assert path.read_bytes() == (tmp_path / path.name).read_bytes()
@@ -94,14 +94,14 @@ def test_the_same_seed_gives_the_same_files(run: Path, tmp_path: Path) -> None:
     assert ours["completed"] == theirs["completed"]
 
 
-def test_a_folder_with_a_run_is_left_alone(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_folder_with_run_is_not_changed(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = (run / "record.json").read_bytes()
     assert main([*TINY, "--out", str(run)]) == 2
     assert "there is a run already" in capsys.readouterr().err
     assert (run / "record.json").read_bytes() == before
 
 
-def test_measuring_prints_the_table_and_trains_nothing(
+def test_measure_option_prints_table_without_training(
     run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     planner, clyde = run / "planner-1.onnx", run / "clyde-1.onnx"
@@ -114,7 +114,7 @@ def test_measuring_prints_the_table_and_trains_nothing(
 
 
 @pytest.mark.parametrize("sizes", [{}, {"width": 24, "dropped_features": (4, 7), "dropped_kinds": (1,)}])
-def test_a_network_comes_back_from_its_file(sizes: dict[str, int], tmp_path: Path) -> None:
+def test_network_is_restored_from_its_file(sizes: dict[str, int], tmp_path: Path) -> None:
     network = random_network(4, **sizes)
     path = random_planner(tmp_path, seed=4, **sizes)
     found = network_of(path)
@@ -122,7 +122,7 @@ def test_a_network_comes_back_from_its_file(sizes: dict[str, int], tmp_path: Pat
     assert found.dropped_kinds == network.dropped_kinds
 
 
-def test_a_graph_of_other_make_is_refused(tmp_path: Path) -> None:
+def test_graph_of_another_exporter_is_refused(tmp_path: Path) -> None:
     path = random_planner(tmp_path)
     model = onnx.load_model(path)
     swapped = [node for node in model.graph.node if node.op_type == "Relu"]
@@ -134,14 +134,14 @@ def test_a_graph_of_other_make_is_refused(tmp_path: Path) -> None:
         network_of(path)
 
 
-def test_a_planner_file_is_begun_with(tmp_path: Path) -> None:
+def test_training_starts_from_planner_file(tmp_path: Path) -> None:
     path = random_planner(tmp_path, seed=5, width=24)
     model, decisions = starting_model(tiny(tmp_path, "--start", str(path)), InProcess())
     assert decisions == FACTS.training.decisions
     assert model_bytes(model.network) == path.read_bytes()
 
 
-def test_a_checkpoint_is_begun_with(tmp_path: Path) -> None:
+def test_training_starts_from_checkpoint(tmp_path: Path) -> None:
     hyper = load_hyperparameters(FOLDER / "PacManBot-v0.yaml", "headline")
     path = tmp_path / "best.zip"
     saved = PPO(hyper, 7, width=24)
@@ -154,7 +154,7 @@ def test_a_checkpoint_is_begun_with(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["absent.onnx", "absent.zip", "text.onnx", "text.zip"])
-def test_a_file_that_is_no_planner_is_named(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_invalid_planner_file_is_named(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "text.onnx").write_text("no model")
     (tmp_path / "text.zip").write_text("no archive")
     assert main([*TINY, "--out", str(tmp_path / "run"), "--start", str(tmp_path / name)]) == 2
@@ -174,7 +174,7 @@ def test_a_file_that_is_no_planner_is_named(name: str, tmp_path: Path, capsys: p
         (["--clyde-speed", "0.2", "-0.1"], "clyde_speed[1] = -0.1"),
     ],
 )
-def test_bad_arguments_are_named(
+def test_bad_arguments_are_refused_with_reason(
     arguments: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit, match="2"):
@@ -183,14 +183,14 @@ def test_bad_arguments_are_named(
     assert not list(tmp_path.iterdir())
 
 
-def test_quick_is_smaller_and_every_value_can_still_be_given() -> None:
+def test_quick_option_shrinks_defaults_but_keeps_given_values() -> None:
     quick = parse(["--quick", "--wander", "0.7"])
     assert quick.wander == 0.7
     assert quick.planner_decisions < parse([]).planner_decisions
     assert quick.out != parse([]).out
 
 
-def test_clydes_speed_reaches_the_games_of_both_sides(tmp_path: Path) -> None:
+def test_ghost_speed_reaches_games_of_both_sides(tmp_path: Path) -> None:
     from pacman_env.training.adversary import _games
 
     arguments = tiny(tmp_path, "--clyde-speed", "0.1", "0.2")

@@ -48,7 +48,7 @@ def met(source: str) -> list[Situation]:
 
 
 @pytest.mark.parametrize("source", ["house", "generated"])
-def test_torch_the_file_and_the_policy_agree_on_five_thousand_situations(source: str, tmp_path: Path) -> None:
+def test_torch_and_exported_planner_agree_on_5000_situations(source: str, tmp_path: Path) -> None:
     network = random_network(3)
     planner = LearnedPlanner(random_planner(tmp_path, seed=3))
     in_torch = TorchPlanner("mine", network, FACTS.robot_speed_mps)

@@ -50,7 +50,7 @@ def equal(one: list[Any], other: list[Any]) -> bool:
 
 
 @pytest.mark.daily  # the short run is in test_fragments.py
-def test_two_processes_train_the_same_bits_as_one(tmp_path: Path) -> None:
+def test_two_processes_train_same_bits_as_one(tmp_path: Path) -> None:
     expected = trained(tmp_path / "one", InProcess())
     with LocalProcesses(2) as executor:
         assert equal(trained(tmp_path / "two", executor), expected)
@@ -97,7 +97,7 @@ def of_ray(process: psutil.Process) -> bool:
 
 
 @pytest.mark.daily
-def test_processes_that_are_killed_change_no_bit(tmp_path: Path) -> None:
+def test_killed_processes_change_no_bit_of_training(tmp_path: Path) -> None:
     expected = trained(tmp_path / "one", InProcess())
     with LocalProcesses(2) as executor, Killer(executor, spawned, 20) as killer:
         assert equal(trained(tmp_path / "two", executor), expected)
@@ -105,7 +105,7 @@ def test_processes_that_are_killed_change_no_bit(tmp_path: Path) -> None:
 
 
 @pytest.mark.daily
-def test_a_cluster_whose_workers_are_killed_trains_the_same_bits(tmp_path: Path) -> None:
+def test_killed_cluster_workers_change_no_bit_of_training(tmp_path: Path) -> None:
     pytest.importorskip("ray")
     from pacman_env.executors.ray_cluster import RayCluster
 

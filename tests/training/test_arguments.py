@@ -67,19 +67,19 @@ def section(folder: Path, **changes: Any) -> Path:
 
 
 @pytest.mark.parametrize("name", ["headline", "quick"])
-def test_the_shipped_sections_load(name: str) -> None:
+def test_shipped_hyperparameter_sections_load(name: str) -> None:
     hyper = load_hyperparameters(SHIPPED, name)
     assert hyper.segments * hyper.segment == hyper.decisions
     assert hyper.learning_rate[0] > hyper.learning_rate[1]
     assert hyper.rollout % hyper.batch_size == 0
 
 
-def test_a_file_is_read_as_it_stands(tmp_path: Path) -> None:
+def test_hyperparameters_are_read_unchanged(tmp_path: Path) -> None:
     plain = dataclasses.asdict(load_hyperparameters(section(tmp_path), "headline"))
     assert {name: list(v) if isinstance(v, tuple) else v for name, v in plain.items()} == TINY
 
 
-def test_a_number_that_yaml_takes_for_a_string_is_a_number(tmp_path: Path) -> None:
+def test_number_in_yaml_string_is_parsed(tmp_path: Path) -> None:
     assert load_hyperparameters(section(tmp_path, learning_rate=["1e-3", "1e-4"]), "headline").learning_rate[1] == 1e-4
 
 
@@ -116,9 +116,7 @@ def test_a_number_that_yaml_takes_for_a_string_is_a_number(tmp_path: Path) -> No
         ({"batch_size": 31}, "batch_size = 31: leaves a minibatch of 1"),
     ],
 )
-def test_a_field_that_does_not_fit_is_named_with_file_and_section(
-    changes: dict[Any, Any], message: str, tmp_path: Path
-) -> None:
+def test_wrong_field_is_named_with_file_and_section(changes: dict[Any, Any], message: str, tmp_path: Path) -> None:
     path = tmp_path / "tiny.yaml"
     path.write_text(yaml.safe_dump({"headline": {k: v for k, v in {**TINY, **changes}.items() if v is not None}}))
     with pytest.raises(ValueError, match=rf"tiny\.yaml: headline: .*{message}"):
@@ -138,14 +136,14 @@ def test_a_field_that_does_not_fit_is_named_with_file_and_section(
         (b"headline: !!python/object/apply:os.getcwd []", "cannot be read"),
     ],
 )
-def test_a_file_that_is_none_is_refused(content: bytes, message: str, tmp_path: Path) -> None:
+def test_invalid_hyperparameter_file_is_refused(content: bytes, message: str, tmp_path: Path) -> None:
     path = tmp_path / "bad.yaml"
     path.write_bytes(content)
     with pytest.raises(ValueError, match=rf"bad\.yaml: {message}"):
         load_hyperparameters(path, "headline")
 
 
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
+def test_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"nothing\.yaml: cannot be read"):
         load_hyperparameters(tmp_path / "nothing.yaml", "headline")
 
@@ -163,16 +161,16 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         ({"seed": 2**32}, "seed = 4294967296: Expected `int` <= 4294967295"),
     ],
 )
-def test_arguments_out_of_range_are_named(changes: dict[str, Any], message: str) -> None:
+def test_arguments_out_of_range_are_refused(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         tiny(**changes)
 
 
-def test_at_least_the_decisions_asked_for_are_taken() -> None:
+def test_training_takes_at_least_requested_decisions() -> None:
     assert [tiny(decisions=n).hyper.segments for n in (1, 64, 65, 128)] == [1, 1, 2, 2]
 
 
-def test_the_command_line_replaces_single_values(tmp_path: Path) -> None:
+def test_command_line_replaces_single_values(tmp_path: Path) -> None:
     path = section(tmp_path)
     options = ["--config", str(path), "--seed", "3", "--gamma", "0.9", "--learning-rate", "0.5", "0.25"]
     found = parse([*options, "--without", "refuges", "paths", "--curriculum", "--out", "there"])
@@ -181,7 +179,7 @@ def test_the_command_line_replaces_single_values(tmp_path: Path) -> None:
     assert found == Arguments(hyper=hyper, out=out, seed=3, without=("refuges", "paths"), curriculum=True)
 
 
-def test_line_ups_are_words_of_the_command_line() -> None:
+def test_lineups_are_given_on_command_line() -> None:
     hyper = parse(["--ghosts", "wander", "arcade, chase", "wander", "wander,wander", "--teacher-nodes", "500"]).hyper
     assert hyper.ghosts == ("wander", "arcade,chase", "wander", "wander,wander")
     assert hyper.lineups == ("wander", "arcade,chase", "wander,wander")
@@ -189,13 +187,13 @@ def test_line_ups_are_words_of_the_command_line() -> None:
     assert all(load_hyperparameters(SHIPPED, name).ghosts == ("wander",) for name in ("quick", "scratch"))
 
 
-def test_the_full_training_meets_one_to_four_ghosts_of_every_behaviour() -> None:
+def test_headline_training_uses_1_to_4_ghosts() -> None:
     lineups = [behaviours(lineup) for lineup in load_hyperparameters(SHIPPED, "headline").lineups]
     assert {name for lineup in lineups for name in lineup} == {"wander", "arcade", "chase", "learned"}
     assert {len(lineup) for lineup in lineups} == {1, 2, 4}
 
 
-def test_quick_is_another_section_and_another_folder() -> None:
+def test_quick_option_uses_its_own_section_and_folder() -> None:
     quick, full = parse(["--quick"]), parse([])
     assert quick.hyper == load_hyperparameters(SHIPPED, "quick") != full.hyper
     assert full.hyper == load_hyperparameters(SHIPPED, "headline")
@@ -213,7 +211,7 @@ def test_quick_is_another_section_and_another_folder() -> None:
         (["--nonsense"], "nonsense"),
     ],
 )
-def test_options_that_do_not_fit_are_named_with_status_2(
+def test_wrong_options_are_refused_with_status_2(
     options: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit, match="2"):
@@ -221,13 +219,13 @@ def test_options_that_do_not_fit_are_named_with_status_2(
     assert message in capsys.readouterr().err
 
 
-def test_progress_begins_anew_with_each_cycle() -> None:
+def test_progress_restarts_with_each_cycle() -> None:
     hyper = tiny(decisions=128, cycles=2).hyper
     assert [hyper.progress(n) for n in (1, 32, 64, 65, 128, 200)] == [1 / 64, 0.5, 1.0, 1 / 64, 1.0, 1.0]
 
 
 @pytest.mark.parametrize("cycles", [7, 12, 14, 28])
-def test_a_cycle_ends_with_its_last_values_however_many_there_are(cycles: int) -> None:
+def test_progress_is_1_at_end_of_cycle(cycles: int) -> None:
     hyper = dataclasses.replace(load_hyperparameters(SHIPPED, "headline"), cycles=cycles)
     ends = [k * hyper.decisions // cycles for k in range(1, cycles + 1) if k * hyper.decisions % cycles == 0]
     assert hyper.decisions in ends
@@ -236,7 +234,7 @@ def test_a_cycle_ends_with_its_last_values_however_many_there_are(cycles: int) -
 
 
 @pytest.mark.parametrize("name", ["headline", "quick", "scratch"])
-def test_progress_of_the_shipped_sections_is_the_share_of_their_decisions(name: str) -> None:
+def test_progress_of_shipped_sections_equals_share_of_decisions(name: str) -> None:
     """To the bit: their planners are trained again from it."""
     hyper = load_hyperparameters(SHIPPED, name)
     assert hyper.cycles == 1

@@ -14,7 +14,7 @@ from pacman_env.training.baselines import FILE, Baseline, BaselineHyperparameter
 DRIVING = {"flat": True, "action": "velocity", "settings": {"decisions.when": "tick", "observation.candidates": "all"}}
 
 
-def test_there_is_a_baseline_for_each_kind_of_action_and_observation() -> None:
+def test_baselines_cover_all_actions_and_observations() -> None:
     found = load_baselines(FILE)
     assert list(found) == ["flat", "velocity_scan", "velocity_features", "grid"]
     kinds = {name: (baseline.environment.action, baseline.environment.observation) for name, baseline in found.items()}
@@ -24,7 +24,7 @@ def test_there_is_a_baseline_for_each_kind_of_action_and_observation() -> None:
     assert kinds["grid"] == (None, ("features", "grid"))
 
 
-def test_what_is_not_given_is_the_libraries_own() -> None:
+def test_baseline_defaults_equal_library_defaults() -> None:
     games = Baseline(environment=Environment(map="loop", flat=True)).make_games("loop", 2)
     ours = Baseline(learner="ppo").make_model(games, seed=0)
     stock = PPO("MlpPolicy", games, seed=0, device="cpu")
@@ -35,7 +35,7 @@ def test_what_is_not_given_is_the_libraries_own() -> None:
     assert str(ours.policy) == str(stock.policy)
 
 
-def test_velocities_in_frames_normalized_from_a_narrow_beginning() -> None:
+def test_baseline_stacks_frames_normalizes_and_sets_network() -> None:
     baseline = Baseline(
         environment=Environment(map="loop", observation=("features", "flat"), **DRIVING),  # type: ignore[arg-type]
         learner="ppo",
@@ -54,7 +54,7 @@ def test_velocities_in_frames_normalized_from_a_narrow_beginning() -> None:
     assert [layer.out_features for layer in model.policy.mlp_extractor.policy_net[::2]] == [32, 16]
 
 
-def test_pictures_are_not_normalized() -> None:
+def test_baseline_does_not_normalize_images() -> None:
     given: dict[str, Any] = {"observation": ("features", "grid"), "settings": {"observation.normalize": False}}
     baseline = Baseline(environment=Environment(map="loop", flat=True, **given), normalize=True)
     wrapped = baseline.wrapped(baseline.make_games("loop", 1))
@@ -82,7 +82,7 @@ def test_pictures_are_not_normalized() -> None:
         (None, " = None: Expected `object`"),
     ],
 )
-def test_a_field_that_does_not_fit_is_named_with_file_and_section(values: Any, message: str, tmp_path: Path) -> None:
+def test_wrong_field_is_named_with_file_and_section(values: Any, message: str, tmp_path: Path) -> None:
     path = tmp_path / "some.yaml"
     path.write_text(yaml.safe_dump({"mine": values}))
     with pytest.raises(ValueError, match=rf"some\.yaml: mine.*{message}"):
@@ -99,7 +99,7 @@ def test_a_field_that_does_not_fit_is_named_with_file_and_section(values: Any, m
         (b"[1]", "must have"),
     ],
 )
-def test_a_file_that_is_none_is_refused(content: bytes, message: str, tmp_path: Path) -> None:
+def test_invalid_baseline_file_is_refused(content: bytes, message: str, tmp_path: Path) -> None:
     path = tmp_path / "bad.yaml"
     path.write_bytes(content)
     with pytest.raises(ValueError, match=rf"bad\.yaml: {message}"):

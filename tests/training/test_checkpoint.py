@@ -39,7 +39,7 @@ from tests.training.stock import stock_model
 from tests.training.test_arguments import tiny
 
 
-def test_facts_are_read_as_they_were_written(tmp_path: Path) -> None:
+def test_facts_are_read_as_written(tmp_path: Path) -> None:
     path = facts_path(tmp_path / "run.1.zip")
     assert path.name == "run.1.facts.json"
     write_facts(path, FACTS)
@@ -47,7 +47,7 @@ def test_facts_are_read_as_they_were_written(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_facts_that_could_not_be_read_are_not_written(tmp_path: Path) -> None:
+def test_unreadable_facts_are_not_written(tmp_path: Path) -> None:
     path = tmp_path / "run.facts.json"
     with pytest.raises(ValueError, match=r"run\.facts\.json: training\.decisions = 1\.5: Expected `int`"):
         write_facts(path, structs.replace(FACTS, training=structs.replace(FACTS.training, decisions=1.5)))
@@ -55,7 +55,7 @@ def test_facts_that_could_not_be_read_are_not_written(tmp_path: Path) -> None:
         read_facts(path)
 
 
-def test_facts_of_another_shape_are_refused(tmp_path: Path) -> None:
+def test_facts_with_other_fields_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "run.facts.json"
     path.write_text('{"robot_speed_mps": 0.256, "metrics": {}}')
     with pytest.raises(ValueError, match=r"run\.facts\.json: Object missing required field `training`"):
@@ -72,7 +72,7 @@ class _Touch:
         return os.mkdir, (str(self.path),)
 
 
-def test_code_in_a_file_is_never_run(tmp_path: Path) -> None:
+def test_code_in_invalid_checkpoint_is_never_run(tmp_path: Path) -> None:
     trace, path = tmp_path / "trace", tmp_path / "run.zip"
     with zipfile.ZipFile(path, "w") as file:
         for name in ("data", "policy.pth", "pytorch_variables.pth"):
@@ -84,7 +84,7 @@ def test_code_in_a_file_is_never_run(tmp_path: Path) -> None:
     assert not trace.exists()
 
 
-def test_code_in_a_real_checkpoint_is_never_run(checkpoint: Path, tmp_path: Path) -> None:
+def test_code_in_valid_checkpoint_is_never_run(checkpoint: Path, tmp_path: Path) -> None:
     """Its tensors are read all the same."""
     trace, path = tmp_path / "trace", tmp_path / "run.zip"
     serialized = base64.b64encode(pickle.dumps(_Touch(trace))).decode()
@@ -101,12 +101,12 @@ def test_code_in_a_real_checkpoint_is_never_run(checkpoint: Path, tmp_path: Path
     assert not trace.exists()
 
 
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
+def test_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"run\.zip: no such file"):
         load_planner(tmp_path / "run.zip")
 
 
-def test_a_network_is_a_policy() -> None:
+def test_torch_planner_chooses_only_allowed_candidates() -> None:
     situation = random_situation(0, 30)
     planner = TorchPlanner("mine", random_network(dropped_kinds=(1,)), 0.25)
     np.testing.assert_array_equal(planner.scores(situation) > -np.inf, situation.mask & (situation.kind != 1))
@@ -122,7 +122,7 @@ def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_a_checkpoint_of_an_earlier_version_is_gone_on_with(checkpoint: Path, tmp_path: Path) -> None:
+def test_checkpoint_of_earlier_version_is_restored_and_saved(checkpoint: Path, tmp_path: Path) -> None:
     model = PPO(tiny().hyper, 1, dropped_kinds=(1,))
     restore(checkpoint, model.network, model.optimizer)
     save_checkpoint(tmp_path / "run.zip", model.network, model.optimizer)
@@ -131,7 +131,7 @@ def test_a_checkpoint_of_an_earlier_version_is_gone_on_with(checkpoint: Path, tm
     assert all((ours.state_dict()[name] == value).all() for name, value in theirs.state_dict().items())
 
 
-def test_a_checkpoint_is_a_policy_at_the_speed_of_its_facts(checkpoint: Path) -> None:
+def test_checkpoint_planner_uses_robot_speed_of_its_facts(checkpoint: Path) -> None:
     planner = load_planner(checkpoint)
     assert planner.name == "run"
     assert planner.robot_speed_mps == make_config("robot").robot.speed_mps
@@ -139,7 +139,7 @@ def test_a_checkpoint_is_a_policy_at_the_speed_of_its_facts(checkpoint: Path) ->
     assert load_planner(checkpoint).robot_speed_mps == 0.2
 
 
-def test_a_checkpoint_becomes_a_file_that_decides_alike(checkpoint: Path, tmp_path: Path) -> None:
+def test_exported_checkpoint_decides_like_its_network(checkpoint: Path, tmp_path: Path) -> None:
     out, facts = tmp_path / "mine.onnx", tmp_path / "facts.json"
     write_facts(facts, FACTS)
     assert main([str(checkpoint), "--out", str(out), "--facts", str(facts)]) == 0
@@ -150,7 +150,7 @@ def test_a_checkpoint_becomes_a_file_that_decides_alike(checkpoint: Path, tmp_pa
     np.testing.assert_allclose(found, expected, atol=1e-5)
 
 
-def test_a_damaged_checkpoint_is_refused(checkpoint: Path, tmp_path: Path) -> None:
+def test_damaged_checkpoint_is_refused(checkpoint: Path, tmp_path: Path) -> None:
     damaged = tmp_path / "run.zip"
     damaged.write_bytes(checkpoint.read_bytes()[:1000])
     with pytest.raises(ValueError, match=r"run\.zip: no planner that can be loaded"):

@@ -31,7 +31,9 @@ SIZES = len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES)
     "arguments", [{}, {"width": 16}, {"dropped_features": (4, 6)}, {"dropped_kinds": (1,)}, {"dropped_kinds": (1, 2)}]
 )
 @pytest.mark.parametrize(("games", "count"), [(1, 1), (1, 37), (64, 12), (300, 5)])
-def test_it_computes_what_torch_computes(arguments: dict[str, Any], games: int, count: int, tmp_path: Path) -> None:
+def test_exported_planner_computes_same_as_torch(
+    arguments: dict[str, Any], games: int, count: int, tmp_path: Path
+) -> None:
     """For any number of games and candidates, with some games in which nothing may be chosen."""
     rng = np.random.default_rng(games + count)
     candidates = rng.uniform(-1, 1, (games, count, SIZES[0])).astype(np.float32)
@@ -48,11 +50,11 @@ def test_it_computes_what_torch_computes(arguments: dict[str, Any], games: int, 
     assert (logits[~mask] == FORBIDDEN).all()
 
 
-def test_the_same_weights_are_the_same_bytes() -> None:
+def test_same_weights_export_to_same_bytes() -> None:
     assert model_bytes(random_network(1)) == model_bytes(random_network(1)) != model_bytes(random_network(2))
 
 
-def test_it_is_one_small_file_of_a_fixed_opset_with_its_metadata(tmp_path: Path) -> None:
+def test_export_writes_small_model_with_fixed_opset(tmp_path: Path) -> None:
     path = random_planner(tmp_path)
     assert sorted(file.name for file in tmp_path.iterdir()) == ["mine.json", "mine.onnx"]
     assert path.stat().st_size < 200_000
@@ -60,7 +62,7 @@ def test_it_is_one_small_file_of_a_fixed_opset_with_its_metadata(tmp_path: Path)
     assert [(opset.domain, opset.version) for opset in model.opset_import] == [("", OPSET)]
 
 
-def test_the_metadata_says_what_it_is(tmp_path: Path) -> None:
+def test_metadata_describes_exported_network(tmp_path: Path) -> None:
     path = random_planner(tmp_path, width=32, dropped_features=(4, 6), dropped_kinds=(2,))
     metadata, content = read_planner(path)
     assert metadata.sha256 == hashlib.sha256(content).hexdigest()
@@ -104,7 +106,7 @@ def _spoilt() -> EntityNetwork:
     ],
     ids=["other-numbers", "no-number", "candidate-features", "global-features", "metrics", "speed"],
 )
-def test_what_is_wrong_replaces_nothing(network: EntityNetwork, facts: Any, message: str, tmp_path: Path) -> None:
+def test_failed_export_keeps_existing_planner(network: EntityNetwork, facts: Any, message: str, tmp_path: Path) -> None:
     path = random_planner(tmp_path)
     before = {file: file.read_bytes() for file in tmp_path.iterdir()}
     with pytest.raises(ValueError, match=message):
@@ -112,32 +114,32 @@ def test_what_is_wrong_replaces_nothing(network: EntityNetwork, facts: Any, mess
     assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before
 
 
-def test_a_new_planner_takes_the_place_of_the_old(tmp_path: Path) -> None:
+def test_new_planner_replaces_old_planner(tmp_path: Path) -> None:
     first, second = (LearnedPlanner(random_planner(tmp_path, seed=seed)).metadata.sha256 for seed in (1, 2))
     assert first != second
     assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_the_network_is_left_as_it_was(tmp_path: Path) -> None:
+def test_export_does_not_change_network(tmp_path: Path) -> None:
     network = random_network()
     before = {name: value.clone() for name, value in network.state_dict().items()}
     export_planner(network, tmp_path / "new" / "mine.onnx", FACTS)
     assert all(torch.equal(value, before[name]) for name, value in network.state_dict().items())
 
 
-def test_only_files_ending_in_onnx_are_written(tmp_path: Path) -> None:
+def test_export_refuses_names_without_onnx_suffix(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"mine\.bin: must end in \.onnx"):
         export_planner(random_network(), tmp_path / "mine.bin", FACTS)
 
 
-def test_a_link_is_not_written_through(tmp_path: Path) -> None:
+def test_export_refuses_to_write_through_symlink(tmp_path: Path) -> None:
     (tmp_path / "link.onnx").symlink_to("real.onnx")
     with pytest.raises(ValueError, match=r"link.onnx: is a link to real.onnx: name that"):
         export_planner(random_network(), tmp_path / "link.onnx", FACTS)
     assert [file.name for file in tmp_path.iterdir()] == ["link.onnx"]
 
 
-def test_the_command_refuses_what_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_refuses_missing_checkpoint(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     checkpoint, out = tmp_path / "mine.zip", tmp_path / "mine.onnx"
     assert main([str(checkpoint), "--out", str(out)]) == 2
     assert "mine.zip: no such file" in capsys.readouterr().err

@@ -76,16 +76,14 @@ def ghost_parts(tmp_path: Path) -> list[Part]:
 @pytest.mark.parametrize(
     ("make", "hows"), [(planner_parts, ["drawn", "taught", "labelled", "drawn"]), (ghost_parts, ["drawn"] * 3)]
 )
-def test_games_go_on_to_the_same_bits_in_a_process_that_has_not_played_them(
-    make: Any, hows: list[How], tmp_path: Path
-) -> None:
+def test_games_continue_bit_for_bit_in_another_process(make: Any, hows: list[How], tmp_path: Path) -> None:
     parts = make(tmp_path)
     kept, restored = (played(parts, hows, forgetful=forgetful) for forgetful in (False, True))
     assert kept == restored
     assert len({tuple(map(str, one)) for one in kept}) == len(kept)
 
 
-def test_the_state_of_the_games_is_small(tmp_path: Path) -> None:
+def test_state_of_games_is_small(tmp_path: Path) -> None:
     """Levels are prepared again, policies made again."""
     part = planner_parts(tmp_path)[0]
     fragment = fragments.play(Task((-1, 0), 0, part, 3, None, network(), 0, STEPS, "drawn"))
@@ -93,7 +91,7 @@ def test_the_state_of_the_games_is_small(tmp_path: Path) -> None:
     assert b"onnx" not in fragment.state
 
 
-def test_a_part_that_fails_is_not_gone_on_with() -> None:
+def test_failed_part_starts_again_from_its_last_state() -> None:
     part, model = make_parts(tiny(), 0)[0], network()
     task = Task((-1, 0), 0, part, 3, None, model, 0, STEPS, "drawn")
     first = content(fragments.play(task))
@@ -124,7 +122,7 @@ def test_executors_do_not_change_a_bit(tmp_path: Path) -> None:
     assert alone == together == apart
 
 
-def test_another_seed_begins_other_rounds() -> None:
+def test_another_seed_plays_other_rounds() -> None:
     games, model = Collector(make_parts(tiny(), 0), InProcess()), network()
     found = []
     for seed in (1, 2, 1):
@@ -134,7 +132,7 @@ def test_another_seed_begins_other_rounds() -> None:
     games.close()
 
 
-def test_rounds_that_end_are_counted_by_level() -> None:
+def test_ended_rounds_are_counted_by_level() -> None:
     games = Collector(make_parts(tiny(levels=2), 0), InProcess())
     games.reset(0)
     endings = [ending for one in games.play(network(), 700) for ending in one.endings]
@@ -144,12 +142,12 @@ def test_rounds_that_end_are_counted_by_level() -> None:
     games.close()
 
 
-def test_no_games_are_refused() -> None:
+def test_empty_list_of_games_is_refused() -> None:
     with pytest.raises(ValueError, match="no games to play"):
         Collector([], InProcess())
 
 
-def test_a_copy_of_a_network_has_its_weights_and_draws_nothing() -> None:
+def test_network_copy_has_same_weights_without_drawing_numbers() -> None:
     model = PPO(ARGUMENTS.hyper, 3, dropped_features=(4,), dropped_kinds=(1,)).network
     torch.manual_seed(0)
     expected = torch.rand(1)

@@ -47,7 +47,7 @@ def levels(arguments: Arguments, segment: int) -> range:
     return range(sources[0].start_level, sources[0].start_level + count)  # type: ignore[attr-defined]
 
 
-def test_rewards_are_scaled_and_all_else_is_left() -> None:
+def test_reward_scale_changes_rewards_only() -> None:
     plain, scaled = (PacManBotVecEnv(4, map="house", settings=QUICK) for _ in range(2))
     games = PlannerGames(scaled, 0.2)
     rng = np.random.default_rng(0)
@@ -70,7 +70,7 @@ def test_rewards_are_scaled_and_all_else_is_left() -> None:
     assert ended > 0
 
 
-def test_a_time_out_is_an_ending() -> None:
+def test_timeout_is_recorded_as_ending() -> None:
     games = PlannerGames(PacManBotVecEnv(3, map="house", settings={"time_limit_s": 1.0}))
     games.reset(1)
     hold = np.full(3, games.env.env.batch.hold)
@@ -80,7 +80,7 @@ def test_a_time_out_is_an_ending() -> None:
     assert [ending.outcome for ending in step.endings] == ["timeout"] * 3
 
 
-def test_segments_are_played_on_levels_of_their_own() -> None:
+def test_each_segment_plays_its_own_levels() -> None:
     arguments = tiny(levels=3)
     found = [levels(arguments, segment) for segment in range(3)]
     assert len(set().union(*found)) == 9
@@ -88,7 +88,7 @@ def test_segments_are_played_on_levels_of_their_own() -> None:
     assert full.hyper.segments * full.hyper.levels <= VALIDATION_LEVEL  # none is met twice
 
 
-def test_training_levels_are_neither_validated_on_nor_tested_on() -> None:
+def test_training_levels_exclude_validation_and_test_levels() -> None:
     """However many segments there are: after the last level comes the first."""
     arguments = tiny(levels=7)
     last = VALIDATION_LEVEL // 7 - 1
@@ -97,12 +97,12 @@ def test_training_levels_are_neither_validated_on_nor_tested_on() -> None:
     assert levels(arguments, last + 1) == levels(arguments, 0)
 
 
-def test_more_levels_than_there_are_to_train_on_are_refused() -> None:
+def test_too_many_levels_are_refused() -> None:
     with pytest.raises(ValueError, match="levels = 900001: there are 900000 to train on"):
         make_parts(tiny(levels=VALIDATION_LEVEL + 1), 0)
 
 
-def test_games_are_met_with_the_speeds_asked_for() -> None:
+def test_games_draw_speeds_from_configured_ranges() -> None:
     speeds = {"clyde_speed": [0.3, 0.4], "robot_speed": [0.25, 0.28]}
     (part,) = parts_of(tiny(games=64, n_steps=1, levels=1, **speeds))
     part.reset()
@@ -112,7 +112,7 @@ def test_games_are_met_with_the_speeds_asked_for() -> None:
     assert env.config.randomize.speed_mps == (0.25, 0.28)
 
 
-def test_the_curriculum_begins_slow_and_ends_at_the_highest_speed() -> None:
+def test_curriculum_raises_ghost_speed_to_the_maximum() -> None:
     arguments = tiny(curriculum=True, decisions=640)
     limits = [clyde_limit(arguments, segment) for segment in range(10)]
     low, high = arguments.hyper.clyde_speed
@@ -124,7 +124,7 @@ def test_the_curriculum_begins_slow_and_ends_at_the_highest_speed() -> None:
     assert lineup_speeds(arguments, "chase@0.1-0.3", 0.2) == (0.1, 0.2)
 
 
-def test_a_line_up_may_have_speeds_of_its_own() -> None:
+def test_lineup_with_own_speeds_uses_them() -> None:
     parts = parts_of(tiny(ghosts=["wander", "chase@0.1-0.15"], games=4, levels=4))
     assert {(ghosts_of(part), part.env.config.randomize.clyde_speed_mps) for part in parts} == {
         ("wander", (0.2, 0.6)),
@@ -132,7 +132,7 @@ def test_a_line_up_may_have_speeds_of_its_own() -> None:
     }
 
 
-def test_a_learned_ghost_is_moved_by_a_policy_of_each_part() -> None:
+def test_each_part_has_own_policy_for_learned_ghost() -> None:
     arguments = tiny(ghosts=["wander", "wander,learned"], games=4, levels=4, league_every=1)
     parts = make_parts(arguments, 0, Nearest())
     policies = [part.policies() for part in parts]
@@ -149,7 +149,7 @@ def test_a_learned_ghost_is_moved_by_a_policy_of_each_part() -> None:
     assert max(places) >= 0
 
 
-def test_half_of_the_levels_are_played_again_where_there_are_some() -> None:
+def test_repeated_levels_replace_at_most_half_of_levels() -> None:
     arguments = tiny(ghosts=["wander", "chase"], games=8, levels=16)  # four parts of four levels
     parts = parts_of(arguments, 3, again={"chase": [7, 5, 3], "wander": [1]})
     found: dict[str, list[list[int]]] = {}
@@ -164,11 +164,11 @@ def test_half_of_the_levels_are_played_again_where_there_are_some() -> None:
     assert len(played) == 16
 
 
-def test_a_curriculum_of_one_segment_is_none() -> None:
+def test_curriculum_of_one_segment_uses_full_speed() -> None:
     assert clyde_limit(tiny(curriculum=True, decisions=64), 0) == pytest.approx(0.6)
 
 
-def test_randomize_draws_what_else_the_real_robot_met() -> None:
+def test_randomize_option_draws_aborts_and_localization_noise() -> None:
     plain, drawn = game_config(tiny()).randomize, game_config(tiny(randomize=True)).randomize
     assert plain.abort_rate is None
     assert drawn.abort_rate == (0.0, 0.02)
@@ -176,7 +176,7 @@ def test_randomize_draws_what_else_the_real_robot_met() -> None:
     assert plain.clyde_speed_mps == drawn.clyde_speed_mps
 
 
-def test_ablations_drop_columns_that_exist_and_each_its_own() -> None:
+def test_ablations_drop_existing_and_different_columns() -> None:
     assert dropped(tiny()) == {"dropped_features": (), "dropped_kinds": ()}
     parts = {part: dropped(tiny(without=(part,))) for part in ("paths", "prediction", "refuges", "hold")}
     kinds = {part: [CANDIDATE_FEATURES[k] for k in parts[part]["dropped_kinds"]] for part in parts}
@@ -190,14 +190,14 @@ def test_ablations_drop_columns_that_exist_and_each_its_own() -> None:
     assert len(together["dropped_kinds"]) == 2
 
 
-def test_a_quarter_of_the_games_is_played_in_wide_houses() -> None:
+def test_quarter_of_games_is_played_in_wide_houses() -> None:
     arguments = tiny(games=8, n_steps=8, levels=9)
     parts = parts_of(arguments)
     assert [part.num_envs for part in parts] == [2, 2, 2, 2]
     assert [part.env.config.pellets.spacing_m for part in parts] == [2.0, 2.0, 2.0, 4.0]
 
 
-def test_fewer_games_or_levels_than_parts_make_fewer_parts() -> None:
+def test_few_games_or_levels_make_fewer_parts() -> None:
     assert [part.num_envs for part in parts_of(tiny(games=2, n_steps=16, levels=9))] == [1, 1]
     assert [part.num_envs for part in parts_of(tiny(games=4, levels=1))] == [4]
 
@@ -209,7 +209,7 @@ def ghosts_of(part: PacManBotVecEnv) -> str:
     return ",".join(part.env.config.clyde.ghosts)
 
 
-def test_every_line_up_has_its_share_of_games_and_houses_of_its_own_in_every_segment() -> None:
+def test_every_lineup_gets_equal_share_in_every_segment() -> None:
     arguments = tiny(**TWO)
     for segment in range(2):
         parts = parts_of(arguments, segment)
@@ -219,7 +219,7 @@ def test_every_line_up_has_its_share_of_games_and_houses_of_its_own_in_every_seg
     assert sorted(map(ghosts_of, twice)) == ["chase", "wander", "wander", "wander"]
 
 
-def test_wide_houses_go_round_the_parts_where_there_are_several_line_ups() -> None:
+def test_wide_houses_rotate_over_parts_with_several_lineups() -> None:
     wide = [
         [part.env.config.pellets.spacing_m == 4.0 for part in parts_of(tiny(**TWO), segment)] for segment in range(4)
     ]
@@ -230,7 +230,7 @@ def test_wide_houses_go_round_the_parts_where_there_are_several_line_ups() -> No
 
 
 @pytest.mark.parametrize("ghosts", [["wander"], ["wander", "wander", "wander"]])
-def test_one_line_up_has_the_games_of_an_environment_without_any(ghosts: list[str]) -> None:
+def test_single_lineup_plays_games_of_plain_environment(ghosts: list[str]) -> None:
     """However often it is listed, and as when environments were made without naming their ghost."""
     arguments = tiny(ghosts=ghosts, levels=4)
     for part, env in zip(make_parts(arguments, 1), parts_of(arguments, 1), strict=True):
@@ -250,7 +250,7 @@ def test_one_line_up_has_the_games_of_an_environment_without_any(ghosts: list[st
             assert (rewards == others).all()
 
 
-def test_line_ups_are_played_at_the_speeds_of_the_range_under_a_curriculum() -> None:
+def test_curriculum_limits_ghost_speeds_of_all_lineups() -> None:
     arguments = tiny(**TWO, curriculum=True, randomize=True, decisions=640)
     limit = clyde_limit(arguments, 0)
     for part in parts_of(arguments):
@@ -260,7 +260,7 @@ def test_line_ups_are_played_at_the_speeds_of_the_range_under_a_curriculum() -> 
         assert (ghosts["speed"] == part.env.batch.games["clyde_speed"][:, None]).all()
 
 
-def test_a_teacher_chooses_as_in_an_environment_alone() -> None:
+def test_teacher_chooses_like_its_policy_alone() -> None:
     (part,) = make_parts(tiny(games=8, n_steps=8, levels=1), 0)
     assert isinstance(part, PlannerPart)
     games, rule = part.make([]), make_policy("lookahead")

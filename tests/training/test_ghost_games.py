@@ -49,7 +49,7 @@ def count(games: GhostGames) -> int:
     return games.env.batch.candidates
 
 
-def test_every_game_is_the_environment_in_which_the_policy_drives_the_robot() -> None:
+def test_ghost_games_equal_environments_with_policy_driven_robot() -> None:
     games = begun(GAMES)
     twins, robots = [pacman_env.parallel_env(**QUICK) for _ in range(GAMES)], [ROBOT() for _ in range(GAMES)]
     for i, twin in enumerate(twins):
@@ -77,7 +77,7 @@ def test_every_game_is_the_environment_in_which_the_policy_drives_the_robot() ->
     assert ends >= 2 * GAMES
 
 
-def test_observations_are_not_reused() -> None:
+def test_returned_observations_never_change() -> None:
     games = begun(2)
     first = games.step(np.zeros(2, dtype=np.int64))[0]
     copy = {key: array.copy() for key, array in first.items()}
@@ -104,7 +104,7 @@ def test_training_games_are_zero_sum_and_scaled(monkeypatch: pytest.MonkeyPatch)
     assert np.any(paid)
 
 
-def test_each_segment_has_houses_of_its_own() -> None:
+def test_each_segment_plays_its_own_houses() -> None:
     for segment, first in ((0, 0), (1, 6)):
         parts = made(segment)
         assert sum(part.num_envs for part in parts) == GAMES
@@ -112,13 +112,13 @@ def test_each_segment_has_houses_of_its_own() -> None:
         assert {(source.start_level, source.num_levels) for source in sources} == {(first, 6)}
 
 
-def test_the_game_is_the_one_the_planner_is_trained_on() -> None:
+def test_ghost_games_use_speed_ranges_of_planner_training() -> None:
     config = made()[0].env.config
     for name in ("clyde_speed_mps", "speed_mps"):
         assert getattr(config.randomize, name) == game_settings(ARGUMENTS)[f"randomize.{name}"]
 
 
-def test_the_same_seed_gives_the_same_bits() -> None:
+def test_same_seed_gives_same_bits() -> None:
     def play(seed: int) -> bytes:
         games = begun(2, seed)
         rng = np.random.default_rng(1)
@@ -133,6 +133,6 @@ def test_the_same_seed_gives_the_same_bits() -> None:
 
 
 @pytest.mark.parametrize("ghosts", [("policy", "policy"), ("wander", "policy")], ids=["two agents", "not clyde"])
-def test_games_that_do_not_fit_are_refused(ghosts: tuple[str, ...]) -> None:
+def test_games_with_other_agents_are_refused(ghosts: tuple[str, ...]) -> None:
     with pytest.raises(ValueError, match=r"agents of the games: .*, must be pacman and clyde"):
         GhostGames(PacManBotParallelVecEnv(1, map="house", ghosts=ghosts), ROBOT())

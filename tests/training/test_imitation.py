@@ -51,14 +51,14 @@ def agreement(model: PPO) -> float:
     return float(np.mean(found))
 
 
-def test_an_imitator_agrees_with_the_rule_more_often_than_untrained_networks() -> None:
+def test_imitation_raises_agreement_with_rule() -> None:
     model, result = taught(4096)
     before = float(np.mean([agreement(pupil(seed)) for seed in range(4)]))  # of one alone 0.02 to 0.24
     assert agreement(model) > before + 0.25
     assert 0.0 < result["agreement"] <= 1.0
 
 
-def test_labels_are_those_of_each_line_ups_own_teacher() -> None:
+def test_labels_are_choices_of_the_lineup_teacher() -> None:
     arguments = tiny(ghosts=["chase", "wander,wander"], teacher_nodes=221)
     teachers: dict[str, Policy] = {
         "chase": make_policy("search", base="lookahead", nodes=221, samples=1, behaviours="configuration"),
@@ -82,7 +82,7 @@ def test_labels_are_those_of_each_line_ups_own_teacher() -> None:
     assert differ > 0
 
 
-def test_what_a_rule_labels_are_its_choices_in_the_situations_met(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_teacher_labels_rounds_of_teacher_and_network(monkeypatch: pytest.MonkeyPatch) -> None:
     """In the first round it plays itself, in the following three the network does."""
     chosen: list[np.ndarray] = []
     played: list[np.ndarray] = []
@@ -99,13 +99,13 @@ def test_what_a_rule_labels_are_its_choices_in_the_situations_met(monkeypatch: p
     assert result["agreement"] < 1.0
 
 
-def test_the_same_seed_teaches_the_same_bits_and_another_others() -> None:
+def test_imitation_is_reproducible_by_seed() -> None:
     one, same, other = (taught(512, seed)[0].network.state_dict() for seed in (1, 1, 2))
     assert all(torch.equal(one[name], same[name]) for name in one)
     assert not all(torch.equal(one[name], other[name]) for name in one)
 
 
-def test_returns_of_a_hand_made_sequence() -> None:
+def test_discounted_returns_match_hand_computed_values() -> None:
     """Of three games: one that ends in the middle, one that ends at last, one that does not."""
     rewards = np.array([[1, 0, 1], [2, 0, 0], [4, 8, 0], [8, 0, 4]], dtype=np.float32)
     dones = np.array([[0, 0, 0], [1, 0, 0], [0, 0, 0], [0, 1, 0]], dtype=np.bool_)
@@ -128,9 +128,7 @@ def labels(model: PPO, games: Games, kind: str) -> tuple[PackedSituations, ppo._
 
 
 @pytest.mark.parametrize(("kind", "learns"), [("is_refuge", False), ("is_pellet", True)])
-def test_choices_that_an_ablation_may_not_make_teach_it_nothing(
-    kind: str, learns: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_labels_forbidden_by_ablation_teach_nothing(kind: str, learns: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ppo, "_ENTROPY", 0.0)
     games = make_parts(tiny(), 0)[0].make([])
     model = pupil(**dropped(tiny(without=("refuges",))))
@@ -141,6 +139,6 @@ def test_choices_that_an_ablation_may_not_make_teach_it_nothing(
     assert same != learns
 
 
-def test_imitation_leaves_the_optimizer_of_ppo_fresh(tmp_path: Path) -> None:
+def test_imitation_keeps_optimizer_of_ppo_unused(tmp_path: Path) -> None:
     model, _ = taught(64)
     assert model.optimizer.state_dict()["state"] == {}

@@ -29,7 +29,7 @@ def arguments(**changes: Any) -> Arguments:
     return tiny(**{"ghosts": ["learned"], "league_every": 2, "levels": 2} | changes)
 
 
-def test_a_member_joins_after_every_so_many_segments(tmp_path: Path) -> None:
+def test_league_adds_member_after_configured_number_of_segments(tmp_path: Path) -> None:
     league = League(arguments(), tmp_path)
     assert [segment for segment in range(7) if league.is_due(segment)] == [2, 4, 6]
     assert [len(league.names(segment)) for segment in range(7)] == [0, 0, 1, 1, 2, 2, 3]
@@ -37,12 +37,12 @@ def test_a_member_joins_after_every_so_many_segments(tmp_path: Path) -> None:
     assert not League(tiny(), tmp_path).is_due(2)
 
 
-def test_before_there_is_a_member_rules_play_in_its_place(tmp_path: Path) -> None:
+def test_rules_play_while_league_has_no_members(tmp_path: Path) -> None:
     pool = League(arguments(), tmp_path).pool(1, {})
     assert [member.name for member in pool.members] == ["arcade", "chase"]
 
 
-def test_members_are_drawn_by_how_often_the_planner_loses_to_them(tmp_path: Path) -> None:
+def test_members_are_drawn_by_how_often_they_win(tmp_path: Path) -> None:
     league = League(arguments(), tmp_path)
     for name in ("clyde-1", "clyde-2"):
         random_planner(tmp_path, name)
@@ -52,7 +52,7 @@ def test_members_are_drawn_by_how_often_the_planner_loses_to_them(tmp_path: Path
     assert np.bincount(unknown.drawn(SEEDS)) / len(SEEDS) == pytest.approx([5 / 9, 4 / 9], abs=0.03)
 
 
-def test_rounds_are_counted_for_the_member_that_played_them(tmp_path: Path) -> None:
+def test_rounds_are_counted_for_the_playing_member(tmp_path: Path) -> None:
     league = League(arguments(), tmp_path)
     for name in ("clyde-1", "clyde-2"):
         random_planner(tmp_path, name)
@@ -63,9 +63,7 @@ def test_rounds_are_counted_for_the_member_that_played_them(tmp_path: Path) -> N
     assert found == {"clyde-1": (0, 40 - ones), "clyde-2": (ones, ones)}
 
 
-def test_a_member_is_trained_against_the_planner_and_repeats_by_its_seed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_member_is_trained_reproducibly_against_planner(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_GAMES", 4)
     monkeypatch.setattr(module, "_DECISIONS", 16)
     monkeypatch.setattr(module, "_STEPS", 8)
@@ -85,6 +83,6 @@ def test_a_member_is_trained_against_the_planner_and_repeats_by_its_seed(
     assert isinstance(league.pool(4, {}).members[0], LearnedPlanner)
 
 
-def test_clyde_learns_in_games_of_its_own_speeds() -> None:
+def test_ghost_learns_at_its_own_speeds() -> None:
     hyper = clyde_arguments(arguments()).hyper
     assert (hyper.clyde_speed, hyper.ghosts, hyper.imitation) == ((0.1, 0.35), ("learned",), 0)

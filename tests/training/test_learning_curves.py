@@ -30,7 +30,7 @@ def without_times(curves: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return curves
 
 
-def test_a_quick_look_writes_figures_and_a_picture(tmp_path: Path) -> None:
+def test_quick_run_writes_figures_of_one_curve(tmp_path: Path) -> None:
     found = learn(tmp_path, "--seeds", "3", "--learner", "ppo")
     assert found["version"] == __version__
     assert found["configurations"]["planner/event"]["environment"]["map"] == "loop"
@@ -44,7 +44,7 @@ def test_a_quick_look_writes_figures_and_a_picture(tmp_path: Path) -> None:
 
 
 @pytest.mark.daily
-def test_workers_change_nothing_but_times(tmp_path: Path) -> None:
+def test_workers_change_only_times(tmp_path: Path) -> None:
     one, two = (
         learn(tmp_path, "--seeds", "3", "4", "--learner", "ppo", "--workers", workers) for workers in ("1", "2")
     )
@@ -52,7 +52,7 @@ def test_workers_change_nothing_but_times(tmp_path: Path) -> None:
 
 
 @pytest.mark.daily
-def test_every_baseline_learns_in_short(tmp_path: Path) -> None:
+def test_every_baseline_learns_in_short_run(tmp_path: Path) -> None:
     found = learn(tmp_path, "--baselines")
     assert [curve["name"] for curve in found["curves"]] == [*load_baselines(FILE)]
     for curve in found["curves"]:
@@ -62,15 +62,13 @@ def test_every_baseline_learns_in_short(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["planner", "planner/never", "pictures/event"])
-def test_a_combination_that_is_not_there_is_refused_by_name(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_unknown_combination_is_refused_by_name(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--combinations", name, *files(tmp_path)]) == 2
     error = capsys.readouterr().err
     assert f"combination '{name}': choose among planner/event" in error
     assert error.count("\n") == 1
 
 
-def test_a_baseline_that_is_not_there_is_refused_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_unknown_baseline_is_refused_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--baselines", "flat", "round", *files(tmp_path)]) == 2
     assert "baseline 'round': choose among flat velocity_scan" in capsys.readouterr().err

@@ -22,12 +22,12 @@ from pacman_env.training.lineups import (
 EIGHT = ["wander", "wander", "wander,wander", "arcade", "chase", "arcade,chase", "wander,arcade,chase,wander", "chase"]
 
 
-def test_spaces_are_no_part_of_a_line_up() -> None:
+def test_spaces_are_removed_from_lineup() -> None:
     assert checked(" arcade, chase", "ghosts[0]") == "arcade,chase"
     assert behaviours("wander,arcade") == ("wander", "arcade")
 
 
-def test_a_line_up_may_have_speeds() -> None:
+def test_lineup_accepts_speed_range() -> None:
     assert checked("arcade, learned@ 0.1 - 0.3", "ghosts[0]") == "arcade,learned@0.1-0.3"
     assert behaviours("arcade,learned@0.1-0.3") == ("arcade", "learned")
     assert speeds("arcade,learned@0.1-0.3") == (0.1, 0.3)
@@ -49,7 +49,7 @@ def test_a_line_up_may_have_speeds() -> None:
         ("chase,chase,chase,chase,chase", r"ghosts\[2\] = 'chase,.*': must be at most 4 behaviours"),
     ],
 )
-def test_a_line_up_that_cannot_be_is_named(lineup: str, message: str) -> None:
+def test_invalid_lineup_is_refused_with_reason(lineup: str, message: str) -> None:
     with pytest.raises(ValueError, match=rf"^{message}[^\n]*$"):
         checked(lineup, "ghosts[2]")
 
@@ -64,11 +64,11 @@ def test_a_line_up_that_cannot_be_is_named(lineup: str, message: str) -> None:
         (EIGHT, 16, 8, 1),
     ],
 )
-def test_every_line_up_has_its_share(ghosts: list[str], games: int, levels: int, copies: int) -> None:
+def test_every_lineup_gets_its_share_of_sub_batches(ghosts: list[str], games: int, levels: int, copies: int) -> None:
     assert sorted(sub_batches(ghosts, games, levels)) == sorted(ghosts * copies)
 
 
-def test_both_halves_have_as_many_ghosts_and_searches() -> None:
+def test_both_halves_contain_equally_many_ghosts_and_searches() -> None:
     found = sub_batches(EIGHT, 256, 128)
     first, last = found[:4], found[4:]
     assert sum(map(searches, first)) - sum(map(searches, last)) in (-1, 0, 1)
@@ -76,14 +76,14 @@ def test_both_halves_have_as_many_ghosts_and_searches() -> None:
     assert sub_batches(["chase", "wander", "arcade"], 3, 3) == ["wander", "arcade", "chase"]
 
 
-def test_games_and_levels_that_cannot_be_shared_are_refused() -> None:
+def test_indivisible_games_or_levels_are_refused() -> None:
     with pytest.raises(ValueError, match="games = 256: must be a multiple of the 3 line-ups in ghosts"):
         sub_batches(["wander", "arcade", "chase"], 256, 128)
     with pytest.raises(ValueError, match="levels = 2: must be at least the 3 line-ups in ghosts"):
         sub_batches(["wander", "arcade", "chase"], 6, 2)
 
 
-def test_the_teacher_searches_unless_every_ghost_wanders() -> None:
+def test_teacher_searches_unless_every_ghost_wanders() -> None:
     named = {"wander": "lookahead", "wander,wander": "lookahead", "arcade": "search", "wander,chase": "search"}
     assert {lineup: teacher_name(lineup) for lineup in named} == named
     assert all(make_teacher(lineup, 300).name == name for lineup, name in named.items())
@@ -92,7 +92,7 @@ def test_the_teacher_searches_unless_every_ghost_wanders() -> None:
     assert (teacher.parameters.nodes, teacher.parameters.samples, teacher.base.name) == (300, 1, "lookahead")
 
 
-def test_the_least_nodes_are_those_that_a_search_takes() -> None:
+def test_teacher_refuses_fewer_nodes_than_search_needs() -> None:
     make_teacher("chase", LEAST_NODES)
     with pytest.raises(ValueError, match=f"must be at least {LEAST_NODES}"):
         make_teacher("chase", LEAST_NODES - 1)

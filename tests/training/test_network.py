@@ -48,9 +48,7 @@ def close(one: torch.Tensor, other: torch.Tensor) -> None:
 
 @settings(max_examples=60)
 @given(variant=st.sampled_from(VARIANTS), seed=SEEDS, shape=SHAPES)
-def test_candidates_in_another_order_get_the_same_logits_in_that_order(
-    variant: dict[str, Any], seed: int, shape: tuple[int, int]
-) -> None:
+def test_logits_follow_order_of_candidates(variant: dict[str, Any], seed: int, shape: tuple[int, int]) -> None:
     network = NETWORKS[VARIANTS.index(variant)]
     candidates, whole, mask = inputs(seed, *shape)
     order = np.random.default_rng(seed).permutation(shape[1])
@@ -63,7 +61,9 @@ def test_candidates_in_another_order_get_the_same_logits_in_that_order(
 
 @settings(max_examples=60)
 @given(variant=st.sampled_from(VARIANTS), seed=SEEDS, shape=SHAPES, more=st.integers(1, 8))
-def test_padded_slots_change_nothing(variant: dict[str, Any], seed: int, shape: tuple[int, int], more: int) -> None:
+def test_padded_slots_do_not_change_output(
+    variant: dict[str, Any], seed: int, shape: tuple[int, int], more: int
+) -> None:
     """Whatever stands in them."""
     network = NETWORKS[VARIANTS.index(variant)]
     candidates, whole, mask = inputs(seed, *shape)
@@ -80,7 +80,7 @@ def test_padded_slots_change_nothing(variant: dict[str, Any], seed: int, shape: 
 
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("allowed", [0.0, 0.1, 0.6, 1.0])
-def test_the_network_is_its_plain_definition_with_the_same_gradient(variant: dict[str, Any], allowed: float) -> None:
+def test_packed_network_equals_plain_network_and_its_gradient(variant: dict[str, Any], allowed: float) -> None:
     """Also where nothing may be chosen, in some games or in all."""
     network = random_network(**variant)
     batch = inputs(5, 20, 9, allowed)
@@ -99,7 +99,7 @@ def test_the_network_is_its_plain_definition_with_the_same_gradient(variant: dic
         torch.testing.assert_close(one, other, atol=1e-3, rtol=1e-4)
 
 
-def test_a_game_is_judged_as_if_it_were_alone() -> None:
+def test_games_of_batch_are_judged_independently() -> None:
     network = random_network()
     batch = inputs(6, 12, 7)
     logits, values = network(*batch)
@@ -109,7 +109,7 @@ def test_a_game_is_judged_as_if_it_were_alone() -> None:
         close(value[0], values[i])
 
 
-def test_every_weight_gets_a_gradient() -> None:
+def test_every_weight_gets_gradient() -> None:
     network = random_network()
     logits, values = network(*inputs(7, 64, 12))
     (torch.where(logits > FORBIDDEN, logits, 0.0).square().sum() + values.square().sum()).backward()
@@ -119,7 +119,7 @@ def test_every_weight_gets_a_gradient() -> None:
         assert (rows > 0).float().mean() > 0.9, name  # a few units may never fire
 
 
-def test_dropped_features_are_not_seen() -> None:
+def test_dropped_features_do_not_change_output() -> None:
     network = random_network(dropped_features=(5, 8))
     candidates, whole, mask = inputs(8, 10, 9)
     changed = candidates.clone()
@@ -138,7 +138,7 @@ def test_dropped_kinds_are_never_chosen() -> None:
     assert ((logits > FORBIDDEN) == (mask & ~refuge)).all()
 
 
-def test_a_new_network_is_nearly_indifferent_between_candidates() -> None:
+def test_new_network_rates_candidates_nearly_equally() -> None:
     torch.manual_seed(0)
     reference = random_network()
     network = EntityNetwork(

@@ -47,7 +47,7 @@ def hold(played: GameRunner, ticks: int) -> None:
 
 
 @pytest.mark.parametrize("name", ["wander", "chase", "arcade"])
-def test_a_behaviour_among_the_opponents_is_the_environments(name: str) -> None:
+def test_behaviour_opponent_moves_like_ghost_of_environment(name: str) -> None:
     original, opponent = game(name), game(BehaviourOpponent(name))
     for _ in range(100):
         hold(original, 1)
@@ -56,7 +56,7 @@ def test_a_behaviour_among_the_opponents_is_the_environments(name: str) -> None:
             np.testing.assert_array_equal(original.batch.ghosts[field], opponent.batch.ghosts[field])
 
 
-def test_a_pool_of_wanderers_is_the_original_clyde() -> None:
+def test_pool_of_wanderers_moves_like_wandering_ghost() -> None:
     original, pool = game("wander"), game(make_pool([], wander=1.0))
     hold(original, 100)
     hold(pool, 100)
@@ -64,12 +64,12 @@ def test_a_pool_of_wanderers_is_the_original_clyde() -> None:
 
 
 @given(st.lists(st.floats(0.0, 1e6), min_size=1, max_size=6).filter(lambda shares: sum(shares) > 1.0))
-def test_who_has_no_share_never_plays(shares: list[float]) -> None:
+def test_opponent_without_share_never_plays(shares: list[float]) -> None:
     numbers = Opponents([BehaviourOpponent("wander")] * len(shares), shares).drawn(SEEDS[:500])
     assert (np.array(shares)[numbers] > 0).all()
 
 
-def test_everyone_plays_his_share() -> None:
+def test_opponents_play_in_proportion_to_their_shares() -> None:
     pool = make_pool([BehaviourOpponent("wander")] * 2, wander=0.4)
     counts = np.bincount(pool.drawn(SEEDS), minlength=5) / len(SEEDS)
     np.testing.assert_allclose(counts, [0.4, 0.15, 0.15, 0.15, 0.15], atol=0.015)
@@ -85,7 +85,7 @@ class Named(BasePolicy):
         return np.full(len(situation.mask), self.number)
 
 
-def test_each_game_has_one_player_by_its_seed_alone() -> None:
+def test_opponent_of_game_depends_on_seed_alone() -> None:
     pool = Opponents([Named(k) for k in range(4)], [1, 2, 3, 4])
     played = game(BehaviourOpponent("wander"))
     before = pool.select(played.batch.situation(0))
@@ -98,7 +98,7 @@ def test_each_game_has_one_player_by_its_seed_alone() -> None:
     np.testing.assert_array_equal(pool.select(seen.rows(order)), before[order])
 
 
-def test_a_learned_clyde_plays_in_a_pool_as_he_plays_alone(tmp_path: Path) -> None:
+def test_learned_ghost_chooses_same_in_pool_and_alone(tmp_path: Path) -> None:
     learned = make_policy(str(random_planner(tmp_path)))
     pool = Opponents([BehaviourOpponent("wander"), learned], [1, 1])
     played = game(BehaviourOpponent("wander"))
@@ -109,7 +109,7 @@ def test_a_learned_clyde_plays_in_a_pool_as_he_plays_alone(tmp_path: Path) -> No
     np.testing.assert_array_equal(pool.select(seen)[his], learned.select(seen)[his])
 
 
-def test_a_learned_clyde_from_a_file_is_obeyed_in_a_ghosts_seat(tmp_path: Path) -> None:
+def test_ghost_follows_choices_of_learned_policy_file(tmp_path: Path) -> None:
     learned = make_policy(str(random_planner(tmp_path)))
     played = game(learned)
     for _ in range(20):
@@ -131,7 +131,7 @@ def test_a_learned_clyde_from_a_file_is_obeyed_in_a_ghosts_seat(tmp_path: Path) 
         ([BehaviourOpponent("wander")], [float("nan")], "must be at least 0"),
     ],
 )
-def test_a_pool_that_cannot_be_drawn_from_is_refused(members: list[Policy], shares: list[float], words: str) -> None:
+def test_invalid_pool_is_refused(members: list[Policy], shares: list[float], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         Opponents(members, shares)
 
@@ -142,26 +142,26 @@ def completed_against(robot: Policy, clyde: str | Policy, rounds: int) -> Flags:
     return HeldOut(ARGUMENTS, rounds, InProcess(), ghosts=(LEARNED,)).completed(robot, clyde)
 
 
-def test_the_same_rounds_whoever_plays_and_however_many() -> None:
+def test_rounds_do_not_depend_on_number_of_rounds() -> None:
     many = completed_against(make_policy("nearest"), "wander", 12)
     few = completed_against(make_policy("nearest"), BehaviourOpponent("wander"), 6)
     np.testing.assert_array_equal(many[:6], few)
     assert 0 < many.sum() < 12
 
 
-def test_a_chaser_is_harder_than_a_wanderer() -> None:
+def test_chasing_ghost_is_harder_than_wandering_ghost() -> None:
     chased, wandered = (
         completed_against(make_policy("nearest"), c, 12).sum() for c in (BehaviourOpponent("chase"), "wander")
     )
     assert chased < wandered
 
 
-def test_an_unknown_behaviour_is_refused() -> None:
+def test_unknown_behaviour_is_refused() -> None:
     with pytest.raises(ConfigError, match="inky"):
         completed_against(make_policy("nearest"), "inky", 2)
 
 
-def test_the_table_plays_each_pair_once_and_leaves_the_others_empty() -> None:
+def test_completion_table_plays_each_requested_pair_once() -> None:
     table = CompletionTable(ARGUMENTS, 4, InProcess())
     table.play("nearest", ["wander"])
     first = table.completed["nearest"]["wander"]
@@ -176,7 +176,7 @@ def test_the_table_plays_each_pair_once_and_leaves_the_others_empty() -> None:
     assert lines[3].startswith("| random |  |")
 
 
-def test_robustness_has_the_planner_the_rules_and_the_learned_clyde(tmp_path: Path) -> None:
+def test_robustness_table_contains_planner_rules_and_learned_ghost(tmp_path: Path) -> None:
     planner, clyde = random_planner(tmp_path, "planner", 1), random_planner(tmp_path, "clyde", 2)
     shares = robustness(planner, clyde, CompletionTable(ARGUMENTS, 1, InProcess())).shares()
     assert list(shares) == ["planner", "lookahead", "clyde_aware"]

@@ -54,7 +54,7 @@ def rollout_of(other: MaskablePPO, network: Any) -> Rollout:
 
 @pytest.mark.parametrize("sizes", [{}, {"dropped_kinds": (1,), "dropped_features": (4,)}])
 @pytest.mark.parametrize("threads", [1, 2])
-def test_an_update_is_that_of_stable_baselines(
+def test_update_equals_update_of_stable_baselines3(
     sizes: dict[str, Any], threads: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """From the same rollout, with minibatches of the same rows and chunks that do not divide them."""
@@ -109,7 +109,7 @@ def test_threads_do_not_change_a_bit(threads: int, monkeypatch: pytest.MonkeyPat
         assert torch.equal(value, other.network.state_dict()[name]), name
 
 
-def test_what_is_kept_of_a_rollout_is_what_was_met(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rollout_stores_choices_probabilities_and_values_of_network(monkeypatch: pytest.MonkeyPatch) -> None:
     """Situations as the games had them, choices that may be made, their log-probabilities and the values."""
     model, rollout = learned(1, monkeypatch)
     situations = rollout.situations
@@ -123,7 +123,7 @@ def test_what_is_kept_of_a_rollout_is_what_was_met(monkeypatch: pytest.MonkeyPat
     torch.testing.assert_close(rollout.returns, rollout.advantages + values, atol=1e-5, rtol=1e-5)
 
 
-def test_one_update_changes_all_weights_and_nothing_that_is_no_weight(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_update_changes_weights_but_no_fixed_buffers(monkeypatch: pytest.MonkeyPatch) -> None:
     model, _ = learned(1, monkeypatch, dropped_features=(4,))
     before = PPO(HYPER, 5, dropped_features=(4,)).network.state_dict()
     for name, value in model.network.state_dict().items():
@@ -156,7 +156,7 @@ def test_masked_choices_are_never_taken(met: Observation) -> None:
     assert (chosen == narrow.argmax(axis=1)).all()
 
 
-def test_the_likeliest_choice_has_the_highest_logit(met: Observation) -> None:
+def test_choice_without_generator_has_highest_logit(met: Observation) -> None:
     model = PPO(HYPER, 0)
     seen = {key: torch.tensor(array) for key, array in met.items()}
     with torch.no_grad():
@@ -166,7 +166,7 @@ def test_the_likeliest_choice_has_the_highest_logit(met: Observation) -> None:
     torch.testing.assert_close(choices.values, values)
 
 
-def test_choices_are_drawn_as_often_as_the_network_says() -> None:
+def test_choices_are_drawn_with_probabilities_of_network() -> None:
     model = PPO(HYPER, 0)
     first = make_parts(tiny(**SMALL), 0)[0].make([]).reset(3)
     observation = {key: np.repeat(array[:1], 20000, axis=0) for key, array in first.items()}
@@ -181,7 +181,7 @@ def test_choices_are_drawn_as_often_as_the_network_says() -> None:
     np.testing.assert_allclose(np.bincount(actions, minlength=len(odds)) / 20000, odds, atol=0.02)
 
 
-def test_a_network_that_has_diverged_is_an_error(met: Observation) -> None:
+def test_diverged_network_raises_error(met: Observation) -> None:
     model = PPO(HYPER, 0)
     with torch.no_grad():
         model.network.judge.weight.fill_(torch.nan)
@@ -189,7 +189,7 @@ def test_a_network_that_has_diverged_is_an_error(met: Observation) -> None:
         choose(model.network, met)
 
 
-def test_it_saves_and_loads_and_learns_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_restored_checkpoint_learns_on_identically(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sizes = {"dropped_kinds": (1,), "dropped_features": (4, 5)}
     model, _ = learned(1, monkeypatch, **sizes)
     save_checkpoint(tmp_path / "run.zip", model.network, model.optimizer)
@@ -206,7 +206,7 @@ def test_it_saves_and_loads_and_learns_on(tmp_path: Path, monkeypatch: pytest.Mo
     assert not torch.equal(load_network(tmp_path / "run.zip").judge.weight, model.network.judge.weight)
 
 
-def test_a_rollout_is_logged(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rollout_figures_are_logged(monkeypatch: pytest.MonkeyPatch) -> None:
     model = PPO(HYPER, 0)
     monkeypatch.setattr(Logger, "dump", lambda self, step=0: None)  # which would forget them
     model.learn(games(), 20 * HYPER.rollout, 0, NO_BAR)
@@ -215,7 +215,7 @@ def test_a_rollout_is_logged(monkeypatch: pytest.MonkeyPatch) -> None:
     assert 1 <= model.logger.name_to_value["rollout/ep_len_mean"] <= 20 * HYPER.n_steps
 
 
-def test_advantages_are_those_of_stable_baselines() -> None:
+def test_advantages_equal_advantages_of_stable_baselines3() -> None:
     rng = np.random.default_rng(0)
     space = PacManBotVecEnv(1, map="house").action_space
     rewards, values, dones = rng.normal(size=(9, 4)), rng.normal(size=(10, 4)), rng.random((9, 4)) < 0.3

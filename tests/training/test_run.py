@@ -84,7 +84,7 @@ def broken(begun: Arguments, tmp_path: Path) -> Arguments:
     return again(begun, out=tmp_path / "run")
 
 
-def test_a_run_leaves_its_curve_and_its_best_and_last_checkpoint(whole: Arguments) -> None:
+def test_run_writes_curve_and_best_and_last_checkpoint(whole: Arguments) -> None:
     assert [(record["segment"], record["decisions"]) for record in curve(whole.out)] == [(0, 64), (1, 128), (2, 192)]
     names = {path.name for path in whole.out.iterdir() if not path.name.startswith("events.")}
     files = {f"{name}{suffix}" for name in ("last", "best", "segment-2") for suffix in (".zip", ".facts.json")}
@@ -95,7 +95,7 @@ def test_a_run_leaves_its_curve_and_its_best_and_last_checkpoint(whole: Argument
     assert facts.training.clyde_speeds_mps == whole.hyper.clyde_speed
 
 
-def test_a_run_that_was_interrupted_goes_on_to_the_same_bits(whole: Arguments, broken: Arguments) -> None:
+def test_interrupted_run_resumes_to_same_bits(whole: Arguments, broken: Arguments) -> None:
     assert len(curve(broken.out)) == 1
     train(broken)
     assert curve(broken.out) == curve(whole.out)
@@ -104,7 +104,7 @@ def test_a_run_that_was_interrupted_goes_on_to_the_same_bits(whole: Arguments, b
 
 
 @pytest.mark.daily
-def test_a_run_with_two_line_ups_goes_on_to_the_same_bits(tmp_path: Path) -> None:
+def test_run_with_two_lineups_resumes_to_same_bits(tmp_path: Path) -> None:
     """In one thread and in two; its record and its curve have the share completed against each."""
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
@@ -125,7 +125,7 @@ def test_a_run_with_two_line_ups_goes_on_to_the_same_bits(tmp_path: Path) -> Non
     assert {"validation/completed", "validation/completed_wander", "validation/completed_arcade_chase"} <= tags
 
 
-def test_a_run_interrupted_while_it_was_writing_goes_on_to_the_same_bits(whole: Arguments, broken: Arguments) -> None:
+def test_run_interrupted_while_writing_resumes_to_same_bits(whole: Arguments, broken: Arguments) -> None:
     """Checkpoints of a segment that the record does not know yet, one of them torn."""
     shutil.copy(whole.out / "best.zip", broken.out / "best.zip")
     (broken.out / "segment-1.zip").write_bytes((whole.out / "last.zip").read_bytes()[:999])
@@ -135,7 +135,7 @@ def test_a_run_interrupted_while_it_was_writing_goes_on_to_the_same_bits(whole: 
     assert same(weights(broken.out / "last.zip"), weights(whole.out / "last.zip"))
 
 
-def test_a_finished_run_goes_nowhere(whole: Arguments, tmp_path: Path) -> None:
+def test_finished_run_is_not_trained_further(whole: Arguments, tmp_path: Path) -> None:
     shutil.copytree(whole.out, tmp_path / "run")
     before, seen = (whole.out / "run.json").read_bytes(), []
     folder, model = train(again(whole, out=tmp_path / "run"), seen.append)
@@ -146,13 +146,13 @@ def test_a_finished_run_goes_nowhere(whole: Arguments, tmp_path: Path) -> None:
     assert len(folder.segments) == 3
 
 
-def test_each_segments_record_is_passed_on(broken: Arguments) -> None:
+def test_each_segment_record_is_passed_to_callback(broken: Arguments) -> None:
     seen: list[dict[str, Any]] = []
     folder, _ = train(broken, seen.append)
     assert seen == folder.segments == json.loads((broken.out / "run.json").read_text())["segments"]
 
 
-def test_the_same_seed_gives_the_same_bits_and_another_others(tmp_path: Path) -> None:
+def test_same_seed_gives_same_bits(tmp_path: Path) -> None:
     states = []
     for name, seed in (("one", 5), ("same", 5), ("other", 6)):
         arguments = tiny(tmp_path / name, seed=seed, decisions=64, imitation=32)
@@ -162,13 +162,13 @@ def test_the_same_seed_gives_the_same_bits_and_another_others(tmp_path: Path) ->
     assert not same(states[0], states[2])
 
 
-def test_neither_bar_nor_threads_belong_to_the_arguments_of_a_run_and_the_device_does(broken: Arguments) -> None:
+def test_run_resumes_with_other_threads_but_same_device(broken: Arguments) -> None:
     assert len(Run(dataclasses.replace(broken, progress=True, threads=broken.threads + 1)).segments) == 1
     with pytest.raises(ValueError, match="device"):
         Run(dataclasses.replace(broken, device="cuda"))
 
 
-def test_a_run_is_not_overwritten(whole: Arguments) -> None:
+def test_existing_run_is_not_overwritten(whole: Arguments) -> None:
     before = {path: path.read_bytes() for path in whole.out.iterdir()}
     with pytest.raises(ValueError, match=r"run: there is a run already; give --resume or another --out"):
         train(whole)
@@ -186,7 +186,7 @@ def test_a_run_is_not_overwritten(whole: Arguments) -> None:
         ({"clyde_speed": (0.2, 0.5)}, r"clyde_speed = \[0\.2, 0\.6\], not \[0\.2, 0\.5\]"),
     ],
 )
-def test_going_on_with_other_arguments_is_refused_and_the_field_named(
+def test_resuming_with_other_arguments_names_changed_field(
     changes: dict[str, Any], message: str, broken: Arguments
 ) -> None:
     names = {field.name for field in dataclasses.fields(broken.hyper)}
@@ -213,7 +213,7 @@ def test_going_on_with_other_arguments_is_refused_and_the_field_named(
         ('{"arguments": [], "segments": []}', "was started with decisions = None, not 192"),
     ],
 )
-def test_a_torn_or_foreign_record_is_refused(content: str | None, message: str, broken: Arguments) -> None:
+def test_invalid_record_is_refused(content: str | None, message: str, broken: Arguments) -> None:
     record = broken.out / "run.json"
     record.unlink() if content is None else record.write_text(content)
     with pytest.raises(ValueError, match=rf"run\.json: {message}"):
@@ -221,7 +221,7 @@ def test_a_torn_or_foreign_record_is_refused(content: str | None, message: str, 
 
 
 @pytest.mark.parametrize("field", ["against_league", "again", "decisions"])
-def test_a_record_of_another_version_is_refused_and_the_missing_field_named(field: str, broken: Arguments) -> None:
+def test_record_of_another_version_names_missing_field(field: str, broken: Arguments) -> None:
     record = broken.out / "run.json"
     content = json.loads(record.read_text())
     del content["segments"][0][field]
@@ -274,14 +274,14 @@ DAMAGES: dict[str, Callable[[Path, Path], object]] = {
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_a_torn_or_foreign_checkpoint_is_refused_by_name(damage: str, broken: Arguments, tmp_path: Path) -> None:
+def test_invalid_checkpoint_is_refused_by_name(damage: str, broken: Arguments, tmp_path: Path) -> None:
     DAMAGES[damage](broken.out / "segment-0.zip", tmp_path / "trace")
     with pytest.raises(ValueError, match=r"segment-0\.zip: cannot be restored"):
         train(broken)
     assert not (tmp_path / "trace").exists()
 
 
-def test_nothing_is_unpickled_when_a_run_goes_on(
+def test_resuming_unpickles_nothing(
     whole: Arguments, broken: Arguments, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What Stable-Baselines3 would unpickle in a checkpoint of an earlier version holds code, and is not read."""
@@ -299,13 +299,13 @@ def test_nothing_is_unpickled_when_a_run_goes_on(
     assert same(weights(broken.out / "last.zip"), weights(whole.out / "last.zip"))
 
 
-def test_the_learning_rate_falls_over_the_whole_run(whole: Arguments, begun: Arguments) -> None:
+def test_learning_rate_falls_over_whole_run(whole: Arguments, begun: Arguments) -> None:
     first, last = whole.hyper.learning_rate
     assert weights(begun.out / "last.zip")["rate"] == pytest.approx(first + (last - first) / 3)
     assert weights(whole.out / "last.zip")["rate"] == pytest.approx(whole.hyper.learning_rate[1])
 
 
-def test_what_is_best_is_chosen_by_validation_and_the_latest_of_equals(tmp_path: Path) -> None:
+def test_best_checkpoint_has_highest_validation_or_is_latest(tmp_path: Path) -> None:
     arguments = tiny(tmp_path / "run", decisions=64)
     folder, model = train(arguments)
     saved_at = []
@@ -315,7 +315,7 @@ def test_what_is_best_is_chosen_by_validation_and_the_latest_of_equals(tmp_path:
     assert saved_at == [1, 1, 3, 4, 4]
 
 
-def test_shares_of_endings_are_logged(whole: Arguments) -> None:
+def test_validation_and_losses_are_logged(whole: Arguments) -> None:
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
     events = EventAccumulator(str(whole.out)).Reload()
@@ -324,13 +324,13 @@ def test_shares_of_endings_are_logged(whole: Arguments) -> None:
     assert [event.step for event in events.Scalars("validation/completed")] == [64, 128, 192]
 
 
-def test_a_run_that_may_not_be_written_is_refused(tmp_path: Path) -> None:
+def test_unwritable_run_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError, match="file"):
         train(tiny(tmp_path / "file"))
 
 
-def test_what_is_called_after_a_segment_may_end_the_training(begun: Arguments) -> None:
+def test_callback_after_segment_can_stop_training(begun: Arguments) -> None:
     after: AfterSegment = interrupt
     with pytest.raises(_Interrupted):
         train(again(begun), after)

@@ -35,7 +35,7 @@ def left(cache: Path) -> list[Path]:
 
 
 @pytest.mark.daily
-def test_each_seed_is_its_training_and_the_table_has_them_all(cache: Path, tmp_path: Path) -> None:
+def test_each_seed_trains_like_a_run_alone(cache: Path, tmp_path: Path) -> None:
     told = train_all(tiny(**CHANGES), [3, 5], tmp_path / "seeds", InProcess())
     lines = told.splitlines()
     assert [line.split(" | ")[0] for line in lines[2:4]] == ["| 3", "| 5"]
@@ -50,7 +50,7 @@ def test_each_seed_is_its_training_and_the_table_has_them_all(cache: Path, tmp_p
     assert [one["seed"] for one in written["members"]] == [3, 5]
 
 
-def test_what_is_finished_is_not_trained_again(cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_finished_member_is_not_trained_again(cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = train_all(tiny(**CHANGES), [1], tmp_path, InProcess())
     monkeypatch.setattr(seeds, "train_member", lambda arguments: pytest.fail("trained again"))
     assert train_all(tiny(**CHANGES), [1], tmp_path, InProcess()) == first
@@ -67,7 +67,7 @@ def test_what_is_finished_is_not_trained_again(cache: Path, tmp_path: Path, monk
 
 
 @pytest.mark.parametrize("content", [{"seed-5/notes.txt": "mine"}, {"seed-5": "a file"}])
-def test_what_is_no_member_is_refused_before_any_work(
+def test_foreign_member_folder_is_refused_before_training(
     content: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(seeds, "train_member", lambda arguments: pytest.fail("trained"))
@@ -79,7 +79,7 @@ def test_what_is_no_member_is_refused_before_any_work(
     assert {name: (tmp_path / name).read_text() for name in content} == content
 
 
-def test_a_member_that_could_not_be_written_is_written_by_the_next_run_without_training(
+def test_unwritten_member_is_written_next_time_without_training(
     cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "out"
@@ -101,9 +101,7 @@ def test_a_member_that_could_not_be_written_is_written_by_the_next_run_without_t
     assert left(cache) == []
 
 
-def test_a_training_that_another_process_is_at_is_refused_and_not_removed(
-    cache: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_training_locked_by_another_process_is_kept(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(seeds, "_WAIT_S", 0.1)
     folder = seeds._cached(tiny(**CHANGES))
     folder.mkdir(parents=True)
@@ -117,7 +115,7 @@ def test_a_training_that_another_process_is_at_is_refused_and_not_removed(
     assert left(cache) == []
 
 
-def test_a_training_whose_device_is_gone_is_kept(cache: Path) -> None:
+def test_training_is_kept_if_its_device_is_missing(cache: Path) -> None:
     arguments = tiny(**CHANGES, device="cuda:99")
     folder = seeds._cached(arguments)
     folder.mkdir(parents=True)
@@ -145,7 +143,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Trained]:
     ],
     ids=["torn", "half-removed", "half-removed-without-its-record"],
 )
-def test_a_damaged_training_is_begun_anew(
+def test_damaged_training_starts_again(
     damage: Callable[[Path], object], finished: tuple[Path, Trained], cache: Path
 ) -> None:
     before, whole = finished
@@ -158,9 +156,7 @@ def test_a_damaged_training_is_begun_anew(
 
 
 @pytest.mark.daily
-def test_a_member_whose_worker_was_lost_goes_on_from_its_last_checkpoint(
-    cache: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_member_resumes_after_loss_of_its_worker(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     arguments = tiny(**{**CHANGES, "decisions": 192})
     whole = train_member(arguments)
     forget(arguments)
@@ -189,7 +185,7 @@ def test_a_member_whose_worker_was_lost_goes_on_from_its_last_checkpoint(
     ("argv", "message"),
     [(["--seeds", "1", "1"], r"seeds = \[1, 1\]: a seed is given twice"), (["--seeds", "-1"], "must be")],
 )
-def test_errors_are_one_line_with_status_2(
+def test_errors_end_with_one_line_and_status_2(
     argv: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.MonkeyPatch.context() as patch:

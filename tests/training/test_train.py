@@ -60,7 +60,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_the_planner_that_is_written_plays(trained: Path) -> None:
+def test_written_planner_plays_rounds(trained: Path) -> None:
     policy = make_policy(str(trained / "planner.onnx"))
     assert isinstance(policy, LearnedPlanner)
     config = game_config(parse([]))
@@ -69,14 +69,14 @@ def test_the_planner_that_is_written_plays(trained: Path) -> None:
     assert records["collected"].sum() > 0
 
 
-def test_the_planner_is_the_best_checkpoint(trained: Path, tmp_path: Path) -> None:
+def test_written_planner_equals_best_checkpoint(trained: Path, tmp_path: Path) -> None:
     from pacman_env.training.export import main as export
 
     assert export([str(trained / "best.zip"), "--out", str(tmp_path / "again.onnx")]) == 0
     assert (tmp_path / "again.onnx").read_bytes() == (trained / "planner.onnx").read_bytes()
 
 
-def test_the_metadata_says_how_it_was_trained(trained: Path) -> None:
+def test_metadata_describes_training(trained: Path) -> None:
     hyper, metadata = parse(SHORT).hyper, LearnedPlanner(trained / "planner.onnx").metadata
     assert metadata.training == read_facts(facts_path(trained / "best.zip")).training
     assert metadata.training.clyde_speeds_mps == hyper.clyde_speed
@@ -90,7 +90,7 @@ def record(out: Path) -> dict[str, Any]:
     return found
 
 
-def test_the_record_has_the_arguments_and_a_point_for_each_segment(trained: Path) -> None:
+def test_record_contains_arguments_and_every_segment(trained: Path) -> None:
     found = record(trained)
     assert found["arguments"]["hyper"]["decisions"] == 2048
     assert [segment["decisions"] for segment in found["segments"]] == [1024, 2048]
@@ -99,11 +99,11 @@ def test_the_record_has_the_arguments_and_a_point_for_each_segment(trained: Path
     assert all(0 <= segment["completed"] <= 1 for segment in found["segments"])
 
 
-def test_tensorboard_has_something_to_show(trained: Path) -> None:
+def test_tensorboard_file_is_written(trained: Path) -> None:
     assert [path.stat().st_size > 100 for path in trained.glob("events.out.tfevents.*")] == [True]
 
 
-def test_the_report_sets_the_planner_beside_the_rules(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_report_compares_planner_with_rules(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*tiny_options(tmp_path, "--evaluation", "2", "--out", str(tmp_path / "run"))]) == 0
     told = capsys.readouterr().out
     assert "2 rounds on test levels, Clyde 0.2-0.6 m/s" in told
@@ -112,7 +112,7 @@ def test_the_report_sets_the_planner_beside_the_rules(tmp_path: Path, capsys: py
     assert f"written: {tmp_path / 'run' / 'planner.onnx'}" in told
 
 
-def test_rounds_are_shared_over_the_line_ups() -> None:
+def test_validation_rounds_are_shared_among_lineups() -> None:
     arguments = tiny(ghosts=["wander", "chase", "wander", "arcade,chase"], levels=4)
     held_out = HeldOut(arguments, 5, InProcess())
     assert held_out.rows == {"wander": slice(0, 1), "chase": slice(1, 3), "arcade,chase": slice(3, 5)}
@@ -130,7 +130,7 @@ def test_rounds_are_shared_over_the_line_ups() -> None:
     assert nothing.shares(nothing.completed("nearest")) == (0.0, {"wander": 0.0, "chase": 0.0, "arcade,chase": 0.0})
 
 
-def test_the_report_has_rows_for_each_line_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_report_has_rows_for_each_lineup(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     options = ["--ghosts", "wander", "chase", "--imitation", "0", "--evaluation", "4", "--out", str(tmp_path / "run")]
     assert main(tiny_options(tmp_path, *options)) == 0
     rows = [line.split(" | ")[:2] for line in capsys.readouterr().out.splitlines() if line.startswith("| ")]
@@ -139,7 +139,7 @@ def test_the_report_has_rows_for_each_line_up(tmp_path: Path, capsys: pytest.Cap
     assert rows == [["| ghosts", "policy"], *expected]
 
 
-def test_from_random_weights_a_quick_run_decides_by_events(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_quick_run_without_imitation_decides_by_events(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from_scratch = ["--quick", "--imitation", "0"]
     assert parse(from_scratch).hyper.decide == "event"
     assert parse(["--quick"]).hyper.decide == parse(["--imitation", "0"]).hyper.decide == "tick"
@@ -161,7 +161,7 @@ def test_from_random_weights_a_quick_run_decides_by_events(tmp_path: Path, capsy
     assert "imitated" not in json.loads((tmp_path / "run" / "run.json").read_text())["segments"][0]
 
 
-def test_resuming_a_finished_run_writes_the_same_planner_again(tmp_path: Path) -> None:
+def test_resuming_finished_run_writes_same_planner(tmp_path: Path) -> None:
     options = tiny_options(tmp_path, "--out", str(tmp_path / "run"))
     assert main(options) == 0
     planner = tmp_path / "run" / "planner.onnx"
@@ -172,7 +172,7 @@ def test_resuming_a_finished_run_writes_the_same_planner_again(tmp_path: Path) -
 
 
 @pytest.mark.daily
-def test_another_process_trains_the_same_bits(tmp_path: Path) -> None:
+def test_another_process_trains_same_bits(tmp_path: Path) -> None:
     options = tiny_options(tmp_path, "--decisions", "64")
     assert main([*options, "--out", str(tmp_path / "one")]) == 0
     command = [sys.executable, "-m", "pacman_env.training.train", *options, "--out", str(tmp_path / "other")]
@@ -182,7 +182,7 @@ def test_another_process_trains_the_same_bits(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("part", ["refuges", "hold", "paths", "prediction"])
-def test_an_ablated_planner_keeps_to_what_it_was_given(part: str, tmp_path: Path) -> None:
+def test_ablated_planner_drops_only_its_features_and_kinds(part: str, tmp_path: Path) -> None:
     options = ["--without", part, "--decisions", "64", "--out", str(tmp_path / "run")]
     assert main(tiny_options(tmp_path, *options)) == 0
     planner = LearnedPlanner(tmp_path / "run" / "planner.onnx")
@@ -209,7 +209,7 @@ def test_an_ablated_planner_keeps_to_what_it_was_given(part: str, tmp_path: Path
         (["--device", "cuda:99"], "device = 'cuda:99': cannot be used: "),  # with CUDA and without
     ],
 )
-def test_errors_are_one_line_with_status_2(
+def test_errors_end_with_one_line_and_status_2(
     options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([*tiny_options(tmp_path, "--out", str(tmp_path / "run")), *options]) == 2
@@ -220,19 +220,19 @@ def test_errors_are_one_line_with_status_2(
     assert not (tmp_path / "run" / "planner.onnx").exists()
 
 
-def test_errors_of_many_lines_are_one_line_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_multiline_error_is_shown_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """As those of YAML and of weights that do not fit."""
     (tmp_path / "bad.yaml").write_text("headline: [")
     assert main(["--config", str(tmp_path / "bad.yaml")]) == 2
     assert capsys.readouterr().err.count("\n") == 1
 
 
-def test_a_run_that_is_there_is_named(trained: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_existing_run_is_named(trained: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*SHORT, "--out", str(trained)]) == 2
     assert f"{trained}: there is a run already" in capsys.readouterr().err
 
 
-def test_the_policy_in_torch_decides_as_the_file_does(trained: Path) -> None:
+def test_torch_policy_decides_like_written_planner(trained: Path) -> None:
     """At the robot's speed that both take from the run."""
     from pacman_env.training.checkpoint import load_planner
 

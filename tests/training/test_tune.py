@@ -52,7 +52,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Study:
     return study
 
 
-def test_a_study_leaves_a_line_per_trial(whole: Study) -> None:
+def test_study_records_one_line_per_trial(whole: Study) -> None:
     found = trials(whole)
     assert [trial["trial"] for trial in found] == [0, 1, 2]
     for trial in found:
@@ -64,9 +64,7 @@ def test_a_study_leaves_a_line_per_trial(whole: Study) -> None:
 
 
 @pytest.mark.daily
-def test_a_study_is_reproducible_and_goes_on_to_the_same_trials(
-    whole: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_study_resumes_to_same_trials(whole: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Once begun anew, then from its second trial on."""
     monkeypatch.setattr(tune, "_STARTUP", 2)
     study = settings(tmp_path, trials=2)
@@ -77,7 +75,7 @@ def test_a_study_is_reproducible_and_goes_on_to_the_same_trials(
     assert (study.out / "best.yaml").read_bytes() == (whole.out / "best.yaml").read_bytes()
 
 
-def test_a_trial_that_was_interrupted_goes_on(whole: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_interrupted_trial_is_resumed(whole: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tune, "_STARTUP", 2)
     study = settings(tmp_path, trials=1)
 
@@ -97,13 +95,13 @@ def test_a_trial_that_was_interrupted_goes_on(whole: Study, tmp_path: Path, monk
 
 
 @pytest.mark.daily
-def test_other_seeds_propose_others(whole: Study, tmp_path: Path) -> None:
+def test_other_seed_proposes_other_parameters(whole: Study, tmp_path: Path) -> None:
     study = settings(tmp_path, trials=1, seed=1)
     search(study)
     assert trials(study)[0]["params"] != trials(whole)[0]["params"]
 
 
-def test_the_file_of_the_best_trial_loads_and_trains(whole: Study, tmp_path: Path) -> None:
+def test_file_of_best_trial_loads_and_trains(whole: Study, tmp_path: Path) -> None:
     best = whole.out / "best.yaml"
     before, found = load_hyperparameters(whole.config, "headline"), load_hyperparameters(best, "headline")
     finished = [trial for trial in trials(whole) if trial["state"] == "COMPLETE"]
@@ -113,7 +111,7 @@ def test_the_file_of_the_best_trial_loads_and_trains(whole: Study, tmp_path: Pat
     assert train.main(["--config", str(best), *options, "--out", str(tmp_path / "run")]) == 0
 
 
-def test_a_proposal_changes_what_is_searched_and_nothing_else() -> None:
+def test_proposal_changes_only_searched_hyperparameters() -> None:
     before = tiny().hyper
     found = hyperparameters(before, PARAMS)
     assert found.learning_rate == pytest.approx((5e-4, 5e-5))  # the section's falls to a tenth
@@ -139,7 +137,7 @@ def written(study: Study, states: list[str], share: float) -> Study:
     return dataclasses.replace(study, resume=True, trials=len(states) + 1)
 
 
-def test_a_trial_worse_than_the_median_is_given_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_trial_below_median_is_stopped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     study = written(settings(tmp_path, segments=3, decisions=96), ["COMPLETE"] * 5, 1.0)
     best = search(study)
     last = trials(study)[-1]
@@ -149,7 +147,7 @@ def test_a_trial_worse_than_the_median_is_given_up(tmp_path: Path, capsys: pytes
     assert "Trial 0 of 6" in best.read_text()
 
 
-def test_a_study_goes_on_to_the_same_bytes_after_a_trial_that_was_given_up(tmp_path: Path) -> None:
+def test_study_resumes_to_same_bytes_after_stopped_trial(tmp_path: Path) -> None:
     records = []
     for name, parts in (("whole", [7]), ("interrupted", [6, 7])):
         (tmp_path / name).mkdir()
@@ -161,7 +159,7 @@ def test_a_study_goes_on_to_the_same_bytes_after_a_trial_that_was_given_up(tmp_p
     assert records[0] == records[1]
 
 
-def test_a_trial_that_diverges_is_noted_and_passed_over(tmp_path: Path) -> None:
+def test_diverged_trial_is_recorded_and_skipped(tmp_path: Path) -> None:
     study = dataclasses.replace(settings(tmp_path), config=section(tmp_path, learning_rate=[1e-9, 1e25]))
     with pytest.raises(ValueError, match=r"trials\.jsonl: none of 2 trials could be finished"):
         search(study)
@@ -171,7 +169,7 @@ def test_a_trial_that_diverges_is_noted_and_passed_over(tmp_path: Path) -> None:
         search(dataclasses.replace(study, resume=True))
 
 
-def test_a_study_is_not_overwritten(whole: Study) -> None:
+def test_existing_study_is_not_overwritten(whole: Study) -> None:
     with pytest.raises(ValueError, match="study: there is a study already; give --resume or another --out"):
         search(whole)
 
@@ -180,7 +178,7 @@ def test_a_study_is_not_overwritten(whole: Study) -> None:
     ("changes", "message"),
     [({"seed": 1}, "seed = 0, not 1"), ({"decisions": 128}, "decisions = 64, not 128"), ({}, "gamma = 0.998, not 0.5")],
 )
-def test_going_on_with_other_settings_is_refused_and_the_field_named(
+def test_resuming_with_other_settings_names_changed_field(
     changes: dict[str, Any], message: str, whole: Study, tmp_path: Path
 ) -> None:
     study = settings(tmp_path, resume=True, **changes)
@@ -202,7 +200,7 @@ def test_going_on_with_other_settings_is_refused_and_the_field_named(
         ('"segments": {"0"', '"segments": {"a"', "line 2: no trial of this search"),
     ],
 )
-def test_a_torn_or_foreign_record_is_refused(old: str, new: str, message: str, tmp_path: Path) -> None:
+def test_invalid_record_is_refused(old: str, new: str, message: str, tmp_path: Path) -> None:
     study = written(settings(tmp_path), ["COMPLETE"] * 2, 0.5)
     path = study.out / "trials.jsonl"
     assert old in path.read_text()
@@ -211,12 +209,12 @@ def test_a_torn_or_foreign_record_is_refused(old: str, new: str, message: str, t
         search(study)
 
 
-def test_a_missing_record_is_named(tmp_path: Path) -> None:
+def test_missing_record_is_named(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"trials\.jsonl: no study to resume"):
         search(settings(tmp_path, resume=True))
 
 
-def test_the_command_writes_a_file_and_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_writes_best_file_and_names_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     options = ["--config", str(section(tmp_path)), "--out", str(tmp_path / "study"), "--trials", "1"]
     options += ["--decisions", "32", "--segments", "1", "--evaluation", "1", "--threads", "1", "--no-progress"]
     assert main(options) == 0
@@ -231,7 +229,7 @@ def test_the_command_writes_a_file_and_says_so(tmp_path: Path, capsys: pytest.Ca
         (["--config", "nowhere.yaml"], "nowhere.yaml: cannot be read"),
     ],
 )
-def test_errors_are_one_line_with_status_2(
+def test_errors_end_with_one_line_and_status_2(
     options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["--config", str(section(tmp_path)), "--out", str(tmp_path / "study"), *options]) == 2
@@ -241,6 +239,6 @@ def test_errors_are_one_line_with_status_2(
     assert told.count("\n") == 1
 
 
-def test_numbers_out_of_range_are_named(tmp_path: Path) -> None:
+def test_numbers_out_of_range_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="trials = 0: Expected `int` >= 1"):
         settings(tmp_path, trials=0)
