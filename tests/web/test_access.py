@@ -60,7 +60,7 @@ def ask(
 @pytest.mark.parametrize(
     "path", ["/", "/ws", "/map", "/map/1.png", "/story/1.json", "/nothing", "/staticx", "//static/"]
 )
-def test_path_needs_a_token(path: str) -> None:
+def test_path_needs_token(path: str) -> None:
     assert ask(path, host=OWN)[:2] == (401, {})
 
 
@@ -72,7 +72,7 @@ def test_files_and_health_need_no_token(path: str) -> None:
 
 @pytest.mark.parametrize(("token", "access"), [(TOKENS.operator, "operator"), (TOKENS.viewer, "viewer")])
 @pytest.mark.parametrize("kind", ["http", "websocket"])
-def test_token_lets_in_and_is_removed(token: str, access: str, kind: str) -> None:
+def test_token_grants_access_and_is_removed_from_request(token: str, access: str, kind: str) -> None:
     for query, headers in ((f"a=1&token={token}", {}), ("a=1", {"authorization": f"Bearer {token}"})):
         status, passed, lines = ask("/ws", query, kind, host=OWN, **headers)
         assert (status, passed["access"], passed["query_string"]) == (200, access, b"a=1")
@@ -85,7 +85,7 @@ def test_wrong_token_gives_no_access(token: str) -> None:
     assert TOKENS.access(token) is None
 
 
-def test_tokens_cannot_be_guessed() -> None:
+def test_tokens_are_long_and_unique() -> None:
     drawn = [Tokens.new() for _ in range(100)]
     assert len({token for both in drawn for token in (both.operator, both.viewer)}) == 200
     assert all(len(both.operator) >= 32 for both in drawn)
@@ -138,12 +138,12 @@ def test_foreign_origin_is_refused_with_a_token(kind: str, origin: str) -> None:
         ("null", 403),
     ],
 )
-def test_proxy_passes_its_own_pages_only(host: str, path: str, origin: str, status: int) -> None:
+def test_proxy_accepts_only_its_own_pages(host: str, path: str, origin: str, status: int) -> None:
     answer, passed, _ = ask(path, OPERATOR, "websocket", (PROXY,), host=host, origin=origin)
     assert (answer, passed.get("path")) == (status, "/ws" if status == 200 else None)
 
 
-def test_proxy_lets_no_foreign_host_in() -> None:
+def test_proxy_refuses_foreign_host() -> None:
     assert ask("/pacman/", OPERATOR, names=(PROXY,), host="evil.example:8443")[0] == 421
     assert ask("/pacman/ws", names=(PROXY,), host="robot.example")[0] == 401
     assert ask("/pacman/static/page.js", names=(PROXY,), host="robot.example")[1]["path"] == "/static/page.js"
@@ -159,14 +159,14 @@ def test_proxy_lets_no_foreign_host_in() -> None:
         ("http://[::1]:8080", Name("::1", "http://[::1]:8080")),
     ],
 )
-def test_name_is_host_or_whole_address(text: str, name: Name) -> None:
+def test_name_parses_host_or_whole_address(text: str, name: Name) -> None:
     assert Name.parse(text) == name
 
 
 @pytest.mark.parametrize(
     "text", ["", "robot:8000", "a/b", "ftp://a/", "http://", "http://u@a/", "http://a/?b", "http://a/%2e/", "*", "a b"]
 )
-def test_name_is_refused_if_neither(text: str) -> None:
+def test_name_is_refused_unless_host_or_address(text: str) -> None:
     with pytest.raises(ValueError, match="`name`"):
         Name.parse(text)
 
@@ -191,7 +191,7 @@ def test_log_removes_tokens_from_records(caplog: pytest.LogCaptureFixture) -> No
         assert TOKENS.viewer not in text
 
 
-def test_log_has_each_kind_once_a_minute() -> None:
+def test_log_writes_each_kind_once_per_minute() -> None:
     lines: list[str] = []
     now = 0.0
     log = Log(lines.append, clock=lambda: now)
@@ -201,7 +201,7 @@ def test_log_has_each_kind_once_a_minute() -> None:
     assert lines == ["refused 0", "refused 600 (and 599 more)"]
 
 
-def test_policy_allows_nothing_foreign_or_inline() -> None:
+def test_content_security_policy_allows_only_own_files() -> None:
     policy = HEADERS["content-security-policy"]
     assert policy.startswith("default-src 'none'")
     assert {word for part in policy.split("; ") for word in part.split()[1:]} == {"'none'", "'self'"}

@@ -43,7 +43,7 @@ def test_page_needs_tokens_if_others_reach_it(names: list[str], url: str | None,
         assert ("not https" in words) == (needs_token and url is None)
 
 
-def test_link_shows_an_address_others_can_use() -> None:
+def test_link_shows_address_reachable_by_others() -> None:
     assert link("::1", 8000) == "http://[::1]:8000/"
     assert with_token(link("2001:db8::1", 80), "t") == "http://[2001:db8::1]:80/?token=t"
     assert shown_address("0.0.0.0") in {own_address(), socket.gethostname()}

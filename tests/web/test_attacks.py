@@ -68,7 +68,7 @@ ATTACKS: dict[str, Callable[[WebServer, Page, httpx.Client], bool]] = {
 
 
 @pytest.mark.parametrize("attack", ATTACKS)
-def test_attack_is_refused_and_disturbs_nobody(
+def test_attack_is_refused_without_disturbing_other_pages(
     serve: Callable[..., WebServer], lines: list[str], web: httpx.Client, attack: str
 ) -> None:
     game = ScriptedGame()
@@ -86,7 +86,7 @@ def test_attack_is_refused_and_disturbs_nobody(
     assert len(lines) == (1 if attack.startswith("wrong") else 0), "each kind is logged once"
 
 
-def test_flood_of_messages_is_ended_but_stop_obeyed(serve: Callable[..., WebServer]) -> None:
+def test_message_flood_is_disconnected_but_stop_is_obeyed(serve: Callable[..., WebServer]) -> None:
     game = ScriptedGame()
     with Page(serve(game)) as page:
         for _ in range(200):
@@ -118,7 +118,9 @@ def test_client_that_reads_nothing_is_disconnected(
             assert len(game.entries) < 200
 
 
-def test_page_without_answer_to_pings_is_gone(serve: Callable[..., WebServer], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_page_is_disconnected_if_it_ignores_pings(
+    serve: Callable[..., WebServer], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(module, "PING_S", 0.2)
     monkeypatch.setattr(module, "PONG_S", 0.3)
     game = ScriptedGame()
@@ -154,7 +156,7 @@ def test_connections_beyond_the_limit_are_refused(
     wait_for(lambda: web.get(f"{server.url}health").status_code == 200)
 
 
-def test_broken_upload_leaves_the_way_free(serve: Callable[..., WebServer], web: httpx.Client) -> None:
+def test_broken_upload_does_not_block_later_uploads(serve: Callable[..., WebServer], web: httpx.Client) -> None:
     server = serve(ScriptedGame())
     for _ in range(3):
         with socket.create_connection(("127.0.0.1", server.port)) as there:
@@ -165,7 +167,7 @@ def test_broken_upload_leaves_the_way_free(serve: Callable[..., WebServer], web:
     wait_for(lambda: web.post(f"{server.url}map", json=body).status_code == 200)
 
 
-def test_token_is_in_no_log(
+def test_log_contains_no_token(
     serve: Callable[..., WebServer], lines: list[str], web: httpx.Client, caplog: pytest.LogCaptureFixture
 ) -> None:
     for name in ("httpx", "httpcore", "websockets"):  # the clients

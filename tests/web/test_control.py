@@ -57,7 +57,7 @@ def test_control_passes_only_when_given_or_left(deeds: list[tuple]) -> None:
             assert control.roles.people.get(role) in (person, None) or what == "wait"  # nobody is pushed off
 
 
-def test_first_that_asked_gets_given_control() -> None:
+def test_control_is_given_to_first_person_asking() -> None:
     control = RoleControl()
     control.take("ann")
     control.take("ann")
@@ -75,7 +75,7 @@ def test_first_that_asked_gets_given_control() -> None:
     assert (control.operator, control.asking) == ("ann", []), "asking for free control takes it"
 
 
-def test_page_keeps_control_and_role_ten_seconds() -> None:
+def test_control_and_role_are_kept_for_ten_seconds() -> None:
     control = RoleControl()
     control.take("ann")
     control.roles.assume("ann", "robot")
@@ -91,7 +91,7 @@ def test_page_keeps_control_and_role_ten_seconds() -> None:
     assert (control.operator, control.roles.people) == (None, {})
 
 
-def test_role_and_person_belong_to_each_other() -> None:
+def test_role_belongs_to_one_person_at_a_time() -> None:
     control = RoleControl()
     control.roles.assume("ann", "ghost-1")
     control.roles.assume("ann", "robot")

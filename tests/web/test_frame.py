@@ -47,7 +47,7 @@ FULL = Frame(
 
 
 @pytest.mark.parametrize("frame", [EMPTY, FULL])
-def test_frame_comes_out_as_it_went_in(frame: Frame) -> None:
+def test_frame_is_equal_after_encoding_and_decoding(frame: Frame) -> None:
     after = decode(frame.encode())
     for name in Frame.__struct_fields__:
         before, now = getattr(frame, name), getattr(after, name)
@@ -58,23 +58,23 @@ def test_frame_comes_out_as_it_went_in(frame: Frame) -> None:
             assert now == before, name
 
 
-def test_recorded_round_is_a_list_of_frames() -> None:
+def test_recorded_round_decodes_to_its_frames() -> None:
     assert [frame.encode() for frame in decode_all(encode_all([EMPTY, FULL]))] == [EMPTY.encode(), FULL.encode()]
 
 
-def test_unknown_number_is_null() -> None:
+def test_unknown_number_is_encoded_as_null() -> None:
     message = json.loads(FULL.encode(), parse_constant=pytest.fail)
     assert (message["kind"], message["scores"]) == ("frame", [None, 1.0])
     assert json.loads(EMPTY.encode())["true"] is None
 
 
-def test_long_plan_keeps_its_ends() -> None:
+def test_long_plan_is_shortened_but_keeps_ends() -> None:
     after = thinned(np.stack([np.arange(500.0), np.zeros(500)], axis=1))
     assert len(after) == MOST_PLAN_POINTS
     assert (after[0, 0], after[-1, 0]) == (0.0, 499.0)
 
 
-def test_protocol_names_every_field_with_its_unit() -> None:
+def test_protocol_page_lists_every_field_with_unit() -> None:
     schema = msgspec.json.schema(Frame, schema_hook=lambda _: {"type": "array"})["$defs"]["Frame"]["properties"]
     rows = [
         row.split("|")[1:3]

@@ -89,7 +89,7 @@ def game(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
         play.page.close()
 
 
-def test_frame_belongs_to_the_scene(game: Any) -> None:
+def test_frame_matches_scene(game: Any) -> None:
     game.menu()
     scene, frame = game.page.scene(), decode(game.frame.encode())
     facts = scene.facts
@@ -104,7 +104,7 @@ def test_frame_belongs_to_the_scene(game: Any) -> None:
     assert math.dist(frame.believed[:2], frame.true[:2]) < 0.3
 
 
-def test_start_leads_to_a_round_and_news(game: Any) -> None:
+def test_start_message_begins_round_and_sends_news(game: Any) -> None:
     game.menu()
     after = max((one["number"] for one in game.page.news(0)), default=0)
     game.round()
@@ -142,7 +142,7 @@ def test_robot_is_driven_by_its_person_only(game: Any) -> None:
     game.do(lambda: game.page.leave("guest-2"))
 
 
-def test_lidar_is_shown_only_while_watched(game: Any) -> None:
+def test_lidar_scan_is_sent_only_while_watched(game: Any) -> None:
     game.menu()
     game.page.watch(why=False, lidar=True)
     game.wait(lambda: np.isfinite(game.frame.scan).any(), "a scan")
@@ -150,7 +150,7 @@ def test_lidar_is_shown_only_while_watched(game: Any) -> None:
     game.wait(lambda: not len(game.frame.scan), "no scan")
 
 
-def test_clyde_is_placed_in_the_menu_only(game: Any) -> None:
+def test_clyde_is_placed_only_in_menu(game: Any) -> None:
     game.menu()
     x, y = game.page.scene().facts["pellets"][3]
     game.handle(m.PlaceClyde(x=x, y=y))

@@ -19,7 +19,7 @@ def test_every_message_has_an_example() -> None:
 
 
 @pytest.mark.parametrize("word", sorted(RIGHT))
-def test_message_comes_out_as_it_went_in(word: str) -> None:
+def test_message_is_equal_after_encoding_and_parsing(word: str) -> None:
     message = parse(as_sent(word, id=7))
     assert message.id == 7
     assert parse(as_json(message)) == message
@@ -36,7 +36,7 @@ def test_message_comes_out_as_it_went_in(word: str) -> None:
         st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20) | st.just([]) | st.just({}),
     )
 )
-def test_any_text_is_a_message_or_refused(text: str) -> None:
+def test_text_is_parsed_or_refused(text: str) -> None:
     try:
         message = parse(text)
     except ValueError:
@@ -51,11 +51,11 @@ def test_refusal_of_a_message_names_the_reason(text: str, words: str) -> None:
     assert words in str(error.value)
 
 
-def test_viewer_may_stop_the_robot_and_change_nothing() -> None:
+def test_viewer_messages_include_stop_but_no_changes() -> None:
     assert {kind.__name__ for kind in messages.FOR_ALL} == {"Stop", "Watch", "Why", "Stories", "Ready", "Ping"}
 
 
 @given(st.floats())
-def test_json_has_no_nan_and_no_infinity(value: float) -> None:
+def test_json_contains_null_for_nan_and_infinity(value: float) -> None:
     after = json.loads(as_json({"value": value}), parse_constant=pytest.fail)["value"]
     assert after == (value if math.isfinite(value) else None)

@@ -49,7 +49,7 @@ def take_role(visitor: Visitor, role: str) -> None:
     visitor.wait(f"state.role === '{role}'")
 
 
-def test_newcomer_starts_and_follows_a_round(visit: Visit) -> None:
+def test_new_page_starts_and_follows_round(visit: Visit) -> None:
     page = visit()
     assert page.text("state") == "In the menu"
     assert "Press Start" in page.text("hint")
@@ -97,7 +97,7 @@ def test_round_is_paused_resumed_and_reset(visit: Visit) -> None:
     page.page.wait_for_selector("#start:enabled")
 
 
-def test_event_has_its_light_and_sound(visit: Visit) -> None:
+def test_event_plays_its_light_and_sound(visit: Visit) -> None:
     page = visit()
     page.press("tab-show", "sound")
     page.wait("window.pacman.sounds.on")
@@ -132,7 +132,7 @@ def test_person_plays_the_robot_by_clicks(visit: Visit) -> None:
     assert page.value("document.querySelectorAll('#stories li')[0].textContent.includes('played by a person')")
 
 
-def test_click_counts_while_the_list_changes(visit: Visit) -> None:
+def test_click_selects_candidate_while_list_changes(visit: Visit) -> None:
     page = visit()
     take_role(page, "robot")
     page.press("tab-why")
@@ -278,7 +278,7 @@ def test_finished_round_is_replayed_from_a_link(visit: Visit) -> None:
     assert page.page.locator("#stories li").count() == 1
 
 
-def test_page_returns_to_a_restarted_server(visit: Visit, page_server: WebServer, simulated: SimulatedGame) -> None:
+def test_page_reconnects_to_restarted_server(visit: Visit, page_server: WebServer, simulated: SimulatedGame) -> None:
     page = visit(allowed=("WebSocket connection to",))
     start(page)
     port = page_server.port
@@ -296,7 +296,7 @@ def test_page_returns_to_a_restarted_server(visit: Visit, page_server: WebServer
         page.wait("state.frame.stopped")
 
 
-def test_page_that_slept_keeps_its_connection(visit: Visit) -> None:
+def test_page_keeps_connection_after_sleep(visit: Visit) -> None:
     page = visit()
     page.page.clock.install(time=0)
     page.open()
@@ -304,7 +304,7 @@ def test_page_that_slept_keeps_its_connection(visit: Visit) -> None:
     assert page.value("state.connected")
 
 
-def test_page_draws_nothing_hidden_or_still(visit: Visit) -> None:
+def test_page_draws_only_when_visible_and_changed(visit: Visit) -> None:
     page = visit()
     page.wait("view.bounds.join() !== '-5,-5,5,5'", "the picture of the map is shown")
     assert page.page.evaluate(STANDS_STILL), "thirty looks have found no other drawing"
@@ -318,7 +318,7 @@ def test_page_draws_nothing_hidden_or_still(visit: Visit) -> None:
     page.wait(f"count.frames_drawn > {drawn}")
 
 
-def test_viewer_sees_and_stops_only(simulated: SimulatedGame, visit: Visit) -> None:
+def test_viewer_page_only_watches_and_stops(simulated: SimulatedGame, visit: Visit) -> None:
     tokens = Tokens(operator="o" * 32, viewer="v" * 32)
     with WebServer(simulated, tokens=tokens, write=lambda _: None) as server:
         page = visit(ready=False)
@@ -336,9 +336,7 @@ def test_viewer_sees_and_stops_only(simulated: SimulatedGame, visit: Visit) -> N
         page.leave()
 
 
-def test_alert_asks_for_the_robots_pose(
-    simulated: SimulatedGame, visit: Visit, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_alert_asks_for_robot_pose(simulated: SimulatedGame, visit: Visit, monkeypatch: pytest.MonkeyPatch) -> None:
     alerts = [{"kind": "pose jumped", "words": "pose jumped 3.1 m", "remedy": "look", "asks": True}]
     asked: list[messages.Message] = []
     scene, handle = simulated.scene, simulated.handle
@@ -382,7 +380,7 @@ def test_alert_asks_for_the_robots_pose(
 
 
 @pytest.mark.parametrize("width", [390, 1440])
-def test_stop_is_reached_by_key_at_any_width(visit: Visit, width: int) -> None:
+def test_stop_button_and_key_work_at_any_width(visit: Visit, width: int) -> None:
     page = visit(viewport={"width": width, "height": 844 if width < 800 else 768}, has_touch=width < 800)
     for tab in TABS:
         page.press(f"tab-{tab}")
@@ -405,7 +403,7 @@ def test_stop_is_reached_by_key_at_any_width(visit: Visit, width: int) -> None:
     page.wait("!state.frame.stopped")
 
 
-def test_page_offers_what_a_robot_can_do(
+def test_page_hides_simulator_controls_on_robot(
     simulated: SimulatedGame, visit: Visit, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(simulated, "source", "ros")
@@ -420,7 +418,7 @@ def test_page_offers_what_a_robot_can_do(
     assert page.text("stories-words").startswith("Rounds of a robot are not kept here.")
 
 
-def test_files_are_small_and_self_contained() -> None:
+def test_page_files_are_small_and_self_contained() -> None:
     files = [path for path in STATIC.iterdir() if path.is_file()]
     assert sum(path.stat().st_size for path in files) < 150_000
     for path in files:

@@ -54,7 +54,7 @@ NEWER = (
         *(pytest.param(*one, marks=pytest.mark.daily) for one in ((390, "light"), (1280, "dark"))),
     ],
 )
-def test_axe_finds_nothing(visit: Visit, axe: str, width: int, scheme: str) -> None:
+def test_axe_finds_no_accessibility_fault(visit: Visit, axe: str, width: int, scheme: str) -> None:
     page = visit(color_scheme=scheme, viewport={"width": width, "height": 844})
     page.page.evaluate(axe)
     found = {}
@@ -125,7 +125,7 @@ def test_control_is_large_enough_for_touch(visit: Visit) -> None:
         assert not small, (tab, small)
 
 
-def test_theme_is_kept_when_chosen(visit: Visit) -> None:
+def test_chosen_theme_is_kept_after_reload(visit: Visit) -> None:
     page = visit(color_scheme="light")
     background = "getComputedStyle(document.body).backgroundColor"
     light = page.value(background)
@@ -192,7 +192,7 @@ def test_older_browser_plays_a_round(visit: Visit, simulated: SimulatedGame) -> 
         page.leave()
 
 
-def test_files_use_nothing_newer_than_documented() -> None:
+def test_page_files_use_no_newer_features_than_documented() -> None:
     for path in STATIC.glob("*.*"):
         assert not re.search(NEWER, path.read_text()), path.name
 

@@ -53,7 +53,7 @@ def played(round: PlayedRound, orders: Orders | None = None, ticks: int = 1000) 
 
 
 @pytest.mark.parametrize("ghosts", [("wander",), ("chase", "wander")])
-def test_round_equals_the_environments_bit_for_bit(ghosts: tuple[str, ...]) -> None:
+def test_played_round_equals_environment_bit_for_bit(ghosts: tuple[str, ...]) -> None:
     ours = played(laid_out(ghosts=ghosts))
     env = PacManBotEnv("house", ghosts=ghosts, settings=SHORT)
     env.reset(options={"round_seed": 7})
@@ -111,7 +111,7 @@ def test_velocities_drive_the_robot_until_a_goal() -> None:
     assert math.dist(round.snapshots[-1].true[:2], before.true[:2]) > 0.5
 
 
-def test_terms_asked_later_explain_the_choice() -> None:
+def test_score_terms_explain_choice_afterwards() -> None:
     round = played(laid_out())
     for tick in (0, 7, round.ticks - 1):
         why = round.why(tick)
@@ -147,7 +147,7 @@ def test_click_finds_the_nearest_allowed_candidate() -> None:
 
 @given(share=st.floats(0, 1), tick=st.integers(0, 20))
 @settings(max_examples=30, deadline=None)
-def test_frame_between_ticks_lies_between_them(share: float, tick: int) -> None:
+def test_interpolated_frame_lies_between_ticks(share: float, tick: int) -> None:
     old, new = ROUND.snapshots[tick], ROUND.snapshots[tick + 1]
     now = between(old, new, share)
     for k in (0, 1):
@@ -158,7 +158,7 @@ def test_frame_between_ticks_lies_between_them(share: float, tick: int) -> None:
     assert decode(old.encode()).ghosts == pytest.approx(old.ghosts, abs=1e-4)
 
 
-def test_goal_has_the_name_of_replay() -> None:
+def test_goal_has_same_name_as_in_replay() -> None:
     round = played(laid_out(settings={}), ticks=1)
     names = scene_of(round, Rules(), 1).facts["names"]
     config = make_config("robot")
@@ -171,7 +171,7 @@ def test_goal_has_the_name_of_replay() -> None:
 ROUND = played(laid_out())
 
 
-def test_policy_without_a_choice_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_robot_holds_if_policy_makes_no_choice(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(played_round, "make_policy", lambda name: Lost())
     round = played(laid_out(), ticks=3)
     assert round.choices == [[round.hold] * 3] * 3

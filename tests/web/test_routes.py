@@ -31,7 +31,7 @@ def test_page_files_are_served_and_revalidated(server: WebServer, web: httpx.Cli
 
 
 @pytest.mark.parametrize("path", ["", "no.js", "../secret.js", "%2e%2e/secret.js", "..%2fsecret.js", "a%00.js", "."])
-def test_other_files_are_not_found(server: WebServer, path: str) -> None:
+def test_unknown_files_are_not_found(server: WebServer, path: str) -> None:
     with socket.create_connection(("127.0.0.1", server.port)) as wire:  # as it stands: a client would tidy it up
         head = f"GET /static/{path} HTTP/1.1\r\nhost: localhost:{server.port}\r\nconnection: close\r\n\r\n"
         wire.sendall(head.encode())

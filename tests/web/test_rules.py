@@ -17,7 +17,7 @@ from pacman_env.web.rules import Choices, Rules
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 
 
-def test_every_choice_can_be_prepared() -> None:
+def test_every_offered_choice_is_playable() -> None:
     choices = Choices()
     facts = choices.facts()
     for name in facts["maps"]:
@@ -50,19 +50,19 @@ def test_unknown_choice_is_refused_by_its_name(rules: Rules, words: str) -> None
         Choices().prepare(rules, None)
 
 
-def test_level_is_one_of_the_generators() -> None:
+def test_chosen_level_is_played_in_every_round() -> None:
     for level in (5, TEST_LEVEL + 1):
         _, source, _ = Choices().prepare(Rules(map="generated", level=level), None)
         assert source.levels_of(np.arange(3, dtype=np.uint64)).tolist() == [level] * 3
 
 
-def test_setup_changes_only_what_it_names() -> None:
+def test_setup_changes_only_named_rules() -> None:
     rules = Rules(map="generated", level=3, policy="nearest").changed(Setup(map="maze", ghosts=("chase",)))
     assert rules == Rules(map="maze", level=None, policy="nearest", ghosts=("chase",))
 
 
 @given(seed=st.integers(0, 2**53 - 1), speed=st.floats(0.05, 2.0))
-def test_link_names_all_of_a_round(seed: int, speed: float) -> None:
+def test_link_contains_all_rules_of_round(seed: int, speed: float) -> None:
     rules = Rules(map="a map & more", ghosts=("wander", "chase"), settings={"pellets.spacing_m": 1.5})
     link = {name: values[0] for name, values in parse_qs(rules.link(seed, speed)).items()}
     assert link["map"] == "a map & more"
@@ -109,7 +109,7 @@ def test_unusable_map_is_refused_with_the_reason(
     assert "/tmp" not in str(refused.value)
 
 
-def test_map_without_room_is_refused(tmp_path: Path) -> None:
+def test_map_without_free_space_is_refused(tmp_path: Path) -> None:
     walls = OccupancyMap.from_pixels("walls", np.zeros((40, 40), dtype=np.uint8), 0.05, (0.0, 0.0, 0.0))
     path = walls.save(tmp_path / "walls.yaml")
     with pytest.raises(Refused, match="the map walls cannot be played on"):
@@ -126,7 +126,7 @@ def test_twenty_maps_are_kept_and_replaceable(tmp_path: Path) -> None:
     choices.add_map("mine-3", text, image)
 
 
-def test_file_named_at_the_start_is_offered(tmp_path: Path) -> None:
+def test_map_file_given_at_start_is_offered(tmp_path: Path) -> None:
     load_map("house").save(tmp_path / "flat.yaml")
     assert "flat" in Choices(maps=[str(tmp_path / "flat.yaml")]).facts()["maps"]
     with pytest.raises(ValueError, match="nobody"):

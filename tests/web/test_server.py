@@ -56,7 +56,7 @@ class SlowGame(ScriptedGame):
         assert self.begun.wait(PATIENCE_S)
 
 
-def test_newcomer_receives_everything_and_20_frames_a_second(game: ScriptedGame, server: WebServer) -> None:
+def test_new_page_receives_scene_and_steady_frames(game: ScriptedGame, server: WebServer) -> None:
     with Page(server) as page:
         assert page.hello["access"] == "operator"
         assert page.hello["source"] == "simulator"
@@ -81,7 +81,7 @@ def test_message_is_carried_out_and_answered(serve: Callable[..., WebServer]) ->
         assert page.people(operator=page.name)["viewers"] == 1
 
 
-def test_refusal_is_answered_with_its_words(server: WebServer) -> None:
+def test_refusal_is_answered_with_reason(server: WebServer) -> None:
     with Page(server) as page:
         assert page.ask("place_clyde", x=1, y=2)["words"] == "not in the menu"
         page.send("place_clyde", x=1, y=2, id=0)
@@ -109,7 +109,7 @@ def test_error_of_the_game_is_logged_once(
     assert all("is broken" in line and "\n" not in line for line in lines)
 
 
-def test_page_is_shown_once_the_game_works(serve: Callable[..., WebServer], lines: list[str]) -> None:
+def test_page_connects_as_soon_as_game_works(serve: Callable[..., WebServer], lines: list[str]) -> None:
     game = ScriptedGame()
     game.fails = {"choices"}
     server = serve(game)
@@ -163,7 +163,7 @@ def test_release_does_not_undo_a_later_stop(serve: Callable[..., WebServer]) -> 
         assert ("release", page.name) in game.calls
 
 
-def test_stops_are_collapsed_and_each_answered(serve: Callable[..., WebServer]) -> None:
+def test_repeated_stops_are_merged_and_each_is_answered(serve: Callable[..., WebServer]) -> None:
     game = SlowGame()
     server = serve(game)
     with Page(server) as page, Page(server) as other:
@@ -208,7 +208,7 @@ def test_viewer_may_stop_and_ask_only(serve: Callable[..., WebServer]) -> None:
         assert ("stop", page.name) in game.calls
 
 
-def test_control_is_one_persons_until_given(game: ScriptedGame, server: WebServer) -> None:
+def test_control_belongs_to_one_person_until_given(game: ScriptedGame, server: WebServer) -> None:
     with Page(server) as one, Page(server) as other:
         assert one.ask("start")["ok"]
         refused = other.ask("start")
@@ -223,7 +223,7 @@ def test_control_is_one_persons_until_given(game: ScriptedGame, server: WebServe
         assert not one.ask("start")["ok"]
 
 
-def test_control_is_free_after_its_page_left(serve: Callable[..., WebServer], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_control_is_free_after_page_has_left(serve: Callable[..., WebServer], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(control, "KEPT_S", 600.0)
     game = ScriptedGame()
     server = serve(game)
@@ -240,7 +240,7 @@ def test_control_is_free_after_its_page_left(serve: Callable[..., WebServer], mo
         assert other.ask("role", role="robot")["ok"]
 
 
-def test_game_greets_a_new_person_alone(game: ScriptedGame, server: WebServer) -> None:
+def test_game_greets_newcomer_only_if_nobody_is_connected(game: ScriptedGame, server: WebServer) -> None:
     with Page(server) as one, Page(server) as two:
         assert game.calls.count(("greet",)) == 1
     wait_for(lambda: {("leave", one.name), ("leave", two.name)} <= set(game.calls))
@@ -279,7 +279,7 @@ def test_page_returning_early_replaces_its_old_connection(
             back.people(viewers=1)
 
 
-def test_role_is_played_by_its_person_only(game: ScriptedGame, server: WebServer) -> None:
+def test_role_accepts_messages_of_its_person_only(game: ScriptedGame, server: WebServer) -> None:
     with Page(server) as one, Page(server) as other:
         assert one.ask("goal", candidate=1)["words"] == "choose a role in the tab Play first"
         assert one.ask("role", role="robot")["ok"]
@@ -304,7 +304,7 @@ def test_role_is_kept_when_another_is_refused(serve: Callable[..., WebServer]) -
         assert page.ask("drive", v=1, omega=0)["ok"]  # he has the one he had
 
 
-def test_robots_role_needs_control_on_the_robot(serve: Callable[..., WebServer]) -> None:
+def test_robot_role_needs_control_of_real_robot(serve: Callable[..., WebServer]) -> None:
     game = ScriptedGame(source="ros")
     server = serve(game)
     with Page(server) as one, Page(server) as other:
@@ -321,7 +321,7 @@ def test_robots_role_needs_control_on_the_robot(serve: Callable[..., WebServer])
 # beginning and end
 
 
-def test_end_is_announced_and_waits_for_nobody(server: WebServer) -> None:
+def test_server_announces_its_end_and_closes_idle_connections(server: WebServer) -> None:
     with Page(server) as page, socket.create_connection(("127.0.0.1", server.port)) as idle:
         closing = threading.Thread(target=server.close)
         closing.start()

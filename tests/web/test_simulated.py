@@ -58,7 +58,7 @@ def played(game: SimulatedGame, **setup: Any) -> dict[str, Any]:
     return game.handle("Ann", m.Stories())[0]
 
 
-def test_round_follows_the_referee_to_the_menu(game: SimulatedGame) -> None:
+def test_round_passes_every_state_back_to_menu(game: SimulatedGame) -> None:
     assert frame(game).state == "menu"
     story = played(game, settings={})
     states = [one["state"] for one in game.news(0) if "state" in one]
@@ -76,7 +76,7 @@ def test_round_follows_the_referee_to_the_menu(game: SimulatedGame) -> None:
         assert game.scene().facts["clyde_speed_mps"] > 0.25
 
 
-def test_link_brings_the_same_round_back(game: SimulatedGame) -> None:
+def test_setup_with_same_seed_repeats_round(game: SimulatedGame) -> None:
     first = played(game)
     again = game.handle("Bob", m.Setup(seed=first["seed"], finish=True))
     second = game.handle("Bob", m.Stories())[0]
@@ -85,7 +85,7 @@ def test_link_brings_the_same_round_back(game: SimulatedGame) -> None:
     assert {key: second[key] for key in keys} == {key: first[key] for key in keys}
 
 
-def test_story_is_a_list_of_frames(game: SimulatedGame) -> None:
+def test_recorded_round_contains_every_frame(game: SimulatedGame) -> None:
     number = game.handle("Ann", m.Setup(finish=True))["story"]
     facts = game.handle("Ann", m.Stories())[0]
     data = game.story(number)
@@ -102,7 +102,7 @@ def test_story_is_a_list_of_frames(game: SimulatedGame) -> None:
             game.handle("Ann", bad)
 
 
-def test_stop_acts_while_a_setup_takes_long(game: SimulatedGame, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stop_acts_during_long_setup(game: SimulatedGame, monkeypatch: pytest.MonkeyPatch) -> None:
     prepare, begun, go_on = Choices.prepare, threading.Event(), threading.Event()
 
     def slow(self: Choices, *arguments: Any) -> Any:
@@ -136,7 +136,7 @@ def test_pause_and_speed_change_the_simulated_time(game: SimulatedGame) -> None:
     assert frame(game).speed == 50, "a newcomer alone gets the speed of the start"
 
 
-def test_time_of_frames_never_goes_back(game: SimulatedGame) -> None:
+def test_frame_time_never_decreases(game: SimulatedGame) -> None:
     begin(game)
     before = frame(game)
     game.handle("Ann", m.Speed(times=10))
@@ -148,7 +148,7 @@ def test_time_of_frames_never_goes_back(game: SimulatedGame) -> None:
         before = now
 
 
-def test_clydes_speed_counts_for_the_next_round(game: SimulatedGame) -> None:
+def test_ghost_speed_is_kept_after_reset(game: SimulatedGame) -> None:
     game.handle("Ann", m.ClydeSpeed(mps=1.5))
     assert game.scene().facts["clyde_speed_mps"] == 1.5
     game.handle("Ann", m.Reset())
@@ -176,7 +176,7 @@ def test_person_sends_a_ghost_to_the_robot(game: SimulatedGame) -> None:
     assert story["link"] == ""
 
 
-def test_person_plays_a_round_beside_the_policy(game: SimulatedGame) -> None:
+def test_person_plays_same_round_as_policy(game: SimulatedGame) -> None:
     game.handle("Ann", m.Role(role="robot"))
     begin(game)
     assert frame(game).baseline is not None
@@ -197,7 +197,7 @@ def test_person_plays_a_round_beside_the_policy(game: SimulatedGame) -> None:
     assert (alone["result"], alone["collected"]) == (beside["result"], beside["collected"])
 
 
-def test_driven_robot_stands_without_further_messages(game: SimulatedGame) -> None:
+def test_driven_robot_stops_without_further_messages(game: SimulatedGame) -> None:
     game.handle("Ann", m.Role(role="robot"))
     begin(game)
     home = frame(game).true
@@ -240,13 +240,13 @@ def test_unknown_map_is_refused_at_the_start() -> None:
         SimulatedGame(Rules(map="nowhere"))
 
 
-def test_terms_are_sent_only_while_watched(game: SimulatedGame) -> None:
+def test_score_terms_are_sent_only_while_watched(game: SimulatedGame) -> None:
     game.handle("Ann", m.Start())
     game.watch(why=True, lidar=False)
     wait_for(lambda: any("why" in one for one in game.news(0)))
 
 
-def test_every_event_has_its_light(game: SimulatedGame) -> None:
+def test_every_event_shows_its_light(game: SimulatedGame) -> None:
     for word, feedback in vocabulary()["events"].items():
         number = game.news(0)[-1]["number"]
         game.handle("Ann", m.Event(word=word))

@@ -82,7 +82,7 @@ def test_viewer_over_the_rate_is_warned_then_disconnected() -> None:
     assert kinds(one) == ["bye"]
 
 
-def test_viewer_seldom_over_the_rate_stays() -> None:
+def test_viewer_rarely_over_rate_stays_connected() -> None:
     one, now = viewer(), time.monotonic()
     for second in range(0, 600, 3):
         for _ in range(60):
@@ -90,7 +90,7 @@ def test_viewer_seldom_over_the_rate_stays() -> None:
         assert kinds(one) == ["refused"]
 
 
-def test_still_game_is_sent_to_newcomers_only() -> None:
+def test_unchanged_frame_is_sent_to_newcomers_only() -> None:
     first, second, other = viewer("ann"), viewer("bob"), viewer("cid")
     there = audience(ScriptedGame(moves=False), first, other)
     tick(there)
@@ -118,7 +118,7 @@ def test_new_scene_comes_before_its_frames() -> None:
     assert list(there.pictures) == list(range(10 - MOST_PICTURES, 10))
 
 
-def test_news_are_sent_once_from_then_on() -> None:
+def test_news_are_sent_once_and_only_after_joining() -> None:
     game, one = ScriptedGame(), viewer()
     game.happens(event="before")
     there = audience(game, one)
@@ -133,7 +133,7 @@ def test_news_are_sent_once_from_then_on() -> None:
     assert "news" not in kinds(one)
 
 
-def test_terms_are_sent_only_while_watched() -> None:
+def test_score_terms_are_sent_only_while_watched() -> None:
     game, ann, bob = ScriptedGame(), viewer("ann"), viewer("bob")
     there = audience(game, ann, bob)
     ann.why = True

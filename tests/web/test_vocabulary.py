@@ -21,7 +21,7 @@ def test_every_protocol_word_has_a_name() -> None:
     assert set(vocabulary()["roles"]) == set(ROLES)
 
 
-def test_scripts_name_no_ghost_and_no_colour() -> None:
+def test_scripts_contain_no_ghost_names_or_colours() -> None:
     for path in STATIC.glob("*.js"):
         text = path.read_text()
         for ghost in GHOSTS:
