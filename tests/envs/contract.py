@@ -56,7 +56,7 @@ class EnvContract:
         assert len({array.__array_interface__["data"][0] for array in every}) == len(every) > 15
         assert all(array.flags.writeable for array in every)
 
-    def test_seed_decides_episodes_whatever_came_before(self, case: str) -> None:
+    def test_seed_determines_episodes_regardless_of_history(self, case: str) -> None:
         fresh, used = made(case), made(case)
         used.reset(seed=9)
         play(used, 14, seed=3)
@@ -90,7 +90,7 @@ class EnvContract:
                 adapter.env.step(bad)
         assert same(adapter.advance(good), twin.advance(good))
 
-    def test_step_needs_a_reset_before(self, case: str) -> None:
+    def test_step_is_refused_before_reset(self, case: str) -> None:
         adapter = made(case)
         with pytest.raises((gym.error.ResetNeeded, AssertionError), match="reset"):  # PettingZoo's wrapper: the latter
             adapter.env.step(adapter.sample(np.random.default_rng(0)))

@@ -88,7 +88,7 @@ def test_environments_take_shared_arguments_and_their_own() -> None:
         PacManBotEnv(nothing=1)  # type: ignore[call-arg]
 
 
-def test_flat_is_below_the_settings_of_the_user() -> None:
+def test_user_settings_override_flat_defaults() -> None:
     flat = make(flat=True).config
     assert (flat.decisions.when, flat.observation.kinds, flat.observation.flat) == ("event", ("planner",), True)
     own = make(flat=True, observation="scan", settings={"decisions.when": "tick", "timeout": "truncation"}).config
@@ -98,7 +98,7 @@ def test_flat_is_below_the_settings_of_the_user() -> None:
     assert (several.decisions.when, several.observation.mask, several.observation.flat) == ("tick", "beside", True)
 
 
-def test_arguments_and_settings_say_the_same() -> None:
+def test_arguments_and_settings_give_same_configuration() -> None:
     by_arguments = make(observation=("scan", "features"), action="velocity", ghosts=2, settings={"endless": True})
     settings = {
         "observation.kinds": ["features", "scan"],

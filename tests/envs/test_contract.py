@@ -29,7 +29,7 @@ class TestEnvironments(EnvContract):
     """Run the contract over all adapters."""
 
 
-def test_cases_let_any_two_values_meet() -> None:
+def test_cases_combine_every_pair_of_values() -> None:
     for one in AXES:
         for other in AXES:
             met = {(str(row[one]), str(row[other])) for row in PAIRWISE}

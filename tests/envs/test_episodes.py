@@ -63,7 +63,7 @@ def test_allowed_goals_are_reached_or_reported(chosen: dict[str, Any]) -> None:
 
 
 @on_maps
-def test_masks_forbid_only_what_waits_after_aborts(chosen: dict[str, Any]) -> None:
+def test_masks_forbid_only_candidates_waiting_after_abort(chosen: dict[str, Any]) -> None:
     env = make_vector(4, **joined({"settings": {**QUICK, "nav2.abort_rate": 0.2, "max_pellets": 20}}, chosen))
     env.reset(seed=1)
     back_off = round(env.config.execution.back_off_s / env.config.execution.tick_s)
@@ -99,7 +99,7 @@ def nearest_pellet(env: PacManBotEnv) -> int:
 
 
 @pytest.mark.parametrize("source", ["house", "generated"])
-def test_endless_rounds_follow_until_death_or_time(source: str) -> None:
+def test_endless_game_starts_rounds_until_death_or_timeout(source: str) -> None:
     settings = {**SMALL, "time_limit_s": 60.0, "clyde.speed_step_mps": 0.1, "pellets.spacing_m": 3.0}
     env = make(map=source, preset="ideal", settings={**settings, "endless": True})
     config, outcomes, rounds = env.config, set(), 1
@@ -144,7 +144,7 @@ def test_endless_game_ends_at_time_limit_of_round() -> None:
 
 
 @pytest.mark.parametrize("endless", [False, True])
-def test_drawn_values_lie_in_range_and_follow_seed(endless: bool) -> None:
+def test_randomized_values_lie_in_range_and_follow_seed(endless: bool) -> None:
     settings = {**SMALL, **RANGES, "time_limit_s": 5.0, "endless": endless}
     names = [key.partition(".")[2] for key in RANGES]
     infos = make_vector(40, map="maze", settings=settings).reset(seed=100)[1]
@@ -157,7 +157,7 @@ def test_drawn_values_lie_in_range_and_follow_seed(endless: bool) -> None:
     assert {key: info[key] for key in names} == {key: infos[key][0] for key in names}
 
 
-def test_nothing_is_drawn_by_default() -> None:
+def test_no_value_is_randomized_by_default() -> None:
     assert Config().randomize.ranges() == []
     _, plain = make().reset(seed=0)
     _, info = make(settings={"randomize.abort_rate": (0.0, 0.2)}).reset(seed=0)

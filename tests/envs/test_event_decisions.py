@@ -69,13 +69,13 @@ def play(seed: int, policy: str, **arguments: Any) -> None:
 
 
 @pytest.mark.parametrize(("policy", "rules"), [("nearest", "robust"), ("random", "as_built")])
-def test_events_play_the_game_of_ticks(policy: str, rules: str) -> None:
+def test_event_decisions_play_same_game_as_ticks(policy: str, rules: str) -> None:
     for seed in range(max(1, EPISODES // 2)):
         settings = {"clyde.speed_mps": 0.1 + 0.05 * (seed % 8), "time_limit_s": 120.0, "decisions.discount_per_s": 0.99}
         play(seed, policy, map="house", ghosts=GHOSTS[seed % 3], settings={**settings, "execution.rules": rules})
 
 
-def test_decision_is_due_when_a_round_follows() -> None:
+def test_decision_is_due_when_next_round_starts() -> None:
     env = PacManBotEnv(map="loop", settings={"clyde.speed_mps": 0.01, "endless": True, **EVENTS})
     _, info = env.reset(seed=1)
     policy = make_policy("nearest")

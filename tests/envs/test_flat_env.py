@@ -78,7 +78,7 @@ def test_first_action_goes_to_nearest_pellet() -> None:
         assert env.batch.games["pursued"][0] in (paths.argmin(), -1)
 
 
-def test_empty_place_makes_robot_hold_for_a_tick() -> None:
+def test_empty_slot_makes_robot_hold_for_one_tick() -> None:
     env = make()
     env.reset(seed=3)
     while env.action_masks().all():
@@ -112,7 +112,7 @@ def test_unsuitable_argument_is_named() -> None:
 
 
 @pytest.mark.parametrize("candidates", ["nearest", "all"])
-def test_policies_play_by_actions_of_their_choices(candidates: str) -> None:
+def test_policy_choices_are_translated_to_actions(candidates: str) -> None:
     env = make(settings={"observation.candidates": candidates})
     policy = make_policy("nearest")
     policy.reset(np.ones(1, dtype=bool), env.config)

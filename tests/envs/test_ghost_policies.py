@@ -36,7 +36,7 @@ class Sentinel:
         return np.full(len(situation), len(self.seen) // 5 % situation.mask.shape[1])
 
 
-def test_policy_sees_game_from_seat_of_ghost() -> None:
+def test_policy_observes_game_as_its_own_ghost() -> None:
     policy = Sentinel()
     env = make(ghosts=["wander", policy], settings=QUICK)  # type: ignore[list-item]
     env.reset(seed=0)
@@ -54,7 +54,7 @@ def test_policy_sees_game_from_seat_of_ghost() -> None:
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_policy_is_told_of_every_new_episode(mode: str) -> None:
+def test_policy_is_reset_for_every_new_episode(mode: str) -> None:
     policy = Sentinel()
     env = make_vector(5, ghosts=["wander", policy], settings=FAST_GHOSTS, autoreset_mode=mode)
     env.reset(seed=0)
@@ -72,7 +72,7 @@ def test_policy_is_told_of_every_new_episode(mode: str) -> None:
     np.testing.assert_array_equal(np.sum(policy.resets, axis=0), episodes)
 
 
-def test_ghost_of_policy_and_of_agent_walk_alike() -> None:
+def test_ghost_moves_alike_for_policy_and_agent() -> None:
     inside = make(ghosts=[Sentinel(), "chase"], settings=QUICK)  # type: ignore[list-item]
     outside = pacman_env.parallel_env(ghosts=("policy", "chase"), settings=QUICK)
     assert same(inside.reset(seed=5)[0], outside.reset(seed=5)[0][PACMAN])
@@ -121,7 +121,7 @@ def test_wrong_policy_object_is_refused(ghost: Any) -> None:
         make(ghosts=(ghost,))
 
 
-def test_policy_by_name_plays_as_the_object() -> None:
+def test_policy_name_plays_like_policy_object() -> None:
     named, given = (make(ghosts=("wander", one), settings=QUICK) for one in ("nearest", make_policy("nearest")))
     assert same(named.reset(seed=0), given.reset(seed=0))
     for _ in range(20):

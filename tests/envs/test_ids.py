@@ -16,7 +16,7 @@ from pacman_env.world.maps.occupancy import map_file
 from tests.envs.helpers import ID, same
 
 
-def test_purposes_tell_ids_apart_in_one_line() -> None:
+def test_every_id_has_unique_one_line_purpose() -> None:
     purposes = [entry.purpose for entry in IDS.values()]
     assert len(set(purposes)) == len(purposes)
     assert all(len(purpose) <= 115 and "\n" not in purpose for purpose in purposes)
@@ -28,7 +28,7 @@ def made(env_id: str, **arguments: Any) -> Config:
     return config
 
 
-def test_own_settings_keep_variant_and_come_first() -> None:
+def test_user_settings_override_defaults_of_variant() -> None:
     own = {"clyde.speed_mps": 0.4}
     assert made("pacman_env/PacManBotEndless-v0", settings=own).endless
     assert made("pacman_env/PacManBotFlatEndless-v0", settings=own).decisions.when == "event"
@@ -46,7 +46,7 @@ def test_own_settings_keep_variant_and_come_first() -> None:
         ({"defaults": {"endless": True}, "settings": Config()}, "settings is a Config: .* and defaults are part of it"),
     ],
 )
-def test_wrong_defaults_are_named(arguments: dict[str, Any], said: str) -> None:
+def test_wrong_defaults_are_refused_with_reason(arguments: dict[str, Any], said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         made(ID, **arguments)
 
@@ -93,7 +93,7 @@ def test_json_specification_makes_the_same_game(env_id: str, arguments: Any) -> 
 
 
 @pytest.mark.parametrize("env_id", [ID, FLAT_ID])
-def test_sample_takes_masks_of_infos(env_id: str) -> None:
+def test_action_space_samples_with_mask_of_info(env_id: str) -> None:
     env = gym.make(env_id, map="loop", settings={"observation.mask": "info"})
     _, info = env.reset(seed=0)
     assert info["action_mask"].dtype == np.int8

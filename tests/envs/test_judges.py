@@ -107,7 +107,7 @@ def test_stable_baselines_checker_finds_no_fault(chosen: str) -> None:
 
 
 @pytest.mark.parametrize("action", ["goal", "velocity"])
-def test_sb3_contrib_finds_masks_of_goals_only(action: str) -> None:
+def test_sb3_contrib_finds_masks_for_goal_actions_only(action: str) -> None:
     from sb3_contrib.common.maskable.utils import get_action_masks, is_masking_supported
     from stable_baselines3.common.monitor import Monitor
     from stable_baselines3.common.vec_env import DummyVecEnv

@@ -68,7 +68,7 @@ def state(env: PacManBotVectorEnv, game: int) -> list[bytes]:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_game_of_many_is_the_game_alone(case: str) -> None:
+def test_game_in_batch_equals_single_game(case: str) -> None:
     together = [made(case, N, num_threads=number) for number in (1, 2, 7)]
     alone = {i: made(case, 1) for i in COMPARED}
     for env in together:
@@ -90,7 +90,7 @@ def test_game_of_many_is_the_game_alone(case: str) -> None:
     assert ends > 0 or "endless" in case
 
 
-def test_planner_sees_the_same_with_threads() -> None:
+def test_planner_features_are_equal_with_threads() -> None:
     one, many = made("randomised", N), made("randomised", N, num_threads=7)
     for env in (one, many):
         env.reset(seed=0)
@@ -115,7 +115,7 @@ HOMESICK = Behaviour("homesick", _homesick, (0.6,))
 @pytest.mark.parametrize(
     ("threads", "ghosts"), [(1, [f"{__name__}:HOMESICK"]), (7, ["chase", Patrol(), f"{__name__}:HOMESICK"])]
 )
-def test_error_of_ghost_function_arrives(threads: int, ghosts: list[Any]) -> None:
+def test_error_of_ghost_function_is_raised(threads: int, ghosts: list[Any]) -> None:
     settings = {"clyde.speed_mps": 0.0, "execution.death_radius_m": 1e-6}
     env, fresh = (PacManBotVectorEnv(N, num_threads=n, ghosts=ghosts, settings=settings) for n in (threads, 1))
     env.reset(seed=0)
@@ -133,6 +133,6 @@ def test_error_of_ghost_function_arrives(threads: int, ghosts: list[Any]) -> Non
         assert same(env.step(np.full(N, env.batch.hold)), fresh.step(np.full(N, env.batch.hold)))
 
 
-def test_threads_are_no_more_than_games() -> None:
+def test_threads_do_not_outnumber_games() -> None:
     assert [made("ghosts", n, num_threads=7).batch.threads.number for n in (1, 3, 9)] == [1, 3, 7]
     assert made("ghosts", 1, num_threads=0).batch.threads.number == 1

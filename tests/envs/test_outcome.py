@@ -25,7 +25,7 @@ def games(ends: list[int], pellets: list[int] | None = None) -> np.ndarray:
 
 
 @given(st.lists(st.tuples(st.sampled_from(list(AT_END)), st.integers(0, 4), st.booleans()), min_size=1, max_size=9))
-def test_tick_earns_its_time_pellets_and_end(cases: list[tuple[int, int, bool]]) -> None:
+def test_reward_sums_time_pellets_and_end(cases: list[tuple[int, int, bool]]) -> None:
     ends, pellets, over = (list(column) for column in zip(*cases, strict=True))
     over = [was and end != RUNNING for was, end in zip(over, ends, strict=True)]
     reward, terminated, truncated = reward_and_end(games(ends, pellets), np.array(over), REWARD)
@@ -36,7 +36,7 @@ def test_tick_earns_its_time_pellets_and_end(cases: list[tuple[int, int, bool]])
     assert truncated.tolist() == [end == TIMEOUT for end in ends]
 
 
-def test_infos_hold_counts_and_outcomes_of_games() -> None:
+def test_infos_contain_counts_and_outcomes_of_games() -> None:
     batch = games(list(AT_END))
     for k, field in enumerate(("collected", "lost", "spawned", "aborts")):
         batch[field] = np.arange(5) + 10 * k

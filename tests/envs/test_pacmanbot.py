@@ -106,7 +106,7 @@ def test_forbidden_candidate_makes_robot_hold(why: str) -> None:
     assert forbidding.situation.current[0] == -1
 
 
-def test_integers_of_any_type_are_actions() -> None:
+def test_integers_of_any_type_are_accepted_as_actions() -> None:
     plain, other = make(), make()
     plain.reset(seed=1)
     other.reset(seed=1)
@@ -131,7 +131,7 @@ def test_slots_beyond_pellets_change_only_shapes() -> None:
             np.testing.assert_array_equal(first[key], second[key])
 
 
-def test_unseeded_reset_continues_generator_whatever_was_played() -> None:
+def test_unseeded_reset_continues_generator_regardless_of_steps() -> None:
     def rounds(steps_between: int) -> list[Any]:
         env = make()
         results = [env.reset(seed=8)]
@@ -195,7 +195,7 @@ def test_pellet_after_time_limit_does_not_count() -> None:
 
 
 @pytest.mark.parametrize(("limit", "ticks"), [(0.5, 1), (30.0, 60)])
-def test_time_limit_is_obeyed_to_the_tick(limit: float, ticks: int) -> None:
+def test_time_limit_ends_round_at_exact_tick(limit: float, ticks: int) -> None:
     env = make(settings={"time_limit_s": limit, "clyde.speed_mps": 0.0})
     env.reset(seed=0)
     results = [env.step(int(env.action_space.n) - 1) for _ in range(ticks)]

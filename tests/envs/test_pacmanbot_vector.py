@@ -54,7 +54,7 @@ def test_vector_equals_single_environments(k: int, row: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("settings", [QUICK, LOSING], ids=["robust", "as_built"])
 @pytest.mark.parametrize("mode", MODES)
-def test_vector_equals_singles_in_every_end(mode: AutoresetMode, settings: dict[str, Any]) -> None:
+def test_vector_equals_single_environments_at_every_end(mode: AutoresetMode, settings: dict[str, Any]) -> None:
     native, singles = make_vector(5, autoreset_mode=mode, settings=settings), make_sync(5, mode, settings=settings)
     assert native.metadata["autoreset_mode"] == mode
     assert same(native.reset(seed=3), singles.reset(seed=3))
@@ -69,7 +69,7 @@ def test_vector_equals_singles_in_every_end(mode: AutoresetMode, settings: dict[
 
 
 @pytest.mark.parametrize("env_id", IDS)
-def test_vector_of_id_plays_its_games(env_id: str) -> None:
+def test_vector_of_id_plays_game_of_id(env_id: str) -> None:
     games, single = gym.make_vec(env_id, num_envs=2), gym.make(env_id)
     assert isinstance(games.unwrapped, PacManBotVectorEnv)
     assert games.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP
@@ -94,7 +94,7 @@ def test_reset_takes_one_seed_per_game() -> None:
         env.reset(seed=[1, 2])
 
 
-def test_integers_of_any_type_are_actions() -> None:
+def test_integers_of_any_type_are_accepted_as_actions() -> None:
     plain, other = make_vector(3), make_vector(3)
     plain.reset(seed=1)
     other.reset(seed=1)
@@ -142,7 +142,7 @@ def test_unplayable_argument_is_named(arguments: dict[str, Any], message: str) -
         PacManBotVectorEnv(2, settings=Config(), preset="ideal")
 
 
-def test_pictures_are_those_of_the_games() -> None:
+def test_pictures_equal_pictures_of_single_environments() -> None:
     env, one = make_vector(2, render_mode="rgb_array"), make(render_mode="rgb_array")
     env.reset(seed=0)
     one.reset(seed=1)
@@ -190,7 +190,7 @@ def test_max_episode_steps_cut_like_gymnasium_time_limit(mode: str) -> None:
         *((wrappers.vector.FlattenObservation, mode) for mode in (AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED)),
     ],
 )
-def test_vector_wrappers_see_single_environments(wrap: Any, mode: AutoresetMode) -> None:
+def test_vector_wrappers_behave_like_single_environments(wrap: Any, mode: AutoresetMode) -> None:
     native, singles = (
         wrap(make_vector(4, settings=QUICK, autoreset_mode=mode)),
         wrap(make_sync(4, mode, settings=QUICK)),
@@ -211,7 +211,7 @@ def test_vector_wrappers_see_single_environments(wrap: Any, mode: AutoresetMode)
     assert episodes >= 4
 
 
-def test_statistics_add_up_without_autoreset() -> None:
+def test_episode_statistics_are_correct_without_autoreset() -> None:
     """Gymnasium's own vector of single environments loses the mask of the reset, and with it the counts."""
     env = wrappers.vector.RecordEpisodeStatistics(make_vector(4, settings=QUICK, autoreset_mode="Disabled"))
     env.reset(seed=2)

@@ -84,7 +84,7 @@ def test_games_equal_pettingzoo_environments(k: int, case: str) -> None:
     assert ends > 1
 
 
-def test_finished_games_stand_still_until_reset() -> None:
+def test_finished_games_do_not_change_until_reset() -> None:
     games = ParallelVec(autoreset_mode="Disabled", settings={**FAST_GHOSTS, "max_cycles": 12})
     env, rng, over, kept = games.env, np.random.default_rng(0), np.zeros(GAMES, dtype=np.bool_), {}
     env.reset(seed=1)
@@ -119,7 +119,7 @@ def test_masks_of_agents_match_their_observations(action: str) -> None:
         assert all(same(mask.astype(np.int8), observations[agent]["action_mask"]) for agent, mask in masks.items())
 
 
-def test_nearest_actions_name_places_of_the_list() -> None:
+def test_nearest_actions_select_listed_candidates() -> None:
     every = make(settings=FAST_GHOSTS)
     nearest = make(settings={**FAST_GHOSTS, "observation.candidates": "nearest"})
     assert nearest.action_space("clyde").n == nearest.action_space(PACMAN).n == 7 < every.action_space("clyde").n
@@ -198,7 +198,7 @@ def test_unplayable_argument_is_named(arguments: dict[str, Any], message: str) -
         pacman_env.parallel_vec_env(**arguments)
 
 
-def test_wrong_actions_are_named() -> None:
+def test_wrong_actions_are_refused_with_reason() -> None:
     env, zeros = make(), np.zeros(GAMES, dtype=np.int64)
     env.reset(seed=1)
     for actions, message in (

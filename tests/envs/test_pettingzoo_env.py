@@ -45,7 +45,7 @@ def test_pacman_plays_gymnasium_game_against_wandering_ghosts(row: dict[str, Any
             assert same(tuple(result[PACMAN] for result in results), single.step(actions[PACMAN]))
 
 
-def test_turns_play_the_parallel_game() -> None:
+def test_turn_based_game_equals_parallel_game() -> None:
     parallel = pacman_env.parallel_env(ghosts=MIXED, settings={**FAST_GHOSTS, "zero_sum": False})
     turns = pacman_env.env(ghosts=MIXED, settings={**FAST_GHOSTS, "zero_sum": False})
     rng = np.random.default_rng(0)
@@ -67,7 +67,7 @@ def test_turns_play_the_parallel_game() -> None:
         assert sorted(asked) == sorted(parallel.possible_agents)  # each was told of the end
 
 
-def test_wrong_turn_is_refused_at_once_and_correctable() -> None:
+def test_wrong_action_of_turn_is_refused_and_correctable() -> None:
     env, twin = pacman_env.env(), pacman_env.parallel_env()
     env.reset(seed=1)
     twin.reset(seed=1)
@@ -83,7 +83,7 @@ def test_wrong_turn_is_refused_at_once_and_correctable() -> None:
 
 
 @pytest.mark.parametrize("shape", [shape for shape in SEVERAL_LEARNERS if shape != "nearest"])
-def test_game_is_same_in_shapes_of_learners(shape: str) -> None:
+def test_observation_shape_does_not_change_game(shape: str) -> None:
     chosen = SEVERAL_LEARNERS[shape]
     env = pacman_env.parallel_env(map="loop", **chosen)
     plain = pacman_env.parallel_env(map="loop", ghosts=chosen.get("ghosts", ("policy",)))
@@ -119,7 +119,7 @@ def test_game_is_same_in_shapes_of_learners(shape: str) -> None:
         (("wander", "policy", "chase"), ["pacman", "blinky"]),
     ],
 )
-def test_agents_are_pacman_and_told_ghosts(ghosts: Any, agents: list[str]) -> None:
+def test_agents_are_pacman_and_policy_ghosts(ghosts: Any, agents: list[str]) -> None:
     env = pacman_env.parallel_env(ghosts=ghosts)
     assert env.metadata["name"] == "pacmanbot_v0"
     assert env.possible_agents == agents
@@ -128,7 +128,7 @@ def test_agents_are_pacman_and_told_ghosts(ghosts: Any, agents: list[str]) -> No
     assert env.agents == list(observations) == list(infos) == agents
 
 
-def test_ghost_sees_itself_as_clyde() -> None:
+def test_ghost_observes_itself_as_clyde() -> None:
     env = pacman_env.parallel_env(ghosts=MIXED, settings=FAST_GHOSTS)
     env.reset(seed=0)
     rng = np.random.default_rng(0)
@@ -140,7 +140,7 @@ def test_ghost_sees_itself_as_clyde() -> None:
         np.testing.assert_array_equal(seen[PACMAN]["clyde"][:2], seen[PACMAN]["ghosts"][nearest, :2])
 
 
-def test_forbidden_place_makes_ghost_wander_on() -> None:
+def test_forbidden_goal_makes_ghost_keep_wandering() -> None:
     # Wide as he is, he does not come near every place; and a house of 13 pellets has 20 slots here.
     settings = {**QUICK, "pellets.spacing_m": 2.0, "max_pellets": 20, "clyde.clearance_m": 0.75}
     told, wandering = (pacman_env.parallel_env(settings=settings) for _ in range(2))
@@ -159,7 +159,7 @@ def test_forbidden_place_makes_ghost_wander_on() -> None:
     assert not results[0]["clyde"]["candidates"][:, 3].any()  # no place is his current one
 
 
-def test_ghost_sees_where_it_was_sent() -> None:
+def test_ghost_observes_its_current_goal() -> None:
     env = pacman_env.parallel_env()
     env.reset(seed=0)
     for place in (3, 3, 11, 20):
@@ -167,7 +167,7 @@ def test_ghost_sees_where_it_was_sent() -> None:
         np.testing.assert_array_equal(np.flatnonzero(observations["clyde"]["candidates"][:, 3]), [place])
 
 
-def test_state_is_the_true_game_by_name() -> None:
+def test_state_contains_true_game_values_by_name() -> None:
     env = pacman_env.parallel_env(ghosts=MIXED, settings=FAST_GHOSTS, map="maze")
     env.reset(seed=2)
     names, apart, rng = env.state_names, [], np.random.default_rng(0)

@@ -52,7 +52,7 @@ def differences(envs: tuple[PacManBotEnv, PacManBotEnv], seed: int) -> tuple[lis
 
 @pytest.mark.parametrize("timeout", ["truncation", "termination"])
 @pytest.mark.parametrize("name", GAMES)
-def test_progress_telescopes_over_an_episode(name: str, timeout: str) -> None:
+def test_progress_rewards_sum_to_path_difference(name: str, timeout: str) -> None:
     seen = set()
     for seed in range(4):
         discount_per_s = (1.0, 0.9)[seed % 2]
@@ -83,7 +83,7 @@ def test_step_is_rewarded_by_metres_of_path() -> None:
     assert approached > 0.2
 
 
-def test_ghost_has_progress_of_its_own() -> None:
+def test_ghost_has_its_own_progress_reward() -> None:
     settings = {"ghost_reward.progress": -PROGRESS, "time_limit_s": 20.0}
     one, other = (PacManBotParallelEnv(settings={**chosen, "zero_sum": False}) for chosen in (settings, {}))
     for env in (one, other):

@@ -16,7 +16,7 @@ from tests.envs.helpers import ID
 HAS_REGISTRY = pytest.mark.skipif(not hasattr(pettingzoo, "register"), reason="PettingZoo before 1.27 has no registry")
 
 
-def test_id_names_single_and_vector_environment() -> None:
+def test_id_refers_to_single_and_vector_environment() -> None:
     spec = gym.spec(ID)
     assert spec.entry_point == "pacman_env.envs.pacmanbot:PacManBotEnv"
     assert spec.vector_entry_point == "pacman_env.envs.pacmanbot_vector:PacManBotVectorEnv"
@@ -29,13 +29,13 @@ def test_registering_again_changes_nothing() -> None:
     assert gym.spec(ID) is before
 
 
-def test_a_removed_registration_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_removed_registration_is_restored(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(gym.registry, ID)
     pacman_env.register_envs()
     assert gym.spec(ID).entry_point == "pacman_env.envs.pacmanbot:PacManBotEnv"
 
 
-def test_importing_loads_no_simulator() -> None:
+def test_package_import_loads_no_simulator() -> None:
     heavy = {
         "gymnasium",
         "numba",
@@ -52,14 +52,14 @@ def test_importing_loads_no_simulator() -> None:
     assert out.stdout.strip() == "[]"
 
 
-def test_gymnasium_finds_the_id_by_module() -> None:
+def test_gymnasium_finds_id_by_module() -> None:
     code = f"import gymnasium; print(gymnasium.make('pacman_env:{ID}').spec.id)"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == ID
 
 
 @pytest.mark.parametrize("first", ["pacman_env", "pettingzoo"])
-def test_pettingzoo_knows_the_names_whichever_is_imported_first(first: str) -> None:
+def test_pettingzoo_registers_names_in_any_import_order(first: str) -> None:
     second = {"pacman_env": "pettingzoo", "pettingzoo": "pacman_env"}[first]
     names = sorted(name for name, entry in IDS.items() if entry.several is not None)
     code = (
@@ -70,13 +70,13 @@ def test_pettingzoo_knows_the_names_whichever_is_imported_first(first: str) -> N
     assert out.stdout.strip() == "True"
 
 
-def test_nothing_warns() -> None:
+def test_environments_are_made_without_warnings() -> None:
     code = f"import gymnasium, pacman_env\nfor name in {list(IDS)}: gymnasium.make(name)"
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True)
     assert (done.stdout, done.stderr) == ("", "")
 
 
-def test_the_unversioned_id_is_the_robots_game() -> None:
+def test_unversioned_id_makes_latest_version() -> None:
     with pytest.warns(UserWarning, match=f"latest versioned environment `{ID}`"):  # Gymnasium's word on all such ids
         env = gym.make(ID.removesuffix("-v0"), map="loop")
     assert env.spec is not None
@@ -84,7 +84,7 @@ def test_the_unversioned_id_is_the_robots_game() -> None:
 
 
 @pytest.mark.parametrize("library", ["gymnasium", pytest.param("pettingzoo", marks=HAS_REGISTRY)])
-def test_library_is_registered_with_when_imported(library: str) -> None:
+def test_ids_are_registered_when_library_is_imported(library: str) -> None:
     code = (
         f"import importlib.util, sys, pacman_env\nfor _ in range(2): importlib.util.find_spec({library!r})\n"
         f"import {library}, importlib\nregistry = getattr({library}, 'registry', None) or {library}.parallel_registry\n"

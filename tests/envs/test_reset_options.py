@@ -46,7 +46,7 @@ def test_round_seed_repeats_episode_and_draws_nothing(source: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["single", "vector", "sb3"])
-def test_round_of_comparison_ends_alike_in_environment(kind: str) -> None:
+def test_comparison_round_ends_alike_in_environment(kind: str) -> None:
     config = make_config(time_limit_s=60.0)
     records, _ = play(map_assets("loop", config), config, "nearest", episode_seeds(5, 12))
     records = records[records["seed"] >= 2**63]
@@ -76,7 +76,7 @@ def test_round_of_comparison_ends_alike_in_environment(kind: str) -> None:
     assert len(set(ends)) > 1
 
 
-def test_level_is_played_whatever_the_seed() -> None:
+def test_level_option_is_played_with_any_seed() -> None:
     env = PacManBotEnv(map="generated:test", settings={"num_levels": 50})
     shapes = set()
     for level in (1_000_003, 1_000_049, 1_000_000):
@@ -113,7 +113,7 @@ def test_settings_hold_for_one_episode() -> None:
         ({"settings": {"max_pellets": 40}}, r"options\['settings'\]: max_pellets would change the spaces"),
     ],
 )
-def test_wrong_options_are_named_and_change_nothing(options: Any, message: str) -> None:
+def test_wrong_options_are_refused_and_change_nothing(options: Any, message: str) -> None:
     env, untouched = (PacManBotEnv(map="loop") for _ in range(2))
     for one in (env, untouched):
         one.reset(seed=3)
@@ -148,7 +148,7 @@ def test_batch_settings_hold_until_all_are_reset() -> None:
     assert env.config.clyde.speed_mps == 0.25
 
 
-def test_several_agents_take_the_same_options() -> None:
+def test_environments_of_several_agents_take_same_options() -> None:
     env = pacman_env.parallel_env(map="loop")
     _, infos = env.reset(options={"round_seed": 2**64 - 11, "settings": {"clyde.speed_mps": 0.4}})
     assert infos["pacman"]["round_seed"] == 2**64 - 11
@@ -166,7 +166,7 @@ def test_several_agents_take_the_same_options() -> None:
 @example(True)
 @example(2**64 - 1)
 @example([16452687389592421897, 0, 2**63])
-def test_round_seed_is_taken_or_named(given_: Any) -> None:
+def test_round_seed_is_accepted_or_refused_with_reason(given_: Any) -> None:
     try:
         taken = ResetOptions.of({"round_seed": given_}, 3).round_seed
     except ValueError as error:

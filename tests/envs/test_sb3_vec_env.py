@@ -69,7 +69,7 @@ def test_vec_env_equals_monitored_single_environments(execution: str) -> None:
     assert cut == outcomes.count("timeout")
 
 
-def test_infos_of_ends_change_nothing_else() -> None:
+def test_infos_option_ends_changes_infos_only() -> None:
     whole, short = (
         PacManBotVecEnv(5, settings={**QUICK, "time_limit_s": 8.0, "observation.infos": i}) for i in ("all", "ends")
     )
@@ -111,7 +111,7 @@ def test_seeds_and_options_hold_for_one_reset() -> None:
             native.reset()
 
 
-def test_masks_of_many_games_need_one_call() -> None:
+def test_masks_of_many_games_need_few_calls() -> None:
     env = PacManBotVecEnv(64)
     env.reset()
     masks = env.env_method("action_masks")
@@ -163,7 +163,7 @@ def test_model_of_generated_houses_plays_any_map(learner: dict[str, Any]) -> Non
         games.step(model.predict(games.reset(), deterministic=True)[0])
 
 
-def test_attributes_are_those_of_single_environments() -> None:
+def test_attributes_equal_attributes_of_single_environments() -> None:
     env, dummy = PacManBotVecEnv(3, map="loop"), make_dummy(3, map="loop")
     for one in (env, dummy):
         one.seed(0)
@@ -191,7 +191,7 @@ def test_attributes_are_set_for_all_or_none() -> None:
     assert env.get_attr("stage") == [4, 4]
 
 
-def test_pictures_can_be_turned_on_later() -> None:
+def test_render_mode_can_be_changed_after_construction() -> None:
     env = PacManBotVecEnv(2)
     env.seed(0)
     env.reset()
@@ -211,7 +211,7 @@ def test_pictures_can_be_turned_on_later() -> None:
     assert env.get_attr("render_mode") == [None, None]
 
 
-def test_monitor_is_built_in_or_left_out() -> None:
+def test_monitor_is_built_in_unless_turned_off() -> None:
     ours = PacManBotVecEnv(2, flat=True, map="loop", settings=QUICK)
     theirs = VecMonitor(PacManBotVecEnv(2, flat=True, map="loop", settings=QUICK, monitor=False))
     assert ours.env_is_wrapped(Monitor) == [True, True]

@@ -26,7 +26,7 @@ def observation_space(batch: GameBatch) -> dict[str, Any]:
     return env_spaces.observation_space(Observer(batch).parts).spaces
 
 
-def test_bounds_are_finite_and_follow_configuration() -> None:
+def test_observation_bounds_are_finite_and_follow_configuration() -> None:
     batch = games(max_pellets=30, time_limit_s=20.0)
     space = observation_space(batch)
     assert set(space) == {"robot", "clyde", "candidates", "round", "action_mask"}
@@ -43,7 +43,7 @@ def test_bounds_are_finite_and_follow_configuration() -> None:
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.7, -2.5])
-def test_places_of_turned_map_are_inside(yaw: float) -> None:
+def test_observation_space_contains_places_of_rotated_map(yaw: float) -> None:
     pixels = np.zeros((120, 160), dtype=np.uint8)
     pixels[4:-4, 4:-4] = 254
     batch = games(OccupancyMap.from_pixels("turned", pixels, 0.05, (30.0, -7.0, yaw)))
@@ -54,7 +54,7 @@ def test_places_of_turned_map_are_inside(yaw: float) -> None:
 
 
 @pytest.mark.parametrize("sigma", [0.035, 2.0])
-def test_worst_localization_error_is_inside(sigma: float) -> None:
+def test_observation_space_contains_worst_localization_error(sigma: float) -> None:
     batch = games(**{"localization.sigma_xy_m": sigma})
     # -2 ln(2**-53) under the root: no draw of 53 random bits is farther off than that
     worst = np.sqrt(2 * 53 * np.log(2)) * sigma
@@ -63,7 +63,7 @@ def test_worst_localization_error_is_inside(sigma: float) -> None:
     assert (reach.max(axis=0) + worst < box.high[:2]).all()
 
 
-def test_values_at_caps_are_inside() -> None:
+def test_observation_space_contains_capped_values() -> None:
     batch = games(max_pellets=15)
     batch.reset(np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.uint64))
     situation = batch.situation()

@@ -84,7 +84,7 @@ def test_one_sub_batch_is_the_default() -> None:
     env.close()
 
 
-def test_masks_and_situation_follow_what_was_received() -> None:
+def test_masks_and_situation_match_received_sub_batch() -> None:
     env, whole = make(), make(None)
     env.async_reset(seed=0)
     for _ in range(2):
@@ -128,7 +128,7 @@ def test_wrong_send_is_refused_and_steps_nothing() -> None:
 
 
 @pytest.mark.parametrize("size", [None, 2])
-def test_reset_drops_what_is_being_stepped(size: int | None) -> None:
+def test_reset_discards_running_steps(size: int | None) -> None:
     env, other = make(size), make(size)
     env.async_reset(seed=0)
     env.recv()
@@ -165,7 +165,7 @@ def test_refused_reset_or_velocity_changes_nothing() -> None:
     env.close()
 
 
-def test_views_are_written_by_step_after_next() -> None:
+def test_views_are_overwritten_two_steps_later() -> None:
     copies, views = (make(None, copy=one) for one in (True, False))
     copies.reset(seed=0)
     observations: list[Any] = [views.reset(seed=0)[0]]

@@ -50,7 +50,7 @@ def test_record_video_shows_every_decision(tmp_path: Path) -> None:
             assert np.abs(frame.astype(int) - picture).mean() < 8  # compressed
 
 
-def test_stacked_wrappers_flatten_count_and_cut() -> None:
+def test_stacked_wrappers_flatten_count_and_truncate() -> None:
     env: gym.Env[Any, Any] = gym.make(ID, settings=SHORT, max_episode_steps=5)
     env = wrappers.NormalizeReward(wrappers.RecordEpisodeStatistics(wrappers.FlattenObservation(env)))
     plain = make(settings=SHORT)
