@@ -6,9 +6,8 @@ import json
 import math
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -38,6 +37,8 @@ NODES = (SIMULATOR, *GAME, WAIT, SELECTOR)
 LIGHT_NODES = ("pellet_manager", "audio_node", "game_light_node", "game_event_mapper", REFEREE, WAIT)
 #: Topics that all robots of a ROS domain share.
 OF_DOMAIN = {"/clock", "/clock_owner", "/rosout", "/parameter_events"}
+#: Parameters that rclpy declares.
+OF_ROS = ("use_sim_time", "start_type_description_service")
 HEAVY = ("numba", "llvmlite", "cv2", "pymunk", "gymnasium", "onnxruntime", "scipy")
 
 
@@ -47,35 +48,42 @@ def start(nodes: Session, name: str, **parameters: Any) -> Any:
     return nodes.start(name, **own, **parameters).node
 
 
-@pytest.mark.parametrize("name", NODES)
-def test_parameters_are_described_and_numbers_may_be_integers(domain: int, tmp_path: Path, name: str) -> None:
-    with session.nodes(tmp_path, gives_time=name != SIMULATOR) as nodes:
-        node = start(nodes, name)
-        own = {key: one for key, one in node.get_parameters_by_prefix("").items() if key != "use_sim_time"}
-        described = {key: node.describe_parameter(key) for key in own}
-        game = {
-            key: one
-            for key, one in described.items()
-            if "qos_overrides" not in key and key != "start_type_description_service"
-        }
-        assert all(one.description for one in game.values())
-        floats = [key for key, one in own.items() if one.type_ is Parameter.Type.DOUBLE]
-        given: dict[str, Any] = {key: math.ceil(described[key].floating_point_range[0].from_value) for key in floats}
-        if name == SELECTOR:
-            given["home"] = [1, 0, 2]
-        nodes.kill(name)
-        again = start(nodes, name, **given)
-        assert {key: again.get_parameter(key).value for key in given} == given
-        assert all(isinstance(again.get_parameter(key).value, float) for key in floats)
+@pytest.fixture(scope="module")
+def playing(
+    request: pytest.FixtureRequest, domain: int, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[tuple[str, Session]]:
+    """A session with one node of the game, and the node's name; tests may start the node again."""
+    name = str(request.param)
+    with session.nodes(tmp_path_factory.mktemp(name), gives_time=name != SIMULATOR) as nodes:
+        start(nodes, name)
+        nodes.advance(0.05)
+        yield name, nodes
 
 
-@pytest.mark.parametrize("name", NODES)
-def test_topics_and_services_are_in_namespace(domain: int, tmp_path: Path, name: str) -> None:
-    with session.nodes(tmp_path, gives_time=name != SIMULATOR) as nodes:
-        node = start(nodes, name)
-        spoken = {one.topic_name for one in (*node.publishers, *node.subscriptions)}
-        spoken |= {one.service_name for one in (*node.services, *node.clients)}
-        assert {one for one in spoken if not one.startswith(f"{NAMESPACE}/")} <= OF_DOMAIN
+@pytest.mark.parametrize("playing", NODES, indirect=True)
+def test_parameters_are_described_and_numbers_may_be_integers(playing: tuple[str, Session]) -> None:
+    name, nodes = playing
+    node = nodes.node(name)
+    own = {key: one for key, one in node.get_parameters_by_prefix("").items() if key not in OF_ROS}
+    described = {key: node.describe_parameter(key) for key in own}
+    assert all(one.description for one in described.values())
+    floats = [key for key, one in own.items() if one.type_ is Parameter.Type.DOUBLE]
+    given: dict[str, Any] = {key: math.ceil(described[key].floating_point_range[0].from_value) for key in floats}
+    if name == SELECTOR:
+        given["home"] = [1, 0, 2]
+    nodes.kill(name)
+    again = start(nodes, name, **given)
+    assert {key: again.get_parameter(key).value for key in given} == given
+    assert all(isinstance(again.get_parameter(key).value, float) for key in floats)
+
+
+@pytest.mark.parametrize("playing", NODES, indirect=True)
+def test_topics_and_services_are_in_namespace(playing: tuple[str, Session]) -> None:
+    name, nodes = playing
+    node = nodes.node(name)
+    spoken = {one.topic_name for one in (*node.publishers, *node.subscriptions)}
+    spoken |= {one.service_name for one in (*node.services, *node.clients)}
+    assert {one for one in spoken if not one.startswith(f"{NAMESPACE}/")} <= OF_DOMAIN
 
 
 def click(x: float, y: float, frame: str = "map") -> Any:
@@ -124,22 +132,21 @@ BAD: list[tuple[str, topics.Topic, Sequence[Any]]] = [
 ]
 
 
-@pytest.mark.parametrize(("name", "topic", "bad"), BAD, ids=[f"{one[0]}-{one[1].name}" for one in BAD])
+@pytest.mark.parametrize(
+    ("playing", "topic", "bad"), BAD, indirect=["playing"], ids=[f"{one[0]}-{one[1].name}" for one in BAD]
+)
 def test_bad_messages_are_dropped_and_reported_once(
-    domain: int, tmp_path: Path, log: Callable[[], str], name: str, topic: topics.Topic, bad: Sequence[Any]
+    playing: tuple[str, Session], log: Callable[[], str], topic: topics.Topic, bad: Sequence[Any]
 ) -> None:
-    with session.nodes(tmp_path, gives_time=name != SIMULATOR) as nodes:
-        node = start(nodes, name)
-        if name == SIMULATOR:
-            nodes.advance(0.05)
-        before = dict(node.once.counts)
-        said = log().count("\n")
-        for message in bad:
-            nodes.publish(topic, message)
-        new = {key: count for key, count in node.once.counts.items() if key not in before}
-        assert list(new.values()) == [len(bad)], new
-        lines = log().splitlines()[said:]
-        assert len([line for line in lines if "[WARN]" in line]) == 1
+    name, nodes = playing
+    node = nodes.node(name)
+    before = dict(node.once.counts)
+    said = log().count("\n")
+    for message in bad:
+        nodes.publish(topic, message)
+    new = {key: count for key, count in node.once.counts.items() if key not in before}
+    assert list(new.values()) == [len(bad)], new
+    assert len([line for line in log().splitlines()[said:] if "[WARN]" in line]) == 1
 
 
 def arguments(**parameters: Any) -> list[str]:
