@@ -20,6 +20,7 @@ from pacman_env.cli import main as cli
 from pacman_env.ros.supervisor import nav2
 from pacman_env.ros.supervisor.game_nodes import NAV2_BRINGUP, NAV2_BY_HAND, GameSetup
 from pacman_env.world.maps.occupancy import load_map
+from tests.map_parts import part_of_map
 
 ROOT = Path(__file__).resolve().parents[3]
 PATIENCE_S = 240.0
@@ -193,10 +194,10 @@ def test_nav2_started_by_hand_is_awaited(system: Any, probe: Any, tmp_path: Path
 
 
 def test_requested_round_is_played_and_command_ends(system: Any, tmp_path: Path) -> None:
-    words = [*COMMAND, "--sim", "--lock-step", "--seed", "3", "--logs", str(tmp_path / "logs"), "--rounds", "1"]
-    up = system.run(
-        "up", [*words, "--set", "show.start_s=0", "--set", "clyde.speed_mps=0", "--set", "pellets.spacing_m=4"]
-    )
+    ground = str(part_of_map("loop", 3.0).save(tmp_path / "ground.yaml"))
+    words = [ground if word == "house" else word for word in COMMAND]
+    words += ["--sim", "--lock-step", "--seed", "3", "--logs", str(tmp_path / "logs"), "--rounds", "1"]
+    up = system.run("up", [*words, "--set", "show.start_s=0", "--set", "clyde.speed_mps=0"])
     assert up.wait(PATIENCE_S) == 0, up.output
     assert "1 round played: " in up.output
 
