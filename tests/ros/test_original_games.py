@@ -22,9 +22,8 @@ from pacman_env.ros.supervisor.game_nodes import REFEREE
 from tests.map_parts import part_of_map
 from tests.ros import session
 
-TRANSCRIPTS: dict[str, list[tuple[float, str, str, Any]]] = json.loads(
-    (Path(__file__).parent / "golden" / "original_games.json").read_text()
-)
+Line = list[Any]  # time since the line before (s), what happens, topic or service, value
+TRANSCRIPTS: dict[str, list[Line]] = json.loads((Path(__file__).parent / "golden" / "original_games.json").read_text())
 SERVICES = {one.name: one for one in vars(topics).values() if isinstance(one, topics.Service)}
 TOPICS = {one.name: one for one in vars(topics).values() if isinstance(one, topics.Topic)}
 SETTINGS = ("execution.death_radius_m=0.001", "clyde.speed_mps=0.02", "show.start_s=2")  # no round is lost
@@ -34,9 +33,9 @@ GHOSTS = ("clyde", "blinky", "pinky", "inky")
 class Original(BaseNode):
     """Says the original's lines of a transcript."""
 
-    def __init__(self, lines: list[tuple[float, str, str, Any]], loses_bursts: bool = False) -> None:
+    def __init__(self, lines: list[Line], loses_bursts: bool = False) -> None:
         super().__init__("original")
-        self.transcript, self.lines = lines, list[tuple[float, str, str, Any]]()  # the lines that are left
+        self.transcript, self.lines = lines, list[Line]()  # the lines that are left
         self.heard: list[tuple[str, Any]] = []
         self.loses_bursts = loses_bursts
         self._since_s = self.now_s()
