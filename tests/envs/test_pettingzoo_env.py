@@ -260,8 +260,8 @@ def test_ghost_rewards_can_be_configured() -> None:
 @pytest.mark.parametrize(
     ("chosen", "message"),
     [
-        ({"settings": {"zero_sum": "shared"}}, "zero_sum = 'shared': must be True or False"),
-        ({"settings": {"max_cycles": 0}}, "max_cycles = 0: must be a whole number of at least 1"),
+        ({"settings": {"zero_sum": "shared"}}, "zero_sum = 'shared': Expected `bool`, got `str`"),
+        ({"settings": {"max_cycles": 0}}, "max_cycles = 0: Expected `int` >= 1"),
         ({"ghosts": 2}, "at least one must have the behaviour 'policy'"),
         ({"settings": Config()}, "at least one must have the behaviour 'policy'"),
         ({"ghosts": ("policy", "hide")}, "hide"),

@@ -136,7 +136,7 @@ def test_parts_contain_every_round_once_grouped_by_level() -> None:
     parts = parts_of_play(many, LEVELS_CONFIG, seeds, 2)
     assert sorted(np.concatenate(parts)) == list(range(400))
     assert len(parts) > 2
-    assert all(len(set(levels[part])) < sources._KEPT_LEVELS for part in parts)
+    assert all(len(set(levels[part])) < sources._CACHED_LEVELS for part in parts)
     assert (np.diff(levels[np.concatenate(parts)]) >= 0).all()
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from pacman_env.config import make_config
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
-from pacman_env.sim.observation.situation import HOLD, MISSING, PELLET, REFUGE, Nearest, Situation, nearest_candidates
+from pacman_env.sim.observation.situation import HOLD, MISSING, PELLET, REFUGE, NearestCounts, Situation, nearest_candidates
 from tests.sim.observation.test_prediction import SPEED, batch_of
 from tests.sim.players import new_batch
 
@@ -100,7 +100,7 @@ def test_listed_candidates_have_the_same_bits() -> None:
     situation = batch.situation()
     every, whole = planner_features(situation, SPEED)
     assert column(every, "hunted").any()
-    listed = nearest_candidates(situation, Nearest(3, 2))
+    listed = nearest_candidates(situation, NearestCounts(3, 2))
     some, same = planner_features(situation, SPEED, listed)
     assert same.tobytes() == whole.tobytes()
     wanted = (np.arange(every.shape[1])[None, :, None] == listed[:, None, :]).any(axis=2)
@@ -119,8 +119,8 @@ def situation() -> Situation:
     return batch.situation()
 
 
-@pytest.mark.parametrize("nearest", [Nearest(8, 4), Nearest(1, 0), Nearest(40, 20)])
-def test_each_kind_is_sorted_by_path_length(situation: Situation, nearest: Nearest) -> None:
+@pytest.mark.parametrize("nearest", [NearestCounts(8, 4), NearestCounts(1, 0), NearestCounts(40, 20)])
+def test_each_kind_is_sorted_by_path_length(situation: Situation, nearest: NearestCounts) -> None:
     order = nearest_candidates(situation, nearest)
     assert order.shape == (16, nearest.count)
     for i in range(16):
@@ -143,7 +143,7 @@ def test_pursued_candidate_is_always_listed(situation: Situation) -> None:
     allowed = (situation.kind == PELLET) & situation.mask
     way = np.where(allowed, situation.path_robot, -1.0)
     situation = replace(situation, current=way.argmax(axis=1))
-    order = nearest_candidates(situation, Nearest(2, 0))
+    order = nearest_candidates(situation, NearestCounts(2, 0))
     several = allowed.sum(axis=1) >= 2
     assert several.any()
     assert (order[several, 1] == situation.current[several]).all()
