@@ -59,7 +59,7 @@ class Config(Checked):
         "follows.",
     )
     max_cycles: AtLeastOne | None = setting(
-        None, "environments with several agents: truncation after so many decisions"
+        None, "environments with several agents: number of decisions before truncation"
     )
     zero_sum: bool = setting(
         True, "ghosts that are agents share the negative of the robot's reward; False: ghost_reward"
@@ -69,7 +69,7 @@ class Config(Checked):
     )
     num_levels: Count | None = setting(
         None,
-        "So many generated houses are played; 0: all of the split. None: from start_level on all of them, without "
+        "Number of generated houses to play; 0: all of the split. None: from start_level on all of them, without "
         "it the prepared ones, 1,000 to train in and 200 to test in.",
     )
     home: tuple[Number, Number, Number] | None = setting(
@@ -201,7 +201,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     },
 }
 _WORDS = {"true": True, "false": False, "none": None}
-#: Built-in presets and those of entry points in other packages: fields by dotted name.
+#: Built-in presets and presets from entry points in other packages: fields by dotted name.
 _ALL_PRESETS: Registry[Mapping[str, Any]] = Registry("preset", "pacman_env.presets", dict(sorted(PRESETS.items())))
 preset_names = _ALL_PRESETS.names
 register_preset = _ALL_PRESETS.register

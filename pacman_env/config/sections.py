@@ -81,7 +81,7 @@ class LocalizationConfig(Checked, group="localization"):
     sigma_yaw_rad: NotNegative = setting(0.07, "[M]")
     error_kept: Share = setting(
         0.0,
-        "Correlation of an update's error with the one before. 0.0: drawn anew each time; AMCL's own filter: 0.93 "
+        "Correlation of an update's error with the one before. 0.0: drawn again each time; AMCL's own filter: 0.93 "
         "(docs/validation.md).",
     )
     converges_m: Positive = setting(1.0, "a pose given in RViz that is off by at most this much ...")
@@ -241,7 +241,7 @@ class RewardConfig(Checked, group="reward"):
 class RefugeConfig(Checked, group="refuges"):
     """Selection of refuges, the free places of a map that are candidate goals in addition to pellets."""
 
-    spread: Count = setting(7, "farthest-point places by path length, beside the home pose ...")
+    spread: Count = setting(7, "farthest-point places by path length, in addition to the home pose ...")
     clearance_m: NotNegative = setting(
         0.30, "... this far from walls where the map has such places: a pellet's clearance"
     )
@@ -293,17 +293,17 @@ class ObservationConfig(Checked, group="observation"):
     )
     candidates: Literal["all", "nearest"] = setting(
         "all",
-        "Those of the map by their numbers, or the nearest, in the order of the robot's path to them: as many on "
+        "All candidates of the map by number, or the nearest, in the order of the robot's path to them: as many on "
         "any map.",
     )
-    nearest_pellets: Annotated[int, Meta(ge=1, le=1000)] = setting(4, "of nearest, and in bearings: so many are listed")
-    nearest_refuges: Annotated[int, Meta(ge=0, le=1000)] = setting(2, "of nearest: so many are listed")
+    nearest_pellets: Annotated[int, Meta(ge=1, le=1000)] = setting(4, "number of pellets in nearest and in bearings")
+    nearest_refuges: Annotated[int, Meta(ge=0, le=1000)] = setting(2, "number of refuges in nearest")
     normalize: bool = setting(False, "all numbers in [-1, 1], by constants (sim/observation/robot_features.py)")
     flat: bool = setting(False, "one array of all")
     mask: Literal["observation", "info", "method", "beside"] = setting(
         "observation",
         "Where the action mask is: among the arrays, in the info, only a method (which there is always), or "
-        "beside the observation: a dictionary of `observation` and `action_mask`.",
+        "next to the observation: a dictionary of `observation` and `action_mask`.",
     )
     numeric_info: bool = setting(False, 'info["outcome"] is its number (pacman_env.OUTCOMES), not a word')
     infos: Literal["all", "ends"] = setting(
