@@ -1,7 +1,7 @@
 """PacManBot as a learning environment: maps, game rules, simulator, policies.
 
 Importing this package registers the environments with Gymnasium and PettingZoo, whether these are imported before or
-after, and loads nothing else: a public name loads its module on first use. The names in ``__all__`` and those of
+after, and loads nothing else: a public name loads its module on first use. The names in ``__all__`` and the names of
 :mod:`pacman_env.sb3` are public; every other module is private and may change.
 """
 

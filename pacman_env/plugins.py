@@ -57,7 +57,7 @@ class Registry(Generic[T]):
         self._own[name] = thing
 
     def names(self) -> list[str]:
-        """Return all names: the built-in ones, then those of installed packages."""
+        """Return all names: the built-in names, then the names from installed packages."""
         return [*self._own, *sorted(_entry_points(self.group).keys() - self._own.keys())]
 
     def find(self, name: str) -> T:

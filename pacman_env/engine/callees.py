@@ -18,7 +18,7 @@ from numba.core.typing import make_concrete_template
 
 
 class _Library(JITCodeLibrary):
-    """Library with a callee's functions and those that they call, for linking into callers' libraries."""
+    """Library with a callee's functions and the functions that they call, for linking into callers' libraries."""
 
     def finalize(self) -> None:
         self._raise_if_finalized()

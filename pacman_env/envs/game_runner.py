@@ -33,7 +33,7 @@ class GameRunner:
     """N games of one environment, built from its arguments.
 
     With ``ghost_agents`` the caller of ``step`` chooses for ghosts whose behaviour is ``policy``. Without ``copy``,
-    situations and features alternate between two sets of arrays. ``settings`` override those of the arguments.
+    situations and features alternate between two sets of arrays. ``settings`` override the arguments.
     """
 
     def __init__(

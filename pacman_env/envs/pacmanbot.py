@@ -75,7 +75,7 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     robot, +5 when the round is complete, -5 at the time limit. A decision that lasts longer than 0.5 s gets the sum.
     `reward.progress` (default 0) rewards each metre by which the path to the nearest remaining pellet became shorter,
     as a potential that is 0 after a termination. The best policy stays the best if all episodes end by a termination
-    and the learner's discount is that of the potential (`decisions.discount_per_s`, 1). After a truncation the
+    and the learner's discount equals the discount of the potential (`decisions.discount_per_s`, 1). After a truncation the
     potential of the last state remains in the sum of rewards. If a learner's gamma is below 1, each decision costs
     (1 - gamma) times the length of that path.
 

@@ -28,7 +28,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
     gymnasium.make_vec("pacman_env/PacManBot-v0", num_envs=64, vectorization_mode="vector_entry_point")
     ```
 
-    Spaces, rewards and arguments are those of the single environment, with arrays (N,) and (N, ...). Game i with seed s
+    Spaces, rewards and arguments are as in the single environment, with arrays (N,) and (N, ...). Game i with seed s
     equals a single environment with seed s, bit for bit. ``autoreset_mode`` is one of Gymnasium's three; with
     ``DISABLED`` pass ``options={"reset_mask": mask}`` to ``reset``. Episodes are truncated after ``max_episode_steps``
     decisions. ``num_threads`` threads play the games (0: one per runner); the results do not depend on it.
@@ -93,10 +93,10 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         self._make_generators()
 
     def reset(self, *, seed: Seeds = None, options: Options = None) -> tuple[Observation, dict[str, Any]]:
-        """Start new rounds in all games, or in those of ``options["reset_mask"]``, bool (N,).
+        """Start new rounds in all games, or in the games of ``options["reset_mask"]``, bool (N,).
 
         ``seed`` is one seed s (game i gets s + i), one seed per game, or None (the generators continue). Other options
-        are those of the single environment: ``round_seed`` and ``level``, one value for all games or one per game, and
+        are as in the single environment: ``round_seed`` and ``level``, one value for all games or one per game, and
         ``settings`` for all games until the next reset of all. Raises ValueError for invalid arguments, and ResetNeeded
         if the first reset does not include all games. A running step is awaited and dropped.
         """
@@ -148,7 +148,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
     def async_reset(self, *, seed: Seeds = None, options: Options = None) -> None:
         """Start new rounds in all sub-batches; :meth:`recv` returns their first observations, with rewards of 0.
 
-        ``seed`` and ``options`` are those of :meth:`reset`. Raises ValueError, without any change, for invalid
+        ``seed`` and ``options`` are as in :meth:`reset`. Raises ValueError, without any change, for invalid
         arguments or a ``reset_mask``.
         """
         if options and "reset_mask" in options:

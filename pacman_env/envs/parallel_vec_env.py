@@ -106,7 +106,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
     observations, rewards, terminated, truncated, infos = env.step(actions)
     ```
 
-    Agents, spaces (of one game), rewards and arguments are those of the PettingZoo environment; game i with seed s
+    Agents, spaces (of one game), rewards and arguments are as in the PettingZoo environment; game i with seed s
     equals that environment with seed s, bit for bit. Observations are a dictionary by agent; its values are arrays
     (N, ...) or dictionaries of arrays. ``rewards`` are float64 (N, A), agents in the order of ``possible_agents``;
     ``terminated`` and ``truncated`` are bool (N,), ``infos`` arrays (N,) by name. With ``observation.mask`` ``"info"``
@@ -151,9 +151,9 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
     def reset(
         self, seed: Seeds = None, options: Options = None, mask: NDArray[np.bool_] | None = None
     ) -> tuple[Observations, dict[str, Any]]:
-        """Start new episodes in all games, or in those of ``mask``, bool (N,); the result covers all games.
+        """Start new episodes in all games, or in the games of ``mask``, bool (N,); the result covers all games.
 
-        ``seed`` and ``options`` are those of :class:`~pacman_env.envs.pacmanbot_vector.PacManBotVectorEnv`. Raises,
+        ``seed`` and ``options`` are as in :class:`~pacman_env.envs.pacmanbot_vector.PacManBotVectorEnv`. Raises,
         without any change, ValueError for invalid arguments and ResetNeeded if the first reset does not include all
         games.
         """

@@ -38,9 +38,9 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
       setting `observation.candidates` `"nearest"` all agents choose among the places nearest to the robot.
     - Observations: `pacman` observes as in the Gymnasium environment. A ghost observes the features with itself as
       Clyde, in the robot's frame. Settings of the observation apply to all agents.
-    - Rewards: the reward of `pacman` is that of the Gymnasium environment. The ghosts share its negative, or with the
+    - Rewards: `pacman` gets the reward of the Gymnasium environment. The ghosts share its negative, or with the
       setting `zero_sum` False each gets `config.ghost_reward`. Episodes end for all agents at once.
-    - Arguments: those of the Gymnasium environment; `ghosts` is `("policy",)` by default. The setting `max_cycles`
+    - Arguments: as in the Gymnasium environment; `ghosts` is `("policy",)` by default. The setting `max_cycles`
       truncates episodes after that many decisions. With `flat=True` the mask is next to the flat observation.
 
     `docs/environments/pettingzoo.md` describes all of this in detail, PettingZoo's registry included.
@@ -61,7 +61,7 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
         self._generator: np.random.Generator | None = None
 
     def reset(self, seed: int | None = None, options: Options = None) -> tuple[Observations, Infos]:
-        """Start a new episode; ``seed`` and ``options`` are those of the Gymnasium environment."""
+        """Start a new episode; ``seed`` and ``options`` are as in the Gymnasium environment."""
         request = ResetOptions.of(options, 1, "options")  # PettingZoo's test passes this name and expects no effect
         runner = self._runner_with(request.settings)
         levels = request.levels(runner.batch.source, _ONE)

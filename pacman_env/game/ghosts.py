@@ -158,7 +158,7 @@ def spawn(ghost, cell, path, position):  # type: ignore[no-untyped-def]
 
 
 def choose_target(ghost, cell, part, part_start, part_cells):  # type: ignore[no-untyped-def]
-    """Draw a cell uniformly from those that the ghost can reach from ``cell``."""
+    """Draw a cell uniformly from the cells that the ghost can reach from ``cell``."""
     p = part[cell]
     first, last = part_start[p], part_start[p + 1]
     ghost.stream, pick = below(ghost.stream, last - first)

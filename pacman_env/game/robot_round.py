@@ -59,7 +59,7 @@ class UnacknowledgedStatuses:
         return [ExecutorAction("status", word) for word in words]
 
     def counted(self, count: int) -> None:
-        """Process the game's count of this round's pellets, including those of a previous executing side."""
+        """Process the game's count of this round's pellets, including pellets of a previous executing side."""
         self._counted = count
         if count >= self._expected:
             self._forget()

@@ -102,7 +102,7 @@ class RoundController:
 
     @property
     def spawned(self) -> int:
-        """Number of this round's pellets, including collected ones and those that await a report; 0 if unknown."""
+        """Number of this round's pellets, including collected pellets and pellets that await a report; 0 if unknown."""
         pellets = self.pellets
         return 0 if pellets.left is None else len(pellets.left | pellets.collected | pellets.lasting)
 

@@ -270,7 +270,7 @@ class GameBatch(GameState):
         """Play one tick in which the robots are driven by hand: goals are cancelled and Nav2 is idle.
 
         ``velocities`` (N, 2), v in m/s and omega in rad/s, are clipped to what the base can follow; ``ghost_choices``
-        are those of :meth:`step`. Copies and pickles of the batch replay this tick as *hold*. Raises ValueError,
+        are as in :meth:`step`. Copies and pickles of the batch replay this tick as *hold*. Raises ValueError,
         without any change, for velocities that are not finite and for invalid choices.
         """
         if self.config.action == "velocity":

@@ -123,7 +123,7 @@ class GeneratedMaps:
     ) -> GeneratedMaps:
         """Return the levels of a split such as ``generated:test``, or of a list such as ``generated:wide:3,17,90``.
 
-        ``start_level`` and ``num_levels`` are those of the configuration if None; ``num_levels`` 0 means all levels. If
+        ``start_level`` and ``num_levels`` default to the configuration; ``num_levels`` 0 means all levels. If
         both are unset, levels are drawn from the split's default set. Raises ConfigError.
         """
         if config.home is not None:

@@ -164,7 +164,7 @@ def _restart_after_fork() -> None:
 
 @functools.cache
 def _register_hooks() -> None:
-    """Register fork hooks after those of filelock, which hold its locks (later hooks run first)."""
+    """Register fork hooks after the hooks of filelock, which hold its locks (later hooks run first)."""
     importlib.import_module("filelock")
     os.register_at_fork(before=_hold_all, after_in_parent=_release_all, after_in_child=_restart_after_fork)
 

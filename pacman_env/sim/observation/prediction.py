@@ -318,7 +318,7 @@ def room_to_meet(goals, candidates):  # type: ignore[no-untyped-def]
 
 @kernel
 def _meet_ghost(s, level, i, k, room, count, result):  # type: ignore[no-untyped-def]
-    """Compare the robot's ``count`` paths with those of ghost k (-1: the nearest), and update ``result``."""
+    """Compare the robot's ``count`` paths with the paths of ghost k (-1: the nearest), and update ``result``."""
     paths, own, walkers, sums = room
     affine, (steps, across) = level.affine, _steps(level)
     per_m = math.sqrt(affine[0] ** 2 + affine[3] ** 2)  # cells
@@ -352,7 +352,7 @@ def meet(s, level, i, wanted, speed, room, every, result):  # type: ignore[no-un
     """Write ``result`` (C, COLUMNS), the encounters of situation i with the nearest ghost, or with ``every`` ghost.
 
     Rows of candidates outside the mask ``wanted`` (C,) are 0; ``speed`` is the robot's in m/s. With several ghosts,
-    probabilities are those that at least one ghost comes near, and CLOSEST_MEAN is the smallest of their means.
+    probabilities refer to at least one ghost coming near, and CLOSEST_MEAN is the smallest of their means.
     """
     _, own, walkers, _ = room
     affine, (steps, across) = level.affine, _steps(level)

@@ -120,7 +120,7 @@ class RobotView:
         ]
 
     def see_ghost(self, number: int, x: float, y: float, stamp_ns: int) -> None:
-        """Record that a ghost is at (x, y), m, at ``stamp_ns``; its velocity is that of its last move."""
+        """Record that a ghost is at (x, y), m, at ``stamp_ns``; its velocity is taken from its last move."""
         ghost, before_ns = self._ghosts[0, number], self._stamp_ns[number]
         if before_ns == stamp_ns:
             return

@@ -77,7 +77,7 @@ def scan(affine, clearance_cm, resolution, pose, moment, sensor, ranges):  # typ
     """Fill ``ranges`` (R,) float32, m, with a scan from ``pose`` (3,), any finite numbers, m and rad.
 
     Ray k points at heading + 2 pi k / R: 0 is ahead, counter-clockwise, as in sensor_msgs/LaserScan. A ray without a
-    hit within the maximum, or one that leaves the grid, gives the maximum, and so do all rays of a robot outside the
+    hit within the maximum, or a ray that leaves the grid, gives the maximum, and so do all rays of a robot outside the
     grid. Other ranges are clipped to the limits, get normal noise (1024 steps, at most 3.3 standard deviations) and are
     clipped again. Noise only depends on k and on ``moment``, which is the round's seed and the tick.
 

@@ -89,7 +89,7 @@ def _start_goal(g, bx, by, step):  # type: ignore[no-untyped-def]
 
 @kernel
 def _goal_due(g, step):  # type: ignore[no-untyped-def]
-    """Return True if an accepted goal starts now; one that replaces another only starts at a tick of the planner."""
+    """Return True if an accepted goal starts now; a goal that replaces another only starts at a tick of the planner."""
     return g.nav_next >= 0 and step >= g.nav_next_step and (g.nav_state == IDLE or step >= g.nav_plan_step)
 
 
