@@ -1,7 +1,7 @@
 """Replay one round with several policies next to each other: ``pacman-env replay SEED``.
 
 Writes a film, or a page with the film, and prints the outcomes and when and why each policy changed its goal. Games are
-bit for bit those of :func:`pacman_env.episodes.rollout.play` with the same seed.
+bit for bit equal to games of :func:`pacman_env.episodes.rollout.play` with the same seed.
 """
 
 import argparse

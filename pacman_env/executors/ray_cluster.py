@@ -27,7 +27,7 @@ _EMPTY_S = 60.0  # so long a cluster may have no machine
 class RayCluster(Executor):
     """``address`` of a cluster, as ``ray start`` prints it; None: one of this machine, on the loopback alone.
 
-    On a cluster as many tasks are done at once as it has CPUs, also those that join later. Every worker must have this
+    On a cluster as many tasks run at once as it has CPUs, also CPUs that join later. Every worker must have this
     package in the same version with the same sources; the first that has not ends the run, and is named.
     """
 

@@ -39,7 +39,7 @@ class Environment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class BaselineHyperparameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Hyperparameters of PPO; the defaults are those of the libraries."""
+    """Hyperparameters of PPO; the defaults come from the libraries."""
 
     n_steps: AtLeastOne = 2048  # decisions per game in a rollout
     batch_size: AtLeastOne = 64

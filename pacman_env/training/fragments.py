@@ -180,7 +180,7 @@ class _Unpickler(pickle.Unpickler):
 
 
 class _Running:
-    """Games that this worker process keeps between tasks; those of another learner replace them."""
+    """Games that this worker process keeps between tasks; games of another learner replace them."""
 
     def __init__(self) -> None:
         self._parts: dict[tuple[int, int], _RunningPart] = {}

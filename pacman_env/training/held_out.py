@@ -70,7 +70,7 @@ def _completed(rounds: _Rounds) -> NDArray[np.bool_]:
 class HeldOut:
     """Validation or test rounds with a decision at each tick; levels stay prepared between evaluations.
 
-    The rounds are divided evenly among the line-ups ``ghosts``, by default those of the training.
+    The rounds are divided evenly among the line-ups ``ghosts``, by default the line-ups of the training.
     """
 
     def __init__(

@@ -13,7 +13,7 @@ class LevelCounts:
     """Counts of completed and of all rounds, by sub-batch and level."""
 
     def __init__(self, lineups: Sequence[str | None]) -> None:
-        """Start with no rounds; ``lineups`` are those of each sub-batch, None if its levels are not played again."""
+        """Start with no rounds; ``lineups``: one per sub-batch, None if its levels are not played again."""
         self.lineups = list(lineups)
         self.clear()
 

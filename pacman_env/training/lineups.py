@@ -30,7 +30,7 @@ def behaviours(lineup: str) -> tuple[str, ...]:
 
 
 def speeds(lineup: str) -> tuple[float, float] | None:
-    """Return the lowest and highest speed of the ghosts, m/s; None: those of the training."""
+    """Return the lowest and highest speed of the ghosts, m/s; None: the speeds of the training."""
     _, given, text = lineup.partition(_SPEEDS)
     if not given:
         return None

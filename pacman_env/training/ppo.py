@@ -48,7 +48,7 @@ class Rollout(NamedTuple):
 
 
 class PPO:
-    """A network with its optimizer and training; the seed decides its weights, ``sizes`` are those of EntityNetwork."""
+    """A network with its optimizer and training; the seed decides its weights, ``sizes`` are as in EntityNetwork."""
 
     def __init__(self, hyper: Hyperparameters, seed: int, device: str = "cpu", threads: int = 1, **sizes: Any) -> None:
         torch.manual_seed(seed)

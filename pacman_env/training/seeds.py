@@ -70,7 +70,7 @@ def make_parser() -> Parser:
 
 
 def _own_arguments() -> argparse.ArgumentParser:
-    """Return a parser of the arguments in addition to those of a training."""
+    """Return a parser of the arguments in addition to the arguments of a training."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--seeds", type=whole_number(0), nargs="+", default=[0, 1, 2], metavar="N", help="(0 1 2)")
     out = Path("results/seeds")

@@ -75,7 +75,7 @@ class MapBounds:
         return int(self.graph.robot_block[self.assets.grid.snap[row, column]])
 
     def starts(self, config: Config) -> Situation:
-        """Return the starts of the rounds, drawn like those of the game."""
+        """Return the starts of the rounds, drawn as in the game."""
         batch = GameBatch(self.assets, config, len(self.seeds))
         batch.reset(np.arange(len(self.seeds)), self.seeds)
         return batch.situation()
@@ -98,7 +98,7 @@ class MapBounds:
         return self._solved[key]
 
     def row(self, config: Config, width: int, played: Callable[[], Any] = lambda: None) -> Row:
-        """Compute a row for the ghosts and speed in ``config``; ``width`` is that of the search (0: no estimate)."""
+        """Compute a row for the ghosts and speed in ``config``; ``width`` is the search width (0: no estimate)."""
         behaviours = [find_behaviour(name) for name in config.clyde.ghosts]
         situation = self.starts(config)
         bounded = [k for k, one in enumerate(behaviours) if is_predictable(one)]

@@ -77,7 +77,7 @@ def clearances_m(grid: DriveGrid, path: Points) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Pair:
-    """The path of the stand-in and that of the other planner; None: no path."""
+    """Paths of the stand-in and of the other planner; None: no path."""
 
     ours: Points | None
     theirs: Points | None

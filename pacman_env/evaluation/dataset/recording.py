@@ -75,7 +75,7 @@ class RecordedRounds:
 
 
 def round_seeds(seed: int, episodes: int) -> NDArray[np.uint64]:
-    """Draw the seeds (E,) like a comparison, cut to 63 bits like those of environments."""
+    """Draw the seeds (E,) like a comparison, cut to 63 bits like the seeds of environments."""
     return episode_seeds(seed, episodes) % np.uint64(SEEDS)
 
 

@@ -50,7 +50,7 @@ class PolicyInCell(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Against(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Completion of the planner minus that of the best other policy, in the same rounds."""
+    """Completion of the planner minus completion of the best other policy, in the same rounds."""
 
     other: str
     difference: Difference
@@ -158,7 +158,7 @@ def policy_in_cell(policy: str, parts: Sequence[NDArray]) -> PolicyInCell:
 
 
 def against(planner: Sequence[NDArray], others: Mapping[str, Sequence[NDArray]]) -> Against | None:
-    """Compare the planner's rounds with those of the other policy that completed most (the first one if equal)."""
+    """Compare the planner's rounds with the rounds of the other policy that completed most (the first one if equal)."""
     complete = {name: sum(int((part["end"] == COMPLETE).sum()) for part in parts) for name, parts in others.items()}
     if not complete:
         return None

@@ -101,7 +101,7 @@ def scenario_name(scenario: Scenario, config: Config) -> str:
 
 
 def describe_scenario(name: str, scenario: Scenario | OccupancyMap, config: Config) -> dict[str, Any]:
-    """Return plain data that identifies the scenario in a result file; for levels, the hash is that of the first."""
+    """Return plain data that identifies the scenario in a result file; for levels, with the hash of the first."""
     about: dict[str, Any] = {"name": name, "hash": open_scenario(scenario, config).first.occupancy.hash}
     if not isinstance(scenario, Levels):
         return about | {"source": scenario}

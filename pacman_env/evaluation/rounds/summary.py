@@ -21,10 +21,10 @@ decision of the policy alone, ``decision_ms_p50`` and ``_p99``, and ``decision_m
 
 A row of kind ``round`` adds ``completion_rate``/``_ci``, ``all_but_one_rate``/``_ci``, ``pellets_share`` (mean share of
 a round's pellets), ``lost_mean``, ``aborts_mean``, ``win_time_mean_s`` (null without a win), and
-``paired_difference``/``paired_ci``: completion minus that of the policy it is compared with, in the same rounds. In a
+``paired_difference``/``paired_ci``: completion minus completion of the reference policy, in the same rounds. In a
 row of kind ``endless`` an episode is a game of many rounds; it adds ``pellets_ci`` (bootstrap, stratified by map),
 ``pellets_median``, ``rounds_mean`` and ``rounds_most`` (completed), ``outcomes.rounds``, and
-``paired_difference``/``paired_ci``: pellets per game minus those of the policy it is compared with (paired bootstrap).
+``paired_difference``/``paired_ci``: pellets per game minus pellets per game of the reference policy (paired bootstrap).
 """
 
 from collections.abc import Mapping, Sequence
