@@ -19,7 +19,7 @@ cannot do is one line too, and exit status 2. This page is written by `python -m
 
 
 def commands(group: argparse.ArgumentParser) -> Iterator[tuple[argparse.ArgumentParser, str]]:
-    """Yield the parser and the purpose of each command of a parser, those of subcommands included."""
+    """Yield the parser and the purpose of each command of a parser, including subcommands."""
     for action in group._actions:
         if isinstance(action, argparse._SubParsersAction):
             for choice in action._choices_actions:

@@ -1,6 +1,6 @@
 """Play the reference scores of every id and store them in docs/environments/scores.json: ``python -m tools.scores``.
 
-The episode of seed s is that of ``env.reset(seed=s)`` of the id without arguments. Policies of the package choose
+The episode of seed s follows ``env.reset(seed=s)`` of the id without arguments. Built-in policies choose the
 goals. If actions are velocities, ``random`` draws them from the action space, and there are no other scores.
 """
 

@@ -95,7 +95,7 @@ def users_environment() -> dict[str, str]:
 
 @contextlib.contextmanager
 def undiscovered() -> Iterator[None]:
-    """Isolate nodes: those of an rclpy context created in this block discover only each other."""
+    """Isolate nodes: nodes of an rclpy context created in this block discover only each other."""
     previous = os.environ.get(_RANGE)
     os.environ[_RANGE] = "OFF"
     try:

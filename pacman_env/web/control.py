@@ -85,7 +85,7 @@ class RoleControl:
             self.asking.append(person)
 
     def give(self, person: str) -> None:
-        """Pass control to the first person who asked, or free it if nobody did."""
+        """Pass control to the first person who asked, or free it if no person asked."""
         if self.operator != person:
             raise Refused("you do not have control")
         self._pass_to(self.asking[0] if self.asking else None)

@@ -168,7 +168,7 @@ class Audience:
         return Update(viewers, choices, scene, news, frame, encoded)
 
     def send(self, update: Update | None) -> None:
-        """Send the news to all viewers, and the whole state to those that connected since the last update."""
+        """Send the news to all viewers, and the whole state to viewers that connected since the last update."""
         if update is None:
             self._news, self._number, self._frame, self._scene = None, None, "", None
             return

@@ -66,7 +66,7 @@ class Walk:
         self._velocity = (0.0, 0.0)
 
     def run(self) -> None:
-        """Read the bag; decisions are those of the recorded goal selector, or due every tick without one."""
+        """Read the bag; decisions come from the recorded goal selector, or are due every tick without one."""
         for recorded in self._bag.messages(_READ):
             self._decisions_before(recorded)
             try:

@@ -204,7 +204,7 @@ class Deliveries:
     # Handling
 
     def drain(self) -> None:
-        """Handle all waiting messages and those that follow; raises NodeFailed."""
+        """Handle all waiting messages and the messages that follow; raises NodeFailed."""
         for _ in range(MOST_DELIVERIES):
             if not self.queue:
                 return

@@ -22,7 +22,7 @@ SEEDED = (SIMULATOR, "clyde_ghost_node")
 class LockStepGame(LockStep):
     """Nodes of a game; after construction the robot has its pose and all nodes run.
 
-    ``seed`` decides all random values, ``options`` are those of ``LockStep``. Raises ValueError for an unplayable
+    ``seed`` decides all random values, ``options`` are as in ``LockStep``. Raises ValueError for an unplayable
     setup, NodeFailed if a node does not start or the robot is not localized.
     """
 

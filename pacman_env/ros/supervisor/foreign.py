@@ -42,7 +42,7 @@ def main() -> int:
 
 
 def _end_group(process: subprocess.Popen[bytes]) -> None:
-    """Interrupt all processes of the command, and kill those that do not end."""
+    """Interrupt all processes of the command, and kill processes that do not end."""
     deadline = time.monotonic() + END_S
     with contextlib.suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGINT)

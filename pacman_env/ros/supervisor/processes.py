@@ -201,7 +201,7 @@ def end(
     patience_s: float,
     waiting: Callable[[Sequence[str]], object] = lambda names: None,
 ) -> list[str]:
-    """Terminate processes together; kill those that do not end in time, and return their names.
+    """Terminate processes together; kill processes that do not end in time, and return their names.
 
     Calls ``waiting`` with the names of the running processes whenever one has ended.
     """
