@@ -1,7 +1,7 @@
-"""Behaviour cloning: a network learns from a data set of a policy what it chooses, and plays beside it in other houses.
+"""Behaviour cloning: a network learns from a data set of a policy what it chooses, and both play in other houses.
 
 The data set is a folder that ``pacman-env dataset`` has written with Parquet, of PacManBotFlat. One small network gives
-each candidate a number, whatever its place in the list; the mask leaves out those that may not be chosen.
+each candidate a number, whatever its place in the list; the mask excludes forbidden candidates.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Cloned(nn.Module):
         candidates = observation[:, :-GLOBALS].unflatten(1, (actions, -1))
         whole = observation[:, None, -GLOBALS:].expand(-1, actions, -1)
         each = self.each(torch.cat([candidates, whole], dim=2)) * mask[:, :, None]
-        best = each.amax(dim=1, keepdim=True).expand_as(each)  # of all candidates: what is there beside this one
+        best = each.amax(dim=1, keepdim=True).expand_as(each)  # over all candidates: the alternatives to this one
         return self.score(torch.cat([each, best], dim=2)).squeeze(2).masked_fill(~mask, -1e8)
 
 

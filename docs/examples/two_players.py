@@ -24,7 +24,7 @@ SIDES = ("pacman", "clyde")
 GAMES = 16  # at once
 GAMMA = 0.99
 TEST_SEED = 1_000_000
-#: A choice every 0.5 s dithers as long as it is random, and several agents cannot decide by events. So decisions last
+#: A random choice every 0.5 s makes an agent dither, and several agents cannot decide by events. So decisions last
 #: 2 s, another pellet is not taken within 8 s, and there are few refuges.
 ARGUMENTS: dict[str, Any] = {
     "map": "house",
@@ -55,7 +55,7 @@ def learned(model: MaskablePPO, side: int, likeliest: bool) -> Player:
 
 
 def wander(_: PacManBotParallelVecEnv, __: Observations, masks: NDArray[np.bool_]) -> NDArray[Any]:
-    """Play a ghost that nobody sends anywhere, by the last action."""
+    """Choose the last action, with which a ghost wanders."""
     return np.full(len(masks), masks.shape[1] - 1)
 
 

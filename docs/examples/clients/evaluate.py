@@ -1,4 +1,4 @@
-"""What the scripts beside this file share: their options, and rounds played by a model beside those of the baselines.
+"""What the scripts in this folder share: their options, and the same rounds played by a model and by the baselines.
 
 A model is a function ``choose(observation, masks) -> actions`` of many games at once: (N, D) float32 and (N, A) bool
 in, (N,) integers out.
@@ -24,7 +24,7 @@ TWO_PLAYERS: dict[str, Any] = {
     "observation.kinds": ("features",),
     "observation.candidates": "nearest",
     "decisions.when": "tick",
-    "execution.tick_s": 2.0,  # a choice every 0.5 s dithers as long as it is random
+    "execution.tick_s": 2.0,  # a random choice every 0.5 s makes the robot dither
     "execution.min_dwell_s": 8.0,
 }
 COMPLETE = list(OUTCOMES).index("complete")
@@ -46,7 +46,7 @@ def parser(description: str | None, num_envs: int = 8) -> argparse.ArgumentParse
 def completed(choose: Choose, map: str, rounds: int = 200, seed: int = 0, **arguments: Any) -> NDArray[np.bool_]:
     """Return which rounds a model completes on a map, (rounds,); round k is the same for every model.
 
-    ``arguments``: of the environment, other than those of ``PacManBotFlat-v0``.
+    ``arguments`` of the environment replace the arguments of ``PacManBotFlat-v0``.
     """
 
     def play(env: PacManBotVectorEnv, first: int) -> NDArray[Any]:

@@ -20,7 +20,7 @@ import numpy as np
 from pacman_env import make_policy
 
 ROBOT, FLAT = "pacman_env/PacManBot-v0", "pacman_env/PacManBotFlat-v0"
-#: By name: the environment's id, its arguments, and those of the collector.
+#: By name: the environment's id, its arguments, and the arguments of the collector.
 DATASETS: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
     "flat": (FLAT, {}, {}),
     "flat-all-candidates": (FLAT, {"settings": {"observation.candidates": "all", "observation.mask": "beside"}}, {}),
@@ -66,7 +66,7 @@ def leaves(value: Any, key: str = "") -> Iterator[tuple[str, np.ndarray]]:
 
 
 def stacked(values: list[Any]) -> dict[str, np.ndarray]:
-    """Those of all steps, by key."""
+    """Return the values of all steps by key."""
     rows = [dict(leaves(value)) for value in values]
     return {key: np.stack([row[key] for row in rows]) for key in rows[0]}
 

@@ -20,7 +20,7 @@ ENV_ID = "pacman_env/PacManBotFlat-v0"
 
 
 def vectorized(game: Any, processes: int = 0) -> Any:
-    """So many games, an agent in each row."""
+    """Return vectorized games with one agent per row."""
     return supersuit.concat_vec_envs_v1(supersuit.pettingzoo_env_to_vec_env_v1(game), GAMES, num_cpus=processes)
 
 
@@ -41,7 +41,7 @@ def play(envs: Any, steps: int, seed: int, given: list[np.ndarray] | None = None
 
 
 def main() -> None:
-    """Each wrapper, and the vector environment beside single games."""
+    """Check each wrapper, and compare the vector environment with single games."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--map", default="house")
     options.add_argument("--decisions", type=int, default=2000, help="of all agents, with all wrappers")

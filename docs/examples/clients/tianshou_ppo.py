@@ -66,7 +66,7 @@ def ppo(space: gym.spaces.Box, actions: gym.spaces.Discrete, masked: bool) -> PP
 
 
 def train(algorithm: Any, make: Any, decisions: int, seed: int) -> Collector:
-    """Learn from so many decisions of games that ``make`` makes; the collector has the last of them."""
+    """Learn from this number of decisions in games from ``make``; the collector has the last of them."""
     envs = DummyVectorEnv([make] * GAMES)
     envs.seed([seed + k for k in range(GAMES)])
     collector = Collector(algorithm, envs, VectorReplayBuffer(decisions, GAMES))
