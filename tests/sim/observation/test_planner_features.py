@@ -9,7 +9,15 @@ import pytest
 
 from pacman_env.config import make_config
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
-from pacman_env.sim.observation.situation import HOLD, MISSING, PELLET, REFUGE, NearestCounts, Situation, nearest_candidates
+from pacman_env.sim.observation.situation import (
+    HOLD,
+    MISSING,
+    PELLET,
+    REFUGE,
+    NearestCounts,
+    Situation,
+    nearest_candidates,
+)
 from tests.sim.observation.test_prediction import SPEED, batch_of
 from tests.sim.players import new_batch
 
