@@ -135,13 +135,13 @@ def _two_players() -> None:
 def _robot() -> None:
     from pacman_env.policies.registry import policy_names
     from pacman_env.ros.supervisor.game_nodes import GameSetup
-    from pacman_env.ros.supervisor.preparation import parts
+    from pacman_env.ros.supervisor.preparation import jobs
     from pacman_env.ros.supervisor.warm_up import rehearse
 
     for policy in policy_names():
         setup = GameSetup("house", policy, sim=True)
-        for part in parts(setup):
-            rehearse(part, setup)
+        for job in jobs(setup):
+            rehearse(job, setup)
 
 
 #: Parts by their printed name.

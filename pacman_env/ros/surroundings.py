@@ -1,4 +1,4 @@
-"""What a node uses of its process: the wall clock, the identity of the process, unique ids.
+"""Provide nodes with the wall clock, the identity of the process, and unique ids.
 
 Nodes of a lock-step game (``lock_step/``) share a process with a simulated wall clock and ids drawn from a seed."""
 

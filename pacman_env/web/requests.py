@@ -37,7 +37,7 @@ async def in_thread(limit: asyncio.Semaphore, work: Callable[..., T], *arguments
         return await asyncio.wrap_future(result)
 
 
-class RequestQueue:
+class RequestHandler:
     def __init__(self, game: Game):
         self.control = RoleControl()
         self.stops = 0  # number of stops from all people

@@ -91,6 +91,7 @@ class WebServer:
         self._thread.start()
         while not server.started:
             if not self._thread.is_alive():
+                self.close()
                 raise OSError("the page cannot be served")
             time.sleep(_START_S)
 

@@ -19,7 +19,7 @@ from pacman_env.web.control import ROLES
 from pacman_env.web.game import Game, Refused
 from pacman_env.web.log import Log
 from pacman_env.web.messages import Message, parse
-from pacman_env.web.requests import RequestQueue, in_thread
+from pacman_env.web.requests import RequestHandler, in_thread
 from pacman_env.web.viewers import MOST_TEXTS, Audience, Viewer
 
 TICK_S = 0.05
@@ -33,7 +33,7 @@ T = TypeVar("T")
 
 class Sessions:
     def __init__(self, game: Game, log: Log, most: int):
-        self.requests = RequestQueue(game)
+        self.requests = RequestHandler(game)
         self.audience = Audience(game, most, self._people)
         self._game, self._log, self._control = game, log, self.requests.control
         self._poll_thread = asyncio.Semaphore(1)  # frames continue, however many requests wait for the game

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from pacman_env.world.maps.occupancy import load_map
+from tests.evaluation.helpers import refused_in_one_line
 
 #: Arguments that a command needs beside the wrong ones.
 COMMANDS = {
@@ -94,14 +95,5 @@ def test_command_refuses_wrong_arguments(
 ) -> None:
     if "house.yaml" in arguments:
         load_map("house").save(tmp_path / "house.yaml")
-    files = sorted(tmp_path.iterdir())
-    monkeypatch.chdir(tmp_path)
     main = import_module(f"pacman_env.evaluation.{command}").main
-    try:
-        status = main([*COMMANDS[command], *arguments.split()])
-    except SystemExit as stop:
-        status = stop.code
-    out, err = capsys.readouterr()
-    assert (status, out, len(err.splitlines())) == (2, "", 1)
-    assert message in err
-    assert sorted(tmp_path.iterdir()) == files
+    refused_in_one_line(main, [*COMMANDS[command], *arguments.split()], message, tmp_path, monkeypatch, capsys)

@@ -1,4 +1,4 @@
-"""What the scripts in this folder share: their options, and the same rounds played by a model and by the baselines.
+"""Share options of these scripts, and play the same rounds with a model and with the baselines.
 
 A model is a function ``choose(observation, masks) -> actions`` of many games at once: (N, D) float32 and (N, A) bool
 in, (N,) integers out.

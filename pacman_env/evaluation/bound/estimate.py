@@ -33,7 +33,7 @@ class Estimate:
         self._segment_s = p.segment_s
         self._settings = p.settings()
         self._settings["width"] = width
-        self._room: BeamMemory = new_memory(width, len(behaviours), self._settings)
+        self._memory: BeamMemory = new_memory(width, len(behaviours), self._settings)
 
     def play(self, situation: Situation, i: int) -> tuple[bool, float]:
         """Return whether the round of situation ``i`` is completed, and when it ends, s."""
@@ -51,7 +51,7 @@ class Estimate:
         for name in _STARTED_AGAIN:
             copy.robot[name] = 0
         copy.robot["closest_m"] = np.inf
-        search(copy, goals, self._settings, self._room, best)
+        search(copy, goals, self._settings, self._memory, best)
         # Like the policy, prefer the current goal.
         best += SearchParameters().keep_worth * ((goals == begin.robot["goal"][0]) & (goals != NOWHERE))
         return int(goals[best.argmax()])

@@ -10,6 +10,7 @@ import hashlib
 import inspect
 import json
 import sys
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
@@ -25,7 +26,7 @@ from pacman_env.config import Config
 from pacman_env.engine.cache_folder import package_hash
 from pacman_env.episodes.rollout import EPISODE
 from pacman_env.evaluation.rounds.play import Matchup, Played, play_all
-from pacman_env.evaluation.rounds.scenarios import Scenario, describe_scenario, is_checkpoint, load_policy
+from pacman_env.evaluation.rounds.scenarios import Levels, Scenario, describe_scenario, is_checkpoint, load_policy
 from pacman_env.evaluation.rounds.shipping import hash_of_files
 from pacman_env.executors.base import Executor
 from pacman_env.files import commit, prepare, replaced
@@ -74,14 +75,21 @@ class KeptRounds:
         """Read the stored rounds if ``resume``; report damaged files on stderr. Raises OSError or ValueError."""
         prepare(folder / "part.json")
         self._folder, self._matchups, self._commit = folder, matchups, commit()
-        describe = cache(_describe_spec)
-        self._decides = [decides(describe(one.policy), one.scenario, one.config) for one in matchups]
-        self._played: list[list[Played]] = [self._read(what) if resume else [] for what in self._decides]
+        describe = _Descriptions()
+        self._decides = [describe.matchup(one) for one in matchups]
+        self._keys = [content_hash(what)[:_DIGITS] for what in self._decides]
+        stored: dict[str, list[Path]] = defaultdict(list)
+        for path in sorted(folder.glob("*-*.json")):
+            stored[path.name.partition("-")[0]].append(path)
+        self._played: list[list[Played]] = [
+            _read_files(stored[key], what) if resume else []
+            for key, what in zip(self._keys, self._decides, strict=True)
+        ]
         self._seeds_left = [
             one.seeds[~np.isin(one.seeds, _concatenated(played)[0]["seed"])]
             for one, played in zip(matchups, self._played, strict=True)
         ]
-        ignored = 0 if resume else sum(len(self._paths(what)) for what in self._decides)
+        ignored = 0 if resume else sum(len(stored[key]) for key in self._keys)
         if ignored:
             print(f"{ignored} parts in {folder} are played again: without --resume", file=sys.stderr)
 
@@ -102,41 +110,42 @@ class KeptRounds:
             for one, played in zip(self._matchups, self._played, strict=True)
         ]
 
-    def _paths(self, what: dict[str, Any]) -> list[Path]:
-        return sorted(self._folder.glob(f"{content_hash(what)[:_DIGITS]}-*.json"))
-
-    def _read(self, what: dict[str, Any]) -> list[Played]:
-        pieces = []
-        for path in self._paths(what):
-            try:
-                pieces.append(_read_file(path, what))
-            except (OSError, ValueError) as error:
-                print(f"damaged, is played again: {error}", file=sys.stderr)
-        return pieces
-
     def _keep(self, number: int, played: Played) -> None:
         records, times = played
         rounds = PlayedRounds(
             **{name: tuple(records[name].tolist()) for name in _FIELDS}, decision_ms=tuple(times.tolist())
         )
-        what = self._decides[number]
-        content = RoundsFile(SCHEMA, what, self._commit, rounds, _rounds_hash(rounds))
-        name = f"{content_hash(what)[:_DIGITS]}-{content_hash(rounds.seed)[:_DIGITS]}.json"
+        content = RoundsFile(SCHEMA, self._decides[number], self._commit, rounds, _rounds_hash(rounds))
+        name = f"{self._keys[number]}-{content_hash(rounds.seed)[:_DIGITS]}.json"
         with replaced(self._folder / name) as temporary:
             temporary.write_bytes(msgspec.json.encode(content) + b"\n")
 
 
-def decides(policy: dict[str, Any], scenario: Scenario | OccupancyMap, config: Config) -> dict[str, Any]:
-    """Return plain data of everything that decides rounds except their seeds; ``policy`` is its description."""
-    about = describe_scenario("", scenario, config)
-    return {
-        "version": __version__,
-        "policy": policy,
-        "map": {key: value for key, value in about.items() if key not in ("name", "source")},
-        "ghosts": [_describe_ghost(ghost) for ghost in config.clyde.ghosts],
-        "sources": package_hash(),
-        "config": config.as_dict(),
-    }
+class _Descriptions:
+    """Describes matchups; policies, ghosts and maps, which many matchups share, are read once."""
+
+    def __init__(self) -> None:
+        self._policy, self._ghost = cache(_describe_spec), cache(_describe_ghost)
+        self._maps: dict[Any, dict[str, Any]] = {}
+
+    def matchup(self, one: Matchup) -> dict[str, Any]:
+        """Return plain data of everything that decides the rounds of a matchup except their seeds."""
+        return {
+            "version": __version__,
+            "policy": self._policy(one.policy),
+            "map": self._map(one.scenario, one.config),
+            "ghosts": [self._ghost(ghost) for ghost in one.config.clyde.ghosts],
+            "sources": package_hash(),
+            "config": one.config.as_dict(),
+        }
+
+    def _map(self, scenario: Scenario | OccupancyMap, config: Config) -> dict[str, Any]:
+        # Of a map file the description is the same for all configurations; houses depend on them.
+        key = (scenario, config) if isinstance(scenario, Levels) else scenario
+        if key not in self._maps:
+            about = describe_scenario("", scenario, config)
+            self._maps[key] = {name: value for name, value in about.items() if name not in ("name", "source")}
+        return self._maps[key]
 
 
 def describe_policy(policy: Policy, spec: str) -> dict[str, Any]:
@@ -180,6 +189,17 @@ def _code_of(thing: Any) -> str | None:
 
 def _rounds_hash(rounds: PlayedRounds) -> str:
     return content_hash(msgspec.to_builtins(rounds))
+
+
+def _read_files(paths: Sequence[Path], what: dict[str, Any]) -> list[Played]:
+    """Return the rounds of all files that are not damaged, and report the others."""
+    pieces = []
+    for path in paths:
+        try:
+            pieces.append(_read_file(path, what))
+        except (OSError, ValueError) as error:
+            print(f"damaged, is played again: {error}", file=sys.stderr)
+    return pieces
 
 
 def _read_file(path: Path, what: dict[str, Any]) -> Played:

@@ -120,6 +120,7 @@ def _of_games(parts: Sequence[NDArray], others: Sequence[NDArray] | None) -> Row
         pairs = [ours - theirs["collected"] for ours, theirs in zip(collected, others, strict=True)]
         difference, interval = bootstrapped_mean(pairs, np.random.default_rng(_DRAWS))
     return {
+        **_ends(records),
         "pellets_ci": list(bootstrapped_mean(collected, np.random.default_rng(_DRAWS))[1]),
         "pellets_median": float(np.median(records["collected"])),
         "rounds_mean": float(records["rounds"].mean()),
@@ -148,7 +149,6 @@ def _common(records: NDArray) -> Row:
         "pellets": int(records["spawned"].max()),
         "pellets_least": int(records["spawned"].min()),
         "pellets_mean": float(records["collected"].mean()),
-        **_ends(records),
         "time_mean_s": float(records["time_s"].mean()),
     }
 

@@ -29,16 +29,16 @@ class PreparationJob:
 
     @property
     def mark(self) -> Path | None:
-        """File that exists once the part is compiled; None if compiled code cannot be stored."""
+        """Return the file that exists once the code is compiled; None if compiled code cannot be stored."""
         kind = Path(self.policy).suffix.lstrip(".") or self.policy
         return mark(f"warm-{'-'.join(self.nodes)}-{kind or 'none'}")
 
 
-def parts(setup: GameSetup) -> list[PreparationJob]:
-    """List the parts that are not compiled yet; none if compiled code cannot be stored."""
+def jobs(setup: GameSetup) -> list[PreparationJob]:
+    """List the jobs that are not compiled yet; none if compiled code cannot be stored."""
     robot = [PreparationJob((SIMULATOR,))] if setup.sim else []
     needs = [PreparationJob((SELECTOR,), setup.policy), *robot, PreparationJob((GHOSTS,))]
-    return [part for part in needs if part.mark is not None and not part.mark.exists()]
+    return [job for job in needs if job.mark is not None and not job.mark.exists()]
 
 
 def map_mark(setup: GameSetup) -> Path | None:
@@ -47,24 +47,24 @@ def map_mark(setup: GameSetup) -> Path | None:
 
 
 class Preparation:
-    """Two processes: the first checks the setup and compiles one half of the parts, the second the other half."""
+    """Two processes: the first checks the setup and compiles for the selector, the second for the other nodes."""
 
     def __init__(self, setup: GameSetup, report: Callable[[str], None]) -> None:
         self._setup, self._report = setup, report
-        missing = parts(setup)
-        selector = [part for part in missing if SELECTOR in part.nodes]
-        self._others = [part for part in missing if part not in selector]
-        names = [node for part in missing for node in part.nodes]
+        missing = jobs(setup)
+        selector = [job for job in missing if SELECTOR in job.nodes]
+        self._others = [job for job in missing if job not in selector]
+        names = [node for job in missing for node in job.nodes]
         self.words = f"compiling (once): {', '.join(names)}" if names else ""
         self._running = [self._start(selector, check=True)]
 
     def _start(self, work: list[PreparationJob], check: bool) -> Popen[str]:
-        request = json.dumps([check, [[part.nodes, part.policy] for part in work]])
+        request = json.dumps([check, [[job.nodes, job.policy] for job in work]])
         command = [sys.executable, "-m", "pacman_env.ros.supervisor.warm_up", request, self._setup.as_json()]
         return Popen(command, stdin=DEVNULL, stdout=PIPE, stderr=PIPE, text=True, start_new_session=True)
 
     def check(self) -> None:
-        """Wait until the first process has checked the setup, then start the other half.
+        """Wait until the first process has checked the setup, then start the second.
 
         Raises ValueError if the setup is wrong; nothing has been compiled then.
         """

@@ -22,18 +22,18 @@ from pacman_env.sim.observation.robot_view import RobotView
 from pacman_env.world.maps.occupancy import load_map
 
 
-def rehearse(part: PreparationJob, setup: GameSetup) -> None:
+def rehearse(job: PreparationJob, setup: GameSetup) -> None:
     config = setup.config()
-    if SELECTOR in part.nodes:
-        policy = make_policy(part.policy)
+    if SELECTOR in job.nodes:
+        policy = make_policy(job.policy)
         rehearsed(policy, RobotView(map_assets(setup.map, config), config), config)
-    if SIMULATOR in part.nodes:
+    if SIMULATOR in job.nodes:
         SimulatedRobot(load_map(setup.map), config, 0).rehearse()
-    if GHOSTS in part.nodes:
+    if GHOSTS in job.nodes:
         behaviours, _ = split_ghosts(config.clyde.ghosts)
         ghosts = MapGhosts(map_assets(setup.map, config), config.with_fields(**{"clyde.ghosts": behaviours}), 0)
         ghosts.rehearse(np.zeros(len(behaviours), dtype=np.int64))
-    _note(part.mark)
+    _note(job.mark)
 
 
 def _note(mark: Path | None) -> None:
