@@ -17,6 +17,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 FARTHEST_M = 1000.0  # no map of the game is larger
 UNIT_TOLERANCE = 0.01  # of a quaternion's length
 LONGEST_WORD = 200  # characters
+LONGEST_JSON = 100_000
 PELLETS = "pellets"  # namespaces of markers
 GHOSTS = "ghosts"
 PELLET_DIAMETER_M = 0.12
@@ -208,7 +209,7 @@ def cloud_message(points: NDArray[np.float64], stamp: Any, z: float = 0.0, frame
     )
 
 
-def object_of(message: Any, longest: int) -> dict[str, Any]:
+def object_of(message: Any, longest: int = LONGEST_JSON) -> dict[str, Any]:
     if len(message.data) > longest:
         raise BadMessage(f"{len(message.data)} characters: at most {longest}")
     try:
@@ -218,3 +219,18 @@ def object_of(message: Any, longest: int) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise BadMessage("no JSON object")
     return content
+
+
+def process_of(message: Any) -> dict[str, Any]:
+    """Return the JSON object that describes the process of a String's sender, with a valid ``started``."""
+    content = object_of(message)
+    try:
+        return content | {"started": started(content)}
+    except (ValueError, TypeError, LookupError, OverflowError):
+        raise BadMessage("no process is described") from None
+
+
+def started(plays: Mapping[str, Any]) -> tuple[float, str, int]:
+    """Return start, machine and number of a process; tuples sort by start."""
+    started_s, host, number = plays["started"]
+    return float(started_s), str(host)[:100], int(number)

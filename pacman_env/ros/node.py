@@ -33,7 +33,7 @@ from pacman_env.config import EXECUTIONS, PRESETS, Config, differences, make_con
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 
 from .discovery import avoid_shared_memory, provide_log_folder, simulated, stay_on_this_machine
-from .messages import BadMessage
+from .messages import LONGEST_JSON, BadMessage, started
 from .rclpy_private import accept_integers
 from .standstill import STOOD_STILL, Standstill, lease_s
 from .supervisor.game_nodes import QUIET, module_of
@@ -44,7 +44,6 @@ LAST_MESSAGES_S = 2.0  # for answers and acknowledgements together
 TEARDOWN_S = 5  # many participants that leave together can hang inside FastDDS
 POLL_S = 0.2  # longest delay until a signal is noticed
 BAD_START = 2  # exit status
-_LONGEST = 100_000  # most characters of a configuration
 _LISTED = 5  # most differing fields in a message
 _MADV_DONTNEED = 4  # Linux
 _LAPSE_S = 5.0  # longer than the period of all checks and reports
@@ -153,7 +152,7 @@ class GameNode(BaseNode):
         """Log the fields in which another node differs, once per node and again only after they agreed."""
         own = self._plays
         try:
-            other = json.loads(message.data[:_LONGEST])
+            other = json.loads(message.data[:LONGEST_JSON])
             node, map, configuration = str(other["node"])[:100], other["map"], dict(other["configuration"])
             rival = node == own["node"] and own["acts"] and bool(other.get("acts"))
             came_first = rival and started(other) < started(own)
@@ -189,25 +188,9 @@ class GameNode(BaseNode):
         return self.once.counts
 
 
-def process_of(message: Any) -> dict[str, Any] | None:
-    """Read the JSON that describes the process of a String's sender; None if it is invalid."""
-    try:
-        content = json.loads(message.data[:_LONGEST])
-        started(content)
-    except (ValueError, TypeError, LookupError, RecursionError):
-        return None
-    return dict(content)
-
-
 def process_words(plays: Mapping[str, Any]) -> str:
     started_s, host, number = started(plays)
     return f"process {number} on {host}, since {time.strftime('%H:%M:%S', time.localtime(started_s))}"
-
-
-def started(plays: Mapping[str, Any]) -> tuple[float, str, int]:
-    """Return start, machine and number of a process; tuples sort by start."""
-    started_s, host, number = plays["started"]
-    return float(started_s), str(host)[:100], int(number)
 
 
 class Once:

@@ -45,7 +45,6 @@ class Robot:
         self.line = StatusLine(namespace, sim=False)
         self.collected: set[str] = set()
         self.removed: set[int] = set()
-        self.nodes = self.line.nodes
         topics.GAME_STATUS.subscription(self.line, lambda message: self.collected.add(message.data))
         self.commands: list[str] = []
         topics.GAME_COMMAND.subscription(self.line, lambda message: self.commands.append(message.data))
@@ -82,7 +81,7 @@ def test_two_games_in_one_domain_stay_apart(system: System, domain: int) -> None
             assert robot.removed <= pellets(robot)
         resident_mb = [psutil.Process(first.processes[name].popen.pid).memory_info().rss / 1e6 for name in TOGETHER]
         assert sum(resident_mb) < 400.0
-        assert set(GAME) <= set(first.line.nodes)
+        assert set(GAME) <= set(first.line.game.nodes)
         first.commands.clear()
         for name in TOGETHER:
             first.processes[name].send(signal.SIGINT)
@@ -90,7 +89,7 @@ def test_two_games_in_one_domain_stay_apart(system: System, domain: int) -> None
         assert first.processes[COMPOSED].wait() == 0
         before = second.score
         wait(lambda: second.score > before, "the second one's game goes on")
-        assert set(second.line.nodes) >= {REFEREE, SELECTOR}
+        assert set(second.line.game.nodes) >= {REFEREE, SELECTOR}
 
 
 def pellets(robot: Robot) -> set[int]:

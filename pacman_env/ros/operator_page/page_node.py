@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from pacman_env.game.lights import Ring
 from pacman_env.ros import topics
+from pacman_env.ros.game_monitor import NO_RESPONSE, reasons_of
 from pacman_env.ros.messages import (
     BadMessage,
     Pose,
@@ -33,7 +34,6 @@ from pacman_env.ros.node import BaseNode
 from pacman_env.ros.selector.believed_pose import BASE, BelievedPose
 from pacman_env.ros.selector.message_queue import MessageQueue
 from pacman_env.ros.selector.reasons import troubles_of
-from pacman_env.ros.supervisor.unresponsive import WORDS, reasons_of
 from pacman_env.web.game import News
 from pacman_env.world.navigation.localization import compose
 
@@ -270,7 +270,7 @@ class PublishedGame:
         previous, self.unresponsive = self.unresponsive, reasons_of(message)
         for node, reason in self.unresponsive.items():
             if node not in previous:
-                self._news.add(words=f"{WORDS.format(node)}: {reason}")
+                self._news.add(words=f"{NO_RESPONSE.format(node)}: {reason}")
         for node in previous.keys() - self.unresponsive.keys():
             self._news.add(words=f"{node} responds again")
 

@@ -13,11 +13,11 @@ from pacman_env.config import EXECUTIONS, PRESETS, Config, differences, make_con
 from pacman_env.game.goals import goal_name
 from pacman_env.game.round import State
 from pacman_env.ros import topics
+from pacman_env.ros.game_monitor import NO_RESPONSE
 from pacman_env.ros.messages import Position
 from pacman_env.ros.operator_page.page_node import PageNode, PublishedGame
 from pacman_env.ros.selector.reasons import NO_ODOMETRY, POSE_JUMPED, POSE_LOST, REMEDIES, troubles_of
 from pacman_env.ros.supervisor.checks.check import RESTART_GAME, START_AGAIN
-from pacman_env.ros.supervisor.unresponsive import WORDS
 from pacman_env.web.control import ghost_role
 from pacman_env.web.frame import Frame, thinned
 from pacman_env.web.game import News, Scene
@@ -174,7 +174,7 @@ def _alerts(node: PageNode) -> list[dict[str, Any]]:
     ]
     silent = {} if node.game.state is None else node.game.unresponsive
     for name, reason in silent.items():
-        words = WORDS.format(name)
+        words = NO_RESPONSE.format(name)
         text = f"the node {words} ({reason})"[:300]
         alerts.append({"kind": words, "words": text, "remedy": START_AGAIN, "asks": False})
     return alerts

@@ -21,8 +21,8 @@ from ...sim.core.robot import SimulatedRobot
 from ...world.navigation.localization import Pose
 from .. import topics
 from ..discovery import publishers, stay_on_this_machine
-from ..messages import BadMessage, pose_of
-from ..node import GameNode, parameter, process_of, process_words, run, started
+from ..messages import BadMessage, pose_of, process_of, started
+from ..node import GameNode, parameter, process_words, run
 from .sim_actions import NotesServer
 from .sim_base import Base, InitialPose
 from .sim_faults import OF_LOCALIZATION, OF_NAVIGATION, Faults
@@ -142,7 +142,7 @@ class SimRobot(GameNode):
     def _on_clock_owner(self, message: Any) -> None:
         """Refuse to run if an earlier simulated robot publishes the time in this domain, in any namespace."""
         other = process_of(message)
-        if other is not None and started(other) < started(self._owner):
+        if other["started"] < started(self._owner):
             place = str(other.get("namespace"))[:100]
             self.refuse(f"another clock runs in this ROS domain: {place}/{NAME}, {process_words(other)}; {ONE_CLOCK}")
 

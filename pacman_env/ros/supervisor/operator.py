@@ -61,7 +61,7 @@ def _release(status_line: StatusLine, wait_s: float) -> int:
 
 def _status(status_line: StatusLine, wait_s: float, as_json: bool = False) -> int:
     end_s = time.monotonic() + wait_s
-    if not status_line.spin_until(lambda: status_line.state or "state" in status_line.invalid, wait_s):
+    if not status_line.spin_until(lambda: status_line.state or "state" in status_line.game.invalid, wait_s):
         return _no_answer(status_line, topics.GAME_STATE.name)
     missing = status.settled(status_line, end_s)
     print((status.as_json if as_json else status.as_rows)(status_line, missing))

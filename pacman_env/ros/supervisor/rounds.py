@@ -36,7 +36,7 @@ class RoundRequests:
             return False
         self._played, self._running = self._played + self._running, False
         if self._played == self.most:
-            self.writer.print(f"{count(self._played, 'round')} played: {self.status_line.result}")
+            self.writer.print(f"{count(self._played, 'round')} played: {self.status_line.game.result}")
             return True
         self.wanted.append(START_GAME)
         return False
@@ -48,7 +48,7 @@ class RoundRequests:
             return False
         now = time.monotonic()
         self._menu_s = now if self._menu_s is None else self._menu_s
-        return now - self._menu_s >= (NEXT_ROUND_S if self.status_line.result else 0.0)
+        return now - self._menu_s >= (NEXT_ROUND_S if self.status_line.game.result else 0.0)
 
     def call_services(self) -> None:
         """Call the wanted services and read their answers; repeat calls without an answer or refused too early."""

@@ -9,6 +9,7 @@ from typing import Any
 from pacman_env import __version__
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import publishers
+from pacman_env.ros.game_monitor import MONITORED
 from pacman_env.ros.supervisor.game_nodes import GAME, ORIGINAL_SELECTOR, SELECTOR, SIMULATOR
 from pacman_env.ros.supervisor.status_line import STOPPED, VALUES, StatusLine
 from pacman_env.ros.supervisor.terminal import wrapped
@@ -18,7 +19,7 @@ ALL_THERE, INCOMPLETE = 0, 1
 QUIET_S = 3.0  # after this time without any discovery or message, missing things are not awaited
 #: Topic of each fact.
 _SOURCES: dict[str, topics.Topic] = {
-    **{name: value.topic for name, value in VALUES.items()},
+    **{name: MONITORED[name].topic for name in VALUES},
     "policy": topics.DIAGNOSTICS,
     "goal_selector": topics.DIAGNOSTICS,
     "pose_age_s": topics.AMCL_POSE,
@@ -57,7 +58,7 @@ def _missing(status_line: StatusLine) -> Missing:
     }
     planner = ORIGINAL_SELECTOR if ORIGINAL_SELECTOR in discovered else SELECTOR
     nodes = [*((SIMULATOR,) if status_line.sim else ()), *GAME, planner]
-    silent = [name for name in nodes if name not in status_line.nodes and name != ORIGINAL_SELECTOR]
+    silent = [name for name in nodes if name not in status_line.game.nodes and name != ORIGINAL_SELECTOR]
     facts = status_line.facts()
     unknown = [name for name in _SOURCES if facts[name] is None]
     published = {name for name in unknown if publishers(status_line, [_SOURCES[name].name])}

@@ -4,8 +4,7 @@ It publishes nothing until it must stop the robot."""
 
 import contextlib
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,46 +12,23 @@ from typing import Any
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 
-from pacman_env.config import MAX_SPEED_MPS
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import publishers
-from pacman_env.ros.messages import LONGEST_WORD, BadMessage, nanoseconds_of, number_of, object_of, word_of
-from pacman_env.ros.node import ObserverNode, process_of, process_words
+from pacman_env.ros.game_monitor import MONITORED, GameMonitor
+from pacman_env.ros.messages import LONGEST_WORD, BadMessage
+from pacman_env.ros.node import ObserverNode, process_words
 from pacman_env.ros.operator_stop import OperatorStop
-from pacman_env.ros.selector.reasons import REMEDIES, troubles_of
-from pacman_env.ros.supervisor.checks.check import LONGEST_JSON
+from pacman_env.ros.selector.reasons import REMEDIES
 from pacman_env.ros.supervisor.game_nodes import full_namespace
 from pacman_env.ros.supervisor.terminal import fitted, plain
-from pacman_env.ros.supervisor.unresponsive import Unresponsive
 
 ANSWER_S = 2.0  # before a service is called again: an answer may be lost, or never come from a referee that ended
 HALT_S = 1.0  # time for Nav2's answer
 KNOWN_S = 0.3  # a new server may not know a client's reader yet, and would drop its answer
 STOPPED = "stopped by the operator"
-_MOST = 10**9
-
-
-@dataclass(frozen=True)
-class GameValue:
-    """A value that the referee publishes; ``read`` refuses bad messages."""
-
-    topic: topics.Topic
-    read: Callable[[Any], Any]
-
-
-def _count(topic: topics.Topic, least: int = 0) -> GameValue:
-    return GameValue(topic, lambda message: int(number_of(message, least, _MOST)))
-
-
-VALUES = {
-    "state": GameValue(topics.GAME_STATE, lambda message: word_of(message, topics.STATE_WORDS)),
-    "result": GameValue(topics.GAME_RESULT, lambda message: plain(message.data, LONGEST_WORD)),
-    "round": _count(topics.ROUND, 1),
-    "score": _count(topics.SCORE),
-    "pellets_collected": _count(topics.PELLETS_COLLECTED),
-    "pellets_spawned": _count(topics.PELLETS_SPAWNED),
-    "clyde_speed_mps": GameValue(topics.CLYDE_SPEED, lambda message: number_of(message, 0.0, MAX_SPEED_MPS)),
-}
+#: Values of the game monitor that the referee publishes.
+VALUES = ("state", "result", "round", "score", "pellets_collected", "pellets_spawned", "clyde_speed_mps")
+_RECEIVED = (*VALUES, "condition", "configuration", "unresponsive", "pose")
 #: Troubles of the goal selector that the line shows in other words.
 _IN_OTHER_WORDS = ("no Nav2", "ghosts unheard", STOPPED)
 
@@ -64,18 +40,10 @@ class StatusLine(ObserverNode):
         clock = Parameter("use_sim_time", Parameter.Type.BOOL, sim)
         super().__init__("pacman_up", full_namespace(namespace), parameter_overrides=[clock])
         self.sim, self._policy = sim, policy
-        self._values: dict[str, Any] = {}
-        self.invalid: dict[str, str] = {}  # value name: why its last message was refused
-        for name, value in VALUES.items():
-            value.topic.subscription(self, partial(self._on_value, name))
-        self.condition: dict[str, Any] = {}  # the goal selector's diagnostics
-        topics.DIAGNOSTICS.subscription(self, self._on_diagnostics)
-        self.nodes: dict[str, dict[str, Any]] = {}  # by name: the published configuration of each node of the game
-        topics.CONFIGURATION.subscription(self, self._on_configuration)
-        self._pose_ns: int | None = None
-        topics.AMCL_POSE.subscription(self, self._on_pose)
+        self.game = GameMonitor()
+        for topic in (MONITORED[name].topic for name in _RECEIVED):
+            self.listen(topic, partial(self.game.update, topic.name), f"bad {topic.name}")
         self.operator = OperatorStop(self, obeys=False)
-        self.unresponsive = Unresponsive(self)
         self._cmd_vel: Any = None
         self._cancel: Any = None
         self._requests: dict[str, tuple[Any, float]] = {}  # by service name: future and time of the call
@@ -92,12 +60,16 @@ class StatusLine(ObserverNode):
 
     @property
     def state(self) -> str | None:
-        return self._values.get("state")
+        return self.game.valid("state")
 
     @property
-    def result(self) -> str | None:
-        """Result of the last round, empty before the first; None until it is received."""
-        return self._values.get("result")
+    def condition(self) -> Mapping[str, Any]:
+        """Diagnostics of the goal selector."""
+        return self.game.condition
+
+    @property
+    def policy(self) -> str:
+        return plain(str(self.condition.get("policy", self._policy)), LONGEST_WORD)
 
     @property
     def ready(self) -> bool:
@@ -112,19 +84,18 @@ class StatusLine(ObserverNode):
     def pose_age_s(self) -> float | None:
         """Age of the latched pose, None before the first; AMCL is silent while the robot stands."""
         now_ns = self.get_clock().now().nanoseconds
-        no_time = self.sim and not now_ns  # the simulated robot's clock has not been received
-        return None if self._pose_ns is None or no_time else (now_ns - self._pose_ns) / 1e9
+        if self.game.pose is None or (self.sim and not now_ns):  # the simulated robot's clock has not been received
+            return None
+        return (now_ns - self.game.pose[1]) / 1e9
 
     @property
     def troubles(self) -> dict[str, str]:
         """Current troubles by kind: nodes that do not respond, and reports of the goal selector."""
-        silent = {kind: plain(text, LONGEST_WORD) for kind, text in self.unresponsive.troubles.items()}
-        texts = {**silent, **troubles_of(self.condition)}
-        return {plain(kind, LONGEST_WORD): text for kind, text in texts.items()}
+        return {plain(kind, LONGEST_WORD): text for kind, text in self.game.troubles.items()}
 
     def others(self) -> str:
         """Describe a discovered game, or another clock, that prevents a game here; empty if there is none."""
-        nodes = [f"{name} ({process_words(plays)})" for name, plays in sorted(self.nodes.items())]
+        nodes = [f"{name} ({process_words(plays)})" for name, plays in sorted(self.game.nodes.items())]
         if nodes and self.count_publishers(self.resolve_topic_name(topics.CONFIGURATION.name)):
             return f"a game is in {self.get_namespace()} already: {', '.join(nodes)}"
         if self.sim and (clocks := publishers(self, (topics.CLOCK.name,))):
@@ -135,20 +106,22 @@ class StatusLine(ObserverNode):
         """Return the game as plain values; None for values that are missing or invalid."""
         return {
             "namespace": self.get_namespace(),
-            **{name: self._values.get(name) for name in VALUES},
-            "policy": self._policy or None,
+            **{name: self.game.valid(name) for name in VALUES},
+            "policy": self.policy or None,
             "pose_age_s": self.pose_age_s,
-            "nodes": sorted(self.nodes),
+            "nodes": sorted(self.game.nodes),
             "stopped": self.operator.stopped if self.operator.known else None,
             "goal_selector": self.condition or None,
-            "unresponsive": dict(self.unresponsive.reasons),
-            "invalid": dict(self.invalid),
+            "unresponsive": self.game.unresponsive,
+            "invalid": {name: self.game.invalid[name] for name in VALUES if name in self.game.invalid},
         }
 
     def line(self, pose_age: bool) -> str:
         """Return the game as one line; without the pose's age for comparisons."""
         age, troubles = self.pose_age_s, [kind for kind in self.troubles if kind not in _IN_OTHER_WORDS]
-        texts = {name: self._values.get(name, "?" if name in self.invalid else "-") for name in VALUES}
+        values = {name: self.game.valid(name) for name in VALUES}
+        texts = {name: "-" if value is None else value for name, value in values.items()}
+        texts |= dict.fromkeys(self.game.invalid, "?")
         if texts["state"] == "?":
             texts["state"] = "unknown state"
         pose = "no pose yet" if age is None else f"pose {age:.1f} s ago" if pose_age else "pose known"
@@ -161,7 +134,7 @@ class StatusLine(ObserverNode):
             "Nav2 does not answer" if self.condition.get("nav2") is False else "",
             "Nav2 does not see Clyde" if self.condition.get("ghosts_heard") is False else "",
             *sorted(troubles, key=lambda kind: kind not in REMEDIES),
-            *(self.result or "", pose, Path(self._policy).name),
+            *(values["result"] or "", pose, Path(self.policy).name),
         ]
         return fitted(list(filter(None, parts)))
 
@@ -199,24 +172,3 @@ class StatusLine(ObserverNode):
         self.spin_until(self._cmd_vel.get_subscription_count, end - time.monotonic())
         self._cmd_vel.publish(topics.CMD_VEL.type())
         self._cmd_vel.wait_for_all_acked(Duration(seconds=max(0.0, end - time.monotonic())))
-
-    def _on_value(self, name: str, message: Any) -> None:
-        try:
-            self._values[name] = VALUES[name].read(message)
-            self.invalid.pop(name, None)
-        except BadMessage as error:
-            self._values.pop(name, None)
-            self.invalid[name] = plain(str(error), LONGEST_WORD)
-
-    def _on_diagnostics(self, message: Any) -> None:
-        with contextlib.suppress(BadMessage):  # from a goal selector of another project
-            self.condition = object_of(message, LONGEST_JSON)
-            self._policy = plain(str(self.condition.get("policy", self._policy)), LONGEST_WORD)
-
-    def _on_configuration(self, message: Any) -> None:
-        plays = process_of(message)
-        if plays is not None:
-            self.nodes[str(plays.get("node"))[:100]] = plays
-
-    def _on_pose(self, message: Any) -> None:
-        self._pose_ns = nanoseconds_of(message.header.stamp)

@@ -107,7 +107,7 @@ def be_alone(status_line: StatusLine, lock: GameLock, writer: LineWriter, stop: 
             raise ValueError(reason)
         writer.wait(f"waiting for another game in {status_line.get_namespace()} to end")
         status_line.spin(POLL_S)
-    status_line.nodes.clear()
+    status_line.game.processes.clear()
 
 
 def prepare(preparation: Preparation, writer: LineWriter, stop: StopSignals) -> None:
@@ -206,7 +206,7 @@ class GameProcesses:
     def awaited(self) -> str:
         """Describe what is missing before a round can start; empty if nothing is missing."""
         status_line, processes = self.status_line, self.processes
-        missing = [name for name in self.setup.first_nodes if name != WAIT and name not in status_line.nodes]
+        missing = [name for name in self.setup.first_nodes if name != WAIT and name not in status_line.game.nodes]
         if missing:
             return f"waiting for {', '.join(missing)}"
         if SELECTOR not in processes and game_nodes.LOCK_STEP not in processes:
@@ -234,7 +234,7 @@ class GameProcesses:
 
     def _restart_unresponsive(self) -> None:
         """Restart nodes that do not respond to the referee: they are frozen or receive nothing."""
-        for node, reason in self.status_line.unresponsive.reasons.items():
+        for node, reason in self.status_line.game.unresponsive.items():
             composed = node in game_nodes.GAME and game_nodes.COMPOSED in self.processes
             process = game_nodes.COMPOSED if composed else node
             if process in self.processes:

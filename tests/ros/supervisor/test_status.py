@@ -71,7 +71,7 @@ def test_invalid_values_are_shown_as_unknown(probe: Probe, status_line: StatusLi
     ):
         say(topic, value)
     probe.publisher(topics.DIAGNOSTICS).publish(topics.DIAGNOSTICS.type(data='{"troubles": [3], "policy": "a\\nb"}'))
-    assert status_line.spin_until(lambda: len(status_line.invalid) == 5 and status_line.result, PATIENCE_S)
+    assert status_line.spin_until(lambda: len(status_line.game.invalid) == 5 and status_line.game.result, PATIENCE_S)
     assert status_line.spin_until(lambda: status_line.condition, PATIENCE_S)
     assert status_line.spin_until(lambda: status_line.facts()["pellets_spawned"], PATIENCE_S)
     assert status_line.line(pose_age=False).startswith("unknown state   round ?  score ?  pellets ?/13")
@@ -84,7 +84,7 @@ def test_invalid_values_are_shown_as_unknown(probe: Probe, status_line: StatusLi
     assert facts["policy"] == "a b"
     say(topics.GAME_STATE, "running")
     say(topics.PELLETS_COLLECTED, 5)
-    assert status_line.spin_until(lambda: len(status_line.invalid) == 3, PATIENCE_S)
+    assert status_line.spin_until(lambda: len(status_line.game.invalid) == 3, PATIENCE_S)
     assert status_line.line(pose_age=False).startswith("running         round ?  score ?  pellets 5/13")
 
 

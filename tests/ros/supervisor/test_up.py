@@ -204,7 +204,7 @@ def test_lines_overwrite_each_other_on_terminal(
 def test_only_real_pose_is_awaited_with_page_step(domain: int, tmp_path: Path, sim: bool, words: str) -> None:
     setup = GameSetup("house", sim=sim)
     with StatusLine(setup.namespace, setup.sim) as status_line:
-        status_line.nodes |= {name: {} for name in setup.first_nodes}
+        status_line.game.processes |= {(name, (0.0, "", 0)): {} for name in setup.first_nodes}
         options = UpOptions(logs=tmp_path)
         game = up_module.GameProcesses(
             setup, options, status_line, LineWriter(io.StringIO()), StopSignals()

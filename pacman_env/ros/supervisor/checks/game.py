@@ -138,7 +138,7 @@ DIAGNOSTICS = Source("goal_selector/diagnostics", "std_msgs/String", newest(_obj
 
 
 def _reasons(message: Any) -> dict[str, str]:
-    from pacman_env.ros.supervisor.unresponsive import reasons_of
+    from pacman_env.ros.game_monitor import reasons_of
 
     return reasons_of(message)
 

@@ -1,0 +1,154 @@
+"""State of a game as its topics report it: what is valid on each topic, and the newest value of it.
+
+The operator's page, the status line, the doctor and bags read a game with it. It subscribes to nothing: its owner
+passes each message to :meth:`GameMonitor.update`, and shows what has changed."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from pacman_env.config import MAX_SPEED_MPS
+from pacman_env.ros import topics
+from pacman_env.ros.messages import (
+    LONGEST_WORD,
+    BadMessage,
+    Pose,
+    Position,
+    nanoseconds_of,
+    number_of,
+    object_of,
+    pellets_of,
+    pose_of,
+    process_of,
+    word_of,
+)
+from pacman_env.ros.selector.reasons import troubles_of
+from pacman_env.ros.supervisor.terminal import plain
+
+NO_RESPONSE = "{} does not respond"  # a node
+_LONGEST_REPORT = 10_000  # characters
+_MOST = 10**9
+_MOST_PROCESSES = 100
+
+Stamped = tuple[Pose, int]  # pose in the map and its stamp, ns
+Configuration = Mapping[str, Any]  # see configuration_of
+#: Configurations by the node's name and the start, machine and number of its process.
+Processes = dict[tuple[str, tuple[float, str, int]], Configuration]
+
+
+def stamped_pose_of(message: Any) -> Stamped:
+    return pose_of(message), nanoseconds_of(message.header.stamp)
+
+
+def configuration_of(message: Any) -> Configuration:
+    """Return the configuration of a node with its name, its process, and the hashes of its configuration and map."""
+    content = process_of(message)
+    try:
+        return {
+            "node": str(content["node"])[:100],
+            "acts": bool(content.get("acts")),
+            "started": content["started"],
+            "map": None if content["map"] is None else str(content["map"])[:100],
+            "hash": str(content["hash"])[:100],
+            "configuration": dict(content["configuration"]),
+        }
+    except (ValueError, TypeError, LookupError):
+        raise BadMessage("not the configuration of a node of this game") from None
+
+
+def add_process(processes: Processes, configuration: Configuration) -> None:
+    key = configuration["node"], configuration["started"]
+    if key in processes or len(processes) < _MOST_PROCESSES:
+        processes[key] = configuration
+
+
+def reasons_of(message: Any) -> Mapping[str, str]:
+    """Return the reason by node that does not respond to the referee."""
+    reasons = object_of(message, _LONGEST_REPORT)
+    if not all(isinstance(reason, str) for reason in reasons.values()):
+        raise BadMessage("reasons that are no text")
+    return {str(node)[:100]: str(reason)[:200] for node, reason in reasons.items()}
+
+
+class Monitored(NamedTuple):
+    """Topic of a value of the game; ``read`` raises BadMessage."""
+
+    topic: topics.Topic
+    read: Callable[[Any], Any]
+
+
+def _count(topic: topics.Topic, least: int = 0) -> Monitored:
+    return Monitored(topic, lambda message: int(number_of(message, least, _MOST)))
+
+
+#: By the name of the monitor's field.
+MONITORED = {
+    "state": Monitored(topics.GAME_STATE, lambda message: word_of(message, topics.STATE_WORDS)),
+    "result": Monitored(topics.GAME_RESULT, lambda message: plain(message.data, LONGEST_WORD)),
+    "round": _count(topics.ROUND, 1),
+    "score": _count(topics.SCORE),
+    "pellets_collected": _count(topics.PELLETS_COLLECTED),
+    "pellets_spawned": _count(topics.PELLETS_SPAWNED),
+    "clyde_speed_mps": Monitored(topics.CLYDE_SPEED, lambda message: number_of(message, 0.0, MAX_SPEED_MPS)),
+    "condition": Monitored(topics.DIAGNOSTICS, object_of),
+    "unresponsive": Monitored(topics.UNRESPONSIVE, reasons_of),
+    "configuration": Monitored(topics.CONFIGURATION, configuration_of),
+    "pellets": Monitored(topics.PELLET_MARKERS, pellets_of),
+    "pose": Monitored(topics.AMCL_POSE, stamped_pose_of),
+}
+_NAMES = {value.topic.name: name for name, value in MONITORED.items()}
+_GHOSTS = {topic.name: number for number, topic in enumerate(topics.GHOST_POSES)}
+
+
+@dataclass
+class GameMonitor:
+    """Newest valid value of each topic; None or empty before the first message."""
+
+    state: str | None = None
+    result: str | None = None  # of the last round, empty before the first
+    round: int | None = None
+    score: int | None = None
+    pellets_collected: int | None = None
+    pellets_spawned: int | None = None
+    clyde_speed_mps: float | None = None
+    condition: Mapping[str, Any] = field(default_factory=dict)  # the goal selector's diagnostics
+    unresponsive: Mapping[str, str] = field(default_factory=dict)  # reasons by node, from the referee
+    configuration: Configuration = field(default_factory=dict)  # of any node
+    pellets: Mapping[int, Position] = field(default_factory=dict)
+    pose: Stamped | None = None  # the latched one
+    ghosts: dict[int, Stamped] = field(default_factory=dict)
+    began_s: float = 0.0  # time of the first message of the last round
+    processes: Processes = field(default_factory=dict)  # of which a restarted node has several
+    invalid: dict[str, str] = field(default_factory=dict)  # value: why its last message was refused
+
+    @property
+    def troubles(self) -> dict[str, str]:
+        """Texts of the current troubles by kind: nodes that do not respond, and reports of the goal selector."""
+        silent = {NO_RESPONSE.format(node): reason for node, reason in self.unresponsive.items()}
+        return {kind: f"{kind}: {reason}" for kind, reason in silent.items()} | troubles_of(self.condition)
+
+    @property
+    def nodes(self) -> dict[str, Configuration]:
+        """Last published configuration by the node's name."""
+        return {name: configuration for (name, _), configuration in self.processes.items()}
+
+    def valid(self, name: str) -> Any:
+        """Return a value; None if its last message was invalid."""
+        return None if name in self.invalid else getattr(self, name)
+
+    def update(self, topic: str, message: Any, now_s: float = 0.0) -> None:
+        """Fold a message that was received at ``now_s``; raises BadMessage, and then all values stay the same."""
+        if topic in _GHOSTS:
+            self.ghosts[_GHOSTS[topic]] = stamped_pose_of(message)
+            return
+        name, earlier = _NAMES[topic], self.state
+        try:
+            setattr(self, name, MONITORED[name].read(message))
+        except BadMessage as error:
+            self.invalid[name] = plain(str(error), LONGEST_WORD)
+            raise
+        self.invalid.pop(name, None)
+        if name == "state" and self.state == "running" != earlier:
+            self.began_s = now_s
+        elif name == "configuration":
+            add_process(self.processes, self.configuration)

@@ -1,0 +1,128 @@
+"""Messages of a game become its state: the newest valid value of each topic, for every reader alike."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import pytest
+from builtin_interfaces.msg import Time
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pacman_env.ros import topics
+from pacman_env.ros.game_monitor import MONITORED, GameMonitor
+from pacman_env.ros.messages import BadMessage, markers_of, pose_message
+
+STAMP = Time(sec=12, nanosec=500_000_000)
+PROCESS: dict[str, Any] = {
+    "node": "audio_node",
+    "started": [5.0, "laptop", 17],
+    "map": None,
+    "hash": "abc",
+    "configuration": {},
+}
+
+
+def receive(game: GameMonitor, name: str, data: Any, now_s: float = 0.0) -> None:
+    topic = MONITORED[name].topic
+    text = json.dumps(data) if isinstance(data, dict) else data
+    game.update(topic.name, topic.type(data=text), now_s)
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "value"),
+    [
+        ("state", " Running", "running"),
+        ("result", "Complete\x1b[2J\n - Score: 3", "Complete [2J - Score: 3"),
+        ("round", 1, 1),
+        ("pellets_collected", 0, 0),
+        ("clyde_speed_mps", 0.25, 0.25),
+        ("condition", {"policy": "ppo"}, {"policy": "ppo"}),
+        ("unresponsive", {"pellet_manager": "no answer"}, {"pellet_manager": "no answer"}),
+        ("configuration", PROCESS, {**PROCESS, "acts": False, "started": (5.0, "laptop", 17)}),
+    ],
+)
+def test_message_becomes_value(name: str, data: Any, value: Any) -> None:
+    game = GameMonitor()
+    receive(game, name, data)
+    assert getattr(game, name) == game.valid(name) == value
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "bad", "words"),
+    [
+        ("state", "menu", "nonsense", "unknown word 'nonsense'"),
+        ("round", 3, 0, "must be within 1 and"),
+        ("score", 3, -3, "must be within 0 and"),
+        ("clyde_speed_mps", 0.25, math.nan, "must be within 0 and"),
+        ("condition", {"policy": "ppo"}, "no json", "no JSON"),
+        ("condition", {"policy": "ppo"}, "[" * 200_000, "at most 100000"),
+        ("unresponsive", {}, {"pellet_manager": 3}, "no text"),
+        ("configuration", PROCESS, {**PROCESS, "started": [math.inf, "pi", math.inf]}, "no process"),
+        ("configuration", PROCESS, {**PROCESS, "configuration": 3}, "not the configuration"),
+    ],
+)
+def test_invalid_message_leaves_value_but_not_valid(name: str, data: Any, bad: Any, words: str) -> None:
+    game = GameMonitor()
+    receive(game, name, data)
+    value = getattr(game, name)
+    with pytest.raises(BadMessage, match=words):
+        receive(game, name, bad)
+    assert words in game.invalid[name]
+    assert game.valid(name) is None
+    assert getattr(game, name) == value
+    receive(game, name, data)
+    assert game.invalid == {}
+    assert game.valid(name) == value
+
+
+def test_troubles_are_of_selector_and_of_silent_nodes() -> None:
+    game = GameMonitor()
+    receive(
+        game, "condition", {"troubles": {"pose lost": 3, "late": 1}, "trouble_texts": {"pose lost": "pose lost: 4 s"}}
+    )
+    receive(game, "unresponsive", {"audio_node": "no answer"})
+    silent = "audio_node does not respond"
+    assert game.troubles == {silent: f"{silent}: no answer", "pose lost": "pose lost: 4 s", "late": "late"}
+    receive(game, "condition", {"troubles": [3]})  # of another project
+    receive(game, "unresponsive", {})
+    assert game.troubles == {}
+
+
+def test_restarted_node_has_two_processes_and_newest_configuration() -> None:
+    game = GameMonitor()
+    receive(game, "configuration", PROCESS)
+    receive(game, "configuration", {**PROCESS, "node": "sim_robot"})
+    receive(game, "configuration", {**PROCESS, "started": [9.0, "laptop", 18], "hash": "def"})
+    assert [key for key in game.processes if key[0] == "audio_node"] == [
+        ("audio_node", (5.0, "laptop", 17)),
+        ("audio_node", (9.0, "laptop", 18)),
+    ]
+    assert {name: one["hash"] for name, one in game.nodes.items()} == {"audio_node": "def", "sim_robot": "abc"}
+    for number in range(200):  # of a node that is started again and again
+        receive(game, "configuration", {**PROCESS, "started": [9.0, "laptop", number]})
+    assert len(game.processes) == 100
+
+
+def test_pellets_and_poses_carry_positions_and_stamps() -> None:
+    game = GameMonitor()
+    game.update(topics.PELLET_MARKERS.name, markers_of({4: (1.0, 2.0)}, STAMP))
+    game.update(topics.GHOST_POSES[1].name, pose_message(3.0, 4.0, 0.0, STAMP))
+    assert game.pellets == {4: (1.0, 2.0)}
+    assert game.ghosts == {1: ((3.0, 4.0, 0.0), 12_500_000_000)}
+    with pytest.raises(BadMessage, match="frame 'odom'"):
+        game.update(topics.GHOST_POSES[1].name, pose_message(9.0, 4.0, 0.0, STAMP, "odom"))
+    assert game.ghosts[1][0] == (3.0, 4.0, 0.0)
+
+
+@given(st.lists(st.sampled_from(sorted(topics.STATE_WORDS)), max_size=20))
+def test_round_begins_with_first_running_message(states: list[str]) -> None:
+    game, began_s, previous = GameMonitor(), 0.0, ""
+    for now_s, state in enumerate(states, 1):
+        receive(game, "state", state, float(now_s))
+        if state == "running" != previous:
+            began_s = float(now_s)
+        previous = state
+        assert (game.state, game.began_s) == (state, began_s)
