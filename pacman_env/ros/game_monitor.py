@@ -30,14 +30,18 @@ _LONGEST_REPORT = 10_000  # characters
 _MOST = 10**9
 _MOST_PROCESSES = 100
 
-Stamped = tuple[Pose, int]  # pose in the map and its stamp, ns
 Configuration = Mapping[str, Any]  # see configuration_of
 #: Configurations by the node's name and the start, machine and number of its process.
 Processes = dict[tuple[str, tuple[float, str, int]], Configuration]
 
 
+class Stamped(NamedTuple):
+    pose: Pose  # in the map
+    stamp_ns: int
+
+
 def stamped_pose_of(message: Any) -> Stamped:
-    return pose_of(message), nanoseconds_of(message.header.stamp)
+    return Stamped(pose_of(message), nanoseconds_of(message.header.stamp))
 
 
 def configuration_of(message: Any) -> Configuration:
@@ -97,6 +101,7 @@ MONITORED = {
     "pose": Monitored(topics.AMCL_POSE, stamped_pose_of),
 }
 _NAMES = {value.topic.name: name for name, value in MONITORED.items()}
+TOPICS = (*(value.topic for value in MONITORED.values()), *topics.GHOST_POSES)
 _GHOSTS = {topic.name: number for number, topic in enumerate(topics.GHOST_POSES)}
 
 

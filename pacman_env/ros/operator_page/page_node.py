@@ -3,7 +3,6 @@
 It stores the map as a picture and a scan as rays. Only the thread that spins the node changes its state."""
 
 import contextlib
-import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,14 +16,12 @@ from numpy.typing import NDArray
 
 from pacman_env.game.lights import Ring
 from pacman_env.ros import topics
-from pacman_env.ros.game_monitor import NO_RESPONSE, reasons_of
+from pacman_env.ros.game_monitor import TOPICS, GameMonitor
 from pacman_env.ros.messages import (
     BadMessage,
     Pose,
     Position,
-    number_of,
     object_of,
-    pellets_of,
     pose_of,
     seconds_of,
     transform_of,
@@ -33,7 +30,6 @@ from pacman_env.ros.messages import (
 from pacman_env.ros.node import BaseNode
 from pacman_env.ros.selector.believed_pose import BASE, BelievedPose
 from pacman_env.ros.selector.message_queue import MessageQueue
-from pacman_env.ros.selector.reasons import troubles_of
 from pacman_env.web.game import News
 from pacman_env.world.navigation.localization import compose
 
@@ -192,87 +188,46 @@ class RobotState:
         self.scan = rays_of(message, yaw)
 
 
-class PublishedGame:
-    """Latest messages of the game's nodes; ``None`` and empty before the first. Events are added to ``news``."""
+class PublishedGame(GameMonitor):
+    """The game, with the candidates and scores of its goal selector. Events are added to ``news``."""
 
     def __init__(self, robot: RobotState, news: News) -> None:
+        super().__init__()
         self._robot, self._news = robot, news
-        self.state: str | None = None
-        self.result = ""
-        self.numbers: dict[str, float] = {}
-        self.condition: dict[str, Any] = {}  # the goal selector's diagnostics
-        self.unresponsive: dict[str, str] = {}  # reasons by node, from the referee
-        self.configuration: dict[str, Any] = {}
-        self.configuration_text = ""  # as JSON
-        self._began_s: float | None = None  # start of the round, by the robot's clock
         self._round_s = 0.0  # length of the last round
         self.forget()
 
     def forget(self) -> None:
-        self.pellets: dict[int, Position] = {}
-        self.ghosts: dict[int, Position] = {}
+        self.pellets, self.ghosts = {}, {}
         self.places: list[Position] = []  # positions of the candidates
         self.pellet_ids: list[int] = []  # ids of the pellets among the candidates, which come first
         self.scores: dict[int, float] = {}
-        self.goal = -1
 
     @property
     def round_time_s(self) -> float:
-        """Time since the first message of the round, or length of the last round, s."""
-        return self._round_s if self._began_s is None else max(0.0, self._robot.clock_s - self._began_s)
+        """Time since the first message of the round, or length of the last round, by the robot's clock, s."""
+        return max(0.0, self._robot.clock_s - self.began_s) if self.state == "running" else self._round_s
 
-    def on_result(self, message: Any) -> None:
-        result = str(message.data)[:200]
-        if result and result != self.result:
-            self._news.add(words=result)
-        self.result = result
+    @property
+    def goal(self) -> int:
+        """The pursued candidate; -1 if there is none."""
+        pursued = self.condition.get("pursued")
+        return pursued if isinstance(pursued, int) and pursued >= 0 and self.state != "menu" else -1
 
-    def on_state(self, message: Any) -> None:
-        state = word_of(message, topics.STATE_WORDS)
-        if state == "running" != self.state:
-            self._began_s = self._robot.clock_s
-        elif state != "running" and self._began_s is not None:
-            self._round_s, self._began_s = self.round_time_s, None
-        if state == "menu":
-            self.scores, self.goal = {}, -1
-        self.state = state
-
-    def on_number(self, name: str, message: Any) -> None:
-        self.numbers[name] = number_of(message, 0, 2**31 - 1)
+    def on_message(self, topic: str, message: Any) -> None:
+        result, troubles, self._round_s = self.result, self.troubles, self.round_time_s
+        self.update(topic, message, self._robot.clock_s)
+        if self.state == "menu":
+            self.scores = {}
+        news = [text for kind, text in self.troubles.items() if kind not in troubles]
+        news += [f"{kind}: over" for kind in troubles.keys() - self.troubles.keys()]
+        if self.result and self.result != result:
+            news.append(self.result)
+        for words in news:
+            self._news.add(words=words[:200])
 
     def on_shown(self, name: str, message: Any) -> None:
         self._news.add(**{name: word_of(message)})
-
-    def on_ghost(self, number: int, message: Any) -> None:
-        self.ghosts[number] = pose_of(message)[:2]
-
-    def on_pellets(self, message: Any) -> None:
-        self.pellets = pellets_of(message)
-
-    def on_configuration(self, message: Any) -> None:
-        configuration = object_of(message, _LONGEST)["configuration"]
-        if isinstance(configuration, dict):
-            self.configuration = configuration
-            self.configuration_text = json.dumps(configuration, sort_keys=True)
-
-    def on_condition(self, message: Any) -> None:
-        previous, self.condition = self.condition, object_of(message, _LONGEST)
-        earlier, troubles = troubles_of(previous), troubles_of(self.condition)
-        for kind, words in troubles.items():
-            if kind not in earlier:
-                self._news.add(words=f"goal_selector: {words}"[:200])
-        for kind in earlier.keys() - troubles.keys():
-            self._news.add(words=f"goal_selector: {kind}: over"[:200])
-        pursued = self.condition.get("pursued")
-        self.goal = pursued if isinstance(pursued, int) and pursued >= 0 else -1
-
-    def on_unresponsive(self, message: Any) -> None:
-        previous, self.unresponsive = self.unresponsive, reasons_of(message)
-        for node, reason in self.unresponsive.items():
-            if node not in previous:
-                self._news.add(words=f"{NO_RESPONSE.format(node)}: {reason}")
-        for node in previous.keys() - self.unresponsive.keys():
-            self._news.add(words=f"{node} responds again")
 
     def on_candidates(self, message: Any) -> None:
         content = object_of(message, _LONGEST)
@@ -298,21 +253,10 @@ class PageNode(BaseNode):
         self.game = game = PublishedGame(robot, news)
         self._watched: dict[str, Any] = {}  # subscriptions
         callbacks: list[tuple[topics.Topic, Callable[[Any], object]]] = [
-            (topics.SCORE, partial(game.on_number, "score")),
-            (topics.ROUND, partial(game.on_number, "round")),
-            (topics.PELLETS_SPAWNED, partial(game.on_number, "spawned")),
-            (topics.PELLETS_COLLECTED, partial(game.on_number, "collected")),
-            (topics.CLYDE_SPEED, partial(game.on_number, "clyde_speed")),
+            *((topic, partial(game.on_message, topic.name)) for topic in TOPICS if topic is not topics.AMCL_POSE),
             (topics.GAME_EVENT, partial(game.on_shown, "event")),
             (topics.GAME_LIGHT, partial(game.on_shown, "light")),
             (topics.GAME_SOUND, partial(game.on_shown, "sound")),
-            *((topic, partial(game.on_ghost, number)) for number, topic in enumerate(topics.GHOST_POSES)),
-            (topics.GAME_STATE, game.on_state),
-            (topics.GAME_RESULT, game.on_result),
-            (topics.PELLET_MARKERS, game.on_pellets),
-            (topics.CONFIGURATION, game.on_configuration),
-            (topics.DIAGNOSTICS, game.on_condition),
-            (topics.UNRESPONSIVE, game.on_unresponsive),
             (topics.CANDIDATES, game.on_candidates),
             (topics.SCORES, game.on_scores),
             (topics.MAP, robot.on_map),

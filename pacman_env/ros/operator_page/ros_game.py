@@ -258,9 +258,9 @@ class RosGame:
         point = PointStamped(header=Header(stamp=self.node.get_clock().now().to_msg(), frame_id="map"))
         point.point.x, point.point.y = x, y
         self._out[topics.CLICKED_POINT.name].publish(point)
-        game = self.node.game
+        ghosts = self.node.game.ghosts
         if not self._surroundings.wait_for(
-            lambda: math.dist(game.ghosts.get(0, (math.nan, math.nan)), (x, y)) < _PLACED_M, _PLACED_S
+            lambda: 0 in ghosts and math.dist(ghosts[0].pose[:2], (x, y)) < _PLACED_M, _PLACED_S
         ):
             raise Refused("Clyde cannot be there: no place near it is wide enough for a ghost")
 

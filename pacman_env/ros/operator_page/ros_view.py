@@ -16,7 +16,7 @@ from pacman_env.ros import topics
 from pacman_env.ros.game_monitor import NO_RESPONSE
 from pacman_env.ros.messages import Position
 from pacman_env.ros.operator_page.page_node import PageNode, PublishedGame
-from pacman_env.ros.selector.reasons import NO_ODOMETRY, POSE_JUMPED, POSE_LOST, REMEDIES, troubles_of
+from pacman_env.ros.selector.reasons import NO_ODOMETRY, POSE_JUMPED, POSE_LOST, REMEDIES
 from pacman_env.ros.supervisor.checks.check import RESTART_GAME, START_AGAIN
 from pacman_env.web.control import ghost_role
 from pacman_env.web.frame import Frame, thinned
@@ -77,19 +77,19 @@ class RosView:
 
     def _frame_now(self, stopped: bool, lidar: bool) -> Frame:
         robot, game = self._node.robot, self._node.game
-        numbers, candidates = game.numbers, len(game.places)
+        candidates = len(game.places)
         scores = [game.scores.get(k, math.nan) for k in range(candidates + 1)] if candidates else []
-        ghosts = [game.ghosts[k] for k in sorted(game.ghosts)]
+        ghosts = [game.ghosts[k].pose[:2] for k in sorted(game.ghosts)]
         return Frame(
             state=cast(State, game.state or "menu"),
             revision=self.scene.revision,
             number=0,
             time_s=round(game.round_time_s, 2),
             speed=round(robot.rate, 1),
-            score=int(numbers.get("score", 0)),
-            collected=int(numbers.get("collected", 0)),
-            spawned=int(numbers.get("spawned", 0)),
-            round=int(numbers.get("round", 1)),
+            score=game.score or 0,
+            collected=game.pellets_collected or 0,
+            spawned=game.pellets_spawned or 0,
+            round=game.round or 1,
             goal=game.goal if game.goal < candidates else -1,
             stopped=stopped,
             over=bool(game.result),
@@ -114,10 +114,10 @@ def _pellets(game: PublishedGame) -> dict[int, Position]:
 def _facts(node: PageNode, pellets: dict[int, Position]) -> dict[str, Any]:
     own: Config = make_config("robot", "robust")
     game, picture = node.game, node.robot.map
-    configuration, condition = game.configuration, game.condition
+    configuration, condition = game.configuration.get("configuration", {}), game.condition
     candidates, first_refuge = [list(place) for place in game.places], len(game.pellet_ids)
     behaviours = (configuration.get("clyde") or {}).get("ghosts") or own.clyde.ghosts
-    preset, settings = played_by(game.configuration_text) if configuration else (None, {})
+    preset, settings = played_by(json.dumps(configuration, sort_keys=True)) if configuration else (None, {})
     home = condition.get("home")
 
     def number(name: str) -> float:
@@ -151,7 +151,7 @@ def _facts(node: PageNode, pellets: dict[int, Position]) -> dict[str, Any]:
         "seed": None,
         "level": None,
         "settings": settings,
-        "clyde_speed_mps": game.numbers.get("clyde_speed", own.clyde.speed_mps),
+        "clyde_speed_mps": own.clyde.speed_mps if game.clyde_speed_mps is None else game.clyde_speed_mps,
         "link": "",
         "preparing": picture is None,
         "alerts": _alerts(node),
@@ -160,9 +160,11 @@ def _facts(node: PageNode, pellets: dict[int, Position]) -> dict[str, Any]:
 
 def _alerts(node: PageNode) -> list[dict[str, Any]]:
     """Return the alerts that need a person, without seconds, because a scene contains lasting facts."""
-    troubles = troubles_of(node.game.condition)
-    remedies = {**REMEDIES, **({NO_ODOMETRY: RESTART_GAME} if node.sim else {})}
-    alerts = [
+    troubles, silent = node.game.troubles, {} if node.game.state is None else node.game.unresponsive
+    remedies = {**REMEDIES, **dict.fromkeys(map(NO_RESPONSE.format, silent), START_AGAIN)}
+    if node.sim:
+        remedies[NO_ODOMETRY] = RESTART_GAME
+    return [
         {
             "kind": kind,
             "words": kind if kind in (POSE_LOST, NO_ODOMETRY) else troubles[kind],
@@ -172,12 +174,6 @@ def _alerts(node: PageNode) -> list[dict[str, Any]]:
         for kind, remedy in remedies.items()
         if kind in troubles
     ]
-    silent = {} if node.game.state is None else node.game.unresponsive
-    for name, reason in silent.items():
-        words = NO_RESPONSE.format(name)
-        text = f"the node {words} ({reason})"[:300]
-        alerts.append({"kind": words, "words": text, "remedy": START_AGAIN, "asks": False})
-    return alerts
 
 
 @lru_cache(maxsize=4)

@@ -86,7 +86,7 @@ class StatusLine(ObserverNode):
         now_ns = self.get_clock().now().nanoseconds
         if self.game.pose is None or (self.sim and not now_ns):  # the simulated robot's clock has not been received
             return None
-        return (now_ns - self.game.pose[1]) / 1e9
+        return (now_ns - self.game.pose.stamp_ns) / 1e9
 
     @property
     def troubles(self) -> dict[str, str]:
