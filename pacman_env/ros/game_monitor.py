@@ -60,10 +60,11 @@ def configuration_of(message: Any) -> Configuration:
         raise BadMessage("not the configuration of a node of this game") from None
 
 
-def add_process(processes: Processes, configuration: Configuration) -> None:
+def add_process(processes: Processes, configuration: Configuration) -> Processes:
     key = configuration["node"], configuration["started"]
     if key in processes or len(processes) < _MOST_PROCESSES:
         processes[key] = configuration
+    return processes
 
 
 def reasons_of(message: Any) -> Mapping[str, str]:

@@ -13,7 +13,6 @@ from pacman_env.world.maps.occupancy import OccupancyMap
 from ..game_nodes import SIMULATOR
 
 OK, BAD, UNKNOWN = "ok", "BAD", "-"
-LONGEST_JSON = 100_000  # characters
 FIREWALL = "sudo ufw allow proto udp from 192.168.0.0/16"  # this and the next are commands
 RESTART = "sudo systemctl restart turtlebot4"
 RESTART_GAME = "start or restart the simulated game"
@@ -81,6 +80,17 @@ class Request(Generic[T]):
 
 def newest(read: Callable[[Any], T]) -> Callable[[T | None, Any, CheckTime], T]:
     return lambda previous, message, arrival: read(message)
+
+
+def monitored(value: str, name: str, type_name: str, qos: str = "LATCHED") -> Source[Any]:
+    """Return the source of a game monitor's value, whose reader is imported at the first message: it needs ROS."""
+
+    def read(message: Any) -> Any:
+        from ...game_monitor import MONITORED
+
+        return MONITORED[value].read(message)
+
+    return Source(name, type_name, newest(read), qos)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from ...discovery import COSTMAPS
 from ...selector.reasons import NO_ODOMETRY, POSE_JUMPED, REMEDIES, troubles_of
 from ..game_nodes import GAME, ORIGINAL_SELECTOR, REFEREE, SELECTOR, SIMULATOR
 from .check import (
-    LONGEST_JSON,
     RESTART_GAME,
     START_AGAIN,
     Check,
@@ -23,7 +22,7 @@ from .check import (
     both,
     count,
     listed,
-    newest,
+    monitored,
 )
 
 CLOUDS = ("clyde_obstacle", "clyde_trail")
@@ -100,50 +99,16 @@ def _check_cloud(topic: str, robot: Observations) -> Finding:
     return robot.not_yet(summary, remedy, robot.start_nav2)
 
 
-_NODES = 100  # most stored configurations
+def _add_configuration(previous: Any, message: Any, arrival: CheckTime) -> Any:
+    from ...game_monitor import add_process, configuration_of
 
-#: Configurations by the node's name and the start, machine and number of its process.
-Configurations = dict[tuple[str, tuple[float, str, int]], Mapping[str, Any]]
-
-
-def _add_configuration(previous: Configurations | None, message: Any, arrival: CheckTime) -> Configurations:
-    from pacman_env.ros.node import started
-
-    configurations, content = previous or {}, _object(message)
-    key = str(content["node"])[:100], started(content)
-    node_map = None if content["map"] is None else str(content["map"])[:100]
-    configuration = {"node": key[0], "acts": bool(content.get("acts")), "started": key[1], "map": node_map}
-    configuration |= {"hash": str(content["hash"])[:100], "configuration": dict(content["configuration"])}
-    if key in configurations or len(configurations) < _NODES:
-        configurations[key] = configuration
-    return configurations
-
-
-def _state(message: Any) -> str:
-    from pacman_env.ros.messages import word_of
-    from pacman_env.ros.topics import STATE_WORDS
-
-    return word_of(message, STATE_WORDS)
-
-
-def _object(message: Any) -> Mapping[str, Any]:
-    from pacman_env.ros.messages import object_of
-
-    return object_of(message, LONGEST_JSON)
+    return add_process(previous or {}, configuration_of(message))
 
 
 CONFIGURATIONS = Source("game/configuration", "std_msgs/String", _add_configuration, "COMMANDS")
-STATE = Source("game_state", "std_msgs/String", newest(_state), "LATCHED")
-DIAGNOSTICS = Source("goal_selector/diagnostics", "std_msgs/String", newest(_object), "LATCHED")
-
-
-def _reasons(message: Any) -> dict[str, str]:
-    from pacman_env.ros.game_monitor import reasons_of
-
-    return reasons_of(message)
-
-
-UNRESPONSIVE = Source("game/unresponsive", "std_msgs/String", newest(_reasons), "LATCHED")
+STATE = monitored("state", "game_state", "std_msgs/String")
+DIAGNOSTICS = monitored("condition", "goal_selector/diagnostics", "std_msgs/String")
+UNRESPONSIVE = monitored("unresponsive", "game/unresponsive", "std_msgs/String")
 
 
 def _configurations(robot: Observations) -> list[Mapping[str, Any]]:
@@ -274,7 +239,6 @@ def _check_game(robot: Observations) -> Finding:
     return Finding.unknown(summary, remedy or "see the lines above", settled=settled)
 
 
-_NODES_OF_NAV2, _PLAYS = (*MANAGERS.values(), *STATES.values()), (CONFIGURATIONS,)
 CHECKS = (
     Check("Nav2", "Does exactly one node serve navigate_to_pose?", _check_navigator),
     Check(
@@ -284,13 +248,15 @@ CHECKS = (
         (*MANAGERS.values(), *STATES.values()),
     ),
     *(Check(topic, f"Do both costmaps subscribe to {topic}?", partial(_check_cloud, topic)) for topic in CLOUDS),
-    Check("game's nodes", "Does each node of the game run exactly once?", _check_game_nodes, _PLAYS),
+    Check("game's nodes", "Does each node of the game run exactly once?", _check_game_nodes, (CONFIGURATIONS,)),
     Check(
         "game's answers",
         "Do all nodes do what the referee asks them to?",
         _check_responses,
         (UNRESPONSIVE, CONFIGURATIONS),
     ),
-    Check("configuration", "Do all nodes have the same configuration and map?", _check_configuration, _PLAYS),
+    Check(
+        "configuration", "Do all nodes have the same configuration and map?", _check_configuration, (CONFIGURATIONS,)
+    ),
     Check("game", "What is the state of the game?", _check_game, (STATE, DIAGNOSTICS)),
 )

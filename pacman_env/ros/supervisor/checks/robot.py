@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...grid import differing_cells, grid_of, map_differences
-from .check import RESTART, Check, CheckTime, Finding, Observations, Source, count, newest, seconds
+from .check import RESTART, Check, CheckTime, Finding, Observations, Source, count, monitored, newest, seconds
 from .network import CLOCK, STAMPS, by_clock
 
 FLAT = 0.2  # charge at which a TurtleBot 4 warns; it switches off at 0.12
@@ -123,24 +123,11 @@ _ESTIMATE = 'give the initial pose: RViz, "2D Pose Estimate", click where it sta
 _CELLS = {None: "off the map", 100: "in a wall", -1: "where the map is unknown"}
 
 
-class StampedPose(NamedTuple):
-    """x, y (m), heading (rad) and the stamp (s)."""
-
-    pose: tuple[float, float, float]
-    stamp_s: float
-
-
 class Link(NamedTuple):
     """Parent of a frame, and the monotonic time of the last reception, s (None if static)."""
 
     parent: str
     received_s: float | None
-
-
-def _pose(message: Any) -> StampedPose:
-    from pacman_env.ros.messages import pose_of
-
-    return StampedPose(pose_of(message), seconds(message.header.stamp))
 
 
 def _add_links(previous: dict[str, Link] | None, message: Any, arrival: CheckTime) -> dict[str, Link]:
@@ -160,7 +147,7 @@ def _add_static_links(previous: dict[str, Link] | None, message: Any, arrival: C
 
 
 GRID = Source("map", "nav_msgs/OccupancyGrid", newest(grid_of), "LATCHED")
-POSE = Source("amcl_pose", "geometry_msgs/PoseWithCovarianceStamped", newest(_pose), "LATCHED")
+POSE = monitored("pose", "amcl_pose", "geometry_msgs/PoseWithCovarianceStamped")
 LINKS = Source("tf", "tf2_msgs/TFMessage", _add_links)
 STATIC_LINKS = Source("tf_static", "tf2_msgs/TFMessage", _add_static_links, "STATIC_TRANSFORMS")
 
@@ -189,10 +176,10 @@ def _check_pose(robot: Observations) -> Finding:
             return Finding.bad(f"{robot.silence('amcl_pose')}: no initial pose yet", _ESTIMATE, settled=False)
         remedy = "no amcl discovered either: start localization"
         return robot.not_yet(robot.silence("amcl_pose"), remedy, robot.start_localization)
-    (x, y, heading), stamp_s = stamped
+    (x, y, heading), stamp_ns = stamped
     clock = robot.get(CLOCK)
     now_s = clock.clock_s if clock is not None and by_clock(robot) else robot.now.wall_s
-    age = f"{now_s - stamp_s:.1f} s old"  # AMCL is silent while the robot stands
+    age = f"{now_s - stamp_ns / 1e9:.1f} s old"  # AMCL is silent while the robot stands
     summary = f"({x:.2f}, {y:.2f}) m, {math.degrees(heading):.0f} degrees, {age}"
     if robot.map is None:
         return Finding.ok(summary)
