@@ -143,11 +143,15 @@ class GameMonitor:
         return None if name in self.invalid else getattr(self, name)
 
     def update(self, topic: str, message: Any, now_s: float = 0.0) -> None:
-        """Fold a message that was received at ``now_s``; raises BadMessage, and then all values stay the same."""
+        """Fold a message that was received at ``now_s``, unless it is of another topic.
+
+        Raises BadMessage, and then all values stay the same.
+        """
+        name, earlier = _NAMES.get(topic), self.state
         if topic in _GHOSTS:
             self.ghosts[_GHOSTS[topic]] = stamped_pose_of(message)
+        if name is None:
             return
-        name, earlier = _NAMES[topic], self.state
         try:
             setattr(self, name, MONITORED[name].read(message))
         except BadMessage as error:

@@ -10,7 +10,8 @@ from pacman_env.config import Config, differences, make_config
 from pacman_env.ros import topics
 from pacman_env.ros.bags.bag import Bag, BagError, Recorded
 from pacman_env.ros.bags.pose_statistics import PoseStatistics
-from pacman_env.ros.messages import BadMessage, nanoseconds_of, pellets_of, pose_of
+from pacman_env.ros.game_monitor import GameMonitor
+from pacman_env.ros.messages import BadMessage, pose_of
 from pacman_env.ros.selector.believed_pose import BelievedPose
 from pacman_env.ros.supervisor.game_nodes import SELECTOR
 from pacman_env.sim.maps.assets import MapAssets
@@ -59,8 +60,8 @@ class Walk:
         self._chosen_before = -1
         self._plans = [] if self._has_scores else list(_plans(bag, assets))
         self._believed = BelievedPose(TF_S)  # as in the goal selector
-        self._running = False
-        self._began_s = self._due_s = 0.0
+        self._game = GameMonitor()
+        self._due_s = 0.0
         self._left: set[int] = set()
         self._gone: set[int] = set()  # pellets removed in this round
         self._velocity = (0.0, 0.0)
@@ -92,45 +93,50 @@ class Walk:
 
     def _update(self, recorded: Recorded) -> None:
         message, topic, at_s = recorded.message, recorded.topic, recorded.at_s
+        game, was_running = self._game, self._running
+        game.update(topic, message, at_s)
         if topic == topics.GAME_STATE.name:
-            self._enter(message.data, at_s)
+            self._enter(was_running, at_s)
         elif topic == topics.GAME_STATUS.name:
             self._follower.report(at_s, message.data)
         elif topic == topics.PELLET_MARKERS.name:
-            self._left = set(self.view.pellets(pellets_of(message)).known)
+            self._left = set(self.view.pellets(game.pellets).known)
         elif topic == topics.REMOVE_PELLET.name:
             self._gone.add(message.data)
         elif topic == topics.CLYDE_SPEED.name:
             self.view.clyde_speed_mps = message.data
         elif topic in self._ghosts:
-            (x, y, _), stamp_ns = pose_of(message), nanoseconds_of(message.header.stamp)
+            (x, y, _), stamp_ns = game.ghosts[self._ghosts[topic]]
             self.view.see_ghost(self._ghosts[topic], x, y, stamp_ns)
             if topic == topics.CLYDE_POSE.name:
                 self.motion.see_clyde(stamp_ns / 1e9, x, y)
         elif topic in (topics.TF.name, topics.TF_STATIC.name):
             self._believed.transforms(message, at_s, static=topic == topics.TF_STATIC.name)
         elif topic == topics.AMCL_POSE.name:
-            self.motion.localize(nanoseconds_of(message.header.stamp) / 1e9, pose_of(message))
+            pose, stamp_ns = game.valid("pose")
+            self.motion.localize(stamp_ns / 1e9, pose)
         elif topic == topics.ODOMETRY.name:
             twist = message.twist.twist
             self._velocity = twist.linear.x, twist.angular.z
             self.motion.drive(pose_of(message, frame=message.header.frame_id), twist.linear.x)
 
-    def _enter(self, state: str, at_s: float) -> None:
-        running = state == "running"
-        if running and not self._running:
+    @property
+    def _running(self) -> bool:
+        return self._game.state == "running"
+
+    def _enter(self, was_running: bool, at_s: float) -> None:
+        if self._running and not was_running:
             self.rounds += 1
-            self._began_s = self._due_s = at_s
+            self._due_s = at_s
             self.motion.counts = True
             self._chosen_before = -1
             self.view.begin()
             self._follower.begin(at_s)
-        elif not running:
+        elif not self._running:
             self.motion.counts = False  # shows and the drive home do not count as driving
-            if self._running:
-                self._follower.end(at_s, state, self._situation(at_s, -1, over=True))
+            if was_running:
+                self._follower.end(at_s, str(self._game.state), self._situation(at_s, -1, over=True))
             self._gone.clear()
-        self._running = running
 
     def _situation(self, at_s: float, pursued: int, over: bool = False) -> Situation | None:
         """Return a policy's situation at a tick; None if too little is known."""
@@ -143,7 +149,7 @@ class Walk:
         if pose is None or self.view.unseen or not (left or over) or self.view.off_the_map(*pose[:2]):
             return None
         age_s = 0.0 if belief is None else belief.age_s
-        seen = Seen(at_s - self._began_s, pose, left, velocity, pose_age_s=age_s, pursued=pursued)
+        seen = Seen(at_s - self._game.began_s, pose, left, velocity, pose_age_s=age_s, pursued=pursued)
         return self.view.situation(seen)
 
     def _decide(self, at_s: float, pursued: int, recorded: int | None) -> None:
