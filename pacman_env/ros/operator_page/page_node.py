@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pacman_env.game.lights import Ring
 from pacman_env.ros import topics
 from pacman_env.ros.game_monitor import TOPICS, GameMonitor
+from pacman_env.ros.grid import grid_of
 from pacman_env.ros.messages import (
     BadMessage,
     Pose,
@@ -38,7 +39,6 @@ FREE, UNKNOWN = 254, 205  # grey values of map_server's files; 0: solid
 _POSE_TIMEOUT_S = 1.0
 _FRESH_S = 3.0  # older odometry means that the robot is gone
 _MOST_TRANSFORMS = 10_000
-_MOST_CELLS = 50_000_000
 _RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
 _LONGEST = 1_000_000  # most characters of JSON
 _MOST = 10_000  # most candidates
@@ -52,23 +52,18 @@ class MapPicture:
 
 
 def picture_of(message: Any) -> MapPicture:
-    """Return an OccupancyGrid's picture, top row first; BadMessage for wrong sizes or numbers that are not finite."""
-    info = message.info
-    count = info.width * info.height
-    if count != len(message.data) or not 0 < count <= _MOST_CELLS:
-        raise BadMessage(f"{info.width} x {info.height} cells, {len(message.data)} values")
-    position, q = info.origin.position, info.origin.orientation
-    yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
-    resolution = float(info.resolution)
-    if not (all(map(math.isfinite, (position.x, position.y, yaw, resolution))) and resolution > 0):
+    """Return an OccupancyGrid's picture, top row first; ValueError for wrong sizes or numbers that are not finite."""
+    grid = grid_of(message)
+    if not (all(map(math.isfinite, (*grid.origin, grid.resolution))) and grid.resolution > 0):
         raise BadMessage("numbers that are not finite")
-    cells = np.frombuffer(bytes(memoryview(message.data).cast("B")), np.int8).reshape(info.height, info.width)[::-1]
+    cells = grid.cells[::-1]
     pixels = np.where(cells < 0, UNKNOWN, FREE - np.clip(cells, 0, 100).astype(np.int16) * FREE // 100)
     success, png = cv2.imencode(".png", pixels.astype(np.uint8))
     if not success:
         raise BadMessage("no picture can be made of it")
-    size = {"resolution": resolution, "width": int(info.width), "height": int(info.height)}
-    return MapPicture(png.tobytes(), {**size, "origin": [float(position.x), float(position.y), yaw]})
+    (height, width), origin = cells.shape, list(grid.origin)
+    facts = {"resolution": grid.resolution, "width": width, "height": height, "origin": origin}
+    return MapPicture(png.tobytes(), facts)
 
 
 def rays_of(message: Any, yaw: float) -> NDArray[np.float64]:

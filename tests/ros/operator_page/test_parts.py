@@ -15,7 +15,6 @@ import pytest
 
 from pacman_env.config import make_config
 from pacman_env.ros import operator_stop, topics
-from pacman_env.ros.messages import BadMessage
 from pacman_env.ros.operator_page.page_node import RAYS, picture_of, rays_of
 from pacman_env.ros.operator_page.ros_driving import Wheels
 from pacman_env.ros.operator_page.ros_view import played_by
@@ -179,7 +178,7 @@ def test_map_becomes_picture_of_its_file() -> None:
     assert ((pixels == 0) == (house.occupancy == 100)).all()
     assert ((pixels == 205) == (house.occupancy < 0)).all()
     message.info.width += 1
-    with pytest.raises(BadMessage, match="cells"):
+    with pytest.raises(ValueError, match="cells"):
         picture_of(message)
 
 
