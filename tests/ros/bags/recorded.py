@@ -6,13 +6,14 @@ import json
 from pathlib import Path
 from typing import Any
 
+import pytest
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from pacman_env.ros import topics
-from pacman_env.ros.bags.bag import new_bag
+from pacman_env.ros.bags.bag import BagError, new_bag, open_bag
 from pacman_env.ros.bags.bag_replay import ReplayReport, replay_bag
-from pacman_env.ros.bags.record import NAME, Recorder
+from pacman_env.ros.bags.record import NAME, RECORDED, Recorder
 from tests.map_parts import part_of_map
 from tests.ros import session
 
@@ -44,6 +45,14 @@ def record_round(folder: Path, policy: str, *settings: str, breaks_off: bool = F
 
 def replay(bag: Path, policy: str = "nearest") -> ReplayReport:
     return replay_bag(bag, str(bag.parent / "ground.yaml"), policy)
+
+
+def refusal(path: Path, words: str, *read: topics.Topic) -> str:
+    """Return the line with which a bag is refused when it is opened, or when topics are read."""
+    with pytest.raises(BagError, match=words) as caught, open_bag(path) as game:
+        list(game.messages(read or RECORDED))
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
 
 
 def words_bag(path: Path, **words: list[str]) -> Path:

@@ -99,13 +99,16 @@ def test_choices_are_unknown_without_plans(bag: Path, tmp_path: Path) -> None:
     assert "-" in report.render()
 
 
+def replay_command(bag: Path) -> list[str]:
+    return ["ros", "replay", str(bag), "--map", str(bag.parent / "ground.yaml"), "--policy", "nearest"]
+
+
 def test_replay_prints_text_or_json(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    command = ["ros", "replay", str(bag), "--map", str(bag.parent / "ground.yaml"), "--policy", "nearest"]
-    assert main(command) == 0
+    assert main(replay_command(bag)) == 0
     text = capsys.readouterr().out
     assert "as recorded" in text
     assert "driving speed, m/s" in text
-    assert main([*command, "--json"]) == 0
+    assert main([*replay_command(bag), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["rounds"] == 1
 
 
@@ -132,10 +135,8 @@ def test_bag_without_round_is_refused(tmp_path: Path) -> None:
 
 def test_configuration_is_that_of_goal_selector(tmp_path: Path) -> None:
     fields = {"clyde.speed_mps": 0.35, "clyde.ghosts": ("wander", "far/away.onnx"), "max_pellets": 20}
-    own, others = (
-        said("goal_selector", make_config(**fields).as_dict()),
-        said("sim_robot", make_config("ideal").as_dict()),
-    )
+    own = said("goal_selector", make_config(**fields).as_dict())
+    others = said("sim_robot", make_config("ideal").as_dict())
     with open_bag(words_bag(tmp_path / "game", GAME_STATE=["menu"], CONFIGURATION=[own, others])) as bag:
         assert recorded_config(bag) == make_config(**fields | {"clyde.ghosts": ("wander", "policy")})
     for number, bad in enumerate(("no json", said("goal_selector", {"clyde": {"hue": "orange"}}), "[]")):
@@ -191,22 +192,9 @@ def test_replay_ends_quietly_without_reader(bag: Path) -> None:
     """As ``| head`` does, but certainly before anything is written."""
     reading, writing = os.pipe()
     os.close(reading)
-    command = [
-        sys.executable,
-        "-m",
-        "pacman_env.cli.main",
-        "ros",
-        "replay",
-        str(bag),
-        "--map",
-        str(bag.parent / "ground.yaml"),
-    ]
+    command = [sys.executable, "-m", "pacman_env.cli.main", *replay_command(bag)]
     with open(writing, "wb") as output:
-        ended = subprocess.run(
-            [*command, "--policy", "nearest"],
-            stdout=output,
-            stderr=subprocess.PIPE,
-        )
+        ended = subprocess.run(command, stdout=output, stderr=subprocess.PIPE)
     assert b"Traceback" not in ended.stderr
     assert b"Exception ignored" not in ended.stderr
     assert ended.stderr.count(b"\n") <= 1

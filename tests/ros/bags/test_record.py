@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,13 @@ import pytest
 
 pytest.importorskip("rosbags")
 
+from rclpy.duration import Duration
+from rosbags.rosbag2 import StoragePlugin, Writer
+
 from pacman_env.ros import topics
-from pacman_env.ros.bags.bag import BagError, open_bag
+from pacman_env.ros.bags.bag import open_bag
 from pacman_env.ros.bags.record import RECORDED, record
+from tests.ros.bags.recorded import STORE, refusal
 from tests.ros.system import Probe, System
 
 WORDS = ["disable", "reset_round", "enable"]
@@ -39,21 +44,13 @@ def bag(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Path:
         probe.publish(topics.SCORE, 3)
         probe.publish(topics.AMCL_POSE, pose)
         for topic in (topics.GAME_STATE, topics.GAME_COMMAND, topics.SCORE, topics.AMCL_POSE):
-            publisher = probe.publisher(topic)
-            probe.wait_for(
-                lambda publisher=publisher: publisher.wait_for_all_acked(_moment()), what=f"{topic.name} has arrived"
-            )
+            acked = partial(probe.publisher(topic).wait_for_all_acked, Duration(seconds=0.2))
+            probe.wait_for(acked, what=f"{topic.name} has arrived")
         assert not out.exists()  # only when it is whole
         assert recorder.stop() == 0, recorder.output
         assert f"{out}: 6 messages" in recorder.output
     assert sorted(path.name for path in out.parent.iterdir()) == ["first"]
     return out
-
-
-def _moment() -> Any:
-    from rclpy.duration import Duration
-
-    return Duration(seconds=0.2)
 
 
 def test_bag_holds_messages_in_order(bag: Path) -> None:
@@ -99,34 +96,14 @@ def test_file_that_is_no_bag_is_refused(tmp_path: Path, content: bytes | None, w
     path = tmp_path / "x.mcap"
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(BagError, match=words) as caught, open_bag(path):
-        pass
-    assert "\n" not in str(caught.value)
-
-
-def test_cut_or_changed_bag_is_refused(bag: Path, tmp_path: Path) -> None:
-    whole = (bag / "first.mcap").read_bytes()
-    for broken in (whole[: len(whole) // 2], whole[:100] + bytes(40) + whole[140:], whole[:-2000] + bytes(2000)):
-        path = tmp_path / "broken.mcap"
-        path.write_bytes(broken)
-        with pytest.raises(BagError, match=r"broken\.mcap: ") as caught, open_bag(path) as game:
-            list(game.messages(RECORDED))
-        assert "\n" not in str(caught.value)
+    refusal(path, words)
 
 
 def test_bag_of_other_topics_is_refused(tmp_path: Path) -> None:
-    from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_JAZZY)
-    with Writer(tmp_path / "other", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        writer.add_connection("/chatter", "std_msgs/msg/String", typestore=store)
-    with pytest.raises(BagError, match="no topic game_state, but /chatter"), open_bag(tmp_path / "other"):
-        pass
-    with Writer(tmp_path / "wrong", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        writer.add_connection("/game_state", "std_msgs/msg/Int32", typestore=store)
-    with (
-        open_bag(tmp_path / "wrong") as game,
-        pytest.raises(BagError, match="/game_state is std_msgs/msg/Int32, expected std_msgs/msg/String"),
+    for name, kind, words in (
+        ("chatter", "String", "no topic game_state, but /chatter"),
+        ("game_state", "Int32", "/game_state is std_msgs/msg/Int32, expected std_msgs/msg/String"),
     ):
-        next(game.messages([topics.GAME_STATE]))
+        with Writer(tmp_path / name, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+            writer.add_connection(f"/{name}", f"std_msgs/msg/{kind}", typestore=STORE)
+        refusal(tmp_path / name, words)

@@ -22,16 +22,7 @@ from pacman_env.ros.supervisor.checks.game import (
     UNRESPONSIVE,
 )
 from pacman_env.ros.supervisor.checks.network import CLOCK, STAMPS, Clock, Delays
-from pacman_env.ros.supervisor.checks.robot import (
-    CHARGE,
-    DOCKED,
-    GRID,
-    LINKS,
-    POSE,
-    SCANS,
-    Link,
-    ScanTally,
-)
+from pacman_env.ros.supervisor.checks.robot import CHARGE, DOCKED, GRID, LINKS, POSE, SCANS, Link, ScanTally
 from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, SIMULATOR
 from pacman_env.world.maps.occupancy import load_map
 
@@ -102,10 +93,9 @@ def full(name: str) -> str:
 
 def observed(**facts: Any) -> Observations:
     """Observations from facts by name: those of sources, and the graph's with relative names of topics."""
-    values = {SOURCES[name]: facts.pop(name) for name in list(facts) if name in SOURCES}
-    values |= {STAMPS[topic]: kept for topic, kept in facts.pop("delays").items()}
-    values |= {MANAGERS[name]: answer for name, answer in facts.pop("managers").items()}
-    values |= {STATES[name]: state for name, state in facts.pop("states").items()}
+    values: dict[Any, Any] = {SOURCES[name]: facts.pop(name) for name in list(facts) if name in SOURCES}
+    for group, sources in (("delays", STAMPS), ("managers", MANAGERS), ("states", STATES)):
+        values |= {sources[name]: value for name, value in facts.pop(group).items()}
     configurations = facts.pop("configurations")
     values[CONFIGURATIONS] = {(one["node"], one["started"]): one for one in configurations}
     publishers = {full(topic): nodes for topic, nodes in facts.pop("publishers").items()}
@@ -187,6 +177,15 @@ def found(observations: Observations, check: str) -> Finding:
     return one
 
 
+def answered(observations: Observations, check: str, status: str, summary: str, remedy: str) -> Finding:
+    """Return the answer to a check, which contains these words."""
+    finding = found(observations, check)
+    assert finding.status == status
+    assert summary in finding.summary
+    assert remedy in f"{finding.remedy}: {finding.command}"
+    return finding
+
+
 def test_every_check_has_name_and_question() -> None:
     assert len({check.name for check in CHECKS}) == len(CHECKS)
     assert all(check.question.endswith("?") for check in CHECKS)
@@ -219,10 +218,7 @@ def test_good_base_with_nav2_is_ready() -> None:
 def test_nav2_trouble_on_simulated_base_has_fitting_remedy(
     changes: dict[str, Any], check: str, summary: str, remedy: str
 ) -> None:
-    finding = found(base_with_nav2(**changes), check)
-    assert finding.status == BAD
-    assert summary in finding.summary
-    assert remedy in f"{finding.remedy}: {finding.command}"
+    finding = answered(base_with_nav2(**changes), check, BAD, summary, remedy)
     assert "turtlebot4" not in finding.command
     if finding.command.startswith("pacman-env"):
         assert finding.command == f"pacman-env ros up --map house --namespace {NS.strip('/')} --sim --nav2"
@@ -234,14 +230,6 @@ def test_good_simulated_robot_has_no_dock_or_battery() -> None:
     assert all(f.settled for f in findings)
     assert is_ready(findings)
     assert "10.0 times real time" in found(simulated(), "clock").summary
-
-
-def test_missing_game_is_no_fault_before_start() -> None:
-    nodes = tuple(name for name in robot().nodes if name.rpartition("/")[2] not in (*GAME, SELECTOR))
-    observations = robot(nodes=nodes, configurations=(), state=None, condition=None)
-    assert is_ready(examine(observations))
-    one = found(observations, "game's nodes")
-    assert (one.status, one.command) == (UNKNOWN, "pacman-env ros up --map house --namespace robot_15")
 
 
 UNDOCK = f'ros2 action send_goal {NS}/undock irobot_create_msgs/action/Undock "{{}}"'
@@ -330,10 +318,7 @@ def test_bad_robot_is_reported_with_figures_and_remedy(
     changes: dict[str, Any], check: str, summary: str, remedy: str
 ) -> None:
     observations = robot(**changes)
-    one = found(observations, check)
-    assert one.status == BAD
-    assert summary in one.summary
-    assert remedy in f"{one.remedy}: {one.command}"
+    answered(observations, check, BAD, summary, remedy)
     assert not is_ready(examine(observations))
 
 
@@ -349,6 +334,8 @@ def test_bad_robot_is_reported_with_figures_and_remedy(
         ({"managers": {}}, "Nav2's nodes", f"not answering {WAITED}; active: amcl, bt_navigator", LOCALIZE),
         ({"managers": {"lifecycle_manager_localization": True}}, "Nav2's nodes", "lifecycle_manager_navigation", NAV2),
         ({"publishers": {"odom": (BASE,), "/clock": ("/a",)}}, "clock", "/clock not received", "--wait 30"),
+        ({"nodes": (BASE, *COSTMAPS), "configurations": (), "state": None, "condition": None}, "game's nodes",
+         "no node of the game discovered", UP),
         ({"configurations": ()}, "configuration", "game/configuration not received", "nodes of the original game"),
         ({"state": None, "condition": None}, "game", f"game_state not received {WAITED}", "compiles"),
         ({"condition": {"policy": "ppo", "troubles": {"late": 3}}}, "game", "menu, policy ppo, troubles: late (3)",
@@ -361,10 +348,7 @@ def test_unanswered_question_has_reason_and_is_no_fault(
     changes: dict[str, Any], check: str, summary: str, remedy: str
 ) -> None:
     observations = robot(**changes)
-    one = found(observations, check)
-    assert one.status == UNKNOWN
-    assert summary in one.summary
-    assert remedy in f"{one.remedy}: {one.command}"
+    answered(observations, check, UNKNOWN, summary, remedy)
     assert is_ready(examine(observations))
 
 
@@ -385,36 +369,32 @@ def test_unanswered_question_has_reason_and_is_no_fault(
     ],
 )
 def test_remedies_for_simulated_robot_are_no_robot_commands(changes: dict[str, Any], check: str, remedy: str) -> None:
-    one = found(simulated(**changes), check)
-    assert one.status == BAD
-    assert remedy in f"{one.remedy}: {one.command}"
+    one = answered(simulated(**changes), check, BAD, "", remedy)
     assert "ros2 " not in one.command + one.remedy
     assert "turtlebot4" not in one.command + one.remedy
 
 
-def test_trouble_that_stops_game_is_bad() -> None:
-    words = "pose lost: no transform from map to base_link for 12 s"
-    condition = {"policy": "ppo", "troubles": {"late": 3, "pose lost": 9}, "trouble_texts": {"pose lost": words}}
-    one = found(robot(condition=condition, state="running"), "game")
-    assert (one.status, one.summary) == (BAD, f"running; {words}")
-    assert "localization must publish map to odom" in one.remedy
-    condition = {"troubles": {"pose jumped": 1}}
-    assert found(robot(condition=condition), "game").command == "pacman-env ros continue --namespace robot_15"
-    condition = {"troubles": {"Nav2 fails": 2}, "trouble_texts": [1]}  # of another version
-    one = found(robot(condition=condition, state="running"), "game")
-    assert (one.status, one.summary) == (BAD, "running; Nav2 fails")
+@pytest.mark.parametrize(
+    ("condition", "summary", "remedy"),
+    [
+        ({"policy": "ppo", "troubles": {"late": 3, "pose lost": 9}, "trouble_texts": {"pose lost": "lost for 12 s"}},
+         "lost for 12 s", "localization must publish map to odom"),
+        ({"troubles": {"pose jumped": 1}}, "pose jumped", "pacman-env ros continue --namespace robot_15"),
+        ({"troubles": {"Nav2 fails": 2}, "trouble_texts": [1]}, "Nav2 fails", "see Nav2's log"),  # of another version
+    ],
+)  # fmt: skip
+def test_trouble_that_stops_game_is_bad(condition: dict[str, Any], summary: str, remedy: str) -> None:
+    one = answered(robot(condition=condition, state="running"), "game", BAD, summary, remedy)
+    assert one.summary == f"running; {summary}"
 
 
-def test_skew_within_limits_is_accepted() -> None:
+def test_skew_within_limits_and_few_outliers_are_accepted() -> None:
+    outliers = {"odom": delays(*[0.02] * 9, *[40.0] * 4), "tf": LATE}
+    assert found(robot(delays=outliers), "time of odom").status == OK
     late = {"odom": delays(*[0.2] * 9), "scan": delays(*[0.32] * 9, turn_s=0.13), "tf": delays(*[-0.2] * 9)}
     assert is_ready(examine(robot(delays=late)))
     later = delays(*[0.34] * 9, turn_s=0.13)
     assert found(robot(delays=late | {"scan": later}), "time of scan").status == BAD
-
-
-def test_few_outliers_are_no_skew() -> None:
-    late = {"odom": delays(*[0.02] * 9, *[40.0] * 4), "tf": LATE}
-    assert found(robot(delays=late), "time of odom").status == OK
 
 
 def test_clock_of_other_simulation_is_not_used() -> None:

@@ -57,40 +57,29 @@ def test_robot_page_lists_every_key_of_json(status_line: StatusLine) -> None:
 
 
 def test_invalid_values_are_shown_as_unknown(probe: Probe, status_line: StatusLine) -> None:
-    def say(topic: topics.Topic, value: Any) -> None:
-        probe.publisher(topic).publish(topic.type(data=value))
+    def say(state: str, collected: int) -> None:
+        probe.publish(topics.GAME_STATE, state)
+        probe.publish(topics.PELLETS_COLLECTED, collected)
 
-    for topic, value in (
-        (topics.GAME_STATE, "nonsense"),
-        (topics.ROUND, -1),
-        (topics.SCORE, -3),
-        (topics.PELLETS_COLLECTED, -5),
-        (topics.PELLETS_SPAWNED, 13),
-        (topics.CLYDE_SPEED, float("nan")),
-        (topics.GAME_RESULT, "Complete\x1b[2J\n - Score: 3"),
-    ):
-        say(topic, value)
-    probe.publisher(topics.DIAGNOSTICS).publish(topics.DIAGNOSTICS.type(data='{"troubles": [3], "policy": "a\\nb"}'))
-    assert status_line.spin_until(lambda: len(status_line.game.invalid) == 5 and status_line.game.result, PATIENCE_S)
-    assert status_line.spin_until(lambda: status_line.condition, PATIENCE_S)
-    assert status_line.spin_until(lambda: status_line.facts()["pellets_spawned"], PATIENCE_S)
-    assert status_line.line(pose_age=False).startswith("unknown state   round ?  score ?  pellets ?/13")
-    assert "nonsense" not in status_line.line(pose_age=True)
+    say("nonsense", -5)
+    probe.publish(topics.PELLETS_SPAWNED, 13)
+    probe.publish(topics.DIAGNOSTICS, '{"troubles": [3], "policy": "a\\nb"}')
+    game = status_line.game
+    assert status_line.spin_until(lambda: len(game.invalid) == 2 and game.condition, PATIENCE_S)
+    assert status_line.spin_until(lambda: game.pellets_spawned, PATIENCE_S)
+    assert status_line.line(pose_age=False).startswith("unknown state   round -  score -  pellets ?/13")
     facts = status_line.facts()
-    assert facts["state"] is facts["pellets_collected"] is facts["clyde_speed_mps"] is None
-    assert "unknown word 'nonsense'" in facts["invalid"]["state"]
-    assert "must be within 0 and" in facts["invalid"]["pellets_collected"]
-    assert facts["result"] == "Complete [2J - Score: 3"
+    assert facts["state"] is facts["pellets_collected"] is None
+    assert facts["invalid"].keys() == {"state", "pellets_collected"}
     assert facts["policy"] == "a b"
-    say(topics.GAME_STATE, "running")
-    say(topics.PELLETS_COLLECTED, 5)
-    assert status_line.spin_until(lambda: len(status_line.game.invalid) == 3, PATIENCE_S)
-    assert status_line.line(pose_age=False).startswith("running         round ?  score ?  pellets 5/13")
+    say("running", 5)
+    assert status_line.spin_until(lambda: not game.invalid, PATIENCE_S)
+    assert status_line.line(pose_age=False).startswith("running         round -  score -  pellets 5/13")
 
 
 def test_status_line_shows_troubles(probe: Probe, status_line: StatusLine) -> None:
     condition = {"nav2": True, "troubles": {"stopped by the operator": 3, "off the map": 4, "ghosts unheard": 1}}
-    probe.publisher(topics.GAME_STATE).publish(topics.GAME_STATE.type(data="running"))
-    probe.publisher(topics.DIAGNOSTICS).publish(topics.DIAGNOSTICS.type(data=json.dumps(condition)))
+    probe.publish(topics.GAME_STATE, "running")
+    probe.publish(topics.DIAGNOSTICS, json.dumps(condition))
     assert status_line.spin_until(lambda: status_line.condition and status_line.state, PATIENCE_S)
     assert status_line.line(pose_age=False).endswith("pellets -/-  off the map  no pose yet")
