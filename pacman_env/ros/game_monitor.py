@@ -72,7 +72,7 @@ def reasons_of(message: Any) -> Mapping[str, str]:
     reasons = object_of(message, _LONGEST_REPORT)
     if not all(isinstance(reason, str) for reason in reasons.values()):
         raise BadMessage("reasons that are no text")
-    return {str(node)[:100]: str(reason)[:200] for node, reason in reasons.items()}
+    return {plain(node, 100): plain(reason, LONGEST_WORD) for node, reason in reasons.items()}
 
 
 class Monitored(NamedTuple):
@@ -147,11 +147,11 @@ class GameMonitor:
 
         Raises BadMessage, and then all values stay the same.
         """
-        name, earlier = _NAMES.get(topic), self.state
         if topic in _GHOSTS:
             self.ghosts[_GHOSTS[topic]] = stamped_pose_of(message)
-        if name is None:
+        if topic not in _NAMES:
             return
+        name, earlier = _NAMES[topic], self.state
         try:
             setattr(self, name, MONITORED[name].read(message))
         except BadMessage as error:

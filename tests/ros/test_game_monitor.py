@@ -40,7 +40,7 @@ def receive(game: GameMonitor, name: str, data: Any, now_s: float = 0.0) -> None
         ("pellets_collected", 0, 0),
         ("clyde_speed_mps", 0.25, 0.25),
         ("condition", {"policy": "ppo"}, {"policy": "ppo"}),
-        ("unresponsive", {"pellet_manager": "no answer"}, {"pellet_manager": "no answer"}),
+        ("unresponsive", {"pellet_manager": "no\x1b\n answer"}, {"pellet_manager": "no answer"}),
         ("configuration", PROCESS, {**PROCESS, "acts": False, "started": (5.0, "laptop", 17)}),
     ],
 )
@@ -110,6 +110,7 @@ def test_pellets_and_poses_carry_positions_and_stamps() -> None:
     game = GameMonitor()
     game.update(topics.PELLET_MARKERS.name, markers_of({4: (1.0, 2.0)}, STAMP))
     game.update(topics.GHOST_POSES[1].name, pose_message(3.0, 4.0, 0.0, STAMP))
+    game.update(topics.GAME_COMMAND.name, topics.GAME_COMMAND.type(data="enable"))  # of no value of the game
     assert game.pellets == {4: (1.0, 2.0)}
     assert game.ghosts == {1: ((3.0, 4.0, 0.0), 12_500_000_000)}
     with pytest.raises(BadMessage, match="frame 'odom'"):
