@@ -45,25 +45,26 @@ def diagnose(
     map: OccupancyMap | None = None,
 ) -> dict[str, Finding]:
     """What the doctor says as soon as he says what is waited for, by check."""
-    node = Doctor(namespace, domain, map, "" if map is None else map.name, False, PATIENCE_S)
     said: dict[str, Finding] = {}
     due_s = 0.0
+    with Doctor(namespace, domain, map, "" if map is None else map.name, False, PATIENCE_S) as node:
 
-    def enough() -> bool:
-        nonlocal said, due_s
-        meanwhile()
-        if time.monotonic() < due_s:
-            return False
-        due_s = time.monotonic() + 0.3
-        said = {finding.check: finding for finding in examine(node.observations())}
-        return until(said)
+        def look() -> bool:
+            said.clear()
+            said.update({finding.check: finding for finding in examine(node.observations())})
+            return until(said)
 
-    try:
+        def enough() -> bool:
+            nonlocal due_s
+            meanwhile()
+            if time.monotonic() < due_s:
+                return False
+            due_s = time.monotonic() + 0.3
+            return look()
+
         node.observe(enough)
         if not until(said):  # all is settled since the last look
-            said = {finding.check: finding for finding in examine(node.observations())}
-    finally:
-        node.close()
+            look()
     assert until(said), "\n".join(f"{f.status} {f.check}: {f.summary}" for f in said.values())
     return said
 
@@ -272,11 +273,8 @@ def test_interrupt_ends_doctor_in_one_line(probe: Probe, system: System) -> None
 
 
 def test_doctor_publishes_nothing(domain: int) -> None:
-    node = Doctor(NS, domain, None, "", False, 1.0)
-    try:
+    with Doctor(NS, domain, None, "", False, 1.0) as node:
         spoken = {publisher.topic_name for publisher in node.publishers}
-    finally:
-        node.close()
     assert spoken <= {"/rosout", "/parameter_events"}
 
 
