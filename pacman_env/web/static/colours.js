@@ -1,5 +1,7 @@
 // The colours of the map, dark and light; those of the page are in style.css.
 
+import { stored } from "./dom.js";
+
 const DARK = {
   page: "#0d1018", floor: [27, 34, 51], wall: [98, 122, 220], pellet: "#ffd54a", eaten: "#3b465f", refuge: "#4fd1b5",
   home: "#9fb0d0", robot: "#ffcc1f", rim: "#10141f", believed: "#d59bff", plan: "#7fa9ff", trail: "#ffcc1f",
@@ -19,17 +21,12 @@ const page = document.documentElement.dataset;
 const isLight = () => (page.theme ?? (systemIsLight.matches ? "light" : "dark")) === "light";
 export const palette = () => (isLight() ? LIGHT : DARK);
 
-// localStorage throws where the browser stores nothing: the theme then lasts until the page is closed.
 export function setUpTheme(button, changed) {
-  try {
-    const stored = localStorage.getItem(KEY);
-    if (stored === "light" || stored === "dark") page.theme = stored;
-  } catch { /* the system's theme */ }
+  const chosen = stored("localStorage", KEY);
+  if (chosen === "light" || chosen === "dark") page.theme = chosen;
   button.onclick = () => {
     page.theme = isLight() ? "dark" : "light";
-    try {
-      localStorage.setItem(KEY, page.theme);
-    } catch { /* not stored */ }
+    stored("localStorage", KEY, page.theme);
     changed();
   };
   systemIsLight.onchange = changed;

@@ -1,5 +1,6 @@
 // The websocket: reopened when it is lost, each answer matched to its request; and requests over HTTP.
 
+import { stored } from "./dom.js";
 import { notice } from "./notices.js";
 
 const RETRY_MS = [250, 500, 1000, 2000, 4000, 5000];
@@ -8,17 +9,11 @@ const FRAME = '{"kind":"frame"'; // its first field
 
 export const token = new URLSearchParams(location.search).get("token");
 
-// sessionStorage throws if the browser stores nothing: after a reload the server then sees another person.
-let again = ""; // restores name and role after a break
-try {
-  again = sessionStorage.again ?? "";
-} catch { /* nothing is stored */ }
+let again = stored("sessionStorage", "again"); // restores name and role after a break or a reload
 
 export function remember(key) {
   again = key ?? again;
-  try {
-    sessionStorage.again = again;
-  } catch { /* not stored */ }
+  stored("sessionStorage", "again", again);
 }
 
 // The address of a path of the server, relative to the page's own: a proxy may serve it below another path.
@@ -76,7 +71,6 @@ function settle(id, answer) {
 }
 
 function open() {
-  clearTimeout(retryTimer);
   if (socket && socket.readyState <= WebSocket.OPEN) return;
   const url = address("ws");
   url.protocol = url.protocol.replace("http", "ws"); // browsers before 2024 refuse a relative address

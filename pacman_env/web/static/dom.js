@@ -1,5 +1,7 @@
 // Small helpers for the document.
 
+export const narrow = matchMedia("(max-width: 820px)");
+
 export const $ = (id) => document.getElementById(id);
 
 export const css = ([red, green, blue]) => `rgb(${red}, ${green}, ${blue})`;
@@ -42,6 +44,16 @@ export function write(element, text) {
 export function writeOrHide(element, text) {
   write(element, text);
   element.hidden = !text;
+}
+
+// Reads a text that the browser stores, or writes it; both throw if the browser stores nothing.
+export function stored(storage, key, text) {
+  try {
+    if (text !== undefined) window[storage][key] = text;
+    return window[storage][key];
+  } catch {
+    return undefined;
+  }
 }
 
 const postponed = new Map(); // timers, by element
@@ -87,5 +99,5 @@ export const isShortcut = ({ ctrlKey, metaKey, altKey, target }) => !(ctrlKey ||
 
 // On a narrow page the panel leaves its place to the map.
 export function showMap() {
-  if (matchMedia("(max-width: 820px)").matches) document.body.classList.remove("panel-open");
+  if (narrow.matches) document.body.classList.remove("panel-open");
 }

@@ -55,16 +55,12 @@ on("connection", () => {
 
 // Sounds are synthesised from the robot's notes; silent until the user switches them on.
 let audio = null;
-let output = null;
 let wanted = false;
 const notes = new Set(); // playing or to be played
 
 export const sounds = {
   get on() {
     return wanted && audio?.state === "running";
-  },
-  get sounding() {
-    return notes.size > 0;
   },
 };
 
@@ -79,8 +75,6 @@ $("sound").onclick = async () => {
   wanted = !sounds.on;
   if (!audio) {
     audio = new AudioContext();
-    output = new GainNode(audio, { gain: VOLUME });
-    output.connect(audio.destination);
     audio.onstatechange = showSound;
   }
   silence();
@@ -103,10 +97,10 @@ function play(word) {
     const note = new OscillatorNode(audio, { type: "square", frequency });
     const envelope = new GainNode(audio, { gain: 0 });
     envelope.gain.setValueAtTime(0, start);
-    envelope.gain.linearRampToValueAtTime(1, risen);
-    envelope.gain.setValueAtTime(1, Math.max(risen, start + 0.8 * seconds));
+    envelope.gain.linearRampToValueAtTime(VOLUME, risen);
+    envelope.gain.setValueAtTime(VOLUME, Math.max(risen, start + 0.8 * seconds));
     envelope.gain.linearRampToValueAtTime(0, end);
-    note.connect(envelope).connect(output);
+    note.connect(envelope).connect(audio.destination);
     note.start(start);
     note.stop(end);
     note.onended = () => notes.delete(note);

@@ -3,7 +3,7 @@
 import { setUpTheme } from "./colours.js";
 import { connect, remember, request, send } from "./connection.js";
 import "./controls.js";
-import { $, clock, facts, isShortcut, make, write } from "./dom.js";
+import { $, clock, facts, isShortcut, make, narrow, write } from "./dom.js";
 import { sounds } from "./effects.js";
 import * as map from "./map.js";
 import { notice } from "./notices.js";
@@ -18,15 +18,14 @@ const READINESS = { ok: "✓ Ready", warning: "! Warning", bad: "✗ Not ready" 
 const NUMBER = /"number":\d+/; // of a frame
 
 let newest = ""; // JSON of the newest frame
-let connected = false; // before
+let followed = false; // the link by which the page was opened
 
 addEventListener("error", ({ message }) => count.errors.push(String(message)));
 addEventListener("unhandledrejection", ({ reason }) => count.errors.push(String(reason)));
 window.pacman = { count, state, sounds, view: map.view };
 
 function opened() {
-  if (connected) notice("The connection is back.", { key: "connection" });
-  connected = true;
+  if (state.hello) notice("The connection is back.", { key: "connection" });
   $("lost").hidden = true;
   $("lost").classList.remove("loud");
 }
@@ -58,7 +57,8 @@ const receive = {
     state.scene = { pellets: [], refuges: [], candidates: [], robot: {}, ...message, ghosts };
     emit("scene", state.scene);
     if (!state.story) map.showScene(state.scene);
-    if (!message.preparing) followFirstLink();
+    if (!message.preparing && !followed) setTimeout(followLink, 300);
+    followed ||= !message.preparing;
   },
   people(message) {
     state.people = message;
@@ -72,16 +72,8 @@ const receive = {
     while ($("log").children.length > MOST_LOG) $("log").lastElementChild.remove();
     emit("news", items);
   },
-  refused({ words }) {
-    notice(words, { bad: true });
-  },
+  refused: ({ words }) => notice(words, { bad: true }),
 };
-
-let followed = false;
-function followFirstLink() {
-  if (!followed && location.hash.length > 1) setTimeout(followLink, 300);
-  followed = true;
-}
 
 // A hidden page shows nothing, and one that already shows the same frame draws nothing.
 function frame(data) {
@@ -118,7 +110,6 @@ on("frame", (now) => {
 });
 
 const tabs = [...document.querySelectorAll("[role=tab]")];
-const narrow = matchMedia("(max-width: 820px)");
 
 function chooseTab(tab, open = true) {
   for (const one of tabs) {

@@ -9,17 +9,16 @@ import { MapPicture, boundsOf } from "./picture.js";
 import { count, emit, on, robotPose, shownFrame, shownScene, state } from "./state.js";
 import { View, setUpGestures } from "./view.js";
 
-const LAYERS = [
-  ["scores", "Scores as rings", true], ["plan", "Plan", true], ["trail", "Trail", true],
-  ["believed", "Believed pose", true], ["catch", "Catch radius", true], ["names", "Names", true],
-  ["lidar", "Lidar", false],
-];
+const LAYERS = Object.entries({
+  scores: "Scores as rings", plan: "Plan", trail: "Trail", believed: "Believed pose",
+  catch: "Catch radius", names: "Names", lidar: "Lidar",
+});
 const TRAIL_M = 0.04;
 const MOST_TRAIL = 3000;
 const NEAR_PX = 24;
 
 export const view = new View();
-export const layers = Object.fromEntries(LAYERS.map(([name, , shown]) => [name, shown]));
+export const layers = Object.fromEntries(LAYERS.map(([name]) => [name, name !== "lidar"]));
 export let cross = null; // the place chosen by keys
 
 const base = new Painter($("base"), view, { alpha: false });
@@ -58,7 +57,6 @@ export function cover(inset) {
 export function fit() {
   follow(false);
   view.fit();
-  redraw();
 }
 
 export function follow(on_) {
@@ -90,7 +88,7 @@ export function repaint() {
 }
 
 export async function showScene(scene) {
-  const map = scene?.map ?? null;
+  const { map } = scene;
   const sameMap = picture && picture.map.name === map?.name;
   let loaded = map?.url === picture?.map.url ? picture : null;
   if (map && !loaded) {
@@ -103,14 +101,12 @@ export async function showScene(scene) {
     if (shownScene() !== scene) return;
   }
   picture = loaded;
-  if (scene) {
-    const points = [...scene.pellets, ...(scene.home ? [scene.home] : [])];
-    if (picture) view.bounds = picture.bounds;
-    else if (points.length) view.bounds = boundsOf(points, 1);
-    if (!sameMap || view.fitted) {
-      view.fit();
-      if (view.following) follow(true);
-    }
+  const points = [...scene.pellets, ...(scene.home ? [scene.home] : [])];
+  if (picture) view.bounds = picture.bounds;
+  else if (points.length) view.bounds = boundsOf(points, 1);
+  if (!sameMap || view.fitted) {
+    view.fit();
+    if (view.following) follow(true);
   }
   trail = [];
   redraw();

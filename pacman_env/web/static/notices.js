@@ -8,14 +8,10 @@ const SHOWN_MS = 3500;
 export function notice(text, { bad = false, buttons = [], key = text, stays = false } = {}) {
   const place = $(bad ? "alerts" : "notices");
   [...place.children].find((other) => other.dataset.key === key)?.remove();
-  const element = make("div", { class: bad ? "notice bad" : "notice", data: { key } }, make("span", { text }));
+  const element = make("div", { class: bad ? "notice bad" : "notice", data: { key } }, make("span", { text }),
+    ...buttons.map(([label, onclick]) => button(label, { onclick })));
   const close = () => element.remove();
-  for (const [label, act] of buttons) {
-    element.append(button(label, { onclick: () => {
-      close();
-      act();
-    } }));
-  }
+  for (const one of element.querySelectorAll("button")) one.addEventListener("click", close);
   place.append(element);
   while (place.children.length > 3) place.firstElementChild.remove();
   if (!stays) setTimeout(close, SHOWN_MS + 60 * text.length);
@@ -28,8 +24,6 @@ export function question(text) {
   const dialog = $("ask");
   $("ask-words").textContent = text;
   dialog.returnValue = "";
-  $("ask-yes").onclick = () => dialog.close("yes");
-  $("ask-no").onclick = () => dialog.close("no");
   dialog.showModal();
   return new Promise((resolve) => {
     dialog.onclose = () => resolve(dialog.returnValue === "yes");

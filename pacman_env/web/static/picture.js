@@ -11,6 +11,18 @@ export function boundsOf(points, margin = 0) {
   return [Math.min(...xs) - margin, Math.min(...ys) - margin, Math.max(...xs) + margin, Math.max(...ys) + margin];
 }
 
+// A canvas with an image of this size, after a change of each pixel: of the four numbers of `data` from number k on.
+function redrawn(image, width, height, change) {
+  const canvas = make("canvas", { width, height });
+  const context = canvas.getContext("2d", { willReadFrequently: true });
+  context.imageSmoothingQuality = "high";
+  context.drawImage(image, 0, 0, width, height);
+  const pixels = context.getImageData(0, 0, width, height);
+  for (let k = 0; k < pixels.data.length; k += 4) change(pixels.data, k);
+  context.putImageData(pixels, 0, 0);
+  return canvas;
+}
+
 export class MapPicture {
   #cells; // red: wall, green: known
 
@@ -18,23 +30,17 @@ export class MapPicture {
     const { width, height } = image;
     this.map = map;
     this.zoom = Math.max(1, Math.min(5, Math.floor(Math.sqrt(MOST_PIXELS / (width * height))))); // pixels a cell
-    this.#cells = make("canvas", { width, height });
-    const context = this.#cells.getContext("2d", { willReadFrequently: true });
-    context.drawImage(image, 0, 0);
-    const pixels = context.getImageData(0, 0, width, height);
     let [left, top, right, bottom] = [width, height, 0, 0]; // of the known part
-    for (let k = 0; k < width * height; k++) {
-      const grey = (pixels.data[4 * k] + pixels.data[4 * k + 1] + pixels.data[4 * k + 2]) / 3;
+    this.#cells = redrawn(image, width, height, (data, k) => {
+      const grey = (data[k] + data[k + 1] + data[k + 2]) / 3;
       const wall = grey < 100;
       const known = wall || grey > 225;
-      pixels.data.set([wall ? 255 : 0, known ? 255 : 0, 0, 255], 4 * k);
-      if (known) {
-        const [x, y] = [k % width, Math.floor(k / width)];
-        [left, right] = [Math.min(left, x), Math.max(right, x + 1)];
-        [top, bottom] = [Math.min(top, y), Math.max(bottom, y + 1)];
-      }
-    }
-    context.putImageData(pixels, 0, 0);
+      data.set([wall ? 255 : 0, known ? 255 : 0, 0, 255], k);
+      if (!known) return;
+      const [x, y] = [(k / 4) % width, Math.floor(k / 4 / width)];
+      [left, right] = [Math.min(left, x), Math.max(right, x + 1)];
+      [top, bottom] = [Math.min(top, y), Math.max(bottom, y + 1)];
+    });
     if (right === 0) [left, top, right, bottom] = [0, 0, width, height];
     const corners = [[left, top], [right, top], [left, bottom], [right, bottom]];
     this.bounds = boundsOf(corners.map((cell) => this.#toWorld(cell)));
@@ -55,19 +61,12 @@ export class MapPicture {
   }
 
   paint({ floor, wall }) {
-    const canvas = make("canvas", { width: this.#cells.width * this.zoom, height: this.#cells.height * this.zoom });
-    const context = canvas.getContext("2d", { willReadFrequently: true });
-    context.imageSmoothingQuality = "high";
-    context.drawImage(this.#cells, 0, 0, canvas.width, canvas.height);
-    const pixels = context.getImageData(0, 0, canvas.width, canvas.height);
-    const { data } = pixels;
+    const { width, height } = this.#cells;
     const sharpened = (value) => Math.min(1, Math.max(0, (value - 85) / 90)); // how soft an edge is
-    for (let k = 0; k < data.length; k += 4) {
+    this.drawn = redrawn(this.#cells, width * this.zoom, height * this.zoom, (data, k) => {
       const [walled, known] = [sharpened(data[k]), sharpened(data[k + 1])];
       for (let c = 0; c < 3; c++) data[k + c] = floor[c] + (wall[c] - floor[c]) * walled;
       data[k + 3] = 255 * known;
-    }
-    context.putImageData(pixels, 0, 0);
-    this.drawn = canvas;
+    });
   }
 }

@@ -17,7 +17,6 @@ const FORWARD_LEFT = { // of a key, as the joystick has them
   ArrowUp: [1, 0], KeyW: [1, 0], ArrowDown: [-1, 0], KeyS: [-1, 0],
   ArrowLeft: [0, 1], KeyA: [0, 1], ArrowRight: [0, -1], KeyD: [0, -1],
 };
-const ARROWS = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowLeft: [-1, 0], ArrowRight: [1, 0] };
 
 const NEAR_PX = 24; // of the robot, which a ghost follows then
 const goTo = (place) => request({ do: "goal", ...place });
@@ -153,11 +152,11 @@ addEventListener("keydown", (event) => {
   } else if (state.role === "robot" && /^Digit[1-9]$/.test(code)) {
     const pellet = nearestPellets()[Number(code.at(-1)) - 1];
     if (pellet) goTo({ candidate: pellet.candidate });
-  } else if (target === $("top") && ARROWS[key]) {
+  } else if (target === $("top") && key.startsWith("Arrow")) {
     event.preventDefault();
-    const [dx, dy] = ARROWS[key];
-    if (pointing) map.moveCross(STEP_M * dx, STEP_M * dy);
-    else map.pan(-PAN_PX * dx, PAN_PX * dy);
+    const [up, left] = FORWARD_LEFT[key];
+    if (pointing) map.moveCross(-STEP_M * left, STEP_M * up);
+    else map.pan(PAN_PX * left, PAN_PX * up);
   } else if (target === $("top") && key === "Enter" && pointing && map.cross) {
     chooseOnMap({ world: map.cross, candidate: -1 });
     map.hideCross();

@@ -122,11 +122,10 @@ $("setup").onsubmit = (event) => {
   apply(true);
 };
 $("setup-only").onclick = () => apply(false);
-$("setup").onchange = ({ target }) => {
+$("setup").oninput = ({ target }) => {
   edited.add(target.id);
-  if (target === field("map")) showLevel();
+  showLevel();
 };
-field("seed").oninput = () => edited.add("setup-seed");
 $("setup-dice").onclick = () => {
   field("seed").value = String(crypto.getRandomValues(new Uint32Array(1))[0]);
   edited.add("setup-seed");

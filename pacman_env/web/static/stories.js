@@ -24,19 +24,19 @@ let explainTimer = 0;
 
 const resultName = (result) => state.hello.results[result] ?? result;
 
-async function load() {
+// Lists the rounds anew. Returns the entry of the one with this number.
+async function load(number) {
   const { ok, data } = await ask({ do: "stories" });
   if (ok) entries = data ?? [];
   showList();
+  return entries.find(({ story }) => story === number);
 }
 
 on("scene", (scene) => scenes.set(scene.revision, scene));
-on("hello", load);
+on("hello", () => load());
 on("news", async (items) => {
   const ended = items.filter((item) => item.story).at(-1)?.story;
-  if (!ended) return;
-  await load();
-  const entry = entries.find(({ story }) => story === ended);
+  const entry = ended && await load(ended);
   if (!entry) return;
   showResult(entry);
   compareWithPolicy(entry);
@@ -68,8 +68,7 @@ function sceneOf(entry) {
 }
 
 async function open(number, tick = 0) {
-  if (!entries.some(({ story }) => story === number)) await load();
-  const entry = entries.find(({ story }) => story === number);
+  const entry = entries.find(({ story }) => story === number) ?? await load(number);
   const scene = entry ? sceneOf(entry) : null;
   if (!scene) {
     notice(entry ? `That round was on another map, ${entry.map}. Choose it in the tab Game first.`

@@ -66,7 +66,7 @@ export function setUpGestures(canvas, view, { changed, tapped, hovered, panned }
   let begun = null;
   const place = ({ offsetX, offsetY }) => [offsetX, offsetY];
   const spread = () => {
-    const [a, b] = [...pointers.values()];
+    const [a, b = a] = [...pointers.values()];
     return { length: Math.hypot(a[0] - b[0], a[1] - b[1]), middle: [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2] };
   };
   canvas.addEventListener("pointerdown", (event) => {
@@ -77,25 +77,19 @@ export function setUpGestures(canvas, view, { changed, tapped, hovered, panned }
   });
   canvas.addEventListener("pointermove", (event) => {
     const now = place(event);
-    const before = pointers.get(event.pointerId);
-    if (!before) {
+    if (!pointers.has(event.pointerId)) {
       hovered(now);
       return;
     }
     if (begun && Math.hypot(now[0] - begun.at[0], now[1] - begun.at[1]) < TAP_PX) return;
     if (begun) canvas.classList.add("grabbed");
     begun = null;
-    if (pointers.size === 1) {
-      view.pan(now[0] - before[0], now[1] - before[1]);
-      pointers.set(event.pointerId, now);
-      panned();
-    } else if (pointers.size === 2) {
-      const old = spread();
-      pointers.set(event.pointerId, now);
-      const { length, middle } = spread();
-      view.pan(middle[0] - old.middle[0], middle[1] - old.middle[1]);
-      if (old.length > 0) view.zoom(length / old.length, ...middle);
-    }
+    const old = spread();
+    pointers.set(event.pointerId, now);
+    const { length, middle } = spread();
+    view.pan(middle[0] - old.middle[0], middle[1] - old.middle[1]);
+    if (old.length > 0) view.zoom(length / old.length, ...middle);
+    if (pointers.size === 1) panned();
     changed();
   });
   const ended = (event) => {

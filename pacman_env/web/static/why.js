@@ -91,20 +91,18 @@ const pointAt = (candidate) => emit("candidate", (state.candidate = candidate));
 function show() {
   if (!visible()) return;
   const { why } = state;
+  const hint = why ? "Nothing could be chosen at this moment." : "Start a round: each decision is shown here.";
   $("why-scroll").hidden = !why?.rows?.length;
-  if (!why?.rows?.length) {
-    $("why-table").replaceChildren();
-    const hint = why ? "Nothing could be chosen at this moment." : "Start a round: each decision is shown here.";
-    write($("why-words"), hint);
-    write($("why-same"), "");
-    showCandidate();
-    return;
-  }
-  const { policies, rows, chosen } = why;
+  if (why?.rows?.length) showTable(why);
+  else for (const [id, text] of [["table", ""], ["words", hint], ["same", ""]]) write($(`why-${id}`), text);
+  showCandidate();
+}
+
+function showTable({ policies, rows, chosen, time_s: time }) {
   const disagree = policies.length > 1 && chosen[policies[0]] !== chosen[policies[1]];
   $("why-words").replaceChildren(
     disagree ? make("span", { class: "disagreement", text: "The policies disagree. " }) : "",
-    `At ${why.time_s.toFixed(1)} s. ` + policies.map((policy) => `${policy}: ${nameOf(chosen[policy])}.`).join(" "),
+    `At ${time.toFixed(1)} s. ` + policies.map((policy) => `${policy}: ${nameOf(chosen[policy])}.`).join(" "),
   );
   const summaries = policies.map((policy) => summarise(rows, policy, $("why-full").checked));
   const active = document.activeElement?.closest?.("#why-table tr")?.dataset.candidate;
@@ -116,7 +114,6 @@ function show() {
   const equal = summaries.filter((summary) => summary.equal.length)
     .map((summary) => `${summary.policy}: ${summary.equal.join(", ")}.`);
   write($("why-same"), equal.length ? `Equal for all candidates. ${equal.join(" ")}` : "");
-  showCandidate();
 }
 
 // All terms of the candidate pointed at, or else of the first policy's choice.
