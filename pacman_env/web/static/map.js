@@ -15,7 +15,7 @@ const LAYERS = Object.entries({
 });
 const TRAIL_M = 0.04;
 const MOST_TRAIL = 3000;
-const NEAR_PX = 24;
+export const NEAR_PX = 24; // between a click and what it means
 
 export const view = new View();
 export const layers = Object.fromEntries(LAYERS.map(([name]) => [name, name !== "lidar"]));

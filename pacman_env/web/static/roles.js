@@ -18,7 +18,6 @@ const FORWARD_LEFT = { // of a key, as the joystick has them
   ArrowLeft: [0, 1], KeyA: [0, 1], ArrowRight: [0, -1], KeyD: [0, -1],
 };
 
-const NEAR_PX = 24; // of the robot, which a ghost follows then
 const goTo = (place) => request({ do: "goal", ...place });
 
 function chooseOnMap({ world, candidate }) {
@@ -34,7 +33,7 @@ on("tap", chooseOnMap);
 
 function isRobot([x, y]) {
   const pose = robotPose(state.frame);
-  return pose && Math.hypot(pose[0] - x, pose[1] - y) * map.view.scale < NEAR_PX;
+  return pose && Math.hypot(pose[0] - x, pose[1] - y) * map.view.scale < map.NEAR_PX;
 }
 
 async function chooseRole(role) {
@@ -99,13 +98,12 @@ on("frame placing story role", showMode);
 // Compares a round that a person has played with the policy's.
 export function compareWithPolicy(entry) {
   if (entry.player !== "person" || !entry.second) return;
-  const rank = ({ result, collected, time_s: time }) =>
-    result === "complete" ? [1, collected, -time] : [0, collected, 0];
+  // A complete round is better than any other, and the faster the better.
+  const rank = ({ result, collected, time_s: time }) => (result === "complete" ? 1e6 - time : collected);
   const score = ({ collected, result, time_s: time }) => `${collected} (${result}, ${time.toFixed(1)} s)`;
   const policy = entry.policies?.[0] ?? "the policy";
-  const [yours, other] = [rank(entry), rank(entry.second)];
-  const k = yours.findIndex((value, at) => value !== other[at]);
-  const better = k < 0 ? "It is a draw" : yours[k] > other[k] ? "You were better" : `${policy} was better`;
+  const lead = rank(entry) - rank(entry.second);
+  const better = !lead ? "It is a draw" : lead > 0 ? "You were better" : `${policy} was better`;
   const text = `${better}: you ${score(entry)}, ${policy} ${score(entry.second)}.`;
   write($("duel-words"), text);
   notice(text, { key: "duel" });
