@@ -28,6 +28,7 @@ from pacman_env.ros.supervisor.game_nodes import REFEREE, SELECTOR, GameSetup
 
 NAMESPACE = "/robot_15"
 T = TypeVar("T")
+S = TypeVar("S", bound="Session")
 
 
 @dataclass(frozen=True)
@@ -170,6 +171,11 @@ class Session:
         """As ``last``, be it forgotten or not."""
         return self._latest.get(topic.name)
 
+    def value(self, topic: topics.Topic) -> Any:
+        """As ``latest``, the ``data`` alone."""
+        message = self.latest(topic)
+        return None if message is None else message.data
+
     def errors(self) -> list[str]:
         """What nodes have logged as errors since the session began."""
         with self._log.handle:
@@ -256,8 +262,9 @@ def game(
     seed: int = 0,
     alone: bool = True,
     kind: type[LockStepGame] = LockStepGame,
+    session: type[S] = Session,  # type: ignore[assignment]
     **fields: Any,
-) -> Iterator[Session]:
+) -> Iterator[S]:
     """A session of a whole game.
 
     Args:
@@ -267,6 +274,7 @@ def game(
         seed: of everything that is drawn.
         alone: no node of another process or context can meet those of the game.
         kind: of the game.
+        session: class of the session.
         fields: of ``GameSetup``.
     """
     gc.collect()  # a node of an earlier session that is collected later takes the log of its name with it
@@ -276,6 +284,6 @@ def game(
     setup = GameSetup(str(map), policy, NAMESPACE, sim=True, extra=extra, **fields)
     whole = kind(setup, seed, alone=alone)
     try:
-        yield Session(whole, folder)
+        yield session(whole, folder)
     finally:
         whole.close()

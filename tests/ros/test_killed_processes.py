@@ -1,7 +1,8 @@
-"""Nodes in processes of their own, killed with SIGKILL or stopped with SIGSTOP, find one another again.
+"""Nodes in processes of their own that are killed with SIGKILL find one another again.
 
 One system of real processes, ten times real time, on a part of a map; the middleware takes a process for gone
-after 5 s. What each node does after its return is in ``test_killed_nodes.py`` and ``test_frozen_nodes.py``.
+after 5 s. What each node does after its return is in ``test_killed_nodes.py``, that a process ends after a long
+standstill in ``test_node.py``.
 """
 
 from __future__ import annotations
@@ -106,27 +107,6 @@ class Game(GameProcesses):
         self.ask_for_start()
         return int(self.wait(lambda: self.value(SPAWNED), "the pellets"))
 
-    def removed(self) -> set[int]:
-        """Pellets that the planner has had removed."""
-        return set(self.probe.values(topics.REMOVE_PELLET))
-
-    @contextmanager
-    def frozen(self, name: str) -> Iterator[None]:
-        """That process stands still meanwhile, until the others take it for gone; then it ends, to be started again.
-
-        Two participants that have taken one another for gone are not always brought together again by Fast DDS.
-        """
-        process = self.processes[name]
-        os.kill(process.popen.pid, signal.SIGSTOP)
-        try:
-            yield
-            self.wait(lambda: name not in self.probe.node.get_node_names(), f"{name} to be taken for gone")
-        finally:
-            os.kill(process.popen.pid, signal.SIGCONT)
-        assert process.popen.wait(LIMIT_S) == STOOD_STILL
-        self.system.processes.remove(process)
-        self.start(name)
-
     def to_the_end(self, score: int) -> None:
         """The round is completed; every pellet of it counts."""
         result = f"Complete - Score: {score}"  # the result of the round before may still be on its way
@@ -164,12 +144,3 @@ def test_round_with_killed_nodes_has_right_score(game: Game) -> None:
     game.to_the_end(spawned)
     assert {value for value in game.probe.values(SPAWNED) if value} == {spawned}
     assert "Traceback" not in game.system.outputs()
-
-
-def test_absent_referee_counts_all_later(game: Game) -> None:
-    spawned = game.begin()
-    game.wait(lambda: game.value(COLLECTED), "a pellet")
-    with game.frozen("game_controller"):
-        game.wait(lambda: len(game.removed()) >= spawned - 1, "all but one or none")
-    game.to_the_end(spawned)
-    assert {value for value in game.probe.values(SPAWNED) if value} == {spawned}
