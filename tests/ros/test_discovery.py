@@ -5,10 +5,10 @@ from __future__ import annotations
 import contextlib
 import os
 import re
+import shutil
 import subprocess
 import sys
-import textwrap
-import time
+from collections.abc import Iterator
 from pathlib import Path
 from unittest import mock
 from xml.etree import ElementTree
@@ -28,8 +28,8 @@ from pacman_env.ros.discovery import (
     users_environment,
 )
 from pacman_env.ros.node import LAST_MESSAGES_S
-from tests.ros.network import on_the_network, two_machines, why_not
 from tests.ros.system import Probe, System
+from tests.waiting import wait_for
 
 SIM_ROBOT = "pacman_env.ros.simulated_robot.sim_robot"
 LIGHTS = "pacman_env.ros.nodes.game_light_node"
@@ -54,32 +54,25 @@ def test_local_process_has_no_way_to_others() -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "asks"),
+    ("words", "value", "asks"),
     [
-        ("-p use_sim_time:=true", True),
-        ("-p use_sim_time:=false", False),
-        ("-p use_sim_time:=Y", True),
-        ("--param sim_robot:use_sim_time:=True", True),
-        ("-p speed:=4.0 -r __ns:=/use_sim_time", False),
-        ("--params-file {file}", True),
-        ("--params-file {file} -p use_sim_time:=false", False),
-        ("--params-file {file}.none", False),
-        ("-p", False),
+        ("-p use_sim_time:=true", "", True),
+        ("-p use_sim_time:=false", "", False),
+        ("-p use_sim_time:=Y", "", True),
+        ("--param sim_robot:use_sim_time:=True", "", True),
+        ("-p speed:=4.0 -r __ns:=/use_sim_time", "", False),
+        ("--params-file {file}", " true", True),
+        ("--params-file {file} -p use_sim_time:=false", " true", False),
+        ("--params-file {file}.none", "", False),
+        ("-p", "", False),
+        *(("--params-file {file}", value, True) for value in ("\ttrue", " y", " On")),
+        *(("--params-file {file}", value, False) for value in (" off", " no")),
     ],
 )
-def test_arguments_tell_simulated_time(words: str, asks: bool, tmp_path: Path) -> None:
+def test_arguments_tell_simulated_time_as_ros_does(words: str, value: str, asks: bool, tmp_path: Path) -> None:
     file = tmp_path / "launch_params"
-    file.write_text("/robot_15/sim_robot:\n  ros__parameters:\n    use_sim_time: true\n")
+    file.write_text(f"/robot_15/sim_robot:\n  ros__parameters:\n    use_sim_time:{value}\n")
     assert simulated(["--ros-args", *words.format(file=file).split()]) is asks
-
-
-@pytest.mark.parametrize(
-    ("value", "asks"), [("\ttrue", True), (" y", True), (" On", True), (" off", False), (" no", False)]
-)
-def test_file_tells_simulated_time_as_ros_does(value: str, asks: bool, tmp_path: Path) -> None:
-    file = tmp_path / "params.yaml"
-    file.write_text(f"sim_robot:\n  ros__parameters:\n    use_sim_time:{value}\n")
-    assert simulated(["--ros-args", "--params-file", str(file)]) is asks
 
 
 ROS_PROFILE, OTHER_PROFILE = PROFILES
@@ -207,58 +200,74 @@ def test_second_clock_in_domain_is_refused(probe: Probe, system: System) -> None
     assert first.popen.poll() is None
 
 
+# Two machines on one cable, as far as the network goes: namespaces of this machine's own kernel
+
+#: Prints the nodes seen until there are so many, and those that come in some seconds more.
 LISTENER = """
 import sys, time
 import rclpy
-from rclpy.node import Node
 rclpy.init()
-node = Node("listener", namespace="/robot_15")
-
-def listen(seconds, enough):
-    seen, end = set(), time.monotonic() + seconds
+node = rclpy.create_node("listener", namespace="/robot_15")
+limit_s, number, longer_s = map(float, sys.argv[1:])
+seen = set()
+for seconds, enough in ((limit_s, number), (longer_s, 1000)):
+    end = time.monotonic() + seconds
     while len(seen) < enough and time.monotonic() < end:
         rclpy.spin_once(node, timeout_sec=0.1)
         seen |= {name for name in node.get_node_names() if name != "listener" and not name.startswith("_NODE_")}
-    return seen
-
-limit_s, number, longer_s = map(float, sys.argv[1:])
-seen = listen(limit_s, number)
-seen |= listen(longer_s, 1000)  # what else there is would be seen in that time
 print(*sorted(seen))
 """
 
 
-@pytest.mark.skipif(bool(why_not()) and not os.environ.get("CI"), reason=f"no network namespaces: {why_not()}")
-def test_simulated_game_is_not_seen_on_network(domain: int, tmp_path: Path) -> None:
-    listen = [sys.executable, "-c", textwrap.dedent(LISTENER)]
-    nodes = {
-        "sim_robot": (SIM_ROBOT, "map_yaml:=house", "use_sim_time:=true"),
-        "game_light_node": (LIGHTS, "use_sim_time:=true"),
-        "game_event_mapper": ("pacman_env.ros.nodes.game_event_mapper", "use_sim_time:=false"),
-    }
-    with two_machines() as (here, there):
+def no_namespaces() -> str:
+    """Why there can be no network namespaces here; empty: there can."""
+    if shutil.which("ip") is None:
+        return "no command ip (Debian's package iproute2)"
+    tried = subprocess.run(["unshare", "-n", "true"], check=False, capture_output=True, text=True)
+    return tried.stderr.strip() if tried.returncode else ""
 
-        def inside(machine: str, command: list[str]) -> list[str]:
-            return ["ip", "netns", "exec", machine, *command]
 
-        started = []
-        for name, (module, *parameters) in nodes.items():
-            words = [word for parameter in parameters for word in ("-p", parameter)]
-            command = [sys.executable, "-m", module, "--ros-args", "-r", "__ns:=/robot_15", *words]
-            with (tmp_path / name).open("wb") as log:
-                run = subprocess.Popen(inside(here, command), env=on_the_network(), stdout=log, stderr=log)
-            started.append(run)
-        try:
-            local = on_the_network()
-            seen = subprocess.check_output(inside(here, [*listen, str(START_S), "3", "0"]), env=local, text=True)
-            assert seen.split() == sorted(nodes)  # all are up, and seen on their own machine
-            end = time.monotonic() + START_S
-            seen = ""
-            while "game_event_mapper" not in seen and time.monotonic() < end:  # the one that plays with a real robot
-                seen = subprocess.check_output(inside(there, [*listen, "20", "1", "4"]), env=local, text=True)
-            assert seen.split() == ["game_event_mapper"]
-        finally:
-            for run in started:
-                run.terminate()
-            for run in started:
-                run.wait(START_S)
+@pytest.fixture
+def machines(domain: int) -> Iterator[tuple[list[str], list[str]]]:
+    """How commands begin that run on one machine or the other."""
+
+    def ip(words: str, check: bool = True) -> None:
+        subprocess.run(["ip", *words.split()], check=check, capture_output=True)
+
+    here, there = f"pacman{domain}a", f"pacman{domain}b"
+    try:
+        ip(f"netns add {here}")
+        ip(f"netns add {there}")
+        ip(f"link add cable netns {here} type veth peer name cable netns {there}")
+        for last, name in enumerate((here, there), 1):
+            ip(f"-n {name} addr add 10.77.0.{last}/24 dev cable")
+            ip(f"-n {name} link set lo up")
+            ip(f"-n {name} link set cable up")
+            ip(f"-n {name} route add 224.0.0.0/4 dev cable")
+        yield ["ip", "netns", "exec", here], ["ip", "netns", "exec", there]
+    finally:
+        for name in (here, there):
+            ip(f"netns delete {name}", check=False)
+
+
+@pytest.mark.skipif(bool(no_namespaces()) and not os.environ.get("CI"), reason=f"no networks: {no_namespaces()}")
+def test_simulated_game_is_not_seen_on_network(
+    machines: tuple[list[str], list[str]], system: System, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE")
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
+    monkeypatch.setenv(TRANSPORTS, "UDPv4")  # shared memory is this machine's, and would go around the cable
+    here, there = machines
+    nodes = {SIM_ROBOT: ["-p", "map_yaml:=house", "-p", "use_sim_time:=true"], LIGHTS: ["-p", "use_sim_time:=true"]}
+    nodes["pacman_env.ros.nodes.game_event_mapper"] = []  # plays with a real robot
+    names = sorted(module.rpartition(".")[2] for module in nodes)
+    for module, words in nodes.items():
+        command = [sys.executable, "-m", module, "--ros-args", "-r", "__ns:=/robot_15", *words]
+        system.run(module.rpartition(".")[2], [*here, *command])
+
+    def seen(machine: list[str], *numbers: float) -> list[str]:
+        command = [*machine, sys.executable, "-c", LISTENER, *map(str, numbers)]
+        return subprocess.check_output(command, text=True).split()
+
+    assert seen(here, START_S, 3, 0) == names  # all are up, and seen on their own machine
+    assert wait_for(lambda: seen(there, 20, 1, 4), "the node that plays with a real robot") == ["game_event_mapper"]
