@@ -241,15 +241,21 @@ class Session:
 
 
 @contextmanager
-def nodes(folder: Path, seed: int = 0, gives_time: bool = True, alone: bool = True) -> Iterator[Session]:
+def nodes(
+    folder: Path,
+    seed: int = 0,
+    gives_time: bool = True,
+    alone: bool = True,
+    session: type[S] = Session,  # type: ignore[assignment]
+) -> Iterator[S]:
     """A session with the observer alone and, unless a simulated robot is to do so, a node that gives the time."""
     game = LockStep(seed, alone=alone)
     try:
         if gives_time:
             game.add(TimeNode, ["--ros-args", "-r", f"__ns:={NAMESPACE}"])
-        session = Session(game, folder)
-        session.advance(0.05)
-        yield session
+        made = session(game, folder)
+        made.advance(0.05)
+        yield made
     finally:
         game.close()
 

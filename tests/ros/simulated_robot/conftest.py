@@ -10,16 +10,23 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from tests.ros.simulated import Robot
+    from tests.ros.simulated_robot.driven import Robot
 
 
 @pytest.fixture
 def make_robot(domain: int, tmp_path: Path) -> Iterator[Callable[..., Robot]]:
-    """Makes the node in the two rooms, in lock-step, with the parameters given."""
-    from tests.ros import simulated
+    """Makes the node in the two rooms, in lock-step, with the parameters given; it gives the time."""
+    from tests.ros import session
+    from tests.ros.simulated_robot.driven import Robot
 
     with ExitStack() as stack:
-        yield lambda **parameters: stack.enter_context(simulated.robot(tmp_path, **parameters))
+
+        def make(**parameters: object) -> Robot:
+            robot = stack.enter_context(session.nodes(tmp_path, gives_time=False, session=Robot))
+            robot.begin(**parameters)
+            return robot
+
+        yield make
 
 
 @pytest.fixture

@@ -11,10 +11,10 @@ import pytest
 from irobot_create_msgs import msg as irobot
 
 from pacman_env.ros import topics
-from pacman_env.ros.messages import pose_of, seconds_of, twist_message
+from pacman_env.ros.messages import pose_of, seconds_of
 from pacman_env.ros.simulated_robot.sim_robot import FAULT, FAULTS_NOW
 from pacman_env.world.navigation.localization import relative
-from tests.ros.simulated import ABORTED, SUCCEEDED, Goal, Robot
+from tests.ros.simulated_robot.driven import ABORTED, SUCCEEDED, Robot
 
 BASE = {"navigation": False, "localization": False}
 EXACT = [
@@ -24,82 +24,51 @@ EXACT = [
 Make = Callable[..., Robot]
 
 
-class Driven:
-    """A base alone, and a test that drives it."""
-
-    def __init__(self, robot: Robot) -> None:
-        self.robot, self.nodes = robot, robot.nodes
-        self.nodes.record(topics.SIMULATED_POSE, topics.DOCK_STATUS, topics.BATTERY_STATE, topics.HAZARD_DETECTION)
-        self.nodes.record(topics.SCAN)
-
-    def drive(self, v: float, omega: float, seconds: float) -> None:
-        """Commands at 10 Hz, as a controller sends them."""
-        for _ in range(round(10 * seconds)):
-            self.nodes.publish(topics.CMD_VEL, twist_message(v, omega, self.nodes.stamp()))
-            self.nodes.advance(0.1)
-
-    def truth(self) -> tuple[float, float, float]:
-        self.nodes.advance(0.1)
-        return pose_of(self.nodes.last(topics.SIMULATED_POSE))
-
-    def error(self) -> tuple[float, float, float]:
-        """Of the odometry: the true pose as seen from where the odometry has the robot."""
-        true = pose_of(self.nodes.last(topics.SIMULATED_POSE))
-        stamp = self.nodes.last(topics.SIMULATED_POSE).header.stamp
-        odometry = next(m for m in reversed(self.nodes.messages(topics.ODOMETRY)) if m.header.stamp == stamp)
-        return relative(pose_of(odometry, "odom"), true)
-
-    def act(self, action: topics.RosAction) -> Goal:
-        return Goal(self.nodes, action.client(self.nodes.observer), action.type.Goal())
-
-    def hazards(self) -> set[tuple[str, int]]:
-        lists = self.nodes.messages(topics.HAZARD_DETECTION)
-        return {(one.header.frame_id, one.type) for message in lists for one in message.detections}
-
-
 @pytest.fixture
-def base(make_robot: Make) -> Driven:
-    return Driven(make_robot(**BASE, settings=EXACT))
+def base(make_robot: Make) -> Robot:
+    return make_robot(**BASE, settings=EXACT)
 
 
 def test_base_alone_has_no_nav2_and_no_amcl(make_robot: Make) -> None:
     robot = make_robot(**BASE, map_out=False)
-    robot.nodes.record(topics.MAP)
-    robot.nodes.advance(2.0)
+    robot.record(topics.MAP)
+    robot.advance(2.0)
     assert not robot.client.server_is_ready()
-    observer = robot.nodes.observer
+    observer = robot.observer
     for topic in (topics.AMCL_POSE, topics.MAP):
         assert observer.count_publishers(topic.name) == 0
     for topic in (topics.INITIAL_POSE, topics.CLYDE_OBSTACLE, topics.CLYDE_POSE):
         assert observer.count_subscribers(topic.name) == 0
     services = dict(observer.get_service_names_and_types())
     assert not [name for name in services if topics.CLEAR_GLOBAL_COSTMAP.name in name]
-    children = {t.child_frame_id for m in robot.nodes.messages(topics.TF) for t in m.transforms}
+    children = {t.child_frame_id for m in robot.messages(topics.TF) for t in m.transforms}
     assert children == {"base_link"}
 
 
 @pytest.mark.parametrize(("asked_hz", "hz"), [(0, 50), (20, 20), (100, 100)])
 def test_odometry_comes_at_requested_rate(make_robot: Make, asked_hz: int, hz: int) -> None:
     robot = make_robot(**BASE, odometry_hz=asked_hz)
-    robot.nodes.record(topics.CLOCK)
-    robot.nodes.forget()
-    robot.nodes.advance(2.0)
+    robot.record(topics.CLOCK)
+    robot.forget()
+    robot.advance(2.0)
     for topic in (topics.CLOCK, topics.ODOMETRY, topics.TF):
-        assert len(robot.nodes.messages(topic)) == 2 * hz
-    stamps = [seconds_of(message.header.stamp) for message in robot.nodes.messages(topics.ODOMETRY)]
+        assert len(robot.messages(topic)) == 2 * hz
+    stamps = [seconds_of(message.header.stamp) for message in robot.messages(topics.ODOMETRY)]
     assert np.diff(stamps) == pytest.approx(1.0 / hz)
 
 
 @pytest.mark.daily
 def test_odometry_drifts_by_its_errors_and_seed(make_robot: Make) -> None:
     def drift(seed: int, settings: list[str]) -> tuple[float, float, float]:
-        driven = Driven(make_robot(**BASE, seed=seed, settings=settings))
+        """The true pose as seen from where the odometry has the robot."""
+        driven = make_robot(**BASE, seed=seed, settings=settings)
         for _ in range(6):
             driven.drive(0.25, 0.0, 4.0)
             driven.drive(0.0, 1.5, 2.1)
-        found = driven.error()
-        driven.nodes.stop("sim_robot")
-        return found
+        stamp = driven.last(topics.SIMULATED_POSE).header.stamp
+        odometry = next(m for m in reversed(driven.messages(topics.ODOMETRY)) if m.header.stamp == stamp)
+        driven.stop("sim_robot")
+        return relative(pose_of(odometry, "odom"), pose_of(driven.last(topics.SIMULATED_POSE)))
 
     assert drift(1, EXACT) == pytest.approx((0.0, 0.0, 0.0), abs=1e-4)
     one, same, other = (drift(seed, ["robot.wheel_slip=0.02"]) for seed in (1, 1, 2))
@@ -109,29 +78,30 @@ def test_odometry_drifts_by_its_errors_and_seed(make_robot: Make) -> None:
         assert 0.005 < abs(heading) < 0.8
 
 
-def test_bumper_and_backup_limit_are_hazards(base: Driven) -> None:
+def test_bumper_and_backup_limit_are_hazards(base: Robot) -> None:
     base.drive(-0.2, 0.0, 0.5)
     assert base.hazards() == {("base_link", irobot.HazardDetection.BACKUP_LIMIT)}
-    base.nodes.advance(1.0)
-    base.nodes.forget()
+    base.advance(1.0)
+    base.forget()
     base.drive(0.0, 1.5, math.pi / 2 / 1.5)
     base.drive(0.3, 0.0, 3.0)
     assert base.hazards() == set()
     base.drive(0.3, 0.0, 4.0)
     assert base.hazards() == {("bump_front_center", irobot.HazardDetection.BUMP)}
-    base.nodes.forget()
+    base.forget()
     base.drive(0.0, 1.5, math.radians(25.0) / 1.5)
-    base.nodes.forget()
+    base.forget()
     base.drive(0.3, 0.0, 0.5)
     assert base.hazards() == {("bump_front_right", irobot.HazardDetection.BUMP)}
 
 
 def test_docked_robot_undocks_and_docks_again(make_robot: Make, log: Callable[[], str]) -> None:
-    base = Driven(make_robot(**BASE, settings=EXACT, dock="home"))
-    base.nodes.advance(2.0)
-    status = base.nodes.last(topics.DOCK_STATUS)
+    base = make_robot(**BASE, settings=EXACT, dock="home")
+    base.forget(topics.SCAN)
+    base.advance(2.0)
+    status = base.last(topics.DOCK_STATUS)
     assert (status.is_docked, status.dock_visible) == (True, True)
-    assert base.nodes.messages(topics.SCAN) == []  # its lidar stands still
+    assert base.messages(topics.SCAN) == []  # its lidar stands still
     base.drive(0.3, 0.0, 1.0)
     assert base.truth() == (0.0, 0.0, 0.0)
     assert not base.act(topics.DOCK).accepted
@@ -141,10 +111,10 @@ def test_docked_robot_undocks_and_docks_again(make_robot: Make, log: Callable[[]
     status, result = undock.end(30.0)
     assert (status, result.is_docked) == (SUCCEEDED, False)
     assert relative((-0.4, 0.0, math.pi), base.truth()) == pytest.approx((0.0, 0.0, 0.0), abs=0.06)
-    base.nodes.advance(1.0)
-    status = base.nodes.last(topics.DOCK_STATUS)
+    base.advance(1.0)
+    status = base.last(topics.DOCK_STATUS)
     assert (status.is_docked, status.dock_visible) == (False, False)  # it faces away
-    assert base.nodes.messages(topics.SCAN)
+    assert base.messages(topics.SCAN)
     assert not base.act(topics.DOCK).accepted
     base.drive(0.0, 1.5, 2.1)
     status, result = base.act(topics.DOCK).end(31.0)
@@ -153,66 +123,68 @@ def test_docked_robot_undocks_and_docks_again(make_robot: Make, log: Callable[[]
 
 
 def test_slow_docking_is_aborted_and_docking_cancelled(make_robot: Make) -> None:
-    base = Driven(make_robot(**BASE, settings=EXACT, dock="home", fault="wheels_slip 60"))
+    base = make_robot(**BASE, settings=EXACT, dock="home", fault="wheels_slip 60")
     assert base.act(topics.UNDOCK).end(31.0)[0] == ABORTED
-    base.nodes.kill("sim_robot")
-    again = Driven(make_robot(**BASE, settings=EXACT, dock="home"))
+    base.kill("sim_robot")
+    again = make_robot(**BASE, settings=EXACT, dock="home")
     goal = again.act(topics.UNDOCK)
     assert goal.accepted
-    again.nodes.advance(1.0)
+    again.advance(1.0)
     assert goal.cancel() == 1
     goal.end(1.0)
-    again.nodes.advance(0.5)
-    assert again.robot.odometry().twist.twist.linear.x == pytest.approx(0.0, abs=1e-9)
+    again.advance(0.5)
+    assert again.speed() == pytest.approx(0.0, abs=1e-9)
 
 
 def test_battery_empties_and_charges_on_dock(make_robot: Make) -> None:
-    base = Driven(make_robot(**BASE, settings=EXACT, charge=0.5))
-    base.nodes.advance(10.0)
-    charges = [message.percentage for message in base.nodes.messages(topics.BATTERY_STATE)]
+    base = make_robot(**BASE, settings=EXACT, charge=0.5)
+    base.forget()
+    base.advance(10.0)
+    charges = [message.percentage for message in base.messages(topics.BATTERY_STATE)]
     assert len(charges) == 10
     assert charges[0] - charges[-1] == pytest.approx(9.0 * 5.634e-5, rel=0.01)
-    assert base.nodes.last(topics.BATTERY_STATE).current < 0.0
-    base.nodes.kill("sim_robot")
-    docked = Driven(make_robot(**BASE, settings=EXACT, dock="home", charge=0.5))
-    docked.nodes.advance(10.0)
-    charges = [message.percentage for message in docked.nodes.messages(topics.BATTERY_STATE)]
+    assert base.last(topics.BATTERY_STATE).current < 0.0
+    base.kill("sim_robot")
+    docked = make_robot(**BASE, settings=EXACT, dock="home", charge=0.5)
+    docked.forget()
+    docked.advance(10.0)
+    charges = [message.percentage for message in docked.messages(topics.BATTERY_STATE)]
     assert charges[-1] - charges[0] == pytest.approx(9.0 * 1.2658e-4, rel=0.01)
 
 
-def test_odometry_does_not_notice_slipping_wheels(base: Driven) -> None:
-    base.robot.fault("wheels_slip 2", ["wheels_slip 2"])
+def test_odometry_does_not_notice_slipping_wheels(base: Robot) -> None:
+    base.fault("wheels_slip 2", ["wheels_slip 2"])
     base.drive(0.2, 0.0, 2.0)
     assert base.truth()[:2] == pytest.approx((0.0, 0.0), abs=0.05)
-    assert base.robot.place()[0] == pytest.approx(0.38, abs=0.05)
+    assert base.place()[0] == pytest.approx(0.38, abs=0.05)
     base.drive(0.2, 0.0, 2.0)
     assert base.truth()[0] == pytest.approx(0.4, abs=0.1)
 
 
 def test_real_amcl_gets_true_pose_until_it_publishes(make_robot: Make) -> None:
-    base = Driven(make_robot(**BASE))
-    base.nodes.record(topics.INITIAL_POSE)
-    base.nodes.advance(3.0)
-    assert base.nodes.messages(topics.INITIAL_POSE) == []  # no AMCL is there
-    amcl = topics.AMCL_POSE.publisher(base.nodes.observer)
-    base.nodes.advance(2.5)
-    given = base.nodes.messages(topics.INITIAL_POSE)
+    base = make_robot(**BASE)
+    base.record(topics.INITIAL_POSE)
+    base.advance(3.0)
+    assert base.messages(topics.INITIAL_POSE) == []  # no AMCL is there
+    amcl = topics.AMCL_POSE.publisher(base.observer)
+    base.advance(2.5)
+    given = base.messages(topics.INITIAL_POSE)
     assert len(given) in (2, 3)
     assert pose_of(given[0]) == (0.0, 0.0, 0.0)
     assert given[0].pose.covariance[0] > 0.0
-    base.nodes.within(lambda: amcl.publish(given[0]))
-    base.nodes.forget()
-    base.nodes.advance(3.0)
-    assert base.nodes.messages(topics.INITIAL_POSE) == []
-    base.nodes.observer.destroy_publisher(amcl)
-    base.nodes.advance(1.0)
-    base.nodes.within(lambda: topics.AMCL_POSE.publisher(base.nodes.observer))  # it is started again
-    base.nodes.wait_for(lambda: base.nodes.messages(topics.INITIAL_POSE), 5.0, "an initial pose")
+    base.within(lambda: amcl.publish(given[0]))
+    base.forget()
+    base.advance(3.0)
+    assert base.messages(topics.INITIAL_POSE) == []
+    base.observer.destroy_publisher(amcl)
+    base.advance(1.0)
+    base.within(lambda: topics.AMCL_POSE.publisher(base.observer))  # it is started again
+    base.wait_for(lambda: base.messages(topics.INITIAL_POSE), 5.0, "an initial pose")
 
 
-def test_faults_of_what_is_not_simulated_are_refused(base: Driven, log: Callable[[], str]) -> None:
+def test_faults_of_what_is_not_simulated_are_refused(base: Robot, log: Callable[[], str]) -> None:
     for text in ("pose_lost", "pose_jump 1 1 0", "reject", "abort 1", "nav2_away", "late_acceptance 1"):
-        base.nodes.publish(FAULT, text)
-        assert json.loads(base.nodes.values(FAULTS_NOW)[-1]) == []
+        base.publish(FAULT, text)
+        assert json.loads(base.values(FAULTS_NOW)[-1]) == []
     assert "needs the simulated AMCL (parameter localization)" in log()
-    assert base.robot.troubles["sim/fault ignored"] == 6
+    assert base.troubles["sim/fault ignored"] == 6

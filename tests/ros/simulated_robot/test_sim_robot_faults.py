@@ -13,7 +13,7 @@ from pacman_env.ros.simulated_robot.sim_robot import FAULT
 from pacman_env.ros.supervisor.game_nodes import SIMULATOR, module_of
 from pacman_env.sim.core import navigate_to_pose as nav
 from pacman_env.world.navigation.localization import compose
-from tests.ros.simulated import ABORTED, SUCCEEDED, Robot
+from tests.ros.simulated_robot.driven import ABORTED, SUCCEEDED, Robot
 from tests.ros.system import Probe, System
 from tests.sim.robots import RIGHT, rooms
 
@@ -23,7 +23,7 @@ def test_fault_reject(make_robot: Callable[..., Robot], log: Callable[[], str]) 
     assert not robot.goal(*RIGHT).accepted
     assert "goal rejected: as asked for by a fault" in log()
     robot.fault("end reject", [])
-    assert robot.goal(1.0, 0.5).end()[0] == SUCCEEDED
+    assert robot.succeeds(1.0, 0.5)
 
 
 def test_fault_abort(robot: Robot) -> None:
@@ -34,7 +34,7 @@ def test_fault_abort(robot: Robot) -> None:
     assert result.error_msg == "aborted on request"
     assert 1.5 < seconds_of(goal.feedback[-1].navigation_time) <= 2.0
     robot.fault("end abort", [])
-    assert robot.goal(*RIGHT).end()[0] == SUCCEEDED
+    assert robot.succeeds(*RIGHT)
 
 
 def test_fault_nav2_away(robot: Robot) -> None:
@@ -42,22 +42,22 @@ def test_fault_nav2_away(robot: Robot) -> None:
     assert robot.client.server_is_ready()
     robot.fault("nav2_away", ["nav2_away"])
     assert not robot.client.server_is_ready()
-    robot.nodes.advance(2.0)
+    robot.advance(2.0)
     assert not goal.result().done()
-    assert robot.odometry().twist.twist.linear.x == pytest.approx(0.0, abs=1e-9)
+    assert robot.speed() == pytest.approx(0.0, abs=1e-9)
     robot.fault("end", [])
     assert robot.client.server_is_ready()
-    assert robot.goal(*RIGHT).end()[0] == SUCCEEDED
-    assert robot.nodes.call(topics.CLEAR_GLOBAL_COSTMAP) is not None
+    assert robot.succeeds(*RIGHT)
+    assert robot.call(topics.CLEAR_GLOBAL_COSTMAP) is not None
 
 
 def test_fault_late_acceptance(robot: Robot) -> None:
     robot.fault("late_acceptance 20.0", ["late_acceptance 20"])
     goal = robot.goal(*RIGHT)
-    robot.nodes.advance(19.9)
+    robot.advance(19.9)
     assert not goal.answer.done()
     assert robot.place() == (0.0, 0.0)  # and the world goes on
-    robot.nodes.advance(0.2)
+    robot.advance(0.2)
     assert goal.answer.done()
     assert goal.accepted
     robot.fault("end late_acceptance", [])
@@ -69,19 +69,19 @@ def test_fault_pose_lost(robot: Robot) -> None:
     robot.fault("pose_lost", ["pose_lost"])
     status, result = goal.end()
     assert (status, result.error_code) == (ABORTED, nav.TF_ERROR)
-    robot.nodes.forget()
-    robot.nodes.advance(1.0)
-    assert [len(m.transforms) for m in robot.nodes.messages(topics.TF)] == [1] * 20  # of odom
-    assert robot.nodes.messages(topics.AMCL_POSE) == []
+    robot.forget()
+    robot.advance(1.0)
+    assert [len(m.transforms) for m in robot.messages(topics.TF)] == [1] * 20  # of odom
+    assert robot.messages(topics.AMCL_POSE) == []
     robot.fault("end pose_lost", [])
-    robot.nodes.wait_for(lambda: robot.nodes.messages(topics.AMCL_POSE), what="amcl_pose")
-    assert robot.goal(*RIGHT).end()[0] == SUCCEEDED
+    robot.wait_for(lambda: robot.messages(topics.AMCL_POSE), what="amcl_pose")
+    assert robot.succeeds(*RIGHT)
 
 
 def test_fault_pose_jump(robot: Robot) -> None:
     def believed_y() -> float:
-        robot.nodes.advance(1.0)
-        return float(pose_of(robot.nodes.last(topics.AMCL_POSE))[1])
+        robot.advance(1.0)
+        return float(pose_of(robot.last(topics.AMCL_POSE))[1])
 
     assert believed_y() == pytest.approx(0.0, abs=0.2)
     robot.fault("pose_jump 0.0 1.5 0.0", ["pose_jump 0 1.5 0"])
@@ -93,61 +93,58 @@ def test_fault_pose_jump(robot: Robot) -> None:
 
 def test_fault_kidnap(robot: Robot, log: Callable[[], str]) -> None:
     def belief() -> tuple[float, float, float]:
-        last = {t.child_frame_id: t for m in robot.nodes.messages(topics.TF) for t in m.transforms}
+        last = {t.child_frame_id: t for m in robot.messages(topics.TF) for t in m.transforms}
         return compose(transform_of(last["odom"])[2], transform_of(last["base_link"])[2])
 
     def truth() -> tuple[float, float, float]:
-        return compose(pose_of(robot.nodes.latest(topics.SIMULATED_ORIGIN)), pose_of(robot.odometry(), "odom"))
+        return compose(pose_of(robot.latest(topics.SIMULATED_ORIGIN)), pose_of(robot.odometry(), "odom"))
 
-    robot.nodes.record(topics.SIMULATED_ORIGIN, topics.SCAN)
-    robot.nodes.advance(0.2)
+    robot.record(topics.SIMULATED_ORIGIN)
+    robot.advance(0.2)
     before, odometry = belief(), robot.odometry()
     robot.fault("kidnap 5.0 1.0 1.57", ["kidnap 5 1 1.57"])
-    robot.nodes.advance(0.2)
+    robot.advance(0.2)
     assert truth() == pytest.approx((5.0, 1.0, 1.57), abs=1e-6)
     assert pose_of(robot.odometry(), "odom") == pytest.approx(pose_of(odometry, "odom"), abs=1e-6)
     assert belief() == pytest.approx(before, abs=1e-6)
-    assert robot.nodes.messages(topics.AMCL_POSE) == []
-    assert robot.nodes.last(topics.SCAN).ranges[0] == pytest.approx(1.0, abs=0.2)  # the upper wall, ahead
-    for _ in range(20):  # it believes that it drives ahead in the old place, and drives ahead in the new one
-        robot.nodes.publish(topics.CMD_VEL, twist_message(0.2, 0.0, robot.nodes.stamp()))
-        robot.nodes.advance(0.1)
+    assert robot.messages(topics.AMCL_POSE) == []
+    robot.drive(0.2, 0.0, 2.0)  # it believes that it drives ahead in the old place, and drives ahead in the new one
+    assert robot.last(topics.SCAN).ranges[0] == pytest.approx(0.62, abs=0.2)  # the upper wall
     assert belief()[0] - before[0] == pytest.approx(0.38, abs=0.12)
     assert truth()[1] - 1.0 == pytest.approx(0.38, abs=0.05)
-    robot.nodes.publish(FAULT, "kidnap 2.2 1.0 0.0")  # in the wall between the rooms
-    robot.nodes.publish(FAULT, "kidnap 40.0 1.0 0.0")
+    robot.publish(FAULT, "kidnap 2.2 1.0 0.0")  # in the wall between the rooms
+    robot.publish(FAULT, "kidnap 40.0 1.0 0.0")
     assert "fault kidnap: pose (2.2, 1): the robot does not fit there" in log()
     assert truth()[1] > 1.3
     robot.fault("end kidnap", [])
-    robot.nodes.advance(1.0)
+    robot.advance(1.0)
     assert belief()[:2] == pytest.approx(truth()[:2], abs=0.25)
-    assert robot.goal(1.0, 0.5).end()[0] == SUCCEEDED
+    assert robot.succeeds(1.0, 0.5)
 
 
 @pytest.mark.parametrize("alone", [False, True])
 def test_fault_base_silent(make_robot: Callable[..., Robot], alone: bool) -> None:
     robot = make_robot(**({"navigation": False} if alone else {}))
     of_base = (topics.ODOMETRY, topics.TF, *((topics.BATTERY_STATE, topics.DOCK_STATUS) if alone else ()))
-    robot.nodes.record(topics.SCAN, *of_base)
     robot.fault("base_silent", ["base_silent"])
-    robot.nodes.forget()
-    robot.nodes.publish(topics.CMD_VEL, twist_message(0.2, 0.0, robot.nodes.stamp()))
-    robot.nodes.advance(3.0)
-    assert [robot.nodes.messages(topic) for topic in of_base] == [[]] * len(of_base)
-    assert robot.nodes.messages(topics.AMCL_POSE) == []
-    assert len(robot.nodes.messages(topics.SCAN)) >= 10
+    robot.forget()
+    robot.publish(topics.CMD_VEL, twist_message(0.2, 0.0, robot.stamp()))
+    robot.advance(3.0)
+    assert [robot.messages(topic) for topic in of_base] == [[]] * len(of_base)
+    assert robot.messages(topics.AMCL_POSE) == []
+    assert len(robot.messages(topics.SCAN)) >= 10
     robot.fault("end base_silent", [])
-    robot.nodes.advance(3.0)
-    assert all(robot.nodes.messages(topic) for topic in of_base)
+    robot.advance(3.0)
+    assert all(robot.messages(topic) for topic in of_base)
     assert robot.place() == pytest.approx((0.0, 0.0), abs=1e-3)  # velocities take the same way
 
 
 def test_fault_clock_jump(robot: Robot) -> None:
-    robot.nodes.record(topics.CLOCK)
+    robot.record(topics.CLOCK)
 
     def clock_s() -> float:
-        robot.nodes.advance(0.05)
-        return seconds_of(robot.nodes.last(topics.CLOCK).clock)
+        robot.advance(0.05)
+        return seconds_of(robot.last(topics.CLOCK).clock)
 
     before_s = clock_s()
     robot.fault("clock_jump 1000", ["clock_jump 1000"])
@@ -155,7 +152,7 @@ def test_fault_clock_jump(robot: Robot) -> None:
     assert seconds_of(robot.odometry().header.stamp) == pytest.approx(before_s + 1000.1)
     robot.fault("end clock_jump", [])
     assert clock_s() == pytest.approx(before_s + 0.2)
-    assert robot.goal(1.0, 0.5).end()[0] == SUCCEEDED
+    assert robot.succeeds(1.0, 0.5)
 
 
 def test_robot_survives_clients_that_have_gone(probe: Probe, system: System, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 from action_msgs.msg import GoalStatus
 
 from pacman_env.ros import topics
-from pacman_env.ros.messages import pose_message
+from pacman_env.ros.messages import pose_message, pose_of, twist_message
 from pacman_env.ros.simulated_robot.sim_robot import FAULT, FAULTS_NOW
 from pacman_env.ros.supervisor.game_nodes import SIMULATOR
-from tests.ros import session
 from tests.ros.session import Session
 from tests.sim.robots import RIGHT, rooms
 
@@ -58,56 +53,70 @@ class Goal:
         return len(answer.result().goals_canceling)
 
 
-class Robot:
+class Robot(Session):
     """The node in the two rooms, as the observer sees it."""
 
-    def __init__(self, nodes: Session, **parameters: Any) -> None:
-        map_yaml = rooms().save(nodes.folder / "rooms.yaml")
-        self.nodes = nodes
-        nodes.record(topics.ODOMETRY, topics.AMCL_POSE, topics.TF, FAULTS_NOW)
-        nodes.start(SIMULATOR, map_yaml=map_yaml, **parameters)
-        self.client = topics.NAVIGATE_TO_POSE.client(nodes.observer)
-        nodes.advance(0.05)
+    def begin(self, **parameters: Any) -> None:
+        """Start the node with these parameters."""
+        self.record(topics.ODOMETRY, topics.AMCL_POSE, topics.TF, topics.SCAN, topics.SIMULATED_POSE, FAULTS_NOW)
+        self.record(topics.DOCK_STATUS, topics.BATTERY_STATE, topics.HAZARD_DETECTION)
+        self.start(SIMULATOR, map_yaml=rooms().save(self.folder / "rooms.yaml"), **parameters)
+        self.client = topics.NAVIGATE_TO_POSE.client(self.observer)
+        self.advance(0.05)
 
     def goal(self, x: float, y: float, **changes: Any) -> Goal:
-        pose = pose_message(x, y, 0.0, self.nodes.stamp(), **changes)
-        return Goal(self.nodes, self.client, topics.NAVIGATE_TO_POSE.type.Goal(pose=pose))
+        pose = pose_message(x, y, 0.0, self.stamp(), **changes)
+        return Goal(self, self.client, topics.NAVIGATE_TO_POSE.type.Goal(pose=pose))
+
+    def succeeds(self, x: float, y: float) -> bool:
+        """Whether it drives to a new goal."""
+        return self.goal(x, y).end()[0] == SUCCEEDED
 
     def on_its_way(self, seconds: float = 2.0) -> Goal:
         """Driving to the other room, for some time already."""
         goal = self.goal(*RIGHT)
         assert goal.accepted
-        self.nodes.advance(seconds)
+        self.advance(seconds)
         return goal
+
+    def act(self, action: topics.RosAction) -> Goal:
+        return Goal(self, action.client(self.observer), action.type.Goal())
+
+    def drive(self, v: float, omega: float, seconds: float) -> None:
+        """Commands at 10 Hz, as a controller sends them."""
+        for _ in range(round(10 * seconds)):
+            self.publish(topics.CMD_VEL, twist_message(v, omega, self.stamp()))
+            self.advance(0.1)
+
+    def truth(self) -> tuple[float, float, float]:
+        self.advance(0.1)
+        return pose_of(self.last(topics.SIMULATED_POSE))
 
     def odometry(self) -> Any:
         """The last."""
-        return self.nodes.last(topics.ODOMETRY)
+        return self.last(topics.ODOMETRY)
+
+    def speed(self) -> float:
+        """By its odometry, m/s."""
+        return float(self.odometry().twist.twist.linear.x)
 
     def place(self) -> tuple[float, float]:
         """By its odometry, which begins at home, the map's origin."""
         position = self.odometry().pose.pose.position
         return position.x, position.y
 
-    def is_at(self, place: tuple[float, float], within_m: float = 0.5) -> bool:
-        """By its odometry."""
-        return math.dist(self.place(), place) < within_m
+    def hazards(self) -> set[tuple[str, int]]:
+        lists = self.messages(topics.HAZARD_DETECTION)
+        return {(one.header.frame_id, one.type) for message in lists for one in message.detections}
 
     def fault(self, text: str, now: list[str]) -> None:
         """Say to ``sim/fault``; those faults are there then."""
-        self.nodes.forget()
-        self.nodes.publish(FAULT, text)
-        assert [json.loads(words) for words in self.nodes.values(FAULTS_NOW)] == [now]
-        self.nodes.advance(0.05)
+        self.forget()
+        self.publish(FAULT, text)
+        assert [json.loads(words) for words in self.values(FAULTS_NOW)] == [now]
+        self.advance(0.05)
 
     @property
     def troubles(self) -> dict[str, int]:
         """What the node has said once, and how often it happened."""
-        return dict(self.nodes.node(SIMULATOR).once.counts)
-
-
-@contextmanager
-def robot(folder: Path, **parameters: Any) -> Iterator[Robot]:
-    """The node, with these parameters; it gives the time."""
-    with session.nodes(folder, gives_time=False) as nodes:
-        yield Robot(nodes, **parameters)
+        return dict(self.node(SIMULATOR).once.counts)
