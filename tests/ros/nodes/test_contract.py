@@ -34,6 +34,7 @@ from tests.ros import session
 from tests.ros.session import NAMESPACE, Session
 
 NODES = (SIMULATOR, *GAME, WAIT, SELECTOR)
+TEST_NODE = "last_messages_node"
 LIGHT_NODES = ("pellet_manager", "audio_node", "game_light_node", "game_event_mapper", REFEREE, WAIT)
 #: Topics that all robots of a ROS domain share.
 OF_DOMAIN = {"/clock", "/clock_owner", "/rosout", "/parameter_events"}
@@ -90,9 +91,9 @@ def click(x: float, y: float, frame: str = "map") -> Any:
     return PointStamped(header=Header(frame_id=frame), point=Point(x=x, y=y))
 
 
-def pose(x: float, frame: str = "map", w: float = 1.0) -> Any:
+def pose(x: float, y: float = 0.0, frame: str = "map", w: float = 1.0) -> Any:
     message = PoseWithCovarianceStamped(header=Header(frame_id=frame))
-    message.pose.pose.position.x, message.pose.pose.orientation.w = x, w
+    message.pose.pose.position, message.pose.pose.orientation.w = Point(x=x, y=y), w
     return message
 
 
@@ -156,6 +157,12 @@ def arguments(**parameters: Any) -> list[str]:
 HOUSE: dict[str, Any] = {"map_yaml": "house"}
 BASE = {**HOUSE, "navigation": "false", "localization": "false"}
 REFUSED: list[tuple[str, list[str], str]] = [
+    (TEST_NODE, arguments(words=21), "words"),
+    (TEST_NODE, arguments(words="many"), "words"),
+    (TEST_NODE, arguments(pause_s=".nan"), "pause_s"),
+    (TEST_NODE, arguments(offset=".inf"), "parameter offset = inf: must be finite"),
+    (TEST_NODE, ["--ros-args", "-p", "words"], "words"),
+    (TEST_NODE, ["--fast"], "unknown arguments --fast"),
     ("game_event_mapper", arguments(settings="[clyde.speed_mps=fast]"), "clyde.speed_mps"),
     ("game_event_mapper", arguments(settings="[clyde.sped=1]"), "clyde.sped"),
     ("game_event_mapper", arguments(settings="[clyde.speed_mps]"), "clyde.speed_mps"),
@@ -186,7 +193,11 @@ REFUSED: list[tuple[str, list[str], str]] = [
     (LOCK_STEP, [json.dumps({**json.loads(GameSetup("house", sim=True).as_json()), "map": "no_map"})], "no_map"),
     (LOCK_STEP, [GameSetup("house").as_json()], "only with a simulated robot"),
 ]
-MAINS = {COMPOSED: "pacman_env.ros.composed", LOCK_STEP: "pacman_env.ros.lock_step.__main__"}
+MAINS = {
+    TEST_NODE: f"tests.ros.{TEST_NODE}",
+    COMPOSED: "pacman_env.ros.composed",
+    LOCK_STEP: "pacman_env.ros.lock_step.__main__",
+}
 
 
 @pytest.mark.parametrize(("name", "words", "reason"), REFUSED, ids=[f"{one[0]}-{one[2]}" for one in REFUSED])

@@ -20,7 +20,6 @@ SAID = (
     *(topics.SCORE, topics.ROUND, topics.PELLETS_SPAWNED, topics.PELLETS_COLLECTED, topics.CLYDE_SPEED),
 )
 LATCHED = tuple(topic for topic in SAID if topic is not topics.GAME_EVENT)
-RESETS = (topics.RESET_PELLETS, topics.RESET_CLYDE)
 CLOCK = "time_node"
 
 
@@ -41,24 +40,6 @@ def up(nodes: Session, *settings: str, **parameters: Any) -> None:
     assert all(nodes.values(topic) for topic in LATCHED)
 
 
-def last(nodes: Session, topic: topics.Topic) -> Any:
-    return nodes.values(topic)[-1]
-
-
-def serve(nodes: Session) -> list[str]:
-    """Be pellet manager and Clyde; the names of the services that were called."""
-    called: list[str] = []
-    for service in RESETS:
-
-        def answer(request: Any, response: Any, name: str = service.name) -> Any:
-            called.append(name)
-            response.success = True
-            return response
-
-        service.server(nodes.observer, answer)
-    return called
-
-
 def pellets(nodes: Session, ids: Sequence[int]) -> None:
     nodes.publish(topics.PELLET_MARKERS, markers_of({i: (float(i), 0.0) for i in ids}, nodes.stamp()))
 
@@ -74,9 +55,9 @@ def wait_state(nodes: Session, state: str) -> None:
 def running(nodes: Session, count: int = 3) -> None:
     """One round, begun; the pellets are known."""
     assert nodes.call(topics.START_GAME).success
-    assert last(nodes, topics.GAME_STATE) == "returning_home"
+    assert nodes.value(topics.GAME_STATE) == "returning_home"
     pellets(nodes, range(count))
-    assert last(nodes, topics.PELLETS_SPAWNED) == count
+    assert nodes.value(topics.PELLETS_SPAWNED) == count
     status(nodes, "home_reached")
     wait_state(nodes, "running")
 
@@ -85,7 +66,7 @@ def test_late_node_gets_all_latched_values(nodes: Session) -> None:
     nodes.start(REFEREE, settings=["clyde.speed_mps=0.3"])
     nodes.advance(10.0)
     nodes.record(*SAID)
-    latest = {topic.name: last(nodes, topic) for topic in LATCHED}
+    latest = {topic.name: nodes.value(topic) for topic in LATCHED}
     assert latest.pop("clyde/speed") == pytest.approx(0.3)
     assert latest == {
         "game_state": "menu",
@@ -99,7 +80,7 @@ def test_late_node_gets_all_latched_values(nodes: Session) -> None:
 
 
 def test_start_resets_others_and_is_refused_during_game(nodes: Session) -> None:
-    called = serve(nodes)
+    called = nodes.serve(topics.RESET_PELLETS, topics.RESET_CLYDE)
     up(nodes)
     begun = nodes.call(topics.START_GAME)
     assert (begun.success, begun.message) == (True, "a round begins: the robot drives home first")
@@ -109,7 +90,7 @@ def test_start_resets_others_and_is_refused_during_game(nodes: Session) -> None:
     assert "returning_home" in again.message
     back = nodes.call(topics.RESET_GAME)
     assert (back.success, back.message) == (True, "the game is reset: it is in the menu")
-    assert last(nodes, topics.GAME_STATE) == "menu"
+    assert nodes.value(topics.GAME_STATE) == "menu"
 
 
 def test_start_is_refused_without_goal_selector(nodes: Session) -> None:
@@ -124,7 +105,7 @@ def test_start_is_refused_without_goal_selector(nodes: Session) -> None:
     nodes.announce(topics.GAME_STATUS)
     nodes.advance(1.0)
     assert nodes.call(topics.START_GAME).success
-    assert last(nodes, topics.GAME_STATE) == "returning_home"
+    assert nodes.value(topics.GAME_STATE) == "returning_home"
 
 
 def test_report_before_reset_is_not_of_new_round(nodes: Session) -> None:
@@ -145,11 +126,11 @@ def test_report_before_reset_is_not_of_new_round(nodes: Session) -> None:
         assert nodes.call(topics.START_GAME).success
         assert asked == called
         pellets(nodes, range(3))
-        assert last(nodes, topics.PELLETS_SPAWNED) == 3
+        assert nodes.value(topics.PELLETS_SPAWNED) == 3
         assert nodes.call(topics.RESET_GAME).success
         assert asked == called + 1
         pellets(nodes, range(3))
-        assert last(nodes, topics.PELLETS_SPAWNED) == 3
+        assert nodes.value(topics.PELLETS_SPAWNED) == 3
     assert set(nodes.values(topics.PELLETS_SPAWNED)) <= {0, 3}
 
 
@@ -172,16 +153,16 @@ def test_stale_pellet_report_blocks_no_completion_fault_7(nodes: Session) -> Non
     up(nodes)
     assert nodes.call(topics.START_GAME).success
     pellets(nodes, range(9))  # of another map, or of the round before
-    assert last(nodes, topics.PELLETS_SPAWNED) == 9
+    assert nodes.value(topics.PELLETS_SPAWNED) == 9
     pellets(nodes, (0, 1))
-    assert last(nodes, topics.PELLETS_SPAWNED) == 2
+    assert nodes.value(topics.PELLETS_SPAWNED) == 2
     status(nodes, "home_reached")
     wait_state(nodes, "running")
     status(nodes, "pellet_collected:0")
     status(nodes, "pellet_collected:1")
-    assert last(nodes, topics.GAME_EVENT) == "win"
+    assert nodes.value(topics.GAME_EVENT) == "win"
     wait_state(nodes, "returning_home")
-    assert last(nodes, topics.SCORE) == 2
+    assert nodes.value(topics.SCORE) == 2
 
 
 def test_failed_way_home_is_repeated_then_reported_fault_9(nodes: Session) -> None:
@@ -191,7 +172,7 @@ def test_failed_way_home_is_repeated_then_reported_fault_9(nodes: Session) -> No
     wait_state(nodes, "returning_home")
     for tries in (1, 2, 3):
         nodes.wait_for(lambda n=tries: nodes.values(topics.GAME_COMMAND).count("return_home") == n + 1, what="a try")
-        assert last(nodes, topics.GAME_STATE) == "returning_home"
+        assert nodes.value(topics.GAME_STATE) == "returning_home"
         status(nodes, "home_failed")
     wait_state(nodes, "menu")
     assert "home_failed" in nodes.values(topics.GAME_RESULT)
@@ -203,9 +184,9 @@ def test_referee_stops_robot_before_it_leaves_fault_13(nodes: Session, state_fol
     assert list(state_folder.rglob("*.json"))
     nodes.stop(REFEREE)
     assert not list(state_folder.rglob("*.json"))  # the next one has nothing to go on with
-    assert last(nodes, topics.GAME_STATE) == "menu"
-    assert last(nodes, topics.GAME_COMMAND) == "disable"
-    assert last(nodes, topics.GAME_EVENT) == "reset"
+    assert nodes.value(topics.GAME_STATE) == "menu"
+    assert nodes.value(topics.GAME_COMMAND) == "disable"
+    assert nodes.value(topics.GAME_EVENT) == "reset"
 
 
 # A game that outlives its node
@@ -222,8 +203,8 @@ def test_killed_referee_continues_round(nodes: Session, state_folder: Path) -> N
     up(nodes)
     running(nodes)
     status(nodes, "pellet_collected:1")
-    assert last(nodes, topics.SCORE) == 1
-    assert last(nodes, topics.GAME_EVENT) == "pellet"
+    assert nodes.value(topics.SCORE) == 1
+    assert nodes.value(topics.GAME_EVENT) == "pellet"
     (kept,) = state_folder.rglob("*.json")
     assert kept.name.startswith("robot_15-")
     nodes.kill(REFEREE)
@@ -240,8 +221,8 @@ def test_killed_referee_continues_round(nodes: Session, state_folder: Path) -> N
     status(nodes, "pellet_collected:1")  # reported once more: it counts once
     for pellet in (0, 2):
         status(nodes, f"pellet_collected:{pellet}")
-    assert last(nodes, topics.GAME_EVENT) == "win"
-    assert last(nodes, topics.SCORE) == 3
+    assert nodes.value(topics.GAME_EVENT) == "win"
+    assert nodes.value(topics.SCORE) == 3
     wait_state(nodes, "returning_home")
     status(nodes, "home_reached")
     wait_state(nodes, "menu")
@@ -288,10 +269,8 @@ def a_game(nodes: Session, domain: int, **changes: Any) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
-        ({"written_s": 1.0}, ""),
         ({"owner": {"namespace": "/robot_7"}}, ""),
         ({"state": {"state": "running"}}, "snapshot: Object missing required field `score`"),
-        ({"state": [1]}, "snapshot = [1]: Expected `object`"),
         ({"format": 1}, "another version"),
     ],
 )
@@ -302,7 +281,7 @@ def test_old_or_invalid_game_is_not_continued(
     text = json.dumps(a_game(nodes, domain, **change))
     file.write_text(text)
     up(nodes, state_file=file)
-    assert last(nodes, topics.GAME_STATE) == "menu"
+    assert nodes.value(topics.GAME_STATE) == "menu"
     assert log().count("is left alone") == bool(complaint)
     assert complaint in log()
     if complaint:
@@ -322,8 +301,8 @@ def test_game_without_state_file_is_played(nodes: Session, tmp_path: Path, log: 
     nodes.stop(REFEREE)
     (tmp_path / "file").touch()
     up(nodes, state_file=tmp_path / "file" / "game.json")
-    assert last(nodes, topics.GAME_STATE) == "menu"
+    assert nodes.value(topics.GAME_STATE) == "menu"
     running(nodes)
     status(nodes, "pellet_collected:1")
-    assert last(nodes, topics.SCORE) == 1
+    assert nodes.value(topics.SCORE) == 1
     assert log().count("a game is lost with this node") == 1

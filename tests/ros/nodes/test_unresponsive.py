@@ -67,12 +67,7 @@ def test_frozen_pellet_manager_is_reported_until_it_answers(referee: Session, lo
 
 @pytest.mark.parametrize(("reports", "words"), [(0, "no pellet_markers"), (1, "it shows no pellet")])
 def test_round_without_pellets_is_reported_and_waits(referee: Session, reports: int, words: str) -> None:
-    def done(request: Any, response: Any) -> Any:
-        response.success = True
-        return response
-
-    for service in (topics.RESET_PELLETS, topics.RESET_CLYDE):
-        service.server(referee.observer, done)
+    referee.serve(topics.RESET_PELLETS, topics.RESET_CLYDE)
     begin(referee)
     for _ in range(reports):
         show(referee)
