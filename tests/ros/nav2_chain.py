@@ -35,18 +35,13 @@ def nav2_yaml() -> dict[str, Any]:
     return {name: node.get(name, node)["ros__parameters"] for file in files for name, node in file.items()}
 
 
-def by_node(content: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return the values of a parameter file by node, names joined with dots."""
-    inner = {node: one.get(node, one)["ros__parameters"] for node, one in content.items()}  # costmaps are nested
-    return {node: dict(_flat(parameters)) for node, parameters in inner.items()}
-
-
-def _flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+def flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """Parameters with their names joined with dots."""
     if not isinstance(value, dict):
         yield name, value
         return
     for key, inner in value.items():
-        yield from _flat(inner, f"{name}.{key}" if name else str(key))
+        yield from flat(inner, f"{name}.{key}" if name else str(key))
 
 
 @dataclass(frozen=True)
