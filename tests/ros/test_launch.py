@@ -18,6 +18,7 @@ from pacman_env.ros.supervisor.game_nodes import (
     COMPOSED,
     GAME,
     LOCK_STEP,
+    NAV2_BRINGUP,
     QUIET,
     SELECTOR,
     SIMULATOR,
@@ -151,10 +152,10 @@ def test_nav2_starts_after_its_base(started: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    "given", [{"nav2": "none"}, {"sim": "perhaps"}, {"speed": "2.0"}, {"sim": "true", "speed": "11"}, {"home": "1 2"}]
+    "given", [{"nav2": "none"}, {"sim": "perhaps"}, {"speed": "2.0"}, {"home": "1 2"}, {"preset": "lunar"}]
 )
 def test_invalid_launch_arguments_are_refused(started: Any, given: dict[str, str]) -> None:
-    with pytest.raises(ValueError, match=r"nav2|speed|must be true or false|home"):
+    with pytest.raises(ValueError, match=r"nav2|speed|must be true or false|home|unknown preset"):
         started(**given)
 
 
@@ -163,10 +164,37 @@ def test_namespace_is_completed(name: str, full: str) -> None:
     assert full_namespace(name) == full
 
 
-@pytest.mark.parametrize("name", ["15", "a b", "a//b", "robot-15", "é", "a\n"])
-def test_invalid_namespace_is_refused(name: str) -> None:
-    with pytest.raises(ValueError, match="namespace"):
-        GameSetup("house", namespace=name)
+@pytest.mark.parametrize(
+    ("fields", "reason"),
+    [
+        *(({"namespace": name}, "namespace") for name in ("15", "a b", "a//b", "robot-15", "é", "a\n")),
+        ({"settings": ("clyde.speed_mps=fast",)}, r"clyde\.speed_mps"),
+        ({"lock_step": True}, "only with a simulated robot"),
+        ({"sim": True, "lock_step": True, "speed": 4.0}, "speed 4: a lock-step game is as fast as its nodes"),
+        ({"sim": True, "lock_step": True, "composed": True}, "composed: a lock-step game is one process anyway"),
+        ({"sim": True, "nav2": NAV2_BRINGUP, "speed": 2.0}, "speed 2"),
+    ],
+)
+def test_invalid_setup_is_refused(fields: dict[str, Any], reason: str) -> None:
+    with pytest.raises(ValueError, match=reason):
+        GameSetup("house", **fields)
+
+
+def test_setup_survives_json() -> None:
+    given = GameSetup(
+        *("house", "ppo", "robot_7", True),
+        settings=("clyde.speed_mps=0.4",),
+        home=(1.0, 2.0, 0.5),
+        extra={"audio_node": {"preset": "robot"}},
+        lock_step=True,
+        seed=7,
+    )
+    assert from_json(given.as_json()) == given
+
+
+def test_composed_game_is_three_processes_and_page() -> None:
+    processes = GameSetup("house", sim=True, composed=True, web=8000).first_processes
+    assert processes == (SIMULATOR, COMPOSED, WAIT, "operator_page")
 
 
 def test_arguments_keep_their_types() -> None:
@@ -182,16 +210,12 @@ def test_every_playing_node_gets_configuration() -> None:
     for node in (SIMULATOR, *GAME, SELECTOR):
         assert setup.command(node)[-4:] == words
     assert "settings" not in setup.parameters(WAIT)
-    with pytest.raises(ValueError, match=r"clyde\.speed_mps"):
-        GameSetup("house", settings=("clyde.speed_mps=fast",))
 
 
 def test_launch_passes_configuration_on(started: Any) -> None:
     found = nodes(started(preset="ideal", settings="clyde.speed_mps=0.35 clyde.ghosts=chase,wander"))
     expected = {"preset": "ideal", "settings": ["clyde.speed_mps=0.35", "clyde.ghosts=chase,wander"]}
     assert found["audio_node"]["parameters"] == [expected]
-    with pytest.raises(ValueError, match="unknown preset"):
-        started(preset="lunar")
 
 
 def test_lock_step_launch_is_one_process(started: Any) -> None:
@@ -204,8 +228,6 @@ def test_lock_step_launch_is_one_process(started: Any) -> None:
         assert [kind(action) for action in ended(types.SimpleNamespace(returncode=status), None)] == ["EmitEvent"]
     assert "respawn" not in nodes(actions)[LOCK_STEP]
     assert "SetEnvironmentVariable" in map(kind, actions)
-    with pytest.raises(ValueError, match="only with a simulated robot"):
-        started(lock_step="true")
 
 
 def test_composed_launch_restarts_its_process(started: Any) -> None:

@@ -21,7 +21,7 @@ from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, Reliabilit
 
 from pacman_env.ros import topics
 from pacman_env.ros.messages import nanoseconds_of, seconds_of, transform_of, twist_message
-from pacman_env.ros.supervisor.game_nodes import NAV2_BRINGUP, NAV2_BY_HAND, NODES, SIMULATOR, GameSetup
+from pacman_env.ros.supervisor.game_nodes import NAV2_BY_HAND, NODES, SIMULATOR, GameSetup
 from pacman_env.sim.core import navigate_to_pose
 from pacman_env.world.navigation.grid import clearance_m
 from pacman_env.world.navigation.localization import compose
@@ -347,12 +347,6 @@ def test_scans_show_walls_of_map(base: Base) -> None:
             off.append(float(away[row, column]))
     assert len(off) > 1000
     assert np.percentile(off, 95) < occupancy.resolution + 0.03 * 4.0  # lidar noise: 1 % of 4 m, three sigmas
-
-
-def test_nav2_refuses_other_speed() -> None:
-    assert FACTS["wall_clock"]["loops"].keys() >= {"controller_server", "velocity_smoother"}
-    with pytest.raises(ValueError, match="speed 2"):
-        GameSetup("house", sim=True, nav2=NAV2_BRINGUP, speed=2.0)
 
 
 def test_error_codes_are_those_of_nav2() -> None:

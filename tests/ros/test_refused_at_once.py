@@ -13,50 +13,37 @@ import pytest
 from pacman_env.policies.learned import PRETRAINED
 from pacman_env.ros.supervisor.game_nodes import SELECTOR, module_of
 
-COMMAND = ["-m", "pacman_env.cli.main"]
 GHOSTS = "clyde_ghost_node"
+BARE = "its metadata bare.json is missing"
 
 
-def node(name: str, *parameters: str) -> list[str]:
-    given = [word for text in ("map_yaml:=house", *parameters) for word in ("-p", text)]
-    return ["-m", module_of(name), "--ros-args", *given]
-
-
-@pytest.fixture
-def bare(tmp_path: Path) -> Path:
-    """A planner without its metadata."""
-    path = tmp_path / "bare.onnx"
-    shutil.copy(PRETRAINED, path)
-    return path
-
-
-def refusal(words: list[str], folder: Path) -> str:
-    """The last line of a command that ends with status 2, on a machine where nothing was compiled before."""
-    cache = folder / "cache"
-    environment = {**os.environ, "PACMAN_ENV_CACHE": str(cache)}
-    ended = subprocess.run([sys.executable, *words], env=environment, check=False, capture_output=True, text=True)
-    assert ended.returncode == 2, ended.stderr
-    assert "Traceback" not in ended.stderr
-    assert [path.name for path in cache.rglob("pacman_env.*")] == [], "kernels were compiled first"
-    return ended.stderr.splitlines()[-1]
+def node(name: str, parameter: str) -> list[str]:
+    return [module_of(name), "--ros-args", "-p", "map_yaml:=house", "-p", parameter]
 
 
 @pytest.mark.usefixtures("domain")
 @pytest.mark.parametrize(
-    "words",
+    ("words", "reason"),
     [
-        [*COMMAND, "ros", "up", "--map", "house", "--sim", "--policy", "BARE"],
-        node(SELECTOR, "policy:=BARE"),
-        node(GHOSTS, "settings:=[clyde.ghosts=BARE]"),
+        (["pacman_env.cli.main", *["ros", "up", "--map", "house", "--sim", "--policy", "{bare}"]], BARE),
+        (node(SELECTOR, "policy:={bare}"), BARE),
+        (node(GHOSTS, "settings:=[clyde.ghosts={bare}]"), BARE),
+        (node(GHOSTS, "settings:=[clyde.ghosts=policy]"), "clyde.ghosts[0] = 'policy': name the .onnx file"),
     ],
-    ids=["up", SELECTOR, GHOSTS],
+    ids=["up", SELECTOR, GHOSTS, "name"],
 )
-def test_planner_without_metadata_is_refused_before_compiling(words: list[str], bare: Path, tmp_path: Path) -> None:
-    line = refusal([word.replace("BARE", str(bare)) for word in words], tmp_path)
-    assert f"{bare}: its metadata {bare.stem}.json is missing" in line
-
-
-@pytest.mark.usefixtures("domain")
-def test_ghost_named_policy_is_refused(tmp_path: Path) -> None:
-    line = refusal(node(GHOSTS, "settings:=['clyde.ghosts=policy']"), tmp_path)
-    assert line == f"{GHOSTS}: clyde.ghosts[0] = 'policy': name the .onnx file that moves it instead"
+def test_unusable_policy_is_refused_before_compiling(words: list[str], reason: str, tmp_path: Path) -> None:
+    bare = tmp_path / "bare.onnx"  # a planner without its metadata
+    shutil.copy(PRETRAINED, bare)
+    cache = tmp_path / "cache"
+    ended = subprocess.run(
+        [sys.executable, "-m", *(word.replace("{bare}", str(bare)) for word in words)],
+        env={**os.environ, "PACMAN_ENV_CACHE": str(cache)},
+        check=False,
+        capture_output=True,
+        text=True,
+    )
+    assert ended.returncode == 2, ended.stderr
+    assert reason in ended.stderr.splitlines()[-1]
+    assert "Traceback" not in ended.stderr
+    assert [path.name for path in cache.rglob("pacman_env.*")] == [], "kernels were compiled first"

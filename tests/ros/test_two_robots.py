@@ -10,7 +10,6 @@ from collections.abc import Callable
 from typing import Any
 
 import psutil
-import pytest
 
 from pacman_env.ros import topics
 from pacman_env.ros.supervisor.game_nodes import (
@@ -19,7 +18,6 @@ from pacman_env.ros.supervisor.game_nodes import (
     REFEREE,
     SELECTOR,
     SIMULATOR,
-    WAIT,
     GameSetup,
     module_of,
 )
@@ -94,10 +92,3 @@ def test_two_games_in_one_domain_stay_apart(system: System, domain: int) -> None
 
 def pellets(robot: Robot) -> set[int]:
     return {int(word.partition(":")[2]) for word in robot.collected if word.startswith("pellet_collected:")}
-
-
-def test_composed_game_is_three_processes_and_page() -> None:
-    processes = GameSetup("house", sim=True, composed=True, web=8000).first_processes
-    assert processes == (SIMULATOR, COMPOSED, WAIT, "operator_page")
-    with pytest.raises(ValueError, match="composed: a lock-step game is one process anyway"):
-        GameSetup("house", sim=True, lock_step=True, composed=True)

@@ -1,4 +1,4 @@
-"""Whole games in lock-step: the same seed is the same game, whatever happens beside it."""
+"""Whole games in lock-step: the same seed is the same game; kills, losses and what they leave behind."""
 
 from __future__ import annotations
 
@@ -6,10 +6,16 @@ import random
 import time
 from pathlib import Path
 
+import rclpy
+from rclpy.context import Context
+
 from pacman_env.ros import topics
+from pacman_env.ros.lock_step.game import RESTART_S
+from pacman_env.ros.lock_step.stepper import LockStep
 from pacman_env.ros.lock_step.transcript import Transcript
 from tests.map_parts import part_of_map
 from tests.ros import session
+from tests.ros.session import Observer, Session
 
 SHOWS = ("show.start_s=1.0", "show.death_s=1.0")
 
@@ -41,3 +47,97 @@ def test_same_seed_is_same_game_message_for_message(domain: int, tmp_path: Path)
     assert first == again
     assert first[2][-2:] == ["returning_home", "menu"]
     assert first[1] != other[1]
+
+
+def test_uncounted_pellet_counts_after_both_nodes_were_killed(domain: int, tmp_path: Path) -> None:
+    ground = part_of_map("loop", 3.0).save(tmp_path / "ground.yaml")
+    settings = (*SHOWS, "execution.death_radius_m=0.001")  # no round is lost
+    with session.game(tmp_path, ground, "nearest", settings=settings) as played:
+        game = played.game
+        played.record(topics.GAME_STATE, topics.SCORE, topics.REMOVE_PELLET, topics.PELLETS_SPAWNED, topics.GAME_RESULT)
+
+        def removed() -> int:
+            return len(set(played.values(topics.REMOVE_PELLET)))
+
+        assert played.call(topics.START_GAME).success
+        played.wait_for(removed, 200, "the first pellet")
+        spawned = played.values(topics.PELLETS_SPAWNED)[-1]
+        while True:  # until a pellet is collected in the three seconds that a referee's start takes
+            before = removed()
+            game.kill("game_controller")
+            while game.member("game_controller") is None and removed() == before:
+                played.advance(0.1)
+            if removed() > before:
+                break
+            played.advance(0.7)
+        game.kill("goal_selector")
+        played.wait_for(lambda: played.values(topics.GAME_RESULT)[-1:] not in ([], [""]), 900, "the end of the round")
+        assert played.values(topics.GAME_RESULT)[-1] == f"Complete - Score: {spawned}"
+
+
+def test_killed_robot_comes_back_as_one_node_after_restart(domain: int, tmp_path: Path) -> None:
+    with session.game(tmp_path, settings=("show.start_s=1.0",)) as game:
+        game.record(topics.GAME_STATE)
+        assert game.call(topics.START_GAME).success
+        game.wait_for(lambda: "running" in game.values(topics.GAME_STATE))
+        game.advance(2.0)
+        for _ in range(2):
+            game.game.kill("sim_robot")
+            game.advance(RESTART_S - 0.1)
+            assert "sim_robot" not in game.observer.get_node_names()
+            game.advance(10.0)  # it looks for others with its name meanwhile
+            assert game.observer.get_node_names().count("sim_robot") == 1
+
+
+def test_joined_node_loses_no_packets(domain: int, tmp_path: Path) -> None:
+    with session.game(tmp_path) as game:
+        beside = game.game.join(Observer)
+        counts = {"joined": 0, "robot's": 0}
+
+        def count(name: str) -> None:
+            counts[name] += 1
+
+        game.game.subscribe(beside, lambda: topics.ODOMETRY.subscription(beside, lambda _: count("joined")))
+        game.game.subscribe(
+            game.observer, lambda: topics.ODOMETRY.subscription(game.observer, lambda _: count("robot's"))
+        )
+        game.game.losses.begin("sim_robot", 50.0, game.now_s)
+        game.advance(20.0)
+        assert counts["joined"] == 400
+        assert 150 < counts["robot's"] < 250
+
+
+def test_request_is_observed_in_order_without_server(nodes: Session) -> None:
+    heard: list[str] = []
+    game, observer = nodes.game, nodes.observer
+    topics.GAME_EVENT.subscription(observer, lambda message: heard.append(message.data))
+    game.observe_requests(observer, f"{session.NAMESPACE}/game/start", lambda request: heard.append("start"))
+    client = topics.START_GAME.client(observer)
+    event = topics.GAME_EVENT.publisher(observer)
+
+    def do() -> None:
+        event.publish(topics.GAME_EVENT.type(data="before"))
+        client.call_async(topics.START_GAME.type.Request())
+        event.publish(topics.GAME_EVENT.type(data="after"))
+
+    game.within(observer, do)
+    assert heard == ["before", "start", "after"]
+
+
+def test_nodes_alone_meet_no_other_process(domain: int) -> None:
+    game = LockStep(alone=True)
+    context = Context()
+    try:
+        game.add(Observer, ["--ros-args", "-r", "__ns:=/alone"])
+        rclpy.init(context=context)
+        other = rclpy.create_node("other", context=context)
+        third = rclpy.create_node("third", context=context)
+        member = game.member("observer")
+        assert member is not None
+        assert member.node.get_node_names() == ["observer"]
+        assert sorted(other.get_node_names()) == ["other", "third"]
+        for node in (other, third):
+            node.destroy_node()
+    finally:
+        game.close()
+        context.try_shutdown()

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import gc
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from pacman_env.ros import topics
 from pacman_env.ros.node import BaseNode
 from pacman_env.ros.supervisor.game_nodes import SELECTOR
-from tests.ros import session
-
-WORDS = [f"word {k}" for k in range(5)]
+from tests.ros import scripted_nav2, session
+from tests.ros.session import Session
 
 
 class Talker(BaseNode):
@@ -27,18 +25,8 @@ class Talker(BaseNode):
         publisher.publish(topics.OPERATOR_STOP.type(data=name))
 
 
-class Speaker(BaseNode):
-    """Publishes several words on a topic that keeps all of them."""
-
-    def __init__(self) -> None:
-        super().__init__("speaker")
-        publisher = topics.GAME_COMMAND.publisher(self)
-        for word in WORDS:
-            publisher.publish(topics.GAME_COMMAND.type(data=word))
-
-
 class Listener(BaseNode):
-    """Keeps what it gets on that topic, in order.
+    """Keeps what it gets on ``game_command``, in order.
 
     Args:
         depth: of the subscription.
@@ -52,48 +40,26 @@ class Listener(BaseNode):
         self.create_subscription(topic.type, topic.name, lambda message: self.words.append(message.data), qos)
 
 
-class Server(BaseNode):
-    """Has an action server."""
-
-    def __init__(self) -> None:
-        super().__init__("server")
-        self.action = topics.NAVIGATE_TO_POSE.server(self, self._end)
-
-    def _end(self, goal: Any) -> Any:
-        goal.succeed()
-        return topics.NAVIGATE_TO_POSE.type.Result()
-
-
-def test_node_gets_latched_messages_while_it_is_made(domain: int, tmp_path: Path) -> None:
-    with session.nodes(tmp_path) as nodes:
-        names = [f"talker_{k}" for k in range(8)]
-        for name in names:
-            nodes.start(name, lambda name=name: Talker(name))
-        for name in names:
-            assert nodes.node(name).words == names  # in the order of publication
+def test_node_gets_latched_messages_while_it_is_made(nodes: Session) -> None:
+    names = [f"talker_{k}" for k in range(8)]
+    for name in names:
+        nodes.start(name, lambda name=name: Talker(name))
+    for name in names:
+        assert nodes.node(name).words == names  # in the order of publication
 
 
 @pytest.mark.parametrize("depth", [1, 32])
-def test_subscription_gets_latched_messages_up_to_its_depth(domain: int, tmp_path: Path, depth: int) -> None:
-    with session.nodes(tmp_path) as nodes:
-        nodes.start("speaker", Speaker)
-        for _ in range(20):
-            nodes.start("listener", lambda: Listener(depth))
-            assert nodes.node(f"listener_{depth}").words == WORDS[-depth:]
-            nodes.kill(f"listener_{depth}")
-
-
-@pytest.mark.parametrize("depth", [1, 32])
-def test_latched_messages_come_by_time_of_publication(domain: int, tmp_path: Path, depth: int) -> None:
-    with session.nodes(tmp_path) as nodes:
-        publishers = [
-            topics.GAME_COMMAND.publisher(nodes.start(name, lambda name=name: Talker(name)).node) for name in "ab"
-        ]
-        words = [f"word {k}" for k in range(50)]
-        for k, word in enumerate(words):
-            nodes.within(lambda k=k, word=word: publishers[k % 2].publish(topics.GAME_COMMAND.type(data=word)))
+def test_new_node_gets_latched_messages_up_to_its_depth(nodes: Session, depth: int) -> None:
+    publishers = [
+        topics.GAME_COMMAND.publisher(nodes.start(name, lambda name=name: Talker(name)).node) for name in "ab"
+    ]
+    words = [f"word {k}" for k in range(50)]
+    for k, word in enumerate(words):
+        nodes.within(lambda k=k, word=word: publishers[k % 2].publish(topics.GAME_COMMAND.type(data=word)))
+    for _ in range(20):
         nodes.start("listener", lambda: Listener(depth))
-        assert nodes.node(f"listener_{depth}").words == words[-depth:]
+        assert nodes.node(f"listener_{depth}").words == words[-depth:]  # by time of publication
+        nodes.kill(f"listener_{depth}")
 
 
 def test_killed_node_leaves_log_to_its_successor(domain: int, tmp_path: Path) -> None:
@@ -107,11 +73,10 @@ def test_killed_node_leaves_log_to_its_successor(domain: int, tmp_path: Path) ->
         assert game.errors() == ["robot_15.goal_selector: an error"]
 
 
-def test_action_of_removed_node_is_gone(domain: int, tmp_path: Path) -> None:
-    with session.nodes(tmp_path) as nodes:
-        nodes.start("server", Server)
-        client = topics.NAVIGATE_TO_POSE.client(nodes.observer)
-        assert client.server_is_ready()
-        nodes.kill("server")
-        assert not client.server_is_ready()
-        client.destroy()
+def test_action_of_removed_node_is_gone(nodes: Session) -> None:
+    nodes.start(scripted_nav2.NAME, scripted_nav2.ScriptedNav2)
+    client = topics.NAVIGATE_TO_POSE.client(nodes.observer)
+    assert client.server_is_ready()
+    nodes.kill(scripted_nav2.NAME)
+    assert not client.server_is_ready()
+    client.destroy()

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from pacman_env.ros import topics
-from pacman_env.ros.supervisor.game_nodes import LOCK_STEP, NAMESPACE, REFEREE, GameSetup, from_json
+from pacman_env.ros.supervisor.game_nodes import LOCK_STEP, NAMESPACE, REFEREE, GameSetup
 from pacman_env.ros.supervisor.processes import Lost, ProcessGroup
 from tests.ros.system import Probe, System
 from tests.waiting import PATIENCE_S, wait_for
@@ -18,16 +18,13 @@ from tests.waiting import PATIENCE_S, wait_for
 ROOT = Path(__file__).resolve().parents[3]
 
 
-def setup(folder: Path, **fields: object) -> GameSetup:
-    extra = {REFEREE: {"state_file": str(folder / "game_controller.json")}}
-    shows = ("show.start_s=1.0", "show.death_s=1.0")
-    return GameSetup("house", "clyde_aware", NAMESPACE, True, lock_step=True, settings=shows, extra=extra, **fields)  # type: ignore[arg-type]
-
-
 @pytest.mark.daily
 def test_game_process_ends_with_its_last_messages(system: System, probe: Probe, tmp_path: Path) -> None:
     probe.record(topics.GAME_STATE, topics.GAME_COMMAND, topics.SCORE)
-    process = system.run(LOCK_STEP, [sys.executable, "-m", *setup(tmp_path).command(LOCK_STEP)])
+    extra = {REFEREE: {"state_file": str(tmp_path / "game_controller.json")}}
+    shows = ("show.start_s=1.0", "show.death_s=1.0")
+    setup = GameSetup("house", "clyde_aware", NAMESPACE, True, lock_step=True, settings=shows, extra=extra)
+    process = system.run(LOCK_STEP, [sys.executable, "-m", *setup.command(LOCK_STEP)])
     probe.wait_for(lambda: "menu" in probe.values(topics.GAME_STATE), PATIENCE_S, "the menu")
     probe.forget()
     assert probe.call(topics.START_GAME).success
@@ -38,25 +35,6 @@ def test_game_process_ends_with_its_last_messages(system: System, probe: Probe, 
     process.send(signal.SIGINT)
     probe.wait_for(lambda: "disable" in probe.values(topics.GAME_COMMAND), PATIENCE_S, "the referee's last command")
     assert process.wait() == 0
-
-
-def test_setup_survives_json() -> None:
-    given = GameSetup(
-        *("house", "ppo", "robot_7", True),
-        settings=("clyde.speed_mps=0.4",),
-        home=(1.0, 2.0, 0.5),
-        extra={"audio_node": {"preset": "robot"}},
-        lock_step=True,
-        seed=7,
-    )
-    assert from_json(given.as_json()) == given
-
-
-def test_lock_step_needs_simulated_robot_without_speed() -> None:
-    with pytest.raises(ValueError, match="only with a simulated robot"):
-        GameSetup("house", lock_step=True)
-    with pytest.raises(ValueError, match="speed 4: a lock-step game is as fast as its nodes"):
-        GameSetup("house", sim=True, lock_step=True, speed=4.0)
 
 
 def test_final_process_is_not_started_again(tmp_path: Path) -> None:
