@@ -68,20 +68,12 @@ def nav2_bringup(namespace: str) -> Launched:
 def written(source: Path, launched: Launched, folder: Path) -> Path:
     """The file that Nav2's processes get as ``--params-file``."""
     content = yaml.safe_load(source.read_text())
-    _rewrite(content, {"autostart": True})
     root = launched.variables["namespace"]
     text = yaml.dump({root: content} if root else content)
     path = folder / "launch_params"
     path.write_text(substituted(text, launched.variables))
     yaml.safe_load(path.read_text())  # ParameterFile refuses what is no YAML any more
     return path
-
-
-def _rewrite(content: Any, values: dict[str, Any]) -> None:
-    if isinstance(content, dict):
-        for key, value in content.items():
-            _rewrite(value, values)
-            content[key] = values.get(key, value)
 
 
 def substituted(text: str, variables: dict[str, str]) -> str:
@@ -119,16 +111,17 @@ def costmap_node(name: str, launched: Launched, parameters: Path, domain: int) -
         rclpy.shutdown(context=context)
 
 
-def declared_layers(node: Node) -> list[str]:
-    """The costmap's layers, as its node declares them."""
-    return list(node.declare_parameter("plugins", ["static_layer"]).value or [])
-
-
-def subscribed_topics(node: Node, layer: str) -> dict[str, str]:
-    """The full name of the topic of every source of an ObstacleLayer or VoxelLayer, by the source's name.
+def subscribed_topics(node: Node) -> set[str]:
+    """The full names of the topics of every source of the costmap's layers, as its node declares them.
 
     Subscribed to on the costmap's own node: only from Kilted on does a layer start from the namespace above it.
     """
-    sources = str(node.declare_parameter(f"{layer}.observation_sources", "").value).split()
-    named = {source: str(node.declare_parameter(f"{layer}.{source}.topic", source).value) for source in sources}
-    return {source: node.resolve_topic_name(topic) for source, topic in named.items()}
+
+    def declared(name: str, default: Any) -> Any:
+        return node.declare_parameter(name, default).value or default
+
+    found = set()
+    for layer in declared("plugins", ["static_layer"]):
+        for source in declared(f"{layer}.observation_sources", "").split():
+            found.add(node.resolve_topic_name(declared(f"{layer}.{source}.topic", source)))
+    return found

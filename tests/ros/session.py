@@ -9,7 +9,6 @@ import gc
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -25,24 +24,11 @@ from pacman_env.ros.lock_step.members import Member
 from pacman_env.ros.lock_step.stepper import LockStep
 from pacman_env.ros.node import BaseNode, node_class
 from pacman_env.ros.supervisor.game_nodes import REFEREE, SELECTOR, GameSetup
+from tests.ros.records import Records
 
 NAMESPACE = "/robot_15"
 T = TypeVar("T")
 S = TypeVar("S", bound="Session")
-
-
-@dataclass(frozen=True)
-class Recorded:
-    """One message, and the simulated time at which it was handled, s since the session began."""
-
-    at: float
-    topic: str
-    message: Any
-
-    @property
-    def value(self) -> Any:
-        """Its ``data``."""
-        return self.message.data
 
 
 class Observer(BaseNode):
@@ -73,7 +59,7 @@ class TimeNode(BaseNode):
         self._clock.publish(message)
 
 
-class Session:
+class Session(Records):
     """A lock-step game, or some of its nodes, and the observer.
 
     Args:
@@ -82,10 +68,8 @@ class Session:
     """
 
     def __init__(self, game: LockStep, folder: Path) -> None:
+        super().__init__()
         self.game, self.folder = game, folder
-        self.records: list[Recorded] = []  # of all recorded topics, in the order of publication
-        self._by_topic: dict[str, list[Recorded]] = {}  # the same
-        self._latest: dict[str, Any] = {}  # messages, those that were forgotten among them
         self._publishers: dict[str, Any] = {}
         self.observer: Observer = game.add(Observer, self._arguments()).node  # type: ignore[assignment]
         options = {"use_global_arguments": False, "enable_rosout": False, "start_parameter_services": False}
@@ -130,51 +114,11 @@ class Session:
 
     # What nodes publish
 
-    def record(self, *wanted: topics.Topic) -> None:
-        """Record from now on; of a latched topic, what it was said last, too."""
-        for topic in wanted:
-            if topic.name not in self._by_topic:
-                self._by_topic[topic.name] = []
-                recorder = self._recorder(topic.name)
-                self.game.subscribe(self.observer, partial(topic.subscription, self.observer, recorder))
+    def _subscribe(self, topic: topics.Topic, receive: Callable[[Any], None]) -> None:
+        self.game.subscribe(self.observer, partial(topic.subscription, self.observer, receive))
 
-    def _recorder(self, name: str) -> Callable[[Any], None]:
-        def record(message: Any) -> None:
-            one = Recorded(self.game.wall.now_s, name, message)
-            self.records.append(one)
-            self._by_topic[name].append(one)
-            self._latest[name] = message
-
-        return record
-
-    def on(self, *wanted: topics.Topic) -> list[Recorded]:
-        """The records of some topics, in order."""
-        if len(wanted) == 1:
-            return self._by_topic.get(wanted[0].name, [])[:]
-        names = {topic.name for topic in wanted}
-        return [one for one in self.records if one.topic in names]
-
-    def messages(self, topic: topics.Topic) -> list[Any]:
-        """Of one topic."""
-        return [one.message for one in self.on(topic)]
-
-    def values(self, topic: topics.Topic) -> list[Any]:
-        """As ``messages``, the ``data`` alone."""
-        return [one.value for one in self.on(topic)]
-
-    def last(self, topic: topics.Topic) -> Any:
-        """The last message; None: none."""
-        records = self._by_topic.get(topic.name)
-        return records[-1].message if records else None
-
-    def latest(self, topic: topics.Topic) -> Any:
-        """As ``last``, be it forgotten or not."""
-        return self._latest.get(topic.name)
-
-    def value(self, topic: topics.Topic) -> Any:
-        """As ``latest``, the ``data`` alone."""
-        message = self.latest(topic)
-        return None if message is None else message.data
+    def _now(self) -> float:
+        return self.now_s
 
     def errors(self) -> list[str]:
         """What nodes have logged as errors since the session began."""
@@ -183,13 +127,6 @@ class Session:
                 if taken[0].level >= Log.ERROR:
                     self._errors.append(f"{taken[0].name}: {taken[0].msg}")
         return self._errors
-
-    def forget(self, *forgotten: topics.Topic) -> None:
-        """Drop what was recorded so far on some topics; none: on all."""
-        names = {topic.name for topic in forgotten} or set(self._by_topic)
-        self.records[:] = [one for one in self.records if one.topic not in names]
-        for name in names:
-            self._by_topic[name].clear()
 
     # What the test does
 

@@ -24,8 +24,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-from pacman_env.ros.topics import RosAction, Service, Topic
+from pacman_env.ros.topics import Service, Topic
 from tests.ros.fork_server import Forked
+from tests.ros.records import Recorded, Records
 from tests.waiting import PATIENCE_S
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -143,18 +144,11 @@ class System:
                     raise
 
 
-@dataclass(frozen=True)
-class Heard:
-    """One message with its time of arrival, ``time.monotonic`` s."""
-
-    at: float
-    message: Any
-
-
-class Probe:
+class Probe(Records):
     """A node of the test process, in a context of its own; it works only while ``wait_for`` spins it."""
 
     def __init__(self, system: System) -> None:
+        super().__init__()
         gc.collect()  # a node of an earlier test that only a cycle of references keeps is in the graph until then
         self.system = system
         self.context = Context()
@@ -162,8 +156,6 @@ class Probe:
         self.node = rclpy.create_node("probe", namespace=system.namespace, context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
-        self.all: list[tuple[str, Heard]] = []  # in order of arrival over all topics
-        self._heard: dict[str, list[Heard]] = {}
         self._publishers: dict[str, Any] = {}
         self._asked: dict[str, Any] = {}  # clients, by the name of their node
 
@@ -175,35 +167,15 @@ class Probe:
         self.node.destroy_node()
         self.context.try_shutdown()
 
-    def record(self, *topics: Topic) -> None:
-        """Listen from now on."""
-        for topic in topics:
-            if topic.name not in self._heard:
-                self._heard[topic.name] = []
-                topic.subscription(self.node, lambda message, name=topic.name: self._hear(name, message))
+    def _subscribe(self, topic: Topic, receive: Callable[[Any], None]) -> None:
+        topic.subscription(self.node, receive)
 
-    def _hear(self, name: str, message: Any) -> None:
-        heard = Heard(time.monotonic(), message)
-        self._heard[name].append(heard)
-        self.all.append((name, heard))
+    def _now(self) -> float:
+        return time.monotonic()
 
-    def heard(self, topic: Topic) -> list[Heard]:
-        """Everything heard on a topic so far, in order of arrival."""
-        return self._heard[topic.name]
-
-    def messages(self, topic: Topic) -> list[Any]:
-        """As ``heard``, without times."""
-        return [heard.message for heard in self._heard[topic.name]]
-
-    def values(self, topic: Topic) -> list[Any]:
-        """The ``data`` of everything heard on a topic."""
-        return [message.data for message in self.messages(topic)]
-
-    def forget(self) -> None:
-        """Drop what was heard so far."""
-        self.all.clear()
-        for heard in self._heard.values():
-            heard.clear()
+    def heard(self, topic: Topic) -> list[Recorded]:
+        """As ``on``."""
+        return self.on(topic)
 
     def publish(self, topic: Topic, message: Any, listeners: int = 1) -> None:
         """Publish, once ``listeners`` are there and get it; a plain value becomes the ``data`` of a message."""
@@ -280,13 +252,6 @@ class Probe:
         self.node.destroy_client(client)
         return answer.result()
 
-    def action_client(self, action: RosAction, timeout_s: float = PATIENCE_S) -> Any:
-        """A client of an action whose server is there."""
-        client = action.client(self.node)
-        self.wait_for(client.server_is_ready, timeout_s, f"action {action.name}")
-        self._be_known_to_owner(f"{self.system.namespace}/{action.name}/_action/send_goal", timeout_s)
-        return client
-
     def _be_known_to_owner(self, service: str, timeout_s: float) -> None:
         """Wait until a service's node knows all of the probe's clients made so far.
 
@@ -327,7 +292,7 @@ class Probe:
                 raise AssertionError(f"while waiting for {what}: {failed}")
             left = end - time.monotonic()
             if left <= 0:
-                heard = {name: len(of) for name, of in self._heard.items()}
+                heard = {name: len(of) for name, of in self._by_topic.items()}
                 raise AssertionError(
                     f"waited {timeout_s:g} s for {what}; heard {heard}, nodes {sorted(self.node.get_node_names())}\n"
                     f"{self.system.outputs()}"

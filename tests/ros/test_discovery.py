@@ -160,7 +160,7 @@ def test_nodes_use_shared_memory_only_on_request(system: System, chosen: str) ->
 def test_second_node_of_same_kind_is_refused(probe: Probe, system: System) -> None:
     first = system.start(LIGHTS)
     probe.record(topics.CONFIGURATION, topics.LIGHT_RING)
-    probe.wait_for(lambda: probe.heard(topics.CONFIGURATION), what="the first")
+    probe.wait_for(lambda: probe.on(topics.CONFIGURATION), what="the first")
     probe.publish(topics.GAME_LIGHT, LASTING["running"])
     lit = probe.wait_for(lambda: any(lit_rings(probe)) and len(lit_rings(probe)), what="the first to light the ring")
     second = system.start(LIGHTS)
@@ -175,7 +175,7 @@ def test_second_node_of_same_kind_is_refused(probe: Probe, system: System) -> No
 
 def lit_rings(probe: Probe) -> list[bool]:
     """Of each message to the ring, whether it takes the ring from the base."""
-    return [heard.message.override_system for heard in probe.heard(topics.LIGHT_RING)]
+    return [message.override_system for message in probe.messages(topics.LIGHT_RING)]
 
 
 def test_simulated_robot_is_refused_beside_real_base(probe: Probe, system: System) -> None:
@@ -189,14 +189,14 @@ def test_simulated_robot_is_refused_beside_real_base(probe: Probe, system: Syste
 def test_second_clock_in_domain_is_refused(probe: Probe, system: System) -> None:
     first = system.start(SIM_ROBOT, map_yaml="house", use_sim_time=True)
     probe.record(topics.CLOCK)
-    probe.wait_for(lambda: probe.heard(topics.CLOCK), START_S, "the clock")
+    probe.wait_for(lambda: probe.on(topics.CLOCK), START_S, "the clock")
     system.namespace = "/robot_16"
     second = system.start(SIM_ROBOT, map_yaml="house", use_sim_time=True)
     assert second.wait(START_S) == 2
     system.processes.remove(second)
     assert "another clock runs in this ROS domain: /robot_15/sim_robot" in second.output
     probe.forget()
-    probe.wait_for(lambda: len(probe.heard(topics.CLOCK)) > 5, what="the first clock to go on")
+    probe.wait_for(lambda: len(probe.on(topics.CLOCK)) > 5, what="the first clock to go on")
     assert first.popen.poll() is None
 
 

@@ -27,6 +27,7 @@ from pacman_env.world.navigation.grid import clearance_m
 from pacman_env.world.navigation.localization import compose
 from tests.ros import session
 from tests.ros.nav2_chain import nav2_yaml
+from tests.ros.simulated_robot.driven import EXACT
 from tests.sim.robots import rooms
 
 FACTS: dict[str, Any] = json.loads((Path(__file__).parent / "golden/nav2_interface.json").read_text())
@@ -35,9 +36,6 @@ DRIVEN_S = 5.0
 _FOR_NAV2 = GameSetup("house", sim=True, nav2=NAV2_BY_HAND).parameters(SIMULATOR)
 #: Parameters of the simulated robot that leave all to Nav2 but the base, as `ros up --sim --nav2` gives them.
 BASE_ONLY = {name: value for name, value in _FOR_NAV2.items() if name not in ("map_yaml", "speed", "use_sim_time")}
-#: What the lidar sees can be compared with the map while the odometry is exact.
-EXACT = [f"robot.{name}=0" for name in ("odometry_distance_error", "odometry_turn_error", "odometry_distance_noise")]
-EXACT += [f"robot.{name}=0" for name in ("odometry_turn_noise", "odometry_heading_noise", "wheel_slip")]
 VELOCITY = (0.2, 0.5)  # m/s, rad/s
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,8 @@ from pacman_env.ros.simulated_robot.sim_robot import AUDIO_SHOWN, LIGHT_RING_SHO
 from pacman_env.ros.supervisor.game_nodes import SIMULATOR
 from pacman_env.world.maps.occupancy import OccupancyMap
 from tests.ros import session
-from tests.ros.session import Recorded, Session
+from tests.ros.records import Recorded, Records
+from tests.ros.session import Session
 
 STEP_S = 0.05
 GOLDEN = json.loads(Path(__file__).with_name("golden").joinpath("whole_game.json").read_text())
@@ -85,22 +85,20 @@ def closet() -> OccupancyMap:
     return OccupancyMap.from_pixels("closet", pixels, RESOLUTION_M, (0.0, 0.0, 0.0))
 
 
-@dataclass
-class Recording:
-    """One game from the call of ``game/start`` on: messages in the order of publication, at simulated times, s."""
+class Recording(Records):
+    """One game from the call of ``game/start`` on: messages in the order of publication, at simulated times, s.
 
-    records: list[Recorded]
-    before: dict[str, Any]  # the latched numbers, by topic
-    golden: dict[str, Any]  # what had to be published
+    Args:
+        name: of the game in the golden file.
+        records: its messages.
+        before: the latched numbers, by topic.
+    """
 
-    def on(self, *wanted: topics.Topic) -> list[Recorded]:
-        """The messages of topics, in order."""
-        names = {topic.name for topic in wanted}
-        return [one for one in self.records if one.topic in names]
-
-    def values(self, topic: topics.Topic) -> list[Any]:
-        """As ``on``, the ``data`` alone."""
-        return [one.value for one in self.on(topic)]
+    def __init__(self, name: str, records: list[Recorded], before: dict[str, Any]) -> None:
+        super().__init__()
+        self.before, self.golden = before, GOLDEN[name]
+        for one in records:
+            self.add(one)
 
     @cached_property
     def states(self) -> list[tuple[str, float, float]]:
@@ -134,7 +132,7 @@ def play(game: Session, name: str, clyde: tuple[int, int]) -> Recording:
     game.wait_for(lambda: rests(game), what="the robot to rest")
     game.wait_for(lambda: game.value(topics.PELLETS_SPAWNED) == PELLETS, what="the pellets to be back")
     game.advance(2.0)  # what comes now must not come
-    return Recording(game.records[begin:], before, GOLDEN[name])
+    return Recording(name, game.records[begin:], before)
 
 
 @pytest.fixture(scope="module")
@@ -162,23 +160,18 @@ def number_line(one: Recorded) -> str:
     return f"{NUMBERS[one.topic]} {text}"
 
 
-def story(game: Recording) -> list[tuple[float, str]]:
+def story(game: Recording) -> list[str]:
     """Words, and numbers where they change; Clyde's speed also where a round begins."""
-    lines: list[tuple[float, str]] = []
+    lines: list[str] = []
     numbers = dict(game.before)
     for one in game.records:
         if one.topic in WORDS:
             word, _, number = one.value.partition(":")
-            lines.append((one.at, f"{WORDS[one.topic]} {word}" + (":{id}" if number else "")))
-        elif one.topic in NUMBERS and (one.value != numbers[one.topic] or lines[-1][1] == "state starting"):
+            lines.append(f"{WORDS[one.topic]} {word}" + (":{id}" if number else ""))
+        elif one.topic in NUMBERS and (one.value != numbers[one.topic] or lines[-1] == "state starting"):
             numbers[one.topic] = one.value
-            lines.append((one.at, number_line(one)))
+            lines.append(number_line(one))
     return lines
-
-
-def when(game: Recording, line: str, nth: int = 0) -> float:
-    """When a line of the story was published, s."""
-    return [at for at, published in story(game) if published == line][nth]
 
 
 def ids(records: list[Recorded]) -> list[int]:
@@ -190,7 +183,7 @@ def ids(records: list[Recorded]) -> list[int]:
 
 
 def test_messages_come_in_recorded_order(game: Recording) -> None:
-    assert [line for _, line in story(game)] == game.golden["story"]
+    assert story(game) == game.golden["story"]
 
 
 def test_each_pellet_is_reported_and_removed_once(game: Recording) -> None:
@@ -221,21 +214,6 @@ def test_each_event_has_light_and_sound_at_once(game: Recording, kind: str) -> N
     for event, one in zip(events, answers, strict=True):
         assert one.at == event.at
         assert order[id(event)] < order[id(one)]
-
-
-# How long it takes
-
-
-def test_shows_last_as_long_as_recorded(game: Recording) -> None:
-    audio = game.on(AUDIO_SHOWN)
-    spans = {
-        "start show": (when(game, "event start theatrical"), when(game, "command enable")),
-        "theme": (audio[0].at, audio[1].at),
-    }
-    if "state dying" in game.golden["story"]:
-        spans["death show"] = when(game, "state dying"), when(game, "command return_home", 1)
-    seconds = {name: end - begin for name, (begin, end) in spans.items()}
-    assert seconds == pytest.approx({name: game.golden["seconds"][name] for name in spans}, abs=1e-6)
 
 
 # What the robot does

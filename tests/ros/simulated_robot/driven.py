@@ -17,6 +17,12 @@ from tests.sim.robots import RIGHT, rooms
 SUCCEEDED, CANCELED, ABORTED = GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED
 LEFT = (-1.5, 1.0)
 
+#: Settings for odometry without errors and scans without noise.
+EXACT = [
+    *(f"robot.odometry_{name}=0" for name in ("distance_error", "turn_error", "distance_noise", "turn_noise")),
+    *("robot.odometry_heading_noise=0", "robot.wheel_slip=0", "observation.scan_noise=0"),
+]
+
 
 class Goal:
     """A goal of an action, sent."""

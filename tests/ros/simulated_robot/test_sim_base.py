@@ -14,13 +14,9 @@ from pacman_env.ros import topics
 from pacman_env.ros.messages import pose_of, seconds_of
 from pacman_env.ros.simulated_robot.sim_robot import FAULT, FAULTS_NOW
 from pacman_env.world.navigation.localization import relative
-from tests.ros.simulated_robot.driven import ABORTED, SUCCEEDED, Robot
+from tests.ros.simulated_robot.driven import ABORTED, EXACT, SUCCEEDED, Robot
 
 BASE = {"navigation": False, "localization": False}
-EXACT = [
-    *(f"robot.odometry_{name}=0" for name in ("distance_error", "turn_error", "distance_noise", "turn_noise")),
-    *("robot.odometry_heading_noise=0", "robot.wheel_slip=0", "observation.scan_noise=0"),
-]
 Make = Callable[..., Robot]
 
 
