@@ -96,9 +96,7 @@ class System:
         words = ["--ros-args", "-r", f"__ns:={self.namespace}", *arguments]
         for name, value in parameters.items():
             words += ["-p", f"{name}:={json.dumps(value) if isinstance(value, (bool, list)) else value}"]
-        name = module.rpartition(".")[2]
-        log = self._log(name)
-        return self._add(Process(name, Forked(module, words, os.environ, log), log))
+        return self.fork(module.rpartition(".")[2], module, *words)
 
     def fork(self, name: str, module: str, *arguments: str) -> Process:
         """Start the ``main()`` of any module, with what nodes need imported already."""
@@ -204,7 +202,7 @@ class Probe(Records):
 
         self.wait_for(lambda: not any("UNKNOWN" in name for name in listeners()), what="the names of listeners")
         for name in listeners() - {self.node.get_fully_qualified_name()}:
-            self._be_known_to(name, PATIENCE_S)
+            self.answered_by(name, anew=True)
 
     def taken_in(self, topic: Topic, node: str) -> None:
         """Wait until a node has taken in all that was published on a topic so far."""
@@ -216,25 +214,25 @@ class Probe(Records):
         publisher = self.publisher(topic)
         self.wait_for(lambda: publisher.wait_for_all_acked(Duration(seconds=0.1)), what=f"{topic.name} to arrive")
 
-    def answered_by(self, node: str, anew: bool = False) -> None:
-        """Wait for a node, full name, to answer: after all messages that it had got by then; ``anew``: a new client."""
-        if anew or node not in self._asked:
-            self._asked[node] = self.node.create_client(ListParameters, f"{node}/list_parameters")
-        self._ask(self._asked[node], PATIENCE_S, node)
+    def answered_by(self, node: str, anew: bool = False, timeout_s: float = PATIENCE_S) -> None:
+        """Wait for a node, full name, to answer: after all messages that it had got by then; ``anew``: a new client.
 
-    def _ask(self, client: Any, timeout_s: float, name: str) -> None:
-        """Ask until there is an answer: a server that does not know the client's reader yet drops it."""
-        self.wait_for(client.service_is_ready, timeout_s, f"the parameters of {name}")
-        answer = client.call_async(ListParameters.Request())
-        asked = time.monotonic()
+        A server that does not know the client's reader yet drops its answer, so that it is asked again.
+        """
+        if anew and node in self._asked:
+            self.node.destroy_client(self._asked.pop(node))
+        if node not in self._asked:
+            self._asked[node] = self.node.create_client(ListParameters, f"{node}/list_parameters")
+        client, answer, asked_s = self._asked[node], None, 0.0
+        self.wait_for(client.service_is_ready, timeout_s, f"the parameters of {node}")
 
         def answered() -> bool:
-            nonlocal answer, asked
-            if not answer.done() and time.monotonic() - asked > 1.0:
-                answer, asked = client.call_async(ListParameters.Request()), time.monotonic()
+            nonlocal answer, asked_s
+            if answer is None or (not answer.done() and time.monotonic() - asked_s > 1.0):
+                answer, asked_s = client.call_async(ListParameters.Request()), time.monotonic()
             return bool(answer.done())
 
-        self.wait_for(answered, timeout_s, f"the parameters of {name}")
+        self.wait_for(answered, timeout_s, f"the parameters of {node}")
 
     def publisher(self, topic: Topic) -> Any:
         """The probe's publisher on a topic."""
@@ -266,13 +264,7 @@ class Probe(Records):
                         return f"{namespace.rstrip('/')}/{name}"
             return None
 
-        self._be_known_to(self.wait_for(owner, timeout_s, f"the node of {service}"), timeout_s)
-
-    def _be_known_to(self, name: str, timeout_s: float) -> None:
-        """Wait until a node, full name, has answered a client that is made now."""
-        client = self.node.create_client(ListParameters, f"{name}/list_parameters")
-        self._ask(client, timeout_s, name)
-        self.node.destroy_client(client)
+        self.answered_by(self.wait_for(owner, timeout_s, f"the node of {service}"), True, timeout_s)
 
     def stamp(self) -> Any:
         """The time now, as messages have it."""

@@ -129,16 +129,11 @@ def test_trouble_ends_unless_it_lasts() -> None:
     assert once.counts == {"pose": 1}
 
 
-class Peer:
-    """Another node, as far as its configuration goes."""
-
-    def __init__(self, nodes: Session, name: str) -> None:
-        self.nodes, self.name = nodes, name
-
-    def plays(self, map: str | None = None, **changes: Any) -> None:
-        config = make_config("robot", **changes)
-        said = {"node": self.name, "hash": config.hash, "map": map, "configuration": config.as_dict()}
-        self.nodes.publish(topics.CONFIGURATION, json.dumps(said))
+def plays(nodes: Session, name: str, map: str | None = None, **changes: Any) -> None:
+    """Have another node say its configuration."""
+    config = make_config("robot", **changes)
+    said = {"node": name, "hash": config.hash, "map": map, "configuration": config.as_dict()}
+    nodes.publish(topics.CONFIGURATION, json.dumps(said))
 
 
 def test_other_configuration_is_reported_by_field(nodes: Session, log: Callable[[], str]) -> None:
@@ -152,14 +147,14 @@ def test_other_configuration_is_reported_by_field(nodes: Session, log: Callable[
     assert said == {"node": "game_event_mapper", "hash": own.hash, "map": None, "configuration": own.as_dict()}
 
     two_ghosts = {"clyde.ghosts": ("wander", "chase")}
-    equal, other, third = (Peer(nodes, name) for name in ("pellet_manager", "game_controller", "goal_selector"))
-    equal.plays(map="01234567", **two_ghosts)
+    other, third = "game_controller", "goal_selector"
+    plays(nodes, "pellet_manager", map="01234567", **two_ghosts)
     for _ in range(3):
-        other.plays(**{"clyde.speed_mps": 0.35, **two_ghosts})
-    third.plays()
+        plays(nodes, other, **{"clyde.speed_mps": 0.35, **two_ghosts})
+    plays(nodes, third)
     for bad in ("", "no json", "[]", "{}", '{"node": 1, "map": 2, "configuration": 3}', "[" * 200_000):
         nodes.publish(topics.CONFIGURATION, bad)
-    third.plays(**two_ghosts)
+    plays(nodes, third, **two_ghosts)
     lines = [line for line in log().splitlines() if "configuration" in line]
     assert len(lines) == 4
     assert lines[0].endswith("game_controller plays by another configuration: clyde.speed_mps 0.35, here 0.25")
@@ -169,8 +164,8 @@ def test_other_configuration_is_reported_by_field(nodes: Session, log: Callable[
     assert lines[2].endswith("game/configuration: not the configuration of a node of this game")
     assert "configuration of goal_selector: over" in lines[3]
 
-    other.plays(**two_ghosts)  # started again, with the same settings
-    other.plays(**{"clyde.speed_mps": 0.45, **two_ghosts})
+    plays(nodes, other, **two_ghosts)  # started again, with the same settings
+    plays(nodes, other, **{"clyde.speed_mps": 0.45, **two_ghosts})
     assert "clyde.speed_mps 0.45, here 0.25" in log()
     assert log().count("game_controller plays by another") == 2
 
