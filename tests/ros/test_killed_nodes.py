@@ -131,7 +131,6 @@ def test_frozen_referee_counts_all_later(game: Game, spawned: int) -> None:
     game.collect(1)
     with game.frozen(REFEREE):
         game.wait_for(lambda: len(game.removed()) > 1, FROZEN_S, "pellets that are not counted")
-        game.nodes.kill(SELECTOR)  # its successor reports them
     game.play_to_the_end(spawned)
     assert {value for value in game.values(topics.PELLETS_SPAWNED) if value} == {spawned}
 
