@@ -71,7 +71,7 @@ class Session(Records):
         super().__init__()
         self.game, self.folder = game, folder
         self._publishers: dict[str, Any] = {}
-        self.observer: Observer = game.add(Observer, self._arguments()).node  # type: ignore[assignment]
+        self.observer: Observer = game.add(Observer, self._arguments()).node
         options = {"use_global_arguments": False, "enable_rosout": False, "start_parameter_services": False}
         # It is no member: lines of a log have the wall's time.
         self._log_reader = rclpy.node.Node("log_reader", context=game.context, **options)
@@ -165,7 +165,7 @@ class Session(Records):
 
     def within(self, do: Callable[[], T], node: BaseNode | None = None) -> T:
         """Have a node, the observer without one, do something, and everything handled that follows."""
-        return self.game.within(node or self.observer, do)  # type: ignore[no-any-return]
+        return self.game.within(node or self.observer, do)
 
     # Time
 
