@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from typing import Any
 
 import httpx
@@ -20,9 +21,36 @@ from pacman_env.web.simulated import SimulatedGame
 from pacman_env.web.vocabulary import vocabulary
 from tests.waiting import PATIENCE_S, wait_for
 from tests.web.frames import decode, decode_all
+from tests.web.game_contract import GameContract, Play
 from tests.web.pages import Page, at
 
 QUICK = Rules(policy="clyde_aware", second="nearest", settings={"time_limit_s": 20.0})
+
+
+class SimulatedPlay(Play):
+    def __init__(self) -> None:
+        self.page = SimulatedGame(Rules(policy="nearest", second="nearest", map="loop"), seed=3)
+        self.handle(m.ClydeSpeed(mps=0.05))
+
+    def round(self) -> None:
+        """Begin a round in haste, and go on in real time."""
+        self.menu()
+        self.handle(m.Speed(times=50))
+        self.handle(m.Start())
+        self.wait(lambda: self.frame.state == "running", "the round")
+        self.handle(m.Speed(times=1))
+        self.wait(lambda: self.drives, "the robot to drive")
+
+
+@pytest.fixture(scope="module")
+def play() -> Iterator[SimulatedPlay]:
+    play = SimulatedPlay()
+    with closing(play.page):
+        yield play
+
+
+class TestSimulatedGameContract(GameContract):
+    """The promises of every game."""
 
 
 @pytest.fixture
@@ -212,18 +240,6 @@ def test_driven_robot_stops_without_further_messages(game: SimulatedGame) -> Non
     wait_for(lambda: frame(game).velocity == (0.0, 0.0))
 
 
-def test_motions_turn_the_robot_only_when_armed(game: SimulatedGame) -> None:
-    home = frame(game).true
-    assert home is not None
-    before = frame(game).number
-    game.handle("Ann", m.Event(word="death"))
-    wait_for(lambda: frame(game).number > before, "a later frame")
-    assert frame(game).true == home
-    game.handle("Ann", m.Arm(on=True))
-    game.handle("Ann", m.Event(word="start theatrical"))
-    wait_for(lambda: (now := frame(game).true) is not None and abs(now[2] - home[2]) > 0.1)
-
-
 def test_readiness_list_describes_the_round(game: SimulatedGame) -> None:
     assert {one["name"] for one in game.handle("Ann", m.Ready())} == {"simulator", "map", "configuration"}
 
@@ -238,12 +254,6 @@ def test_ended_game_refuses_requests() -> None:
 def test_unknown_map_is_refused_at_the_start() -> None:
     with pytest.raises(Refused, match="nowhere"):
         SimulatedGame(Rules(map="nowhere"))
-
-
-def test_score_terms_are_sent_only_while_watched(game: SimulatedGame) -> None:
-    game.handle("Ann", m.Start())
-    game.watch(why=True, lidar=False)
-    wait_for(lambda: any("why" in one for one in game.news(0)))
 
 
 def test_every_event_shows_its_light(game: SimulatedGame) -> None:

@@ -9,36 +9,38 @@ from typing import Any, TypeVar
 from pacman_env.ros.node import BaseNode
 from pacman_env.ros.operator_page.ros_game import RosGame
 from pacman_env.ros.supervisor.game_nodes import SELECTOR
-from pacman_env.web import messages
-from pacman_env.web.frame import Frame
 from pacman_env.web.game import Refused
 from tests.ros.session import NAMESPACE, Session
+from tests.web.game_contract import Play
 
 MAP, POLICY = "loop", "nearest"
 HOME = 0.0, 0.0, 0.0
-STILL_MPS, STILL_RADPS = 0.005, 0.02
 SETTINGS = ("clyde.speed_mps=0.02", "show.start_s=1", "show.death_s=1")
 EXTRA: dict[str, dict[str, Any]] = {SELECTOR: {"diagnostics_rate": 5.0}}
 T = TypeVar("T")
 
 
-class PageGame:
-    """The game, and what the server would ask of it.
+def start_page(session: Session, map: str = MAP) -> RosGame:
+    """Start the page's node in a session; the caller closes it."""
+    pages: list[RosGame] = []
 
-    Args:
-        session: of a whole game.
-    """
+    def make() -> BaseNode:
+        pages.append(RosGame(NAMESPACE, int(os.environ["ROS_DOMAIN_ID"]), True, map))
+        return pages[0].node
+
+    session.start("pacman_page", make)
+    return pages[0]
+
+
+class PageGame(Play):
+    """The page over a session of a whole game."""
 
     page: RosGame
 
     def __init__(self, session: Session) -> None:
         self.session = session
-        session.start("pacman_page", self._make)
+        self.page = start_page(session)
         self.wait(lambda: self.ready, "the game")
-
-    def _make(self) -> BaseNode:
-        self.page = RosGame(NAMESPACE, int(os.environ["ROS_DOMAIN_ID"]), True, MAP)
-        return self.page.node
 
     def start(self, name: str) -> None:
         """Start a node that was killed."""
@@ -47,9 +49,8 @@ class PageGame:
             own = {"map_yaml": MAP, "policy": POLICY, "home": list(HOME), **EXTRA[SELECTOR]}
         self.session.start(name, settings=list(SETTINGS), **own)
 
-    def wait(self, condition: Callable[[], T], what: str, limit_s: float = 120.0) -> T:
-        """Simulated s."""
-        return self.session.wait_for(condition, limit_s, what)
+    def wait(self, condition: Callable[[], T], what: str) -> T:
+        return self.session.wait_for(condition, what=what)
 
     def do(self, call: Callable[[], T]) -> T:
         """Have the page do something between two steps of the game, and time go on while it waits for an answer.
@@ -71,18 +72,6 @@ class PageGame:
             raise refused[0]
         return outcome[0]
 
-    def handle(self, message: messages.Message, person: str = "guest-1") -> Any:
-        """As the server does it."""
-        return self.do(lambda: self.page.handle(person, message))
-
-    def stop(self, person: str = "guest-1") -> None:
-        """The operator's."""
-        self.do(lambda: self.page.stop(person))
-
-    def release(self) -> None:
-        """Its end."""
-        self.do(lambda: self.page.release("guest-1"))
-
     @property
     def ready(self) -> bool:
         frame, facts = self.page.frame(), self.page.scene().facts
@@ -96,45 +85,3 @@ class PageGame:
             name in self.page._driving.stop_row()["words"]
             for name in (SELECTOR, "game_event_mapper", "game_controller")
         )
-
-    @property
-    def frame(self) -> Frame:
-        """The last."""
-        frame = self.page.frame()
-        assert frame is not None
-        return frame
-
-    def words(self, after: int = 0) -> list[str]:
-        """Of the news."""
-        return [one["words"] for one in self.page.news(after) if "words" in one]
-
-    def news_number(self) -> int:
-        """Of the last."""
-        return max((one["number"] for one in self.page.news(0)), default=0)
-
-    def menu(self) -> None:
-        """Nothing goes on."""
-        self.release()
-        self.do(lambda: self.page.leave("guest-1"))
-        self.handle(messages.Reset())
-        self.wait(lambda: self.frame.state == "menu" and not self.frame.stopped, "the menu")
-        self.wait(lambda: self.stands, "the robot to stand")
-
-    def round(self) -> None:
-        """A round in which the robot drives."""
-        if self.frame.state != "running":
-            self.menu()
-            self.handle(messages.Start())
-        self.wait(lambda: self.frame.state == "running", "the round")
-        self.wait(lambda: self.drives, "the robot to drive")
-
-    @property
-    def drives(self) -> bool:
-        """By the frame."""
-        return abs(self.frame.velocity[0]) > 0.1
-
-    @property
-    def stands(self) -> bool:
-        """By the frame."""
-        v, omega = self.frame.velocity
-        return abs(v) < STILL_MPS and abs(omega) < STILL_RADPS
