@@ -28,8 +28,9 @@ class Play:
 
     page: Any
 
-    def wait(self, condition: Callable[[], T], what: str) -> T:
-        return wait_for(condition, what)
+    def wait(self, condition: Callable[[], Any], what: str) -> Any:
+        """Wait for a condition; ask for frames meanwhile, as the server does."""
+        return wait_for(lambda: self.page.frame() and condition(), what)
 
     def do(self, call: Callable[[], T]) -> T:
         """Call the game between two steps of it."""
@@ -186,7 +187,7 @@ class GameContract:
         play.menu()
         after = play.news_number()
         play.handle(m.Event(word=word, what=what))
-        play.wait(lambda: play.frame and word in play.heard(what, after), word)
+        play.wait(lambda: word in play.heard(what, after), word)
 
     def test_impossible_request_is_refused(self, play: Play) -> None:
         play.menu()

@@ -49,7 +49,7 @@ class PageGame(Play):
             own = {"map_yaml": MAP, "policy": POLICY, "home": list(HOME), **EXTRA[SELECTOR]}
         self.session.start(name, settings=list(SETTINGS), **own)
 
-    def wait(self, condition: Callable[[], T], what: str) -> T:
+    def wait(self, condition: Callable[[], Any], what: str) -> Any:
         return self.session.wait_for(condition, what=what)
 
     def do(self, call: Callable[[], T]) -> T:

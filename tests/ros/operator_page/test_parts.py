@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from pacman_env.config import make_config
-from pacman_env.ros import operator_stop, topics
+from pacman_env.ros import topics
+from pacman_env.ros.node import BaseNode
 from pacman_env.ros.operator_page.page_node import RAYS, picture_of, rays_of
 from pacman_env.ros.operator_page.ros_driving import Wheels
 from pacman_env.ros.operator_page.ros_view import played_by
@@ -22,100 +23,87 @@ from pacman_env.ros.operator_stop import OperatorStop
 from pacman_env.web.control import DEAD_MAN_S
 from pacman_env.web.game import MOST_NEWS, News
 from pacman_env.world.maps.occupancy import load_map
+from tests.ros.session import Session
 from tests.waiting import wait_for
 
 
-class Air:
-    """Where words travel at once, to all that are there; who comes later hears the last of each."""
+class Obeying(BaseNode):
+    """A node with the operator's stop, and what it was told."""
 
-    def __init__(self) -> None:
-        self.nodes: dict[str, Air.Node] = {}
-
-    class Node:
-        def __init__(self, air: Air, name: str) -> None:
-            self.air, self.name, self.last, self.take = air, name, None, None
-            air.nodes[name] = self
-
-        def get_fully_qualified_name(self) -> str:
-            return f"/robot_15/{self.name}"
-
-        def create_publisher(self, *arguments: Any) -> Any:
-            return self
-
-        def listen(self, topic: Any, take: Callable[[Any], None], trouble: str) -> Any:
-            self.take = take
-            for other in list(self.air.nodes.values()):
-                if other.last is not None:
-                    take(other.last)
-            return None
-
-        def publish(self, message: Any) -> None:
-            self.last = message
-            for other in list(self.air.nodes.values()):
-                if other.take is not None:
-                    other.take(message)
-
-    def join(self, name: str, **options: Any) -> OperatorStop:
-        return OperatorStop(self.Node(self, name), **options)
-
-    def kill(self, name: str) -> None:
-        del self.nodes[name]
+    def __init__(self, name: str, obeys: bool) -> None:
+        super().__init__(name)
+        self.told: list[tuple[bool, str]] = []
+        self.stop = OperatorStop(self, lambda stopped, who: self.told.append((stopped, who)), obeys)
 
 
-def test_stop_outlives_its_sender_and_readers() -> None:
-    air = Air()
-    planner, mapper = air.join("goal_selector"), air.join("game_event_mapper")
-    page = air.join("pacman_page")
-    page.request(True, "guest-1")
-    assert planner.stopped
-    assert mapper.stopped
-    assert page.obeyed_by == ["game_event_mapper", "goal_selector"]
-    air.kill("pacman_page")
-    air.kill("goal_selector")
-    planner = air.join("goal_selector")
-    assert planner.stopped
-    assert planner.who == "guest-1"
-    terminal = air.join("pacman_up", obeys=False)
-    assert terminal.stopped
-    terminal.request(False, "a terminal")
-    assert not planner.stopped
-    assert not mapper.stopped
+def join(nodes: Session, name: str, obeys: bool = True) -> Obeying:
+    node = nodes.start(name, lambda: Obeying(name, obeys)).node
+    assert isinstance(node, Obeying)
+    return node
 
 
-def test_change_is_told_once() -> None:
-    air, told = Air(), []
-    air.join("goal_selector", changed=lambda stopped, who: told.append((stopped, who)))
-    page, other = air.join("pacman_page"), air.join("another_page")
-    page.request(True, "guest-1")
-    other.request(True, "guest-2")
-    assert told == [(True, "guest-1")]
-    page.request(False, "guest-1")  # of another page's stop of a moment ago: it is stronger
-    assert told[-1] == (True, "guest-2")
-    assert page.stopped
+def request(nodes: Session, node: Obeying, stopped: bool, who: str) -> None:
+    nodes.within(lambda: node.stop.request(stopped, who), node)
 
 
-def test_release_counts_when_clocks_differ(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(operator_stop, "_INSISTS_S", 0.0)
-    air = Air()
-    planner, ahead, behind = air.join("goal_selector"), air.join("ahead"), air.join("behind")
-    now = time.time_ns()
-    with monkeypatch.context() as clock:
-        clock.setattr(time, "time_ns", lambda: now + 3_600_000_000_000)
-        ahead.request(True, "guest-1")
-    behind.request(False, "guest-2")
-    assert not planner.stopped
-    behind.request(True, "guest-2")
-    assert planner.stopped
+def publish(nodes: Session, stopped: bool, at: int) -> None:
+    """Publish a request of another node, whose clock may differ."""
+    content = {"stopped": stopped, "at": at, "who": "guest-3", "by": "/robot_15/another"}
+    nodes.publish(topics.OPERATOR_STOP, json.dumps(content))
 
 
-def test_stop_is_repeated_after_old_release(monkeypatch: pytest.MonkeyPatch) -> None:
-    air = Air()
-    old = {"stopped": False, "at": time.time_ns() + 10**12, "who": "guest-1", "by": "/robot_15/ahead"}
-    page = air.join("pacman_page")
-    page.request(True, "guest-2")
-    air.Node(air, "ahead").publish(topics.OPERATOR_STOP.type(data=json.dumps(old)))  # is heard only now
-    assert page.stopped
-    assert air.join("goal_selector").stopped
+def test_stop_outlives_its_sender_and_readers(nodes: Session) -> None:
+    mapper, page = join(nodes, "game_event_mapper"), join(nodes, "pacman_page")
+    first = join(nodes, "goal_selector")
+    request(nodes, page, True, "guest-1")
+    assert first.stop.stopped
+    assert page.stop.obeyed_by == ["game_event_mapper", "goal_selector"]
+    nodes.kill("pacman_page")
+    nodes.kill("goal_selector")
+    planner = join(nodes, "goal_selector")
+    assert (planner.stop.stopped, planner.stop.who) == (True, "guest-1")
+    terminal = join(nodes, "pacman_up", obeys=False)
+    assert terminal.stop.stopped
+    request(nodes, terminal, False, "a terminal")
+    assert not planner.stop.stopped
+    assert not mapper.stop.stopped
+
+
+def test_change_is_told_once(nodes: Session) -> None:
+    planner, page, other = (join(nodes, name) for name in ("goal_selector", "pacman_page", "another_page"))
+    request(nodes, page, True, "guest-1")
+    request(nodes, other, True, "guest-2")
+    assert planner.told == [(True, "guest-1")]
+    request(nodes, page, False, "guest-1")  # of another page's stop of a moment ago: it is stronger
+    assert planner.told[-1] == (True, "guest-2")
+    assert page.stop.stopped
+
+
+def test_release_counts_when_clocks_differ(nodes: Session) -> None:
+    planner, behind = join(nodes, "goal_selector"), join(nodes, "behind")
+    publish(nodes, True, 10**18 * 4)
+    request(nodes, behind, False, "guest-2")
+    assert not planner.stop.stopped
+    request(nodes, behind, True, "guest-2")
+    assert planner.stop.stopped
+
+
+def test_stop_is_repeated_after_old_release(nodes: Session) -> None:
+    page = join(nodes, "pacman_page")
+    request(nodes, page, True, "guest-2")
+    publish(nodes, False, 10**18 * 4)  # by a clock that is ahead; it is received only now
+    assert page.stop.stopped
+    assert join(nodes, "goal_selector").stop.stopped
+
+
+def test_stop_wins_over_release_of_same_time(nodes: Session) -> None:
+    planner = join(nodes, "goal_selector")
+    for stopped, at in ((False, 10), (True, 10), (False, 10), (False, 9)):
+        publish(nodes, stopped, at)
+    for bad in ("release", "{}", '{"stopped": 0, "at": 99, "who": "", "by": ""}', "[" * 500, "x" * 2000):
+        nodes.publish(topics.OPERATOR_STOP, bad)
+    assert planner.told == [(True, "guest-3")]
+    assert planner.stop.stopped
 
 
 @pytest.fixture

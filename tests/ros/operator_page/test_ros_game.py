@@ -89,7 +89,7 @@ def test_stop_acts_at_once_and_repeatedly(game: PageGame) -> None:
                     return one.at
             return None
 
-        return float(game.wait(still, f"a velocity of zero on {topic.name}") or 0.0)
+        return float(game.wait(still, f"a velocity of zero on {topic.name}"))
 
     game.round()
     game.session.forget()
