@@ -52,8 +52,9 @@ def upgrade(server: WebServer) -> socket.socket:
 class Page:
     """Connects, and keeps the texts that come; ``frames`` are when they came and what they were."""
 
-    def __init__(self, server: WebServer, url: str = "", again: str = ""):
-        address = at(url or server.url, "ws" + (f"?again={again}" if again else ""))
+    def __init__(self, server: WebServer | str, again: str = ""):
+        url = server if isinstance(server, str) else server.url
+        address = at(url, "ws" + (f"?again={again}" if again else ""))
         self._opened = ExitStack()
         self.socket: ClientConnection = self._opened.enter_context(
             connect(address, compression=None, max_size=None, max_queue=None)

@@ -1,21 +1,34 @@
-"""The schema of what a page sends."""
+"""The schema of what a page sends, and names of the protocol's words."""
 
 from __future__ import annotations
 
 import json
 import math
+from typing import get_args
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pacman_env.envs.outcome import OUTCOMES
+from pacman_env.game.round import State
+from pacman_env.policies.base import KIND_NAMES
 from pacman_env.web import messages
+from pacman_env.web.control import ROLES
 from pacman_env.web.messages import MOST_BYTES, as_json, parse
+from pacman_env.web.vocabulary import CANDIDATE_KINDS, RESULTS, STATES, vocabulary
 from tests.web.page_messages import RIGHT, WORDS, WRONG, as_sent
 
 
 def test_every_message_has_an_example() -> None:
     assert set(RIGHT) == WORDS
+
+
+def test_every_protocol_word_has_a_name() -> None:
+    assert set(STATES) == set(get_args(State))
+    assert set(RESULTS) == set(OUTCOMES) - {"running"}
+    assert set(CANDIDATE_KINDS) == set(KIND_NAMES)
+    assert set(vocabulary()["roles"]) == set(ROLES)
 
 
 @pytest.mark.parametrize("word", sorted(RIGHT))
@@ -49,10 +62,6 @@ def test_refusal_of_a_message_names_the_reason(text: str, words: str) -> None:
     with pytest.raises(ValueError, match="message") as error:
         parse(text)
     assert words in str(error.value)
-
-
-def test_viewer_messages_include_stop_but_no_changes() -> None:
-    assert {kind.__name__ for kind in messages.FOR_ALL} == {"Stop", "Watch", "Why", "Stories", "Ready", "Ping"}
 
 
 @given(st.floats())

@@ -12,6 +12,7 @@ import json
 import os
 import re
 import signal
+import socket
 import sys
 import urllib.request
 from collections.abc import Callable, Iterator
@@ -29,13 +30,23 @@ from pacman_env.ros.supervisor.checks.check import BAD, OK
 from pacman_env.ros.supervisor.doctor import doctor
 from pacman_env.ros.supervisor.game_nodes import GAME, PAGE, SELECTOR, SIMULATOR, GameSetup
 from pacman_env.world.maps.occupancy import load_map
-from tests.ros.operator_page.page_process import free_port
 from tests.ros.supervisor.terminal import COLUMNS, PATIENCE_S, Terminal
 from tests.ros.supervisor.test_doctor import diagnose, is_bad
 from tests.ros.system import Probe, Process, System
+from tests.web.frames import decode
+from tests.web.pages import Page
 
 COMMAND = [sys.executable, "-m", "pacman_env.cli.main", "ros"]
 SHOWS = ("--set", "show.start_s=1.0", "--set", "show.death_s=1.0")
+
+
+@contextlib.contextmanager
+def free_port() -> Iterator[int]:
+    """A port that no other program is given meanwhile; the page can still be bound to it."""
+    with socket.socket() as one:
+        one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the page's server has it
+        one.bind(("127.0.0.1", 0))
+        yield int(one.getsockname()[1])
 
 
 @dataclass(frozen=True)
@@ -232,7 +243,7 @@ def test_stop_holds_robot_until_release(game: Game) -> None:
     assert ask("release").out == "nothing was stopped\n"
 
 
-def test_killed_page_and_node_come_back(game: Game) -> None:
+def test_stop_by_page_outlives_it_until_it_is_back(game: Game) -> None:
     terminal = game.terminal
     game.in_menu()
     game.wait_for(lambda: terminal.shows(r"^page: http://127\.0\.0\.1:\d+/ on this computer$"), "the page's address")
@@ -246,7 +257,18 @@ def test_killed_page_and_node_come_back(game: Game) -> None:
         except OSError:
             return False
 
+    def stopped() -> bool:
+        return bool(json.loads(game.probe.values(topics.DIAGNOSTICS)[-1])["stopped"])
+
     game.wait_for(there, "the page")
+    with Page(link) as page:
+        assert page.hello["source"] == "ros"
+        scene = page.wait("scene", lambda text: bool(text["map"]))
+        with urllib.request.urlopen(link + scene["map"]["url"], timeout=PATIENCE_S) as picture:
+            assert picture.read(8).startswith(b"\x89PNG")
+        game.begin_round()
+        assert page.ask("stop")["ok"]
+        game.wait_for(stopped, "the stop")
     killed = {name: pid_of(name) for name in (PAGE, "game_light_node")}
     for name, pid in killed.items():
         assert pid is not None, name
@@ -256,6 +278,27 @@ def test_killed_page_and_node_come_back(game: Game) -> None:
         game.wait_for(lambda name=name, pid=pid: pid_of(name) not in (None, pid), f"{name} to be started again")  # type: ignore[misc]
     game.wait_for(there, "the page to be back")
     game.probe.answered_by("/robot_15/game_light_node", anew=True)
+    assert stopped()
+    with Page(link) as page:
+        while not (page.frames and decode(page.frames[-1][1]).stopped):
+            page.read()
+        assert page.ask("release")["ok"]
+    game.wait_for(lambda: not stopped(), "the release")
+
+
+def test_readiness_list_of_page_is_that_of_doctor(game: Game) -> None:
+    game.in_menu()
+    wanted = ("domain", "base", "map", "pose", "Nav2", "game's nodes", "configuration", "STOP")
+    (line,) = {line for line in game.terminal.lines if line.startswith("page: ")}
+    with Page(line.split()[1]) as page:
+
+        def ready() -> bool:
+            """A look has its limits of time: on a busy machine another one may be needed."""
+            rows = {row["name"]: row for row in page.ask("ready")["data"]}
+            assert all(row["remedy"] for row in rows.values() if row["state"] == "bad")
+            return all(rows[name]["state"] == "ok" for name in wanted)
+
+        game.wait_for(ready, "all to be well")
 
 
 def test_frozen_pellet_manager_is_started_again(game: Game, domain: int) -> None:
