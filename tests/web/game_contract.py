@@ -14,7 +14,7 @@ from pacman_env.web import messages as m
 from pacman_env.web.frame import Frame
 from pacman_env.web.game import Refused
 from tests.waiting import wait_for
-from tests.web.frames import decode
+from tests.web.pages import decode
 
 STILL_MPS, STILL_RADPS = 0.005, 0.02
 T = TypeVar("T")

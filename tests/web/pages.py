@@ -12,8 +12,12 @@ from types import TracebackType
 from typing import Any
 
 import httpx
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
 from websockets.sync.client import ClientConnection, connect
 
+from pacman_env.web.frame import Frame
 from pacman_env.web.server import WebServer
 from tests.waiting import PATIENCE_S
 
@@ -47,6 +51,21 @@ def upgrade(server: WebServer) -> socket.socket:
     key = ("sec-websocket-version: 13", f"sec-websocket-key: {'A' * 22}==")
     there.sendall("\r\n".join((*lines, *key, "", "")).encode())
     return there
+
+
+def _to_array(kind: Any, values: Any) -> NDArray[Any]:
+    """Of the dtype that the field declares."""
+    return np.array(values, dtype=kind.__args__[1].__args__[0])
+
+
+def decode(message: str | bytes) -> Frame:
+    """The frame of a message."""
+    return msgspec.json.decode(message, type=Frame, dec_hook=_to_array)
+
+
+def decode_all(message: bytes) -> list[Frame]:
+    """The frames of a recorded round."""
+    return msgspec.json.decode(message, type=list[Frame], dec_hook=_to_array)
 
 
 class Page:

@@ -112,7 +112,7 @@ def test_event_plays_its_light_and_sound(visit: Visit) -> None:
     page.page.check("#arm")
 
 
-def test_person_plays_the_robot_by_clicks(visit: Visit) -> None:
+def test_person_plays_robot_by_map_and_list(visit: Visit) -> None:
     page = visit()
     take_role(page, "robot")
     page.wait("state.frame.baseline")
@@ -125,24 +125,19 @@ def test_person_plays_the_robot_by_clicks(visit: Visit) -> None:
     )
     page.click_at(*page.value(f"state.scene.pellets[{pellet}]"))
     page.wait(f"state.frame.goal === {pellet}")
+    page.press("tab-why")
+    page.page.hover("#why-table tbody button")
+    page.page.mouse.down()  # the list changes meanwhile
+    pellet = page.value("document.querySelector('#why-table tr:active').dataset.candidate")
+    page.wait(f"state.why.time_s > {page.value('state.why.time_s')}")
+    page.page.mouse.up()
+    page.wait(f"state.frame.goal === {pellet}")
+    page.press("tab-play")
     page.slide("speed", FASTEST)
     page.wait("document.querySelector('#duel-words').textContent", "who was better")
     assert re.search("You were better|ppo was better|It is a draw", page.text("duel-words"))
     assert re.match(r"you \d+, ppo \d+", page.text("duel"))
     assert page.value("document.querySelectorAll('#stories li')[0].textContent.includes('played by a person')")
-
-
-def test_click_selects_candidate_while_list_changes(visit: Visit) -> None:
-    page = visit()
-    take_role(page, "robot")
-    page.press("tab-why")
-    start(page)
-    page.page.hover("#why-table tbody button")
-    page.page.mouse.down()
-    pellet = page.value("document.querySelector('#why-table tr:active').dataset.candidate")
-    page.wait(f"state.why.time_s > {page.value('state.why.time_s')}")
-    page.page.mouse.up()
-    page.wait(f"state.frame.goal === {pellet}")
 
 
 def test_two_people_drive_robot_and_ghost(visit: Visit) -> None:

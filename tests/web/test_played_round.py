@@ -23,7 +23,7 @@ from pacman_env.web import played_round
 from pacman_env.web.played_round import FOLLOW, Orders, PlayedRound
 from pacman_env.web.rules import Choices, Rules
 from pacman_env.web.simulated_view import between, scene_of
-from tests.web.frames import decode
+from tests.web.pages import decode
 
 CHOICES = Choices()
 SHORT = {"time_limit_s": 20.0}

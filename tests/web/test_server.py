@@ -23,10 +23,9 @@ from pacman_env.web.game import Refused
 from pacman_env.web.messages import Message
 from pacman_env.web.server import WebServer
 from tests.waiting import PATIENCE_S, wait_for
-from tests.web.frames import decode
-from tests.web.page_messages import RIGHT
-from tests.web.pages import Page, at, upload, viewer_url
+from tests.web.pages import Page, at, decode, upload, viewer_url
 from tests.web.scripted_game import ScriptedGame
+from tests.web.test_messages import RIGHT
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -20,9 +20,8 @@ from pacman_env.web.server import WebServer
 from pacman_env.web.simulated import SimulatedGame
 from pacman_env.web.vocabulary import vocabulary
 from tests.waiting import PATIENCE_S, wait_for
-from tests.web.frames import decode, decode_all
 from tests.web.game_contract import GameContract, Play
-from tests.web.pages import Page, at
+from tests.web.pages import Page, at, decode, decode_all
 
 QUICK = Rules(policy="clyde_aware", second="nearest", settings={"time_limit_s": 20.0})
 

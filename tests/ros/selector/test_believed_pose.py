@@ -27,12 +27,9 @@ def amcl(x: float, y: float, heading: float, at: float, frame: str = "map") -> A
     return message
 
 
-def test_nothing_is_believed_before_first_message() -> None:
-    assert BelievedPose(1.0).at(0.0) is None
-
-
 def test_transforms_are_composed_from_base_to_map() -> None:
     believed = BelievedPose(1.0)
+    assert believed.at(0.0) is None
     assert not believed.transforms(tf(("map", "odom", (1.0, 2.0, math.pi / 2))), 10.0)
     assert believed.at(10.0) is None
     believed.transforms(tf(("odom", "base_footprint", (3.0, 0.0, math.pi / 2))), 10.1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import ClassVar
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rclpy.time import Time
 from std_msgs.msg import Header, String
 
-from pacman_env.config import make_config
+from pacman_env.config import Config, make_config
 from pacman_env.game.goals import ExecutorAction
 from pacman_env.policies.base import BasePolicy
 from pacman_env.ros import topics
@@ -21,6 +21,7 @@ from pacman_env.ros.node import Once
 from pacman_env.ros.selector.pose_watch import PoseLimits
 from pacman_env.ros.selector.selection import Selection
 from pacman_env.sim.observation.situation import Situation
+from tests.calls import calls_of
 from tests.ros.selector_game import FAR_AWAY, QUICK, Game, house, number_at, pellet, slot_of
 
 BY_EVENT = [*QUICK, "decisions.when=event"]
@@ -48,6 +49,22 @@ class Stubborn(BasePolicy):
         return np.full(len(situation), 999 if len(self.seen) in self.failing else self.candidate)
 
 
+def begun(config: Config, policy: str, once: Once, gone: Collection[int] = ()) -> Selection:
+    """A selection in a round that has begun, with the robot at home and some pellets gone."""
+    selection = Selection(config, "house", policy, None, PoseLimits(1e9), once)
+    stamp = Time().to_msg()
+    amcl = topics.AMCL_POSE.type(header=Header(stamp=stamp, frame_id="map"))
+    amcl.pose.pose = pose_message(0.0, 0.0, 0.0, stamp).pose
+    selection.on_amcl(amcl, 0.0)
+    left = {int(number): pellet(k) for k, number in enumerate(house().pellet_ids) if k not in gone}
+    selection.on_pellets(markers_of(left, stamp), 0.0)
+    selection.executor.activate(0.0)
+    selection.executor.nav2(True, 0.0)
+    selection.on_state(String(data="running"), 0.0)
+    selection.on_command(String(data="enable"), 0.0)
+    return selection
+
+
 Plays = Callable[..., tuple[Stubborn, list[ExecutorAction]]]
 
 
@@ -64,21 +81,11 @@ def plays(monkeypatch: pytest.MonkeyPatch) -> Plays:
         monkeypatch.setattr(Stubborn, "candidate", candidate)
         config, done = make_config(**{"decisions.when": when}), list[ExecutorAction]()
         once = Once(logging.getLogger(__name__), lambda: 0.0)
-        selection = Selection(config, "house", f"{__name__}:Stubborn", None, PoseLimits(1e9), once)
+        selection = begun(config, f"{__name__}:Stubborn", once, gone)
         policy = selection.policy
         assert isinstance(policy, Stubborn)
         policy.seen.clear()  # the rehearsal
         monkeypatch.setattr(Stubborn, "failing", failing)
-        stamp = Time().to_msg()
-        amcl = topics.AMCL_POSE.type(header=Header(stamp=stamp, frame_id="map"))
-        amcl.pose.pose = pose_message(0.0, 0.0, 0.0, stamp).pose
-        selection.on_amcl(amcl, 0.0)
-        left = {int(number): pellet(k) for k, number in enumerate(house().pellet_ids) if k not in gone}
-        selection.on_pellets(markers_of(left, stamp), 0.0)
-        selection.executor.activate(0.0)
-        selection.executor.nav2(True, 0.0)
-        selection.on_state(String(data="running"), 0.0)
-        selection.on_command(String(data="enable"), 0.0)
         for tick in range(120):
             now = tick * config.execution.tick_s
             selection.view.see_ghost(0, 3.0 + 2.5 * np.cos(0.1 * tick), 0.0, 1 + int(now * 1e9))
@@ -113,6 +120,28 @@ def test_forbidden_choice_holds_and_policy_is_asked_again(plays: Plays, when: st
     policy, done = plays(when, 5, {5})
     assert done == []
     assert len(policy.seen) == 120
+
+
+@pytest.mark.parametrize("policy", ["ppo", "clyde_aware"])
+def test_decision_takes_few_hundred_calls(policy: str) -> None:
+    once = Once(logging.getLogger(__name__), lambda: 0.0)
+    selection = begun(make_config(), policy, once)
+    sent: list[ExecutorAction] = []
+    calls: list[int] = []
+    cells = house().clyde.position[house().clyde.cells_in(0)]
+    for k in range(300):
+        now = 0.5 * k
+        selection.view.see_ghost(0, *cells[(37 * k) % len(cells)].tolist(), int(now * 1e9) + 1)
+        calls.append(calls_of(lambda now=now: selection.decide(now, sent.extend)))
+        if any(action.value == "death_detected" for action in sent[-6:]):
+            for word in ("disable", "enable"):
+                selection.on_command(String(data=word), now)
+        for action in sent[-3:]:
+            if action.kind == "send":
+                selection.executor.sent.accepted(int(action.value), now)
+    assert sum(action.kind == "send" for action in sent) > 2
+    assert sorted(calls)[296] < 400, "99 of 100 decisions; the first imports and compiles"
+    assert not once.counts
 
 
 # With its node

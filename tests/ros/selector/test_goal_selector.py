@@ -2,20 +2,10 @@
 
 from __future__ import annotations
 
-import logging
-
 import pytest
-import rclpy
-from std_msgs.msg import Header, String
 
-from pacman_env.config import make_config
 from pacman_env.ros import topics
-from pacman_env.ros.messages import markers_of, pose_message
-from pacman_env.ros.node import Once
-from pacman_env.ros.selector.pose_watch import PoseLimits
-from pacman_env.ros.selector.selection import Selection
-from tests.calls import calls_of
-from tests.ros.selector_game import Game, house, number_at, pellet
+from tests.ros.selector_game import Game, number_at
 
 # A round
 
@@ -68,40 +58,3 @@ def test_death_names_ghost_and_ends_drive(game: Game) -> None:
     assert game.session.values(topics.GAME_EVENT) == ["clyde killed"]
     assert len(game.nav2.goals) == 1
     assert game.statuses() == ["death_detected"]
-
-
-# What comes in
-
-
-# How much work
-
-
-@pytest.mark.parametrize("policy", ["ppo", "clyde_aware"])
-def test_decision_takes_few_hundred_calls(policy: str) -> None:
-    once = Once(logging.getLogger(__name__), lambda: 0.0)
-    selection = Selection(make_config(), "house", policy, None, PoseLimits(), once)
-    executor, sent = selection.executor, []
-    calls: list[int] = []
-    stamp = pose_message(0.0, 0.0, 0.0, rclpy.time.Time().to_msg()).header.stamp
-    amcl = topics.AMCL_POSE.type(header=Header(stamp=stamp, frame_id="map"))
-    amcl.pose.pose.orientation.w = 1.0
-    selection.on_amcl(amcl, 0.0)
-    selection.on_pellets(markers_of({int(n): pellet(k) for k, n in enumerate(house().pellet_ids)}, stamp), 0.0)
-    executor.activate(0.0)
-    executor.nav2(True, 0.0)
-    selection.on_state(String(data="running"), 0.0)
-    selection.on_command(String(data="enable"), 0.0)
-    cells = house().clyde.position[house().clyde.cells_in(0)]
-    for k in range(300):
-        now = 0.5 * k
-        selection.view.see_ghost(0, *cells[(37 * k) % len(cells)].tolist(), int(now * 1e9) + 1)
-        calls.append(calls_of(lambda now=now: selection.decide(now, sent.extend)))
-        if any(action.value == "death_detected" for action in sent[-6:]):
-            for word in ("disable", "enable"):
-                selection.on_command(String(data=word), now)
-        for action in sent[-3:]:
-            if action.kind == "send":
-                executor.sent.accepted(int(action.value), now)
-    assert sum(action.kind == "send" for action in sent) > 2
-    assert sorted(calls)[296] < 400, "99 of 100 decisions; the first imports and compiles"
-    assert not once.counts

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import re
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,12 +13,9 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from std_msgs.msg import Header
 
-from pacman_env.policies.learned import PRETRAINED
 from pacman_env.ros import topics
 from pacman_env.ros.messages import pose_message
-from pacman_env.ros.selector.goal_selector import main
 from pacman_env.ros.supervisor.game_nodes import SELECTOR
-from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
 from tests.ros.selector_game import FAR_AWAY, Game, house, pellet, slot_of
 
 
@@ -141,34 +135,6 @@ def test_node_follows_lifecycle(game: Game) -> None:
     assert state() == "unconfigured"
     assert change(Transition.TRANSITION_CONFIGURE)
     game.session.stop(SELECTOR)
-
-
-def test_planner_of_another_shape_is_refused(domain: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    onnx = pytest.importorskip("onnx")
-    make, kinds = onnx.helper, onnx.TensorProto
-    values = lambda name, kind, *shape: make.make_tensor_value_info(name, kind, shape)  # noqa: E731
-    graph = make.make_graph(
-        [
-            make.make_node("ReduceMax", ["candidates"], ["logits"], axes=[2], keepdims=0),
-            make.make_node("ReduceMax", ["globals"], ["values"], axes=[1], keepdims=0),
-        ],
-        "other",
-        [
-            values("candidates", kinds.FLOAT, "games", "count", 5),
-            values("globals", kinds.FLOAT, "games", 3),
-            values("mask", kinds.BOOL, "games", "count"),
-        ],
-        [values("logits", kinds.FLOAT, "games", "count"), values("values", kinds.FLOAT, "games")],
-    )
-    model = make.make_model(graph, opset_imports=[make.make_opsetid("", 13)], ir_version=8).SerializeToString()
-    file = tmp_path / "other.onnx"
-    file.write_bytes(model)
-    metadata = json.loads(PRETRAINED.with_suffix(".json").read_text())
-    file.with_suffix(".json").write_text(json.dumps(metadata | {"sha256": hashlib.sha256(model).hexdigest()}))
-    assert main(["--ros-args", "-p", "map_yaml:=house", "-p", f"policy:={file}"]) == 2
-    said = capfd.readouterr().err
-    assert str(file) in said
-    assert ("(None, None, 5)" in said, f"(None, None, {len(CANDIDATE_FEATURES)})" in said) == (True, True)
 
 
 def test_home_is_where_robot_leaves_menu(game: Game) -> None:

@@ -1,45 +1,37 @@
-"""Commands of an operator without another game: rounds by themselves, interrupts at the start, bad domains, lines."""
+"""Commands of an operator without another game: rounds by themselves, interrupts at the start, lines."""
 
 from __future__ import annotations
 
 import io
-import re
 import signal
 import subprocess
 import sys
-from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
-from pacman_env.cli import main as cli
+from pacman_env.ros.supervisor import terminal as terminal_module
 from pacman_env.ros.supervisor.terminal import LineWriter, fitted
 from tests.map_parts import part_of_map
 from tests.ros.supervisor.terminal import PATIENCE_S, Terminal
 from tests.ros.system import Probe
 
 COMMAND = [sys.executable, "-m", "pacman_env.cli.main", "ros"]
-SHOWS = ("--set", "show.start_s=1.0", "--set", "show.death_s=1.0")
+QUICK = ("--set", "show.start_s=0", "--set", "clyde.speed_mps=0")
 
 
-def rounds_of(lines: list[str]) -> int:
-    """How many rounds were begun from the menu."""
-    states = [line.split()[0] for line in lines if re.match(r"\w+ +round ", line)]
-    return sum(before == "menu" != after for before, after in pairwise(states))
-
-
-@pytest.mark.daily
-def test_simulated_game_plays_round_after_round(domain: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize("most", [["--rounds", "2"], pytest.param(["--play-on"], marks=pytest.mark.daily)])
+def test_simulated_game_plays_round_after_round(domain: int, tmp_path: Path, most: list[str]) -> None:
     ground = str(part_of_map("loop", 3.0).save(tmp_path / "ground.yaml"))
-    words = ["--map", ground, "--policy", "nearest", "--sim", "--lock-step", "--play-on", *SHOWS]
-    terminal = Terminal([*COMMAND, "up", *words, "--set", "clyde.speed_mps=0.01", "--logs", str(tmp_path / "logs")])
-    try:
-        terminal.wait_for(lambda: rounds_of(terminal.lines) >= 3, "three rounds")
-        assert terminal.shows(r"(Complete|Death) - Score: \d+")
-        assert terminal.too_long == []
-    finally:
+    words = ["--map", ground, "--policy", "nearest", "--sim", "--lock-step", "--seed", "3", *most, *QUICK]
+    terminal = Terminal([*COMMAND, "up", *words, "--logs", str(tmp_path / "logs")])
+    if "--play-on" in most:
+        terminal.wait_for(lambda: terminal.shows(r"running +round 3"), "three rounds")
         terminal.process.send_signal(signal.SIGINT)
-        assert terminal.end() == 0
+    assert terminal.end() == 0
+    assert terminal.shows(r"(Complete|Death) - Score: \d+")
+    assert terminal.shows("2 rounds played: ") == ("--rounds" in most)
+    assert terminal.too_long == []
 
 
 #: Prints when the command begins, when a module is first looked for, and when the command's own participant is there.
@@ -99,24 +91,6 @@ def test_ctrl_c_at_start_shows_no_traceback(probe: Probe, tmp_path: Path, words:
     assert process.returncode in (0, 3, 130, -signal.SIGINT)
 
 
-@pytest.mark.parametrize("text", ["abc"])
-@pytest.mark.parametrize("words", [["up", "--map", "house"], ["start"], ["status"], ["record", "--out", "OUT"]])
-def test_invalid_domain_is_refused_in_one_line(
-    words: list[str],
-    text: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    words = [str(tmp_path / "bag") if word == "OUT" else word for word in words]
-    monkeypatch.setenv("ROS_DOMAIN_ID", text)
-    assert cli.main(["ros", *words]) == 2
-    assert capsys.readouterr() == (
-        "",
-        f"pacman-env ros {words[0]}: ROS_DOMAIN_ID {text!r}: must be a whole number, 0 to 232\n",
-    )
-
-
 @pytest.mark.parametrize(
     ("width", "line"), [(30, "state  score 1  pellets 2/3"), (14, "state  score 1"), (4, "sta…"), (12, "state")]
 )
@@ -129,6 +103,18 @@ class Screen(io.StringIO):
 
     def isatty(self) -> bool:
         return True
+
+
+def test_lines_overwrite_each_other_on_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(terminal_module, "LINE_S", 0.0)
+    plain, screen = io.StringIO(), Screen()
+    for writer in (LineWriter(plain), LineWriter(screen)):
+        for number, state in enumerate(["menu", "menu", "running"]):
+            writer.show(lambda with_age, number=number, state=state: f"{state} {number}" if with_age else state)
+    LineWriter(plain).print("stopping")
+    assert plain.getvalue() == "menu 0\nrunning 2\nstopping\n"
+    assert screen.getvalue().count("\r") == 3
+    assert "\n" not in screen.getvalue()
 
 
 def test_lines_are_broken_between_words(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -33,8 +33,7 @@ from pacman_env.world.maps.occupancy import load_map
 from tests.ros.supervisor.terminal import COLUMNS, PATIENCE_S, Terminal
 from tests.ros.supervisor.test_doctor import diagnose, is_bad
 from tests.ros.system import Probe, Process, System
-from tests.web.frames import decode
-from tests.web.pages import Page
+from tests.web.pages import Page, decode
 
 COMMAND = [sys.executable, "-m", "pacman_env.cli.main", "ros"]
 SHOWS = ("--set", "show.start_s=1.0", "--set", "show.death_s=1.0")

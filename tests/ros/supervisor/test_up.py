@@ -19,7 +19,6 @@ from pacman_env.files import install_command
 from pacman_env.ros import topics
 from pacman_env.ros.node import StopSignals
 from pacman_env.ros.supervisor import rounds as rounds_module
-from pacman_env.ros.supervisor import terminal as terminal_module
 from pacman_env.ros.supervisor import up as up_module
 from pacman_env.ros.supervisor.game_lock import GameLock
 from pacman_env.ros.supervisor.game_nodes import REFEREE, SELECTOR, GameSetup
@@ -113,42 +112,60 @@ def test_ending_game_is_waited_for(domain: int, tmp_path: Path, monkeypatch: pyt
                 up_module.be_alone(status_line, other, writer, stop)
 
 
+UP = ["up", "--map", "house", "--policy", "nearest"]
+BAD_DOMAIN = {"ROS_DOMAIN_ID": "abc"}, "ROS_DOMAIN_ID 'abc': must be a whole number, 0 to 232"
+OTHER_MIDDLEWARE = (
+    {"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"},
+    "rmw_cyclonedds_cpp is not installed: unset it",
+)
+NO_NAV2 = {"PATH": "/nowhere"}, "ros2 and nav2_bringup not found"
+
+
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("command", "environment", "words"),
     [
-        (["--map", "nowhere"], "nowhere: neither a YAML file"),
-        (["--map", "house", "--policy", "brave"], "unknown policy 'brave'"),
-        (["--map", "house", "--namespace", "15"], "namespace '15'"),
-        (["--map", "house", "--speed", "2"], "only a simulated robot"),
-        (["--map", "house", "--sim", "--speed", "11"], "speed 11: must be 1 to 10"),
-        (["--map", "house", "--play-on"], "only with --sim"),
-        (["--map", "house", "--preset", "lunar"], "unknown preset 'lunar'"),
-        (["--map", "house", "--set", "clyde.speed_mps=fast"], "clyde.speed_mps = 'fast': Expected `float`"),
-        (["--map", "house", "--set", "clyde.sped=1"], "unknown configuration field 'clyde.sped'"),
-        (["--map", "house", "--set", "clyde.ghosts=wander,policy"], "clyde.ghosts[1] = 'policy': name the .onnx file"),
-        (["--map", "house", "--set", "clyde.ghosts=angry"], "unknown ghost behaviour 'angry'"),
+        (["up", "--map", "nowhere"], {}, "nowhere: neither a YAML file"),
+        ([*UP, "--policy", "brave"], {}, "unknown policy 'brave'"),
+        ([*UP, "--namespace", "15"], {}, "namespace '15'"),
+        ([*UP, "--speed", "2"], {}, "only a simulated robot"),
+        ([*UP, "--sim", "--speed", "11"], {}, "speed 11: must be 1 to 10"),
+        ([*UP, "--play-on"], {}, "only with --sim"),
+        ([*UP, "--rounds", "1"], {}, "only with --sim"),
+        ([*UP, "--preset", "lunar"], {}, "unknown preset 'lunar'"),
+        ([*UP, "--set", "clyde.speed_mps=fast"], {}, "clyde.speed_mps = 'fast': Expected `float`"),
+        ([*UP, "--set", "clyde.sped=1"], {}, "unknown configuration field 'clyde.sped'"),
+        ([*UP, "--set", "clyde.ghosts=wander,policy"], {}, "clyde.ghosts[1] = 'policy': name the .onnx file"),
+        ([*UP, "--set", "clyde.ghosts=angry"], {}, "unknown ghost behaviour 'angry'"),
+        ([*UP, "--sim", "--nav2"], *NO_NAV2),
+        (UP, *BAD_DOMAIN),
+        (["start"], *BAD_DOMAIN),
+        (["status"], *BAD_DOMAIN),
+        (["record", "--out", "bag"], *BAD_DOMAIN),
+        (UP, *OTHER_MIDDLEWARE),
+        (["status"], *OTHER_MIDDLEWARE),
+        (["doctor"], *OTHER_MIDDLEWARE),
     ],
 )
-def test_invalid_options_are_refused_in_one_line(
-    capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
+def test_invalid_command_is_refused_in_one_line(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    command: list[str],
+    environment: dict[str, str],
+    words: str,
 ) -> None:
-    assert cli.main(["ros", "up", *arguments]) == 2
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    logs = ["--logs", str(tmp_path / "logs")] if command[0] == "up" else []
+    assert cli.main(["ros", *command, *logs]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert words in err
     assert err.count("\n") == 1
-
-
-@pytest.mark.parametrize("command", [["status"], ["up", "--map", "house"], ["doctor"]])
-def test_missing_middleware_is_one_line(
-    command: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
-    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
-    assert cli.main(["ros", *command]) == 2
-    err = capsys.readouterr().err
-    assert "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp is not installed: unset it, or apt install" in err
-    assert err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_lock_step_is_refused_with_other_middleware(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -175,29 +192,6 @@ def test_command_without_ros_names_installation(
     assert err.count("\n") == 1
     assert "/opt/ros/jazzy/setup.bash" in err
     assert install_command("ros") in err
-
-
-def test_lines_overwrite_each_other_on_terminal(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(terminal_module, "LINE_S", 0.0)
-    plain = io.StringIO()
-    writer = LineWriter(plain)
-    for number, state in enumerate(["menu", "menu", "running"]):
-        writer.show(lambda with_age, number=number, state=state: f"{state} {number}" if with_age else state)
-    writer.print("stopping")
-    assert plain.getvalue() == "menu 0\nrunning 2\nstopping\n"
-
-    class Terminal(io.StringIO):
-        def isatty(self) -> bool:
-            return True
-
-    terminal = Terminal()
-    writer = LineWriter(terminal)
-    for number in range(3):
-        writer.show(lambda with_age, number=number: f"menu {number}")
-    assert terminal.getvalue().count("\r") == 3
-    assert "\n" not in terminal.getvalue()
 
 
 @pytest.mark.parametrize(("sim", "words"), [(True, "the simulated robot's pose"), (False, "docs/robot.md, step 5")])
