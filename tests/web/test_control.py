@@ -89,16 +89,3 @@ def test_control_and_role_are_kept_for_ten_seconds() -> None:
     control.went("ann", 2000.0)
     assert control.expire(2000.0 + KEPT_S) == ["ann"]
     assert (control.operator, control.roles.people) == (None, {})
-
-
-def test_role_belongs_to_one_person_at_a_time() -> None:
-    control = RoleControl()
-    control.roles.assume("ann", "ghost-1")
-    control.roles.assume("ann", "robot")
-    assert control.roles.people == {"robot": "ann"}
-    with pytest.raises(Refused, match="ann has the role robot"):
-        control.roles.assume("bob", "robot")
-    control.roles.leave("ann")
-    control.roles.assume("bob", "robot")
-    assert control.roles.of("bob") == "robot"
-    assert control.roles.of("ann") is None

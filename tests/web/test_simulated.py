@@ -15,7 +15,7 @@ from pacman_env.web import messages as m
 from pacman_env.web.frame import Frame
 from pacman_env.web.game import Refused
 from pacman_env.web.played_round import Orders, PlayedRound
-from pacman_env.web.rules import Choices, Rules
+from pacman_env.web.rules import Rules
 from pacman_env.web.server import WebServer
 from pacman_env.web.simulated import SimulatedGame
 from pacman_env.web.vocabulary import vocabulary
@@ -127,24 +127,6 @@ def test_recorded_round_contains_every_frame(game: SimulatedGame) -> None:
     for bad in (m.Why(story=99, tick=0), m.Why(story=number, tick=10**6)):
         with pytest.raises(Refused):
             game.handle("Ann", bad)
-
-
-def test_stop_acts_during_long_setup(game: SimulatedGame, monkeypatch: pytest.MonkeyPatch) -> None:
-    prepare, begun, go_on = Choices.prepare, threading.Event(), threading.Event()
-
-    def slow(self: Choices, *arguments: Any) -> Any:
-        begun.set()
-        assert go_on.wait(PATIENCE_S)
-        return prepare(self, *arguments)
-
-    monkeypatch.setattr(Choices, "prepare", slow)
-    asking = threading.Thread(target=lambda: game.handle("Ann", m.Setup(map="maze")))
-    asking.start()
-    assert begun.wait(PATIENCE_S)
-    game.stop("Eve")
-    assert frame(game).stopped
-    go_on.set()
-    asking.join()
 
 
 def test_pause_and_speed_change_the_simulated_time(game: SimulatedGame) -> None:

@@ -1,13 +1,22 @@
-"""The goal selector in front of a navigation server that answers as the test says."""
+"""The goal selector in a round; how it begins, changes its policy, watches as a shadow, and ends."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
+from typing import Any
+
 import pytest
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from std_msgs.msg import Header
 
 from pacman_env.ros import topics
-from tests.ros.selector_game import Game, number_at
-
-# A round
+from pacman_env.ros.messages import pose_message
+from pacman_env.ros.supervisor.game_nodes import SELECTOR
+from tests.ros.selector_game import FAR_AWAY, Game, house, number_at, pellet, slot_of
 
 
 def test_round_leads_from_first_goal_to_home(game: Game) -> None:
@@ -58,3 +67,159 @@ def test_death_names_ghost_and_ends_drive(game: Game) -> None:
     assert game.session.values(topics.GAME_EVENT) == ["clyde killed"]
     assert len(game.nav2.goals) == 1
     assert game.statuses() == ["death_detected"]
+
+
+def test_node_started_in_round_continues_it(game: Game) -> None:
+    game.start()
+    game.begin()
+    game.running_goal(1)
+    game.session.stop(SELECTOR)
+    assert game.nav2.goals[0].cancelled
+    for word in ("disable", "reset_round", "return_home", "enable"):  # as a game before has left it
+        game.say(topics.GAME_COMMAND, word)
+    game.start()
+    game.clyde(*FAR_AWAY)
+    game.pellets()
+    goal = game.running_goal(2)
+    assert slot_of((goal.x, goal.y)) < house().pellets
+    assert not game.statuses()
+
+
+@pytest.mark.parametrize("state", ["menu", "running"])
+def test_goals_of_killed_node_are_cancelled(game: Game, state: str) -> None:
+    game.start()
+    game.begin()
+    orphan = game.running_goal(1)
+    game.session.kill(SELECTOR)
+    game.say(topics.GAME_STATE, state)
+    game.session.advance(5.0)
+    assert orphan.running
+    game.start()
+    game.session.wait_for(lambda: orphan.cancelled, what="its end")
+    if state == "running":
+        game.clyde(*FAR_AWAY)
+        game.pellets()
+        assert not game.running_goal(2).cancelled
+    else:
+        game.session.advance(5.0)
+        assert len(game.nav2.goals) == 1
+
+
+def test_shadow_decides_and_sends_nothing(game: Game, log: Callable[[], str]) -> None:
+    game.start(shadow=True)
+    game.begin()
+    chosen = game.session.wait_for(lambda: re.search(r"shadow: goal 1: pellet (\d+)", log()), what="a decision")
+    assert chosen is not None
+    x, y = game.left[int(chosen[1])]
+    game.stand(x, y)
+    game.session.wait_for(lambda: f"shadow: status pellet_collected:{chosen[1]}" in log(), what="a pellet")
+    game.session.wait_for(lambda: "shadow: goal 2" in log(), what="the next goal")
+    game.clyde(x, y)
+    game.session.wait_for(lambda: "shadow: status death_detected" in log(), what="death")
+    game.session.stop(SELECTOR)
+    assert not game.nav2.goals
+    assert not game.session.on(topics.GAME_STATUS, topics.GAME_EVENT, topics.REMOVE_PELLET, topics.CMD_VEL)
+
+
+def set_policy(game: Game, value: str) -> Any:
+    service = topics.Service("goal_selector/set_parameters", "rcl_interfaces/SetParameters")
+    text = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=value)
+    request = SetParameters.Request(parameters=[Parameter(name="policy", value=text)])
+    return game.session.call(service, request).results[0]
+
+
+def test_policy_changes_in_menu_alone(game: Game) -> None:
+    game.start()
+    game.begin()
+    game.running_goal(1)
+    answer = set_policy(game, "lookahead")
+    assert not answer.successful
+    assert "running" in answer.reason
+    game.say(topics.GAME_COMMAND, "disable")
+    game.say(topics.GAME_STATE, "menu")
+    game.condition(lambda c: c["state"] == "menu")
+    answer = set_policy(game, "absent.onnx")
+    assert not answer.successful
+    assert "absent.onnx" in answer.reason
+    assert set_policy(game, "lookahead").successful
+    game.condition(lambda c: c["policy"] == "lookahead", "the policy")
+    game.begin()
+    game.running_goal(2)
+    wanted = set(range(house().pellets, len(house().goal_xy)))  # refuges, which the policy before did not rate
+    shown = game.session.wait_for(
+        lambda: next(
+            (m.markers for m in game.session.messages(topics.SCORES) if wanted & {one.id for one in m.markers}), []
+        ),
+        what="scores",
+    )
+    assert all(marker.text for marker in shown[1:])
+    assert sum(marker.color.g > 0.5 for marker in shown) == 1
+
+
+def test_node_follows_lifecycle(game: Game) -> None:
+    game.session.start(SELECTOR, policy="nearest", map_yaml="house", autostart=False)
+
+    def change(transition: int) -> bool:
+        service = topics.Service("goal_selector/change_state", "lifecycle_msgs/ChangeState")
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return bool(game.session.call(service, request).success)
+
+    def state() -> str:
+        service = topics.Service("goal_selector/get_state", "lifecycle_msgs/GetState")
+        return str(game.session.call(service, GetState.Request()).current_state.label)
+
+    assert state() == "unconfigured"
+    assert change(Transition.TRANSITION_CONFIGURE)
+    game.begin()
+    game.session.advance(5.0)
+    assert not game.nav2.goals
+    assert change(Transition.TRANSITION_ACTIVATE)
+    goal = game.running_goal(1)
+    assert change(Transition.TRANSITION_DEACTIVATE)
+    assert goal.cancelled
+    assert game.stops() > 0
+    assert change(Transition.TRANSITION_ACTIVATE)
+    game.running_goal(2)
+    assert change(Transition.TRANSITION_DEACTIVATE)
+    assert change(Transition.TRANSITION_CLEANUP)
+    assert state() == "unconfigured"
+    assert change(Transition.TRANSITION_CONFIGURE)
+    game.session.stop(SELECTOR)
+
+
+def test_home_is_where_robot_leaves_menu(game: Game) -> None:
+    game.start()
+    game.stand(*game.pose)
+    game.say(topics.GAME_STATE, "menu")
+
+    def home() -> list[float]:
+        game.session.advance(0.2)  # a decision
+        return game.condition(lambda c: c["home"], "home")["home"]  # type: ignore[no-any-return]
+
+    def click(x: float, y: float) -> None:
+        message = topics.INITIAL_POSE.type(header=Header(stamp=game.session.stamp(), frame_id="map"))
+        message.pose.pose = pose_message(x, y, 0.0, game.session.stamp()).pose
+        game.say(topics.INITIAL_POSE, message)
+
+    def play() -> None:
+        for state in ("returning_home", "starting", "running", "returning_home", "menu"):
+            game.say(topics.GAME_STATE, state)
+
+    assert home() == pytest.approx(list(game.pose))
+    (x, y), (other_x, other_y) = pellet(0), pellet(1)
+    for where in ((x, y, 0.1), (other_x, other_y, 0.0)):
+        click(*where[:2])
+        game.stand(*where)  # as AMCL begins
+        converged = where[0] + 0.2, where[1] - 0.1, 0.3
+        game.stand(*converged)
+        assert home() == pytest.approx(list(converged))
+        play()
+        game.stand(where[0] + 0.4, where[1], 0.0)  # as far as a goal may be missed
+        assert home() == pytest.approx(list(converged)), "it does not wander from round to round"
+        play()
+        assert home() == pytest.approx(list(converged))
+    game.begin()
+    click(x, y)
+    game.stand(x, y)
+    game.say(topics.GAME_STATE, "menu")
+    assert home() == pytest.approx(list(converged)), "a pose that is set in a round does not move it"

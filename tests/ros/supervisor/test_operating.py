@@ -1,6 +1,6 @@
 """What an operator does: watch a game on a terminal of 80 columns, press keys, ask from another terminal, stop.
 
-One real game, which began its first round by itself and is recorded, serves most of these tests; each brings it to the
+One real game, which began its first round by itself, serves most of these tests; each brings it to the
 menu first. How the game ends by the key q is checked when the last of them is over.
 """
 
@@ -25,14 +25,13 @@ import pytest
 
 from pacman_env.cli import main as cli
 from pacman_env.ros import topics
-from pacman_env.ros.bags.bag_replay import replay_bag
 from pacman_env.ros.supervisor.checks.check import BAD, OK
 from pacman_env.ros.supervisor.doctor import doctor
 from pacman_env.ros.supervisor.game_nodes import GAME, PAGE, SELECTOR, SIMULATOR, GameSetup
 from pacman_env.world.maps.occupancy import load_map
 from tests.ros.supervisor.terminal import COLUMNS, PATIENCE_S, Terminal
 from tests.ros.supervisor.test_doctor import diagnose, is_bad
-from tests.ros.system import Probe, Process, System
+from tests.ros.system import Probe, System
 from tests.web.pages import Page, decode
 
 COMMAND = [sys.executable, "-m", "pacman_env.cli.main", "ros"]
@@ -85,11 +84,9 @@ def pid_of(node: str) -> int | None:
 
 @dataclass(frozen=True)
 class Game:
-    """The game on its terminal, a recorder on another, and a node beside them."""
+    """The game on its terminal, and a node of the test."""
 
     terminal: Terminal
-    recorder: Process
-    bag: Path
     probe: Probe
 
     def wait_for(self, condition: Callable[[], Any], what: str) -> None:
@@ -100,6 +97,19 @@ class Game:
             return bool(condition())
 
         self.terminal.wait_for(holds, what)
+
+    @property
+    def link(self) -> str:
+        """The page's address on the terminal."""
+        shown = r"^page: (http://127\.0\.0\.1:\d+/) on this computer$"
+        self.wait_for(lambda: self.terminal.shows(shown), "the page's address")
+        (link,) = {found[1] for line in self.terminal.lines if (found := re.match(shown, line))}
+        return link
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the goal selector is stopped by the operator."""
+        return bool(json.loads(self.probe.values(topics.DIAGNOSTICS)[-1])["stopped"])
 
     def in_menu(self) -> None:
         """Break off what goes on, and wait for the menu."""
@@ -119,12 +129,9 @@ def game(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Game
     folder = tmp_path_factory.mktemp("up")
     words = ["--map", "house", "--policy", "nearest", "--sim", "--home", "0.5", "0", "1.5", "--start"]
     with free_port() as port, System(folder) as system, Probe(system) as probe:
-        probe.record(topics.GAME_STATE, topics.GAME_STATUS, topics.LIGHT_RING, topics.CMD_VEL, topics.DIAGNOSTICS)
-        bag = folder / "game"
-        recorder = system.run("record", [*COMMAND, "record", "--out", str(bag), "--sim"])
-        probe.wait_for(lambda: "recording /robot_15" in recorder.output, PATIENCE_S, "the recorder")
+        probe.record(topics.GAME_STATE, topics.LIGHT_RING, topics.CMD_VEL, topics.DIAGNOSTICS)
         terminal = Terminal([*COMMAND, "up", *words, *SHOWS, "--web", str(port), "--logs", str(folder / "logs")])
-        game = Game(terminal, recorder, bag, probe)
+        game = Game(terminal, probe)
         try:
             game.wait_for(lambda: terminal.shows(r"^running +round 1 "), "the round that begins by itself")
             assert terminal.shows(r"^(starting: waiting for .*pellet_manager|compiling \(once\))")
@@ -162,30 +169,13 @@ def quit_in_order(game: Game) -> None:
     assert "no game in /robot_15" in nobody.err
 
 
-def test_round_is_recorded_and_replayed(game: Game) -> None:
-    game.in_menu()
-    game.begin_round()
-    game.probe.forget()
-
-    def collected() -> bool:
-        return any(word.startswith("pellet_collected") for word in game.probe.values(topics.GAME_STATUS))
-
-    game.wait_for(collected, "a pellet")
-    assert game.terminal.shows(r"^running +round 1 +score \d+ +pellets \d+/13 +pose [\d.]+ s ago +nearest")
-    assert game.recorder.stop() == 0, game.recorder.output
-    assert [path.name for path in game.bag.parent.glob("game*")] == ["game"]
-    report = replay_bag(game.bag, "house", "nearest")
-    assert report.statuses["pellet_collected"] >= 1
-    assert report.decisions > 0  # how many depends on the machine: choices are compared in tests/ros/bags
-    assert report.robot["speed"] is not None
-    assert report.robot["speed"][1] < 0.31
-
-
 def test_keys_start_and_reset_game(game: Game) -> None:
     terminal = game.terminal
     game.in_menu()
     game.begin_round()
     since = len(terminal.lines)
+    shown = r"^running +round 1 +score \d+ +pellets \d+/13 +pose [\d.]+ s ago +nearest"
+    game.wait_for(lambda: terminal.shows(shown, since), "the round on the terminal")
     terminal.press("s")
     game.wait_for(lambda: terminal.shows(r"game/start: start: the game is in state", since), "the refusal")
     terminal.press("r")
@@ -230,24 +220,18 @@ def test_stop_holds_robot_until_release(game: Game) -> None:
         assert (stopped.status, stopped.err) == (0, "")
         return all(name in stopped.out for name in obeying)
 
-    def stands() -> bool:
-        return bool(json.loads(game.probe.values(topics.DIAGNOSTICS)[-1])["stopped"])
-
     game.wait_for(all_obey, "all to obey")
-    game.wait_for(stands, "the goal selector to say so")
+    game.wait_for(lambda: game.stopped, "the goal selector to say so")
     released = ask("release")
     assert released.status == 0
     assert released.out.startswith("released; received by ")
-    game.wait_for(lambda: not stands(), "the goal selector to go on")
+    game.wait_for(lambda: not game.stopped, "the goal selector to go on")
     assert ask("release").out == "nothing was stopped\n"
 
 
 def test_stop_by_page_outlives_it_until_it_is_back(game: Game) -> None:
-    terminal = game.terminal
+    terminal, link = game.terminal, game.link
     game.in_menu()
-    game.wait_for(lambda: terminal.shows(r"^page: http://127\.0\.0\.1:\d+/ on this computer$"), "the page's address")
-    (line,) = {line for line in terminal.lines if line.startswith("page: ")}
-    link = line.split()[1]
 
     def there() -> bool:
         try:
@@ -255,9 +239,6 @@ def test_stop_by_page_outlives_it_until_it_is_back(game: Game) -> None:
                 return bool(json.load(answer)["ok"])
         except OSError:
             return False
-
-    def stopped() -> bool:
-        return bool(json.loads(game.probe.values(topics.DIAGNOSTICS)[-1])["stopped"])
 
     game.wait_for(there, "the page")
     with Page(link) as page:
@@ -267,7 +248,7 @@ def test_stop_by_page_outlives_it_until_it_is_back(game: Game) -> None:
             assert picture.read(8).startswith(b"\x89PNG")
         game.begin_round()
         assert page.ask("stop")["ok"]
-        game.wait_for(stopped, "the stop")
+        game.wait_for(lambda: game.stopped, "the stop")
     killed = {name: pid_of(name) for name in (PAGE, "game_light_node")}
     for name, pid in killed.items():
         assert pid is not None, name
@@ -277,19 +258,18 @@ def test_stop_by_page_outlives_it_until_it_is_back(game: Game) -> None:
         game.wait_for(lambda name=name, pid=pid: pid_of(name) not in (None, pid), f"{name} to be started again")  # type: ignore[misc]
     game.wait_for(there, "the page to be back")
     game.probe.answered_by("/robot_15/game_light_node", anew=True)
-    assert stopped()
+    assert game.stopped
     with Page(link) as page:
         while not (page.frames and decode(page.frames[-1][1]).stopped):
             page.read()
         assert page.ask("release")["ok"]
-    game.wait_for(lambda: not stopped(), "the release")
+    game.wait_for(lambda: not game.stopped, "the release")
 
 
 def test_readiness_list_of_page_is_that_of_doctor(game: Game) -> None:
     game.in_menu()
     wanted = ("domain", "base", "map", "pose", "Nav2", "game's nodes", "configuration", "STOP")
-    (line,) = {line for line in game.terminal.lines if line.startswith("page: ")}
-    with Page(line.split()[1]) as page:
+    with Page(game.link) as page:
 
         def ready() -> bool:
             """A look has its limits of time: on a busy machine another one may be needed."""
