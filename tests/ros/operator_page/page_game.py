@@ -42,13 +42,6 @@ class PageGame(Play):
         self.page = start_page(session)
         self.wait(lambda: self.ready, "the game")
 
-    def start(self, name: str) -> None:
-        """Start a node that was killed."""
-        own: dict[str, Any] = {}
-        if name == SELECTOR:
-            own = {"map_yaml": MAP, "policy": POLICY, "home": list(HOME), **EXTRA[SELECTOR]}
-        self.session.start(name, settings=list(SETTINGS), **own)
-
     def wait(self, condition: Callable[[], Any], what: str) -> Any:
         return self.session.wait_for(condition, what=what)
 

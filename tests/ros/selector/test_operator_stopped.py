@@ -62,14 +62,17 @@ def test_goal_of_other_node_is_cancelled_while_stopped(game: Game, when: str) ->
     assert not game.nav2.running()
 
 
-def test_way_home_waits_for_release(game: Game) -> None:
-    game.start()
-    game.stand(*pellet(0))
+@pytest.mark.parametrize(
+    ("state", "command", "task"), [("returning_home", "return_home", "home"), ("running", "enable", "play")]
+)
+def test_node_started_while_stopped_waits_for_release(game: Game, state: str, command: str, task: str) -> None:
     game.say(topics.OPERATOR_STOP, word(True, 10))
-    game.condition(lambda c: c["stopped"])
-    game.say(topics.GAME_STATE, "returning_home")
-    game.say(topics.GAME_COMMAND, "return_home")
-    game.condition(lambda c: c["task"] == "home")
+    game.start()
+    game.begin()
+    game.stand(*pellet(0))
+    game.say(topics.GAME_STATE, state)
+    game.say(topics.GAME_COMMAND, command)
+    game.condition(lambda c: c["stopped"] and c["task"] == task)
     game.session.advance(5.0)
     assert not game.nav2.goals
     assert "home_failed" not in game.statuses()

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import contextlib
 
-import pytest
-
 from pacman_env.ros.supervisor.game_nodes import SELECTOR, SIMULATOR, GameSetup
 from pacman_env.ros.supervisor.preparation import GHOSTS, Preparation, PreparationJob, map_mark
 from tests.waiting import wait_for
@@ -32,16 +30,3 @@ def test_game_is_compiled_once_before_its_nodes() -> None:
         assert preparation.words == ""
         wait_for(preparation.done, "the check")
     assert reports == []
-
-
-@pytest.mark.parametrize(
-    ("fields", "words"),
-    [
-        ({"policy": "brave"}, "unknown policy 'brave'"),
-        ({"settings": ("clyde.ghosts=policy",)}, "clyde.ghosts"),
-    ],
-)
-def test_invalid_setup_is_refused_before_compiling(fields: dict[str, object], words: str) -> None:
-    setup = GameSetup("house", **fields)  # type: ignore[arg-type]
-    with contextlib.closing(Preparation(setup, print)) as preparation, pytest.raises(ValueError, match=words):
-        preparation.check()

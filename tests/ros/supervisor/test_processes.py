@@ -35,13 +35,15 @@ MEETS = GOOD.replace(
         time.sleep(0.01)
     open(sys""",
 )
+REFUSES = "import sys; print('no such map', file=sys.stderr); sys.exit(2)"
 NODES = {
     "first": GOOD,
     "second": GOOD,
     "waits": MEETS,
     "waits_too": MEETS,
     "done": "",
-    "refuses": "import sys; print('refuses: no such map', file=sys.stderr); sys.exit(2)",
+    "refuses": REFUSES,
+    "spare": REFUSES,
     "dies": "raise RuntimeError('out of luck')",
     "twice": """
 import os, pathlib, signal, sys
@@ -74,9 +76,14 @@ def said() -> list[str]:
 
 
 @pytest.fixture
-def group(folder: Path, said: list[str]) -> Iterator[ProcessGroup]:
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(folder)])}
-    group = ProcessGroup(lambda name: [f"nodes.{name}", str(folder / "order")], folder, environment, said.append)
+def environment(folder: Path) -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(folder)])}
+
+
+@pytest.fixture
+def group(folder: Path, environment: dict[str, str], said: list[str]) -> Iterator[ProcessGroup]:
+    command = lambda name: [f"nodes.{name}", str(folder / "order")]  # noqa: E731
+    group = ProcessGroup(command, folder, environment, said.append, spare=("spare",))
     yield group
     group.stop()
 
@@ -147,24 +154,18 @@ def test_reason_of_death_is_of_same_life(group: ProcessGroup, folder: Path, said
 
 def test_refusing_node_is_not_started_again(group: ProcessGroup, said: list[str]) -> None:
     group.start("refuses")
-    with pytest.raises(Lost, match="refuses does not start: refuses: no such map"):
+    with pytest.raises(Lost, match="refuses does not start: no such map"):
         wait_for(lambda: group.tend() and False, "it is given up")
     assert said == []
 
 
-def test_spare_node_is_given_up(folder: Path, said: list[str]) -> None:
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(folder)])}
-    command = lambda name: [f"nodes.{name}", str(folder / "order")]  # noqa: E731
-    group = ProcessGroup(command, folder, environment, said.append, spare=("refuses",))
+def test_spare_node_is_given_up(group: ProcessGroup, folder: Path, said: list[str]) -> None:
     group.start("first")
-    group.start("refuses")
+    group.start("spare")
     ready(group, "first")
-    wait_for(lambda: group.tend() == ["refuses"], "its end")
-    assert said == [
-        f"refuses does not start: refuses: no such map ({folder / 'refuses.log'}); it is given up, the rest goes on"
-    ]
-    for _ in range(3):
-        assert group.tend() == []
+    wait_for(lambda: group.tend() == ["spare"], "its end")
+    assert said == [f"spare does not start: no such map ({folder / 'spare.log'}); it is given up, the rest goes on"]
+    assert group.tend() == []
     assert group.stop() == []
 
 
@@ -177,7 +178,7 @@ def test_finished_node_can_be_dismissed(group: ProcessGroup) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells a process that its parent is gone")
-def test_no_node_outlives_killed_parent(folder: Path) -> None:
+def test_no_node_outlives_killed_parent(folder: Path, environment: dict[str, str]) -> None:
     order = folder / "order"
     parent = f"""
 import time
@@ -188,7 +189,6 @@ group = ProcessGroup(lambda name: ["nodes." + name, {str(order)!r}], Path({str(f
 group.start("first")
 time.sleep(600)
 """
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(folder)])}
     with subprocess.Popen([sys.executable, "-c", parent], env=environment) as process:
         log = folder / "first.log"
         wait_for(lambda: log.exists() and "ready" in log.read_text(), "the node runs")
