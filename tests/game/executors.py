@@ -42,9 +42,25 @@ def running(goals: Goals = GOALS, shown: Iterable[int] | None = None, **options:
     return executor
 
 
+def driving() -> GoalExecutor:
+    """On its way to the near pellet: goal 1, sent at t = 0 and accepted at 0.1 s."""
+    executor = running()
+    assert words(executor.choose(NEAR, 0.0)) == ["send 1"]
+    assert executor.sent.accepted(1, 0.1) == []
+    return executor
+
+
 def homing(pose: tuple[float, float] = (4.0, 0.0)) -> GoalExecutor:
     executor = running()
     executor.check(pose, (), 0.0)
     executor.command("disable", 1.0)
     executor.command("return_home", 1.0)
+    return executor
+
+
+def driving_home() -> GoalExecutor:
+    """On its way home: goal 1, sent at 1.1 s and accepted at 1.2 s."""
+    executor = homing()
+    executor.state("returning_home", 1.1)
+    executor.sent.accepted(1, 1.2)
     return executor

@@ -42,18 +42,17 @@ def test_believed_names_are_behaviours_and_other() -> None:
 
 
 @given(MOVES)
-def test_belief_stays_a_positive_probability(
-    moves: list[Move],
-) -> None:
+def test_belief_stays_a_positive_probability(moves: list[Move]) -> None:
     belief = after(moves)
     assert belief.sum() == pytest.approx(1.0)
     assert (belief > 1e-4).all()
 
 
-def test_chaser_is_believed_by_moves_towards_robot() -> None:
+def test_belief_follows_the_moves_and_forgets() -> None:
     before = after([TOWARDS_ROBOT] * 10)
     assert before[CHASES] + before[ARCADE] > 0.9
     assert after([AWAY] * 2, before)[CHASES] < 0.2
+    assert after([TOWARDS_ROBOT] * 100 + [AWAY] * 12)[WANDERS] > 0.5
 
 
 def test_moves_near_robot_tell_arcade_from_chaser() -> None:
@@ -87,8 +86,3 @@ def test_move_on_the_only_way_says_little() -> None:
     belief = after([only_way] * 30)
     assert belief[CHASES] + belief[ARCADE] < 0.7
     assert belief[WANDERS] > 0.3
-
-
-def test_belief_follows_a_change_of_behaviour() -> None:
-    chaser = after([TOWARDS_ROBOT] * 100)
-    assert after([AWAY] * 12, chaser)[WANDERS] > 0.5

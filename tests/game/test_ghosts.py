@@ -10,13 +10,13 @@ from pacman_env.config import Config, ConfigError, make_config
 from pacman_env.engine.jit import kernel
 from pacman_env.game import ghosts as rule
 from pacman_env.game.ghosts import BEHAVIOURS, GhostView, find_behaviour
-from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.core.ghosts import head_for, wander_on
 from pacman_env.sim.core.parameters import GHOST
-from pacman_env.sim.maps.assets import MapAssets, map_assets
-from pacman_env.sim.maps.ghost_cells import ClydeCells, find_path, search_memory
+from pacman_env.sim.maps.assets import MapAssets
+from pacman_env.sim.maps.ghost_cells import ClydeCells, search_memory
 from tests.drawn import drawn
-from tests.sim.maps.test_ghost_cells import PERIOD, POCKETS, house, pocket_cells
+from tests.sim.maps.test_ghost_cells import PERIOD, POCKETS, house, path_between, pocket_cells
+from tests.sim.players import new_batch
 
 at_target, choose_target, ghost_stream = map(kernel, (rule.at_target, rule.choose_target, rule.ghost_stream))
 spawn, walk = map(kernel, (rule.spawn, rule.walk))
@@ -106,12 +106,6 @@ def test_targets_are_uniform_over_the_connected_part() -> None:
         assert chi2 < bins - 1 + 4 * math.sqrt(2 * (bins - 1))
 
 
-def way_between(cells: ClydeCells, start: int, target: int) -> list[int]:
-    node, queue = search_memory(len(cells.position), cells.longest)
-    path = np.zeros(cells.longest, dtype=np.int32)
-    return path[: find_path(start, target, cells.graph, node, queue, path)].tolist()
-
-
 def sent(offset: float, start: int, first: int, second: int) -> tuple[np.ndarray, list[int]]:
     """A ghost sent to a second cell, ``offset`` m after he has set out for the first one; he and his path."""
     _, cells = house()
@@ -129,19 +123,19 @@ def test_redirected_ghost_turns_at_the_next_cell() -> None:
     _, cells = house()
     start, first, second = cells.part_cells[[50, 1500, 900]].tolist()
     g, path = sent(0.0, start, first, second)
-    assert path == way_between(cells, start, second)
+    assert path == path_between(cells, start, second).tolist()
     assert (g["path_index"][0], g["path_offset"][0]) == (0, 0.0)
-    following = way_between(cells, start, first)[1]
+    following = path_between(cells, start, first).tolist()[1]
     for target in (second, start, following):
         g, path = sent(0.03, start, first, target)
-        assert path == [start, *way_between(cells, following, target)]
+        assert path == [start, *path_between(cells, following, target).tolist()]
         assert (g["path_index"][0], g["path_offset"][0]) == (0, 0.03)  # he is where he was
 
 
 def test_ghost_keeps_path_for_same_or_unreachable_target() -> None:
     _, cells = house()
     start, first = cells.part_cells[[50, 1500]].tolist()
-    assert sent(0.03, start, first, first)[1] == way_between(cells, start, first)
+    assert sent(0.03, start, first, first)[1] == path_between(cells, start, first).tolist()
     pockets = pocket_cells()
     inside, outside = int(pockets.part_cells[0]), int(pockets.part_cells[pockets.part_start[1]])
     memory = search_memory(len(pockets.position), pockets.longest)
@@ -186,16 +180,10 @@ def test_every_ghost_has_its_own_stream() -> None:
 # In a game
 
 
-def game(assets: MapAssets, config: Config, n: int, first_seed: int = 0) -> GameBatch:
-    batch = GameBatch(assets, config, n)
-    batch.reset(np.arange(n), first_seed + np.arange(n, dtype=np.uint64))
-    return batch
-
-
 def spawn_places(config: Config, n: int = 400) -> tuple[MapAssets, np.ndarray]:
-    assets = map_assets(drawn(POCKETS, square_m=0.55, origin=(-2.5, -2.0, 0.0)), config)
-    batch = game(assets, config, n)
-    return assets, np.stack([batch.ghosts["x"][:, 0], batch.ghosts["y"][:, 0]], axis=1)
+    occupancy = drawn(POCKETS, square_m=0.55, origin=(-2.5, -2.0, 0.0))
+    batch = new_batch(config, n, occupancy)
+    return batch.assets, np.stack([batch.ghosts["x"][:, 0], batch.ghosts["y"][:, 0]], axis=1)
 
 
 def parts_under(cells: ClydeCells, place: np.ndarray) -> set[int]:
@@ -211,15 +199,14 @@ def test_ghost_starts_connected_and_away_from_robot() -> None:
     assert 1.5 <= distance.min() < 1.8
     assert distance.max() > 4.0
     changes = {"pellets.spacing_m": 1.0, "clyde.spawn": "anywhere", "clyde.spawn_distance_m": 4.4}
-    assets, place = spawn_places(make_config("robot", **changes), 2000)
+    assets, place = spawn_places(make_config("robot", **changes), 600)
     assert np.hypot(*(place - assets.grid.home[:2]).T).min() >= 4.4
     assert parts_under(assets.clyde, place) == {0, 1}
 
 
 def test_wanderer_ignores_the_robot() -> None:
     config = make_config("robot", **{"execution.death_radius_m": 1e-6})
-    assets = map_assets("house", config)
-    still, busy = game(assets, config, 6, 70), game(assets, config, 6, 70)
+    still, busy = (new_batch(config, 6, first_seed=70) for _ in range(2))
     rng = np.random.default_rng(2)
     fields = ["x", "y", "vx", "vy", "stream"]
     for _ in range(150):
@@ -233,7 +220,7 @@ def test_wanderer_ignores_the_robot() -> None:
 
 def test_ghost_moves_only_at_its_update_period() -> None:
     config = make_config("ideal", **{"clyde.update_period_s": 1.0, "execution.death_radius_m": 1e-6})
-    batch = game(map_assets("house", config), config, 1)
+    batch = new_batch(config)
     moved = []
     for _ in range(12):
         before = batch.ghosts["x"][0, 0], batch.ghosts["y"][0, 0]

@@ -6,7 +6,7 @@ import pytest
 
 from pacman_env.game.execution import ABORTED, CANCELED, SUCCEEDED
 from pacman_env.game.goals import ExecutorAction, home_place
-from tests.game.executors import FAR, NEAR, PELLETS, make_executor, running, words
+from tests.game.executors import FAR, NEAR, PELLETS, driving, make_executor, running, words
 
 # A choice
 
@@ -24,34 +24,23 @@ def test_choice_is_sent_kept_then_switched() -> None:
     assert executor.round.masked(2.2) == set()
 
 
-def test_new_goal_waits_for_the_end_of_cancelled() -> None:
-    executor = running()
-    executor.choose(NEAR, 0.0)
-    executor.sent.accepted(1, 0.1)
+@pytest.mark.parametrize("answered", [True, False])
+def test_new_goal_waits_for_end_or_a_second(answered: bool) -> None:
+    executor = driving()
     assert words(executor.choose(None, 2.0)) == ["cancel 1"]
     assert executor.sent.pursued == -1
-    assert not executor.wants_choice(2.1)  # the cancel would take it along
-    assert executor.choose(FAR, 2.1) == []
-    executor.finished(1, CANCELED, 2.2)
-    assert words(executor.choose(FAR, 2.2)) == ["send 2"]
-
-
-def test_unanswered_cancel_delays_one_second() -> None:
-    executor = running()
-    executor.choose(NEAR, 0.0)
-    executor.sent.accepted(1, 0.1)
-    executor.choose(None, 2.0)
-    assert not executor.wants_choice(2.9)
-    assert words(executor.choose(FAR, 3.0)) == ["send 2"]
+    assert not executor.wants_choice(2.9)  # the cancel would take it along
+    assert executor.choose(FAR, 2.9) == []
+    if answered:
+        executor.finished(1, CANCELED, 2.95)
+    assert words(executor.choose(FAR, 2.95 if answered else 3.0)) == ["send 2"]
 
 
 # Results
 
 
 def test_success_near_the_pellet_collects_it_once() -> None:
-    executor = running()
-    executor.choose(NEAR, 0.0)
-    executor.sent.accepted(1, 0.1)
+    executor = driving()
     executor.check((0.72, 0.0), (), 4.0)
     assert words(executor.finished(1, SUCCEEDED, 4.0)) == ["status pellet_collected:10", "remove 10"]
     assert executor.check((0.8, 0.0), (), 4.1) == []
@@ -61,9 +50,7 @@ def test_success_near_the_pellet_collects_it_once() -> None:
 
 
 def test_result_counts_from_the_pose_nav2_reports() -> None:
-    executor = running()
-    executor.choose(NEAR, 0.0)
-    assert words(executor.finished(1, SUCCEEDED, 4.0, at=(0.8, 0.0))) == ["status pellet_collected:10", "remove 10"]
+    assert words(driving().finished(1, SUCCEEDED, 4.0, at=(0.8, 0.0))) == ["status pellet_collected:10", "remove 10"]
 
 
 def test_new_round_forgets_failures_and_collected_pellets() -> None:
@@ -96,7 +83,8 @@ def test_unanswered_goal_is_cancelled_after_the_end() -> None:
     assert words(executor.check(None, (), 5.0)) == ["cancel 1"]
     assert words(executor.check(None, (), 9.9)) == []
     assert words(executor.check(None, (), 10.0)) == ["cancel 1"]
-    executor.finished(1, CANCELED, 10.1)
+    assert executor.finished(1, CANCELED, 10.1) == []
+    assert not executor.sent.open
     assert words(executor.check(None, (), 16.0)) == []
 
 
@@ -114,23 +102,6 @@ def test_lost_goal_does_not_block_choosing() -> None:
 # Orphans
 
 
-@pytest.mark.parametrize("how", ["disable", "menu", "deactivate", "death"])
-def test_goal_accepted_after_the_end_is_cancelled(how: str) -> None:
-    executor = running()
-    executor.choose(NEAR, 0.0)
-    end = {
-        "disable": lambda: executor.command("disable", 0.1),
-        "menu": lambda: executor.state("menu", 0.1),
-        "deactivate": lambda: executor.deactivate(0.1),
-        "death": lambda: executor.check((0.0, 0.0), [(0.1, 0.0)], 0.1),
-    }[how]
-    assert words(end())[-1] == "stop"
-    assert words(executor.sent.accepted(1, 0.2)) == ["cancel 1"]
-    assert executor.sent.open
-    assert executor.finished(1, CANCELED, 0.3) == []
-    assert not executor.sent.open
-
-
 def test_superseded_goal_is_cancelled_only_at_the_end() -> None:
     executor = running()
     executor.choose(NEAR, 0.0)
@@ -138,9 +109,7 @@ def test_superseded_goal_is_cancelled_only_at_the_end() -> None:
     assert executor.sent.accepted(1, 2.1) == []  # is left to be pre-empted
     assert executor.sent.accepted(2, 2.2) == []
     assert words(executor.command("disable", 2.3)) == ["cancel 1", "cancel 2", "stop"]
-    executor = running()
-    executor.choose(NEAR, 0.0)
-    executor.sent.accepted(1, 0.1)
+    executor = driving()
     executor.choose(FAR, 2.0)
     executor.rejected(2, 2.1)
     assert words(executor.choose(None, 2.5)) == ["cancel 1"]
@@ -150,9 +119,7 @@ def test_superseded_goal_is_cancelled_only_at_the_end() -> None:
 
 
 def test_returning_nav2_is_told_to_cancel_again() -> None:
-    executor = running()
-    executor.choose(NEAR, 0.0)
-    executor.sent.accepted(1, 0.1)
+    executor = driving()
     executor.nav2(False, 1.0)
     assert words(executor.command("disable", 1.1)) == ["cancel 1", "stop"]
     assert executor.check((0.0, 0.0), (), 2.5) == []

@@ -6,15 +6,13 @@ import pytest
 
 from pacman_env.game.execution import ABORTED, CANCELED, SUCCEEDED
 from pacman_env.game.goals import HOME, Goals, home_place
-from tests.game.executors import FAR, NEAR, PELLETS, homing, running, words
+from tests.game.executors import FAR, PELLETS, driving, driving_home, homing, running, words
 
 # Pick-up, death, the end of a round
 
 
 def test_death_follows_the_recorded_order() -> None:
-    executor = running()
-    executor.choose(NEAR, 0.0)
-    executor.sent.accepted(1, 0.1)
+    executor = driving()
     actions = executor.check((0.9, 0.0), [(1.1, 0.1)], 1.0)
     assert words(actions) == [
         "status pellet_collected:10",
@@ -53,11 +51,6 @@ def test_round_without_pellets_is_reported_complete_once() -> None:
     assert reports == [[], [], ["status game_complete"], [], [], []]
     executor = running()
     assert not any(executor.pellets({}, 3, float(t)) for t in range(1, 7))  # others are there
-
-
-def test_report_of_unknown_pellets_forgets_none() -> None:
-    executor = running()
-    assert executor.pellets({}, 2, 1.0) == []
     assert executor.round.left == PELLETS
 
 
@@ -126,22 +119,15 @@ def test_way_home_begins_by_state_and_reports_once() -> None:
     ],
 )
 def test_home_fails_only_if_robot_is_elsewhere(status: int, pose: tuple[float, float], report: str) -> None:
-    executor = homing()
-    executor.state("returning_home", 1.1)
-    executor.sent.accepted(1, 1.2)
-    assert words(executor.finished(1, status, 9.0, at=pose)) == [f"status {report}"]
+    assert words(driving_home().finished(1, status, 9.0, at=pose)) == [f"status {report}"]
 
 
-@pytest.mark.parametrize(
-    ("later", "reports"), [((0.25, 0.0), ["status home_reached"]), ((2.0, 0.0), ["status home_failed"])]
-)
-def test_success_far_from_home_awaits_newer_pose(later: tuple[float, float], reports: list[str]) -> None:
-    executor = homing()
-    executor.state("returning_home", 1.1)
-    executor.sent.accepted(1, 1.2)
+@pytest.mark.parametrize(("later", "report"), [((0.25, 0.0), "home_reached"), ((2.0, 0.0), "home_failed")])
+def test_success_far_from_home_awaits_newer_pose(later: tuple[float, float], report: str) -> None:
+    executor = driving_home()
     assert executor.finished(1, SUCCEEDED, 9.0, at=(1.0, 0.0)) == []
     assert executor.check((1.0, 0.0), (), 9.5) == []
-    assert words(executor.check(later, (), 11.0)) == reports
+    assert words(executor.check(later, (), 11.0)) == [f"status {report}"]
     assert executor.check(later, (), 12.0) == []
 
 

@@ -157,9 +157,7 @@ class Sides:
 
 @example(SHOWN_AGAIN)
 @given(st.lists(events, max_size=12))
-def test_round_completes_whichever_side_was_killed(
-    played: list[tuple[str, Any, int]],
-) -> None:
+def test_round_completes_whichever_side_was_killed(played: list[tuple[str, Any, int]]) -> None:
     sides = Sides()
     for what, value, pause in played:
         sides.step(what, value)

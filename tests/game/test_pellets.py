@@ -2,17 +2,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import pytest
-import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pacman_env.config import PelletConfig
 from pacman_env.game.pellets import generate_pellets
-from tests.shared import SHARED, shared_path
 
 
 @dataclass(frozen=True)
@@ -25,25 +22,6 @@ class GreyMap:
 
     def game_free(self, free_grey: int) -> NDArray[np.bool_]:
         return self.grey > free_grey
-
-
-def published_counts() -> list[tuple[str, int, int]]:
-    """Name and pellet counts at 2.0 m and 1.0 m from the table of shared maps."""
-    index = SHARED / "maps/INDEX.md"
-    if not index.exists():
-        return []
-    cells = [line.split("|") for line in index.read_text().splitlines() if line.startswith("|")]
-    names = cells[0]
-    column = next(i for i, name in enumerate(names) if name.strip() == "pellets")
-    return [(row[1].strip(), *map(int, row[column].split("/"))) for row in cells[2:]]
-
-
-def load(name: str) -> GreyMap:
-    folder = shared_path(f"maps/{name}")
-    meta = yaml.safe_load((folder / "map.yaml").read_text())
-    grey = cv2.imread(str(folder / meta["image"]), cv2.IMREAD_GRAYSCALE)
-    assert grey is not None
-    return GreyMap(grey, float(meta["resolution"]), tuple(meta["origin"]))
 
 
 def brute_force(map: GreyMap, config: PelletConfig) -> list[tuple[int, int]]:
@@ -62,18 +40,6 @@ def brute_force(map: GreyMap, config: PelletConfig) -> list[tuple[int, int]]:
             ):
                 found.append((u, v))
     return found
-
-
-@pytest.mark.parametrize(("name", "wide", "narrow"), published_counts() or [("pacmanbot_house", 8, 24)])
-def test_real_maps_have_published_pellet_counts(name: str, wide: int, narrow: int) -> None:
-    map = load(name)
-    assert len(generate_pellets(map, PelletConfig(spacing_m=2.0))) == wide
-    assert len(generate_pellets(map, PelletConfig(spacing_m=1.0))) == narrow
-
-
-def test_the_house_has_its_far_pellet() -> None:
-    pellets = generate_pellets(load("pacmanbot_house"), PelletConfig())
-    assert np.isclose(pellets.position, (7.84, -1.69), rtol=0, atol=0.005).all(axis=1).sum() == 1
 
 
 @given(

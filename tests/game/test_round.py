@@ -18,6 +18,47 @@ def words(actions: list[Action], *kinds: str) -> list[tuple[str, object]]:
     return [(a.kind, a.value) for a in actions if a.kind in (kinds or SHOWN)]
 
 
+def act(game: RoundController, word: str, now: float) -> list[Action]:
+    """One input."""
+    name, _, argument = word.partition(" ")
+    if name == "left":
+        return game.pellets_left(map(int, argument), now)
+    if name == "speed":
+        return game.base_clyde_speed(float(argument))
+    if name in ("start", "reset", "tick"):
+        actions: list[Action] = getattr(game, name)(now)
+        return actions
+    return game.status(word, now)
+
+
+INPUTS = st.one_of(
+    st.sampled_from(["start", "reset", "tick", "tick", "left ", "left 0123", "left 013", "speed 0.5"]),
+    st.sampled_from(["death_detected", "game_complete", "home_reached", "home_reached", "home_failed"]),
+    st.integers(0, 3).map(lambda i: f"pellet_collected:{i}"),
+)
+
+#: What brings a game into each of its states, one after the other.
+STEPS = {
+    "menu": (),
+    "returning_home": ("start",),
+    "starting": ("home_reached",),
+    "running": ("left 01234567", "tick"),
+    "dying": ("death_detected",),
+}
+
+
+def game_in(wanted: str) -> RoundController:
+    """A game in the state, 10 s after the one before, without a score."""
+    game = RoundController()
+    for now, (state, inputs) in enumerate(STEPS.items()):
+        for word in inputs:
+            act(game, word, 10.0 * now)
+        if state == wanted:
+            break
+    assert game.state == wanted
+    return game
+
+
 def running(pellets: int = 8, home_retries: int = ShowConfig.home_retries) -> RoundController:
     game = RoundController(show=ShowConfig(home_retries=home_retries))
     game.start(0.0)
@@ -117,9 +158,7 @@ def test_stale_pellet_report_does_not_prevent_completion() -> None:
 
 
 @pytest.mark.parametrize("seen_before_the_status", [[1, 2], [2]])
-def test_overtaking_pellet_report_does_not_end_round(
-    seen_before_the_status: list[int],
-) -> None:
+def test_overtaking_pellet_report_does_not_end_round(seen_before_the_status: list[int]) -> None:
     game = running(3)
     game.status("pellet_collected:0", 20.0)
     game.pellets_left(seen_before_the_status, 20.0)
@@ -184,18 +223,9 @@ def test_repeated_failure_counts_once_until_home_is_reached() -> None:
 
 @pytest.mark.parametrize("state", ["menu", "returning_home", "starting", "dying"])
 def test_game_statuses_outside_of_running_are_ignored(state: str) -> None:
-    game = RoundController()
-    if state != "menu":
-        game.start(0.0)
-    if state in ("starting", "dying"):
-        game.status("home_reached", 1.0)
-    if state == "dying":
-        game.pellets_left([1], 8.0)
-        game.tick(9.0)
-        game.status("death_detected", 10.0)
-    assert game.state == state
+    game = game_in(state)
     for word in ("pellet_collected:1", "death_detected", "game_complete"):
-        assert ignored(game.status(word, 11.0))
+        assert ignored(game.status(word, 41.0))
         assert (game.state, game.score) == (state, 0)
 
 
@@ -212,19 +242,11 @@ def test_unknown_status_is_ignored_with_a_reason(word: str) -> None:
     assert (game.state, game.score) == ("running", 0)
 
 
-@pytest.mark.parametrize("before", ["starting", "running", "returning_home"])
+@pytest.mark.parametrize("before", ["returning_home", "starting", "running", "dying"])
 def test_reset_leads_to_a_fresh_menu(before: str) -> None:
-    game = running()
-    game.status("pellet_collected:0", 20.0)
-    if before == "starting":
-        game = RoundController()
-        game.start(0.0)
-        game.status("home_reached", 1.0)
-    elif before != "running":
-        game.status("death_detected", 21.0)
-        game.tick(26.0)
-    assert game.state == before
-    assert words(game.reset(30.0), "command", "event", "state", "score", "round") == [
+    game = game_in(before)
+    game.status("pellet_collected:0", 40.5)
+    assert words(game.reset(41.0), "command", "event", "state", "score", "round") == [
         ("command", "disable"),
         ("command", "reset_round"),
         ("event", "reset"),
@@ -249,59 +271,23 @@ def test_base_speed_is_announced_in_the_menu() -> None:
     assert ("clyde_speed", 0.5) in words(game.tick(9.0))
 
 
-@given(
-    st.lists(
-        st.one_of(
-            st.sampled_from(["start", "reset", "tick", "left"]),
-            st.sampled_from(["death_detected", "game_complete", "home_reached", "home_failed"]),
-            st.integers(0, 3).map(lambda i: f"pellet_collected:{i}"),
-        ),
-        max_size=40,
-    )
-)
+@given(st.lists(INPUTS, max_size=40))
 def test_counts_are_consistent_for_any_inputs(inputs: list[str]) -> None:
     game = RoundController()
     shown: dict[str, object] = {}
     counted = 0
     for step, word in enumerate(inputs):
-        now = 4.0 * step
-        if word == "left":
-            actions = game.pellets_left(range(4), now)
-        elif word in ("start", "reset", "tick"):
-            actions = getattr(game, word)(now)
-        else:
-            actions = game.status(word, now)
+        actions = act(game, word, 4.0 * step)
         counted = 0 if game.score == 0 else counted + sum(a == Action("event", "pellet") for a in actions)
         shown |= {a.kind: a.value for a in actions}
         assert game.score == counted
         assert 0 <= game.collected <= min(game.score, 4)
         assert game.state != "complete"
         for kind in ("state", "score", "round", "collected", "spawned", "result"):
-            if kind in shown:
-                assert shown[kind] == getattr(game, kind)
+            assert kind not in shown or shown[kind] == getattr(game, kind)
 
 
 # A node that was killed
-
-
-def act(game: RoundController, word: str, now: float) -> list[Action]:
-    """One input."""
-    name, _, argument = word.partition(" ")
-    if name == "left":
-        return game.pellets_left(map(int, argument), now)
-    if name == "speed":
-        return game.base_clyde_speed(float(argument))
-    if name in ("start", "reset", "tick"):
-        actions: list[Action] = getattr(game, name)(now)
-        return actions
-    return game.status(word, now)
-
-
-INPUTS = st.one_of(
-    st.sampled_from(["start", "reset", "tick", "tick", "left ", "left 0123", "left 013", "speed 0.5"]),
-    st.sampled_from(["death_detected", "game_complete", "home_reached", "home_reached", "home_failed"]),
-    st.integers(0, 3).map(lambda i: f"pellet_collected:{i}"),
-)
 
 
 @given(st.lists(INPUTS, max_size=25), st.lists(INPUTS, max_size=15), st.integers(-100, 1000))

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pacman_env.config import make_config, parse_settings
-from pacman_env.game.pellets import generate_pellets
+from pacman_env.config import PelletConfig, make_config, parse_settings
+from pacman_env.game.pellets import PelletSet, generate_pellets
 from pacman_env.world.maps.map_check import MapReport, check_map
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 from tests.shared import SHARED, shared_path
@@ -232,11 +232,14 @@ def test_nav2_test_map_gives_its_grid(tmp_path: Path, suffix: str) -> None:
     assert (m.resolution, m.origin) == (0.1, (2.0, 3.0, 1.0))
 
 
+def pellets_of(m: OccupancyMap, spacing_m: float = 2.0) -> PelletSet:
+    return generate_pellets(m, PelletConfig(spacing_m=spacing_m))
+
+
 def report_on(name: str) -> MapReport:
     m = load_map(shared_path(f"maps/{name}"))
-    config = make_config()
-    pellets = generate_pellets(m, config.pellets)
-    return check_map(m, pellets.position, pellets.ids, config)
+    pellets = pellets_of(m)
+    return check_map(m, pellets.position, pellets.ids, make_config())
 
 
 @pytest.mark.parametrize("entry", published() or [{"name": "pacmanbot_house"}], ids=lambda e: e["name"])
@@ -250,12 +253,15 @@ def test_real_map_has_published_size_and_areas(entry: dict[str, str]) -> None:
     assert any("unknown loads as free" in w for w in report.warnings) is expected
     assert report.game_free_m2 == pytest.approx(float(entry["free>250 m2"]), abs=0.1)
     assert report.nav2_free_m2 == pytest.approx(float(entry["nav2 m2"]), abs=0.1)
-    assert len(report.pellets) == int(entry["pellets"].split("/")[0])
+    assert [len(pellets_of(m, spacing_m)) for spacing_m in (2.0, 1.0)] == [*map(int, entry["pellets"].split("/"))]
+    assert len(report.pellets) == len(pellets_of(m))
 
 
 def test_reachable_pellets_of_real_maps() -> None:
     report = report_on("pacmanbot_house")
     assert report.home == (0.0, 0.0)
     assert report.unreachable == ()
+    far = [pellet.id for pellet in report.pellets if math.dist((pellet.x, pellet.y), (7.84, -1.69)) < 0.01]
+    assert len(far) == 1
     report = report_on("pepper_apartment_elevator")  # behind a gap that is too narrow
     assert len(report.pellets) - len(report.unreachable) == 25
