@@ -11,6 +11,7 @@ from pacman_env.engine.cores import cores
 
 V2 = "30 23 0:26 / /sys/fs/cgroup rw,nosuid shared:4 - cgroup2 cgroup2 rw,nsdelegate\n"
 V1 = "33 30 0:30 / /sys/fs/cgroup/cpu,cpuacct rw - cgroup cgroup rw,cpu,cpuacct\n"
+CPU = "sys/fs/cgroup/cpu,cpuacct"
 V1_MEMORY = "34 30 0:31 / /sys/fs/cgroup/memory rw - cgroup cgroup rw,memory\n"
 GROUPS_V1 = "5:memory:/docker/a\n4:cpu,cpuacct:/docker/a\n0::/\n"
 
@@ -30,10 +31,10 @@ GROUPS_V1 = "5:memory:/docker/a\n4:cpu,cpuacct:/docker/a\n0::/\n"
         (
             *(GROUPS_V1, V2.replace("/sys/fs/cgroup ", "/sys/fs/cgroup/unified ") + V1_MEMORY + V1),
             {
-                "sys/fs/cgroup/cpu,cpuacct/docker/a/cpu.cfs_quota_us": "250000\n",
-                "sys/fs/cgroup/cpu,cpuacct/docker/a/cpu.cfs_period_us": "100000\n",
-                "sys/fs/cgroup/cpu,cpuacct/cpu.cfs_quota_us": "-1\n",
-                "sys/fs/cgroup/cpu,cpuacct/cpu.cfs_period_us": "100000\n",
+                f"{CPU}/docker/a/cpu.cfs_quota_us": "250000\n",
+                f"{CPU}/docker/a/cpu.cfs_period_us": "100000\n",
+                f"{CPU}/cpu.cfs_quota_us": "-1\n",
+                f"{CPU}/cpu.cfs_period_us": "100000\n",
             },
             3,
         ),
@@ -41,12 +42,7 @@ GROUPS_V1 = "5:memory:/docker/a\n4:cpu,cpuacct:/docker/a\n0::/\n"
     ],
 )
 def test_cores_are_those_of_affinity_and_quota(
-    groups: str,
-    mounts: str,
-    files: dict[str, str],
-    expected: int,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    groups: str, mounts: str, files: dict[str, str], expected: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(8)), raising=False)
     for name, content in {"proc/self/cgroup": groups, "proc/self/mountinfo": mounts, **files}.items():

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -34,26 +35,16 @@ def handled(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @BOTH
-def test_signal_waits_for_the_end_of_block(number: int) -> None:
-    done = []
-
-    @uninterrupted()
-    def work() -> None:
-        signal.raise_signal(number)
-        done.append("all")
-
-    with pytest.raises(Asked):
-        work()
-    assert done == ["all"]
-    with pytest.raises(Asked):
-        signal.raise_signal(number)
-
-
-@BOTH
 @pytest.mark.parametrize(
-    ("inner", "expected"), [(uninterrupted, ["begun", "ended"]), (interruptible, ["begun"])], ids=["inner", "wait"]
+    ("inner", "expected"),
+    [
+        (nullcontext, ["begun", "ended", "outer"]),
+        (uninterrupted, ["begun", "ended"]),
+        (interruptible, ["begun"]),
+    ],
+    ids=["none", "inner", "wait"],
 )
-def test_signal_ends_inner_block_or_wait(number: int, inner: Any, expected: list[str]) -> None:
+def test_signal_waits_for_end_of_block_except_in_waits(number: int, inner: Any, expected: list[str]) -> None:
     done = []
 
     @uninterrupted()
@@ -67,6 +58,8 @@ def test_signal_ends_inner_block_or_wait(number: int, inner: Any, expected: list
     with pytest.raises(Asked):
         work()
     assert done == expected
+    with pytest.raises(Asked):
+        signal.raise_signal(number)
 
 
 def test_handlers_are_restored_without_a_signal() -> None:

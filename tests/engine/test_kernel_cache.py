@@ -43,14 +43,10 @@ def run(program: str, path: str, wrapper: tuple[str, ...] = (), **environment: s
     return done
 
 
-def lines(program: str, path: str, **environment: str) -> list[str]:
-    return run(program, path, **environment).stdout.splitlines()
-
-
 def called(folder: Path, cache: Path) -> tuple[list[float], str]:
     """Results and compiled kernels of a process that has the sample in ``folder``."""
     path = os.pathsep.join([str(folder), str(ROOT)])
-    results, compiled = lines(CALLS, path, PACMAN_ENV_CACHE=str(cache))
+    results, compiled = run(CALLS, path, PACMAN_ENV_CACHE=str(cache)).stdout.splitlines()
     return [float(result) for result in results.split()], compiled
 
 
@@ -202,6 +198,3 @@ def test_removed_folder_is_created_again(root: Path, tmp_path: Path) -> None:
     again = constant(tmp_path / "second")
     again(2)
     assert hits(again) == 1
-
-
-# The engine

@@ -12,20 +12,18 @@ from hypothesis import strategies as st
 from pacman_env.config import Config, make_config
 from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
 from pacman_env.render import symbols
-from pacman_env.render.frames import STATES, map_view, render_frame
+from pacman_env.render.frames import STATES, MapView, map_view, render_frame
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapSource, map_assets
 from pacman_env.world.maps.occupancy import OccupancyMap, shipped_maps
 from tests.shared import shared_path
+from tests.sim.players import new_batch
 
 HEADER = 70  # rows at 720 px
 
 
 def games(source: MapSource = "house", n: int = 1, config: Config | None = None) -> GameBatch:
-    config = config or make_config()
-    batch = GameBatch(map_assets(source, config), config, n)
-    batch.reset(np.arange(n), np.arange(n, dtype=np.uint64) + 7)
-    return batch
+    return new_batch(config or make_config(), n, source, first_seed=7)
 
 
 def corridor(columns: int, rows: int, yaw: float = 0.0) -> OccupancyMap:
@@ -33,6 +31,11 @@ def corridor(columns: int, rows: int, yaw: float = 0.0) -> OccupancyMap:
     pixels = np.zeros((rows, columns), dtype=np.uint8)
     pixels[4:-4, 4:-4] = 254
     return OccupancyMap.from_pixels("corridor", pixels, 0.05, (-1.0, -1.0, yaw))
+
+
+def corridor_view(yaw: float, height: int = 360) -> MapView:
+    config = make_config(**{"pellets.spacing_m": 1.0})
+    return map_view(map_assets(corridor(120, 100, yaw), config), config, height)
 
 
 def near(frame: np.ndarray, colour: symbols.Colour, within: int = 12) -> np.ndarray:
@@ -105,9 +108,10 @@ def test_game_of_a_batch_looks_as_alone() -> None:
 def test_rendering_changes_no_game() -> None:
     batch = games(n=2)
     batch.step(np.zeros(2, dtype=np.int64))
-    before = [a.tobytes() for a in (batch.games, batch.alive, batch.paths, batch.obstacles)]
+    arrays = batch.games, batch.alive, batch.paths, batch.obstacles
+    before = [array.tobytes() for array in arrays]
     render_frame(batch, 1)
-    assert [a.tobytes() for a in (batch.games, batch.alive, batch.paths, batch.obstacles)] == before
+    assert [array.tobytes() for array in arrays] == before
 
 
 def test_pac_man_has_place_and_size_of_robot() -> None:
@@ -140,17 +144,21 @@ def test_mouth_opens_along_the_heading(heading: float) -> None:
 @settings(max_examples=30, deadline=None)
 @given(heading=st.floats(-7, 7), yaw=st.sampled_from([0.0, 0.6, 3.14, -1.9]))
 def test_headings_turn_with_a_yawed_map(heading: float, yaw: float) -> None:
-    config = make_config(**{"pellets.spacing_m": 1.0})
-    view = map_view(map_assets(corridor(120, 100, yaw), config), config, 360)
+    view = corridor_view(yaw)
     step = view.pixels(np.array([math.cos(heading), math.sin(heading)])) - view.pixels(np.zeros(2))
     assert math.remainder(math.atan2(step[1], step[0]) - view.angle(heading), 2 * math.pi) == pytest.approx(0, abs=0.03)
 
 
 def test_map_looks_the_same_for_any_yaw() -> None:
-    config = make_config(**{"pellets.spacing_m": 1.0})
-    straight, turned = (map_view(map_assets(corridor(120, 100, yaw), config), config, 360) for yaw in (0.0, 2.0))
+    straight, turned = (corridor_view(yaw) for yaw in (0.0, 2.0))
     pellets = straight.assets.pellets
     np.testing.assert_allclose(straight.goals[:pellets], turned.goals[:pellets], atol=1e-6)
+
+
+@given(st.floats(-50, 50), st.floats(-50, 50), st.sampled_from([0.0, 0.7, -2.0]), st.sampled_from([240, 720]))
+def test_metres_are_the_inverse_of_pixels(x: float, y: float, yaw: float, height: int) -> None:
+    view, there = corridor_view(yaw, height), np.array([[x, y], [0.0, 0.0]])
+    np.testing.assert_allclose(view.metres(view.pixels(there)), there, atol=1e-9)
 
 
 def test_collected_pellet_becomes_a_faint_ring() -> None:

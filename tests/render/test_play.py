@@ -8,15 +8,12 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium import spaces
-from hypothesis import given
-from hypothesis import strategies as st
 
 from pacman_env.cli.main import main
 from pacman_env.render import symbols
 from pacman_env.render.frames import MapView, map_view
 from pacman_env.render.play import SPEEDS, Controls, Player, play
 from pacman_env.render.window import HumanWindow, Input
-from pacman_env.world.maps.occupancy import OccupancyMap
 from tests.envs.helpers import QUICK, make, same
 
 LIMIT = np.array([0.3, 1.9], dtype=np.float32)  # v in m/s, omega in rad/s
@@ -58,21 +55,6 @@ def driven(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
     """The environment behind an action space of (v, omega); the robot holds whatever comes."""
     hold = int(env.action_space.n) - 1  # type: ignore[attr-defined]
     return gym.wrappers.TransformAction(env, lambda action: hold, spaces.Box(-LIMIT, LIMIT))
-
-
-@given(
-    x=st.floats(-50, 50),
-    y=st.floats(-50, 50),
-    yaw=st.sampled_from([0.0, 0.7, -2.0]),
-    height=st.sampled_from([240, 720]),
-)
-def test_metres_are_the_inverse_of_pixels(x: float, y: float, yaw: float, height: int) -> None:
-    pixels = np.zeros((80, 120), dtype=np.uint8)
-    pixels[4:-4, 4:-4] = 254
-    env = make(map=OccupancyMap.from_pixels("room", pixels, 0.05, (-1.0, -1.0, yaw)))
-    picture = map_view(env.batch.assets, env.config, height)
-    there = np.array([[x, y], [0.0, 0.0]])
-    np.testing.assert_allclose(picture.metres(picture.pixels(there)), there, atol=1e-9)
 
 
 def test_click_names_the_candidate_there() -> None:
@@ -163,17 +145,13 @@ def test_playing_is_stepping_the_environment() -> None:
 @pytest.mark.parametrize(
     ("held", "action"),
     [
-        ((), (0.0, 0.0)),
-        (("w", "a"), (1.0, 1.0)),
-        (("up", "w", "right"), (1.0, -1.0)),
-        (("down", "d"), (-1.0, -1.0)),
-        (("left", "up", "s"), (0.0, 1.0)),
+        *(((), (0.0, 0.0)), (("w", "a"), (1.0, 1.0)), (("up", "w", "right"), (1.0, -1.0))),
+        *((("down", "d"), (-1.0, -1.0)), (("left", "up", "s"), (0.0, 1.0))),
     ],
 )
 def test_keys_held_drive_at_full_speed(held: tuple[str, ...], action: tuple[float, float]) -> None:
     one = Player(driven(make(render_mode="rgb_array")), seed=0)
-    for key in held:
-        press(one, key)
+    press(one, *held)
     chosen = one.controls.action(one.situation)
     assert one.env.action_space.contains(chosen)
     np.testing.assert_array_equal(chosen, np.array(action, dtype=np.float32) * LIMIT)
@@ -287,13 +265,6 @@ class Script(HumanWindow):
         self.shown += 1
         self.captions.append(self.caption)
         return super().show(frame, 0)
-
-
-@pytest.fixture
-def pygame(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """On a screen that is none."""
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    return pytest.importorskip("pygame")
 
 
 def test_game_is_played_in_a_window(pygame: Any) -> None:

@@ -12,12 +12,6 @@ import pytest
 from pacman_env.render.window import HumanWindow
 
 
-@pytest.fixture
-def pygame(monkeypatch: pytest.MonkeyPatch) -> Any:
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    return pytest.importorskip("pygame")
-
-
 def frame(height: int = 40, width: int = 60) -> np.ndarray:
     picture = np.zeros((height, width, 3), dtype=np.uint8)
     picture[5, 7] = (255, 140, 26)
