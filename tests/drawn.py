@@ -7,6 +7,14 @@ import numpy as np
 from pacman_env.world.maps.occupancy import OccupancyMap
 
 GREY = {"#": 0, ".": 254, " ": 205}
+#: At squares of 0.4 m: two rooms of 4 x 4 m and a doorway 0.8 m wide in a wall 0.4 m thick.
+TWO_ROOMS = [
+    "#" * 23,
+    *["#" + "." * 10 + "#" + "." * 10 + "#"] * 4,
+    *["#" + "." * 21 + "#"] * 2,
+    *["#" + "." * 10 + "#" + "." * 10 + "#"] * 4,
+    "#" * 23,
+]
 
 
 def drawn(

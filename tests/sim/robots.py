@@ -11,16 +11,10 @@ from pacman_env.config import make_config
 from pacman_env.sim.core.navigate_to_pose import Ended, Navigation
 from pacman_env.sim.core.robot import SimulatedRobot
 from pacman_env.world.maps.occupancy import OccupancyMap
-from tests.drawn import drawn
+from tests.drawn import TWO_ROOMS, drawn
 
-#: Two rooms of 4 x 4 m, a doorway 0.8 m wide, beyond the left wall unknown ground; home is in the left room.
-ROWS = [
-    "#" * 25,
-    *["  #" + "." * 10 + "#" + "." * 10 + "#"] * 4,
-    *["  #" + "." * 21 + "#"] * 2,
-    *["  #" + "." * 10 + "#" + "." * 10 + "#"] * 4,
-    "#" * 25,
-]
+#: Beyond the left wall is unknown ground; home is in the left room.
+ROWS = ["##" + row if set(row) == {"#"} else "  " + row for row in TWO_ROOMS]
 ORIGIN = (-3.2, -2.4, 0.0)
 DOOR = (2.2, 0.0)
 RIGHT = (5.0, 1.0)

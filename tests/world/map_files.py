@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from pacman_env.world.maps.occupancy import OccupancyMap
+from pacman_env.world.maps.occupancy import MapError, OccupancyMap, load_map
 
 GOOD: dict[str, Any] = {
     "image": "m.pgm",
@@ -50,3 +50,12 @@ def png(width: int, colour: int, depth: int, row: bytes, *extra: bytes, height: 
 
 def row(m: OccupancyMap) -> list[int]:
     return m.occupancy[0].tolist()
+
+
+def refusal(path: Path) -> str:
+    """Why the map is refused; nothing if it is not."""
+    try:
+        load_map(path)
+    except MapError as error:
+        return str(error)
+    return ""

@@ -7,12 +7,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from pacman_env.config import ClydeConfig, PelletConfig, RobotConfig
-from pacman_env.game.pellets import PelletSet, generate_pellets
+from pacman_env.config import ClydeConfig, Nav2Config, PelletConfig, RobotConfig, make_config
+from pacman_env.game.pellets import generate_pellets
 from pacman_env.world.maps.floor_plans import FLOOR_PLANS, Sketch, save_all, survey
+from pacman_env.world.maps.map_check import check_map
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
+from pacman_env.world.navigation.grid import build_grid, clearance_m, connected_parts
+from tests.world.maps.test_houses import holes
 
 COMMITTED = Path(__file__).resolve().parents[3] / "maps"
 
@@ -20,27 +22,6 @@ COMMITTED = Path(__file__).resolve().parents[3] / "maps"
 @pytest.fixture(params=sorted(FLOOR_PLANS))
 def plan(request: pytest.FixtureRequest) -> OccupancyMap:
     return load_map(request.param)
-
-
-def clearance_m(free: NDArray[np.bool_], resolution: float) -> NDArray[np.float32]:
-    return cv2.distanceTransform(free.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * resolution
-
-
-def home_cell(plan: OccupancyMap) -> tuple[int, int]:
-    column, row = plan.world_to_cell(0.0, 0.0)
-    return round(float(row)), round(float(column))
-
-
-def reached(plan: OccupancyMap, free: NDArray[np.bool_], radius_m: float) -> NDArray[np.bool_]:
-    """Cells that a disc can reach from home."""
-    room = (clearance_m(free, plan.resolution) > radius_m).astype(np.uint8)
-    labels = cv2.connectedComponents(room, connectivity=4)[1]
-    assert room[home_cell(plan)]
-    return labels == labels[home_cell(plan)]
-
-
-def at(mask: NDArray[np.bool_], pellets: PelletSet) -> NDArray[np.bool_]:
-    return mask[pellets.pixel[:, 1], pellets.pixel[:, 0]]
 
 
 def test_saving_writes_the_committed_bytes(tmp_path: Path) -> None:
@@ -58,40 +39,34 @@ def test_both_readings_of_the_image_agree(plan: OccupancyMap) -> None:
         assert (plan.occupancy[plan.grey == grey] == occupancy).all()
 
 
-def test_free_area_is_one_home_sized_piece(plan: OccupancyMap) -> None:
+def test_free_area_is_home_sized_and_has_loops(plan: OccupancyMap) -> None:
     free = plan.game_free()
     assert 60 <= free.sum() * plan.resolution**2 <= 120
-    assert cv2.connectedComponents(free.astype(np.uint8), connectivity=4)[0] == 2
+    assert len(connected_parts(free)[1]) == 2  # one part, and what is not free
     assert free[1:-1, 1:-1].sum() == free.sum()
-
-
-def test_home_lies_in_the_open(plan: OccupancyMap) -> None:
-    assert clearance_m(plan.game_free(), plan.resolution)[home_cell(plan)] >= 0.5
+    grid = build_grid(plan, RobotConfig(), Nav2Config(), PelletConfig())
+    column, row = grid.to_cell(0.0, 0.0)
+    assert grid.clearance[row, column] >= 0.5
+    assert grid.home.tolist() == [0.0, 0.0, 0.0]
+    assert holes(grid.cell_id < 0) >= 3
 
 
 @pytest.mark.parametrize(("spacing_m", "fewest", "most"), [(2.0, 8, 16), (1.0, 24, 60)])
 def test_pellets_suffice_and_are_reachable(plan: OccupancyMap, spacing_m: float, fewest: int, most: int) -> None:
     pellets = generate_pellets(plan, PelletConfig(spacing_m=spacing_m))
     assert fewest <= len(pellets) <= most
-    assert at(reached(plan, plan.game_free(), RobotConfig().inscribed_radius_m), pellets).all()
+    assert check_map(plan, pellets.position, pellets.ids, make_config(), home=(0.0, 0.0)).unreachable == ()
 
 
 def test_ghost_can_go_everywhere(plan: OccupancyMap) -> None:
     half = round(ClydeConfig().clearance_m / plan.resolution)
-    free = plan.game_free().astype(np.uint8)
+    free = plan.game_free()
     square = np.ones((2 * half + 1, 2 * half + 1), np.uint8)
-    ghost = cv2.erode(free, square, borderValue=0)
-    assert cv2.connectedComponents(ghost, connectivity=4)[0] == 2
-    near = cv2.dilate(ghost, square).astype(np.bool_)
-    assert near[clearance_m(plan.game_free(), plan.resolution) > 0.4].all()
-    assert at(ghost.astype(np.bool_), generate_pellets(plan, PelletConfig())).all()
-
-
-def test_plan_has_loops(plan: OccupancyMap) -> None:
-    """They show as holes: solid parts that the robot can drive around."""
-    drivable = reached(plan, plan.game_free(), RobotConfig().inscribed_radius_m)
-    solid_parts = cv2.connectedComponents((~drivable).astype(np.uint8), connectivity=8)[0] - 1
-    assert solid_parts - 1 >= 3  # the outside is one part
+    ghost = cv2.erode(free.astype(np.uint8), square, borderValue=0)
+    assert len(connected_parts(ghost.astype(np.bool_))[1]) == 2
+    assert cv2.dilate(ghost, square)[clearance_m(free, plan.resolution) > 0.4].all()
+    column, row = generate_pellets(plan, PelletConfig()).pixel.T
+    assert ghost[row, column].all()
 
 
 def test_home_inside_a_wall_is_refused() -> None:

@@ -20,6 +20,7 @@ from pacman_env.world.navigation.grid import (
     inflate,
     nearest_numbers,
 )
+from pacman_env.world.navigation.physics import overlap_m
 from tests.drawn import box, centre, drawn
 from tests.shared import shared_path
 
@@ -81,6 +82,7 @@ def test_turned_map_gives_turned_grid() -> None:
 def test_positions_outside_are_clipped_to_the_grid() -> None:
     grid = grid_of(drawn(ROOMS))
     rows, columns = grid.shape
+    assert [grid.nearest_cell(x, 0.0, 0.5) for x in (1e9, -1e9, 30.0)] == [-1] * 3
     assert grid.to_cell(-1e6, -1e6) == (0, 0)
     assert grid.to_cell(1e6, 1e6) == (columns - 1, rows - 1)
     assert grid.cells_under(np.array([[-1e3, 0.0], [1e3, 1e3], [0.01, 0.01]])).tolist() == [-1, -1, -1]
@@ -134,10 +136,6 @@ def test_nearest_cell_is_nearest_inside_the_square(x: float, y: float, within: f
     assert GRID.nearest_cell(x, y, within) == expected
 
 
-def test_no_cell_is_near_far_outside() -> None:
-    assert [GRID.nearest_cell(x, 0.0, 0.5) for x in (1e9, -1e9, 30.0)] == [-1] * 3
-
-
 def test_empty_border_changes_nothing() -> None:
     m = noise(4)
     wide = np.full((m.height + 130, m.width + 90), 205, np.uint8)
@@ -150,15 +148,6 @@ def test_empty_border_changes_nothing() -> None:
     np.testing.assert_allclose(np.stack(one.to_world(*one.cell.T)), np.stack(other.to_world(*other.cell.T)), atol=1e-9)
 
 
-def segment_distance(points: np.ndarray, walls: np.ndarray) -> np.ndarray:
-    """Distance of each point (M, 2) from the nearest of the walls (S, 4)."""
-    a, b = walls[:, :2], walls[:, 2:]
-    ab = b - a
-    length2 = np.maximum((ab**2).sum(axis=1), 1e-12)
-    t = np.clip(((points[:, None] - a) * ab).sum(axis=2) / length2, 0.0, 1.0)
-    return np.hypot(*np.moveaxis(points[:, None] - a - t[..., None] * ab, 2, 0)).min(axis=1)
-
-
 @pytest.mark.parametrize("source", ["house", "pacmanbot_house"])
 def test_drivable_cells_keep_the_robot_off_walls(source: str) -> None:
     m = load_map(source if source == "house" else shared_path(f"maps/{source}"))
@@ -166,8 +155,7 @@ def test_drivable_cells_keep_the_robot_off_walls(source: str) -> None:
     rng = np.random.default_rng(0)
     cells = grid.cell[rng.choice(len(grid.cell), size=500)]
     points = np.stack(grid.to_world(cells[:, 0], cells[:, 1]), axis=1)
-    depth = ROBOT.radius_m - segment_distance(points, grid.walls)
-    assert depth.max() <= 0.01
+    assert overlap_m(grid.walls, points, ROBOT.radius_m).max() <= 0.01
     ends = grid.walls.reshape(-1, 2)
     away = np.array([grid.to_cell(x, y) for x, y in ends])
     drivable = np.where(grid.cell_id >= 0, 0, 1).astype(np.uint8)
@@ -205,13 +193,6 @@ def test_impossible_homes_and_narrow_maps_are_refused() -> None:
             grid_of(drawn(ROOMS), home=home)
     with pytest.raises(MapError, match=r"drawn: no free place wide enough for a robot of 0\.186 m"):
         grid_of(drawn(box(3, 3), square_m=0.1))
-
-
-def test_unreachable_rooms_are_not_in_the_grid() -> None:
-    sealed = [row.replace("......", "...#..") for row in box(6, 5)]
-    grid = grid_of(drawn(sealed, origin=(-1.2, -1.2, 0.0)))
-    x, _ = grid.to_world(grid.cell[:, 0], grid.cell[:, 1])
-    assert x.max() < 2.0 - 1.2
 
 
 # Distances, nearest numbers and parts of small pictures, against what trying everything gives

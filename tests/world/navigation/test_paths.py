@@ -1,8 +1,5 @@
 from __future__ import annotations
 
-import heapq
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -71,43 +68,6 @@ def may_step(free: np.ndarray, column: int, row: int, dc: int, dr: int) -> bool:
     return inside and all(free[r, c] for r, c in cells)
 
 
-def dijkstra(free: np.ndarray, cost: np.ndarray, goal: tuple[int, int]) -> dict[tuple[int, int], float]:
-    """NavFn-weighted costs in cells of free space, by the textbook, from (column, row)."""
-    weight = (50.0 + 0.8 * cost) / 50.0
-    best = {goal: 0.0}
-    queue = [(0.0, goal)]
-    while queue:
-        so_far, (c, r) = heapq.heappop(queue)
-        if so_far > best[(c, r)]:
-            continue
-        for dc, dr in STEPS16.tolist():
-            if may_step(free, c, r, dc, dr):
-                new = so_far + math.hypot(dc, dr) * 0.5 * (weight[r, c] + weight[r + dr, c + dc])
-                if new < best.get((c + dc, r + dr), math.inf) - 1e-12:
-                    best[(c + dc, r + dr)] = new
-                    heapq.heappush(queue, (new, (c + dc, r + dr)))
-    return best
-
-
-@settings(max_examples=25, deadline=None)
-@given(st.integers(0, 10**6))
-def test_steps_cost_what_dijkstra_says(seed: int) -> None:
-    free, cost = random_map(seed)
-    free[0, 0] = True
-    length_cm, next_step, cell = field(free, cost, 0)
-    expected = dijkstra(free, cost, (0, 0))
-    weight = (50.0 + 0.8 * cost) / 50.0
-    for k, (c, r) in enumerate(cell.tolist()):
-        assert (length_cm[k] != UNREACHABLE_CM) == ((c, r) in expected)
-        if (c, r) not in expected:
-            assert next_step[k] == NO_STEP
-            continue
-        way = cell[walk(next_step, k)]
-        steps = np.hypot(*np.diff(way, axis=0).T)
-        w = weight[way[:, 1], way[:, 0]]
-        assert (steps * 0.5 * (w[1:] + w[:-1])).sum() == pytest.approx(expected[(c, r)], rel=1e-4, abs=1e-4)
-
-
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10**6), st.floats(0.4, 1.0))
 def test_path_has_its_length_and_cuts_no_corner(seed: int, share_free: float) -> None:
@@ -145,21 +105,25 @@ def in_buckets(free: np.ndarray, cost: np.ndarray, goal: int) -> tuple[np.ndarra
                     continue
                 v = int(cell_id[r + dr, c + dc])
                 new = best[u] + np.float32(0.5) * LENGTHS[d] * (weight[u] + weight[v])
+                assert v not in settled or new >= best[v]  # the costs are the least
                 if new < best[v]:
                     best[v], next_step[v] = new, u - v
                     buckets.setdefault(int(new), []).append(v)
     return best, next_step
 
 
-@settings(max_examples=20, deadline=None)
-@given(st.integers(0, 10**6), st.floats(0.85, 1.0), st.sampled_from([0.0, 0.02, 0.1, 1.0]))
-def test_leaving_out_detours_changes_no_step(seed: int, share_free: float, share_costly: float) -> None:
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10**6), st.floats(0.6, 1.0), st.sampled_from([0.0, 0.02, 0.1, 1.0]))
+def test_steps_are_those_of_dijkstras_algorithm(seed: int, share_free: float, share_costly: float) -> None:
     rng = np.random.default_rng(seed)
     free = rng.random((21, 26)) < share_free
     free[10, 10] = True
     cost = np.where(rng.random(free.shape) < share_costly, rng.integers(0, 253, free.shape), 0).astype(np.uint8)
     goal = int(numbered(free)[0][10, 10])
-    np.testing.assert_array_equal(field(free, cost, goal)[1], in_buckets(free, cost, goal)[1])
+    length_cm, next_step, _ = field(free, cost, goal)
+    least, expected = in_buckets(free, cost, goal)
+    np.testing.assert_array_equal(next_step, expected)
+    np.testing.assert_array_equal(length_cm != UNREACHABLE_CM, np.isfinite(least))
 
 
 def test_all_steps_are_tried_far_from_goal() -> None:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from pacman_env.config import Config
 from pacman_env.sim.core.parameters import GAME, batch_parameters
-from pacman_env.world.navigation.physics import Spaces, bare_stepper, clear_cells, move, overlap_m, place
+from pacman_env.world.navigation.physics import Spaces, clear_cells, move, overlap_m, place
 
 CONFIG = Config()
 ROBOT, STEP_S = CONFIG.robot, CONFIG.physics_step_s
@@ -99,16 +99,6 @@ def test_robot_slides_along_a_wall() -> None:
     assert vy == pytest.approx(0.2, abs=1e-6)
 
 
-def test_force_sets_the_velocity_of_next_step() -> None:
-    robots = Robots(1)
-    robots.place(0, -1.0, -1.0)
-    robots.drive([[0.1, -0.2]])
-    np.testing.assert_allclose(robots.state[0], [-1.0, -1.0, 0.1, -0.2], atol=1e-12)
-    robots.drive([[0.1, -0.2]])
-    np.testing.assert_allclose(robots.state[0], [-1.0 + 0.1 * STEP_S, -1.0 - 0.2 * STEP_S, 0.1, -0.2], atol=1e-12)
-    assert len(robots.spaces) == 0  # nothing was near
-
-
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="other compilers fuse products and sums")
 @settings(max_examples=25, deadline=None)
 @given(
@@ -133,6 +123,7 @@ def test_step_far_from_walls_is_chipmunks_own(
             body.force = fx, fy
             space.step(STEP_S)
             assert ours.state[0].tolist() == [*body.position, *body.velocity]
+            assert len(ours.spaces) == 0
 
 
 @settings(max_examples=15, deadline=None)
@@ -178,10 +169,6 @@ def test_placing_a_robot_stops_it() -> None:
     robots.place(0, -1.5, -1.5)
     robots.push((0.0, 0.0))
     assert robots.state[0].tolist() == [-1.5, -1.5, 0.0, 0.0]
-
-
-def test_bodies_of_the_yardstick_keep_moving() -> None:
-    bare_stepper(WALLS, np.full((66, 2), -1.0), speed_mps=0.3, **BODY)(200)
 
 
 @settings(max_examples=20, deadline=None)
