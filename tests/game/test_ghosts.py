@@ -204,20 +204,6 @@ def test_ghost_starts_connected_and_away_from_robot() -> None:
     assert parts_under(assets.clyde, place) == {0, 1}
 
 
-def test_wanderer_ignores_the_robot() -> None:
-    config = make_config("robot", **{"execution.death_radius_m": 1e-6})
-    still, busy = (new_batch(config, 6, first_seed=70) for _ in range(2))
-    rng = np.random.default_rng(2)
-    fields = ["x", "y", "vx", "vy", "stream"]
-    for _ in range(150):
-        still.step(np.full(6, still.hold))
-        busy.step(rng.integers(0, busy.candidates, 6))
-        going = (still.games["end"] == 0) & (busy.games["end"] == 0)
-        assert going.any()
-        np.testing.assert_array_equal(still.ghosts[fields][going], busy.ghosts[fields][going])
-    assert np.hypot(busy.games["x"] - still.games["x"], busy.games["y"] - still.games["y"]).max() > 1.0
-
-
 def test_ghost_moves_only_at_its_update_period() -> None:
     config = make_config("ideal", **{"clyde.update_period_s": 1.0, "execution.death_radius_m": 1e-6})
     batch = new_batch(config)

@@ -21,6 +21,16 @@ def new_batch(config: Config, n: int = 1, source: Any = "house", first_seed: int
     return batch
 
 
+def played(config: Config, n: int = 12, source: Any = "house", steps: int = 30, keep: int = 1) -> GameBatch:
+    """Return games that have gone on for a while, each in another way: by random choices, each kept for some ticks."""
+    batch, rng = new_batch(config, n, source), np.random.default_rng(0)
+    for k in range(steps):
+        if k % keep == 0:
+            choices = rng.integers(batch.candidates, size=n)
+        batch.step(choices)
+    return batch
+
+
 def everything(batch: GameBatch, game: int) -> dict[str, bytes]:
     """Return all that there is to know of a game, except for the slot that its map is in."""
     found = {name: batch.games[name][game].tobytes() for name in batch.games.dtype.names or () if name != "level"}

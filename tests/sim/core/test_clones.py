@@ -54,27 +54,24 @@ class Actions:
 def test_clone_continues_like_its_original(case: str) -> None:
     batch = make(case)
     actions = Actions(batch)
-    numbers = list(range(N))
+    numbers, others = list(range(N)), [20, 21, 22, 23, 24]
     actions.play(batch, numbers, 0, 45)
     if case == "at walls":
         assert (batch.games["touch"] > 0).any()
-    target = like(batch, 5)
-    target.reset(np.arange(5), np.arange(5, dtype=np.uint64))
-    actions.play(target, [20, 21, 22, 23, 24], 0, 7)
+    target, apart = like(batch, 5), like(batch, 5)
+    for one in (target, apart):
+        one.reset(np.arange(5), np.arange(5, dtype=np.uint64))
+        actions.play(one, others, 0, 7)
     copied, into = [6, 1, 3], [0, 4, 2]
     batch.clone_into(target, np.array(copied), np.array(into))
-    apart = like(batch, 5)
-    apart.reset(np.arange(5), np.arange(5, dtype=np.uint64))
-    actions.play(apart, [20, 21, 22, 23, 24], 0, 7)
     for step in range(25):
         for number, game in zip(copied, into, strict=True):
             assert differences(everything(batch, number), everything(target, game)) == [], (step, number)
         for other in (1, 3):
             assert differences(everything(apart, other), everything(target, other)) == [], (step, other)
-        batch.step(*actions.of(numbers, 45 + step))
-        both = [actions.of([6, 21, 3, 23, 1], 45 + step), actions.of([20, 21, 22, 23, 24], 45 + step)]
-        target.step(*both[0])
-        apart.step(*both[1])
+        actions.play(batch, numbers, 45 + step, 46 + step)
+        actions.play(target, [6, 21, 3, 23, 1], 45 + step, 46 + step)
+        actions.play(apart, others, 45 + step, 46 + step)
 
 
 def test_new_seed_gives_a_clone_another_future() -> None:

@@ -32,14 +32,6 @@ def parent(tmp_path: Path) -> subprocess.Popen[str]:
     return subprocess.Popen([sys.executable, "-c", BEGIN], env=environment, cwd=tmp_path, text=True, **pipes)
 
 
-def pid_of_other(parent: subprocess.Popen[str]) -> int:
-    """The other process; the second time none was started."""
-    assert parent.stdout is not None
-    first, second = parent.stdout.readline().split()
-    assert second == "None"
-    return int(first)
-
-
 def lives(pid: int) -> bool:
     """Whether there is such a process, other than one that has ended and is not yet asked for."""
     try:
@@ -50,22 +42,17 @@ def lives(pid: int) -> bool:
 
 @pytest.mark.skipif(compile_ahead.cores() < 2, reason="one core")
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="no /proc")
-def test_helper_ends_silently_with_its_parent(parent: subprocess.Popen[str]) -> None:
-    other = pid_of_other(parent)
-    assert lives(other)
-    _, said = parent.communicate("\n", timeout=PATIENCE_S)
-    assert parent.returncode == 0
-    assert said == ""
-    wait_for(lambda: not lives(other), "its end")
-
-
-@pytest.mark.skipif(compile_ahead.cores() < 2, reason="one core")
-@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="no /proc")
-def test_helper_ends_when_its_parent_is_killed(parent: subprocess.Popen[str]) -> None:
-    other = pid_of_other(parent)
-    parent.send_signal(signal.SIGKILL)
-    parent.communicate(timeout=PATIENCE_S)
-    wait_for(lambda: not lives(other), "its end")
+@pytest.mark.parametrize("killed", [False, True])
+def test_helper_ends_silently_with_its_parent(parent: subprocess.Popen[str], killed: bool) -> None:
+    assert parent.stdout is not None
+    first, second = parent.stdout.readline().split()
+    assert second == "None"  # the second time none was started
+    assert lives(int(first))
+    if killed:
+        parent.send_signal(signal.SIGKILL)
+    _, said = parent.communicate(None if killed else "\n", timeout=PATIENCE_S)
+    assert (parent.returncode, said) == (-signal.SIGKILL if killed else 0, "")
+    wait_for(lambda: not lives(int(first)), "its end")
 
 
 def test_nothing_starts_on_one_core(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

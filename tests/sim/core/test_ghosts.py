@@ -131,69 +131,38 @@ def test_chaser_follows_the_believed_robot() -> None:
 
 
 def test_arcade_ghost_turns_to_its_corner_when_near() -> None:
-    batch = games(6, "arcade", **{"clyde.arcade_distance_m": 2.5, "clyde.speed_mps": 0.5})
-    robot = batch.situation().robot
+    changes = {"clyde.arcade_distance_m": 2.5, "clyde.speed_mps": 0.5, "execution.death_radius_m": 0.1}
+    batch = games(6, *["arcade"] * 4, **changes)
+    robot, position = batch.situation().robot, batch.assets.clyde.position
     aims = cells_by_the_robots(batch)
-    corner = int(batch.assets.ghost_corner[0])
     rules: list[str] = []
     for _ in range(100):
-        before = stands_at(batch)
+        before = [stands_at(batch, k) for k in range(4)]
         hold(batch)
-        for i in range(6):
-            far = np.hypot(*(before[i] - robot[i, :2])) > 2.5
-            assert heads_for(batch, i) == (aims[i] if far else corner)
+        for i, k in np.ndindex(6, 4):
+            far = np.hypot(*(before[k][i] - robot[i, :2])) > 2.5
+            aim, target = (aims[i] if far else batch.assets.ghost_corner[k]), heads_for(batch, i, k)
+            assert np.hypot(*(position[aim] - position[target])) < 0.08  # a corner, or the cell next to it
             rules.append("chase" if far else "corner")
     assert min(rules.count("chase"), rules.count("corner")) > 50
-    assert (batch.games["end"] == RUNNING).all()  # he never catches one that just stands there
-
-
-def test_each_arcade_ghost_has_its_own_corner() -> None:
-    batch = games(2, *["arcade"] * 4, **HARMLESS, **{"clyde.arcade_distance_m": 100.0, "clyde.speed_mps": 1.5})
-    for _ in range(40):
-        hold(batch)
-    x, y = np.moveaxis(batch.assets.clyde.position, 1, 0)
-    middle_x, middle_y = (x.min() + x.max()) / 2, (y.min() + y.max()) / 2
-    sides = [(np.sign(px - middle_x), np.sign(py - middle_y)) for px, py in (stands_at(batch, k)[0] for k in range(4))]
-    assert sides == [(-1, -1), (1, 1), (-1, 1), (1, -1)]
-    for k in range(4):
-        np.testing.assert_array_equal(
-            stands_at(batch, k), np.tile(batch.assets.clyde.position[heads_for(batch, 0, k)], (2, 1))
-        )
+    assert (batch.games["end"] == RUNNING).all()  # they never catch one that just stands there
 
 
 # Each for himself
 
 
-def test_other_ghosts_do_not_change_a_wanderer() -> None:
+def test_robot_and_other_ghosts_do_not_change_a_wanderer() -> None:
     alone = games(6, "wander", **HARMLESS)
     among = games(6, *MIXED, **HARMLESS)
     rng = np.random.default_rng(0)
+    fields = ["x", "y", "vx", "vy", "stream"]
     for _ in range(200):
         hold(alone)
-        hold(among, rng.integers(0, among.candidates, (6, 4)))
-        np.testing.assert_array_equal(alone.ghosts[:, 0], among.ghosts[:, 0])
-    np.testing.assert_array_equal(alone.games["x"], among.games["x"])
-
-
-def test_ghosts_stay_on_lines_between_cells() -> None:
-    batch = games(4, *MIXED, **HARMLESS, **{"clyde.speed_mps": 0.45})
-    cells, rng = batch.assets.clyde, np.random.default_rng(1)
-    before = stands_at(batch, 0)
-    for decision in range(60):
-        batch.step(rng.integers(0, batch.candidates, 4), rng.integers(0, batch.candidates, (4, 4)))
-        for i, k in np.ndindex(4, 4):
-            ghost = batch.ghosts[i, k]
-            path = batch._ghosts.paths[i, k, : ghost["path_length"]]
-            assert 0 <= ghost["path_index"] < len(path)
-            for here, following in zip(path[:-1].tolist(), path[1:].tolist(), strict=True):
-                assert following in cells.neighbours[here]
-            a = cells.position[path[ghost["path_index"]]]
-            b = cells.position[path[min(ghost["path_index"] + 1, len(path) - 1)]]
-            place = np.array([ghost["x"], ghost["y"]])
-            assert np.hypot(*(place - a)) + np.hypot(*(b - place)) == pytest.approx(np.hypot(*(b - a)), abs=1e-9)
-        if decision > 0:
-            assert np.hypot(*(stands_at(batch, 0) - before).T).max() <= 0.45 * 0.6 + 1e-9
-        before = stands_at(batch, 0)
+        among.step(rng.integers(0, among.candidates, 6), rng.integers(0, among.candidates, (6, 4)))
+        going = among.games["end"] == RUNNING
+        np.testing.assert_array_equal(alone.ghosts[fields][going, 0], among.ghosts[fields][going, 0])
+    assert going.any()
+    assert np.hypot(among.games["x"] - alone.games["x"], among.games["y"] - alone.games["y"]).max() > 1.0
 
 
 # Several of them

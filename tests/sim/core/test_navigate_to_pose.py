@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 
@@ -11,6 +12,7 @@ from tests.sim.robots import DT, RIGHT, a_robot, away, drive
 
 A, B, C = b"a", b"b", b"c"
 LEFT = (-1.5, 1.0)
+PERFECT = {"localization.perfect": True}
 
 
 def steps(navigation: Navigation, seconds: float) -> list[Ended]:
@@ -18,6 +20,14 @@ def steps(navigation: Navigation, seconds: float) -> list[Ended]:
     for _ in range(round(seconds / DT)):
         ended += navigation.step()
     return ended
+
+
+def under_way(seconds: float, goal: tuple[float, float] = RIGHT, **changes: Any) -> Navigation:
+    """A robot that has had goal A for some time."""
+    navigation = Navigation(a_robot(**changes))
+    navigation.send(A, *goal)
+    assert steps(navigation, seconds) == []
+    return navigation
 
 
 def brief(ended: list[Ended]) -> list[tuple[bytes, int, int]]:
@@ -35,10 +45,8 @@ def test_goals_succeed_one_after_another() -> None:
 
 
 def test_newer_goal_aborts_older_ones_without_error() -> None:
-    robot = a_robot(**{"localization.perfect": True})
-    navigation = Navigation(robot)
-    navigation.send(A, *RIGHT)
-    assert steps(navigation, 3.15) == []
+    navigation = under_way(3.15, **PERFECT)
+    robot = navigation.robot
     navigation.send(B, 1.0, 1.0)
     navigation.send(C, *LEFT)
     assert sorted(brief(navigation.step())) == [(A, ABORTED, nav.NONE), (B, ABORTED, nav.NONE)]
@@ -49,18 +57,14 @@ def test_newer_goal_aborts_older_ones_without_error() -> None:
 
 
 def test_cancel_stops_robot_and_ends_pending_goal() -> None:
-    navigation = Navigation(a_robot())
-    navigation.send(A, *RIGHT)
-    steps(navigation, 3.0)
+    navigation = under_way(3.0)
     assert navigation.cancel(A)
     navigation.send(B, *LEFT)  # the original's cancel, then send
     assert brief(navigation.step()) == [(A, CANCELED, nav.NONE), (B, ABORTED, nav.NONE)]
     assert steps(navigation, 3.0) == []
     assert navigation.robot.velocity == pytest.approx((0.0, 0.0), abs=1e-9)
     assert navigation.active == ()
-    navigation = Navigation(a_robot())  # a cancel of the pending goal stops the old path too
-    navigation.send(A, *RIGHT)
-    steps(navigation, 3.15)
+    navigation = under_way(3.15)  # a cancel of the pending goal stops the old path too
     navigation.send(B, *LEFT)
     assert navigation.cancel(B)
     assert brief(navigation.step()) == [(A, ABORTED, nav.NONE), (B, CANCELED, nav.NONE)]
@@ -83,11 +87,8 @@ def test_inactive_cancels_and_repeated_goals_are_refused() -> None:
 
 
 def test_old_goal_reached_on_the_way_ends_nothing() -> None:
-    robot = a_robot(**{"localization.perfect": True})
-    navigation = Navigation(robot)
-    navigation.send(A, 1.05, 0.0)
-    assert steps(navigation, 3.15) == []
-    assert 0.3 < math.dist(robot.pose[:2], (1.05, 0.0)) < 0.4
+    navigation = under_way(3.15, (1.05, 0.0), **PERFECT)
+    assert 0.3 < away(navigation.robot, 1.05, 0.0) < 0.4
     navigation.send(B, *LEFT)
     assert brief(steps(navigation, 0.9)) == [(A, ABORTED, nav.NONE)]
     assert brief(drive(navigation)) == [(B, SUCCEEDED, nav.NONE)]
@@ -96,27 +97,19 @@ def test_old_goal_reached_on_the_way_ends_nothing() -> None:
 @pytest.mark.parametrize(
     ("goal", "code"),
     [
-        ((0.0, 2.41), nav.GOAL_OUTSIDE_MAP),
+        *(((0.0, 2.41), nav.GOAL_OUTSIDE_MAP), ((40.0, 0.0), nav.GOAL_OUTSIDE_MAP)),
         ((6.79, 2.39), nav.GOAL_OCCUPIED),  # out of the walls of this corner it is more than 0.5 m
     ],
 )
-def test_impossible_goal_is_aborted_at_once(goal: tuple[float, float], code: int) -> None:
-    navigation = Navigation(a_robot())
-    navigation.send(A, *goal)
+def test_impossible_goal_is_aborted_and_stops_its_predecessor(goal: tuple[float, float], code: int) -> None:
+    navigation = under_way(3.0)
+    navigation.send(B, *goal)
     ended = navigation.step()
-    assert brief(ended) == [(A, ABORTED, code)]
-    assert ended[0].message
-    assert not navigation.robot.navigating
-
-
-def test_goal_outside_the_map_stops_its_predecessor() -> None:
-    navigation = Navigation(a_robot())
-    navigation.send(A, *RIGHT)
-    steps(navigation, 3.0)
-    navigation.send(B, 40.0, 0.0)
-    assert brief(navigation.step()) == [(A, ABORTED, nav.NONE), (B, ABORTED, nav.GOAL_OUTSIDE_MAP)]
+    assert brief(ended) == [(A, ABORTED, nav.NONE), (B, ABORTED, code)]
+    assert ended[1].message
     steps(navigation, 1.0)
     assert navigation.robot.velocity == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert not navigation.robot.navigating
 
 
 def test_goal_without_path_fails_after_eleven_seconds() -> None:
@@ -146,9 +139,7 @@ def test_held_robot_recovers_then_fails() -> None:
 
 
 def test_goals_end_at_once_without_a_transform() -> None:
-    navigation = Navigation(a_robot())
-    navigation.send(A, *RIGHT)
-    steps(navigation, 2.0)
+    navigation = under_way(2.0)
     navigation.robot.localizing = False
     assert brief(navigation.step()) == [(A, ABORTED, nav.TF_ERROR)]
     assert navigation.feedback() is None
@@ -175,9 +166,7 @@ def test_requested_abort_comes_after_its_delay() -> None:
 
 
 def test_leaving_server_stops_robot_and_ends_nothing() -> None:
-    navigation = Navigation(a_robot())
-    navigation.send(A, *RIGHT)
-    steps(navigation, 2.0)
+    navigation = under_way(2.0)
     navigation.send(B, *RIGHT)
     navigation.forget()
     assert steps(navigation, 1.0) == []

@@ -37,6 +37,9 @@ def test_draws_are_uniform_and_independent() -> None:
     for row in np.delete(shares, list(RANGES).index("accept_delay_s"), axis=0):  # that one has 21 values
         counts, _ = np.histogram(row, bins=10, range=(0, 1))
         assert (np.abs(counts - 200) < 5 * np.sqrt(200)).all()
+    steps = values["accept_delay_s"] / config.physics_step_s
+    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-9)
+    assert len(set(np.rint(steps))) == 21
     assert np.abs(np.corrcoef(shares) - np.eye(len(shares))).max() < 5 / np.sqrt(len(SEEDS))
 
 
@@ -54,14 +57,6 @@ def test_range_without_width_is_the_fixed_value() -> None:
         assert (draw_episodes(SEEDS[:20], drawn) == draw_episodes(SEEDS[:20], fixed)).all()
         found = drawn_values(draw_episodes(SEEDS[:20], drawn), drawn)[name]
         np.testing.assert_allclose(found, value, rtol=1e-12)
-
-
-def test_delay_is_a_number_of_steps() -> None:
-    config = make_config("robot", **SETTINGS)
-    delays = drawn_values(draw_episodes(SEEDS, config), config)["accept_delay_s"]
-    steps = delays / config.physics_step_s
-    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-9)
-    assert len(set(np.rint(steps))) == 21
 
 
 def test_perfect_localization_has_no_error() -> None:

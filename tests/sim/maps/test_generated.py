@@ -60,11 +60,19 @@ def test_split_has_its_levels(name: str, start: int | None, count: int | None, f
         ("generated:test", 0, None, "start_level = 0: generated:test has the levels 1000000 to 1000999"),
         ("generated:test", None, 1001, "num_levels = 1001"),
         ("generated:validation", None, None, "map = 'generated:validation': choose one of"),
+        ("generated:3,x", None, None, "map = 'generated:3,x': '3,x' must be numbers of levels, separated by commas"),
+        ("generated:3,1001000", None, None, "level 1001000: there are the levels 0 to 1000999"),
+        ("generated:test:3", None, None, "map = 'generated:test:3': choose one of generated"),
     ],
 )
-def test_levels_outside_the_split_are_refused(name: str, start: int | None, count: int | None, message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
+def test_levels_that_do_not_exist_are_refused(name: str, start: int | None, count: int | None, message: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(message)):
         GeneratedMaps.named(name, CONFIG, start, count)
+
+
+def test_number_of_named_levels_is_refused() -> None:
+    with pytest.raises(ConfigError, match="start_level and num_levels: map = 'generated:3' names its levels"):
+        GeneratedMaps.named("generated:3", make_config(num_levels=2))
 
 
 @pytest.mark.parametrize(("split", "scale"), [("generated", 1), ("generated:wide", WIDE)])
@@ -77,20 +85,6 @@ def test_named_levels_alone_are_played(split: str, scale: int) -> None:
     assert maps.has(np.array([3, 4, 17, 90, 91])).tolist() == [True, False, True, True, False]
     assert GeneratedMaps.named(split, CONFIG).has(np.array([5, 5000, TEST_LEVEL])).tolist() == [True, True, False]
     assert pickle.loads(pickle.dumps(maps)).levels.tolist() == [90, 3, 17]
-
-
-@pytest.mark.parametrize(
-    ("name", "settings", "message"),
-    [
-        ("generated:3,x", {}, "map = 'generated:3,x': '3,x' must be numbers of levels, separated by commas"),
-        ("generated:3,1001000", {}, "level 1001000: there are the levels 0 to 1000999"),
-        ("generated:test:3", {}, "map = 'generated:test:3': choose one of generated"),
-        ("generated:3", {"num_levels": 2}, "start_level and num_levels: map = 'generated:3' names its levels"),
-    ],
-)
-def test_wrongly_named_levels_are_refused(name: str, settings: dict[str, int], message: str) -> None:
-    with pytest.raises(ConfigError, match=re.escape(message)):
-        GeneratedMaps.named(name, make_config(**settings))
 
 
 def test_levels_are_drawn_uniformly() -> None:

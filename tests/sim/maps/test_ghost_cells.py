@@ -49,12 +49,15 @@ def pocket_cells() -> ClydeCells:
     return clyde_cells(drawn(POCKETS, square_m=0.55), CONFIG, 250)
 
 
+Steps = list[list[tuple[int, int]]]
+
+
 @cache
-def neighbours_by_hand() -> list[list[tuple[int, int]]]:
+def neighbours_by_hand() -> Steps:
     """Allowed steps and their costs, from the pixels alone."""
     _, cells = house()
     number = {tuple(p): k for k, p in enumerate(cells.pixel.tolist())}
-    table: list[list[tuple[int, int]]] = []
+    table: Steps = []
     for u, v in cells.pixel.tolist():
         steps = []
         for du in (-1, 0, 1):
@@ -66,19 +69,24 @@ def neighbours_by_hand() -> list[list[tuple[int, int]]]:
     return table
 
 
-@cache
-def dijkstra(source: int) -> list[float]:
-    cost = [math.inf] * len(neighbours_by_hand())
+def dijkstra(steps: Steps, source: int) -> list[float]:
+    cost = [math.inf] * len(steps)
     cost[source] = 0
     queue = [(0.0, source)]
     while queue:
         so_far, u = heapq.heappop(queue)
         if so_far == cost[u]:
-            for v, step in neighbours_by_hand()[u]:
+            for v, step in steps[u]:
                 if so_far + step < cost[v]:
                     cost[v] = so_far + step
                     heapq.heappush(queue, (cost[v], v))
     return cost
+
+
+@cache
+def costs_from(source: int) -> list[float]:
+    """Costs in the house."""
+    return dijkstra(neighbours_by_hand(), source)
 
 
 def path_between(cells: ClydeCells, start: int, goal: int) -> np.ndarray:
@@ -123,19 +131,12 @@ def test_landmarks_hold_exact_costs(seed: int, share_free: float) -> None:
     grey = np.where(np.random.default_rng(seed).random((19, 24)) < share_free, 254, 0).astype(np.uint8)
     grey[9, 9] = 254
     cells = clyde_cells(OccupancyMap.from_pixels("rooms", grey, 0.5, (0.0, 0.0, 0.0)), CONFIG, 250)  # one cell's room
+    steps = [
+        [(v, DIAGONAL if d % 2 else STRAIGHT) for d, v in enumerate(row) if v >= 0] for row in cells.neighbours.tolist()
+    ]
     main = cells.part_cells[: cells.part_start[1]]
     for column in cells.landmark[main].T:
-        source = int(main[column.argmin()])
-        best = {source: 0}
-        queue = [(0, source)]
-        while queue:
-            so_far, u = heapq.heappop(queue)
-            for d, v in enumerate(cells.neighbours[u].tolist()):
-                new = so_far + (DIAGONAL if d % 2 else STRAIGHT)
-                if v >= 0 and new < best.get(v, new + 1):
-                    best[v] = new
-                    heapq.heappush(queue, (new, v))
-        assert column.tolist() == [best[k] for k in main.tolist()]
+        np.testing.assert_array_equal(column, np.array(dijkstra(steps, int(main[column.argmin()])))[main])
     for first, last in itertools.pairwise(cells.part_start.tolist()):
         start, goal = int(cells.part_cells[first]), int(cells.part_cells[last - 1])
         assert len(path_between(cells, start, goal)) > 0
@@ -160,7 +161,7 @@ def test_path_is_as_cheap_as_dijkstras(source: int, pick: int) -> None:
     assert (path[0], path[-1]) == (start, goal)
     steps = [dict(neighbours_by_hand()[a]).get(b) for a, b in itertools.pairwise(path)]
     assert None not in steps  # a neighbour, no corner cut, both inside his cells
-    assert sum(s for s in steps if s) == dijkstra(start)[goal]
+    assert sum(s for s in steps if s) == costs_from(start)[goal]
     assert abs(DIAGONAL / STRAIGHT - math.sqrt(2)) < 1e-4
 
 
@@ -175,7 +176,7 @@ def test_longest_path_fits_the_memory() -> None:
     _, cells = house()
     main = cells.part_cells[: cells.part_start[1]]
     start = int(main[0])
-    costs = np.array(dijkstra(start))[main]
+    costs = np.array(costs_from(start))[main]
     far = int(main[costs.argmax()])
     path = path_between(cells, start, far)
     assert 2 < len(path) <= cells.longest

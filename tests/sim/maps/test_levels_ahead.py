@@ -27,9 +27,11 @@ CONFIG = make_config()
 class Source(GeneratedMaps):
     """Levels that are prepared when the test lets them, and no houses: their numbers."""
 
-    def __init__(self) -> None:
+    def __init__(self, go: bool = False) -> None:
         super().__init__(CONFIG, 0, 1000)
         self.go, self.begun = threading.Event(), threading.Semaphore(0)
+        if go:
+            self.go.set()
         self.prepared: list[tuple[int, int]] = []  # level, thread
 
     def prepare(self, level: int) -> Level:
@@ -66,8 +68,7 @@ def test_levels_prepared_on_threads_are_the_same() -> None:
 
 
 def test_levels_are_prepared_once_in_order() -> None:
-    source = Source()
-    source.go.set()
+    source = Source(go=True)
     ahead = LevelsAhead(source)
     ahead.ask([5, 3, 5, 9])
     ahead.ask([3, 1])
@@ -98,8 +99,7 @@ def test_level_not_begun_is_prepared_by_its_taker() -> None:
 
 
 def test_taken_level_is_not_kept() -> None:
-    source = Source()
-    source.go.set()
+    source = Source(go=True)
     ahead = LevelsAhead(source)
     ahead.ask([1])
     level = weakref.ref(ahead.take(1))
@@ -110,8 +110,7 @@ def test_taken_level_is_not_kept() -> None:
 
 
 def test_oldest_levels_are_forgotten() -> None:
-    source = Source()
-    source.go.set()
+    source = Source(go=True)
     ahead = LevelsAhead(source, most=3)
     ahead.ask([1, 2, 3])
     wait_for(lambda: len(source.prepared) == 3)
@@ -125,8 +124,7 @@ def test_oldest_levels_are_forgotten() -> None:
 
 
 def test_error_is_raised_to_its_taker_only() -> None:
-    source = Source()
-    source.go.set()
+    source = Source(go=True)
     ahead = LevelsAhead(source, threads=2)
     ahead.ask([900, 1, 901, 2])
     assert [ahead.take(1), ahead.take(2)] == [Prepared(1), Prepared(2)]
@@ -137,8 +135,7 @@ def test_error_is_raised_to_its_taker_only() -> None:
 
 
 def test_closing_ends_the_threads_but_not_taking() -> None:
-    source = Source()
-    source.go.set()
+    source = Source(go=True)
     before = len(workers())
     ahead = LevelsAhead(source, threads=2)
     ahead.ask(range(8))
@@ -153,8 +150,7 @@ def test_closing_ends_the_threads_but_not_taking() -> None:
 
 @pytest.mark.parametrize("cycle", [False, True])
 def test_dropping_it_ends_the_threads(cycle: bool) -> None:
-    source = Source()
-    source.go.set()
+    source = Source(go=True)
     before = len(workers())
     ahead = LevelsAhead(source, threads=2)
     ahead.ask([1])

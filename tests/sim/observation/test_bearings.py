@@ -17,20 +17,16 @@ from pacman_env.sim.observation.robot_features import (
     ghost_bearings,
     pellet_bearings,
 )
-from pacman_env.sim.observation.situation import PELLET, Situation
+from pacman_env.sim.observation.situation import MISSING, NearestCounts, Situation, nearest_candidates
 from pacman_env.world.maps.occupancy import OccupancyMap
-from tests.sim.players import new_batch
+from tests.sim.players import played
 
 CANNOT_REACH = {"pellets.reachable_only": False}
 
 
 def games(source: str | OccupancyMap = "house", n: int = 12, steps: int = 30, **settings: object) -> GameBatch:
-    """Return games that have gone on for a while, each in another way."""
     config = make_config(**{"clyde.ghosts": ("wander", "chase"), "execution.death_radius_m": 1e-6, **settings})
-    batch, rng = new_batch(config, n, source), np.random.default_rng(0)
-    for _ in range(steps):
-        batch.step(rng.integers(batch.candidates, size=n))
-    return batch
+    return played(config, n, source, steps)
 
 
 def directions(situation: Situation, targets: np.ndarray) -> np.ndarray:
@@ -42,27 +38,19 @@ def directions(situation: Situation, targets: np.ndarray) -> np.ndarray:
 
 def test_nearest_pellets_have_their_bearings() -> None:
     situation = games().situation()
-    seen = pellet_bearings(situation, 5)
-    assert (seen.shape, seen.dtype) == ((12, 5, len(PELLET_BEARING_COLUMNS)), np.float32)
-    can = (situation.kind == PELLET) & situation.mask
-    way = np.where(can, situation.path_robot, np.inf)
-    order = np.argsort(way, axis=1, kind="stable")[:, :5]
-    there = np.take_along_axis(can, order, axis=1)
-    pursued = (order == situation.current[:, None]).any(axis=1) | (situation.current < 0)
-    there &= pursued[:, None]  # one that is pursued from afar is listed last
-    assert there.sum() > 20
+    seen = pellet_bearings(situation, 20)
+    assert (seen.shape, seen.dtype) == ((12, 20, len(PELLET_BEARING_COLUMNS)), np.float32)
+    order = nearest_candidates(situation, NearestCounts(20, 0))[:, :20]
+    there = order != MISSING
+    np.testing.assert_array_equal(seen[..., 0], there)
+    assert (seen[~there] == 0).all()
+    assert (~there).any()
     place = np.take_along_axis(situation.position, order[..., None], axis=1)
     off = np.linalg.norm(place - situation.robot[:, None, :2], axis=-1)
-    assert (seen[there, 0] == 1).all()
     np.testing.assert_allclose(seen[there, 1:3], directions(situation, place)[there], atol=1e-5)
     np.testing.assert_allclose(seen[there, 3], off[there], atol=1e-5)
-    np.testing.assert_allclose(seen[there, 4], np.take_along_axis(way, order, axis=1)[there], atol=1e-5)
-    batch = games(steps=0)
-    left = min(3, batch.pellet_slots)
-    batch.alive[:, left:] = False
-    seen = pellet_bearings(batch.situation(), 6)
-    assert (seen[:, :left, 0] == 1).all()
-    assert (seen[:, left:] == 0).all()
+    path = np.take_along_axis(situation.path_robot, order, axis=1)
+    np.testing.assert_allclose(seen[there, 4], path[there], atol=1e-5)
 
 
 def test_path_directions_lead_to_the_pellet() -> None:

@@ -19,7 +19,7 @@ from pacman_env.sim.observation.situation import (
     nearest_candidates,
 )
 from tests.sim.observation.test_prediction import SPEED, batch_of
-from tests.sim.players import new_batch
+from tests.sim.players import new_batch, played
 
 
 def column(candidates: np.ndarray, name: str) -> np.ndarray:
@@ -120,11 +120,7 @@ def test_listed_candidates_have_the_same_bits() -> None:
 
 @pytest.fixture(scope="module")
 def situation() -> Situation:
-    """Of games that have gone on for a while, each in another way."""
-    batch, rng = new_batch(make_config(), 16), np.random.default_rng(0)
-    for _ in range(60):
-        batch.step(rng.integers(batch.candidates, size=16))
-    return batch.situation()
+    return played(make_config(), 16, steps=60).situation()
 
 
 @pytest.mark.parametrize("nearest", [NearestCounts(8, 4), NearestCounts(1, 0), NearestCounts(40, 20)])

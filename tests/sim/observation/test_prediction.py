@@ -25,20 +25,14 @@ from pacman_env.sim.observation.prediction import (
 )
 from pacman_env.sim.observation.situation import Situation
 from pacman_env.world.navigation.paths import AT_GOAL, NO_STEP
-from tests.sim.players import new_batch
+from tests.sim.players import played
 
 CONFIG = make_config(**{"execution.death_radius_m": 1e-6})
 SPEED = 0.25
 
 
-def batch_of(source: str, n: int = 12, decisions: int = 15) -> GameBatch:
-    batch = new_batch(CONFIG, n, source, levels=5)
-    rng = np.random.default_rng(0)
-    for k in range(decisions):
-        if k % 5 == 0:
-            choices = rng.integers(0, batch.candidates, n)
-        batch.step(choices)
-    return batch
+def batch_of(source: str, n: int = 12) -> GameBatch:
+    return played(CONFIG, n, source, steps=15, keep=5)
 
 
 def way_by_hand(batch: GameBatch, situation: Situation, game: int, candidate: int) -> np.ndarray:

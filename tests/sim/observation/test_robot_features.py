@@ -2,15 +2,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pacman_env.config import make_config
 from pacman_env.engine.arrays import Table, address
 from pacman_env.sim.observation.robot_features import (
     CANDIDATE_COLUMNS,
@@ -28,9 +26,8 @@ from pacman_env.sim.observation.robot_features import (
 )
 from pacman_env.sim.observation.robot_features import COLUMNS as ALL_COLUMNS
 from pacman_env.sim.observation.rows import BY_UNIT, PART, RowArrays, write_rows
-from pacman_env.sim.observation.situation import HOLD, PELLET, REFUGE, Situation
+from pacman_env.sim.observation.situation import HOLD, PELLET, REFUGE
 from tests.policies.contract import random_situation
-from tests.sim.players import new_batch
 
 COLUMNS = {"robot": ROBOT_COLUMNS, "clyde": CLYDE_COLUMNS, "candidates": CANDIDATE_COLUMNS, "round": ROUND_COLUMNS}
 SEEDS = st.integers(0, 10**6)
@@ -41,32 +38,8 @@ def named(observation: Observation, part: str) -> dict[str, np.ndarray]:
     return {name: observation[part][..., k] for k, (name, *_) in enumerate(COLUMNS[part])}
 
 
-def check(observation: Observation) -> None:
-    for part, columns in COLUMNS.items():
-        assert observation[part].dtype == np.float32
-        assert observation[part].shape[-1] == len(columns)
-        assert np.isfinite(observation[part]).all()
-        for name, low, high, _ in columns:
-            values = named(observation, part)[name]
-            assert (values >= low).all(), name
-            assert (values <= high).all(), name
-    assert observation["action_mask"].dtype == np.int8
-    assert set(np.unique(observation["action_mask"])) <= {0, 1}
-
-
-def test_observations_are_finite_and_within_bounds() -> None:
-    batch = new_batch(make_config(max_pellets=20), 8)
-    rng = np.random.default_rng(0)
-    for _ in range(80):
-        observation = observe(batch.situation())
-        check(observation)
-        batch.step(rng.integers(0, batch.candidates, 8))
-    assert observation["candidates"].shape == (8, batch.candidates, 10)
-
-
-@settings(deadline=None)
 @given(SEEDS, st.floats(1.0, 1e6))
-def test_extreme_values_are_clipped(seed: int, scale: float) -> None:
+def test_values_are_finite_and_within_bounds(seed: int, scale: float) -> None:
     s = random_situation(seed, 3)
     wild = replace(
         s,
@@ -80,12 +53,15 @@ def test_extreme_values_are_clipped(seed: int, scale: float) -> None:
         path_robot=np.full_like(s.path_robot, np.inf),
     )
     observation = observe(wild)
-    check(observation)
-    allowed = wild.mask
-    assert (named(observation, "candidates")["path_robot"][allowed] == FAR_M).all()
+    for part, columns in COLUMNS.items():
+        assert observation[part].dtype == np.float32
+        assert observation[part].shape[-1] == len(columns)
+        low, high = np.array([limits for _, *limits, _ in columns]).T
+        assert ((observation[part] >= low) & (observation[part] <= high)).all()
+    assert observation["action_mask"].dtype == np.int8
+    assert (named(observation, "candidates")["path_robot"][wild.mask] == FAR_M).all()
 
 
-@settings(deadline=None)
 @given(SEEDS)
 def test_columns_equal_values_computed_by_hand(seed: int) -> None:
     s = random_situation(seed, 2)
@@ -96,30 +72,21 @@ def test_columns_equal_values_computed_by_hand(seed: int) -> None:
         def in_robot_frame(dx: float, dy: float, heading: float = heading) -> complex:
             return complex(dx, dy) * np.exp(-1j * heading)  # turned back by the heading
 
-        expected: dict[str, dict[str, Any]] = {"robot": {}, "clyde": {}}
         to_clyde = in_robot_frame(*(s.clyde[i] - (x, y)))
         velocity = in_robot_frame(*s.clyde_velocity[i])
-        expected["robot"] = {
-            "x": x,
-            "y": y,
-            "cos_heading": math.cos(heading),
-            "sin_heading": math.sin(heading),
-            "v": s.robot_velocity[i, 0],
-            "omega": s.robot_velocity[i, 1],
-            "pose_age": s.pose_age_s[i],
-        }
-        expected["clyde"] = {
+        robot = [x, y, math.cos(heading), math.sin(heading), *s.robot_velocity[i], s.pose_age_s[i]]
+        assert observation["robot"][i] == pytest.approx(robot, rel=1e-5, abs=1e-5)
+        clyde = {
             "forward": to_clyde.real,
             "left": to_clyde.imag,
+            "distance": abs(to_clyde),
             "velocity_forward": velocity.real,
             "velocity_left": velocity.imag,
-            "distance": abs(to_clyde),
             "closing_speed": s.closing_speed[i],
             "speed": s.clyde_speed[i],
         }
-        for part, columns in expected.items():
-            for name, value in columns.items():
-                assert named(observation, part)[name][i] == pytest.approx(value, rel=1e-5, abs=1e-5), name
+        for name, value in clyde.items():
+            assert named(observation, "clyde")[name][i] == pytest.approx(value, rel=1e-5, abs=1e-5), name
         candidates = named(observation, "candidates")
         for c in np.flatnonzero(s.mask[i]):
             to_goal = in_robot_frame(*(s.position[i, c] - (x, y)))
@@ -141,7 +108,6 @@ def test_columns_equal_values_computed_by_hand(seed: int) -> None:
         assert observation["round"][i].tolist() == pytest.approx([s.time_s[i], s.pellets_left[i]])
 
 
-@settings(deadline=None)
 @given(SEEDS)
 def test_forbidden_candidate_shows_only_its_kind(seed: int) -> None:
     s = random_situation(seed, 4, allowed=0.4)
@@ -154,29 +120,6 @@ def test_forbidden_candidate_shows_only_its_kind(seed: int) -> None:
     hidden = replace(s, position=np.where(s.mask[..., None], s.position, 1e9))
     for part, array in observe(hidden).items():
         np.testing.assert_array_equal(array, observation[part])
-
-
-@settings(deadline=None)
-@given(SEEDS, st.floats(-3, 3), st.tuples(st.floats(-20, 20), st.floats(-20, 20)))
-def test_only_the_pose_depends_on_map_frame(seed: int, angle: float, shift: tuple[float, float]) -> None:
-    s = random_situation(seed, 3)
-    turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
-
-    def moved(xy: np.ndarray) -> np.ndarray:
-        return np.asarray(xy @ turn + shift)
-
-    robot = np.column_stack([moved(s.robot[:, :2]), s.robot[:, 2] + angle])
-    turned: Situation = replace(
-        s,
-        robot=robot,
-        clyde=moved(s.clyde),
-        clyde_velocity=s.clyde_velocity @ turn,
-        position=moved(s.position),
-    )
-    one, two = observe(s), observe(turned)
-    for part in ("clyde", "candidates", "round"):
-        np.testing.assert_allclose(one[part], two[part], atol=2e-4)
-    np.testing.assert_array_equal(one["action_mask"], two["action_mask"])
 
 
 # Scaled to [-1, 1]
