@@ -41,16 +41,6 @@ def by_path(one: Player) -> list[int]:
     return np.argsort(one.situation.path_robot[0, : one.batch.assets.pellets], kind="stable").tolist()
 
 
-def pursue(one: Player, decisions: int = 200) -> None:
-    """Go on until the goal is reached."""
-    for _ in range(decisions):
-        if one.controls.goal is None:
-            return
-        one.advance()
-        one.controls.action(one.situation)
-    pytest.fail("the goal was not reached")
-
-
 def driven(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
     """The environment behind an action space of (v, omega); the robot holds whatever comes."""
     hold = int(env.action_space.n) - 1  # type: ignore[attr-defined]
@@ -80,18 +70,6 @@ def test_click_on_nothing_changes_nothing() -> None:
         assert one.controls.goal == goal
 
 
-def test_forbidden_candidate_cannot_be_clicked() -> None:
-    one = player(settings=QUICK)
-    press(one, "1")
-    goal = one.controls.goal
-    assert goal is not None
-    at = pixel_of(one, goal)
-    pursue(one)
-    assert one.batch.games[0]["collected"] >= 1
-    one.handle(Input("click", at=at))
-    assert one.controls.goal != goal
-
-
 def test_digits_name_pellets_by_path_length() -> None:
     one = player()
     order = by_path(one)
@@ -117,17 +95,20 @@ def test_robot_holds_at_first_and_on_request() -> None:
         assert one.controls.action(one.situation) == hold
 
 
-def test_goal_is_pursued_until_reached() -> None:
+def test_goal_is_pursued_until_reached_and_then_forbidden() -> None:
     one = player(settings={**QUICK, "execution.death_radius_m": 0.01})
     press(one, "1")
     goal = one.controls.goal
-    actions = []
+    assert goal is not None
+    actions, at = [], pixel_of(one, goal)
     while not one.batch.games[0]["collected"]:
         actions.append(one.controls.action(one.situation))
         assert one.advance()
     assert set(actions) == {goal}
     assert one.controls.action(one.situation) == one.situation.mask.shape[1] - 1
     assert one.score == pytest.approx(1 - 0.002 * len(actions))
+    one.handle(Input("click", at=at))
+    assert one.controls.goal != goal
 
 
 def test_playing_is_stepping_the_environment() -> None:

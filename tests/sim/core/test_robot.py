@@ -23,6 +23,16 @@ def run(robot: SimulatedRobot, seconds: float) -> int:
     return NO_RESULT
 
 
+def push(robot: SimulatedRobot, v: float, omega: float, seconds: float) -> list[tuple[float, float]]:
+    """Repeat a velocity at each step; the velocities driven."""
+    driven = []
+    for _ in range(round(seconds / DT)):
+        robot.set_velocity(v, omega)
+        robot.step()
+        driven.append(robot.velocity)
+    return driven
+
+
 # Goals
 
 
@@ -63,9 +73,7 @@ def test_velocity_lasts_half_a_second() -> None:
     assert robot.velocity == (0.0, 0.0)
     assert 0.09 <= robot.pose[0] <= 0.12
     robot = a_robot()
-    for _ in range(40):
-        robot.set_velocity(0.0, 1.5)
-        run(robot, 0.05)
+    push(robot, 0.0, 1.5, 2.0)
     assert robot.velocity == pytest.approx((0.0, 1.5))
     assert wrap(robot.pose[2] - 3.0) == pytest.approx(-0.1, abs=0.1)
     assert math.hypot(*robot.pose[:2]) < 1e-9
@@ -75,10 +83,7 @@ def test_base_never_reverses_or_exceeds_its_limits() -> None:
     robot = a_robot()
     config = robot.config.robot
     for v, omega in ((-0.2, 0.0), (5.0, 0.0), (0.0, 9.0), (0.3, 1.9)):
-        for _ in range(30):
-            robot.set_velocity(v, omega)
-            robot.step()
-            speed, turn = robot.velocity
+        for speed, turn in push(robot, v, omega, 1.5):
             assert speed >= -1e-9
             assert abs(turn) <= config.omega_radps + 1e-9
             assert abs(speed) + abs(turn) * config.wheel_base_m / 2 <= config.wheel_speed_mps + 1e-9
@@ -119,30 +124,17 @@ def test_robot_believes_nothing_before_initial_pose() -> None:
     assert math.hypot(*robot.belief[:2]) < 0.2
 
 
-def test_wrong_initial_pose_lasts_until_corrected() -> None:
+@pytest.mark.parametrize("shifted", [False, True])
+def test_wrong_belief_lasts_through_updates_until_corrected(shifted: bool) -> None:
     robot = a_robot()
-    robot.set_initial_pose((1.5, 0.0, 0.0))
-    for _ in range(40):
-        robot.set_velocity(0.25, 0.0)
-        robot.step()
-    assert robot.belief is not None
-    assert robot.belief[0] - robot.pose[0] == pytest.approx(1.5, abs=0.25)
-    robot.set_initial_pose(robot.pose)
-    assert robot.belief[0] - robot.pose[0] == pytest.approx(0.0, abs=0.25)
-
-
-def test_shifted_belief_lasts_through_updates() -> None:
-    robot = a_robot()
-    robot.shift_belief((0.0, 2.0, 0.0))
+    robot.shift_belief((1.5, 0.0, 0.0)) if shifted else robot.set_initial_pose((1.5, 0.0, 0.0))
     update = robot.amcl
-    for _ in range(60):
-        robot.set_velocity(0.25, 0.0)
-        robot.step()
+    push(robot, 0.25, 0.0, 3.0)
     assert robot.belief is not None
     assert robot.amcl != update
-    assert robot.belief[1] - robot.pose[1] == pytest.approx(2.0, abs=0.25)
-    robot.shift_belief((0.0, 0.0, 0.0))
-    assert robot.belief[1] - robot.pose[1] == pytest.approx(0.0, abs=0.25)
+    assert robot.belief[0] - robot.pose[0] == pytest.approx(1.5, abs=0.25)
+    robot.shift_belief((0.0, 0.0, 0.0)) if shifted else robot.set_initial_pose(robot.pose)
+    assert robot.belief[0] - robot.pose[0] == pytest.approx(0.0, abs=0.25)
 
 
 # The rest
