@@ -64,19 +64,6 @@ def test_moved_package_compiles_nothing(warm: Path, tmp_path: Path) -> None:
     assert called(write(tmp_path, other), warm) == (RESULTS, "")
 
 
-@pytest.mark.parametrize(
-    ("edits", "results", "compiled"),
-    [
-        ({"values.py": ("RADIUS = 0.25", "RADIUS = 0.5")}, [1.0, 6.0, 2.0], "calls constant"),
-        ({"values.py": ("left: float\n    right: float", "right: float\n    left: float")}, RESULTS, "of_pair"),
-    ],
-)
-def test_only_edited_kernels_are_compiled_again(
-    edits: dict[str, tuple[str, str]], results: list[float], compiled: str, warm: Path, tmp_path: Path
-) -> None:
-    assert called(write(tmp_path, edits), warm) == (results, compiled)
-
-
 #: Root that keeps to permissions.
 UNPRIVILEGED = ("setpriv", "--bounding-set=-dac_override", "--inh-caps=-dac_override") if os.geteuid() == 0 else ()
 

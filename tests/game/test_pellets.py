@@ -47,31 +47,20 @@ def brute_force(map: GreyMap, config: PelletConfig) -> list[tuple[int, int]]:
     shape=st.tuples(st.integers(1, 24), st.integers(1, 24)),
     spacing=st.integers(1, 5),
     clearance=st.integers(0, 3),
+    origin=st.sampled_from([(0.0, 0.0, 0.0), (-3.0, 7.0, 0.0), (1.0, 2.0, 0.7)]),
 )
 def test_pellets_follow_the_documented_algorithm(
-    seed: int, shape: tuple[int, int], spacing: int, clearance: int
+    seed: int, shape: tuple[int, int], spacing: int, clearance: int, origin: tuple[float, float, float]
 ) -> None:
     grey = np.where(np.random.default_rng(seed).random(shape) < 0.9, 254, 205).astype(np.uint8)
     config = PelletConfig(spacing_m=spacing * 0.1, wall_clearance_m=clearance * 0.1)
-    pellets = generate_pellets(GreyMap(grey), config)
-    assert [tuple(p) for p in pellets.pixel.tolist()] == brute_force(GreyMap(grey), config)
+    map = GreyMap(grey, origin=origin)
+    pellets = generate_pellets(map, config)
+    assert [tuple(p) for p in pellets.pixel.tolist()] == brute_force(map, config)
     assert pellets.ids.tolist() == list(range(len(pellets)))
-
-
-def test_positions_follow_the_documented_formula() -> None:
-    map = GreyMap(np.full((30, 20), 254, np.uint8), resolution=0.05, origin=(-3.0, 7.0, 0.0))
-    pellets = generate_pellets(map, PelletConfig(spacing_m=0.5, wall_clearance_m=0.1))
     u, v = pellets.pixel.T
-    np.testing.assert_array_equal(pellets.position, np.column_stack((u * 0.05 - 3.0, (30 - v) * 0.05 + 7.0)))
-    assert pellets.pixel.tolist() == [[10, 10], [10, 20]]
-
-
-def test_pellets_turn_with_the_map_frame() -> None:
-    grey = np.full((30, 20), 254, np.uint8)
-    config = PelletConfig(spacing_m=0.5, wall_clearance_m=0.1)
-    straight = generate_pellets(GreyMap(grey), config).position
-    turned = generate_pellets(GreyMap(grey, origin=(1.0, 2.0, np.pi / 2)), config).position
-    np.testing.assert_allclose(turned, np.column_stack((1.0 - straight[:, 1], 2.0 + straight[:, 0])), atol=1e-12)
+    place = complex(*origin[:2]) + map.resolution * (u + 1j * (shape[0] - v)) * np.exp(1j * origin[2])
+    np.testing.assert_allclose(pellets.position, np.column_stack((place.real, place.imag)), atol=1e-12)
 
 
 @pytest.mark.parametrize(("grey", "count"), [(250, 0), (251, 4)])

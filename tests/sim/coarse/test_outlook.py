@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pacman_env.config import Config
 from pacman_env.game.behaviour_belief import BELIEVED
 from pacman_env.sim.coarse import coarse_map
 from pacman_env.sim.maps.assets import MapAssets, map_assets
@@ -44,12 +43,8 @@ def beside(situation: Situation, i: int, apart_m: float) -> Situation:
     return replace(situation, ghosts=ghosts, clyde=ghosts[:, 0, :2])
 
 
-def of(config: Config, games: int = 6) -> Situation:
-    return situation_of(config, games)
-
-
 def test_outlook_is_empty_without_hunters() -> None:
-    situation = of(config_of("wander"))
+    situation = situation_of(config_of("wander"), 6)
     seen = columns(sure(situation, "wander"))
     for name in CANDIDATE_FEATURES:
         if name.startswith("hunted"):
@@ -58,13 +53,13 @@ def test_outlook_is_empty_without_hunters() -> None:
 
 
 def test_nearer_chaser_ends_more_paths() -> None:
-    situation = sure(of(config_of("chase")), "chase")
+    situation = sure(situation_of(config_of("chase"), 6), "chase")
     caught = [columns(beside(situation, 0, apart_m))["hunted_caught"][0].sum() for apart_m in (0.5, 6.0)]
     assert caught[0] > caught[1]
 
 
 def test_catching_chaser_leaves_no_lead() -> None:
-    seen = columns(sure(of(config_of("chase", **{"clyde.speed_mps": 0.8}), 12), "chase"))
+    seen = columns(sure(situation_of(config_of("chase", **{"clyde.speed_mps": 0.8}), 12), "chase"))
     caught = seen["hunted_caught"] > 0
     assert caught.any()
     assert (seen["hunted_lead"][caught] == 0).all()
@@ -73,7 +68,7 @@ def test_catching_chaser_leaves_no_lead() -> None:
 
 
 def test_standing_ghost_catches_nobody_far_away() -> None:
-    situation = sure(of(config_of("chase")), "chase")
+    situation = sure(situation_of(config_of("chase"), 6), "chase")
     ghosts = situation.ghosts.copy()
     ghosts[:, 0, 4] = 0.0
     far = np.hypot(*(situation.ghosts[:, 0, :2] - situation.robot[:, :2]).T) > 2.0
@@ -85,7 +80,7 @@ def test_standing_ghost_catches_nobody_far_away() -> None:
 
 @pytest.mark.parametrize("ghosts", [("chase",), ("wander", "chase"), ("arcade", "chase", "wander", "chase")])
 def test_outlook_is_the_same_alone(ghosts: tuple[str, ...]) -> None:
-    situation = sure(of(config_of(*ghosts)), *ghosts)
+    situation = sure(situation_of(config_of(*ghosts), 6), *ghosts)
     together = planner_features(situation, SPEED)
     for i in range(len(situation)):
         alone = planner_features(situation.rows(np.array([i])), SPEED)
@@ -95,7 +90,7 @@ def test_outlook_is_the_same_alone(ghosts: tuple[str, ...]) -> None:
 
 def test_order_of_ghosts_does_not_matter() -> None:
     ghosts = ("chase", "wander")
-    situation = sure(of(config_of(*ghosts)), *ghosts)
+    situation = sure(situation_of(config_of(*ghosts), 6), *ghosts)
     turned = replace(situation, ghosts=situation.ghosts[:, ::-1], belief=situation.belief[:, ::-1])
     one, other = columns(situation), columns(turned)
     for name in GLOBAL_FEATURES:

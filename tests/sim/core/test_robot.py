@@ -36,21 +36,6 @@ def push(robot: SimulatedRobot, v: float, omega: float, seconds: float) -> list[
 # Goals
 
 
-def test_robot_stops_within_tolerance_of_its_goal() -> None:
-    robot = a_robot()
-    robot.set_goal(*RIGHT)
-    assert run(robot, 60.0) == SUCCEEDED
-    belief = robot.belief
-    assert belief is not None
-    assert math.dist(belief[:2], RIGHT) <= 0.3 + 0.02
-    assert away(robot, *RIGHT) <= 0.5
-    run(robot, 0.5)
-    here = robot.pose
-    run(robot, 1.0)
-    assert robot.pose == here
-    assert robot.velocity == pytest.approx((0.0, 0.0), abs=1e-9)
-
-
 def test_last_of_many_goals_is_reached_beside_walls() -> None:
     robot = a_robot(preset="ideal")
     for column, row in robot.grid.cell[:: len(robot.grid.cell) // 80].tolist():  # more goals than are kept

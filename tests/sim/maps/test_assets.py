@@ -11,7 +11,7 @@ from pacman_env.game.pellets import generate_pellets
 from pacman_env.sim.maps import assets as module
 from pacman_env.sim.maps.assets import MapAssets, map_assets, prepare_map
 from pacman_env.world.maps.occupancy import MapError, OccupancyMap, load_map
-from pacman_env.world.navigation.paths import AT_GOAL, NO_STEP, UNREACHABLE_CM
+from pacman_env.world.navigation.paths import NO_STEP, UNREACHABLE_CM
 from tests.drawn import box, drawn
 
 CONFIG = make_config("robot")
@@ -137,22 +137,6 @@ def test_unplayable_maps_are_refused() -> None:
 
 
 # Fields
-
-
-def test_fields_lead_to_every_goal() -> None:
-    assets = map_assets("house", CONFIG)
-    goals = np.arange(len(assets.goal_xy))
-    np.testing.assert_array_equal(assets.next_step[goals, assets.goal_cell], np.full(len(goals), AT_GOAL))
-    cells = np.random.default_rng(0).choice(len(assets.cell_xy), 200)
-    for goal in goals:
-        here = cells.copy()
-        walked = np.zeros(len(here))
-        for _ in range(800):
-            step = assets.next_step[goal, here].astype(np.int64)
-            walked += np.hypot(*(assets.cell_xy[here + step] - assets.cell_xy[here]).T)
-            here = here + step
-        assert (here == assets.goal_cell[goal]).all()
-        np.testing.assert_allclose(walked, assets.length_cm[cells, goal] / 100, atol=0.011)
 
 
 def test_ghost_cells_know_the_drivable_cell_under() -> None:

@@ -59,12 +59,16 @@ def same(one: object, other: object) -> bool:
     return np.array_equal(one, other) if isinstance(one, np.ndarray) else one == other
 
 
-def test_levels_prepared_on_threads_are_the_same() -> None:
+def test_levels_prepared_on_threads_and_by_copies_are_the_same() -> None:
     ahead = LevelsAhead(GeneratedMaps(CONFIG, 0, 1000), 3)
     ahead.ask(range(40, 45))
+    other = pickle.loads(pickle.dumps(ahead))
+    other.ask([41])
     for level in [*range(40, 45), 77]:
         assert same(ahead.take(level).assets, prepare_level(level, CONFIG))
+    assert same(other.take(41).assets, prepare_level(41, CONFIG))
     ahead.close()
+    other.close()
 
 
 def test_levels_are_prepared_once_in_order() -> None:
@@ -163,16 +167,6 @@ def test_dropping_it_ends_the_threads(cycle: bool) -> None:
         gc.collect()
     assert gone() is None  # no thread refers to it
     wait_for(lambda: len(workers()) == before)
-
-
-def test_copy_prepares_the_same_levels() -> None:
-    ahead = LevelsAhead(GeneratedMaps(CONFIG, 0, 1000))
-    ahead.ask([40])
-    other = pickle.loads(pickle.dumps(ahead))
-    other.ask([41])
-    assert same(other.take(41).assets, ahead.take(41).assets)
-    ahead.close()
-    other.close()
 
 
 def test_no_threads_and_no_levels_are_refused() -> None:

@@ -180,7 +180,7 @@ def test_tf_moves_on_but_latched_pose_stays() -> None:
 
 @cache
 def published() -> tuple[np.ndarray, ...]:
-    """Interval (s), spacing as published, true spacing (m) and turn (rad) of successive updates, all games."""
+    """Interval (s), true spacing (m) and turn (rad) of successive updates, all games; which of them while driving."""
     batch = started("robot", n=25)
     logs: list[list[tuple[float, ...]]] = [[] for _ in range(batch.n)]
     seen = batch.games["amcl_step"].copy()
@@ -188,16 +188,16 @@ def published() -> tuple[np.ndarray, ...]:
     def watched() -> None:
         for i in np.flatnonzero(batch.games["amcl_step"] != seen):
             g = batch.games[i]
-            names = ("amcl_x", "amcl_y", "odom_x", "odom_y", "odom_heading")
-            logs[i].append((g["amcl_step"] * 0.05, *(float(g[name]) for name in names)))
+            logs[i].append((g["amcl_step"] * 0.05, *(float(g[f"odom_{name}"]) for name in ("x", "y", "heading"))))
         seen[:] = batch.games["amcl_step"]
 
     batch.after_physics_step = watched
     for leg in range(3):
         drive_leg(batch, np.arange(25) * 3 + leg)
     batch.after_physics_step = None
-    changes = np.abs(np.concatenate([np.diff(np.array(log), axis=0) for log in logs]))
-    return changes[:, 0], np.hypot(*changes[:, 1:3].T), np.hypot(*changes[:, 3:5].T), changes[:, 5]
+    interval, x, y, turn = np.abs(np.concatenate([np.diff(np.array(log), axis=0) for log in logs])).T
+    spacing = np.hypot(x, y)
+    return interval, spacing, turn, (spacing > 0.2) & (turn < 0.2)
 
 
 @pytest.mark.parametrize("log", ["t1", "t2", "t3", "t4"])
@@ -206,8 +206,7 @@ def test_cadence_is_that_of_a_log(log: str) -> None:
         rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
     interval = np.diff([row["elapsed_time_sec"] for row in rows])
     spacing = np.hypot(np.diff([row["x"] for row in rows]), np.diff([row["y"] for row in rows]))
-    simulated, _, true_spacing, turn = published()
-    driving = (true_spacing > 0.2) & (turn < 0.2)
+    simulated, true_spacing, _, driving = published()
     assert np.median(simulated[driving]) == pytest.approx(np.median(interval), abs=0.2)
     assert np.median(true_spacing[driving]) == pytest.approx(np.median(spacing), abs=0.07)
     assert np.median(true_spacing[driving] / simulated[driving]) == pytest.approx(
@@ -217,14 +216,13 @@ def test_cadence_is_that_of_a_log(log: str) -> None:
 
 @pytest.mark.parametrize(("name", "real"), SHIPPED)
 def test_cadence_is_that_of_the_real_filter(name: str, real: dict[str, Any]) -> None:
-    interval, _, true_spacing, turn = published()
-    driving = (true_spacing > 0.2) & (turn < 0.2)
+    interval, true_spacing, _, driving = published()
     assert np.median(interval[driving]) == pytest.approx(real["interval_s"][1], abs=0.15)
     assert np.median(true_spacing[driving]) == pytest.approx(real["spacing_m"][1], abs=0.03)
 
 
 def test_updates_are_more_frequent_while_turning() -> None:
-    interval, _, true_spacing, turn = published()
+    interval, true_spacing, turn, _ = published()
     turning = (true_spacing < 0.05) & (turn > 0.2)
     assert turning.sum() > 50
     assert np.median(interval[turning]) < 0.5

@@ -201,17 +201,14 @@ def test_robot_with_wrong_pose_drives_round_a_ghost() -> None:
     assert 0.18 < np.median(nearest) < 0.35
 
 
-def test_goal_under_a_ghost_moves_beside_it() -> None:
-    batch = batch_to([(1.4, 0.0)])
-    put_clyde(batch, 0, 1.4, 0.0)
+@pytest.mark.parametrize(
+    ("goal", "ghost", "nearest"), [((1.4, 0.0), (1.4, 0.0), 0.5 * np.sqrt(2)), ((-1.5, 0.0), (0.15, 0.0), 0.0)]
+)
+def test_goal_under_or_away_from_a_near_ghost_succeeds(goal: Any, ghost: Any, nearest: float) -> None:
+    batch = batch_to([goal])
+    put_clyde(batch, 0, *ghost)
     assert drive(batch) == SUCCEEDED
-    assert 0.2 < to_goal(batch) <= 0.5 * np.sqrt(2) + 0.31
-
-
-def test_robot_beside_a_ghost_gets_away() -> None:
-    batch = batch_to([(-1.5, 0.0)])
-    put_clyde(batch, 0, 0.15, 0.0)
-    assert drive(batch) == SUCCEEDED
+    assert 0.2 < to_goal(batch) <= nearest + 0.31  # beside the ghost
 
 
 # A goal beyond the reach
