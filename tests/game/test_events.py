@@ -24,14 +24,11 @@ def test_every_event_names_a_known_light_and_sound() -> None:
 
 def test_feedback_is_that_of_algorithm_6() -> None:
     assert words("start theatrical") == ("start", "pacman_theme", "spin")
-    assert words("pellet") == ("pellet", "pellet", None)
-    assert words("power pellet") == ("power pellet", "power pellet", None)
+    for pellet in ("pellet", "power pellet"):
+        assert words(pellet) == (pellet, pellet, None)
     assert words("death") == words("game over") == ("game over", "death", "shake")
     assert words("win") == ("win", "win", None)
     assert words("reset") == ("off", None, "stop")
-
-
-def test_only_a_killing_ghost_shakes_the_robot() -> None:
-    for ghost in GHOST_NAMES:
+    for ghost in GHOST_NAMES:  # only one that kills shakes the robot
         assert words(f"{ghost} killed") == (f"{ghost} killed", "death", "shake")
         assert words(f"{ghost} caught") == (f"{ghost} caught", "ghost", None)

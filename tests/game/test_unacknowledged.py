@@ -120,15 +120,3 @@ def test_end_of_way_home_is_repeated_until_acknowledged(pose: tuple[float, float
     assert words(executor.command("return_home", 21.0)) == ([f"status {report}"] if pose[0] < 1 else [])
     executor.state("starting", 22.0)
     assert repeated(executor) == []
-
-
-def test_last_pellet_is_repeated_before_the_end() -> None:
-    executor = running()
-    executor.statuses.counted(0)
-    executor.check((1.0, 0.0), (), 1.0)
-    executor.statuses.counted(1)
-    executor.check((5.0, 0.0), (), 2.0)
-    executor.pellets({}, 0, 3.0)
-    assert words(executor.pellets({}, 0, 5.0)) == ["status pellet_collected:11", "status game_complete"]
-    assert executor.command("enable", 6.0) == []
-    assert repeated(executor) == ["pellet_collected:11", "game_complete"]

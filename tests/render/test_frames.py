@@ -16,7 +16,6 @@ from pacman_env.render.frames import STATES, MapView, map_view, render_frame
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapSource, map_assets
 from pacman_env.world.maps.occupancy import OccupancyMap, shipped_maps
-from tests.shared import shared_path
 from tests.sim.players import new_batch
 
 HEADER = 70  # rows at 720 px
@@ -64,14 +63,6 @@ def test_every_map_gives_even_picture_of_given_height(name: str) -> None:
         assert frame.shape[1] % 2 == 0
         assert frame.shape[1] <= height * 16 / 9
         assert len(np.unique(frame.reshape(-1, 3), axis=0)) > 20
-
-
-def test_robot_is_drawn_on_a_real_map() -> None:
-    config = make_config(**{"pellets.spacing_m": 4.0, "refuges.spread": 1})
-    batch = games(str(shared_path("maps/pacmanbot_house/map.yaml")), config=config)
-    frame = render_frame(batch, 0)
-    at = pixels(batch, batch.games[0]["x"], batch.games[0]["y"])
-    assert np.hypot(*(near(frame, symbols.PAC) - at).T).min() < 8
 
 
 @pytest.mark.parametrize(("columns", "rows"), [(400, 60), (60, 400)])

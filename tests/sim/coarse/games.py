@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -41,3 +45,25 @@ def lengths_of(blocks: CoarseArrays) -> np.ndarray:
     length = np.zeros((count, count))
     length[np.tril_indices(count)] = blocks.ghost_length * blocks.unit_m[0]
     return np.maximum(length, length.T)
+
+
+def slowly(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function, slow enough that two threads are in it at once."""
+
+    def slow(*arguments: Any) -> Any:
+        time.sleep(0.1)
+        return function(*arguments)
+
+    return slow
+
+
+def at_once(function: Callable[[], int]) -> list[int]:
+    """What the function returns in two threads that begin together."""
+    both = threading.Barrier(2)
+
+    def call(_: int) -> int:
+        both.wait()
+        return function()
+
+    with ThreadPoolExecutor(2) as pool:
+        return list(pool.map(call, range(2)))

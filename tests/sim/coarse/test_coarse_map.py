@@ -23,7 +23,10 @@ from pacman_env.sim.coarse.coarse_map import (
 )
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.maps.ghost_cells import find_path, search_memory
+from pacman_env.world.navigation.grid import connected_parts
+from pacman_env.world.navigation.paths import neighbour_table
 from tests.sim.coarse.games import lengths_of
+from tests.world.navigation.test_paths import numbered
 
 
 def test_lengths_are_those_of_ghost_paths() -> None:
@@ -137,21 +140,12 @@ def test_lengths_between_blocks_are_dijkstras(seed: int, share_free: float, apar
     rng = np.random.default_rng(seed)
     free = rng.random((12, 13)) < share_free
     free[:, 6] = True
-    number = np.full((14, 15), -1)
-    number[1:-1, 1:-1][free] = np.arange(free.sum())
-    row, column = np.nonzero(number >= 0)
-    around = [(r, c) for r in (-1, 0, 1) for c in (-1, 0, 1) if (r, c) != (0, 0)]
-    neighbours = np.stack([number[row + r, column + c] for r, c in around], axis=1)
-    part = np.arange(len(row))
-    for _ in row:  # the least number in each connected part
-        part = np.minimum(part, np.where(neighbours >= 0, part[neighbours], len(row)).min(axis=1))
-    cells = np.flatnonzero(part == part[number[1, 7]])
-    renumbered = np.full(len(row) + 1, -1)
-    renumbered[cells] = np.arange(len(cells))
+    parts, _ = connected_parts(free)
+    cell_id, cell = numbered(parts == parts[0, 6])
     # Places that are not on a lattice: lengths are seldom equal. On one: often.
-    moved = rng.integers(0, 2, (len(cells), 2)) if seed % 2 else 0
-    pixel = (apart * 2 * np.stack([column, row], axis=1)[cells] + moved).astype(np.int32)
-    joined = joined_blocks(np.arange(len(cells), dtype=np.int32), renumbered[neighbours[cells]], len(cells))
+    moved = rng.integers(0, 2, cell.shape) if seed % 2 else 0
+    pixel = (apart * 2 * cell + moved).astype(np.int32)
+    joined = joined_blocks(np.arange(len(cell), dtype=np.int32), neighbour_table(cell_id, cell), len(cell))
     length, column, table = between_all(pixel, *joined, 0.05)
     expected_length, expected_next = from_each(pixel, *joined, 0.05)
     np.testing.assert_array_equal(length, expected_length)

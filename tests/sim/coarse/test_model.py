@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import math
-import threading
-import time
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +13,7 @@ from pacman_env.game.ghosts import Behaviour, GhostView
 from pacman_env.sim.coarse import model
 from pacman_env.sim.coarse.model import NOWHERE, Lags, choose, lead_m, play, step
 from pacman_env.sim.coarse.start import CoarseStart, draw_futures
-from tests.sim.coarse.games import config_of, lengths_of, situation_of, started
+from tests.sim.coarse.games import at_once, config_of, lengths_of, situation_of, slowly, started
 
 
 @kernel
@@ -192,20 +188,10 @@ def test_ghost_behind_a_wall_is_near() -> None:
 
 def test_threads_share_the_kernel_of_a_behaviour(monkeypatch: pytest.MonkeyPatch) -> None:
     """A second kernel would free the machine code of the first."""
-    both, made = threading.Barrier(2), model.kernel
-
-    def slowly(*arguments: Any) -> Any:
-        time.sleep(0.1)
-        return made(*arguments)
 
     def stand(view: GhostView, x: float) -> tuple[float, float]:
         return view.x, view.y
 
-    def address(_: int) -> int:
-        both.wait()
-        return model.behaviour_addresses(Behaviour("stands", stand, (1.0,)), np.zeros(1))[0]
-
-    monkeypatch.setattr(model, "kernel", slowly)
-    with ThreadPoolExecutor(2) as pool:
-        first, second = pool.map(address, range(2))
+    monkeypatch.setattr(model, "kernel", slowly(model.kernel))
+    first, second = at_once(lambda: model.behaviour_addresses(Behaviour("stands", stand, (1.0,)), np.zeros(1))[0])
     assert first == second

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import threading
-import time
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
 from pacman_env.game.behaviour_belief import BELIEVED
 from pacman_env.sim.coarse import coarse_map
-from pacman_env.sim.maps.assets import MapAssets, map_assets
+from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.maps.level import COARSE_MAP, Level
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
 from pacman_env.sim.observation.situation import HOLD, Situation
-from tests.sim.coarse.games import config_of, situation_of
+from tests.sim.coarse.games import at_once, config_of, situation_of, slowly
 
 SPEED = 0.3
 
@@ -102,18 +98,11 @@ def test_threads_share_the_table_of_a_map(monkeypatch: pytest.MonkeyPatch) -> No
     """A second table would replace the first, whose memory is freed while a kernel reads it."""
     config = config_of("chase")
     level = Level.of(replace(map_assets("loop", config)), config)  # of a map that nothing has been made of
-    both, made = threading.Barrier(2), coarse_map.coarse_map
-
-    def slowly(assets: MapAssets) -> Any:
-        time.sleep(0.1)
-        return made(assets)
 
     def address() -> int:
-        both.wait()
         coarse_map.add_coarse_map(level)
         return int(level.arrays["later"][COARSE_MAP])
 
-    monkeypatch.setattr(coarse_map, "coarse_map", slowly)
-    with ThreadPoolExecutor(2) as pool:
-        first, second = (pool.submit(address) for _ in range(2))
-    assert first.result() == second.result()
+    monkeypatch.setattr(coarse_map, "coarse_map", slowly(coarse_map.coarse_map))
+    first, second = at_once(address)
+    assert first == second

@@ -37,40 +37,28 @@ def test_features_are_small_and_zero_for_masked_candidates() -> None:
     assert (candidates[~situation.mask] == 0).all()
 
 
-def test_kinds_paths_and_goal_follow_the_situation() -> None:
+@pytest.mark.parametrize("pellets", [True, False])
+def test_features_follow_the_situation(pellets: bool) -> None:
     situation = batch_of("house", n=30).situation()
+    shown = situation.mask & (pellets | (situation.kind != PELLET))
+    situation = replace(situation, mask=shown)
     candidates, whole = planner_features(situation, SPEED)
-    shown = situation.mask
-    for name, kind in (("is_pellet", PELLET), ("is_refuge", REFUGE), ("is_hold", HOLD)):
-        np.testing.assert_array_equal(column(candidates, name)[shown], (situation.kind == kind)[shown])
-    np.testing.assert_allclose(
-        column(candidates, "path_robot")[shown], np.minimum(situation.path_robot, 20.0)[shown] / 5.0, rtol=1e-6
-    )
-    current = np.arange(shown.shape[1])[None] == situation.current[:, None]
-    np.testing.assert_array_equal(column(candidates, "is_current")[shown], current[shown])
-    np.testing.assert_allclose(whole[:, GLOBAL_FEATURES.index("pellets_left")], situation.pellets_left / 8.0)
-
-
-def test_paths_are_compared_with_the_nearest_pellet() -> None:
-    batch = batch_of("house", n=30)
-    situation = batch.situation()
-    candidates, whole = planner_features(situation, SPEED)
-    way = situation.path_robot
-    nearest = np.where(situation.mask & (situation.kind == PELLET), way, np.inf).min(axis=1)
-    assert np.isfinite(nearest).all()
+    path = situation.path_robot
+    nearest = np.where(shown & (situation.kind == PELLET), path, np.inf).min(axis=1)
+    assert np.isfinite(nearest).all() == pellets
+    nearest = np.where(np.isfinite(nearest), nearest, 0.0)
+    expected = {
+        "is_pellet": situation.kind == PELLET,
+        "is_refuge": situation.kind == REFUGE,
+        "is_hold": situation.kind == HOLD,
+        "path_robot": np.minimum(path, 20.0) / 5.0,
+        "is_current": np.arange(shown.shape[1])[None] == situation.current[:, None],
+        "beyond_nearest": np.clip(path - nearest[:, None], -20.0, 20.0) / 5.0,
+    }
+    for name, values in expected.items():
+        np.testing.assert_allclose(column(candidates, name)[shown], values[shown], atol=1e-5, err_msg=name)
     np.testing.assert_allclose(whole[:, GLOBAL_FEATURES.index("nearest_way")], nearest / 5.0, rtol=1e-6)
-    shown = situation.mask
-    np.testing.assert_allclose(
-        column(candidates, "beyond_nearest")[shown],
-        (np.clip(way - nearest[:, None], -20.0, 20.0) / 5.0)[shown],
-        atol=1e-5,
-    )
-    none = replace(situation, mask=situation.mask & (situation.kind != PELLET))
-    candidates, whole = planner_features(none, SPEED)
-    assert (whole[:, GLOBAL_FEATURES.index("nearest_way")] == 0).all()
-    np.testing.assert_allclose(
-        column(candidates, "beyond_nearest")[none.mask], np.minimum(none.path_robot, 20.0)[none.mask] / 5.0, atol=1e-5
-    )
+    np.testing.assert_allclose(whole[:, GLOBAL_FEATURES.index("pellets_left")], situation.pellets_left / 8.0)
 
 
 def test_distances_to_other_pellets_are_path_lengths() -> None:
