@@ -1,7 +1,5 @@
 """Tables of arrays that kernels read."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

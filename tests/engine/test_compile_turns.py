@@ -1,7 +1,5 @@
 """Processes on one cold cache compile a kernel once between them, and none of them ever waits for nothing."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import subprocess

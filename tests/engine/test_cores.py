@@ -1,7 +1,5 @@
 """How many cores a process may use, by its affinity and by made-up control groups."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Signals that wait for the end of what must not be broken off half-way."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """What is added to Numba here."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Machine code is found again wherever the package lies, and never when anything in it is another."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

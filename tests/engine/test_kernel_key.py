@@ -1,7 +1,5 @@
 """A kernel's key changes with all that its machine code depends on, and with nothing else."""
 
-from __future__ import annotations
-
 import dis
 import importlib
 import os

@@ -1,7 +1,5 @@
 """Rows of numbers: each operation is that of NumPy on single-precision numbers, to the last bit."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

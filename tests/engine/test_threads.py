@@ -1,7 +1,5 @@
 """Threads that share a kernel's range: every index once, whatever their number, and whatever comes between."""
 
-from __future__ import annotations
-
 import copy
 import gc
 import pickle

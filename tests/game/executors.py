@@ -1,7 +1,5 @@
 """GoalExecutors to begin a test with, and places to send them to."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The belief of what a ghost does follows its moves, forgets, and stays a probability."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """When the planner is asked: by the rule, for one robot, and for the simulator's games at the same ticks."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

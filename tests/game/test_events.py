@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from pacman_env.game.events import FEEDBACK, LIGHTS, SOUNDS
 from pacman_env.game.ghosts import GHOST_NAMES
 

@@ -1,7 +1,5 @@
 """What becomes of a policy's choices when Nav2 answers late, about goals given up long ago, or never."""
 
-from __future__ import annotations
-
 import pytest
 
 from pacman_env.game.execution import ABORTED, CANCELED, SUCCEEDED

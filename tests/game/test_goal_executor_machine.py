@@ -1,7 +1,5 @@
 """Whatever comes in whichever order: what a executor never does."""
 
-from __future__ import annotations
-
 import math
 
 from hypothesis import settings

@@ -1,7 +1,5 @@
 """How rounds end, and the way home after them."""
 
-from __future__ import annotations
-
 import pytest
 
 from pacman_env.game.execution import ABORTED, CANCELED, SUCCEEDED

@@ -3,8 +3,6 @@
 The three without a middleware: what is sent to one that is not there, or has just begun, is lost.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

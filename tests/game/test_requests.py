@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 
 from pacman_env.game.requests import AGAIN_S, CALLS, EFFECT_S, Removals, Requests

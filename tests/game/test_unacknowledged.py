@@ -1,7 +1,5 @@
 """What the referee did not hear is reported again, and nothing else."""
 
-from __future__ import annotations
-
 import pytest
 
 from pacman_env.config import make_config

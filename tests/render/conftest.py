@@ -1,7 +1,5 @@
 """A screen for windows, where there is none."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """What a picture of a game promises."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

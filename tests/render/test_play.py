@@ -1,7 +1,5 @@
 """What a human's clicks and keys do, without a window and in one on SDL's dummy screen."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

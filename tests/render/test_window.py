@@ -1,7 +1,5 @@
 """What the window promises, on SDL's dummy screen."""
 
-from __future__ import annotations
-
 import sys
 import types
 from typing import Any

@@ -1,7 +1,5 @@
 """Games played by random choices that depend on a game's number alone, and all that there is to know of a game."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

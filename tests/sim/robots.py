@@ -1,7 +1,5 @@
 """Robots in two drawn rooms, for tests of one robot and its goals."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Small map files made by hand, byte by byte where the format is what a test is about."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from pathlib import Path

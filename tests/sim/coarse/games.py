@@ -1,7 +1,5 @@
 """Coarse games on the shipped maps."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Lengths between blocks are those of ways on the map: symmetric, no shorter than the straight line, near the exact."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Ghosts of the coarse model react by their own functions; the robot drives as far as its speed and lags allow."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

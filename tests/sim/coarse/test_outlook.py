@@ -1,7 +1,5 @@
 """What becomes of the robot on its way to each candidate, against the coarse model played by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

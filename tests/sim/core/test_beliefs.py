@@ -1,7 +1,5 @@
 """What is believed of ghosts in a running game, and that lengths from landmarks are below the paths'."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Copies of running games go on as their originals do, or into futures of their own."""
 
-from __future__ import annotations
-
 import pickle
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Another process compiles the ticks: once, where nothing is kept, and never longer than the first one lives."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

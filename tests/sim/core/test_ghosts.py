@@ -1,7 +1,5 @@
 """What ghosts of each behaviour do in the games of a batch, alone, beside each other and beside other games."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

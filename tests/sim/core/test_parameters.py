@@ -1,7 +1,5 @@
 """What is drawn for an episode belongs to its seed, lies in its range and reaches the game."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

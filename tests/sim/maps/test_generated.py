@@ -1,7 +1,5 @@
 """Generated levels: the split, which level an episode gets, and that every level can be played by its files alone."""
 
-from __future__ import annotations
-
 import pickle
 import re
 from pathlib import Path

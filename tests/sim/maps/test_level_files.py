@@ -1,7 +1,5 @@
 """Houses on disk: a level by its file is the level that was prepared, and no broken file is played on."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Slots for levels: levels come and go, slots are used again, and no game's level disturbs another's."""
 
-from __future__ import annotations
-
 import pickle
 from functools import cache
 from typing import Any

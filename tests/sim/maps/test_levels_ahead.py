@@ -1,7 +1,5 @@
 """Levels prepared on other threads: the same levels, each error told, and nothing hangs or stays behind."""
 
-from __future__ import annotations
-
 import dataclasses
 import gc
 import os

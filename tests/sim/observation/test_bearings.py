@@ -1,7 +1,5 @@
 """In which directions pellets and ghosts lie."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

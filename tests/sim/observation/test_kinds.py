@@ -1,7 +1,5 @@
 """An observation holds what its configuration names, each part the same with and without the others."""
 
-from __future__ import annotations
-
 import functools
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What a learned planner reads, against the situation it is made from."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

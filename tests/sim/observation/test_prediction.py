@@ -1,7 +1,5 @@
 """How near Clyde may come: against ways written out by hand, in houses and corridors that are known."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The project's own maps: drawn as committed, and fit for the game."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """Generated houses: the same everywhere, as declared, and fit for the game."""
 
-from __future__ import annotations
-
 import hashlib
 from collections import Counter
 from functools import cache
