@@ -64,8 +64,20 @@ def ours() -> list[str]:
     return [thread.name for thread in threading.enumerate() if thread.name.startswith("pacman_env-")]
 
 
-def run_python(code: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+HEAD = """
+import os, signal, threading, time, types, warnings
+from tests.engine.test_threads import Threads, count_up, counted
+threads = Threads(3)
+met, table = counted(1000, {work})
+def run(): return threads.run(count_up, [table], 1000)
+run()
+"""
+
+
+def run_python(code: str, work: int = 1) -> subprocess.CompletedProcess[str]:
+    """Run code after threads have counted up once."""
+    command = [sys.executable, "-c", HEAD.format(work=work) + code]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
 
 
 @pytest.mark.parametrize("number", [1, 2, 7, 16])
@@ -187,22 +199,13 @@ def test_concurrent_callers_take_turns() -> None:
 
 
 INTERRUPTED = """
-import signal, time
-import numpy as np
-from tests.engine.test_threads import count_up, counted
-from pacman_env.engine.threads import Threads
-from pacman_env.engine.arrays import Table
-
-threads = Threads(3)
-met, table = counted(1000, {work})
-threads.run(count_up, [table], 1000)
 signal.signal(signal.SIGALRM, signal.default_int_handler)
 caught = 0
 for k in range({rounds}):
     try:
         signal.setitimer(signal.ITIMER_REAL, {first} + k * {step})
         while True:
-            threads.run(count_up, [table], 1000)
+            run()
     except KeyboardInterrupt:
         caught += 1
     before = met.copy()
@@ -220,21 +223,15 @@ print("usable")
     ("work", "rounds", "first", "step"), [(100_000, 5, 0.01, 0.003), (1, 300, 0.0005, 0.000_007)], ids=["long", "short"]
 )
 def test_ctrl_c_leaves_no_thread_working(work: int, rounds: int, first: float, step: float) -> None:
-    done = run_python(INTERRUPTED.format(work=work, rounds=rounds, first=first, step=step))
+    done = run_python(INTERRUPTED.format(rounds=rounds, first=first, step=step), work)
     assert (done.returncode, done.stdout, done.stderr) == (0, "usable\n", "")
 
 
 FORKED = """
-import os, warnings
 warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 warns of forks beside threads
-from tests.engine.test_threads import Threads, count_up, counted
-
-threads = Threads(3)
-met, table = counted(1000)
-threads.run(count_up, [table], 1000)
 child = os.fork()
 for _ in range(20):
-    assert threads.run(count_up, [table], 1000) == 499500
+    assert run() == 499500
 assert (met == 21).all()
 if child:
     print(os.waitpid(child, 0)[1])
@@ -247,8 +244,8 @@ def test_forked_child_continues_like_its_parent() -> None:
 
 
 EXITS = {
-    "asleep": "run(); time.sleep(0.05)",
-    "in a reference cycle": "run(); owner = types.SimpleNamespace(threads=threads); owner.own = owner; del threads",
+    "asleep": "time.sleep(0.05)",
+    "in a reference cycle": "owner = types.SimpleNamespace(threads=threads); owner.own = owner; del threads",
     "run by a daemon": """
 forever = lambda: [run() for _ in range(10**9)]
 threading.Thread(target=forever, daemon=True).start()
@@ -258,10 +255,5 @@ time.sleep(0.1)""",
 
 @pytest.mark.parametrize("name", EXITS)
 def test_interpreter_ends_quietly(name: str) -> None:
-    code = (
-        "import threading, time, types\nfrom tests.engine.test_threads import Threads, count_up, counted\n"
-        "threads = Threads(3)\nmet, table = counted(1000, 100)\n"
-        "def run(): threads.run(count_up, [table], 1000)\n"
-    )
-    done = run_python(code + EXITS[name])
+    done = run_python(EXITS[name], 100)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

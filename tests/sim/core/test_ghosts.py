@@ -1,5 +1,6 @@
 """What ghosts of each behaviour do in the games of a batch, alone, beside each other and beside other games."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -195,26 +196,12 @@ def test_nearest_ghost_leads_and_paths_are_shortest() -> None:
     assert leads == {0, 1, 2, 3}
 
 
-def nearest_to_each(*ghosts: tuple[float, float]) -> tuple[list[float], list[float]]:
-    """How near the robot comes to ghosts that stand in the room that it crosses; also as if none were there, m."""
-    result: list[list[float]] = []
-    for there in (True, False):
-        batch = batch_to([(1.7, 0.0)], **{"clyde.ghosts": ("wander",) * len(ghosts)})
-        for k, (x, y) in enumerate(ghosts):
-            batch.place_ghost(0, k, *((x, y) if there else (5.9, 1.6)))
-        nearest = [9.0] * len(ghosts)
-
-        def look(games: np.ndarray, nearest: list[float] = nearest) -> None:
-            for k, (x, y) in enumerate(ghosts):
-                nearest[k] = min(nearest[k], float(np.hypot(games[0]["x"] - x, games[0]["y"] - y)))
-
-        watch(batch, look)
-        drive(batch)
-        result.append(nearest)
-    return result[0], result[1]
-
-
 def test_robot_drives_round_every_ghost() -> None:
-    around, through = nearest_to_each((1.2, -0.1), (0.5, 0.1), (0.9, 0.6), (5.9, 0.0))
-    assert min(through) < 0.15  # straight on is through one of them
-    assert min(around) >= 0.19
+    ghosts = (1.2, -0.1), (0.5, 0.1), (0.9, 0.6), (5.9, 0.0)  # straight on is through the first two
+    batch = batch_to([(1.7, 0.0)], **{"clyde.ghosts": ("wander",) * 4})
+    for k, place in enumerate(ghosts):
+        batch.place_ghost(0, k, *place)
+    way: list[tuple[float, float]] = []
+    watch(batch, lambda games: way.append((float(games[0]["x"]), float(games[0]["y"]))))
+    drive(batch)
+    assert 0.19 <= min(math.dist(here, ghost) for here in way for ghost in ghosts) < 0.5

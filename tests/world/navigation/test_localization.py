@@ -147,17 +147,6 @@ def test_perfectly_localized_robot_believes_the_truth() -> None:
     assert (batch.games["x"] != batch.assets.grid.home[0]).all()
 
 
-def test_standing_robot_gets_no_updates() -> None:
-    batch = started("robot", "as_built")
-    first = batch.situation()
-    for tick in range(1, 41):
-        batch.step(np.full(8, batch.hold))
-        situation = batch.situation()
-        np.testing.assert_array_equal(situation.robot, first.robot)
-        np.testing.assert_allclose(situation.pose_age_s, 0.5 * tick)
-    assert (batch.games["amcl_step"] == 0).all()
-
-
 def test_tf_moves_on_but_latched_pose_stays() -> None:
     tf, latched = started("robot"), started("robot", "as_built")
     stayed = 0

@@ -176,15 +176,10 @@ def nearest_while_passing(preset: str, clyde: tuple[float, float], seed: int = 3
     batch = batch_to([(1.7, 0.0)], preset=preset)
     batch.reset(np.arange(1), np.array([seed], dtype=np.uint64))
     put_clyde(batch, 0, *clyde)
-    nearest = [9.0]
-
-    def look(games: np.ndarray) -> None:
-        g = games[0]
-        nearest[0] = min(nearest[0], float(np.hypot(g["x"] - g["clyde_x"], g["y"] - g["clyde_y"])))
-
-    watch(batch, look)
+    away: list[float] = []
+    watch(batch, lambda games: away.append(float(np.hypot(*(games[s] - games[f"clyde_{s}"] for s in "xy"))[0])))
     assert drive(batch) == SUCCEEDED
-    return nearest[0]
+    return min(away)
 
 
 @pytest.mark.parametrize("ahead", [0.6, 0.9])

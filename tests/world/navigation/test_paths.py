@@ -167,31 +167,6 @@ def test_path_exceeds_straight_line_by_2_75_percent() -> None:
     assert (length_cm <= 1.0275 * straight + 0.51).all()
 
 
-def test_costs_bend_a_path() -> None:
-    free, cost = np.ones((21, 21), np.bool_), np.zeros((21, 21), np.uint8)
-    start, goal = 6 * 21, 6 * 21 + 20
-    cost[1:, 8:13] = 30  # the way round over row 0 is 3.3 cells longer, straight on costs 2.4 more
-    assert field(free, cost, goal)[0][start] <= 104
-    cost[1:, 8:13] = 252  # straight on costs 20 more
-    length_cm, next_step, cell = field(free, cost, goal)
-    way = cell[walk(next_step, start)]
-    assert cost[way[:, 1], way[:, 0]].sum() == 0
-    assert length_cm[start] == pytest.approx(np.hypot(*np.diff(way, axis=0).T).sum() * 5, abs=0.51)
-    assert 116 < length_cm[start] < 135
-
-
-def test_sealed_room_is_unreachable() -> None:
-    free = np.ones((12, 12), np.bool_)
-    free[:, 6] = False
-    length_cm, next_step, cell = field(free, np.zeros(free.shape, np.uint8), 0)
-    beyond = cell[:, 0] > 6
-    assert (length_cm[beyond] == UNREACHABLE_CM).all()
-    assert (next_step[beyond] == NO_STEP).all()
-    assert (length_cm[~beyond] < UNREACHABLE_CM).all()
-    assert (length_cm[0], next_step[0]) == (0, AT_GOAL)
-    assert np.flatnonzero(next_step == AT_GOAL).tolist() == [0]
-
-
 def test_weights_are_navfn_costs_over_free_costs() -> None:
     cost = np.array([[0, 100, 252]], np.uint8)
     cell = np.array([[0, 0], [1, 0], [2, 0]], np.int32)
