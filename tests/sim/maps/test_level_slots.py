@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numba import njit
 
 from pacman_env.config import make_config
@@ -51,37 +53,32 @@ def test_arrays_of_a_level_share_its_maps_memory() -> None:
         assert np.shares_memory(arrays[name], array)
 
 
-def test_level_is_kept_until_its_slot_is_needed() -> None:
+@settings(max_examples=40)
+@given(st.lists(st.tuples(st.integers(0, 5), st.booleans()), max_size=40))
+def test_level_is_kept_until_its_slot_is_needed(program: list[tuple[int, bool]]) -> None:
     slots, prepared = slots_for(3), []
+    kept: dict[int, int] = {}  # slot by level, the level taken longest ago first
+    played: list[int] = []
 
     def prepare(number: int) -> Level:
         prepared.append(number)
         return level(number)
 
-    assert [slots.take(number, prepare) for number in (0, 1, 0, 2)] == [0, 1, 0, 2]
-    assert prepared == [0, 1, 2]
-    slots.release(1)  # nobody plays on level 1 now, but it stays
-    assert slots.has(1)
-    assert slots.take(1, prepare) == 1
-    slots.release(1)
-    slots.release(0)
-    assert slots.take(3, prepare) == 1  # one game is still on level 0
-    assert (slots.has(1), slots.has(0)) == (False, True)
-    assert all(holds(slots, slot, number) for slot, number in ((0, 0), (1, 3), (2, 2)))
-    slots.release(0)
-    slots.release(2)
-    assert slots.take(4, prepare) == 0 or slots.take(5, prepare) == 0
-    assert prepared[:4] == [0, 1, 2, 3]
-    np.testing.assert_array_equal(slots.numbers >= 0, True)
-
-
-def test_slot_longest_unused_is_reused() -> None:
-    slots = slots_for(3)
-    for number in (0, 1, 2):
-        slots.release(slots.take(number, level))
-    slots.release(slots.take(0, level))
-    slots.take(3, level)
-    assert [slots.has(number) for number in range(4)] == [True, False, True, True]
+    for number, ends in program:
+        if ends and played:
+            slots.release(kept[played.pop(0)])
+        elif number in kept or len(set(played)) < 3:
+            missing = number not in kept
+            slot = slots.take(number, prepare)
+            if missing and len(kept) == 3:
+                assert slot == kept.pop(next(one for one in kept if one not in played))
+            assert kept.pop(number, slot) == slot
+            assert prepared == [number] * missing
+            prepared.clear()
+            kept[number] = slot
+            played.append(number)
+        assert [slots.has(one) for one in range(6)] == [one in kept for one in range(6)]
+    assert all(holds(slots, slot, one) for one, slot in kept.items())
 
 
 def test_levels_keep_the_sizes_of_their_source() -> None:

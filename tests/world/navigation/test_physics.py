@@ -27,12 +27,14 @@ BODY = {"radius_m": ROBOT.radius_m, "mass_kg": ROBOT.mass_kg, "step_s": STEP_S}
 class Robots:
     """N robots among the walls of the room."""
 
-    def __init__(self, n: int, clear: np.ndarray = CLEAR) -> None:
+    def __init__(self, *starts: Any) -> None:
+        n = len(starts)
         self.games = np.zeros(n, dtype=GAME)
         self.spaces = Spaces(n, **BODY)
         self.parameters = batch_parameters(CONFIG, 0.05, 1, 0)[0]
-        self.clear = clear
         self.chipmunk_steps = 0
+        for i, (x, y) in enumerate(starts):
+            self.place(i, x, y)
 
     def place(self, i: int, x: float, y: float) -> None:
         self.spaces.leave(np.array([i]))
@@ -40,7 +42,7 @@ class Robots:
 
     def step(self) -> None:
         for i, g in enumerate(self.games):
-            while not move(g, i, 0, AFFINE, self.clear, self.parameters, self.spaces.arrays):
+            while not move(g, i, 0, AFFINE, CLEAR, self.parameters, self.spaces.arrays):
                 self.spaces.provide(0, WALLS)
             self.chipmunk_steps += bool(g["touch"])
 
@@ -61,9 +63,7 @@ class Robots:
 
 
 def test_pushing_robot_enters_a_wall_by_a_centimetre() -> None:
-    robots = Robots(4)
-    for i in range(4):
-        robots.place(i, -2 + ROBOT.radius_m + 0.002 * i, -1.0)
+    robots = Robots(*((-2 + ROBOT.radius_m + 0.002 * i, -1.0) for i in range(4)))
     deepest = 0.0
     for _ in range(40):
         robots.push((-ROBOT.mass_kg * ROBOT.wheel_acceleration_mps2, 0.0))
@@ -74,10 +74,8 @@ def test_pushing_robot_enters_a_wall_by_a_centimetre() -> None:
 
 def test_wall_stops_and_pushes_out_a_robot() -> None:
     speed = 0.46
-    robots = Robots(20)
+    robots = Robots(*((-1.6 + 0.003 * i, 0.0) for i in range(20)))
     angle = np.linspace(-0.8, 0.8, 20)
-    for i in range(20):
-        robots.place(i, -1.6 + 0.003 * i, 0.0)
     depths = []
     for _ in range(70):
         robots.drive(-speed * np.stack([np.cos(angle), np.sin(angle)], axis=1))
@@ -87,8 +85,7 @@ def test_wall_stops_and_pushes_out_a_robot() -> None:
 
 
 def test_robot_slides_along_a_wall() -> None:
-    robots = Robots(1)
-    robots.place(0, -1.5, -1.0)
+    robots = Robots((-1.5, -1.0))
     for _ in range(100):
         robots.drive([[-0.2, 0.2]])
     x, y, _, vy = robots.state[0]
@@ -106,8 +103,7 @@ def test_robot_slides_along_a_wall() -> None:
 def test_step_far_from_walls_is_chipmunks_own(
     start: tuple[float, float], forces: list[tuple[float, float, int]]
 ) -> None:
-    ours = Robots(1)
-    ours.place(0, *start)
+    ours = Robots(start)
     space = pymunk.Space()
     body = pymunk.Body(ROBOT.mass_kg, float("inf"))
     circle = pymunk.Circle(body, ROBOT.radius_m)
@@ -129,10 +125,7 @@ def test_step_far_from_walls_is_chipmunks_own(
 def test_robot_does_not_depend_on_its_spaces_past(seed: int) -> None:
     rng = np.random.default_rng(seed)
     starts, speeds = rng.uniform(-1.75, -0.25, (5, 2)), rng.uniform(-0.4, 0.4, (12, 5, 2))
-    together, fewer = Robots(5), [Robots(1) for _ in range(5)]
-    for i, (x, y) in enumerate(starts.tolist()):
-        together.place(i, x, y)
-        fewer[i].place(0, x, y)
+    together, fewer = Robots(*starts.tolist()), [Robots(start) for start in starts.tolist()]
     for k, speed in enumerate(speeds):
         for _ in range(20):
             together.drive(speed)
@@ -146,9 +139,7 @@ def test_robot_does_not_depend_on_its_spaces_past(seed: int) -> None:
 
 
 def test_fewer_spaces_than_robots_are_handed_on() -> None:
-    robots = Robots(6)
-    for i in range(6):
-        robots.place(i, -1.0, -1.0)
+    robots = Robots(*[(-1.0, -1.0)] * 6)
     for i in range(6):  # one after the other goes to the wall and comes back
         for sign in (-1, 1):
             for _ in range(70):
@@ -160,8 +151,7 @@ def test_fewer_spaces_than_robots_are_handed_on() -> None:
 
 
 def test_placing_a_robot_stops_it() -> None:
-    robots = Robots(1)
-    robots.place(0, -1.7, -1.0)
+    robots = Robots((-1.7, -1.0))
     for _ in range(30):
         robots.drive([[-0.3, 0.1]])
     robots.place(0, -1.5, -1.5)
