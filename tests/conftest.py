@@ -2,7 +2,7 @@
 
 import os
 import signal
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from unittest import mock
 
@@ -45,6 +45,28 @@ def pytest_runtest_call() -> Generator[None, None, None]:
     """What a test changes in the environment, such as the domain of its nodes, ends with it."""
     with mock.patch.dict(os.environ):
         yield
+
+
+@pytest.fixture
+def refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[[Callable[[list[str]], int], list[str], str], None]:
+    """Check that a command, run in ``tmp_path``, says in one line what is wrong and leaves no file there."""
+
+    def check(main: Callable[[list[str]], int], arguments: list[str], message: str) -> None:
+        files = [path for path in sorted(tmp_path.rglob("*")) if path.is_file()]
+        monkeypatch.chdir(tmp_path)
+        try:
+            status = main(arguments)
+        except SystemExit as stop:
+            status = stop.code  # type: ignore[assignment]
+        out, err = capsys.readouterr()
+        assert (status, out) == (2, "")
+        assert message in err
+        assert len(err.splitlines()) == 1
+        assert [path for path in sorted(tmp_path.rglob("*")) if path.is_file()] == files
+
+    return check
 
 
 @pytest.fixture(scope="session")

@@ -24,8 +24,3 @@ def test_coarse_model_agrees_with_simulator() -> None:
         assert np.nanmedian(found[name]) < 0.4
     late = (found["expected_s"] - found["reached_s"])[np.isfinite(found["expected_s"] - found["reached_s"])]
     assert abs(np.median(late)) < 1.5
-
-
-def test_missing_map_is_reported_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--map", "nowhere.yaml"]) == 2
-    assert capsys.readouterr().err.count("\n") == 1

@@ -61,24 +61,3 @@ def test_peak_memory_stays_after_memory_is_freed() -> None:
     counted_late_mb = 1.0  # Linux counts pages per core, and adds them up now and then
     assert while_used >= before - counted_late_mb
     assert peak_memory_mb() >= while_used - counted_late_mb
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--policy", "nobody"], "unknown policy 'nobody'"),
-        (["--policy", "nowhere.onnx"], "nowhere.onnx: cannot be read"),
-        (["--policy", "nearest", "--map", "nowhere"], "nowhere"),
-        (["--policy", "nearest", "--set", "colour=red"], "unknown configuration field 'colour'"),
-        (["--policy", "nearest", "--json", "."], "is a folder"),
-        (["--policy", "search", "--parameter", "nodes"], "--parameter nodes: must be NAME=VALUE"),
-        (["--policy", "search", "--parameter", "colour=3"], "colour"),
-        (["--policy", "search", "--parameter", "nodes=3"], "nodes = 3: must be at least"),
-    ],
-)
-def test_bad_arguments_end_with_line_and_status_2(
-    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main([*SHORT, *arguments]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert message in line

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -33,16 +32,6 @@ def test_figures_contain_version_seed_and_machine(rate: float, status: int, tmp_
     figures = json.loads(out.read_text())
     assert set(figures.pop("machine")) == {"python", "processor", "cores"}
     assert figures == {"version": pacman_env.__version__, "map": "loop", "seed": 3, "rate": rate}
-
-
-def test_unwritable_file_is_refused_before_measuring(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    def measure(_: Any) -> dict[str, Any]:
-        raise AssertionError
-
-    assert benchmark("mine", None, measure)(["--json", "."]) == 2
-    assert "is a folder" in capsys.readouterr().err
 
 
 def test_child_process_runs_code_of_checkout() -> None:

@@ -14,7 +14,6 @@ import pytest
 import pacman_env
 from benchmarks import peer_worker, peers
 from benchmarks.peers import OURS, PEERS, PeerError, Worker, main, python_of, run, show
-from tests.evaluation.helpers import refused_in_one_line
 
 SHORT = ["--map", "loop", "--rounds", "2", "--seconds", "0.1"]
 
@@ -200,21 +199,3 @@ def test_venv_is_reused_and_failed_installation_reported(tmp_path: Path, monkeyp
     mark.touch()
     assert python_of("mpe2", tmp_path) == python
     assert mark.exists()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["atari"], "no library 'atari': choose from"),
-        (["mpe2", "--map", "nowhere"], "nowhere: neither a YAML file"),
-        (["--json", "."], "is a folder"),
-    ],
-)
-def test_bad_arguments_end_with_line_and_status_2(
-    arguments: list[str],
-    message: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    refused_in_one_line(main, [*SHORT, *arguments], message, tmp_path, monkeypatch, capsys)

@@ -80,12 +80,6 @@ def test_current_program_measures_every_compared_row() -> None:
     assert set(ratios([found], [found])) == {"bare Chipmunk, 64 bodies", "PacManBot-v0, make, N = 1, random"}
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [(["{folder}"], "no checkout"), ([str(ROOT), "--map", "nowhere", "--seconds", "0.01"], "nowhere")],
-)
-def test_bad_arguments_are_refused_with_reason(
-    arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main([a.format(folder=tmp_path) for a in arguments]) == 2
-    assert message in capsys.readouterr().err
+def test_failure_of_measured_checkout_is_reported() -> None:
+    with pytest.raises(ValueError, match=r"failed: .*unrecognized arguments: --colour"):
+        measure(ROOT, "--colour")

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from pacman_env.cli.completion import SHELLS
 from pacman_env.cli.main import main
-from pacman_env.files import install_command
 
 
 @pytest.fixture
@@ -58,12 +56,3 @@ def test_completion_script_is_valid_for_its_shell(scripts: dict[str, Path], shel
         pytest.skip(f"no {shell}")
     done = subprocess.run([shell, option, scripts[shell]], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
-
-
-def test_completion_without_shtab_ends_with_one_line(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "shtab", None)
-    assert main(["completion", "bash"]) == 2
-    out, err = capsys.readouterr()
-    assert (out, err) == ("", f"pacman-env completion: needs shtab: {install_command('completion')}\n")

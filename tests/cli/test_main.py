@@ -4,13 +4,14 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pacman_env import __version__, files
-from pacman_env.cli.main import MODULES, main
+from pacman_env.cli.main import main
 from pacman_env.world.maps import occupancy
 from pacman_env.world.maps.occupancy import OccupancyMap
 
@@ -46,100 +47,16 @@ def test_map_check_returns_0_despite_warnings(room: Path, capsys: pytest.Capture
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["nowhere"], "nowhere: neither a YAML file"),
-        (["ROOM", "--spacing", "0"], "pellets.spacing_m"),
-        (["ROOM", "--set", "pellets.spacing_m=0"], "pellets.spacing_m"),
-        (["ROOM", "--spacing", "0.001"], "room: pellets.spacing_m = 0.001: below the map's resolution"),
-        (["BROKEN"], "key 'image' is missing"),
-    ],
+    ("library", "command", "extra"),
+    [("pygame", "play", "render"), ("torch", "train --quick", "train"), ("shtab", "completion bash", "completion")],
 )
-def test_map_check_error_ends_with_one_line(
-    room: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
+def test_missing_library_of_command_is_named_with_extra(
+    library: str, command: str, extra: str, monkeypatch: pytest.MonkeyPatch, refused: Callable[..., None]
 ) -> None:
-    broken = room.with_name("broken.yaml")
-    broken.write_text(room.read_text().replace("image:", "picture:"))
-    places = {"ROOM": str(room), "BROKEN": str(broken)}
-    assert main(["map", "check", *(places.get(a, a) for a in arguments)]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert words in err
-    assert err.startswith("pacman-env map check: ")
-    assert err.count("\n") == 1
-    assert err.endswith(" (see docs/maps.md)\n") is {"--spacing", "--set"}.isdisjoint(
-        arguments
-    )  # which is about no file
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["fly"],
-        ["map"],
-        ["map", "check"],
-        ["map", "check", "x", "--home", "1"],
-        ["map", "check", "x", "--home", "nan", "0"],
-        ["map", "check", "x", "--spacing", "two"],
-        ["play", "house"],
-        ["play", "--seed", "-1"],
-        ["web", "--seed", "9007199254740992"],  # a browser would round it
-        ["ros", "up", "--seed", "2147483648"],  # a parameter of the ghosts' node
-        ["play", "--speed", "fast"],
-        ["play", "--fps", "inf"],
-    ],
-)
-def test_bad_arguments_end_with_line_and_status_2(capsys: pytest.CaptureFixture[str], arguments: list[str]) -> None:
-    with pytest.raises(SystemExit) as caught:
-        main(arguments)
-    assert caught.value.code == 2
-    err = capsys.readouterr().err
-    assert err.startswith("pacman-env")
-    assert err.count("\n") == 1
-
-
-@pytest.mark.parametrize(
-    ("arguments", "meant"),
-    [(["comapre"], "compare"), (["map", "chek", "house"], "check"), (["ros", "doctr"], "doctor")],
-)
-def test_mistyped_command_is_answered_with_nearest_name(
-    capsys: pytest.CaptureFixture[str], arguments: list[str], meant: str
-) -> None:
-    with pytest.raises(SystemExit):
-        main(arguments)
-    assert f"did you mean {meant}" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--map", "nowhere"], "nowhere: neither a YAML file"),
-        (["--map", "hose"], "did you mean house"),
-        (["--preset", "fast"], "unknown preset 'fast'"),
-        (["--execution", "slow"], "unknown execution 'slow'"),
-        (["--clyde-speed", "-1"], "clyde.speed_mps"),
-        (["--time-limit", "0"], "time_limit_s"),
-        (["--speed", "0"], "speed = 0.0"),
-        (["--fps", "0"], "fps = 0.0"),
-    ],
-)
-def test_play_refuses_wrong_arguments_in_one_line(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, arguments: list[str], words: str
-) -> None:
-    pytest.importorskip("pygame")
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    assert main(["play", *arguments]) == 2
-    err = capsys.readouterr().err
-    assert words in err
-    assert err.count("\n") == 1
-
-
-def test_play_without_pygame_ends_with_one_line(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "pygame", None)
-    assert main(["play"]) == 2
-    assert capsys.readouterr().err == f"pacman-env play: a window needs pygame: {files.install_command('render')}\n"
+    monkeypatch.setitem(sys.modules, library, None)
+    for name in [name for name in sys.modules if name.startswith("pacman_env.training")]:
+        monkeypatch.delitem(sys.modules, name)
+    refused(main, command.split(), f"needs {library}: {files.install_command(extra)}")
 
 
 def test_play_without_screen_ends_with_one_line() -> None:
@@ -179,35 +96,6 @@ def test_module_prints_help_without_loading_heavy_libraries(option: str, said: s
     assert done.stdout.endswith("\n[]\n")
 
 
-@pytest.mark.parametrize("command", MODULES)
-def test_every_command_has_its_own_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("psutil")
-    if MODULES[command][0].startswith("training"):
-        pytest.importorskip("torch")
-        pytest.importorskip("optuna")
-    with pytest.raises(SystemExit, match="0"):
-        main([command, "--help"])
-    assert capsys.readouterr().out.startswith(f"usage: pacman-env {command} ")
-
-
-def test_missing_library_of_command_ends_with_one_line(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "torch", None)
-    for name in [name for name in sys.modules if name.startswith("pacman_env.training")]:
-        monkeypatch.delitem(sys.modules, name)
-    assert main(["train", "--quick"]) == 2
-    assert capsys.readouterr().err == (
-        f"pacman-env train: needs torch: {files.install_command('train')} (see docs/machines.md)\n"
-    )
-
-
-def test_version_option_prints_version_in_new_process() -> None:
-    command = [sys.executable, "-m", "pacman_env.cli.main", "--version"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
-    assert (done.returncode, done.stdout, done.stderr) == (0, f"{__version__}\n", "")
-
-
 def test_map_generate_writes_houses_of_levels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["map", "generate", str(tmp_path / "houses"), "--level", "7", "--count", "2"]) == 0
     assert sorted(path.name for path in (tmp_path / "houses").iterdir()) == [
@@ -225,17 +113,6 @@ def test_map_check_returns_1_for_unplayable_map(room: Path, capsys: pytest.Captu
     assert "no pellet that the robot can reach at a spacing of 9.0 m" in refusal
 
 
-@pytest.mark.parametrize(
-    "levels", [["--count", "0"], ["--level", "1000999", "--count", "2"], ["--level", "999999", "--count", "2"]]
-)
-def test_map_generate_refuses_levels_outside_one_split(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], levels: list[str]
-) -> None:
-    assert main(["map", "generate", str(tmp_path / "houses"), *levels]) == 2
-    assert "training has 0 to 999999, testing 1000000 to 1000999" in capsys.readouterr().err
-    assert not (tmp_path / "houses").exists()
-
-
 def test_map_generate_keeps_existing_houses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     kept = tmp_path / "generated-1.pgm"
     kept.write_text("mine")
@@ -243,20 +120,3 @@ def test_map_generate_keeps_existing_houses(tmp_path: Path, capsys: pytest.Captu
     assert capsys.readouterr().err == f"pacman-env map generate: {kept}: is there already\n"
     assert list(tmp_path.iterdir()) == [kept]
     assert kept.read_text() == "mine"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["warm-up", "foo"], "pacman-env warm-up: unrecognized arguments: foo"),
-        (["map", "list", "foo"], "pacman-env map list: unrecognized arguments: foo"),
-        (["completion"], "pacman-env completion: the following arguments are required: {bash,zsh,fish}"),
-    ],
-)
-def test_wrong_arguments_name_command_and_accepted_values(
-    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(arguments)
-    assert ended.value.code == 2
-    assert capsys.readouterr().err == f"{message}\n"

@@ -44,26 +44,6 @@ def test_web_prints_address_serves_page_and_stops_cleanly(server: subprocess.Pop
     assert "Traceback" not in errors
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--map", "nowhere"], "nowhere"),
-        (["--policy", "nobody"], "policy 'nobody': choose one of"),
-        (["--ghosts", "policy"], "behaviour 'policy': choose one of"),
-        (["--set", "robot.speed_mps=9"], "robot.speed_mps"),
-        (["--set", "action=velocity"], "setting 'action'"),
-        (["--host", "192.0.2.1"], "192.0.2.1 is no address of this computer"),
-    ],
-)
-def test_web_refuses_wrong_arguments_in_one_line(
-    arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["web", "--port", "0", *arguments]) == 2
-    said = capsys.readouterr().err
-    assert words in said
-    assert len(said.splitlines()) == 1
-
-
 def test_occupied_port_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]

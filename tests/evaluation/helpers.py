@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 from pacman_env.config import make_config
@@ -55,26 +52,3 @@ def records(ends: list[int], collected: list[int], spawned: int = 8) -> NDArray:
 
 FIVE = records([COMPLETE, COMPLETE, CLEARED, DEAD, TIMEOUT], [8, 8, 7, 2, 0])
 OTHER_FIVE = records([COMPLETE, DEAD, DEAD, DEAD, DEAD], [8, 1, 1, 1, 1])
-
-
-def refused_in_one_line(
-    main: Callable[[list[str]], int],
-    arguments: list[str],
-    message: str,
-    folder: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    """The command, run in a folder, says in one line what is wrong and leaves nothing there."""
-    files = sorted(folder.iterdir())
-    monkeypatch.chdir(folder)
-    try:
-        status = main(arguments)
-    except SystemExit as stop:
-        status = stop.code  # type: ignore[assignment]
-    out, err = capsys.readouterr()
-    assert status == 2
-    assert message in err
-    assert len(err.splitlines()) == 1
-    assert not out
-    assert sorted(folder.iterdir()) == files

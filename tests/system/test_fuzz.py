@@ -85,11 +85,3 @@ def test_fault_stops_fuzzer_and_prints_repeating_command(
     assert message in found
     assert main(repeat.removeprefix("repeat: python -m tests.system.fuzz ").split()) == 1
     assert capsys.readouterr().out.splitlines()[1:] == [found, repeat]
-
-
-@pytest.mark.parametrize("words", [["--episodes", "0"], ["--level", "3"]])
-def test_bad_arguments_are_refused_in_one_line(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as exit_info:
-        main(words)
-    assert exit_info.value.code == 2
-    assert capsys.readouterr().err.count("\n") == 1

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import gc
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ import pytest
 import tests.system.memory
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.world.navigation.physics import Spaces
-from tests.evaluation.helpers import refused_in_one_line
 from tests.system.memory import PARTS, Watch, digest, main, make_and_close, spaces_alive
 
 
@@ -67,10 +65,3 @@ def test_last_measurement_is_always_taken() -> None:
     for done in range(1, 4):
         watch.measure(done)
     assert watch.base_mib > 0
-
-
-@pytest.mark.parametrize("bad", [["walls"], ["--runs", "0"], ["--minutes", "-1"]])
-def test_bad_arguments_are_refused_in_one_line(
-    bad: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    refused_in_one_line(main, bad, "python -m tests.system.memory", tmp_path, monkeypatch, capsys)

@@ -77,35 +77,3 @@ def test_second_ghost_never_improves_bound() -> None:
 def test_settings_assumed_by_bound_are_accepted(corridor: str, tmp_path: Path) -> None:
     said = ("localization.perfect=true", "randomize.clyde_speed_mps=none", "endless=false")
     assert run(corridor, tmp_path, *(word for one in said for word in ("--set", one)))["rows"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [
-        (["--ghosts", "hunt"], "hunt"),
-        (["--ghosts", "policy"], "--ghosts policy"),
-        (["--speeds", "fast"], "'fast'"),
-        (["--speeds", "9"], "clyde.speed_mps"),
-        (["--set", "clyde.speed_mps=1"], "--speeds"),
-        (["--set", "randomize.clyde_speed_mps=0.01,0.02"], "randomize.clyde_speed_mps = (0.01, 0.02): must be None"),
-        (["--set", "randomize.speed_mps=0.1,0.2"], "randomize.speed_mps = (0.1, 0.2): must be None"),
-        (["--set", "randomize.pickup_radius_m=0.1,2"], "randomize.pickup_radius_m = (0.1, 2.0): must be None"),
-        (["--set", "localization.perfect=false"], "localization.perfect = False: must be True"),
-        (["--set", "action=velocity"], "action = 'velocity': must be goal"),
-        (["--set", "endless=true"], "endless = True: must be False"),
-        (["--map", "generated"], "--map generated"),
-        (["--map", "no/such.yaml"], "no/such.yaml"),
-        (["--starts", "0"], "--starts"),
-    ],
-)
-def test_wrong_arguments_are_refused_in_one_line(
-    arguments: list[str], named: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    try:
-        status = main(arguments)
-    except SystemExit as stopped:
-        status = int(str(stopped.code))
-    assert status == 2
-    error = capsys.readouterr().err
-    assert named in error
-    assert error.count("\n") == 1

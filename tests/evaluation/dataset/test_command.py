@@ -13,13 +13,11 @@ import numpy as np
 import pytest
 
 from pacman_env import __version__
-from pacman_env.cli import main as command
 from pacman_env.config import make_config
 from pacman_env.envs.arguments import EnvArguments
 from pacman_env.envs.game_runner import GameRunner
 from pacman_env.evaluation.dataset import __main__ as dataset
 from pacman_env.evaluation.dataset.recording import Recording, record, round_seeds, tasks_of
-from pacman_env.files import install_command
 from pacman_env.world.maps.occupancy import load_map, map_file
 
 minari = pytest.importorskip("minari")
@@ -163,37 +161,6 @@ def test_single_format_is_written_alone(form: str, tmp_path: Path) -> None:
     assert (there / "decisions.parquet").exists() == (form == "parquet")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--policy", "nobody"], "unknown policy 'nobody'"),
-        (["--policy", "nowhere.onnx"], "nowhere.onnx: cannot be read"),
-        (["--map", "nowhere"], "nowhere"),
-        (["--id", "PacManBot-v9"], "--id PacManBot-v9: did you mean PacManBot-v0"),
-        (["--observation", "smell"], "unknown observation kind 'smell'"),
-        (["--id", "PacManBotVelocity-v0"], "action = 'velocity': policies name goals"),
-        (["--set", "colour=red"], "unknown configuration field 'colour'"),
-        (["--ghosts", "nobody"], "unknown ghost behaviour 'nobody'"),
-    ],
-)
-def test_bad_arguments_print_one_line_and_leave_nothing(
-    arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert dataset.main([NAME, "--episodes", "1", "--root", str(tmp_path), *arguments]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert message in line
-    assert not [path for path in tmp_path.rglob("*") if path.is_file() or path.name.startswith(".")]
-
-
-@pytest.mark.parametrize(
-    "name", ["nothing", "../out-v0", "/out-v0", "a/b", "x/a-v0", "_/a-v0", "xx/a-v00", "xx/a-v\u0660", "data/a-v0"]
-)
-def test_name_that_minari_rejects_is_refused(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert dataset.main([name, *SHORT, "--episodes", "1", "--root", str(tmp_path)]) == 2
-    assert name in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.parametrize("name", ["a-v0", "xx/y/a-v1", "__/--v0", "xx/a-v0-v12"])
 def test_minari_lists_written_data_set(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
@@ -223,17 +190,6 @@ def test_existing_data_set_is_not_changed(folder: Path, capsys: pytest.CaptureFi
     assert (folder / "README.md").stat().st_mtime_ns == before
 
 
-def test_failed_recording_leaves_no_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(*_: Any) -> Any:
-        yield record(tasks[0])
-        raise ValueError("broken")
-
-    tasks = _tasks([])
-    monkeypatch.setattr(dataset, "recorded", broken)
-    assert dataset.main([NAME, *SHORT, "--root", str(tmp_path)]) == 2
-    assert not list((tmp_path / "pacman-env").iterdir())
-
-
 @pytest.mark.parametrize("free", [2**20, 2**22])
 def test_full_disk_is_reported_and_leaves_no_files(
     free: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -242,18 +198,6 @@ def test_full_disk_is_reported_and_leaves_no_files(
     assert dataset.main([NAME, *SHORT, "--episodes", "200", "--root", str(tmp_path)]) == 2
     assert "No space left on device" in capsys.readouterr().err
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
-
-
-def test_missing_extra_is_named_by_command(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def absent(*_: Any) -> Any:
-        raise ModuleNotFoundError("No module named 'minari'", name="minari")
-        yield
-
-    monkeypatch.setattr(dataset, "_writers", absent)
-    assert command.main(["dataset", NAME, *SHORT, "--root", str(tmp_path)]) == 2
-    assert f"needs minari: {install_command('dataset')}" in capsys.readouterr().err
 
 
 def _tasks(more: list[str]) -> list[Recording]:

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pacman_env.config import ConfigError
 from pacman_env.envs.arguments import EnvArguments
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.evaluation.dataset.recording import (
@@ -158,9 +157,3 @@ def test_unlisted_choices_are_counted_and_become_hold() -> None:
     assert listed.rounds["unlisted"].sum() > 0
     assert (listed.actions == listed.masks.shape[1] - 1).sum() >= listed.rounds["unlisted"].sum()
     assert whole.rounds["unlisted"].sum() == 0
-
-
-def test_velocity_actions_are_refused() -> None:
-    arguments = EnvArguments("loop", action="velocity", observation="scan")
-    with pytest.raises(ConfigError, match="policies name goals"):
-        tasks_of("nearest", arguments, round_seeds(0, 1))

@@ -104,15 +104,6 @@ def test_wrong_suite_is_refused_with_file_and_field(old: str, new: str, message:
     assert message in str(caught.value)
 
 
-def test_missing_suite_or_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(
-        ValueError, match=r"leaderboard\.yaml: no suite 'slow': choose one of full, brief, learned, search, quick"
-    ):
-        choose_suite(SUITES, "slow")
-    with pytest.raises(ValueError, match=r"absent\.yaml: cannot be read"):
-        read_suites(tmp_path / "absent.yaml")
-
-
 def test_behaviour_of_another_package_is_accepted(tmp_path: Path) -> None:
     suite = choose_suite(written(tmp_path, GOOD.replace("[wander]", f"['{__name__}:SHY']")), "tiny")
     assert cells(suite, {})[0].config.clyde.ghosts == (f"{__name__}:SHY",)

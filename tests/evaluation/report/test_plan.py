@@ -4,14 +4,13 @@ import shlex
 
 import pytest
 
-from pacman_env.config import ConfigError, make_config
+from pacman_env.config import make_config
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.report.plan import (
     ENDLESS_GAMES,
     ROUNDS,
     ReportPlan,
     RoundsKey,
-    check_single_rounds,
     matchups,
     parse_variant,
     replay_command,
@@ -65,36 +64,6 @@ def test_variant_changes_only_its_named_fields(separator: str) -> None:
     assert variant.config == make_config("robot", "as_built", **fields)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("calm", "must be NAME=SETTINGS"),
-        ("=preset=ideal", "must be NAME=SETTINGS"),
-        ("calm=", "must be NAME=SETTINGS"),
-        ("calm=preset", "must be NAME=SETTINGS"),
-        ("rounds=preset=ideal", "--variant rounds"),
-        ("calm=clyde.haste=1", "--variant calm: unknown configuration field 'clyde.haste'"),
-        ("calm=preset=perfect", "--variant calm: unknown preset 'perfect'"),
-    ],
-)
-def test_wrong_variant_is_refused_with_reason(text: str, message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        parse_variant(text, "robot", "robust", ())
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"endless": True}, "slow: endless = True"),
-        ({"action": "velocity"}, "slow: action = 'velocity'"),
-        ({"clyde.ghosts": ("policy",)}, "slow: clyde.ghosts"),
-    ],
-)
-def test_setting_unsuitable_for_single_rounds_is_named(changes: dict[str, object], message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        check_single_rounds(make_config(**changes), "slow: ")
-
-
 def test_replay_command_contains_everything_about_a_round() -> None:
     words = shlex.split(replay_command(plan(settings=("refuges.nooks=0", "time_limit_s=60")), "house", 2**63))
     assert words[:5] == ["pacman-env", "replay", str(2**63), "--map", "some folder/house.yaml"]
@@ -107,7 +76,3 @@ def test_replay_command_contains_everything_about_a_round() -> None:
     words = shlex.split(replay_command(plan(file="a.zip", some=Levels("train", 5, 9)), "some", 5))
     assert words[3:9] == ["--levels", "train", "--num-levels", "9", "--start-level", "5"]
     assert words[9:12] == ["--policies", "a.zip", "clyde_aware"]
-
-
-def test_challenger_is_first_policy_besides_baseline() -> None:
-    assert plan().challenger == "best"

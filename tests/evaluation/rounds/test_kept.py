@@ -206,12 +206,3 @@ def test_kept_rounds_are_ignored_without_resume(
     assert main([*words, "--parts", "results/compare.parts", "--json", "resumed.json", "--resume"]) == 0
     assert content(tmp_path / "other.json") == content(tmp_path / "resumed.json")
     assert not (tmp_path / "other.parts").exists()
-
-
-def test_uncreatable_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "file").touch()
-    assert (
-        main([*SHORT, "--policies", "nearest", "--json", str(tmp_path / "out.json"), "--parts", f"{tmp_path}/file"])
-        == 2
-    )
-    assert "cannot create its folder" in capsys.readouterr().err

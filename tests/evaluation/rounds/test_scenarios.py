@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 from pathlib import Path
 
 import numpy as np
@@ -43,27 +42,6 @@ def given(*words: str) -> argparse.Namespace:
 )
 def test_arguments_become_maps_and_levels(words: list[str], expected: list[object]) -> None:
     assert from_arguments(given(*words)) == expected
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--map", "generated"], "generated houses are given as --levels"),
-        (["--map", "house", "generated:test"], "--map generated:test: generated houses are given as --levels"),
-        (["--num-levels", "3"], "--num-levels: is for --levels"),
-        (["--start-level", "0"], "--start-level: is for --levels"),
-    ],
-)
-def test_contradictory_arguments_are_refused(words: list[str], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        from_arguments(given(*words))
-
-
-def test_levels_outside_split_are_refused() -> None:
-    with pytest.raises(ConfigError, match="num_levels = 1001"):
-        open_scenario(Levels("test", None, 1001), CONFIG)
-    with pytest.raises(ConfigError, match="start_level = 3"):
-        open_scenario(Levels("test", 3, 1), CONFIG)
 
 
 def test_levels_equal_levels_of_environment() -> None:
@@ -144,9 +122,3 @@ def test_rounds_on_one_map_keep_their_order() -> None:
     parts = parts_of_play("house", CONFIG, episode_seeds(0, 5), 2)
     assert [part.tolist() for part in parts] == [[0, 1, 2], [3, 4]]
     assert len(parts_of_play("house", CONFIG, episode_seeds(0, 2), 5)) == 2
-
-
-def test_help_names_default_number_of_levels() -> None:
-    parser = argparse.ArgumentParser()
-    add_game_arguments(parser, several=True)
-    assert re.search(rf"{LEVELS_PLAYED}\b", parser.format_help())
