@@ -1,32 +1,38 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pacman_env.config import ConfigError
-from pacman_env.episodes.rollout import episode_seeds
+from pacman_env.config import Config, ConfigError
+from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.evaluation.rounds import scenarios as sources
 from pacman_env.evaluation.rounds.scenarios import (
     LEVELS_PLAYED,
     Levels,
+    Scenario,
     add_game_arguments,
     describe_scenario,
     from_arguments,
+    game_configs,
+    load_policy,
     named_scenarios,
     open_scenario,
     parts_of_play,
+    result_names,
+    rule_changes,
 )
 from pacman_env.sim.maps.level_source import TEST_LEVEL, GeneratedMaps
 from pacman_env.world.maps.occupancy import MapError, load_map
 from tests.evaluation.helpers import CONFIG, LEVELS, LEVELS_CONFIG
 
 
-def given(*words: str) -> argparse.Namespace:
+def given(*words: str, several: bool = True) -> argparse.Namespace:
     parser = argparse.ArgumentParser()
-    add_game_arguments(parser, several=True)
+    add_game_arguments(parser, several=several)
     return parser.parse_args(words)
 
 
@@ -44,6 +50,71 @@ def test_arguments_become_maps_and_levels(words: list[str], expected: list[objec
     assert from_arguments(given(*words)) == expected
 
 
+def test_each_speed_gets_configuration_with_all_other_settings() -> None:
+    settings = ["--set", "clyde.ghosts=wander,arcade,chase", "--set", "randomize.clyde_speed_mps=none"]
+    configs = game_configs(given("--clyde-speed", "0.3", "0.4", "0.3", "--endless", *settings))
+    assert [config.clyde.speed_mps for config in configs] == [0.3, 0.4]
+    for config in configs:
+        assert config.endless
+        assert config.clyde.ghosts == ("wander", "arcade", "chase")
+
+
+@pytest.mark.parametrize("endless", [False, True])
+def test_endless_games_can_be_a_setting(endless: bool) -> None:
+    assert game_configs(given("--set", f"endless={endless}"))[0].endless == endless
+
+
+def test_single_map_and_speed_become_lists() -> None:
+    arguments = given("--map", "maze", "--clyde-speed", "0.3", several=False)
+    assert (arguments.map, arguments.clyde_speed) == (["maze"], [0.3])
+    assert len(game_configs(given(several=False))) == 1
+
+
+def test_settings_are_parsed_by_their_fields() -> None:
+    changes = rule_changes(given("--set", "refuges.nooks=0", "--set", "nav2.abort_rate=0.1"))
+    assert changes == {"refuges.nooks": 0, "nav2.abort_rate": 0.1}
+
+
+@pytest.mark.parametrize(
+    ("specs", "names"),
+    [
+        (["clyde_aware:documented", "nearest"], ["clyde_aware:documented", "nearest"]),
+        (["runs/a/best.onnx", "nearest", "final.zip"], ["best", "nearest", "final"]),
+        (["runs/a/best.onnx", "runs/b/best.onnx"], ["runs/a/best.onnx", "runs/b/best.onnx"]),
+        (["runs/best.onnx", "runs/best.zip", "nearest"], ["runs/best.onnx", "runs/best.zip", "nearest"]),
+        (["ppo", "runs/ppo.onnx"], ["ppo", "runs/ppo.onnx"]),
+    ],
+)
+def test_policy_files_are_named_by_stem_unless_ambiguous(specs: list[str], names: list[str]) -> None:
+    assert result_names(specs) == dict(zip(specs, names, strict=True))
+
+
+def test_checkpoint_without_torch_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "torch", None)
+    with pytest.raises(ValueError, match=r"run\.zip: needs torch: .*pip install"):
+        load_policy("run.zip")
+
+
+def test_checkpoint_plays_like_its_export(tmp_path: Path) -> None:
+    torch = pytest.importorskip("torch")
+    pytest.importorskip("onnx")
+    from pacman_env.training.checkpoint import facts_path, load_network, save_checkpoint, write_facts
+    from pacman_env.training.export import export_planner
+    from tests.training.planners import FACTS, random_network
+
+    checkpoint, exported, network = tmp_path / "run.zip", tmp_path / "mine.onnx", random_network()
+    save_checkpoint(checkpoint, network, torch.optim.Adam(network.parameters()))
+    write_facts(facts_path(checkpoint), FACTS)
+    export_planner(load_network(checkpoint), exported, FACTS)
+    config = CONFIG.with_fields(**{"time_limit_s": 60.0, "execution.pickup_radius_m": 2.0})
+    ours, theirs = (
+        play(open_scenario("house", config), config, load_policy(str(path)), episode_seeds(0, 6))[0]
+        for path in (checkpoint, exported)
+    )
+    np.testing.assert_array_equal(ours, theirs)
+    assert len(set(ours["collected"])) > 1
+
+
 def test_levels_equal_levels_of_environment() -> None:
     ours = open_scenario(LEVELS, LEVELS_CONFIG)
     theirs = GeneratedMaps.named("generated:test", LEVELS_CONFIG, None, LEVELS.count)
@@ -54,58 +125,43 @@ def test_levels_equal_levels_of_environment() -> None:
     assert ours.first.occupancy.hash == theirs.first.occupancy.hash
 
 
-def test_level_is_prepared_once_for_all_ghost_speeds() -> None:
-    sources._prepared.cache_clear()
-    for speed in (0.25, 0.4):
-        config = LEVELS_CONFIG.with_fields(**{"clyde.speed_mps": speed, "endless": speed > 0.3})
-        open_scenario(LEVELS, config).prepare(TEST_LEVEL)
-    assert sources._prepared.cache_info().misses == 1
-    denser = open_scenario(LEVELS, LEVELS_CONFIG.with_fields(**{"pellets.spacing_m": 1.5})).prepare(TEST_LEVEL)
-    assert denser.assets.pellets > open_scenario(LEVELS, LEVELS_CONFIG).prepare(TEST_LEVEL).assets.pellets
-
-
-def test_level_is_prepared_once_for_all_ghost_behaviours() -> None:
+def test_level_is_prepared_once_for_all_ghosts() -> None:
     sources._prepared.cache_clear()
     for ghosts in (("wander",), ("chase",), ("arcade", "chase"), ("wander", "arcade", "chase", "wander")):
-        config = LEVELS_CONFIG.with_fields(**{"clyde.ghosts": ghosts})
+        changes = {"clyde.ghosts": ghosts, "clyde.speed_mps": 0.1 * len(ghosts), "endless": len(ghosts) > 1}
+        config = LEVELS_CONFIG.with_fields(**changes)
         ours = open_scenario(LEVELS, config).prepare(TEST_LEVEL).assets
         assert "ghost_targets" in vars(ours)  # computed beforehand, not while games are played
     assert sources._prepared.cache_info().misses == 1
     theirs = GeneratedMaps.named("generated:test", config, None, LEVELS.count).prepare(TEST_LEVEL).assets
-    assert ours.occupancy.hash == theirs.occupancy.hash
     for name, array in ours.ghost_targets._asdict().items():
         np.testing.assert_array_equal(array, getattr(theirs.ghost_targets, name))
+    denser = open_scenario(LEVELS, LEVELS_CONFIG.with_fields(**{"pellets.spacing_m": 1.5})).prepare(TEST_LEVEL)
+    assert denser.assets.pellets > ours.pellets
 
 
 def test_scenarios_are_named_by_map_or_split(tmp_path: Path) -> None:
     file = str(load_map("maze").save(tmp_path / "maze.yaml"))
-    assert named_scenarios(["house", file, LEVELS], [LEVELS_CONFIG]) == {
-        "house": "house",
-        "maze": file,
-        "generated:test": LEVELS,
-    }
+    named = {"house": "house", "maze": file, "generated:test": LEVELS}
+    assert named_scenarios(["house", file, LEVELS], [LEVELS_CONFIG]) == named
 
 
-def test_ambiguous_or_unplayable_scenarios_are_refused(tmp_path: Path) -> None:
-    load_map("maze").save(tmp_path / "maze.yaml")
-    with pytest.raises(ValueError, match="two maps are called maze"):
-        named_scenarios(["maze", "house", str(tmp_path / "maze.yaml")], [CONFIG])
-    far = CONFIG.with_fields(**{"clyde.clearance_m": 50.0})
-    for scenario in ("house", LEVELS):
-        with pytest.raises((ConfigError, MapError), match="clearance_m"):
-            named_scenarios([scenario], [CONFIG, far])
+@pytest.mark.parametrize("scenario", ["house", LEVELS])
+def test_scenario_unplayable_in_one_configuration_is_refused(scenario: Scenario) -> None:
+    with pytest.raises((ConfigError, MapError), match="clearance_m"):
+        named_scenarios([scenario], [CONFIG, CONFIG.with_fields(**{"clyde.clearance_m": 50.0})])
 
 
-def test_scenario_description_contains_source_and_hash() -> None:
-    assert describe_scenario("maze", "maze", CONFIG) == {
-        "name": "maze",
-        "source": "maze",
-        "hash": load_map("maze").hash,
-    }
-    about = describe_scenario("x", LEVELS, LEVELS_CONFIG)
-    assert about["hash"] == open_scenario(LEVELS, LEVELS_CONFIG).first.occupancy.hash
-    del about["hash"]
-    assert about == {"name": "x", "source": "--levels test", "start_level": TEST_LEVEL, "num_levels": 2}
+@pytest.mark.parametrize(
+    ("scenario", "config", "expected"),
+    [
+        ("maze", CONFIG, {"source": "maze"}),
+        (LEVELS, LEVELS_CONFIG, {"source": "--levels test", "start_level": TEST_LEVEL, "num_levels": 2}),
+    ],
+)
+def test_scenario_description_contains_source_and_hash(scenario: Scenario, config: Config, expected: dict) -> None:
+    content_hash = open_scenario(scenario, config).first.occupancy.hash
+    assert describe_scenario("x", scenario, config) == {"name": "x", "hash": content_hash, **expected}
 
 
 def test_parts_contain_every_round_once_grouped_by_level() -> None:
