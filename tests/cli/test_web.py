@@ -15,7 +15,8 @@ from pathlib import Path
 import pytest
 
 from pacman_env import __version__
-from pacman_env.cli.main import main
+from pacman_env.cli.main import main, make_parser
+from pacman_env.world.maps.occupancy import load_map
 from tests.waiting import PATIENCE_S
 
 pytest.importorskip("starlette")
@@ -53,22 +54,9 @@ def test_occupied_port_is_named(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_web_offers_map_file_of_user(tmp_path: Path) -> None:
     from pacman_env.cli.main import _simulated_game
-    from pacman_env.world.maps.occupancy import load_map
 
-    load_map("loop").save(tmp_path / "mine.yaml")
-    import argparse
-
-    arguments = argparse.Namespace(
-        map=str(tmp_path / "mine.yaml"),
-        preset="ideal",
-        policy="nearest",
-        second="lookahead",
-        ghosts=["chase", "wander"],
-        set=["pellets.spacing_m=1.5"],
-        seed=1,
-        speed=50.0,
-    )
-    game = _simulated_game(arguments)
+    path = load_map("loop").save(tmp_path / "mine.yaml")
+    game = _simulated_game(make_parser().parse_args(["web", "--map", str(path)]))
     try:
         assert "mine" in game.choices()["maps"]
     finally:

@@ -84,11 +84,6 @@ def test_id_page_has_every_section_and_picture(site: Path, env_id: str) -> None:
     assert ("<h2>Several agents<" in text) == (IDS[env_id].several is not None)
 
 
-def test_reference_has_anchor_for_every_public_name(pages: dict[Path, Page], site: Path) -> None:
-    known = set().union(*(page.ids for path, page in pages.items() if path.parent == site / "reference"))
-    assert {f"pacman_env.{name}" for name in public_names()} <= known
-
-
 def test_commands_page_has_section_for_every_command(pages: dict[Path, Page], site: Path) -> None:
     sections = {name.replace(" ", "-") for name in COMMANDS}
     assert len(sections) > 25

@@ -112,11 +112,3 @@ def test_start_and_training_are_measured_in_child_processes(
     lines = capsys.readouterr().out.splitlines()
     assert sum(line.endswith("| 20.0 | 10.0 |") for line in lines) == 5
     assert any("train --quick" in line and "| 4,321 |" in line for line in lines)
-
-
-def test_child_runs_this_package_and_reports_failure() -> None:
-    code = f"import pacman_env, sys; sys.exit(pacman_env.__file__ != {pacman_env.__file__!r})"
-    wall_s, cpu_s = benchmark._child("-P", "-c", code)
-    assert wall_s > 0 < cpu_s
-    with pytest.raises(ValueError, match="broken"):
-        benchmark._child("-c", "raise SystemExit('broken')")

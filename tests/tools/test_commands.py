@@ -8,8 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from pacman_env.cli.main import MODULES
-
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -20,9 +18,3 @@ def test_committed_page_equals_current_command_help() -> None:
     pytest.importorskip("optuna")
     done = subprocess.run([sys.executable, "-m", "tools.commands", "--check"], cwd=ROOT, capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-
-
-def test_commands_page_has_section_for_every_command() -> None:
-    text = (ROOT / "docs" / "commands.md").read_text()
-    for name in (*MODULES, "map generate", "ros up", "web"):
-        assert f"\n## `pacman-env {name}`\n" in text

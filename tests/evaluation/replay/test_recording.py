@@ -8,72 +8,55 @@ import pytest
 
 from pacman_env.config import Config
 from pacman_env.envs.outcome import OUTCOMES
-from pacman_env.episodes.rollout import episode_seeds, play
+from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.replay import RecordedGame, film
 from pacman_env.evaluation.rounds.scenarios import Scenario, open_scenario
 from pacman_env.game.ghosts import BEHAVIOURS
-from tests.evaluation.helpers import CONFIG, ENDLESS, LEVELS, LEVELS_CONFIG, played, played_endless, played_on_levels
+from tests.evaluation.helpers import CONFIG, ENDLESS, LEVELS, LEVELS_CONFIG, played, played_on
 
 SEED = episode_seeds(5, 1)[0]
 
 
-def watched(policy: str, scenario: Scenario = "house", config: Config = CONFIG, seed: np.uint64 = SEED) -> RecordedGame:
+def watched(policy: str, seed: np.uint64, scenario: Scenario = "house", config: Config = CONFIG) -> RecordedGame:
     game = RecordedGame(open_scenario(scenario, config), config, policy, seed, policy.upper())
     while not game.over:
         game.step()
     return game
 
 
-@pytest.mark.parametrize("policy", ["clyde_aware", "lookahead", "nearest"])
-def test_replayed_round_equals_comparison(policy: str) -> None:
-    record = played(policy)[0][0]
-    words = f" after {record['time_s']:.1f} s, {record['collected']} of {record['spawned']} pellets"
-    assert watched(policy).outcome().startswith(OUTCOMES[record["end"]] + words)
+def moved_by(config: Config, *ghosts: str, when: str = "tick") -> Config:
+    return config.with_fields(**{"clyde.ghosts": ghosts, "clyde.speed_mps": 0.1, "decisions.when": when})
 
 
-def test_replayed_level_round_equals_comparison() -> None:
-    record = played_on_levels("lookahead")[3]
-    game = watched("lookahead", LEVELS, LEVELS_CONFIG, record["seed"])
+MIXED = "nearest", "chase", "clyde:learned"
+
+
+@pytest.mark.parametrize(
+    ("policy", "scenario", "config"),
+    [
+        *((policy, "house", CONFIG) for policy in ("clyde_aware", "lookahead", "nearest")),
+        ("lookahead", LEVELS, LEVELS_CONFIG),
+        *(("nearest", "house", moved_by(CONFIG, *MIXED, when=when)) for when in ("tick", "event")),
+        *(("nearest", "house", config) for config in (ENDLESS, moved_by(ENDLESS, "clyde:learned"))),
+    ],
+)
+def test_replayed_game_equals_comparison(policy: str, scenario: Scenario, config: Config) -> None:
+    records = played_on(scenario, config, policy)
+    record = max(records, key=lambda one: (one["rounds"], one["time_s"]))
+    game = watched(policy, record["seed"], scenario, config)
     assert game.level == record["level"]
-    assert f" after {record['time_s']:.1f} s, {record['collected']} of {record['spawned']} pellets" in game.outcome()
-
-
-def test_replayed_endless_game_equals_comparison() -> None:
-    record = max(played_endless("nearest"), key=lambda r: r["rounds"])
-    game = watched("nearest", "house", ENDLESS, record["seed"])
-    assert game.outcome() == (
-        f"{OUTCOMES[record['end']]} in round {record['rounds'] + 1} after {record['time_s']:.1f} s,"
-        f" {record['collected']} pellets"
-    )
+    end, after = OUTCOMES[record["end"]], f" after {record['time_s']:.1f} s, {record['collected']}"
+    if not config.endless:
+        assert game.outcome().startswith(f"{end}{after} of {record['spawned']} pellets")
+        return
+    assert record["rounds"] > 0
+    assert game.outcome() == f"{end} in round {record['rounds'] + 1}{after} pellets"
     numbers = [int(re.match(r"round (\d+), ", change.when)[1]) for change in game.changes]  # type: ignore[index]
     assert sorted(set(numbers)) == list(range(1, record["rounds"] + 2))
 
 
-@pytest.mark.parametrize("when", ["tick", "event"])
-def test_replayed_game_with_policy_ghosts_equals_comparison(when: str) -> None:
-    ghosts = {"clyde.ghosts": ("nearest", "chase", "clyde:learned"), "clyde.speed_mps": 0.2}
-    config = CONFIG.with_fields(**ghosts, **{"decisions.when": when})
-    records, _ = play(open_scenario("house", config), config, "nearest", episode_seeds(5, 4))
-    assert len(set(records["time_s"])) > 1
-    for record in records:
-        words = f" after {record['time_s']:.1f} s, {record['collected']} of {record['spawned']} pellets"
-        outcome = watched("nearest", config=config, seed=record["seed"]).outcome()
-        assert outcome.startswith(OUTCOMES[record["end"]] + words)
-
-
-def test_replayed_endless_game_with_learned_ghost_equals_comparison() -> None:
-    config = ENDLESS.with_fields(**{"clyde.ghosts": ("clyde:learned",), "clyde.speed_mps": 0.1})
-    records, _ = play(open_scenario("house", config), config, "nearest", episode_seeds(5, 4))
-    record = max(records, key=lambda r: r["rounds"])
-    assert record["rounds"] > 0
-    assert watched("nearest", config=config, seed=record["seed"]).outcome() == (
-        f"{OUTCOMES[record['end']]} in round {record['rounds'] + 1} after {record['time_s']:.1f} s,"
-        f" {record['collected']} pellets"
-    )
-
-
 def test_goal_changes_state_time_place_and_reason() -> None:
-    changes = watched("clyde_aware").changes
+    changes = watched("clyde_aware", SEED).changes
     assert changes[0].when == "0.0 s"
     assert len(changes) > 2
     assert len({change.when for change in changes}) == len(changes)
@@ -88,7 +71,7 @@ def test_goal_changes_state_time_place_and_reason() -> None:
 
 
 def test_new_goal_scores_higher_than_previous_goal() -> None:
-    reasons = [change.why for seed in episode_seeds(5, 6) for change in watched("lookahead", seed=seed).changes]
+    reasons = [change.why for seed in episode_seeds(5, 6) for change in watched("lookahead", seed).changes]
     pairs = [re.search(r"score (-[\d.]+) against (-[\d.]+) of the one before", why) for why in reasons]
     better = [(float(pair[1]), float(pair[2])) for pair in pairs if pair]
     assert better
@@ -108,7 +91,7 @@ def test_film_shows_games_in_parallel_until_last_ends() -> None:
 @pytest.mark.parametrize("behaviour", [name for name in BEHAVIOURS if name != "policy"])
 def test_ended_game_does_not_change(behaviour: str) -> None:
     config = CONFIG.with_fields(**{"clyde.ghosts": (behaviour,), "time_limit_s": 2.0})
-    game = watched("nearest", config=config)
+    game = watched("nearest", SEED, config=config)
     outcome, changes = game.outcome(), list(game.changes)
     game.step()
     assert (game.outcome(), game.changes) == (outcome, changes)

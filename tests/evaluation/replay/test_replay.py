@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import base64
 import re
-import sys
 from pathlib import Path
 
 import pytest
@@ -71,12 +70,3 @@ def test_replay_page_escapes_texts_of_policy(tmp_path: Path) -> None:
     for escaped in ("&lt;b&gt;policy", "pellet &amp; more", "&lt;script&gt;", "<h1>a &lt; b</h1>"):
         assert escaped in text
     assert "<script" not in text
-
-
-def test_replay_names_missing_library(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for name in ("imageio", "imageio.v2"):
-        monkeypatch.setitem(sys.modules, name, None)
-    assert main(["3", "--policies", "nearest", "--time-limit", "2", "--out", str(tmp_path / "r.mp4")]) == 2
-    assert "needs imageio" in capsys.readouterr().err

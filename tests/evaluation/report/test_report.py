@@ -12,8 +12,10 @@ import pytest
 
 from pacman_env import __version__
 from pacman_env.evaluation.replay import main as replay
-from pacman_env.evaluation.report.__main__ import main
+from pacman_env.evaluation.report.__main__ import main, model_facts
 from pacman_env.evaluation.report.page import headline, render_page
+from pacman_env.policies.learned import PRETRAINED
+from pacman_env.policies.metadata import read_planner
 from pacman_env.world.maps.occupancy import load_map
 from tests.evaluation.helpers import CONFIG
 
@@ -125,16 +127,14 @@ def test_pair_lists_rounds_completed_by_one_policy_only(made: tuple[dict[str, An
     assert row["command"] in " ".join("".join(Tags(page.read_text()).text).split())
 
 
-@pytest.mark.parametrize("side", ["wins", "losses"])
 def test_replay_command_repeats_a_listed_round(
-    side: str,
     made: tuple[dict[str, Any], Path],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     pair = made[0]["pair"]
-    row = pair[side][0]
+    row = pair["losses"][0]
     words = shlex.split(row["command"])
     assert words[:2] == ["pacman-env", "replay"]
     monkeypatch.chdir(tmp_path)
@@ -155,17 +155,7 @@ def test_films_are_written_next_to_page(made: tuple[dict[str, Any], Path]) -> No
         assert (page.parent / film).stat().st_size > 1000
 
 
-def test_round_against_learned_ghost_is_filmed(tmp_path: Path) -> None:
-    files = ["--out", str(tmp_path / "p.html"), "--json", str(tmp_path / "p.json")]
-    ghosts = ["--set", "clyde.ghosts=clyde:learned", "--clyde-speed", "0.1", "--speeds", "0.1"]
-    few = ["--endless", "0", "--variant", "--replays", "1"]
-    assert main([*FEW, *POLICIES, *ghosts, *few, *files]) == 0
-    pair = json.loads((tmp_path / "p.json").read_text())["pair"]
-    (film,) = [row["film"] for row in pair["wins"] + pair["losses"] if "film" in row]
-    assert (tmp_path / film).stat().st_size > 1000
-
-
-def test_failed_film_keeps_numbers_of_report(
+def test_failed_film_keeps_numbers_played_by_two_workers(
     made: tuple[dict[str, Any], Path],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -174,12 +164,17 @@ def test_failed_film_keeps_numbers_of_report(
     for name in ("imageio", "imageio.v2"):
         monkeypatch.setitem(sys.modules, name, None)
     files = ["--out", str(tmp_path / "p.html"), "--json", str(tmp_path / "p.json")]
-    few = ["--endless", "0", "--variant", "--speeds", "0.4", "--replays", "1"]
+    few = ["--endless", "0", "--variant", "--speeds", "0.4", "--replays", "1", "--workers", "2"]
     assert main([*FEW, *POLICIES, *few, *files]) == 2
     assert "needs imageio" in capsys.readouterr().err.splitlines()[-1]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["p.html", "p.json", "p.parts"]
-    assert json.loads((tmp_path / "p.json").read_text())["summary"] == made[0]["summary"]
-    assert "_films" not in (tmp_path / "p.html").read_text()
+    report, page = json.loads((tmp_path / "p.json").read_text()), (tmp_path / "p.html").read_text()
+    assert report["summary"] == made[0]["summary"]
+    expected = [{k: v for k, v in row.items() if k != "film"} for row in made[0]["pair"]["wins"]]
+    assert report["pair"]["wins"] == expected
+    assert {row["part"] for row in report["rows"]} == {"rounds"}
+    for absent in ("_films", "Endless games", "other settings"):
+        assert absent not in page
 
 
 def test_page_is_self_contained_and_explained(made: tuple[dict[str, Any], Path]) -> None:
@@ -188,6 +183,15 @@ def test_page_is_self_contained_and_explained(made: tuple[dict[str, Any], Path])
     text = " ".join(" ".join(Tags(page).text).split())
     for words in ("Higher is better", "complete when every pellet", "95 % interval", "lower is better", "50 = no diff"):
         assert words in text
+
+
+def test_metadata_of_planner_file_are_shown(tmp_path: Path) -> None:
+    shown, metadata = model_facts(str(PRETRAINED)), read_planner(PRETRAINED)[0]
+    assert shown["sha256"] == metadata.sha256
+    assert shown["candidate_features"].startswith(", ".join(metadata.candidate_features[:3]))
+    assert len(shown["candidate_features"]) == 80  # shortened
+    assert all(isinstance(text, str) for text in shown.values())
+    assert model_facts("clyde_aware") == model_facts("run.zip") == {}
 
 
 def test_page_escapes_every_text(made: tuple[dict[str, Any], Path]) -> None:
@@ -205,21 +209,6 @@ def test_page_escapes_every_text(made: tuple[dict[str, Any], Path]) -> None:
     assert Tags(page).text.count(evil) >= 4
 
 
-def test_report_is_equal_with_two_workers(made: tuple[dict[str, Any], Path], tmp_path: Path) -> None:
-    report, _ = made
-    files = ["--out", str(tmp_path / "p.html"), "--json", str(tmp_path / "p.json")]
-    few = ["--endless", "0", "--variant", "--speeds", "0.4"]
-    assert main([*FEW, *POLICIES, *few, "--workers", "2", *files]) == 0
-    other = json.loads((tmp_path / "p.json").read_text())
-    assert other["summary"] == report["summary"]
-    assert other["pair"]["wins"] == [{k: v for k, v in row.items() if k != "film"} for row in report["pair"]["wins"]]
-    assert {row["part"] for row in other["rows"]} == {"rounds"}
-    page = (tmp_path / "p.html").read_text()
-    assert "Endless games" not in page
-    assert "other settings" not in page
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["p.html", "p.json", "p.parts"]
-
-
 def test_quick_report_plays_few_rounds_on_levels(tmp_path: Path) -> None:
     files = ["--out", str(tmp_path / "p.html"), "--json", str(tmp_path / "p.json")]
     short = ["--set", "time_limit_s=5", "--policies", "random", "--baseline", "random", "--levels", "test"]
@@ -230,8 +219,7 @@ def test_quick_report_plays_few_rounds_on_levels(tmp_path: Path) -> None:
     (about,) = report["maps"]
     assert (about["name"], about["source"], about["num_levels"]) == ("generated:test", "--levels test", 2)
     assert report["pair"] is None
-    page = Tags((tmp_path / "p.html").read_text())
-    assert "2 generated houses" in "".join(page.text)
+    assert "2 generated houses" in "".join(Tags((tmp_path / "p.html").read_text()).text)
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,25 +9,20 @@ import pytest
 
 from pacman_env.config import make_config
 from pacman_env.episodes.rollout import episode_seeds
-from pacman_env.evaluation.compare.__main__ import main
 from pacman_env.evaluation.rounds.play import Matchup, play_all
-from pacman_env.evaluation.rounds.shipping import pack, play_packed
+from pacman_env.evaluation.rounds.shipping import hash_of_files, pack, play_packed
 from pacman_env.executors.base import InProcess
 from pacman_env.policies.learned import PRETRAINED
-from pacman_env.world.maps.occupancy import load_map
-from tests.evaluation.helpers import LEVELS, LEVELS_CONFIG
+from tests.evaluation.helpers import LEVELS, LEVELS_CONFIG, comparison, copy_planners
 
 
 @pytest.fixture
 def matchups(tmp_path: Path) -> list[Matchup]:
-    load_map("loop").save(tmp_path / "mine.yaml")
-    for path, name in ((PRETRAINED, "own"), (PRETRAINED.with_name("clyde.onnx"), "ghost")):
-        for suffix in (".onnx", ".json"):
-            shutil.copy(path.with_suffix(suffix), tmp_path / f"{name}{suffix}")
-    config = make_config("robot", **{"clyde.ghosts": ("wander", str(tmp_path / "ghost.onnx"))})
+    planner, ghost = copy_planners(tmp_path)
+    config = make_config("robot", **{"clyde.ghosts": ("wander", ghost)})
     seeds = episode_seeds(3, 6)
     return [
-        Matchup(str(tmp_path / "mine.yaml"), config, str(tmp_path / "own.onnx"), seeds),
+        Matchup(str(tmp_path / "mine.yaml"), config, planner, seeds),
         Matchup(LEVELS, LEVELS_CONFIG, "nearest", seeds),
     ]
 
@@ -63,21 +56,17 @@ def test_absent_file_is_named_before_packing(matchups: list[Matchup], tmp_path: 
         pack(matchups[0])
 
 
-def without_times(path: Path) -> dict:
-    content = json.loads(path.read_text())
-    for row in content["rows"]:
-        for name in [name for name in row if name.startswith("decision")]:
-            del row[name]
-    del content["arguments"]["json"]
-    return content
+def test_hash_of_files_depends_on_content_only(tmp_path: Path) -> None:
+    hashes = []
+    for suffix in (".zip", ".facts.json"):
+        for name in ("run", "same"):
+            (tmp_path / f"{name}{suffix}").write_text(suffix)
+        hashes.append(hash_of_files(tmp_path / "run.zip"))
+    assert len(set(hashes)) == 2
 
 
 def test_comparison_on_ray_equals_comparison_in_process(tmp_path: Path) -> None:
     pytest.importorskip("ray")
-    found = []
-    for name, more in (("one", []), ("ray", ["--ray", "--workers", "2"])):
-        path = tmp_path / f"{name}.json"
-        words = ["--map", "loop", "--policies", "clyde_aware", str(PRETRAINED), "--episodes", "8", "--json", str(path)]
-        assert main([*words, *more]) == 0
-        found.append(without_times(path))
-    assert found[0] == found[1]
+    policies = ["--map", "loop", "--policies", "clyde_aware", str(PRETRAINED)]
+    one = comparison(tmp_path / "one.json", *policies)
+    assert comparison(tmp_path / "ray.json", *policies, "--ray", "--workers", "2") == one
