@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 import textwrap
 from pathlib import Path
+from types import ModuleType
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -20,3 +22,13 @@ def public_names() -> set[str]:
     from pacman_env import sb3
 
     return {*pacman_env.__all__, *(f"sb3.{name}" for name in sb3.__all__)}
+
+
+def loaded(path: Path) -> ModuleType:
+    """Return the module of a script."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module

@@ -81,17 +81,11 @@ def distributions(tracked: list[str], tmp_path_factory: pytest.TempPathFactory) 
 
 
 @pytest.fixture(scope="module")
-def built(distributions: tuple[Path, Path, str]) -> tuple[Path, str]:
-    """The wheel, and what its build said."""
-    return distributions[1:]
-
-
-@pytest.fixture(scope="module")
-def site(built: tuple[Path, str], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def site(distributions: tuple[Path, Path, str], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the wheel installed, without its dependencies."""
     folder = tmp_path_factory.mktemp("installed") / "site"
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "install", "--quiet", "--no-index", "--no-deps"]
-    run(*pip, "--target", str(folder), str(built[0]), cwd=folder.parent)
+    run(*pip, "--target", str(folder), str(distributions[1]), cwd=folder.parent)
     return folder
 
 
@@ -104,10 +98,10 @@ def played(site: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, An
     return json.loads(out.splitlines()[-1])
 
 
-def test_build_prints_no_warnings(built: tuple[Path, str]) -> None:
+def test_build_prints_no_warnings(distributions: tuple[Path, Path, str]) -> None:
     complaints = ("warn", "!!", "deprecat", "cannot be found")
     nothing_excluded = "warning: no previously-included files matching '*.py[cod]'"  # a clean checkout has none
-    said = [line for line in built[1].splitlines() if not line.startswith(nothing_excluded)]
+    said = [line for line in distributions[2].splitlines() if not line.startswith(nothing_excluded)]
     assert [line for line in said if any(word in line.lower() for word in complaints)] == []
 
 
@@ -120,8 +114,8 @@ def test_sdist_contains_exactly_the_tracked_project_files(
     assert packed - written - {"MANIFEST.in"} == {name for name in tracked if not name.startswith(NOT_PACKED)}
 
 
-def test_wheel_metadata_describes_project(built: tuple[Path, str]) -> None:
-    with zipfile.ZipFile(built[0]) as wheel:
+def test_wheel_metadata_describes_project(distributions: tuple[Path, Path, str]) -> None:
+    with zipfile.ZipFile(distributions[1]) as wheel:
         (name,) = [name for name in wheel.namelist() if name.endswith(".dist-info/METADATA")]
         metadata = email.message_from_bytes(wheel.read(name))
     assert metadata["Version"] == pacman_env.__version__
@@ -132,10 +126,8 @@ def test_wheel_metadata_describes_project(built: tuple[Path, str]) -> None:
     assert str(metadata.get_payload()).startswith("# pacman_env\n")
 
 
-def test_wheel_contains_exactly_package_maps_and_planners(
-    built: tuple[Path, str],
-) -> None:
-    wheel, _ = built
+def test_wheel_contains_exactly_package_maps_and_planners(distributions: tuple[Path, Path, str]) -> None:
+    _, wheel, _ = distributions
     packed = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
     package = {path.relative_to(ROOT).as_posix() for path in (ROOT / "pacman_env").rglob("*.py")}
     package |= {f"pacman_env/evaluation/templates/{page}.j2" for page in ("report.html", "replay.html", "chart.svg")}
@@ -150,20 +142,14 @@ def test_wheel_contains_exactly_package_maps_and_planners(
     assert wheel.name == f"pacman_env-{pacman_env.__version__}-py3-none-any.whl"
 
 
-def test_installed_package_is_the_one_imported(played: dict[str, Any], site: Path) -> None:
+def test_every_shipped_map_is_playable_from_wheel(played: dict[str, Any], site: Path) -> None:
     assert Path(played["package"]) == site / "pacman_env" / "__init__.py"
     assert played["version"] == pacman_env.__version__
-
-
-def test_wheel_compiles_no_kernels_next_to_warm_checkout(played: dict[str, Any]) -> None:
-    assert played["compiled"] == []
-
-
-def test_every_shipped_map_is_playable_from_wheel(played: dict[str, Any], site: Path) -> None:
     assert list(played["rounds"]) == shipped_maps()
     assert played["folders"] == [str(site / "pacman_env" / "maps")]
     assert all(pellets > 0 for pellets, _ in played["rounds"].values())
     assert len({content for _, content in played["rounds"].values()}) == len(played["rounds"])
+    assert played["compiled"] == []  # a checkout that is warm shares its kernels
 
 
 def test_installed_command_lists_maps(site: Path, tmp_path: Path) -> None:

@@ -65,24 +65,6 @@ def test_unknown_name_raises_attribute_error() -> None:
         pacman_env.nothing  # noqa: B018
 
 
-@pytest.mark.parametrize("name", ["make_config", "load_map", "Situation", "make_policy"])
-def test_public_name_imports_no_unrelated_library(name: str) -> None:
-    code = (
-        f"import sys\nfrom pacman_env import {name}\nprint({{'gymnasium', 'pettingzoo', 'torch'}} & set(sys.modules))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "set()"
-
-
-def test_public_names_need_no_extra() -> None:
-    code = (
-        "import sys, pacman_env\nfor name in pacman_env.__all__: getattr(pacman_env, name)\n"
-        "print({'torch', 'stable_baselines3', 'matplotlib', 'pygame', 'rclpy', 'starlette'} & set(sys.modules))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "set()"
-
-
 def members(thing: Any) -> Iterator[tuple[str, Any]]:
     """A function itself; of a class, its public methods and properties that the package defines."""
     if not inspect.isclass(thing):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import re
 import subprocess
@@ -18,6 +17,7 @@ import stable_baselines3
 import torch
 
 from pacman_env.envs.registration import FLAT_ID
+from tests.pages import loaded
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPTS = ROOT / "docs" / "examples" / "clients"
@@ -50,46 +50,36 @@ def test_gymnasium_wrappers_work_unmodified(tmp_path: Path) -> None:
     assert done.stdout.count("sync, async, vector_entry_point are equal") == 2
 
 
+def output(*command: str, decisions: int) -> str:
+    """What a script says that learns and plays on one map."""
+    given = ["--map", "loop", "--decisions", str(decisions), "--test", "loop", "--rounds", "4"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([*command, *given], capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
 def run(
-    script: str, decisions: int, folder: Path, *options: str, python: tuple[str, ...] = (sys.executable, "-W", "error")
+    script: str, decisions: int, folder: Path, *, python: tuple[str, ...] = (sys.executable, "-W", "error")
 ) -> Path:
     """The model that a script has saved, after its report was looked at."""
     model = folder / "model.zip"
-    command = [
-        *python,
-        str(SCRIPTS / script),
-        "--decisions",
-        str(decisions),
-        "--save",
-        str(model),
-    ]
-    given = ["--map", "loop", "--num-envs", "1", "--test", "loop", "--rounds", "4", *options]
-    done = subprocess.run(
-        [*command, *given], capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(ROOT)}
-    )
-    assert done.returncode == 0, done.stderr
-    assert re.search(r"^loop: \d+\.\d \[.*\] % of 4 rounds completed$", done.stdout, re.MULTILINE)
-    assert re.findall(r"^  (\w+) \d+\.\d %, difference [+-]", done.stdout, re.MULTILINE) == ["nearest", "random"]
+    said = output(*python, str(SCRIPTS / script), "--num-envs", "1", "--save", str(model), decisions=decisions)
+    assert re.search(r"^loop: \d+\.\d \[.*\] % of 4 rounds completed$", said, re.MULTILINE)
+    assert re.findall(r"^  (\w+) \d+\.\d %, difference [+-]", said, re.MULTILINE) == ["nearest", "random"]
     return model
 
 
 @pytest.fixture(scope="module")
 def evaluate() -> Any:
-    spec = importlib.util.spec_from_file_location("evaluate", SCRIPTS / "evaluate.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return loaded(SCRIPTS / "evaluate.py")
 
 
 @pytest.mark.parametrize(
     ("script", "algorithm"),
-    [
-        pytest.param("sb3_ppo.py", stable_baselines3.PPO, marks=pytest.mark.daily),
-        pytest.param("sb3_maskable_ppo.py", sb3_contrib.MaskablePPO, marks=pytest.mark.daily),
-    ],
+    [("sb3_ppo.py", stable_baselines3.PPO), ("sb3_maskable_ppo.py", sb3_contrib.MaskablePPO)],
 )
+@pytest.mark.daily
 def test_stable_baselines3_model_plays_every_map_after_learning(script: str, algorithm: Any, tmp_path: Path) -> None:
     model = algorithm.load(run(script, 300, tmp_path), device="cpu")
     env = gym.make(FLAT_ID, map="maze")
@@ -104,12 +94,6 @@ def test_cleanrl_ppo_learns_and_saves_its_networks(tmp_path: Path) -> None:
     assert not torch.equal(weights["critic.4.bias"], torch.zeros(1))  # it begins there
 
 
-def test_torchrl_ppo_learns_and_saves_its_actor(tmp_path: Path) -> None:
-    pytest.importorskip("torchrl")
-    weights = torch.load(run("torchrl_ppo.py", 1000, tmp_path), weights_only=True)
-    assert all(torch.isfinite(value).all() for value in weights.values())
-
-
 def interpreter(venv: str, script: str) -> str:
     """Of the environment with a library whose pins clash with this one's."""
     folder = ROOT / ".clients" / venv
@@ -118,29 +102,33 @@ def interpreter(venv: str, script: str) -> str:
     return str(folder / "bin" / "python")
 
 
-@pytest.fixture(scope="module")
-def rllib() -> str:
-    return interpreter("rllib", "rllib_ppo")
+@pytest.mark.parametrize(
+    ("venv", "script", "decisions"),
+    [
+        ("", "torchrl_ppo", 1000),
+        pytest.param("rllib", "rllib_ppo", 300, marks=pytest.mark.daily),
+        pytest.param("benchmarl", "benchmarl_mappo", 500, marks=pytest.mark.daily),
+    ],
+)
+def test_client_learns_and_saves_finite_weights(venv: str, script: str, decisions: int, tmp_path: Path) -> None:
+    if not venv:
+        pytest.importorskip("torchrl")
+    python = (interpreter(venv, script),) if venv else (sys.executable, "-W", "error")
+    weights = torch.load(run(f"{script}.py", decisions, tmp_path, python=python), weights_only=True)
+    tensors = [value for value in weights.values() if isinstance(value, torch.Tensor)]  # others are sizes
+    assert tensors
+    assert all(torch.isfinite(value).all() for value in tensors)
 
 
 @pytest.mark.daily
-def test_rllib_ppo_learns_in_two_processes_and_saves(rllib: str, tmp_path: Path) -> None:
-    weights = torch.load(run("rllib_ppo.py", 300, tmp_path, python=(rllib,)), weights_only=True)
-    assert all(torch.isfinite(value).all() for value in weights.values())
-
-
-@pytest.mark.daily
-def test_rllib_self_play_returns_sum_to_zero(rllib: str) -> None:
-    given = ["--map", "loop", "--decisions", "1000", "--test", "loop", "--rounds", "4"]
-    command = [rllib, str(SCRIPTS / "rllib_self_play.py"), *given]
-    done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(ROOT)})
-    assert done.returncode == 0, done.stderr
-    returns = re.findall(r"decisions: return (\S+), pacman (\S+), clyde (\S+)$", done.stdout, re.MULTILINE)
+def test_rllib_self_play_returns_sum_to_zero() -> None:
+    said = output(interpreter("rllib", "rllib_ppo"), str(SCRIPTS / "rllib_self_play.py"), decisions=1000)
+    returns = re.findall(r"decisions: return (\S+), pacman (\S+), clyde (\S+)$", said, re.MULTILINE)
     assert returns
     for both, pacman, clyde in returns:
         assert float(both) == 0
         assert float(pacman) == -float(clyde) != 0
-    assert re.search(r"^no choice was forbidden: \d+ of pacman \d+ of clyde$", done.stdout, re.MULTILINE)
+    assert re.search(r"^no choice was forbidden: \d+ of pacman \d+ of clyde$", said, re.MULTILINE)
 
 
 @pytest.mark.daily
@@ -148,15 +136,6 @@ def test_supersuit_ppo_learns_both_players_in_one_network(tmp_path: Path) -> Non
     python = interpreter("farama", "supersuit_ppo")
     model = run("supersuit_ppo.py", 600, tmp_path, python=(python,))
     assert stable_baselines3.PPO.load(model, device="cpu").observation_space.shape == (88,)
-
-
-@pytest.mark.daily
-def test_benchmarl_mappo_learns_and_saves_finite_weights(tmp_path: Path) -> None:
-    python = interpreter("benchmarl", "benchmarl_mappo")
-    weights = torch.load(run("benchmarl_mappo.py", 500, tmp_path, python=(python,)), weights_only=True)
-    tensors = [value for value in weights.values() if isinstance(value, torch.Tensor)]  # beside their sizes
-    assert tensors
-    assert all(torch.isfinite(value).all() for value in tensors)
 
 
 def test_evaluation_plays_same_rounds_for_models_and_baselines(evaluate: Any) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import subprocess
 import sys
@@ -20,6 +19,7 @@ from stable_baselines3.common.vec_env import VecMonitor
 from pacman_env import OUTCOMES, parallel_vec_env
 from pacman_env.envs.arguments import EnvArguments
 from pacman_env.episodes.rollout import play
+from tests.pages import loaded
 
 ROOT = Path(__file__).resolve().parents[2]
 FILE = ROOT / "docs" / "examples" / "two_players.py"
@@ -28,12 +28,7 @@ SETTINGS: dict[str, Any] = {"observation.mask": "method", "time_limit_s": 40.0}
 
 @pytest.fixture(scope="module")
 def example() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("two_players", FILE)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return loaded(FILE)
 
 
 def games(number: int, **more: Any) -> Any:

@@ -44,11 +44,6 @@ def spaces_alive() -> int:
     return sum(type(one).__name__ == "Space" and type(one).__module__ == "pymunk.space" for one in gc.get_objects())
 
 
-def threads_alive() -> int:
-    """Threads of environments, without their callers."""
-    return sum(thread.name.startswith("pacman_env-") for thread in threading.enumerate())
-
-
 @dataclass
 class Watch:
     """Looks at the memory while something is done ``total`` times."""
@@ -57,7 +52,6 @@ class Watch:
     total: int
     quiet: bool = False
     base_mib: float = 0.0  # after the warm-up
-    most_mib: float = 0.0
     began_s: float = field(default_factory=time.monotonic)
     _next: int = 0
 
@@ -66,29 +60,25 @@ class Watch:
         if done < self._next and done < self.total:
             return
         self._next = done + max(1, self.total // _LINES)
-        mib = resident_mib()
-        self.most_mib = max(self.most_mib, mib)
-        warm = 10 * done >= self.total
-        if warm and not self.base_mib:
-            self.base_mib = mib
+        if not self.base_mib and 10 * done >= self.total:
+            self.base_mib = resident_mib()
         if not self.quiet:
             took = f"{time.monotonic() - self.began_s:6.0f} s"
-            alive = f"{spaces_alive():4d} spaces {threads_alive():3d} threads"
-            print(f"{self.part:9} {done:9d} of {self.total} {took} {mib:8.1f} MiB {alive}", flush=True)
-        if warm and mib > self.base_mib + MOST_MIB[self.part]:
-            raise Fault(
-                f"{self.part}: {mib:.1f} MiB after {done}, {mib - self.base_mib:.1f} more than after the first tenth:"
-                f" at most {MOST_MIB[self.part]:.0f} more are allowed"
-            )
+            print(f"{self.part:9} {done:9d} of {self.total} {took} {resident_mib():8.1f} MiB", flush=True)
+        if self.base_mib and self.growth_mib() > MOST_MIB[self.part]:
+            raise Fault(f"after {done}, {self}: at most {MOST_MIB[self.part]:.0f} MiB are allowed")
 
-    def growth(self) -> str:
-        """How it grew, as text."""
-        return f"{self.part}: {resident_mib() - self.base_mib:+.1f} MiB since the first tenth"
+    def growth_mib(self) -> float:
+        return resident_mib() - self.base_mib
+
+    def __str__(self) -> str:
+        return f"{self.part}: {self.growth_mib():+.1f} MiB since the first tenth"
 
 
 def _alive() -> tuple[int, int]:
+    """Spaces, and threads of environments without their callers."""
     gc.collect()
-    return spaces_alive(), threads_alive()
+    return spaces_alive(), sum(thread.name.startswith("pacman_env-") for thread in threading.enumerate())
 
 
 def _nothing_left(part: str, before: tuple[int, int]) -> None:
@@ -102,8 +92,8 @@ def _step(env: PacManBotVectorEnv, rng: np.random.Generator, steps: int) -> None
         env.step(rng.integers(0, env.single_action_space.n, env.num_envs))  # type: ignore[union-attr]
 
 
-def make_and_close(makes: int) -> tuple[float, float]:
-    """So many environments in this process, one after the other; memory after the first tenth and at the end, MiB."""
+def make_and_close(makes: int) -> float:
+    """So many environments in this process, one after the other; by how much memory grew after the first tenth, MiB."""
     rng, watch, before = np.random.default_rng(0), Watch("makes", makes, quiet=True), _alive()
     for k in range(makes):
         env = PacManBotVectorEnv(8, map=("house", "maze")[k % 2], num_threads=2)
@@ -114,21 +104,17 @@ def make_and_close(makes: int) -> tuple[float, float]:
         if (k + 1) % max(1, makes // 10) == 0:
             _nothing_left("makes", before)
         watch.measure(k + 1)
-    return watch.base_mib, resident_mib()
+    return watch.growth_mib()
 
 
 def _makes(arguments: argparse.Namespace) -> str:
-    began, most, grown, made = time.monotonic(), 0.0, 0.0, 0
-    context = multiprocessing.get_context("spawn")
+    context, grown = multiprocessing.get_context("spawn"), 0.0
     with context.Pool(min(2, arguments.processes), maxtasksperchild=1) as pool:
         work = [arguments.makes] * arguments.processes
-        for done, (before, after) in enumerate(pool.imap_unordered(make_and_close, work, chunksize=1), 1):
-            made += arguments.makes
-            most, grown = max(most, after), max(grown, after - before)
-            if done % max(1, arguments.processes // _LINES) == 0:
-                took = f"{time.monotonic() - began:6.0f} s"
-                print(f"makes     {made:9d} in {done} processes {took} at most {most:.1f} MiB {grown:+.1f}", flush=True)
-    return f"makes: {made} in {arguments.processes} processes: {grown:+.1f} MiB at most since the first tenth"
+        for done, growth_mib in enumerate(pool.imap_unordered(make_and_close, work, chunksize=1), 1):
+            grown = max(grown, growth_mib)
+            print(f"makes     {done * arguments.makes:9d} in {done} processes {grown:+.1f} MiB", flush=True)
+    return f"makes: {grown:+.1f} MiB at most since the first tenth"
 
 
 def _decisions(arguments: argparse.Namespace) -> str:
@@ -138,7 +124,7 @@ def _decisions(arguments: argparse.Namespace) -> str:
     for done in range(GAMES, arguments.decisions + GAMES, GAMES):
         _step(env, rng, 1)
         watch.measure(done)
-    return watch.growth()
+    return str(watch)
 
 
 def _houses(arguments: argparse.Namespace) -> str:
@@ -151,7 +137,7 @@ def _houses(arguments: argparse.Namespace) -> str:
         _step(env, rng, 20)
         done += 2
         watch.measure(done)
-    return f"{watch.growth()}; {done} houses"
+    return f"{watch}; {done} houses"
 
 
 def digest(threads: int, decisions: int = 100) -> str:
@@ -174,7 +160,7 @@ def _runs(arguments: argparse.Namespace) -> str:
         if found != expected:
             raise Fault(f"runs: run {k} of {arguments.threads} threads gave {found[:12]}, one thread {expected[:12]}")
         watch.measure(k + 1)
-    return f"{watch.growth()}; {arguments.runs} times {expected[:12]}"
+    return f"{watch}; {arguments.runs} times {expected[:12]}"
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -31,4 +31,4 @@ def test_spaces_alive_counts_existing_physics_spaces() -> None:
 
 
 def test_closed_environments_leave_no_spaces_or_threads() -> None:
-    make_and_close(2)  # raises a Fault if they do
+    make_and_close(1)  # raises a Fault if they do

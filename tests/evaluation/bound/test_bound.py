@@ -24,7 +24,9 @@ def corridor(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 def run(corridor: str, folder: Path, *more: str) -> dict:
     path = folder / "out.json"
-    small = ("--speeds", "0.3", "0.9", "--starts", "3", "--width", "2", "--set", "pellets.spacing_m=1.0")
+    small = ["--speeds", "0.3", "0.9", "--starts", "3", "--width", "2"]
+    assumed = ("localization.perfect=true", "randomize.clyde_speed_mps=none", "endless=false")  # and so accepted
+    small += [word for setting in ("pellets.spacing_m=1.0", *assumed) for word in ("--set", setting)]
     assert main(["--map", corridor, *small, "--json", str(path), *more]) == 0
     found = json.loads(path.read_text())
     assert isinstance(found, dict)
@@ -72,8 +74,3 @@ def test_second_ghost_never_improves_bound() -> None:
     two = bounds.row(config_of("chase", **{"clyde.speed_mps": 0.45, "clyde.ghosts": ("chase", "chase")}), 0)
     assert set(one["lost"]) <= set(two["lost"])
     assert all(b <= a for a, b in zip(one["caught_s"], two["caught_s"], strict=True))
-
-
-def test_settings_assumed_by_bound_are_accepted(corridor: str, tmp_path: Path) -> None:
-    said = ("localization.perfect=true", "randomize.clyde_speed_mps=none", "endless=false")
-    assert run(corridor, tmp_path, *(word for one in said for word in ("--set", one)))["rows"]
