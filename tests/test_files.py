@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import contextlib
 import os
 import pwd
 import resource
@@ -104,11 +105,8 @@ def test_unsafe_temporary_folder_is_refused(kind: str, homeless: Path, monkeypat
         user_folder("cache")
 
 
-def test_prepare_creates_missing_folders(tmp_path: Path) -> None:
+def test_prepare_creates_folders_or_refuses_the_path(tmp_path: Path) -> None:
     assert prepare(tmp_path / "a" / "b" / "c.json").parent.is_dir()
-
-
-def test_prepare_refuses_paths_that_cannot_be_files(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(ValueError, match="is a folder"):
         prepare(tmp_path)
@@ -116,27 +114,16 @@ def test_prepare_refuses_paths_that_cannot_be_files(tmp_path: Path) -> None:
         prepare(tmp_path / "file" / "out.json")
 
 
-def test_replaced_file_appears_only_when_complete(tmp_path: Path) -> None:
-    path = tmp_path / "out.txt"
-    with replaced(path) as temporary:
-        temporary.write_text("whole")
-        assert not path.exists()
-    assert path.read_text() == "whole"
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_failed_write_keeps_old_file_and_nothing_else(tmp_path: Path) -> None:
+@pytest.mark.parametrize("fails", [False, True])
+def test_replaced_file_appears_only_when_complete(fails: bool, tmp_path: Path) -> None:
     path = tmp_path / "out.txt"
     path.write_text("old")
-
-    def fail() -> None:
-        with replaced(path) as temporary:
-            temporary.write_text("half")
+    with contextlib.suppress(RuntimeError), replaced(path) as temporary:
+        temporary.write_text("new")
+        assert path.read_text() == "old"
+        if fails:
             raise RuntimeError
-
-    with pytest.raises(RuntimeError):
-        fail()
-    assert path.read_text() == "old"
+    assert path.read_text() == ("old" if fails else "new")
     assert list(tmp_path.iterdir()) == [path]
 
 

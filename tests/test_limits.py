@@ -5,8 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 from pathlib import Path
-
-import pytest
+from typing import TypeVar
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("pacman_env", "train", "eval", "benchmarks", "tools")
@@ -17,14 +16,15 @@ MOST_LINES = 450
 MOST_METHODS = 25
 MOST_ATTRIBUTES = 25
 MOST_ARGUMENTS = 8
+T = TypeVar("T", ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
 
-def classes(tree: ast.AST) -> Iterator[ast.ClassDef]:
-    yield from (node for node in ast.walk(tree) if isinstance(node, ast.ClassDef))
-
-
-def functions(tree: ast.AST) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
-    yield from (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef))
+def definitions(kind: type[T]) -> Iterator[tuple[str, T]]:
+    """Return place and node of each class or function of the sources."""
+    for path in (path for path in SOURCES if path.suffix == ".py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, kind):
+                yield f"{path.relative_to(ROOT)}:{node.name}", node
 
 
 def attributes(owner: ast.ClassDef) -> set[str]:
@@ -47,32 +47,23 @@ def arguments(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
     return len(named) - (named[:1] in (["self"], ["cls"]))
 
 
-@pytest.fixture(scope="module")
-def trees() -> dict[str, ast.AST]:
-    return {str(path.relative_to(ROOT)): ast.parse(path.read_text()) for path in SOURCES if path.suffix == ".py"}
-
-
 def test_files_have_at_most_450_lines() -> None:
     lines = {str(path.relative_to(ROOT)): len(path.read_text().splitlines()) for path in SOURCES}
     assert len(lines) > 250
     assert {name: count for name, count in lines.items() if count > MOST_LINES} == {}
 
 
-def test_classes_have_at_most_25_methods_or_attributes(trees: dict[str, ast.AST]) -> None:
+def test_classes_have_at_most_25_methods_or_attributes() -> None:
     large = {}
-    for name, tree in trees.items():
-        for owner in classes(tree):
-            methods = sum(isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) for node in owner.body)
-            if methods > MOST_METHODS or len(attributes(owner)) > MOST_ATTRIBUTES:
-                large[f"{name}:{owner.name}"] = (methods, len(attributes(owner)))
+    for place, owner in definitions(ast.ClassDef):
+        methods = sum(isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) for node in owner.body)
+        if methods > MOST_METHODS or len(attributes(owner)) > MOST_ATTRIBUTES:
+            large[place] = (methods, len(attributes(owner)))
     assert large == {}
 
 
-def test_functions_have_at_most_8_arguments_except_constructors(trees: dict[str, ast.AST]) -> None:
-    large = {}
-    for name, tree in trees.items():
-        for function in functions(tree):
-            if arguments(function) > MOST_ARGUMENTS:
-                large[f"{name}:{function.name}"] = arguments(function)
+def test_functions_have_at_most_8_arguments_except_constructors() -> None:
+    functions = (*definitions(ast.FunctionDef), *definitions(ast.AsyncFunctionDef))
+    large = {place: arguments(function) for place, function in functions if arguments(function) > MOST_ARGUMENTS}
     constructors = {one for one in large if one.startswith("pacman_env/envs/") and one.endswith(":__init__")}
     assert set(large) == constructors, large

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import pacman_env
-from pacman_env.config import ConfigError, make_config, preset_names
+from pacman_env.config import make_config, preset_names
 from pacman_env.plugins import PluginError, Registry
 from pacman_env.policies.registry import make_policy, policy_names
 from tests.envs.helpers import QUICK, make, make_vector
@@ -81,18 +81,6 @@ def test_unknown_name_is_refused_with_reason(package: Path, name: str, message: 
         Registry("thing", GROUP, OWN).find(name)
 
 
-@pytest.mark.parametrize("spec", ["json:decoder", "collections:OrderedDict"])
-def test_object_that_makes_no_policy_is_refused(spec: str) -> None:
-    with pytest.raises(ValueError, match=f"policy '{spec}': .* is no"):
-        make_policy(spec)
-
-
-@pytest.mark.parametrize("preset", ["json:decoder", "json:loads", "tests.test_plugins:OWN"])
-def test_object_that_is_no_preset_is_refused(preset: str) -> None:
-    with pytest.raises(ConfigError, match=preset if "OWN" not in preset else "unknown configuration field 'one'"):
-        make_config(preset)
-
-
 class Twice:
     """A kind that adds what the features hold already."""
 
@@ -102,12 +90,12 @@ class Twice:
         return {"robot": None}
 
 
-def test_observation_kinds_with_duplicate_key_are_refused() -> None:
-    kinds = ("features", "tests.test_plugins:Twice")
-    with pytest.raises(ConfigError, match="observation kind 'twice': 'robot' is in the observation already"):
-        make(observation=kinds)
-    with pytest.raises(ConfigError, match=r"observation.kinds = .*unknown observation kind 'thrice'"):
-        make(settings={"observation.kinds": ("thrice",)})
+def make_ghost(name: str) -> None:
+    make(ghosts=name)
+
+
+def make_kinds(kinds: tuple[str, ...]) -> None:
+    make(settings={"observation.kinds": kinds})
 
 
 @pytest.fixture(scope="module")
@@ -176,11 +164,27 @@ def test_example_ghost_waits_ahead_of_robot(example: None) -> None:
     assert np.hypot(wander["x"] - x - 1.0, wander["y"] - y) > 0.3
 
 
-def test_object_that_is_no_ghost_is_refused(example: None) -> None:
-    with pytest.raises(ConfigError, match=r"unknown ghost behaviour 'sulk': choose one of .*, ambush, or"):
-        make(ghosts="sulk")
-    with pytest.raises(ConfigError, match=r"clyde\.ghosts = \('json:loads',\): .*, must be a Behaviour"):
-        make(ghosts="json:loads")
+@pytest.mark.parametrize(
+    ("made", "argument", "message"),
+    [
+        *((make_policy, spec, f"policy '{spec}': .* is no") for spec in ("json:decoder", "collections:OrderedDict")),
+        *((make_config, preset, preset) for preset in ("json:decoder", "json:loads")),
+        (make_config, "tests.test_plugins:OWN", "unknown configuration field 'one'"),
+        (make_ghost, "sulk", r"unknown ghost behaviour 'sulk': choose one of .*, ambush, or"),
+        (make_ghost, "json:loads", r"clyde\.ghosts = \('json:loads',\): .*, must be a Behaviour"),
+        (
+            make_kinds,
+            ("features", "tests.test_plugins:Twice"),
+            "kind 'twice': 'robot' is in the observation",
+        ),
+        (make_kinds, ("thrice",), r"observation.kinds = .*unknown observation kind 'thrice'"),
+    ],
+)
+def test_object_of_another_kind_is_refused(
+    example: None, made: Callable[[Any], object], argument: object, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        made(argument)
 
 
 @pytest.mark.parametrize("workers", ["1", "2"])

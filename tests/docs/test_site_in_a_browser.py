@@ -19,17 +19,9 @@ pytestmark = pytest.mark.daily
 
 PAGES = (
     *("index.html", "environments/ids.html", "environments/ids/PacManBotFlat-v0.html", "reference/environments.html"),
-    *(
-        "commands.html",
-        "architecture.html",
-        "leaderboard.html",
-        "notebooks/own_policy.html",
-        "notebooks/game.html",
-        "search.html?q=ppo",
-    ),
+    *("commands.html", "architecture.html", "leaderboard.html", "search.html?q=ppo"),
+    *("notebooks/own_policy.html", "notebooks/game.html"),
 )
-
-
 #: Words of names in tables that are on two lines.
 CUT = """() => [...document.querySelectorAll('td code .pre')].flatMap((name) => [...name.childNodes])
 .filter((piece) => {

@@ -21,49 +21,37 @@ SHORT = ["--map", "loop", "--rounds", "2", "--seconds", "0.02"]
 
 
 @pytest.fixture(scope="module")
-def printed() -> io.StringIO:
-    """What the run of ``report`` prints."""
-    return io.StringIO()
-
-
-@pytest.fixture(scope="module")
-def report(tmp_path_factory: pytest.TempPathFactory, printed: io.StringIO) -> tuple[dict[str, Any], Path]:
-    """The figures of one short run, written into a folder that did not exist."""
+def report(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path, str]:
+    """The figures of one short run, written into a folder that did not exist, and what the run prints."""
     path = tmp_path_factory.mktemp("benchmark") / "results" / "speed.json"
-    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(printed):
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()) as printed:
         patch.setattr(benchmark, "HOUSES", 2)
         assert main([*SHORT, "--json", str(path)]) == 0
-    return json.loads(path.read_text()), path
+    return json.loads(path.read_text()), path, printed.getvalue()
 
 
-def test_all_rows_are_measured_and_written(report: tuple[dict[str, Any], Path]) -> None:
-    figures, path = report
+def test_all_rows_are_measured_printed_and_written(report: tuple[dict[str, Any], Path, str]) -> None:
+    figures, path, printed = report
     assert list(figures["rows"]) == [BARE, *(row.name for row in ROWS)]
     for row in figures["rows"].values():
         low, high = row["range"]
         assert 0 < low <= row["decisions_per_s"] <= high
-        assert math.isfinite(row["of_bare"])
-        assert row["of_bare"] > 0
+        assert 0 < row["of_bare"] < math.inf
     assert list(path.parent.iterdir()) == [path]
+    assert (figures["map"], figures["version"]) == ("loop", pacman_env.__version__)
+    assert figures["command"].startswith("pacman-env benchmark --map loop --rounds 2")
+    assert printed.splitlines() == table(figures)
+    assert all(f"| {name} |" in printed for name in figures["rows"])
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
-def test_decisions_last_a_tick_or_until_an_event(row: BenchmarkRow, report: tuple[dict[str, Any], Path]) -> None:
+def test_decisions_last_a_tick_or_until_an_event(row: BenchmarkRow, report: tuple[dict[str, Any], Path, str]) -> None:
     figures = report[0]["rows"][row.name]
     lasts_s = figures["simulated_s_per_s"] / figures["decisions_per_s"]
     if "Flat" in row.env:
         assert 0.4 <= lasts_s <= 4.5  # medians of the two need not be of one round
     else:
         assert lasts_s == pytest.approx(0.5)
-
-
-def test_figures_name_measurement_and_machine(report: tuple[dict[str, Any], Path], printed: io.StringIO) -> None:
-    figures, _ = report
-    assert figures["map"] == "loop"
-    assert figures["version"] == pacman_env.__version__
-    assert figures["command"].startswith("pacman-env benchmark --map loop --rounds 2")
-    assert printed.getvalue().splitlines() == table(figures)
-    assert all(f"| {name} |" in printed.getvalue() for name in figures["rows"])
 
 
 @pytest.mark.parametrize(("made", "decisions"), [("make", 4), ("make_vec", 8), ("sb3", 16)])
