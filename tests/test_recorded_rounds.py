@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import math
 import os
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from pacman_env.config import Config, make_config
-from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
-from pacman_env.game.decisions import HOLD, LastDecision, Moment
 from pacman_env.game.execution import COMPLETE, DEAD, RUNNING, TIMEOUT
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
@@ -81,19 +76,8 @@ class Recorded:
         self.events[i].append((*event, [(float(x), float(y)) for x, y, _ in ghosts], pose, pursued))
 
 
-Ghosts = list[tuple[float, float]]
-
-
-def play_again(
-    events: list[Any],
-    config: Config,
-    batch: GameBatch,
-    before_choice: Callable[[RobotSide, float, int, Ghosts], None] | None = None,
-) -> RobotSide:
-    """One recorded round on the robot's side, compared at every event.
-
-    ``before_choice``: called with the time in the round, s, the choice, and where the ghosts are.
-    """
+def play_again(events: list[Any], config: Config, batch: GameBatch) -> RobotSide:
+    """One recorded round on the robot's side, compared at every event."""
     assets = batch.assets
     robot = RobotSide(config, assets.goal_xy[: assets.pellets], assets.goal_xy[assets.pellets :])
     zero = robot.now
@@ -101,8 +85,6 @@ def play_again(
         robot.now = zero + step * STEP_S
         if kind == "choose":
             robot.executor.pose = at
-            if before_choice is not None:
-                before_choice(robot, step * STEP_S, value, ghosts)
             masked = value != batch.hold and (value in robot.executor.round.masked(robot.now))
             taken = value < assets.pellets and value not in robot.executor.round.left
             assert robot.choose(batch.hold if masked or taken else value)
@@ -141,48 +123,3 @@ def test_robot_replays_recorded_rounds_as_same_games(policy: str, ghosts: tuple[
         assert sorted(robot.executor.round.left) == np.flatnonzero(batch.alive[i]).tolist()
         assert (robot.referee.score if end == TIMEOUT else robot.score) == game["score"]
     assert {DEAD, COMPLETE} <= ends
-
-
-class Asked:
-    """One robot's planner, which has to be asked at the same times as the simulator's, and whose choice is repeated."""
-
-    def __init__(self, config: Config, at_s: set[float], hold: int) -> None:
-        self.last, self.at_s, self.hold = LastDecision(config), at_s, hold
-
-    def __call__(self, robot: RobotSide, time_s: float, choice: int, ghosts: Ghosts) -> None:
-        pose = robot.executor.pose
-        assert pose is not None
-        distance = min(math.dist(pose, ghost) for ghost in ghosts)
-        moment = Moment(robot.now, robot.executor.sent.pursued, robot.executor.round.left, distance)
-        due = self.last.due(moment)
-        assert due == (time_s in self.at_s), time_s
-        chosen = HOLD if choice == self.hold else choice
-        if due:
-            self.last.decide(chosen, moment)
-        assert self.last.choice == chosen
-
-
-@pytest.mark.parametrize(("policy", "execution"), [("clyde_aware", "robust"), ("random", "as_built")])
-def test_robot_planner_decides_at_events_of_simulator(policy: str, execution: str) -> None:
-    n = max(1, ROUNDS // 4)
-    changes = {**EXACT, "localization.perfect": False, "time_limit_s": 150.0, "nav2.abort_rate": 0.05}
-    envs = PacManBotVectorEnv(
-        n,
-        map="house",
-        ghosts=("arcade", "wander"),
-        settings={**changes, "execution.rules": execution, "decisions.when": "event"},
-        autoreset_mode=AutoresetMode.DISABLED,
-    )
-    batch, games, chooser = envs.batch, envs.batch.games, make_policy(policy)
-    recorded = Recorded(batch)
-    envs.reset(seed=0)
-    chooser.reset(np.ones(n, np.bool_), envs.config)
-    asked: list[set[float]] = [set() for _ in range(n)]
-    while (games["end"] == RUNNING).any():
-        for i in np.flatnonzero(games["end"] == RUNNING).tolist():
-            asked[i].add(float(games["step"][i]) * STEP_S)
-        envs.step(chooser.select(envs.situation))
-    for i, events in enumerate(recorded.events):
-        play_again(events, envs.config, batch, Asked(envs.config, asked[i], batch.hold))
-    choices = sum(kind == "choose" for events in recorded.events for _, kind, *_ in events)
-    assert 0 < sum(map(len, asked)) < 0.8 * choices

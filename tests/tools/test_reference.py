@@ -30,8 +30,8 @@ def test_every_table_appears_on_one_page() -> None:
     assert sorted(named) == sorted(TABLES)
 
 
-def test_configuration_table_lists_every_field_and_default() -> None:
-    rows = dict(re.findall(r"^\| `([\w.]+)` \| `(.*?)` \|", configuration(), re.MULTILINE))
+def test_configuration_table_lists_and_describes_every_field() -> None:
+    rows = dict(re.findall(r"^\| `([\w.]+)` \| `(.*?)` \|.*\| \S.* \|$", configuration(), re.MULTILINE))
     wanted = {}
     for field in dataclasses.fields(Config):
         value = getattr(Config(), field.name)
@@ -40,12 +40,6 @@ def test_configuration_table_lists_every_field_and_default() -> None:
         else:
             wanted[field.name] = value
     assert rows == {name: repr(value).replace("'", '"') for name, value in wanted.items()}
-
-
-def test_every_configuration_field_has_a_description() -> None:
-    for line in configuration().splitlines():
-        if line.startswith("| `"):
-            assert not line.endswith("|  |"), line
 
 
 def test_every_hyperparameter_has_a_help_text() -> None:
