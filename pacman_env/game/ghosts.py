@@ -77,6 +77,11 @@ class GhostView(NamedTuple):
     corner_y: float
 
 
+def view_of(number, ghost, robot, corner):  # type: ignore[no-untyped-def]
+    """Return the view of ghost ``number`` of its own motion, the robot's believed pose and its corner (x, y), m."""
+    return GhostView(number, ghost.x, ghost.y, ghost.vx, ghost.vy, robot[0], robot[1], robot[2], corner[0], corner[1])
+
+
 Target = Callable[[GhostView, tuple[float, ...]], tuple[float, float]]
 
 

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from pacman_env.config import Config
 from pacman_env.engine.jit import kernel
-from pacman_env.engine.native import call_range
 from pacman_env.game.ghosts import Behaviour
 from pacman_env.sim.coarse.coarse_map import between_all, blocks_of, joined_blocks
-from pacman_env.sim.coarse.model import Behaviours, behaviour_arrays
+from pacman_env.sim.coarse.model import GHOST, Behaviours, ask
 from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.world.navigation.grid import cell_of
 
@@ -151,8 +150,10 @@ def targets_of(
     map_ = Map(grid.affine, blocks, graph.ghost_length, MOST_APART * graph.edge_m)
     reach = 0.5 * graph.edge_m
     places = graph.sides, graph.ghost_xy
+    ghosts = np.zeros(1, dtype=GHOST)
+    ghosts["number"] = number
     targets = np.full((len(graph.robot_xy), len(graph.ghost_xy), TARGETS), -1, dtype=np.int16)
-    if _choose(behaviours.table.address, number, map_, places, corner, reach, targets) < 0:
+    if _choose(behaviours.table.address, ghosts, map_, places, corner, reach, targets) < 0:
         raise ValueError(
             f"ghosts {behaviour.name}: where such a ghost goes must follow from where it and the robot are"
         )
@@ -167,38 +168,28 @@ class Map(NamedTuple):
 
 
 @kernel
-def _ask(table, k, robot, ghost, corner, other):  # type: ignore[no-untyped-def]
-    """Return the target (x, y) in m of ghost ``k``, NaN if it wanders or fails."""
-    a = behaviour_arrays(table)
-    v = a.views[k]
-    v[0], v[1], v[2], v[3], v[4] = k, ghost[0], ghost[1], other[0], other[1]
-    v[5], v[6], v[7], v[8], v[9] = robot[0], robot[1], other[2], corner[0], corner[1]
-    if a.behaviours[k, 0] == 0 or call_range(a.behaviours[k, 0], table, k, 0) < 0:
-        return np.nan, np.nan
-    return a.targets[k, 0], a.targets[k, 1]
-
-
-@kernel
-def _choose(table, k, m, places, corner, reach, targets):  # type: ignore[no-untyped-def]
+def _choose(table, ghosts, m, places, corner, reach, targets):  # type: ignore[no-untyped-def]
     """Write the targets of :func:`targets_of`; return -1 if the behaviour depends on more than positions."""
     sides, ghost_xy = places
     rows, columns = m.block.shape
-    ghost = np.empty(2)
-    at_rest, moving = (0.0, 0.0, 0.0), (0.2, -0.1, 0.7)
+    ghost = ghosts[0]
     for r in range(len(sides)):
         for g in range(len(ghost_xy)):
             count = 0
             for j in range(9):
                 # Centres of both blocks, then the robot at its block's ends, then the ghost at its own block's ends.
-                ghost[0], ghost[1] = ghost_xy[g, 0], ghost_xy[g, 1]
-                if j > 4:
-                    ghost[(j - 5) // 2] += reach if j % 2 else -reach
+                ghost.x, ghost.y, ghost.vx, ghost.vy = ghost_xy[g, 0], ghost_xy[g, 1], 0.0, 0.0
+                if 4 < j < 7:
+                    ghost.x += reach if j % 2 else -reach
+                elif j >= 7:
+                    ghost.y += reach if j % 2 else -reach
                 robot = sides[r, j if j < 5 else 0]
-                x, y = _ask(table, k, robot, ghost, corner, at_rest)
+                x, y = ask(table, ghost, (robot[0], robot[1], 0.0), corner)
                 if not (math.isfinite(x) and math.isfinite(y)):
                     return -1
                 if j == 0:
-                    other_x, other_y = _ask(table, k, robot, ghost, corner, moving)
+                    ghost.vx, ghost.vy = 0.2, -0.1
+                    other_x, other_y = ask(table, ghost, (robot[0], robot[1], 0.7), corner)
                     if other_x != x or other_y != y:
                         return -1
                 column, row = cell_of(m.affine, rows, columns, x, y)

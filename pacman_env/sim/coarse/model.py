@@ -4,11 +4,8 @@ At every step each ghost decides with the function of its behaviour (``game/ghos
 targets from its own random stream.
 """
 
-import functools
 import math
-import threading
-import types
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,12 +13,13 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
 from ...config import Config
-from ...engine.arrays import Array, Table, address, arrays_by_address, reals_at
+from ...engine.arrays import Array, Table, address, arrays_by_address, reals_at, zeros
 from ...engine.jit import kernel
 from ...engine.native import address_of_kernel, call_range
-from ...game.ghosts import BEHAVIOURS, WANDER, Behaviour, GhostView
+from ...game.ghosts import WANDER, Behaviour, view_of
 from ...rng import below
 from ...world.navigation.grid import cell_of
+from ..behaviour_kernels import CONSTANTS, behaviour_kernel, target_of
 from .coarse_map import NO_BLOCK, CoarseArrays, next_block, units_between
 
 _BESIDE_M = 0.6  # blocks with a longer path between them are not adjacent
@@ -109,53 +107,27 @@ class BehaviourArrays(NamedTuple):
     """Inputs and results of the behaviour kernels, which are called by address, for G ghosts."""
 
     behaviours: Any = Array(np.int64, "G 2")  # addresses of the kernel and its constants; 0: wanders
-    views: Any = Array(np.float64, f"G {len(GhostView._fields)}")
+    ghosts: Any = Array(GHOST, "G")
+    robots: Any = Array(np.float64, "G 3")  # pose of the robot as each ghost sees it: m, m, rad
+    corners: Any = Array(np.float64, "G 2")  # m
     targets: Any = Array(np.float64, "G 2")  # m
 
 
 behaviour_arrays = arrays_by_address(BehaviourArrays)
 
 
-def _target(view, constants):  # type: ignore[no-untyped-def]
-    """Represent a behaviour's function; copies of :func:`_decide_behaviour` call the real one instead."""
-
-
-_CONSTANTS = 0  # replaced by the number of the behaviour's constants
-
-
 def _decide_behaviour(table, k, unused):  # type: ignore[no-untyped-def]
     """Write the target of ghost k, computed from its view."""
     a = behaviour_arrays(table)
-    v = a.views[k]
-    constants = reals_at(a.behaviours[k, 1], _CONSTANTS)
-    view = GhostView(int(v[0]), v[1], v[2], v[3], v[4], v[5], v[6], v[7], v[8], v[9])
-    a.targets[k, 0], a.targets[k, 1] = _target(view, to_fixed_tuple(constants, _CONSTANTS))
+    constants = reals_at(a.behaviours[k, 1], CONSTANTS)
+    view = view_of(k, a.ghosts[k], a.robots[k], a.corners[k])
+    a.targets[k, 0], a.targets[k, 1] = target_of(view, to_fixed_tuple(constants, CONSTANTS))
     return 0
-
-
-_making = threading.Lock()  # a second kernel from another thread would free the machine code of the first
-
-
-def _behaviour_kernel(behaviour: Behaviour) -> Callable[[int, int, int], int]:
-    with _making:
-        return _make_kernel(behaviour)
-
-
-@functools.cache
-def _make_kernel(behaviour: Behaviour) -> Callable[[int, int, int], int]:
-    """Compile :func:`_decide_behaviour` with the behaviour's function inlined."""
-    assert behaviour.target is not None
-    own = BEHAVIOURS.get(behaviour.name) == behaviour
-    names = {**globals(), "_target": kernel(behaviour.target, own), "_CONSTANTS": len(behaviour.parameters)}
-    code = types.FunctionType(_decide_behaviour.__code__, names, "_decide_behaviour")
-    code.__module__ = __name__
-    code.__qualname__ = f"_decide_{behaviour.name}" if own else "_decide_behaviour_from_outside"
-    return kernel(code, own)
 
 
 def behaviour_addresses(behaviour: Behaviour, constants: NDArray[np.float64]) -> tuple[int, int]:
     """Return the addresses of a behaviour's kernel and constants, a row of ``BehaviourArrays.behaviours``."""
-    return address_of_kernel(_behaviour_kernel(behaviour)), address(constants)
+    return address_of_kernel(behaviour_kernel(_decide_behaviour, behaviour)), address(constants)
 
 
 class Behaviours:
@@ -163,14 +135,12 @@ class Behaviours:
 
     def __init__(self, behaviours: Sequence[Behaviour], config: Config) -> None:
         """Compile the behaviours; ghosts that a policy controls are modelled as wandering."""
-        count = len(behaviours)
         self._constants = [np.array(one.constants(config), dtype=np.float64) for one in behaviours]
-        addresses = np.zeros((count, 2), dtype=np.int64)
+        arrays = zeros(BehaviourArrays, BehaviourArrays._fields, G=len(behaviours))
         for k, one in enumerate(behaviours):
             if one.target is not None and one.name != WANDER:
-                addresses[k] = behaviour_addresses(one, self._constants[k])
-        views, targets = np.zeros((count, len(GhostView._fields))), np.zeros((count, 2))
-        self.table = Table(BehaviourArrays, behaviours=addresses, views=views, targets=targets)
+                arrays["behaviours"][k] = behaviour_addresses(one, self._constants[k])
+        self.table = Table(BehaviourArrays, **arrays)
 
 
 class Model(NamedTuple):
@@ -318,18 +288,25 @@ def _drive(robot, model):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def ask(table, ghost, robot, corner):  # type: ignore[no-untyped-def]
+    """Return the target (x, y), m, of a ghost that sees the robot's pose; NaN if it wanders or its behaviour fails."""
+    a, k = behaviour_arrays(table), ghost.number
+    if a.behaviours[k, 0] == 0:
+        return math.nan, math.nan
+    a.ghosts[k] = ghost
+    a.robots[k, 0], a.robots[k, 1], a.robots[k, 2] = robot
+    a.corners[k, 0], a.corners[k, 1] = corner[0], corner[1]
+    if call_range(a.behaviours[k, 0], table, k, 0) < 0:
+        return math.nan, math.nan
+    return a.targets[k, 0], a.targets[k, 1]
+
+
+@kernel
 def _decide(ghost, robot, model):  # type: ignore[no-untyped-def]
     """Return the target block of a ghost, or -1 if it wanders."""
-    m, a, k = model.map, behaviour_arrays(model.behaviours), ghost.number
-    if a.behaviours[k, 0] == 0:
-        return -1
-    v, corner = a.views[k], m.ghost_corner[k]
-    v[0], v[1], v[2], v[3], v[4] = k, ghost.x, ghost.y, ghost.vx, ghost.vy
-    v[5], v[6], v[7] = robot.x, robot.y, robot.heading
-    v[8], v[9] = m.ghost_xy[corner, 0], m.ghost_xy[corner, 1]
-    if call_range(a.behaviours[k, 0], model.behaviours, k, 0) < 0:
-        return -1
-    x, y = a.targets[k, 0], a.targets[k, 1]
+    m = model.map
+    corner = m.ghost_xy[m.ghost_corner[ghost.number]]
+    x, y = ask(model.behaviours, ghost, (robot.x, robot.y, robot.heading), corner)
     if not (math.isfinite(x) and math.isfinite(y)):
         return -1
     return np.int64(_ghost_block(m, x, y))

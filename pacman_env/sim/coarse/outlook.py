@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
-from ...engine.arrays import Array, Table, arrays_by_address
+from ...engine.arrays import Array, Table, arrays_by_address, zeros
 from ...engine.jit import kernel
 from ...engine.native import address_of
 from ...game.behaviour_belief import ARCADE, BELIEVED, CHASES, WANDERS, comes, taken_for
@@ -84,7 +84,7 @@ class Outlook:
         if not fits:
             self._memory, self._tables, self._places = [], [], []
         while len(self._memory) < threads:
-            own = BehaviourArrays(np.zeros((ghosts, 2), np.int64), np.zeros((ghosts, 10)), np.zeros((ghosts, 2)))
+            own = BehaviourArrays(**zeros(BehaviourArrays, BehaviourArrays._fields, G=ghosts))
             table = Table(BehaviourArrays, **own._asdict())
             self._memory.append(
                 OutlookArrays(

@@ -1,8 +1,6 @@
 """State, paths and destinations of the ghosts of N games; ``game/ghosts.py`` contains the rules."""
 
-import functools
 import math
-import types
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -20,17 +18,18 @@ from ...game.ghosts import (
     POLICY,
     WANDER,
     Behaviour,
-    GhostView,
     at_target,
     choose_target,
     find_behaviour,
     ghost_stream,
     spawn,
+    view_of,
     walk,
 )
 from ...rng import below
 from ...world.navigation.grid import cell_of
 from ...world.navigation.localization import Pose
+from ..behaviour_kernels import CONSTANTS, behaviour_kernel, target_of
 from ..maps.assets import MapAssets
 from ..maps.ghost_cells import find_path, search_memory
 from ..maps.level import Level, level_arrays
@@ -173,24 +172,15 @@ def watch(table, i):  # type: ignore[no-untyped-def]
     watch_ghosts(a.ghosts[i], a.paths[i], (bx, by), g.tick, a.levels[g.level], p.arcade_m, p.tick_s)
 
 
-def _target(view, constants):  # type: ignore[no-untyped-def]
-    """Represent a behaviour's function; copies of :func:`_follow_behaviour` call the real one instead."""
-
-
-_CONSTANTS = 0  # replaced by the number of the behaviour's constants
-
-
 def _follow_behaviour(table, i, which):  # type: ignore[no-untyped-def]
     """Choose the target of a ghost of game i; ``which`` = row of the behaviour * G + number of the ghost."""
     a = _arrays(table)
     row, number = divmod(which, a.ghosts.shape[1])
-    constants = reals_at(a.behaviours[row, 1], _CONSTANTS)
+    constants = reals_at(a.behaviours[row, 1], CONSTANTS)
     g, p = a.games[i], a.parameters[0]
     level, ghost = level_arrays(a.levels[g.level]), a.ghosts[i, number]
-    bx, by, heading = believed(g, p.use_tf)
-    corner_x, corner_y = level.ghost_xy[level.ghost_corner[number]]
-    view = GhostView(number, ghost.x, ghost.y, ghost.vx, ghost.vy, bx, by, heading, corner_x, corner_y)
-    x, y = _target(view, to_fixed_tuple(constants, _CONSTANTS))
+    view = view_of(number, ghost, believed(g, p.use_tf), level.ghost_xy[level.ghost_corner[number]])
+    x, y = target_of(view, to_fixed_tuple(constants, CONSTANTS))
     target = -1
     if math.isfinite(x) and math.isfinite(y):
         rows, columns = level.ghost_snap.shape
@@ -198,18 +188,6 @@ def _follow_behaviour(table, i, which):  # type: ignore[no-untyped-def]
         target = level.ghost_snap[row, column]
     _go(ghost, a.paths[i, number], target, level, a.search)
     return 0
-
-
-@functools.cache
-def behaviour_kernel(behaviour: Behaviour) -> Callable[[int, int, int], int]:
-    """Compile :func:`_follow_behaviour` with the behaviour's function inlined."""
-    assert behaviour.target is not None
-    own = BEHAVIOURS.get(behaviour.name) == behaviour
-    names = {**globals(), "_target": kernel(behaviour.target, own), "_CONSTANTS": len(behaviour.parameters)}
-    loop = types.FunctionType(_follow_behaviour.__code__, names, "_follow_behaviour")
-    loop.__module__ = __name__
-    loop.__qualname__ = f"_follow_{behaviour.name}" if own else "_follow_behaviour_from_outside"
-    return kernel(loop, own)
 
 
 #: Version for calls from Python.
@@ -253,7 +231,7 @@ class Ghosts:
                 self._use(k, one)
 
     def _use(self, row: int, behaviour: Behaviour) -> None:
-        self._used[row] = behaviour_kernel(behaviour)
+        self._used[row] = behaviour_kernel(_follow_behaviour, behaviour)
         self._constants.append(np.array(behaviour.constants(self._config), dtype=np.float64))
         self._behaviours[row] = address_of_kernel(self._used[row]), address(self._constants[-1])
 

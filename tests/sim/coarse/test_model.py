@@ -8,6 +8,7 @@ import pytest
 
 from pacman_env.engine.jit import kernel
 from pacman_env.game.ghosts import Behaviour, GhostView
+from pacman_env.sim import behaviour_kernels
 from pacman_env.sim.coarse import model
 from pacman_env.sim.coarse.model import NOWHERE, Lags, choose, lead_m, play, step
 from pacman_env.sim.coarse.start import CoarseStart, draw_futures
@@ -190,6 +191,6 @@ def test_threads_share_the_kernel_of_a_behaviour(monkeypatch: pytest.MonkeyPatch
     def stand(view: GhostView, x: float) -> tuple[float, float]:
         return view.x, view.y
 
-    monkeypatch.setattr(model, "kernel", slowly(model.kernel))
+    monkeypatch.setattr(behaviour_kernels, "kernel", slowly(behaviour_kernels.kernel))
     first, second = at_once(lambda: model.behaviour_addresses(Behaviour("stands", stand, (1.0,)), np.zeros(1))[0])
     assert first == second
