@@ -30,7 +30,7 @@ from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
 from pacman_env.envs.registration import IDS
 from pacman_env.game.ghosts import BEHAVIOURS
 from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.kinds import BEARINGS, FEATURES, KINDS, MASK, ObservationPart, mask_part
+from pacman_env.sim.observation.kinds import BEARINGS, BUILT_IN_KINDS, FEATURES, MASK, ObservationPart, mask_part
 from pacman_env.training.arguments import Hyperparameters
 from pacman_env.world.maps.occupancy import shipped_maps
 from tools.common import ROOT, add_check, as_arguments, number, table, update
@@ -38,7 +38,6 @@ from tools.scores import all_scores
 
 _BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(?=<!-- end -->)", re.DOTALL)
 _KINDS = {bool: "`True` or `False`", int: "whole number"}
-OWN_KINDS = ("features", "planner", "scan", "bearings", "grid")  # observation kinds of the package
 
 
 def _code(value: object) -> str:
@@ -67,7 +66,7 @@ def configuration() -> str:
         for f in dataclasses.fields(owner):
             value, name = getattr(owner, f.name), f"{prefix}{f.name}"
             if not dataclasses.is_dataclass(value):
-                names = {"clyde.ghosts": BEHAVIOURS, "observation.kinds": OWN_KINDS}.get(name)
+                names = {"clyde.ghosts": BEHAVIOURS, "observation.kinds": BUILT_IN_KINDS}.get(name)
                 own = f"each {', '.join(map(_code, names))}, or a plug-in's" if names else ""
                 values = own or _values(unit_of(f.name), types[f.name])
                 yield [f"`{name}`", _code(value), values, description_of(owner, f.name)]
@@ -94,14 +93,14 @@ def presets() -> str:
 
 
 def _parts(kind: str) -> dict[str, ObservationPart]:
-    return KINDS.find(kind)().parts(PacManBotEnv("house", ghosts=2).batch)
+    return BUILT_IN_KINDS[kind].parts(PacManBotEnv("house", ghosts=2).batch)
 
 
 def keys() -> str:
     """Return the table of keys of the observation on the map ``house`` with two ghosts."""
     batch = PacManBotEnv("house").batch
     entries = [(MASK, mask_part(batch), '`action="goal"`')]
-    for kind in OWN_KINDS:
+    for kind in BUILT_IN_KINDS:
         when = "features, the default" if kind == FEATURES.name else f'`observation="{kind}"`'
         when += ', a scan, `action="velocity"`' if kind == BEARINGS.name else ""
         entries += [(key, part, when if key != "ghosts" else "several ghosts") for key, part in _parts(kind).items()]

@@ -17,8 +17,6 @@ _EVENTFUL = {
     "nav2.abort_rate": 1.0,  # goals are aborted
     "randomize.speed_mps": (0.2, 0.3),
 }
-_GHOSTS = ("wander", "chase", "arcade")
-_KINDS = ("features", "planner", "scan", "grid")
 
 
 def add_warm_up(commands: Any) -> None:
@@ -98,8 +96,12 @@ def _play(settings: Mapping[str, Any] = _SHORT, **arguments: Any) -> None:
 
 
 def _every_argument() -> None:
-    _play(observation=_KINDS)
-    _play(observation=_KINDS, ghosts=_GHOSTS)
+    from pacman_env.sim.core.ghosts import BEHAVIOUR_NAMES
+    from pacman_env.sim.observation.kinds import BUILT_IN_KINDS
+
+    kinds = tuple(BUILT_IN_KINDS)
+    _play(observation=kinds)
+    _play(observation=kinds, ghosts=BEHAVIOUR_NAMES)
     _play(action="velocity", observation="scan")
     _play({**_SHORT, "observation.normalize": True}, action="velocity", observation=("scan", "flat"))
     _play({**_SHORT, "execution.rules": "as_built", "observation.candidates": "nearest"}, preset="ideal")
@@ -111,8 +113,9 @@ def _policies() -> None:
 
     from pacman_env.envs.pacmanbot import PacManBotEnv
     from pacman_env.policies.registry import make_policy, policy_names
+    from pacman_env.sim.core.ghosts import BEHAVIOUR_NAMES
 
-    env = PacManBotEnv(settings=_SHORT, ghosts=_GHOSTS)  # search compiles nothing if all ghosts wander
+    env = PacManBotEnv(settings=_SHORT, ghosts=BEHAVIOUR_NAMES)  # search compiles nothing if all ghosts wander
     env.reset(seed=0)
     for name in policy_names():
         policy = make_policy(name)

@@ -33,6 +33,7 @@ from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import read_planner
 from pacman_env.policies.opponents import BehaviourOpponent, Opponents
 from pacman_env.policies.registry import make_policy
+from pacman_env.sim.core.ghosts import BEHAVIOUR_NAMES
 from pacman_env.training.arguments import FOLDER, load_hyperparameters
 from pacman_env.training.arguments import Arguments as GameArguments
 from pacman_env.training.checkpoint import facts_path, load_network, read_facts, restore
@@ -47,7 +48,6 @@ from pacman_env.training.ppo import PPO, imitate
 from pacman_env.training.train import progress_bar
 
 _PROG = "pacman-env adversary"
-BUILT_IN = ("wander", "arcade", "chase")  # behaviours of the environment
 RULES = ("lookahead", "clyde_aware")
 _PLANNER, _CLYDE = 0, 1  # streams of random numbers
 
@@ -163,7 +163,7 @@ class Alternation:
         arguments = self.arguments
         decisions = arguments.rounds * (arguments.clyde_decisions + arguments.planner_decisions)
         self._export(_PLANNER, "planner-0")
-        self.table.play("planner-0", BUILT_IN)
+        self.table.play("planner-0", BEHAVIOUR_NAMES)
         with progress_bar(decisions, arguments.progress) as bar:
             for number in range(1, arguments.rounds + 1):
                 self._round(number, bar)
@@ -189,7 +189,7 @@ class Alternation:
         self._export(_PLANNER, planner)
         self.table.play(opponent, [clyde])
         for policy in (planner, *RULES):
-            self.table.play(policy, [*BUILT_IN, clyde])
+            self.table.play(policy, [*BEHAVIOUR_NAMES, clyde])
         self.rounds.append(
             {
                 "round": number,
@@ -222,7 +222,7 @@ class Alternation:
     def _export(self, side: int, name: str, metrics: dict[str, float] | None = None) -> None:
         facts = facts_of(_games(self.arguments, side), self._decisions[side], metrics or {})
         if self._decisions[_CLYDE] > 0:  # from the second half of the first round on
-            ghosts = (*BUILT_IN, POLICY) if side == _PLANNER else (POLICY,)
+            ghosts = (*BEHAVIOUR_NAMES, POLICY) if side == _PLANNER else (POLICY,)
             facts = msgspec.structs.replace(facts, training=msgspec.structs.replace(facts.training, ghosts=ghosts))
         export_planner(self._models[side].network, self._path(name), facts)
         self.table.files[name] = self._path(name)
@@ -332,5 +332,5 @@ def robustness(planner: Path, clyde: Path | None, table: CompletionTable) -> Com
     """Play one planner and the rules for the table of a model card; ``clyde`` is an additional learned Clyde."""
     table.files |= {"planner": planner} | ({} if clyde is None else {"clyde": clyde})
     for policy in ("planner", *RULES):
-        table.play(policy, BUILT_IN if clyde is None else (*BUILT_IN, "clyde"))
+        table.play(policy, BEHAVIOUR_NAMES if clyde is None else (*BEHAVIOUR_NAMES, "clyde"))
     return table

@@ -22,12 +22,12 @@ from pacman_env.ros.bags.bag import BagError, open_bag
 from pacman_env.ros.bags.bag_walk import Walk, recorded_config
 from pacman_env.sim.core.parameters import reward_record
 from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.observation.kinds import BUILT_IN_KINDS
 from pacman_env.sim.observation.situation import Situation
 
 from .recording import ROUND, RecordedRounds, flattened
 
-#: Observation kinds that need nothing but a situation.
-KINDS = ("features", "planner", "bearings")
+KINDS = [kind.name for kind in BUILT_IN_KINDS.values() if not kind.simulated]
 _CODES = {word: code for code, word in enumerate(OUTCOMES.tolist())}
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -93,6 +93,7 @@ class _Kind:
     name: str
     parts: Callable[[GameBatch], dict[str, ObservationPart]]
     fill: Callable[[GameBatch, Situation], Observation]
+    simulated: bool = field(default=False, kw_only=True)  # shows the game itself, not only its situation
 
     def __call__(self) -> _Kind:
         return self  # other packages register classes
@@ -200,14 +201,12 @@ FEATURES = CompiledKind(
     "features", _feature_parts, _features, lambda batch, situation, wanted, arrays: features_stage(situation, arrays)
 )
 PLANNER = CompiledKind("planner", _planner_parts, _planner, _planner_stage, maps_changed, maps_wanted)
-SCAN, BEARINGS = _Kind("scan", _scan_parts, _scan), _Kind("bearings", _bearing_parts, _bearings)
-GRID = _Kind("grid", _grid_parts, _grid)
+SCAN = _Kind("scan", _scan_parts, _scan, simulated=True)
+BEARINGS = _Kind("bearings", _bearing_parts, _bearings)
+GRID = _Kind("grid", _grid_parts, _grid, simulated=True)
+BUILT_IN_KINDS = {kind.name: kind for kind in (FEATURES, PLANNER, SCAN, BEARINGS, GRID)}
 #: Kinds by name, as classes without constructor arguments; other packages add entry points.
-KINDS: Registry[Callable[[], ObservationKind]] = Registry(
-    "observation kind",
-    "pacman_env.observations",
-    {kind.name: kind for kind in (FEATURES, SCAN, BEARINGS, GRID, PLANNER)},
-)
+KINDS: Registry[Callable[[], ObservationKind]] = Registry("observation kind", "pacman_env.observations", BUILT_IN_KINDS)
 register_observation = KINDS.register
 
 
