@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..config import ConfigError
 from ..game.execution import RUNNING
+from ..game.reward import Rewards, reward
 from ..policies.base import Flags, Floats, Indices
 from ..sim.core import compile_ahead
 from ..sim.core.batch import GameBatch
@@ -218,8 +219,10 @@ class GameRunner:
 
     def ghost_reward(self) -> Floats:
         """Return a ghost's reward (N,) in the last step, from ``config.ghost_reward``; 0 in games that were over."""
-        reward = outcome.reward_and_end(self.batch.games, self._was_over, self.config.ghost_reward)[0]
-        return reward + self.config.ghost_reward.progress * self._nearer if self._path_counts else reward
+        games, config = self.batch.games, self.config.ghost_reward
+        earned = reward(1, games["tick_pellets"], games["tick_rounds"], games["end"], Rewards.of(config))
+        earned = np.where(self._was_over, 0.0, earned)
+        return earned + config.progress * self._nearer if self._path_counts else earned
 
     def observe(self, copy: bool | None = None) -> Any:
         """Return the robot's observation: one array (N, ...) per key, or one array if observations are flat.

@@ -1,26 +1,16 @@
-"""Rewards and infos of the games of a batch after a tick."""
+"""Infos of the games of a batch after a tick."""
 
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import RewardConfig
 from ..policies.base import Flags, Floats, Indices
 from ..sim.core import kernels
-from ..sim.core.parameters import reward_record
 
 #: ``info["outcome"]`` by the game's end code.
 OUTCOMES = np.array(["running", "caught", "complete", "cleared", "timeout"], dtype=object)
 Ends = tuple[Floats, Flags, Flags]  # reward, terminated, truncated, each (N,)
-
-
-def reward_and_end(games: NDArray[Any], over_before: Flags, config: RewardConfig) -> Ends:
-    """Return reward, terminated and truncated (N,) of the last tick; games in ``over_before`` (N,) get no reward."""
-    n = len(games)
-    reward, terminated, truncated = np.empty(n), np.empty(n, dtype=np.bool_), np.empty(n, dtype=np.bool_)
-    kernels.reward_and_end(games, reward_record(config), terminated, truncated, over_before, reward)
-    return reward, terminated, truncated
 
 
 def infos(summary: Indices, numeric: bool = False) -> dict[str, NDArray[Any]]:

@@ -17,10 +17,10 @@ from pacman_env.config.composition import differences
 from pacman_env.envs.arguments import EnvArguments
 from pacman_env.envs.game_runner import GameRunner
 from pacman_env.envs.outcome import OUTCOMES
+from pacman_env.game.reward import Rewards, reward
 from pacman_env.ros import topics
 from pacman_env.ros.bags.bag import BagError, open_bag
 from pacman_env.ros.bags.bag_walk import Walk, recorded_config
-from pacman_env.sim.core.parameters import reward_record
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.kinds import BUILT_IN_KINDS
 from pacman_env.sim.observation.situation import Situation
@@ -157,8 +157,8 @@ class _RoundRecorder:
     def _rewards(self, elapsed_s: Any, outcome: str) -> Any:
         """Return the rewards (D,) of ticks, pellets and the end as in the environment, without ``reward.progress``."""
         config = self._runner.config
-        rewards = config.reward.tick * elapsed_s / config.execution.tick_s
         pellet_of = np.searchsorted(self._at_s, [at_s for at_s, _ in self._collected], side="right") - 1
-        np.add.at(rewards, np.maximum(pellet_of, 0), config.reward.pellet)
-        rewards[-1] += reward_record(config.reward)["end"][0, _CODES[outcome]]
-        return rewards
+        pellets = np.bincount(np.maximum(pellet_of, 0), minlength=len(elapsed_s))
+        ends = np.zeros(len(elapsed_s), dtype=np.int64)
+        ends[-1] = _CODES[outcome]
+        return reward(elapsed_s / config.execution.tick_s, pellets, 0, ends, Rewards.of(config.reward))

@@ -12,7 +12,6 @@ from ...game.execution import (
     CANCEL,
     CHECK,
     CHOICE,
-    COMPLETE,
     NO_CHOICE,
     RESULT,
     RUNNING,
@@ -274,22 +273,6 @@ def step_robot(state, by_hand, cells, nav, search, spaces):  # type: ignore[no-u
     if not g.stage:
         sense(g, p)
     return g.stage == 0
-
-
-@kernel
-def reward(g, rewards):  # type: ignore[no-untyped-def]
-    completed = rewards.end[COMPLETE] * g.tick_rounds
-    return rewards.tick + rewards.pellet * g.tick_pellets + completed + rewards.end[g.end]
-
-
-@kernel
-def reward_and_end(games, rewards, terminated, truncated, over_before, result):  # type: ignore[no-untyped-def]
-    """Write reward (:func:`reward`) and ending of a tick for each game; games that were already over get no reward."""
-    for i in range(len(games)):
-        g = games[i]
-        terminated[i] = g.end != RUNNING and g.end != TIMEOUT
-        truncated[i] = g.end == TIMEOUT
-        result[i] = 0.0 if over_before[i] else reward(g, rewards[0])
 
 
 @kernel

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from ...config import Config, RewardConfig
 from ...engine.jit import kernel
 from ...game.decisions import decision_rules
-from ...game.execution import COMPLETE, DEAD, TIMEOUT, Execution, rules
+from ...game.execution import Execution, rules
 from ...game.ghosts import GHOST_FIELDS
+from ...game.reward import Rewards
 from ...rng import RANDOMIZE, ROUND, stream, uniform
 from ...world.navigation.controller import HORIZON_S
 from ...world.navigation.localization import LOCALIZATION_FIELDS
@@ -131,7 +132,7 @@ REWARDS = np.dtype(
     [
         ("tick", np.float64),
         ("pellet", np.float64),
-        ("end", np.float64, (5,)),  # by end code; COMPLETE also for each completed round of an endless game
+        ("end", np.float64, (5,)),
         ("discount", np.float64),  # per tick
     ],
     align=True,
@@ -142,12 +143,8 @@ def batch_parameters(config: Config, resolution: float, pellet_slots: int, refug
     return np.array([tuple(_values(config, resolution, pellet_slots, refuge_slots).values())], dtype=PARAMETERS)
 
 
-def reward_record(reward: RewardConfig, tick_discount: float = 1.0) -> NDArray[Any]:
-    record = np.zeros(1, dtype=REWARDS)
-    record["tick"], record["pellet"], record["discount"] = reward.tick, reward.pellet, tick_discount
-    for code, value in ((DEAD, reward.death), (COMPLETE, reward.completion), (TIMEOUT, reward.timeout)):
-        record["end"][0, code] = value
-    return record
+def reward_record(reward: RewardConfig, tick_discount: float) -> NDArray[Any]:
+    return np.array([(*Rewards.of(reward), tick_discount)], dtype=REWARDS)
 
 
 #: Game field of each field of ``config.randomize``.

@@ -1,0 +1,31 @@
+"""Reward of the robot's agent."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..config import RewardConfig
+from .execution import COMPLETE, DEAD, TIMEOUT
+
+
+class Rewards(NamedTuple):
+    """Constants of :func:`reward`; the simulator's record has the same fields."""
+
+    tick: Any
+    pellet: Any
+    end: Any  # (5,) by end code; COMPLETE also for each completed round of an endless game
+
+    @classmethod
+    def of(cls, config: RewardConfig) -> "Rewards":
+        """Return the constants of a configuration."""
+        end = np.zeros(5)
+        end[[DEAD, COMPLETE, TIMEOUT]] = config.death, config.completion, config.timeout
+        return cls(config.tick, config.pellet, end)
+
+
+def reward(ticks, pellets, rounds, end, rewards):  # type: ignore[no-untyped-def]
+    """Return the reward of some ticks with the collected pellets, the completed rounds and the end code after them.
+
+    Arguments are numbers or arrays of one shape.
+    """
+    return rewards.tick * ticks + rewards.pellet * pellets + rewards.end[COMPLETE] * rounds + rewards.end[end]
