@@ -19,6 +19,11 @@ STAND_S = 0.5
 _EDGE_S = 1e-9  # tolerance, because sums of periods hit the times at which the side changes
 
 
+def killed_by(ghost: str) -> str:
+    """Return the event in which a ghost catches the robot."""
+    return f"{ghost} killed"
+
+
 @dataclass(frozen=True)
 class Feedback:
     light: Light | None = None
@@ -63,7 +68,7 @@ FEEDBACK: dict[str, Feedback] = {
         for ghost, colour in GHOST_COLOURS.items()
     },
     **{
-        f"{ghost} killed": Feedback(Light(f"{ghost} killed", wave(colour), "death_s", "off"), _DEATH_SOUND, "shake")
+        killed_by(ghost): Feedback(Light(killed_by(ghost), wave(colour), "death_s", "off"), _DEATH_SOUND, "shake")
         for ghost, colour in GHOST_COLOURS.items()
     },
 }

@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterable, Sequence
 
 from ..config import Config
+from .events import killed_by
 from .execution import CANCEL, CHECK, CHOICE, DEAD, NO_CHOICE, REJECTED, RESULT, RUNNING, SEND, SUCCEEDED, within
 from .ghosts import GHOST_NAMES
 from .goals import HOME, ExecutorAction, Goals, Place, Position, SentGoals
@@ -116,7 +117,7 @@ class GoalExecutor:
         action, actions = self._step(CHECK, 0, pose, now, ghosts)
         if self.round.record.end == DEAD:
             self.task = "none"
-            killed = ExecutorAction("event", f"{GHOST_NAMES[self.round.record.catcher]} killed")
+            killed = ExecutorAction("event", killed_by(GHOST_NAMES[self.round.record.catcher]))
             return [*actions, killed, *self.round.ended("death_detected"), *self._halt(now)]
         return [*actions, *(self._cancel_all(now) if action == CANCEL else self._continue(now))]
 

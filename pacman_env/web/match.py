@@ -10,6 +10,7 @@ import numpy as np
 from msgspec import structs
 
 from pacman_env import __version__
+from pacman_env.game.events import killed_by
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.game.lights import LASTING
 from pacman_env.game.round import Action, RoundController
@@ -244,7 +245,7 @@ class Match:
             return
         self._record(played)
         if played.outcome == "caught":
-            self.show("event", f"{GHOST_NAMES[played.catcher or 0]} killed")
+            self.show("event", killed_by(GHOST_NAMES[played.catcher or 0]))
             self._act(self._controller.status("death_detected", self._clock_s))
         elif self.state == "running":  # the time limit, which the referee on a robot does not have
             self._news.add(words=f"the time is up after {now.time_s:g} s - Score: {self._controller.score}")
