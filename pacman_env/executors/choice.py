@@ -1,14 +1,16 @@
 """Choose the executor of a command by its options ``--workers`` and ``--ray``."""
 
 import argparse
-from collections.abc import Sequence
-from typing import Any
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
 
-from pacman_env.cli.command import whole_number
+from pacman_env.cli.command import guarded, whole_number
 from pacman_env.engine.cores import cores
 
 from .base import Executor, InProcess, InThreads
 
+T = TypeVar("T")
 _OPTIONS = ("workers", "ray")
 _LOCAL = "local"
 
@@ -32,11 +34,20 @@ def without_executor(arguments: argparse.Namespace) -> dict[str, Any]:
     return {name: value for name, value in vars(arguments).items() if name not in _OPTIONS}
 
 
-def executor_arguments(argv: Sequence[str]) -> argparse.Namespace:
-    """Parse only the options of :func:`add_executor_arguments` among the arguments of a command."""
-    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    add_executor_arguments(parser)
-    return parser.parse_known_args(argv)[0]
+def run_training(
+    prog: str, argv: Sequence[str] | None, parse: Callable[[Sequence[str]], T], work: Callable[[T, Executor], None]
+) -> int:
+    """Run a training command, whose parsed arguments have ``threads`` (0: one per core), and return its status."""
+    given = sys.argv[1:] if argv is None else argv
+    options = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    add_executor_arguments(options)
+
+    def begin() -> None:
+        arguments: Any = parse(given)
+        with executor_of(options.parse_known_args(given)[0], arguments.threads or cores()) as executor:
+            work(arguments, executor)
+
+    return guarded(prog, begin, "train")
 
 
 def executor_of(arguments: argparse.Namespace, threads: int = 1) -> Executor:

@@ -19,13 +19,12 @@ import torch
 from numpy.typing import NDArray
 
 from pacman_env import __version__
-from pacman_env.cli.command import Parser, guarded
+from pacman_env.cli.command import Parser
 from pacman_env.cli.options import add_options, parse_options
 from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative, Share, require
-from pacman_env.engine.cores import cores
 from pacman_env.episodes.statistics import wilson
 from pacman_env.executors.base import Executor
-from pacman_env.executors.choice import add_executor_arguments, executor_arguments, executor_of
+from pacman_env.executors.choice import add_executor_arguments, run_training
 from pacman_env.files import write_json
 from pacman_env.game.ghosts import POLICY, WANDER
 from pacman_env.policies.base import Policy
@@ -113,14 +112,7 @@ QUICK = AdversaryArguments(
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    given = sys.argv[1:] if argv is None else argv
-
-    def begin() -> None:
-        arguments = parse(given)
-        with executor_of(executor_arguments(given), arguments.threads or cores()) as executor:
-            _run(arguments, executor)
-
-    return guarded(_PROG, begin, "train")
+    return run_training(_PROG, argv, parse, _run)
 
 
 def _run(arguments: AdversaryArguments, executor: Executor) -> None:

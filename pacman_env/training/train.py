@@ -23,12 +23,12 @@ from stable_baselines3.common.logger import configure
 from tqdm import tqdm
 
 from pacman_env import __version__
-from pacman_env.cli.command import Parser, guarded
+from pacman_env.cli.command import Parser
 from pacman_env.cli.options import add_options, parse_options
 from pacman_env.engine.cores import cores
 from pacman_env.episodes.statistics import paired_difference, wilson
 from pacman_env.executors.base import Executor, InThreads
-from pacman_env.executors.choice import add_executor_arguments, executor_arguments, executor_of
+from pacman_env.executors.choice import add_executor_arguments, run_training
 from pacman_env.files import write_json
 from pacman_env.policies.base import Policy
 from pacman_env.training import checkpoint
@@ -50,14 +50,7 @@ _NEEDED = ("decisions", "against_league", "again")  # fields of segment records 
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    given = sys.argv[1:] if argv is None else argv
-
-    def begin() -> None:
-        arguments = parse(given)
-        with executor_of(executor_arguments(given), arguments.threads or cores()) as executor:
-            run(arguments, executor)
-
-    return guarded(_PROG, begin, "train")
+    return run_training(_PROG, argv, parse, run)
 
 
 def parse(argv: Sequence[str]) -> Arguments:

@@ -6,7 +6,6 @@ continues with the same trials.
 
 import dataclasses
 import json
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,12 +17,11 @@ import yaml
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
 from optuna.trial import FrozenTrial, TrialState, create_trial
 
-from pacman_env.cli.command import Parser, guarded
+from pacman_env.cli.command import Parser
 from pacman_env.cli.options import add_options, parse_options
 from pacman_env.config.validation import AtLeastOne, Checked, Count
-from pacman_env.engine.cores import cores
 from pacman_env.executors.base import Executor
-from pacman_env.executors.choice import add_executor_arguments, executor_arguments, executor_of
+from pacman_env.executors.choice import add_executor_arguments, run_training
 from pacman_env.files import prepare, replaced
 from pacman_env.training.arguments import FOLDER, Arguments, Hyperparameters, load_hyperparameters
 from pacman_env.training.train import check_same, train
@@ -72,15 +70,13 @@ class Study(Checked):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser, given = make_parser(), sys.argv[1:] if argv is None else argv
+    parser = make_parser()
+    return run_training(parser.prog, argv, lambda given: parse_options(parser, given, Study()), _run)
 
-    def run() -> None:
-        study = parse_options(parser, given, Study())
-        with executor_of(executor_arguments(given), study.threads or cores()) as executor:
-            best = search(study, executor)
-        print(f"written: {best} (to train with it: pacman-env train --config {best})")
 
-    return guarded(parser.prog, run, "train")
+def _run(study: Study, executor: Executor) -> None:
+    best = search(study, executor)
+    print(f"written: {best} (to train with it: pacman-env train --config {best})")
 
 
 def make_parser() -> Parser:
