@@ -46,7 +46,6 @@ class StatusLine(ObserverNode):
         self.operator = OperatorStop(self, obeys=False)
         self._cmd_vel: Any = None
         self._cancel: Any = None
-        self._requests: dict[str, tuple[Any, float]] = {}  # by service name: future and time of the call
         self._callers: dict[str, Any] = {}
 
     def listen(self, topic: Any, handle: Callable[[Any], object], trouble: str) -> Any:
@@ -146,15 +145,6 @@ class StatusLine(ObserverNode):
         if not client.service_is_ready() or time.monotonic() - start_s < KNOWN_S:
             return None
         return client.call_async(service.type.Request())
-
-    def request(self, service: topics.Service) -> bool:
-        """Return True if the service has granted a request; call this until then: it may refuse the first requests."""
-        pending, call_s = self._requests.get(service.name, (None, 0.0))
-        if pending is not None and pending.done() and pending.result().success:
-            return True
-        if pending is None or pending.done() or time.monotonic() - call_s > ANSWER_S:
-            self._requests[service.name] = self.call(service), time.monotonic()
-        return False
 
     def prepare_halt(self) -> None:
         """Create what ``halt`` needs early, so that it is discovered by then."""
