@@ -13,7 +13,7 @@ from ..game.ghosts import GHOST_NAMES
 from ..render.window import RENDER_FPS
 from ..sim.observation.kinds import MASK
 from ..sim.observation.robot_features import FAST_MPS
-from ..sim.observation.situation import at_places
+from ..sim.observation.situation import candidates_of
 from .arguments import EnvArguments, checked_games, takes_env_arguments
 from .base_env import BaseEnv
 from .outcome import Ends
@@ -71,7 +71,11 @@ class SeveralAgents(BaseEnv):
     def _ghost_choice(self, name: str, actions: NDArray[Any]) -> NDArray[Any]:
         """Convert a ghost's actions (N,) to candidates."""
         listed = self._ghost_listed[name]
-        return actions if listed is None else at_places(listed, actions, self.batch.hold)[0]
+        if listed is None:
+            return actions
+        chosen: NDArray[np.int64]
+        chosen, _ = candidates_of(np.asarray(actions, np.int64), self._ghost_masks[name], listed, self.batch.hold)
+        return chosen
 
     def _observe(self) -> Observations:
         """Observe all games for all agents, (N, ...), and store masks and listed candidates of the ghosts."""

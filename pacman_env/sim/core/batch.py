@@ -75,7 +75,7 @@ class GameBatch(GameState):
         self._ghosts.bind(self.levels, self.hold)
         shared = {"obstacles": self.obstacles, "parameters": self._parameters, "levels": self.levels.addresses}
         self._rules = kernels.RuleArrays(**self.rules, **shared)
-        self._view: tuple[NDArray[Any], Table] | None = None
+        self._view: Stage | None = None  # writes the situations that are asked for
 
     @property
     def assets(self) -> MapAssets:
@@ -387,11 +387,10 @@ class GameBatch(GameState):
         """Return the current situation of the robot's policy, or of the policy of ghost ``player``, in new arrays."""
         situation = Situation.empty(self.n, self.candidates, self.ghosts.shape[1], self.levels, self.threads)
         if self._view is None:
-            request = np.zeros(1, dtype=situation_kernel.REQUEST)
-            self._view = request, _view_table(self, request)
-        request, table = self._view
-        situation_kernel.direct(request, situation, player)
-        self.threads.run(situation_kernel.write_situations, [table], self.n)
+            self._view = situation_stage(self, situation, player)
+        write, tables = self._view
+        situation_kernel.direct(tables[0].arrays["request"], situation, player)
+        self.threads.run(write, tables, self.n)
         return situation
 
 
@@ -399,7 +398,15 @@ def situation_stage(batch: GameBatch, situation: Situation, player: int = -1) ->
     """Return the stage that writes the situation of the robot (or of ghost ``player``) and ``batch.summary``."""
     request = np.zeros(1, dtype=situation_kernel.REQUEST)
     situation_kernel.direct(request, situation, player)
-    return situation_kernel.write_situations, [_view_table(batch, request)]
+    table = Table(
+        situation_kernel.ViewArrays,
+        rules=batch._rules,
+        ghosts=batch.ghosts,
+        ghost_paths=batch.ghost_paths,
+        request=request,
+        summary=batch.summary,
+    )
+    return situation_kernel.write_situations, [table]
 
 
 def choice_stage(
@@ -412,17 +419,6 @@ def choice_stage(
     """
     own = {name: batch.arrays[name] for name in ("last_decision", "choices")}
     return ticks.choose, [Table(ticks.ChoiceArrays, **own, actions=actions, mask=mask, listed=listed)]
-
-
-def _view_table(batch: GameBatch, request: NDArray[Any]) -> Table:
-    return Table(
-        situation_kernel.ViewArrays,
-        rules=batch._rules,
-        ghosts=batch.ghosts,
-        ghost_paths=batch.ghost_paths,
-        request=request,
-        summary=batch.summary,
-    )
 
 
 def _tick_table(batch: GameBatch, ghosts: Table) -> Table:

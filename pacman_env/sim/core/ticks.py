@@ -15,6 +15,7 @@ from ...world.navigation.controller import refresh_heading
 from ...world.navigation.physics import move as move_body
 from ...world.navigation.planner import PATH_POINTS
 from ..maps.level import level_arrays
+from ..observation.situation import candidate_of
 from . import ghosts, kernels
 from .parameters import LAST_DECISION, REWARDS
 
@@ -81,16 +82,9 @@ BEGIN, _STEP, MOVE = range(3)  # next stage of a tick: its start, a physics step
 def choose(table, first, last):  # type: ignore[no-untyped-def]
     """Convert actions to choices; the robot holds if an action stands for no candidate."""
     a = _choice_arrays(table)
-    candidates = a.mask.shape[1]
+    hold = a.mask.shape[1] - 1
     for i in range(first, last):
-        chosen = a.actions[i]
-        allowed = True
-        if a.listed.shape[1] > 0:
-            chosen = a.listed[i, chosen]
-            allowed = chosen >= 0
-        else:
-            allowed = a.mask[i, chosen]
-        a.choices[i] = chosen if chosen >= 0 else candidates - 1
+        a.choices[i], allowed = candidate_of(a.actions[i], a.mask[i], a.listed[i], hold)
         a.last_decision[i].awake = UNTIL_DUE if allowed else ONE_TICK
     return 0
 

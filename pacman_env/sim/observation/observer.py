@@ -17,7 +17,7 @@ from ..core.batch import GameBatch, situation_stage
 from .kinds import FLAT, KINDS, MASK, CompiledKind, ObservationPart, kinds_shown, mask_part
 from .robot_features import Observation, unit_scale
 from .rows import BETWEEN_BOUNDS, BY_UNIT, NOT, PART, CandidateArrays, RowArrays, list_candidates, write_rows
-from .situation import MISSING, NearestCounts, Situation, at_places
+from .situation import MISSING, NearestCounts, Situation, candidates_of
 
 
 class Observer:
@@ -164,9 +164,10 @@ class Observer:
 
     def chosen(self, actions: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
         """Return the candidate (N,) of each action (hold if forbidden) and a mask of the forbidden ones."""
-        if self.listed is None:
-            return actions, ~self.situation.mask[np.arange(self._batch.n), actions]
-        return at_places(self.listed, actions, self._batch.hold)
+        chosen: tuple[NDArray[Any], NDArray[np.bool_]] = candidates_of(
+            np.asarray(actions, dtype=np.int64), self.situation.mask, self.order, self._batch.hold
+        )
+        return chosen
 
     def look_at(self, situation: Situation) -> None:
         """Observe N situations from elsewhere, which are copied to ``situation``."""

@@ -214,10 +214,23 @@ def among(mask: NDArray[np.bool_], listed: NDArray[np.int64]) -> NDArray[np.bool
     return selected & mask
 
 
-def at_places(
-    listed: NDArray[np.int64], places: NDArray[Any], hold: int
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Return the candidate at ``places`` (N,) of each list (N, K), ``hold`` if missing, and a mask of missing ones."""
-    chosen = np.take_along_axis(listed, places[:, None], axis=1)[:, 0]
-    missing = chosen == MISSING
-    return np.where(missing, hold, chosen), missing
+@kernel
+def candidate_of(action, mask, listed, hold):  # type: ignore[no-untyped-def]
+    """Return the candidate of an action, ``hold`` if it stands for none, and True if the action is allowed.
+
+    ``listed`` (K,) are the candidates of the actions; with K = 0 actions are candidates, which ``mask`` (C,) allows.
+    """
+    if len(listed) == 0:
+        return action, mask[action]
+    candidate = listed[action]
+    return (candidate, True) if candidate >= 0 else (hold, False)
+
+
+@kernel
+def candidates_of(actions, mask, listed, hold):  # type: ignore[no-untyped-def]
+    """Return :func:`candidate_of` for each game: candidates (N,) and a mask (N,) of the forbidden actions."""
+    chosen, forbidden = np.empty(len(actions), np.int64), np.empty(len(actions), np.bool_)
+    for i in range(len(actions)):
+        chosen[i], allowed = candidate_of(actions[i], mask[i], listed[i], hold)
+        forbidden[i] = not allowed
+    return chosen, forbidden
