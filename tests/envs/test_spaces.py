@@ -13,7 +13,7 @@ from pacman_env.envs import spaces as env_spaces
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.observer import Observer
-from pacman_env.sim.observation.robot_features import CANDIDATE_COLUMNS, ROBOT_COLUMNS, observe
+from pacman_env.sim.observation.robot_features import CANDIDATE_COLUMNS, ROBOT_COLUMNS, features
 from pacman_env.world.maps.occupancy import OccupancyMap
 
 
@@ -71,7 +71,7 @@ def test_observation_space_contains_capped_values() -> None:
         array[:] = 1e9
     for array in (situation.pose_age_s, situation.clyde_speed, situation.path_robot, situation.path_clyde):
         array[:] = np.inf
-    observation, space = {key: array[0] for key, array in observe(situation).items()}, observation_space(batch)
+    observation, space = {key: array[0] for key, array in features(situation).items()}, observation_space(batch)
     assert all(space[key].contains(array) for key, array in observation.items())
     names = [name for name, *_ in ROBOT_COLUMNS]
     for name in ("v", "omega", "pose_age"):

@@ -49,10 +49,11 @@ class GameBatch(GameState):
         Raises ConfigError if the map has more than ``config.max_pellets`` pellets, and MapError if no map is playable.
         """
         self.source = source = FixedMap(source, config) if isinstance(source, MapAssets) else source
-        slots = source.pellet_slots(config) if config.max_pellets is None else config.max_pellets
+        most = source.most(config)
+        slots = most.pellets if config.max_pellets is None else config.max_pellets
         if slots < source.first.pellets:
             raise ConfigError(f"max_pellets = {slots}: the map has {source.first.pellets} pellets")
-        super().__init__(n, config, slots, source.refuge_slots(config))
+        super().__init__(n, config, slots, most.refuges)
         self.threads = Threads(num_threads)
         if self.threads.number > n:  # more threads would only idle, and each needs scratch memory
             self.threads = Threads(n)

@@ -119,7 +119,6 @@ def _values(config: Config, resolution: float, pellet_slots: int, refuge_slots: 
         "pellet_slots": pellet_slots,
         "refuge_slots": refuge_slots,
         "velocity_actions": config.action == "velocity",
-        "arcade_distance": config.clyde.arcade_distance_m,
     }
 
 

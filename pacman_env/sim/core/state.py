@@ -149,7 +149,7 @@ _NONE = -1  # instead of a slot, before the first round
 class GameLevels:
     def __init__(self, source: LevelSource, config: Config, n: int, threads: Threads) -> None:
         self.source = source
-        self.levels = LevelSlots(source.slots(n), source.sizes(), config)
+        self.levels = LevelSlots(source.slots(n), source.most(config), config)
         if len(self.levels) == 1:
             self.levels.put(0, 0, source.prepare(0))
         robot = config.robot

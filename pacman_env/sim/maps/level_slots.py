@@ -1,27 +1,14 @@
 """Slots for the levels of a batch: each game refers to a slot, and each slot has the address of a level's arrays."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
 from ...engine.arrays import address
-from .level import Level
-
-
-class Sizes(NamedTuple):
-    """Upper bounds of the sizes of a source's levels, for scratch memory."""
-
-    cells: int  # drivable
-    longest_cm: int  # longest path to a goal
-    ghost_cells: int
-    longest_ghost_way: int  # cells
-
-    @classmethod
-    def of(cls, level: Level) -> "Sizes":
-        return cls(*level.facts[2:])
+from .level import Level, LevelFacts
 
 
 class LevelSlots:
@@ -33,7 +20,8 @@ class LevelSlots:
         numbers: (S,) int64 level numbers; -1: empty slot.
     """
 
-    def __init__(self, slots: int, sizes: Sizes, config: Config) -> None:
+    def __init__(self, slots: int, sizes: LevelFacts, config: Config) -> None:
+        """Create empty slots; ``sizes`` are upper bounds for all levels, for scratch memory."""
         self.sizes, self.config = sizes, config
         self.addresses = np.zeros(slots, dtype=np.int64)
         self.numbers = np.full(slots, -1, dtype=np.int64)
@@ -46,7 +34,7 @@ class LevelSlots:
     @classmethod
     def only(cls, level: Level, config: Config) -> "LevelSlots":
         """Create a single slot that contains ``level`` as number 0."""
-        slots = cls(1, Sizes.of(level), config)
+        slots = cls(1, level.facts, config)
         slots.put(0, 0, level)
         return slots
 

@@ -23,9 +23,8 @@ from ...world.navigation.paths import UNREACHABLE_CM
 from ..core.parameters import draw_below
 from .assets import MapAssets, map_assets, prepare_map
 from .ghost_cells import nearest_positions
-from .level import Level
+from .level import Level, LevelFacts
 from .level_files import LevelFiles
-from .level_slots import Sizes
 
 
 class LevelSource(Protocol):
@@ -34,10 +33,8 @@ class LevelSource(Protocol):
     @property
     def first(self) -> MapAssets: ...  # any of the maps, as an example
     def slots(self, games: int) -> int: ...  # number of maps that ``games`` games need at once
-    def pellet_slots(self, config: Config) -> int: ...  # most pellets on any map
-    def refuge_slots(self, config: Config) -> int: ...  # most refuges on any map
     def levels_of(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]: ...  # (M,) level of each seed's episode
-    def sizes(self) -> Sizes: ...
+    def most(self, config: Config) -> LevelFacts: ...  # upper bounds of the sizes of all maps
     def prepare(self, level: int) -> Level: ...
     def extent(self) -> tuple[tuple[float, float], tuple[float, float]]: ...  # range of x and y of robots and ghosts, m
 
@@ -62,12 +59,6 @@ class FixedMap:
     def slots(self, games: int) -> int:
         return 1
 
-    def pellet_slots(self, config: Config) -> int:
-        return self.first.pellets
-
-    def refuge_slots(self, config: Config) -> int:
-        return self.first.refuges
-
     def levels_of(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]:
         return np.zeros(len(seeds), dtype=np.int64)
 
@@ -75,8 +66,8 @@ class FixedMap:
     def _level(self) -> Level:
         return Level.of(self.first, self._config)
 
-    def sizes(self) -> Sizes:
-        return Sizes.of(self._level)
+    def most(self, config: Config) -> LevelFacts:
+        return self._level.facts
 
     def prepare(self, level: int) -> Level:
         return self._level
@@ -169,12 +160,6 @@ class GeneratedMaps:
         """Return one slot per game, or one per level if there are few; at least two, which means that maps change."""
         return max(self.num_levels if self.num_levels <= games + _SPARE_SLOTS else games, 2)
 
-    def pellet_slots(self, config: Config) -> int:
-        return most_pellets(config, self.scale)
-
-    def refuge_slots(self, config: Config) -> int:
-        return 1 + config.refuges.nooks + config.refuges.spread  # home, nooks and spread-out places
-
     def levels_of(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]:
         return self.start_level + draw_below(seeds, LEVEL, self.num_levels)
 
@@ -185,8 +170,10 @@ class GeneratedMaps:
     def describe_levels(self) -> str:
         return f"{self.start_level} to {self.start_level + self._room - 1}"
 
-    def sizes(self) -> Sizes:
-        return Sizes(MAX_PIXELS**2, UNREACHABLE_CM, MAX_PIXELS**2, _LONGEST_GHOST_WAY)
+    def most(self, config: Config) -> LevelFacts:
+        refuges = 1 + config.refuges.nooks + config.refuges.spread  # home, nooks and spread-out places
+        cells = MAX_PIXELS**2
+        return LevelFacts(most_pellets(config, self.scale), refuges, cells, UNREACHABLE_CM, cells, _LONGEST_GHOST_WAY)
 
     def prepare(self, level: int) -> Level:
         """Return a level, loaded from its file if it belongs to the cached set and was prepared before."""

@@ -35,7 +35,7 @@ from .planner_columns import (
     GlobalColumn,
     TokenColumn,
 )
-from .situation import HOLD, PELLET, REFUGE, Situation, among
+from .situation import HOLD, PELLET, REFUGE, Situation
 
 if TYPE_CHECKING:
     from ..maps.level_slots import LevelSlots
@@ -60,18 +60,16 @@ _arrays = arrays_by_address(_PlannerArrays)
 _outlooks: "weakref.WeakKeyDictionary[LevelSlots, outlook.Outlook]" = weakref.WeakKeyDictionary()
 
 
-def planner_features(
-    situation: Situation, robot_speed_mps: float, listed: NDArray[np.int64] | None = None
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return the features of candidates (N, C, 32) and of situations (N, 50), float32.
 
-    ``listed`` (N, K) selects candidates; rows of others are 0 (None: all). Raises ValueError without maps.
+    Raises ValueError without maps.
     """
     maps_wanted(situation)
     candidates = np.empty((*situation.mask.shape, len(CANDIDATE_FEATURES)), dtype=np.float32)
     whole = np.empty((len(candidates), len(GLOBAL_FEATURES)), dtype=np.float32)
-    wanted = np.ascontiguousarray(situation.mask if listed is None else among(situation.mask, listed))
-    job, tables = planner_stage(situation, robot_speed_mps, wanted, candidates, whole)
+    mask = np.ascontiguousarray(situation.mask)
+    job, tables = planner_stage(situation, robot_speed_mps, mask, candidates, whole)
     situation.threads.run(job, tables, len(candidates))
     return candidates, whole
 

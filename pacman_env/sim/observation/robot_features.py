@@ -88,10 +88,6 @@ class _RobotArrays(NamedTuple):
 _fill_arrays, _situation = arrays_by_address(_RobotArrays), situation_layout.arrays
 
 
-def observe(situation: Situation) -> Observation:
-    return {**features(situation), "action_mask": situation.mask.astype(np.int8)}
-
-
 def features(situation: Situation) -> Observation:
     """Return ``robot`` (N, 7), ``clyde`` (N, 7), ``candidates`` (N, C, 10), ``round`` (N, 2), ``ghosts`` (N, G, 6).
 

@@ -206,14 +206,6 @@ def list_nearest(kind, mask, path, now, pellets, refuges, order):  # type: ignor
             order[first + room - 1] = now
 
 
-def among(mask: NDArray[np.bool_], listed: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return a mask (N, C) of the candidates that are allowed and listed (N, K)."""
-    selected = np.zeros_like(mask)
-    games, places = np.nonzero(listed != MISSING)
-    selected[games, listed[games, places]] = True
-    return selected & mask
-
-
 @kernel
 def candidate_of(action, mask, listed, hold):  # type: ignore[no-untyped-def]
     """Return the candidate of an action, ``hold`` if it stands for none, and True if the action is allowed.

@@ -12,7 +12,7 @@ from numba import njit
 
 from pacman_env.config import make_config
 from pacman_env.sim.maps.level import Level, level_arrays
-from pacman_env.sim.maps.level_slots import LevelSlots, Sizes
+from pacman_env.sim.maps.level_slots import LevelSlots
 from pacman_env.sim.maps.level_source import GeneratedMaps, prepare_level
 from pacman_env.world.maps.occupancy import MapError
 
@@ -25,7 +25,7 @@ def level(number: int) -> Level:
 
 
 def slots_for(count: int) -> LevelSlots:
-    return LevelSlots(count, GeneratedMaps(CONFIG, 0, 100).sizes(), CONFIG)
+    return LevelSlots(count, GeneratedMaps(CONFIG, 0, 100).most(CONFIG), CONFIG)
 
 
 def holds(slots: LevelSlots, slot: int, number: int) -> bool:
@@ -82,9 +82,9 @@ def test_level_is_kept_until_its_slot_is_needed(program: list[tuple[int, bool]])
 
 
 def test_levels_keep_the_sizes_of_their_source() -> None:
-    sizes = GeneratedMaps(CONFIG, 0, 100).sizes()
+    sizes = GeneratedMaps(CONFIG, 0, 100).most(CONFIG)
     for number in range(6):
-        assert all(own <= most for own, most in zip(Sizes.of(level(number)), sizes, strict=True))
+        assert all(own <= most for own, most in zip(level(number).facts, sizes, strict=True))
 
 
 def test_kernels_find_the_arrays_of_a_copy() -> None:

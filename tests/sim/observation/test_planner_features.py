@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from pacman_env.config import make_config
-from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
+from pacman_env.sim.observation.planner_features import (
+    CANDIDATE_FEATURES,
+    GLOBAL_FEATURES,
+    planner_features,
+    planner_stage,
+)
 from pacman_env.sim.observation.situation import (
     HOLD,
     MISSING,
@@ -95,9 +100,11 @@ def test_listed_candidates_have_the_same_bits() -> None:
     every, whole = planner_features(situation, SPEED)
     assert column(every, "hunted").any()
     listed = nearest_candidates(situation, NearestCounts(3, 2))
-    some, same = planner_features(situation, SPEED, listed)
-    assert same.tobytes() == whole.tobytes()
     wanted = (np.arange(every.shape[1])[None, :, None] == listed[:, None, :]).any(axis=2)
+    some, same = np.empty_like(every), np.empty_like(whole)
+    fill, tables = planner_stage(situation, SPEED, wanted, some, same)
+    situation.threads.run(fill, tables, len(some))
+    assert same.tobytes() == whole.tobytes()
     assert some.tobytes() == np.where(wanted[:, :, None], every, np.float32(0)).tobytes()
 
 

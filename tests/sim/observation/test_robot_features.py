@@ -19,7 +19,7 @@ from pacman_env.sim.observation.robot_features import (
     ROUND_COLUMNS,
     Columns,
     Observation,
-    observe,
+    features,
     unit_scale,
 )
 from pacman_env.sim.observation.robot_features import COLUMNS as ALL_COLUMNS
@@ -50,20 +50,19 @@ def test_values_are_finite_and_within_bounds(seed: int, scale: float) -> None:
         pose_age_s=s.pose_age_s + scale,
         path_robot=np.full_like(s.path_robot, np.inf),
     )
-    observation = observe(wild)
+    observation = features(wild)
     for part, columns in COLUMNS.items():
         assert observation[part].dtype == np.float32
         assert observation[part].shape[-1] == len(columns)
         low, high = np.array([limits for _, *limits, _ in columns]).T
         assert ((observation[part] >= low) & (observation[part] <= high)).all()
-    assert observation["action_mask"].dtype == np.int8
     assert (named(observation, "candidates")["path_robot"][wild.mask] == FAR_M).all()
 
 
 @given(SEEDS)
 def test_columns_equal_values_computed_by_hand(seed: int) -> None:
     s = random_situation(seed, 2)
-    observation = observe(s)
+    observation = features(s)
     for i in range(2):
         x, y, heading = s.robot[i].tolist()
 
@@ -109,14 +108,13 @@ def test_columns_equal_values_computed_by_hand(seed: int) -> None:
 @given(SEEDS)
 def test_forbidden_candidate_shows_only_its_kind(seed: int) -> None:
     s = random_situation(seed, 4, allowed=0.4)
-    observation = observe(s)
-    np.testing.assert_array_equal(observation["action_mask"], s.mask)
+    observation = features(s)
     rows = observation["candidates"][~s.mask]
     kinds = np.stack([(s.kind == k)[~s.mask] for k in (PELLET, REFUGE, HOLD)], axis=1)
     np.testing.assert_array_equal(rows[:, :3], kinds)
     assert (rows[:, 3:] == 0).all()
     hidden = replace(s, position=np.where(s.mask[..., None], s.position, 1e9))
-    for part, array in observe(hidden).items():
+    for part, array in features(hidden).items():
         np.testing.assert_array_equal(array, observation[part])
 
 
