@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from pacman_env.cli.command import Parser
-from pacman_env.files import replaced
+from pacman_env.files import write_text
 
 ROOT = Path(__file__).resolve().parents[1]
 IMAGES = ROOT / "docs" / "images"
@@ -32,8 +32,7 @@ def update(path: Path, text: str, check: bool, complaint: str) -> int:
     if check:
         print(f"{path} {complaint}")
         return 1
-    with replaced(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(path, text)
     return 0
 
 

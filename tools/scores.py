@@ -19,7 +19,7 @@ from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.envs.registration import IDS
 from pacman_env.episodes.statistics import wilson
-from pacman_env.files import replaced
+from pacman_env.files import write_text
 from pacman_env.policies.registry import make_policy
 from tools.common import ROOT, add_names, table
 
@@ -121,8 +121,7 @@ def _score(arguments: argparse.Namespace) -> None:
             print(f"{env_id}  {policy:12}  return {scores[policy]['return']:7.2f}", flush=True)
         every = read(arguments.out) | {env_id: scores}  # read again: several processes may add ids
         text = json.dumps({name: every[name] for name in IDS if name in every}, indent=2)
-        with replaced(arguments.out) as temporary:
-            temporary.write_text(text + "\n", encoding="utf-8")
+        write_text(arguments.out, text + "\n")
 
 
 if __name__ == "__main__":

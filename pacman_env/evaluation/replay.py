@@ -23,7 +23,7 @@ from pacman_env.episodes.rollout import MOST_ROUNDS, allowed, ghost_choices, ope
 from pacman_env.evaluation.rounds import scenarios
 from pacman_env.evaluation.rounds.scenarios import Scenario
 from pacman_env.evaluation.templates import render
-from pacman_env.files import prepare, replaced
+from pacman_env.files import prepare, replaced, write_text
 from pacman_env.game.decisions import HOLD as NO_GOAL
 from pacman_env.game.decisions import LastDecision, Moment
 from pacman_env.game.execution import RUNNING
@@ -265,8 +265,7 @@ def _write(out: Path, games: Sequence[RecordedGame], title: str) -> None:
         film_games(games, path)
         video = base64.b64encode(path.read_bytes()).decode()
     text = render("replay.html.j2", title=title, video=video, games=games)
-    with replaced(out) as temporary:
-        temporary.write_text(text)
+    write_text(out, text)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOB
 FORMAT: Literal[1] = 1
 #: Name of the scaling in ``planner_features``, as in the files of the first planners.
 NORMALISATION = "pacman_env.sim.features.planner_features"
-MAX_BYTES = 16 << 20  # limit of the ONNX file; a planner of width 64 has 0.1 MB
+MAX_BYTES = 16 << 20  # limit of a file; a planner of width 64 has 0.1 MB
 _MAX_METADATA_BYTES = 1 << 20
 
 T = TypeVar("T")
@@ -77,13 +77,18 @@ def parse(kind: type[T], text: bytes | str, path: Path) -> T:
     return result
 
 
+def read(kind: type[T], path: Path, limit: int = MAX_BYTES) -> T:
+    """Read a record from a JSON file of at most ``limit`` bytes; raises ValueError like :func:`parse`."""
+    return parse(kind, _content(path, limit), path)
+
+
 def read_planner(path: Path) -> tuple[PlannerMetadata, bytes]:
     """Return metadata and content of an ONNX file; raises ValueError if this version cannot run it."""
     model = _content(path, MAX_BYTES)
     beside = metadata_path(path)
     if not beside.exists():
         raise ValueError(f"{path}: its metadata {beside.name} is missing (pacman-env export writes both)")
-    metadata = parse(PlannerMetadata, _content(beside, _MAX_METADATA_BYTES), beside)
+    metadata = read(PlannerMetadata, beside, _MAX_METADATA_BYTES)
     expected = {
         "feature_version": VERSION,
         "candidate_features": CANDIDATE_FEATURES,

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from pacman_env.config import make_config
 from pacman_env.config.validation import Number
-from pacman_env.files import replaced
+from pacman_env.files import replaced, write_text
 from pacman_env.policies.base import BasePolicy
-from pacman_env.policies.metadata import Training, dump, parse
+from pacman_env.policies.metadata import Training, dump, read
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
 from pacman_env.sim.observation.situation import Situation
 from pacman_env.training.network import FORBIDDEN, EntityNetwork
@@ -41,17 +41,11 @@ def facts_path(checkpoint: Path) -> Path:
 
 
 def write_facts(path: Path, facts: Facts) -> None:
-    text = dump(facts, path)
-    with replaced(path) as temporary:
-        temporary.write_text(text)
+    write_text(path, dump(facts, path))
 
 
 def read_facts(path: Path) -> Facts:
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
-    return parse(Facts, text, path)
+    return read(Facts, path)
 
 
 def save_checkpoint(path: Path, network: EntityNetwork, optimizer: torch.optim.Optimizer) -> None:

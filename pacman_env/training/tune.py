@@ -22,7 +22,7 @@ from pacman_env.cli.options import add_options, parse_options
 from pacman_env.config.validation import AtLeastOne, Checked, Count
 from pacman_env.executors.base import Executor
 from pacman_env.executors.choice import add_executor_arguments, run_training
-from pacman_env.files import prepare, replaced
+from pacman_env.files import prepare, write_text
 from pacman_env.training.arguments import FOLDER, Arguments, Hyperparameters, load_hyperparameters
 from pacman_env.training.train import check_same, train
 
@@ -171,8 +171,7 @@ def _write(record: Path, head: dict[str, Any], trials: list[FrozenTrial]) -> Non
         shares = {str(step): share for step, share in trial.intermediate_values.items()}
         values = {"state": trial.state.name, "completed": trial.value, "params": trial.params, "segments": shares}
         lines.append(json.dumps({"trial": trial.number, **values}))
-    with replaced(record) as temporary:
-        temporary.write_text("\n".join(lines) + "\n")
+    write_text(record, "\n".join(lines) + "\n")
 
 
 def _read(record: Path, head: dict[str, Any]) -> list[FrozenTrial]:
@@ -207,6 +206,5 @@ def _write_best(path: Path, settings: Study, section: Hyperparameters, study: op
     plain = {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
     head = f"# Trial {study.best_trial.number} of {len(study.trials)}: {study.best_value:.1%} of validation rounds"
     head += f" completed after {settings.decisions} decisions, seed {settings.seed}.\n"
-    with replaced(path) as temporary:
-        temporary.write_text(head + yaml.safe_dump({"headline": plain}, sort_keys=False))
+    write_text(path, head + yaml.safe_dump({"headline": plain}, sort_keys=False))
     return True

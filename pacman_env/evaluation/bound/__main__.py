@@ -23,7 +23,7 @@ from pacman_env.evaluation.rounds import scenarios
 from pacman_env.executors.base import InProcess
 from pacman_env.executors.choice import add_executor_arguments, executor_of, without_executor
 from pacman_env.executors.progress import bar_of
-from pacman_env.files import prepare, replaced
+from pacman_env.files import prepare, write_text
 from pacman_env.game.ghosts import POLICY, find_behaviour
 from pacman_env.world.maps.occupancy import load_map
 
@@ -131,8 +131,7 @@ def _bound(arguments: argparse.Namespace) -> None:
             "config": configs[0].as_dict(),
             "rows": rows,
         }
-        with replaced(path) as temporary:
-            temporary.write_text(json.dumps(content, indent=2, default=str, allow_nan=False) + "\n")
+        write_text(path, json.dumps(content, indent=2, default=str, allow_nan=False) + "\n")
         print(f"\nwritten: {path}")
 
 

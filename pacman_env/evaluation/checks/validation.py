@@ -21,7 +21,7 @@ from pacman_env.evaluation.rounds.play import Matchup, play_all
 from pacman_env.evaluation.rounds.summary import Row, make_row
 from pacman_env.executors.base import Executor
 from pacman_env.executors.choice import add_executor_arguments, executor_of
-from pacman_env.files import prepare, replaced
+from pacman_env.files import prepare, write_text
 from pacman_env.sim.maps.assets import map_assets
 
 #: The ten trials of the milestone: rounds complete, rounds with at most one pellet missing.
@@ -117,5 +117,4 @@ def _report(arguments: argparse.Namespace) -> None:
             text = table(run(arguments.map, arguments.episodes, arguments.seed, executor))
     print(text)
     if target is not None:
-        with replaced(target) as temporary:
-            temporary.write_text(text + "\n")
+        write_text(target, text + "\n")

@@ -16,12 +16,11 @@ from pacman_env.cli.command import Parser, count, run_command, whole_number
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.compare.table import WIDTH, render
 from pacman_env.evaluation.rounds import scenarios
-from pacman_env.evaluation.rounds.kept import KeptRounds
+from pacman_env.evaluation.rounds.kept import play_left
 from pacman_env.evaluation.rounds.play import Matchup
 from pacman_env.evaluation.rounds.summary import describe_rounds, make_row
-from pacman_env.executors.choice import add_executor_arguments, executor_of, without_executor
-from pacman_env.executors.progress import bar_of
-from pacman_env.files import prepare, replaced
+from pacman_env.executors.choice import add_executor_arguments, without_executor
+from pacman_env.files import prepare, write_text
 
 _VIDEO_SUFFIXES = (".mp4", ".gif")
 #: A list of plain values in JSON, which is written on one line, and a line break in it.
@@ -68,12 +67,7 @@ def _compare(arguments: argparse.Namespace) -> None:
     work = list(itertools.product(maps.items(), configs, policies.items()))
     matchups = [Matchup(scenario, one, spec, seeds, arguments.threads) for (_, scenario), one, (spec, _) in work]
     parts = arguments.parts or (arguments.json or Path("results/compare")).with_suffix(".parts")
-    store = KeptRounds(parts, matchups, arguments.resume)
-    with (
-        executor_of(arguments) as executor,
-        bar_of(executor, store.left, "game" if config.endless else "episode") as bar,
-    ):
-        played = store.play(executor, bar.update)
+    played = play_left(parts, matchups, arguments, "game" if config.endless else "episode")
     rows = []
     for k, (((place, _), one, (_, policy)), result) in enumerate(zip(work, played, strict=True)):
         first = k - k % len(policies)  # the first policy in the same rounds
@@ -88,8 +82,7 @@ def _compare(arguments: argparse.Namespace) -> None:
         content = describe_rounds("compare", config, rules, arguments.seed, seeds, maps, by_name)
         content["arguments"] = {k: v for k, v in without_executor(arguments).items() if k not in ("parts", "resume")}
         text = json.dumps(content | {"rows": rows}, indent=2, default=str, allow_nan=False)
-        with replaced(json_path) as temporary:
-            temporary.write_text(_LIST.sub(lambda match: f"[{_BREAK.sub(' ', match[1])}]", text) + "\n")
+        write_text(json_path, _LIST.sub(lambda match: f"[{_BREAK.sub(' ', match[1])}]", text) + "\n")
     rounds = "endless games" if config.endless else "rounds"
     save_plot(rows, plot_path, f"Same {len(seeds)} {rounds} for every policy  ({settings})")
     if video_path is not None:

@@ -33,13 +33,12 @@ from pacman_env.evaluation.leaderboard.suites import (
     configs,
 )
 from pacman_env.evaluation.rounds import scenarios
-from pacman_env.evaluation.rounds.kept import KeptRounds, describe_policy
+from pacman_env.evaluation.rounds.kept import describe_policy, play_left
 from pacman_env.evaluation.rounds.play import Matchup
 from pacman_env.evaluation.rounds.scenarios import Scenario
-from pacman_env.executors.choice import add_executor_arguments, executor_of
-from pacman_env.executors.progress import bar_of
-from pacman_env.files import commit, prepare, replaced
-from pacman_env.policies.metadata import dump, parse
+from pacman_env.executors.choice import add_executor_arguments
+from pacman_env.files import commit, prepare, write_text
+from pacman_env.policies.metadata import dump, read
 from pacman_env.policies.registry import make_policy, policy_names
 
 POLICIES = ("ppo", "lookahead", "clyde_aware", "nearest")
@@ -124,15 +123,10 @@ def _leaderboard(arguments: argparse.Namespace) -> None:
         plan = _plan(arguments)
         prepare(arguments.json)
         prepare(page)
-        store = KeptRounds(arguments.parts, plan.matchups(), arguments.resume)
-        with executor_of(arguments) as executor, bar_of(executor, store.left, "round") as bar:
-            played = store.play(executor, bar.update)
+        played = play_left(arguments.parts, plan.matchups(), arguments)
         table = _table(plan, [records for records, _ in played], arguments)
-        text = dump(table, arguments.json)
-        with replaced(arguments.json) as temporary:
-            temporary.write_text(text)
-    with replaced(prepare(page)) as temporary:
-        temporary.write_text(render(table))
+        write_text(arguments.json, dump(table, arguments.json))
+    write_text(prepare(page), render(table))
     counts = ", ".join(f"{verdict} in {number}" for verdict, number in table.verdicts.items())
     print(f"{table.planner} against the best other policy, {len(table.cells)} cells: {counts}")
     print(f"written: {', '.join(map(str, [page] if arguments.source else [page, arguments.json]))}")
@@ -140,11 +134,7 @@ def _leaderboard(arguments: argparse.Namespace) -> None:
 
 def read_table(path: Path) -> LeagueTable:
     """Read the numbers of a table; raises ValueError, with file and field, if they are invalid."""
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
-    table = parse(LeagueTable, text, path)
+    table = read(LeagueTable, path)
     names = [entry.name for entry in table.policies]
     if table.planner not in names:
         raise ValueError(f"{path}: planner = {table.planner!r}: must be one of policies")

@@ -22,12 +22,11 @@ from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.report.numbers import Results
 from pacman_env.evaluation.report.plan import ReportPlan, check_single_rounds, matchups, parse_variant
 from pacman_env.evaluation.rounds import scenarios
-from pacman_env.evaluation.rounds.kept import KeptRounds
+from pacman_env.evaluation.rounds.kept import play_left
 from pacman_env.evaluation.rounds.scenarios import Levels
 from pacman_env.evaluation.rounds.summary import describe_rounds
-from pacman_env.executors.choice import add_executor_arguments, executor_of
-from pacman_env.executors.progress import bar_of
-from pacman_env.files import prepare, replaced
+from pacman_env.executors.choice import add_executor_arguments
+from pacman_env.files import prepare, write_text
 from pacman_env.policies.learned import PRETRAINED
 from pacman_env.policies.metadata import read_planner
 
@@ -95,9 +94,7 @@ def _report(arguments: argparse.Namespace, command: str) -> None:
     for path in filter(None, (page, json_path)):
         prepare(path)
     work = matchups(plan)
-    store = KeptRounds(arguments.parts or page.with_suffix(".parts"), list(work.values()), arguments.resume)
-    with executor_of(arguments) as executor, bar_of(executor, store.left, "round") as bar:
-        played = store.play(executor, bar.update)
+    played = play_left(arguments.parts or page.with_suffix(".parts"), list(work.values()), arguments)
     report |= Results(plan, dict(zip(work, played, strict=True))).numbers()
     _write(report, page, json_path)  # before the films, so that a failing film loses no numbers
     films = _films(plan, report["pair"], arguments.replays, page)
@@ -111,11 +108,8 @@ def _write(report: dict[str, Any], page: Path, json_path: Path | None) -> None:
     from pacman_env.evaluation.report.page import render_page
 
     if json_path is not None:
-        with replaced(json_path) as temporary:
-            temporary.write_text(json.dumps(report, allow_nan=False) + "\n", encoding="utf-8")
-    html = render_page(report)
-    with replaced(page) as temporary:
-        temporary.write_text(html, encoding="utf-8")
+        write_text(json_path, json.dumps(report, allow_nan=False) + "\n")
+    write_text(page, render_page(report))
 
 
 def _plan(arguments: argparse.Namespace) -> ReportPlan:

@@ -5,6 +5,7 @@ sources, policy, map, configuration), and SEEDS is a hash of the seeds. Therefor
 and rounds finds them. Files are written atomically; a damaged file is reported and its rounds are played again.
 """
 
+import argparse
 import contextlib
 import hashlib
 import inspect
@@ -29,6 +30,8 @@ from pacman_env.evaluation.rounds.play import Matchup, Played, play_all
 from pacman_env.evaluation.rounds.scenarios import Levels, Scenario, describe_scenario, is_checkpoint, load_policy
 from pacman_env.evaluation.rounds.shipping import hash_of_files
 from pacman_env.executors.base import Executor
+from pacman_env.executors.choice import executor_of
+from pacman_env.executors.progress import bar_of
 from pacman_env.files import commit, prepare, replaced
 from pacman_env.game.ghosts import find_behaviour
 from pacman_env.plugins import PluginError
@@ -119,6 +122,15 @@ class KeptRounds:
         name = f"{self._keys[number]}-{content_hash(rounds.seed)[:_DIGITS]}.json"
         with replaced(self._folder / name) as temporary:
             temporary.write_bytes(msgspec.json.encode(content) + b"\n")
+
+
+def play_left(
+    folder: Path, matchups: Sequence[Matchup], arguments: argparse.Namespace, unit: str = "round"
+) -> list[Played]:
+    """Return the rounds of every matchup; the command's executor plays those that ``folder`` lacks, with a bar."""
+    store = KeptRounds(folder, matchups, arguments.resume)
+    with executor_of(arguments) as executor, bar_of(executor, store.left, unit) as bar:
+        return store.play(executor, bar.update)
 
 
 class _Descriptions:
