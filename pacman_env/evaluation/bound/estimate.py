@@ -40,11 +40,11 @@ class Estimate:
         begin = start(situation, i, self.config, self._behaviours, self._lags, NODE)
         robot = begin.robot[0]
         while robot["pellets"] and not robot["dead"] and robot["time_s"] < self.config.time_limit_s:
-            goal = self._choose(begin, situation.mask.shape[1])
+            goal = self._choose(begin)
             _play(begin, np.int64(goal), float(robot["time_s"]) + self._segment_s)
         return not robot["pellets"], float(robot["time_s"])
 
-    def _choose(self, begin: CoarseStart, most: int) -> int:
+    def _choose(self, begin: CoarseStart) -> int:
         goals = self._goals(begin, begin.robot[0])
         best = np.empty(len(goals))
         copy = begin._replace(robot=begin.robot.copy(), ghosts=begin.ghosts.copy())

@@ -125,11 +125,6 @@ def _decide_behaviour(table, k, unused):  # type: ignore[no-untyped-def]
     return 0
 
 
-def behaviour_addresses(behaviour: Behaviour, constants: NDArray[np.float64]) -> tuple[int, int]:
-    """Return the addresses of a behaviour's kernel and constants, a row of ``BehaviourArrays.behaviours``."""
-    return address_of_kernel(behaviour_kernel(_decide_behaviour, behaviour)), address(constants)
-
-
 class Behaviours:
     """Compiled behaviours of the ghosts; kernels call them through ``table``."""
 
@@ -139,7 +134,8 @@ class Behaviours:
         arrays = zeros(BehaviourArrays, BehaviourArrays._fields, G=len(behaviours))
         for k, one in enumerate(behaviours):
             if one.target is not None and one.name != WANDER:
-                arrays["behaviours"][k] = behaviour_addresses(one, self._constants[k])
+                function = address_of_kernel(behaviour_kernel(_decide_behaviour, one))
+                arrays["behaviours"][k] = function, address(self._constants[k])
         self.table = Table(BehaviourArrays, **arrays)
 
 
@@ -172,12 +168,13 @@ def _ghost_block(m, x, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def put_ghost(ghost, number, model, x, y, speed):  # type: ignore[no-untyped-def]
-    """Place ghost ``number`` on the segment between two adjacent blocks that is nearest to (x, y), m."""
+def put_ghost(ghost, number, model, seen):  # type: ignore[no-untyped-def]
+    """Place ghost ``number``, seen as in a situation (5,), on the nearest segment between two adjacent blocks."""
     m = model.map
+    x, y, ghost.vx, ghost.vy, ghost.speed = seen
     block = _ghost_block(m, x, y)
     ghost.block, ghost.towards, ghost.target, ghost.number = block, block, -1, number
-    ghost.offset_m, ghost.speed, ghost.x, ghost.y = 0.0, speed, x, y
+    ghost.offset_m, ghost.x, ghost.y = 0.0, x, y
     ax, ay = m.ghost_xy[block, 0], m.ghost_xy[block, 1]
     least = (x - ax) ** 2 + (y - ay) ** 2
     for n in range(1, m.ghost_joined.shape[1]):

@@ -14,8 +14,8 @@ from ...config import Config
 from ...engine.arrays import Array, Table, arrays_by_address, zeros
 from ...engine.jit import kernel
 from ...engine.native import address_of
-from ...game.behaviour_belief import ARCADE, BELIEVED, CHASES, WANDERS, comes, taken_for
-from ...game.ghosts import BEHAVIOURS
+from ...game.behaviour_belief import BELIEVED, WANDERS, comes, taken_for
+from ...game.ghosts import BEHAVIOURS, WANDER
 from ..maps.level import COARSE_MAP
 from ..observation.situation import PELLET
 from .coarse_map import coarse_arrays
@@ -26,10 +26,10 @@ from .model import (
     ROBOT,
     RULES,
     BehaviourArrays,
+    Behaviours,
     Lags,
     Model,
     begin,
-    behaviour_addresses,
     copy_ghosts,
     lead_m,
     play,
@@ -68,12 +68,7 @@ class Outlook:
 
     def __init__(self, config: Config) -> None:
         self._rules = np.concatenate([rules(config, Lags()), rules(config, Lags(death_margin_m=0.0))])
-        self._classes = np.zeros((len(BELIEVED), 2), dtype=np.int64)
-        self._constants = {}
-        for number in (ARCADE, CHASES):
-            one = BEHAVIOURS[BELIEVED[number]]
-            constants = self._constants[number] = np.array(one.constants(config), dtype=np.float64)
-            self._classes[number] = behaviour_addresses(one, constants)
+        self._believed = Behaviours([BEHAVIOURS.get(name, BEHAVIOURS[WANDER]) for name in BELIEVED], config)
         self._memory: list[OutlookArrays] = []
         self._tables: list[Table] = []  # two for each thread: of the behaviours and of the outlook
         self._places: list[NDArray[np.int64]] = []
@@ -93,7 +88,7 @@ class Outlook:
                     ghosts=np.zeros((3, ghosts), dtype=GHOST),
                     goals=np.zeros(_WAYS, dtype=np.int64),
                     bit=np.zeros(goals, dtype=np.int8),
-                    classes=self._classes,
+                    classes=self._believed.table.array("behaviours"),
                     behaviours=own,
                     behaviours_table=table.numbers,
                 )
@@ -182,8 +177,7 @@ def look_ahead(s, i, level, wanted, a, result):  # type: ignore[no-untyped-def]
             continue
         a.behaviours.behaviours[k, 0], a.behaviours.behaviours[k, 1] = a.classes[which, 0], a.classes[which, 1]
         x, y = s.ghosts[i, k, 0], s.ghosts[i, k, 1]
-        put_ghost(a.ghosts[0, count], k, model, x, y, s.ghosts[i, k, 4])
-        a.ghosts[0, count].vx, a.ghosts[0, count].vy = s.ghosts[i, k, 2], s.ghosts[i, k, 3]
+        put_ghost(a.ghosts[0, count], k, model, s.ghosts[i, k])
         apart = min(apart, math.hypot(x - s.robot[i, 0], y - s.robot[i, 1]))
         count += 1
     margin = numbers.death_m

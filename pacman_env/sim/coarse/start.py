@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ...config import Config
 from ...engine.jit import kernel
 from ...rng import POLICY, stream
-from ..observation.situation import PELLET, Situation
+from ..observation.situation import PELLET, Situation, maps_of
 from .coarse_map import CoarseArrays, add_coarse_map
 from .model import GHOST, MOST_PELLETS, NOWHERE, ROBOT, Behaviours, Lags, Model, begin, put_ghost, put_robot, rules
 
@@ -34,10 +34,7 @@ def start(
     robot: np.dtype[Any] | None = None,
 ) -> CoarseStart:
     """Return the coarse game of situation ``i``; ``robot`` is the robot's dtype. Raises ValueError without maps."""
-    s = situation
-    if s.maps is None:
-        raise ValueError("the situation has no maps to plan on")
-    level = s.maps.level(int(s.level[i]))
+    s, level = situation, maps_of(situation).level(int(situation.level[i]))
     bit = np.full(level.facts.pellets + level.facts.refuges, -1, dtype=np.int8)
     pellets = np.flatnonzero(s.mask[i] & (s.kind[i] == PELLET) & np.isfinite(s.path_robot[i]) & (s.goal[i] >= 0))
     pellets = pellets[np.argsort(s.path_robot[i, pellets], kind="stable")][:MOST_PELLETS]
@@ -71,8 +68,7 @@ def draw_futures(ghosts: NDArray[Any], seed: int, tick: int, number: int) -> Non
 def _put(robot, ghosts, model, pose, seen, goal, left_m):  # type: ignore[no-untyped-def]
     put_robot(robot[0], model, pose[0], pose[1], pose[2])
     for k in range(len(ghosts)):
-        put_ghost(ghosts[k], k, model, seen[k, 0], seen[k, 1], seen[k, 4])
-        ghosts[k].vx, ghosts[k].vy = seen[k, 2], seen[k, 3]
+        put_ghost(ghosts[k], k, model, seen[k])
     if goal >= 0:
         begin(robot[0], goal, left_m, model)
 

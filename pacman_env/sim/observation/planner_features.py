@@ -35,7 +35,7 @@ from .planner_columns import (
     GlobalColumn,
     TokenColumn,
 )
-from .situation import HOLD, PELLET, REFUGE, Situation
+from .situation import HOLD, PELLET, REFUGE, Situation, maps_of
 
 if TYPE_CHECKING:
     from ..maps.level_slots import LevelSlots
@@ -88,7 +88,7 @@ def planner_stage(
     """
     seen = prediction.seen_arrays(situation, robot_speed_mps)
     arrays = {"seen": seen, "wanted": wanted, "candidates": candidates, "whole": whole}
-    maps = prediction.maps_of(situation)
+    maps = maps_of(situation)
     memory = _outlook_on(maps).memory(maps.most_goals, situation.ghosts.shape[1], situation.threads.number)
     return _fill, [Table(_PlannerArrays, outlook=own, **arrays) for own in memory]
 
@@ -102,13 +102,13 @@ def _outlook_on(levels: "LevelSlots") -> outlook.Outlook:
 
 def maps_changed(situation: Situation, slots: NDArray[np.integer[Any]]) -> None:
     """Prepare the maps in ``slots`` for the prediction."""
-    for level in prediction.maps_of(situation).levels(slots):
+    for level in maps_of(situation).levels(slots):
         level.add_coarse_steps()
 
 
 def maps_wanted(situation: Situation) -> None:
     """Prepare the maps on which a ghost is believed to approach the robot for the outlook."""
-    maps, hunted = prediction.maps_of(situation), comes(situation.belief.T).any(axis=0)
+    maps, hunted = maps_of(situation), comes(situation.belief.T).any(axis=0)
     for level in maps.levels(situation.level[hunted]) if hunted.any() else ():
         add_coarse_map(level)
 

@@ -5,7 +5,7 @@ goal it continues to another. The path of the robot leads to a candidate, includ
 """
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +17,7 @@ from ...engine.simd import WIDTH, all_of, load, lower, minus, plus, roots, store
 from ...world.navigation.grid import cell_of
 from ...world.navigation.paths import ARRIVED, LENGTHS, NO_WAY, TILE, coarse_step, tile_index
 from ..maps.level import COARSE_STEPS, level_arrays, steps_of_level
-from .situation import LAYOUT, Situation
-
-if TYPE_CHECKING:
-    from ..maps.level_slots import LevelSlots
+from .situation import LAYOUT, Situation, maps_of
 
 STEP_S = 0.5  # between instants
 STEPS = 20  # instants: 10 s
@@ -73,13 +70,6 @@ def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float
     table = Table(_EncounterArrays, seen=seen_arrays(situation, robot_speed_mps), result=result)
     situation.threads.run(_encounters, [table], len(result))
     return result
-
-
-def maps_of(situation: Situation) -> "LevelSlots":
-    """Return the maps of a situation; raise ValueError if it has none."""
-    if situation.maps is None:
-        raise ValueError("the situation has no maps to look ahead on")
-    return situation.maps
 
 
 def seen_arrays(situation: Situation, robot_speed_mps: float) -> SeenArrays:

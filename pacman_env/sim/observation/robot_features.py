@@ -16,7 +16,7 @@ from ...engine.pipeline import Stage
 from ...world.navigation.grid import cell_of
 from ...world.navigation.paths import AT_GOAL, NO_STEP
 from ..maps.level import level_arrays
-from .situation import HOLD, MISSING, PELLET, REFUGE, NearestCounts, Situation, nearest_candidates
+from .situation import HOLD, MISSING, PELLET, REFUGE, NearestCounts, Situation, maps_of, nearest_candidates
 from .situation import LAYOUT as situation_layout
 
 FAR_M = 100.0  # cap of all lengths
@@ -197,9 +197,7 @@ GHOST_BEARING_COLUMNS = (
 
 def pellet_bearings(situation: Situation, count: int) -> NDArray[np.float32]:
     """Return bearings of the nearest pellets (N, ``count``, 7), float32. Raises ValueError without maps."""
-    if situation.maps is None:
-        raise ValueError("the situation has no maps to plan a path on")
-    s, levels = situation, situation.maps.addresses
+    s, levels = situation, maps_of(situation).addresses
     result = np.zeros((len(s), count, len(PELLET_BEARING_COLUMNS)), dtype=np.float32)
     order = nearest_candidates(s, NearestCounts(count, 0))
     _fill_pellets(s.robot, s.position, s.path_robot, s.goal, s.level, order, levels, result)

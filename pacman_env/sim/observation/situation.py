@@ -137,6 +137,13 @@ SituationArrays: Any = namedtuple("SituationArrays", _declared(), defaults=_decl
 LAYOUT = Layout(SituationArrays)
 
 
+def maps_of(situation: Situation) -> LevelSlots:
+    """Return the maps of a situation; raise ValueError if it has none."""
+    if situation.maps is None:
+        raise ValueError("the situation has no maps to plan on")
+    return situation.maps
+
+
 MISSING = -1  # instead of a candidate's number, if there are fewer
 
 

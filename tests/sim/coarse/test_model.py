@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pacman_env.engine.jit import kernel
+from pacman_env.engine.native import address_of_kernel
 from pacman_env.game.ghosts import Behaviour, GhostView
 from pacman_env.sim import behaviour_kernels
 from pacman_env.sim.coarse import model
@@ -191,6 +192,10 @@ def test_threads_share_the_kernel_of_a_behaviour(monkeypatch: pytest.MonkeyPatch
     def stand(view: GhostView, x: float) -> tuple[float, float]:
         return view.x, view.y
 
+    def address() -> int:
+        kernel_of = behaviour_kernels.behaviour_kernel(model._decide_behaviour, Behaviour("stands", stand, (1.0,)))
+        return address_of_kernel(kernel_of)
+
     monkeypatch.setattr(behaviour_kernels, "kernel", slowly(behaviour_kernels.kernel))
-    first, second = at_once(lambda: model.behaviour_addresses(Behaviour("stands", stand, (1.0,)), np.zeros(1))[0])
+    first, second = at_once(address)
     assert first == second
