@@ -179,7 +179,8 @@ def _follow_behaviour(table, i, which):  # type: ignore[no-untyped-def]
     constants = reals_at(a.behaviours[row, 1], CONSTANTS)
     g, p = a.games[i], a.parameters[0]
     level, ghost = level_arrays(a.levels[g.level]), a.ghosts[i, number]
-    view = view_of(number, ghost, believed(g, p.use_tf), level.ghost_xy[level.ghost_corner[number]])
+    corner = level.ghost_corner[number]
+    view = view_of(number, ghost, believed(g, p.use_tf), (level.ghost_xy[corner, 0], level.ghost_xy[corner, 1]))
     x, y = target_of(view, to_fixed_tuple(constants, CONSTANTS))
     target = -1
     if math.isfinite(x) and math.isfinite(y):
