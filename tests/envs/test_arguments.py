@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import inspect
-import itertools
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,8 @@ from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.envs.parallel_vec_env import parallel_vec_env
 from pacman_env.envs.pettingzoo_env import env, parallel_env
-from tests.envs.helpers import make
+from pacman_env.world.maps.occupancy import MapError, shipped_maps
+from tests.envs.helpers import make, same
 
 REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"observation": "pictures"}, r"observation = 'pictures'.*features.*scan.*grid"),
@@ -68,14 +69,51 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"map": 3}, "map = 3: must be a name"),
     ({"preset": ["robot"]}, r"unknown preset \['robot'\]"),
     ({"settings": {"execution.rules": {}}}, r"execution.rules = {}: Expected `str`"),
+    ({"settings": {"execution.rules": "fast"}}, "unknown execution 'fast'.*as_built.*robust"),
+    ({"settings": {"max_pellets": 2}}, "max_pellets = 2: the map has 13"),
+    ({"settings": {"home": (100.0, 0.0, 0.0)}}, r"home pose \(100\.0, 0\.0\)"),
+    ({"map": "nowhere"}, f"nowhere.*{', '.join(shipped_maps())}"),
+    ({"preset": "real"}, "unknown preset 'real'.*ideal.*robot"),
+    ({"defaults": 3}, "^defaults = 3: must be values by the dotted names of fields$"),
+    ({"defaults": {"endles": True}}, "endles"),
+    ({"defaults": {"endless": True}, "settings": Config()}, "settings is a Config: .* and defaults are part of it"),
+    ({"flat": True, "observation": ("flat", "grid")}, "'grid'"),
+    ({"flat": True, "observation": ("flat", "nothing")}, "nothing"),
+    ({"flat": True, "action": "velocity", "settings": {"decisions.when": "tick"}}, "velocities choose no candidate"),
 ]
+CHOICES = ("timeout", "observation.candidates", "observation.mask", "decisions.when")
+REFUSED += [({"settings": {field: "never"}}, f"{field} = 'never': must be one of") for field in CHOICES]
 
 
-@pytest.mark.parametrize("build", [PacManBotEnv, lambda **chosen: PacManBotVectorEnv(2, **chosen)])
+@pytest.mark.parametrize("build", [PacManBotEnv, partial(PacManBotVectorEnv, 2)])
 @pytest.mark.parametrize(("chosen", "message"), REFUSED)
 def test_unplayable_argument_names_the_field(chosen: dict[str, Any], message: str, build: Callable[..., Any]) -> None:
-    with pytest.raises(ConfigError, match=message):
+    with pytest.raises((ConfigError, MapError), match=message):
         build(**chosen)
+
+
+@pytest.mark.parametrize(
+    ("build", "chosen", "message"),
+    [
+        (PacManBotEnv, {"render_mode": "ansi"}, r"'ansi'.*rgb_array.*human"),
+        (parallel_env, {"render_mode": "ansi"}, r"'ansi'.*rgb_array.*human"),
+        (PacManBotVectorEnv, {"render_mode": "human"}, r"'human'.*rgb_array"),
+        (PacManBotVectorEnv, {"num_envs": 0}, "num_envs = 0"),
+        (PacManBotVectorEnv, {"max_episode_steps": 0}, "max_episode_steps = 0: must be a whole number of at least 1"),
+        (PacManBotVectorEnv, {"max_episode_steps": True}, "max_episode_steps = True"),
+        (PacManBotVectorEnv, {"batch_size": 3}, "batch_size = 3: must be a whole number that divides num_envs = 4"),
+        (PacManBotVectorEnv, {"batch_size": 0}, "batch_size = 0: must be"),
+        (parallel_vec_env, {"render_mode": "human"}, "render_mode = 'human'"),
+        (parallel_vec_env, {"num_envs": 0}, "num_envs = 0: must be a whole number of at least 1"),
+        (parallel_vec_env, {"num_threads": -1}, "num_threads = -1"),
+        (parallel_vec_env, {"autoreset_mode": "no"}, "'no' is not a valid AutoresetMode"),
+        (parallel_vec_env, {"autoreset_mode": "NextStep"}, "must be AutoresetMode.SAME_STEP or DISABLED"),
+    ],
+)
+def test_unplayable_argument_of_one_interface_is_named(build: Any, chosen: dict[str, Any], message: str) -> None:
+    games = {} if build in (PacManBotEnv, parallel_env) else {"num_envs": 4}
+    with pytest.raises(ValueError, match=message):
+        build(**games | chosen)
 
 
 def test_environments_take_shared_arguments_and_their_own() -> None:
@@ -108,7 +146,20 @@ def test_arguments_and_settings_give_same_configuration() -> None:
     }
     assert make(settings=settings).config == by_arguments.config == make_config("robot", "robust", **settings)
     assert make(ghosts=np.int64(2)).config.clyde.ghosts == ("wander", "wander")
-    for first, second in itertools.pairwise(
-        [make(observation=kinds) for kinds in ("scan", ["scan"], ("scan", "scan"))]
-    ):
-        assert first.config == second.config
+    scan = make(observation="scan").config
+    assert make(observation=["scan"]).config == make(observation=("scan", "scan")).config == scan
+
+
+@pytest.mark.parametrize(
+    ("build", "action", "kinds"),
+    [
+        (PacManBotEnv, 3, (int, np.int64, np.int32, np.uint8, np.array)),
+        (partial(PacManBotVectorEnv, 3), np.array([2, 0, 23]), (list, tuple, np.int32, np.uint8, np.uint64)),
+    ],
+)
+def test_integers_of_any_type_are_accepted_as_actions(build: Any, action: Any, kinds: Any) -> None:
+    plain, other = build(), build()
+    plain.reset(seed=1)
+    other.reset(seed=1)
+    for kind in kinds:
+        assert same(plain.step(action), other.step(kind(action)))

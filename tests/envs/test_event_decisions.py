@@ -31,22 +31,22 @@ class Repeats:
     def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any], int]:
         env, game = self.env, self.env.batch.games[0]
         allowed = env.action_masks()[action]
-        before, reward, factor = game.copy(), 0.0, 1.0
+        before, reward, factor, waited = game.copy(), 0.0, 1.0, 0
         while True:
             observation, earned, terminated, truncated, info = env.step(action)
             reward += factor * earned
             factor *= self.discount
             news = terminated or truncated or any(game[name] != before[name] for name in ("collected", "round"))
             choice = HOLD if action == env.batch.hold else action
-            waited = int(game["tick"] - before["tick"])
+            waited += 1
             now = float(game["distance"])
             asked = decision_due(choice, int(game["pursued"]), news, float(before["distance"]), now, waited, self.rules)
             if asked or not allowed:
                 return observation, reward, terminated, truncated, info, waited
 
 
-def play(seed: int, policy: str, **arguments: Any) -> None:
-    """Play one episode on both, bit for bit."""
+def play(seed: int, policy: str, **arguments: Any) -> dict[str, Any]:
+    """Play one episode on both, bit for bit; return the last info."""
     ticks, events = Repeats(**arguments), PacManBotEnv(**joined(arguments, {"settings": EVENTS}))
     rng = np.random.default_rng(seed)
     observation, _ = events.reset(seed=seed)
@@ -66,6 +66,7 @@ def play(seed: int, policy: str, **arguments: Any) -> None:
         assert info == info_there
         assert events.batch.games.tobytes() == ticks.env.batch.games.tobytes()
         over = ours[1] or ours[2]
+    return info
 
 
 @pytest.mark.parametrize(("policy", "rules"), [("nearest", "robust"), ("random", "as_built")])
@@ -75,14 +76,6 @@ def test_event_decisions_play_same_game_as_ticks(policy: str, rules: str) -> Non
         play(seed, policy, map="house", ghosts=GHOSTS[seed % 3], settings={**settings, "execution.rules": rules})
 
 
-def test_decision_is_due_when_next_round_starts() -> None:
-    env = PacManBotEnv(map="loop", settings={"clyde.speed_mps": 0.01, "endless": True, **EVENTS})
-    _, info = env.reset(seed=1)
-    policy = make_policy("nearest")
-    policy.reset(np.ones(1, dtype=np.bool_), env.config)
-    for _ in range(200):
-        if info["round"] == 2:
-            break
-        *_, info = env.step(int(policy.select(env.situation)[0]))
-    assert info["round"] == 2
-    assert env.batch.games["tick"][0] == 0
+def test_event_decisions_continue_in_next_rounds() -> None:
+    settings = {"endless": True, "time_limit_s": 60.0, "pellets.spacing_m": 3.0, "execution.pickup_radius_m": 2.0}
+    assert play(2, "nearest", map="house", settings=settings)["round"] > 1

@@ -6,9 +6,6 @@ learners take. A warning of a checker is an error, but for those named in ``ALLO
 
 from __future__ import annotations
 
-import random
-import sys
-import time
 import types
 import warnings
 from collections.abc import Callable
@@ -37,7 +34,6 @@ with warnings.catch_warnings():
         max_cycles_test,
         parallel_api_test,
         parallel_seed_test,
-        performance_benchmark,
         render_test,
         seed_test,
         state_test,
@@ -95,15 +91,12 @@ def _quick_screen(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("chosen", SINGLES)
-def test_gymnasium_checker_finds_no_fault(chosen: str) -> None:
-    check_env(SINGLES[chosen](render_mode="rgb_array").unwrapped, skip_render_check=not chosen.startswith("pacman_env"))
-
-
-@pytest.mark.parametrize("chosen", SINGLES)
-def test_stable_baselines_checker_finds_no_fault(chosen: str) -> None:
+def test_gymnasium_and_sb3_checkers_find_no_fault(chosen: str) -> None:
     from stable_baselines3.common.env_checker import check_env as check_for_sb3
 
-    check_for_sb3(SINGLES[chosen](render_mode="rgb_array").unwrapped, skip_render_check=False)
+    env = SINGLES[chosen](render_mode="rgb_array").unwrapped
+    check_env(env, skip_render_check=not chosen.startswith("pacman_env"))
+    check_for_sb3(env, skip_render_check=False)
 
 
 @pytest.mark.parametrize("action", ["goal", "velocity"])
@@ -147,12 +140,3 @@ def test_max_cycles_are_obeyed_in_both_interfaces() -> None:
 def test_pettingzoo_render_test_passes() -> None:
     pytest.importorskip("pygame")
     render_test(lambda **mode: pacman_env.env(ghosts=("policy", "chase"), **mode))
-
-
-def test_pettingzoo_benchmark_runs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    # Its five seconds in one: it only has to run.
-    clock = types.SimpleNamespace(time=lambda: 5.0 * time.time())
-    monkeypatch.setattr(sys.modules[performance_benchmark.__module__], "time", clock)
-    random.seed(0)
-    performance_benchmark(pacman_env.env(settings={"time_limit_s": 6.0, "clyde.speed_mps": 0.6}))
-    assert "Finished performance benchmark" in capsys.readouterr().out

@@ -12,12 +12,12 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from pacman_env.config import ConfigError, make_config
+from pacman_env.config import make_config
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.maps import assets
-from pacman_env.world.maps.occupancy import MapError, load_map, shipped_maps
+from pacman_env.world.maps.occupancy import load_map
 from tests.calls import calls_of
 from tests.envs.helpers import ID, QUICK, make, same
 
@@ -59,22 +59,6 @@ def test_map_may_be_a_name_file_or_object(source: Callable[[Path], Any]) -> None
     assert same(play_round(make(map="loop"), "nearest", 1), play_round(other, "nearest", 1))
 
 
-@pytest.mark.parametrize(
-    ("arguments", "error", "message"),
-    [
-        ({"map": "nowhere"}, MapError, f"nowhere.*{', '.join(shipped_maps())}"),
-        ({"settings": {"max_pellets": 2}}, ConfigError, "max_pellets = 2: the map has 13"),
-        ({"settings": {"home": (100.0, 0.0, 0.0)}}, MapError, r"home pose \(100\.0, 0\.0\)"),
-        ({"preset": "real"}, ConfigError, "unknown preset 'real'.*ideal.*robot"),
-        ({"settings": {"execution.rules": "fast"}}, ConfigError, "unknown execution 'fast'.*as_built.*robust"),
-        ({"render_mode": "ansi"}, ValueError, r"'ansi'.*rgb_array.*human"),
-    ],
-)
-def test_unplayable_argument_is_named(arguments: dict[str, Any], error: type[Exception], message: str) -> None:
-    with pytest.raises(error, match=message):
-        PacManBotEnv(**arguments)
-
-
 def test_round_begins_at_configured_home() -> None:
     x, y = make().batch.assets.cell_xy[100].tolist()
     env = make(preset="ideal", settings={"home": (x, y, 1.5)})
@@ -106,16 +90,6 @@ def test_forbidden_candidate_makes_robot_hold(why: str) -> None:
     assert forbidding.situation.current[0] == -1
 
 
-def test_integers_of_any_type_are_accepted_as_actions() -> None:
-    plain, other = make(), make()
-    plain.reset(seed=1)
-    other.reset(seed=1)
-    for kind in (int, np.int64, np.int32, np.uint8, np.array):
-        assert same(plain.step(3), other.step(kind(3)))
-    with pytest.raises(ValueError, match=re.escape("'1' is not in Discrete")):
-        plain.step("1")
-
-
 def test_slots_beyond_pellets_change_only_shapes() -> None:
     plain, padded = make(), make(settings={"max_pellets": 20})
     first, second = plain.reset(seed=3)[0], padded.reset(seed=3)[0]
@@ -129,21 +103,6 @@ def test_slots_beyond_pellets_change_only_shapes() -> None:
         first, second = plain.step(goal)[0], padded.step(goal)[0]
         for key in ("robot", "clyde", "round"):
             np.testing.assert_array_equal(first[key], second[key])
-
-
-def test_unseeded_reset_continues_generator_regardless_of_steps() -> None:
-    def rounds(steps_between: int) -> list[Any]:
-        env = make()
-        results = [env.reset(seed=8)]
-        for _ in range(3):
-            for _ in range(steps_between):
-                env.step(0)
-            results.append(env.reset())
-        return results
-
-    quiet, busy = rounds(0), rounds(5)
-    assert same(quiet, busy)
-    assert len({info["round_seed"] for _, info in quiet}) == 4
 
 
 # --- rewards and ends

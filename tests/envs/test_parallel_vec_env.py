@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
 import pacman_env
-from pacman_env.config import ConfigError
 from pacman_env.envs.game_runner import GameRunner
 from pacman_env.envs.parallel_vec_env import PACMAN, PacManBotParallelVecEnv
 from tests.envs.adapters import GAMES, ParallelVec
@@ -166,72 +164,3 @@ def test_observations_of_different_shapes_are_not_stacked() -> None:
             env.stacked(seen)
         with pytest.raises(ValueError, match="no observation of clyde"):
             env.stacked({PACMAN: seen[PACMAN]})
-
-
-def test_reset_options_choose_level_round_and_settings() -> None:
-    env = make(map="generated", settings={"num_levels": 9})
-    _, infos = env.reset(seed=0, options={"round_seed": [7, 8, 2**64 - 9], "level": [3, 4, 3]})
-    assert infos["round_seed"].tolist() == [7, 8, 2**64 - 9]
-    assert infos["level"].tolist() == [3, 4, 3]
-    env.reset(options={"settings": {"clyde.speed_mps": 0.4}})
-    env.reset(mask=np.array([True, False, False]))
-    assert env.config.clyde.speed_mps == 0.4
-    env.reset()
-    assert env.config.clyde.speed_mps == 0.25
-    for other in (make(), pacman_env.parallel_env()):
-        with pytest.raises(ConfigError, match=r"clyde.ghosts would change the spaces or agents"):
-            other.reset(options={"settings": {"clyde.ghosts": ("wander",)}})
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"num_envs": 0}, "num_envs = 0: must be a whole number of at least 1"),
-        ({"num_threads": -1}, "num_threads = -1"),
-        ({"autoreset_mode": "no"}, "'no' is not a valid AutoresetMode"),
-        ({"autoreset_mode": "NextStep"}, "must be AutoresetMode.SAME_STEP or DISABLED"),
-        ({"render_mode": "human"}, "render_mode = 'human'"),
-    ],
-)
-def test_unplayable_argument_is_named(arguments: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        pacman_env.parallel_vec_env(**arguments)
-
-
-def test_wrong_actions_are_refused_with_reason() -> None:
-    env, zeros = make(), np.zeros(GAMES, dtype=np.int64)
-    env.reset(seed=1)
-    for actions, message in (
-        ({}, "no actions of pacman, clyde"),
-        ({PACMAN: zeros, "clyde": zeros, "blinky": zeros}, "actions of blinky: the agents are pacman, clyde"),
-        ({PACMAN: zeros, "clyde": np.array([0, 5, 24])}, "action 24 of clyde in game 2: must be 0 to 23"),
-        (np.full((GAMES, 2), 2**63, dtype=np.uint64), "action 9223372036854775808 of pacman in game 0"),
-        (zeros, r"actions must be integers of shape \(3, 2\), got int64 of shape \(3,\)"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            env.step(actions)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"mask": [True] * 3}, r"mask must be a bool array of shape \(3,\)"),
-        ({"mask": np.zeros(3, dtype=np.bool_)}, "mask must have at least one True value"),
-        ({"seed": [1, 2]}, "2 seeds for 3 games"),
-        ({"seed": [1, 2, -3]}, "Seed must be"),
-        ({"options": {"levl": 1}}, r"options\['levl'\]: choose among level, round_seed, settings"),
-        (
-            {"mask": np.array([True, False, False]), "options": {"settings": {"clyde.speed_mps": 0.4}}},
-            r"options\['settings'\] are for all games",
-        ),
-    ],
-)
-def test_wrong_reset_changes_nothing(arguments: dict[str, Any], message: str) -> None:
-    env, twin = make(), make()
-    with pytest.raises(gym.error.ResetNeeded):
-        env.reset(mask=np.array([True, False, True]))
-    env.reset(seed=1)
-    twin.reset(seed=1)
-    with pytest.raises((ValueError, gym.error.Error), match=message):
-        env.reset(**arguments)
-    assert same(env.reset(), twin.reset())
