@@ -38,6 +38,8 @@ class EnvContract:
                 seen += 1
             for info in adapter.infos(result):
                 assert expected - {"elapsed_s"} <= set(info) <= expected | {"action_mask"}
+                if config.observation.numeric_info:
+                    assert all(isinstance(value, (int, float, np.number)) for value in info.values())
         assert seen > 30
 
     def test_returned_data_never_changes(self, case: str) -> None:

@@ -2,95 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
 from pacman_env.config import Config
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.game.round import clyde_speed_mps
-from pacman_env.world.navigation.navigator import SUCCEEDED
 from tests.envs.cases import RANGES, SMALL
-from tests.envs.helpers import QUICK, joined, make, make_vector
-
-#: Nobody catches, nothing blocks.
-HARMLESS: dict[str, Any] = {
-    "clyde.speed_mps": 0.0,
-    "nav2.clyde_keepout_m": 1e-6,
-    "execution.death_radius_m": 1e-6,
-    "time_limit_s": 300.0,
-}
-MAPS: list[dict[str, Any]] = [
-    {"map": "house", "settings": {"execution.rules": "as_built"}},
-    {"map": "maze", "preset": "ideal"},
-    {"map": "open_plan"},
-    {"map": "generated", "settings": {"start_level": 3, "num_levels": 1}},
-]
-on_maps = pytest.mark.parametrize("chosen", MAPS, ids=lambda chosen: "-".join(map(str, chosen.values())))
-
-
-@on_maps
-def test_allowed_goals_are_reached_or_reported(chosen: dict[str, Any]) -> None:
-    one = make(**chosen).batch
-    pellets, slots = one.assets.pellets, one.pellet_slots
-    goals = np.r_[:pellets, slots : slots + one.assets.refuges]
-    games = np.arange(len(goals))
-    env = make_vector(len(goals), autoreset_mode="Disabled", **joined({"settings": HARMLESS}, chosen))
-    env.reset(seed=4)
-    state, reached, waiting = env.batch.games, np.zeros(len(goals), dtype=bool), np.ones(len(goals), dtype=bool)
-    assert env.action_masks()[games, goals].all()
-    away = np.hypot(*(env.situation.position[games, goals] - env.situation.robot[:, :2]).T)
-    at_home = (goals >= slots) & (away <= env.config.nav2.goal_tolerance_m)  # refuges that need not be driven to
-    while waiting.any():
-        infos = env.step(np.where(waiting, goals, env.batch.hold))[4]
-        situation, allowed = env.situation, env.action_masks()[games, goals]
-        for i in np.flatnonzero(waiting & (situation.current != goals)):
-            waiting[i] = False
-            if i < pellets and not env.batch.alive[i, i]:
-                reached[i] = infos["lost"][i] == 0
-                assert infos["collected"][i] > 0 if reached[i] else infos["aborts"][i] == infos["lost"][i] == 1
-            elif allowed[i]:  # a refuge, where the robot coasts a little after SUCCEEDED
-                x, y = situation.position[i, goals[i]]
-                reached[i] = i >= pellets and (at_home[i] or state["nav_last"][i] == SUCCEEDED)
-                assert np.hypot(state["x"][i] - x, state["y"][i] - y) <= env.config.nav2.goal_tolerance_m + 0.2
-                assert reached[i]
-            else:  # aborted, or the navigator moved the goal too far from the pellet
-                assert infos["aborts"][i] == 1 or state["nav_last"][i] == SUCCEEDED
-            assert allowed[i] == (i >= pellets and reached[i])
-        assert (infos["outcome"][waiting] == "running").all()
-    assert reached.mean() > 0.9
-
-
-@on_maps
-def test_masks_forbid_only_candidates_waiting_after_abort(chosen: dict[str, Any]) -> None:
-    env = make_vector(4, **joined({"settings": {**QUICK, "nav2.abort_rate": 0.2, "max_pellets": 20}}, chosen))
-    env.reset(seed=1)
-    back_off = round(env.config.execution.back_off_s / env.config.execution.tick_s)
-    pellets, refuges = env.batch.pellet_slots, env.batch.assets.refuges
-    until = np.zeros((4, env.batch.candidates), dtype=np.int64)  # the longest that a candidate may wait
-    rng, waited = np.random.default_rng(0), 0
-    actions = aborts = seeds = np.zeros(4, dtype=np.int64)
-    for k in range(150):
-        mask, there = env.action_masks(), np.zeros((4, env.batch.candidates), dtype=bool)
-        there[:, :pellets] = env.batch.alive
-        there[:, pellets : pellets + refuges] = there[:, -1] = True
-        np.testing.assert_array_equal(env.situation.pellets_left, env.batch.alive.sum(axis=1))
-        assert not (mask & ~there).any()
-        assert (until > k)[there & ~mask].all()
-        waited += int((there & ~mask).sum())
-        # An abort makes the goal wait that was pursued, or sent just now.
-        if k % 4 == 0:
-            actions = np.array([rng.choice(np.flatnonzero(row)) for row in mask])
-        sent = [{int(env.situation.current[i]), int(actions[i])} - {-1} for i in range(4)]
-        infos = env.step(actions)[4]
-        for i in range(4):
-            if infos["round_seed"][i] != seeds[i] and k > 0:
-                until[i] = 0
-            elif infos["aborts"][i] > aborts[i]:
-                until[i, list(sent[i])] = k + 2 + 8 * back_off
-        aborts, seeds = infos["aborts"], infos["round_seed"]
-    assert (waited > 0) == (env.config.execution.on_abort == "back_off" or refuges > 0)
+from tests.envs.helpers import make, make_vector
 
 
 def nearest_pellet(env: PacManBotEnv) -> int:

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 
-from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
 from pacman_env.envs.registration import FLAT_ID
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.observation.planner_features import GLOBAL_FEATURES
 from pacman_env.sim.observation.situation import PELLET
 from tests.envs import helpers
 from tests.envs.cases import DRIVING
@@ -43,18 +41,6 @@ def test_spaces_are_same_on_every_map(normalize: bool) -> None:
     assert all(space == spaces_of_driving[0] for space in spaces_of_driving)
 
 
-def test_row_has_time_left_and_ghost_tokens() -> None:
-    env = make(ghosts=("wander", "chase"), settings={"observation.normalize": False})
-    first = env.reset(seed=0)[0][-len(GLOBAL_FEATURES) :]
-    env.step(0)
-    seen = env.step(0)[0][-len(GLOBAL_FEATURES) :]
-    assert seen[GLOBAL_FEATURES.index("time_left")] < first[GLOBAL_FEATURES.index("time_left")]
-    assert [seen[GLOBAL_FEATURES.index(f"ghost_{k}_there")] for k in range(4)] == [1, 1, 0, 0]
-    away = [np.hypot(*(ghost[:2] - env.situation.robot[0, :2])) for ghost in env.situation.ghosts[0]]
-    found = [5.0 * seen[GLOBAL_FEATURES.index(f"ghost_{k}_distance")] for k in range(2)]
-    assert found == pytest.approx(sorted(away), rel=1e-5)
-
-
 def test_empty_slot_makes_robot_hold_for_one_tick() -> None:
     env = make()
     env.reset(seed=3)
@@ -64,17 +50,6 @@ def test_empty_slot_makes_robot_hold_for_one_tick() -> None:
     *_, info = env.step(int(np.flatnonzero(~env.action_masks())[0]))
     assert info["elapsed_s"] == env.config.execution.tick_s
     assert env.batch.games["pursued"][0] == -1
-
-
-def test_infos_are_numbers_and_timeout_is_an_end() -> None:
-    env = make(ghosts=("chase",), settings={"time_limit_s": 2.0})
-    _, info = env.reset(seed=0)
-    terminated = truncated = False
-    while not terminated:
-        assert all(isinstance(value, (int, float)) for value in info.values())
-        _, reward, terminated, truncated, info = env.step(env.action_space.n - 1)
-    assert (truncated, OUTCOMES[info["outcome"]]) == (False, "timeout")
-    assert reward < -4.0
 
 
 @pytest.mark.parametrize("candidates", ["nearest", "all"])

@@ -14,7 +14,7 @@ import pytest
 
 from pacman_env.config import make_config
 from pacman_env.envs.pacmanbot import PacManBotEnv
-from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
+from pacman_env.envs.pettingzoo_env import parallel_env
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.maps import assets
 from pacman_env.world.maps.occupancy import load_map
@@ -69,42 +69,6 @@ def test_round_begins_at_configured_home() -> None:
 # --- actions
 
 
-@pytest.mark.parametrize("why", ["padding", "collected", "waits after an abort"])
-def test_forbidden_candidate_makes_robot_hold(why: str) -> None:
-    settings = {**QUICK, "clyde.speed_mps": 0.0, "execution.death_radius_m": 0.1, "max_pellets": 6}
-    if why == "waits after an abort":
-        settings["nav2.abort_rate"] = 1.0
-    forbidding, holding = (make(settings=settings) for _ in range(2))
-    for env in (forbidding, holding):
-        env.reset(seed=2)
-    goal = int(forbidding.situation.path_robot[0, :4].argmin())
-    # towards it until it is forbidden; padding: under way, so that holding shows
-    while forbidding.action_masks()[goal] and not (why == "padding" and forbidding.situation.tick[0] == 3):
-        assert same(forbidding.step(goal), holding.step(goal))
-    forbidden = 5 if why == "padding" else goal
-    for k in range(6):
-        assert not forbidding.action_masks()[forbidden]
-        result = forbidding.step(forbidden)
-        assert same(result, holding.step(int(forbidding.action_space.n) - 1)), k
-    assert result[0]["robot"][4] == 0.0
-    assert forbidding.situation.current[0] == -1
-
-
-def test_slots_beyond_pellets_change_only_shapes() -> None:
-    plain, padded = make(), make(settings={"max_pellets": 20})
-    first, second = plain.reset(seed=3)[0], padded.reset(seed=3)[0]
-    for k in range(40):
-        keep = np.r_[0:13, 20 : padded.action_space.n]
-        np.testing.assert_array_equal(second["candidates"][keep], first["candidates"])
-        np.testing.assert_array_equal(second["action_mask"][keep], first["action_mask"])
-        np.testing.assert_array_equal(second["candidates"][13:20], np.eye(10)[np.zeros(7, dtype=int)])
-        assert not second["action_mask"][13:20].any()
-        goal = k // 10 % 13
-        first, second = plain.step(goal)[0], padded.step(goal)[0]
-        for key in ("robot", "clyde", "round"):
-            np.testing.assert_array_equal(first[key], second[key])
-
-
 # --- rewards and ends
 
 
@@ -142,26 +106,6 @@ def test_rewards_and_ends_are_as_documented(execution: str, more: dict[str, floa
     assert ("cleared" in ends) == (execution == "as_built")
 
 
-def test_pellet_after_time_limit_does_not_count() -> None:
-    settings = {"time_limit_s": 5.0, "clyde.speed_mps": 0.0}
-    env = PacManBotVectorEnv(1, preset="ideal", settings=settings, autoreset_mode="Disabled")  # may be stepped on
-    env.reset(seed=0)
-    distance = env.situation.path_robot[0, : env.batch.pellet_slots]
-    goal = int(np.where(distance > 2.0, distance, np.inf).argmin())
-    infos = [env.step(np.array([goal]))[4] for _ in range(50)]
-    assert infos[9]["outcome"] == "timeout"
-    assert infos[49] == infos[9]
-
-
-@pytest.mark.parametrize(("limit", "ticks"), [(0.5, 1), (30.0, 60)])
-def test_time_limit_ends_round_at_exact_tick(limit: float, ticks: int) -> None:
-    env = make(settings={"time_limit_s": limit, "clyde.speed_mps": 0.0})
-    env.reset(seed=0)
-    results = [env.step(int(env.action_space.n) - 1) for _ in range(ticks)]
-    assert [r[3] for r in results] == [False] * (ticks - 1) + [True]
-    assert results[-1][0]["round"][0] == limit
-
-
 # --- pictures and documentation
 
 
@@ -170,18 +114,6 @@ def test_render_without_mode_warns() -> None:
     env.reset(seed=0)
     with pytest.warns(UserWarning, match="rgb_array"):
         assert env.render() is None
-
-
-def test_human_mode_shows_a_window(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    pygame = pytest.importorskip("pygame")
-    env = make(render_mode="human")
-    env.reset(seed=0)
-    assert env.render() is None
-    assert pygame.display.get_surface().get_height() == 720
-    env.close()
-    env.close()
-    assert not pygame.display.get_init()
 
 
 def test_docstring_lists_keys_infos_and_arguments() -> None:
@@ -202,3 +134,19 @@ def test_docstring_lists_keys_infos_and_arguments() -> None:
     call = re.search(r"```python\n(.*?)```", text, re.DOTALL)
     assert call
     assert eval(call[1].strip(), {"gymnasium": gym}).unwrapped.config == make_config(**{"clyde.speed_mps": 0.35})
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_human_mode_shows_every_step_and_closes(several: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    pygame = pytest.importorskip("pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    env: Any = parallel_env(render_mode="human") if several else make(render_mode="human")
+    env.reset(seed=0)
+    shown = pygame.surfarray.array3d(pygame.display.get_surface())
+    assert shown.shape[1] == 720
+    assert env.render() is None
+    env.step({"pacman": 0, "clyde": 0} if several else 0)
+    assert (pygame.surfarray.array3d(pygame.display.get_surface()) != shown).any()
+    env.close()
+    env.close()
+    assert not pygame.display.get_init()

@@ -12,8 +12,10 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.envs.registration import IDS
+from pacman_env.policies.base import BasePolicy
 from pacman_env.policies.registry import make_policy
-from tests.envs.cases import PAIRWISE, arguments, name
+from pacman_env.sim.observation.situation import Situation
+from tests.envs.cases import PAIRWISE, SMALL, arguments, name
 from tests.envs.helpers import ID, QUICK, make, make_vector, same
 
 LOSING = {**QUICK, "nav2.abort_rate": 0.3, "execution.rules": "as_built"}
@@ -36,10 +38,25 @@ def equal_steps(native: Any, singles: Any, actions: np.ndarray, mode: AutoresetM
     return ours
 
 
-@pytest.mark.parametrize(("k", "row"), list(enumerate(PAIRWISE)), ids=list(map(name, PAIRWISE)))
-def test_vector_equals_single_environments(k: int, row: dict[str, Any]) -> None:
-    mode, chosen = MODES[k % 3], arguments(row, time_limit_s=4.0)
-    native, singles = make_vector(3, autoreset_mode=mode, **chosen), make_sync(3, mode, **chosen)
+class Patrol(BasePolicy):
+    """Sends its ghost to a place that time and seed tell."""
+
+    name = "patrol"
+
+    def select(self, situation: Situation) -> np.ndarray:
+        return (situation.tick // 5 + (situation.seed % 7).astype(np.int64)) % situation.mask.shape[1]
+
+
+EVENTS = {**SMALL, "time_limit_s": 4.0, "decisions.when": "event"}
+CASES = {name(row): arguments(row, time_limit_s=4.0) for row in PAIRWISE}
+CASES["events, endless"] = {"settings": {**EVENTS, "execution.pickup_radius_m": 3.0, "endless": True}}
+CASES["events, policy"] = {"map": "generated", "ghosts": ["chase", Patrol()], "settings": {**EVENTS, "num_levels": 3}}
+
+
+@pytest.mark.parametrize(("k", "case"), list(enumerate(CASES)))
+def test_vector_equals_single_environments(k: int, case: str) -> None:
+    mode, chosen = MODES[k % 3], CASES[case]
+    native, singles = make_vector(3, autoreset_mode=mode, num_threads=1 + k % 2, **chosen), make_sync(3, mode, **chosen)
     assert native.observation_space == singles.observation_space
     assert native.action_space == singles.action_space
     native.action_space.seed(1)

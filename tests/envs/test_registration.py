@@ -16,13 +16,6 @@ from tests.envs.helpers import ID
 HAS_REGISTRY = pytest.mark.skipif(not hasattr(pettingzoo, "register"), reason="PettingZoo before 1.27 has no registry")
 
 
-def test_id_refers_to_single_and_vector_environment() -> None:
-    spec = gym.spec(ID)
-    assert spec.entry_point == "pacman_env.envs.pacmanbot:PacManBotEnv"
-    assert spec.vector_entry_point == "pacman_env.envs.pacmanbot_vector:PacManBotVectorEnv"
-    assert spec.max_episode_steps is None  # the game has its own limit, in seconds
-
-
 def test_registering_again_changes_nothing() -> None:
     before = gym.spec(ID)
     pacman_env.register_envs()
@@ -58,24 +51,6 @@ def test_gymnasium_finds_id_by_module() -> None:
     assert out.stdout.strip() == ID
 
 
-@pytest.mark.parametrize("first", ["pacman_env", "pettingzoo"])
-def test_pettingzoo_registers_names_in_any_import_order(first: str) -> None:
-    second = {"pacman_env": "pettingzoo", "pettingzoo": "pacman_env"}[first]
-    names = sorted(name for name, entry in IDS.items() if entry.several is not None)
-    code = (
-        f"import {first}, {second}; known = getattr(pettingzoo, 'parallel_registry', None);"
-        f"print(known is None or sorted(n for n in known if n.startswith('pacman_env')) == {names})"
-    )
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert out.stdout.strip() == "True"
-
-
-def test_environments_are_made_without_warnings() -> None:
-    code = f"import gymnasium, pacman_env\nfor name in {list(IDS)}: gymnasium.make(name)"
-    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True)
-    assert (done.stdout, done.stderr) == ("", "")
-
-
 def test_unversioned_id_makes_latest_version() -> None:
     with pytest.warns(UserWarning, match=f"latest versioned environment `{ID}`"):  # Gymnasium's word on all such ids
         env = gym.make(ID.removesuffix("-v0"), map="loop")
@@ -84,11 +59,15 @@ def test_unversioned_id_makes_latest_version() -> None:
 
 
 @pytest.mark.parametrize("library", ["gymnasium", pytest.param("pettingzoo", marks=HAS_REGISTRY)])
-def test_ids_are_registered_when_library_is_imported(library: str) -> None:
+@pytest.mark.parametrize("first", ["pacman_env", "library"])
+def test_ids_are_registered_in_any_import_order(library: str, first: str) -> None:
+    names = sorted(name for name, entry in IDS.items() if library == "gymnasium" or entry.several is not None)
+    imports = ("pacman_env", library) if first == "pacman_env" else (library, "pacman_env")
     code = (
-        f"import importlib.util, sys, pacman_env\nfor _ in range(2): importlib.util.find_spec({library!r})\n"
-        f"import {library}, importlib\nregistry = getattr({library}, 'registry', None) or {library}.parallel_registry\n"
-        f"print({ID!r} in registry, [f for f in sys.meta_path if getattr(f, '_module', '') == {library!r}])"
+        f"import sys, importlib.util, {imports[0]}\nfor _ in range(2): importlib.util.find_spec({library!r})\n"
+        f"import {imports[1]}\nregistry = getattr({library}, 'registry', None) or {library}.parallel_registry\n"
+        f"print(sorted(name for name in registry if name.startswith('pacman_env')) == {names},"
+        f" [f for f in sys.meta_path if getattr(f, '_module', '') == {library!r}])"
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "True []"

@@ -84,37 +84,6 @@ def test_round_seed_repeats_episode_and_draws_nothing(source: str) -> None:
     assert same([env.reset()], second[:1])
 
 
-@pytest.mark.parametrize("kind", ["single", "vector", "sb3"])
-def test_comparison_round_ends_alike_in_environment(kind: str) -> None:
-    config = make_config(time_limit_s=60.0)
-    records, _ = play(map_assets("loop", config), config, "nearest", episode_seeds(5, 12))
-    records = records[records["seed"] >= 2**63]
-    if kind == "sb3":
-        pytest.importorskip("stable_baselines3")
-        from pacman_env.sb3 import PacManBotVecEnv as Made
-    else:
-        Made = {"single": lambda _, **more: PacManBotEnv(**more), "vector": PacManBotVectorEnv}[kind]
-    env: Any = Made(1, map="loop", settings=config)
-    game = env.env if kind == "sb3" else env
-    ends = []
-    for record in records:
-        policy, options = make_policy("nearest"), {"round_seed": int(record["seed"])}
-        if kind == "sb3":
-            env.set_options(options)
-        env.reset(**({} if kind == "sb3" else {"options": options}))
-        policy.reset(np.ones(1, dtype=np.bool_), config)
-        assert game.situation.seed == record["seed"]
-        outcome = "running"
-        while outcome == "running":
-            action = game.action_of(policy.select(game.situation))
-            *_, infos = env.step(action[0] if kind == "single" else action)
-            told = infos[0] if kind == "sb3" else infos
-            outcome, collected, seed = (np.ravel(told[key])[0] for key in ("outcome", "collected", "round_seed"))
-        ends.append((outcome, collected, seed))
-    assert ends == [(OUTCOMES[one["end"]], one["collected"], one["seed"]) for one in records]
-    assert len(set(ends)) > 1
-
-
 def test_level_option_is_played_with_any_seed() -> None:
     env = PacManBotEnv(map="generated:test", settings={"num_levels": 50})
     shapes = set()
@@ -207,3 +176,18 @@ def test_level_must_belong_to_settings_of_reset(make: Any) -> None:
     env.reset(options={"settings": {"num_levels": 9}, "level": 8})
     assert env.config.num_levels == 9
     assert set(env.batch.level_numbers().tolist()) == {8}
+
+
+@pytest.mark.parametrize("when", ["tick", "event"])
+def test_comparison_rounds_end_alike_in_environment(when: str) -> None:
+    config = make_config(**{"time_limit_s": 60.0, "decisions.when": when})
+    records, _ = play(map_assets("loop", config), config, "nearest", episode_seeds(5, 12))
+    env, policy = PacManBotVectorEnv(12, map="loop", settings=config, autoreset_mode="Disabled"), make_policy("nearest")
+    env.reset(options={"round_seed": records["seed"]})
+    infos: dict[str, Any] = {"outcome": np.full(12, "running")}
+    while (infos["outcome"] == "running").any():
+        *_, infos = env.step(policy.select(env.situation))
+    assert infos["outcome"].tolist() == [OUTCOMES[end] for end in records["end"]]
+    for name, key in (("collected", "collected"), ("seed", "round_seed")):
+        np.testing.assert_array_equal(infos[key], records[name])
+    assert len(set(records["end"])) > 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium as gym
@@ -16,7 +16,6 @@ pytest.importorskip("stable_baselines3")
 import torch
 from sb3_contrib import MaskablePPO
 from sb3_contrib.common.maskable.evaluation import evaluate_policy
-from stable_baselines3 import PPO
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
 
@@ -38,11 +37,6 @@ def without_time(infos: list[dict[str, Any]]) -> list[dict[str, Any]]:
         if "episode" in info:
             assert 0 < info["episode"].pop("t") < 600
     return infos
-
-
-def random_play(env: PacManBotVecEnv, steps: int, seed: int) -> list[Any]:
-    rng = np.random.default_rng(seed)
-    return [env.step(rng.integers(env.action_space.n, size=env.num_envs)) for _ in range(steps)]  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("execution", ["robust", "as_built"])
@@ -76,8 +70,10 @@ def test_infos_option_ends_changes_infos_only() -> None:
     for env in (whole, short):
         env.seed(3)
     assert same(whole.reset(), short.reset())
-    ended = 0
-    for result, other in zip(*(random_play(env, 60, seed=0) for env in (whole, short)), strict=True):
+    rng, ended = np.random.default_rng(0), 0
+    for _ in range(60):
+        actions = rng.integers(whole.env.single_action_space.n, size=5)
+        result, other = whole.step(actions), short.step(actions)
         assert same(result[:3], other[:3])
         for done, info, told in zip(result[2], *map(without_time, (result[3], other[3])), strict=True):
             info.pop("terminal_observation", None)
@@ -120,17 +116,8 @@ def test_masks_of_many_games_need_few_calls() -> None:
     assert calls_of(lambda: env.env_method("action_masks")) < 20
 
 
-@pytest.fixture
-def _one_thread() -> Iterator[None]:
-    """Networks as small as these are quickest on one."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
-
-
-@pytest.mark.usefixtures("_one_thread")
 def test_maskable_ppo_learns_without_warning() -> None:
+    torch.set_num_threads(1)  # networks as small as these are quickest on one
     env = VecNormalize(PacManBotVecEnv(8, settings={**QUICK, "time_limit_s": 6.0}), norm_obs=False)
     model = MaskablePPO("MultiInputPolicy", env, n_steps=16, batch_size=64, n_epochs=1, seed=0, device="cpu")
     model.learn(256)
@@ -139,28 +126,6 @@ def test_maskable_ppo_learns_without_warning() -> None:
     assert all(0 < episode["l"] <= 12 for episode in model.ep_info_buffer)
     returns, lengths = evaluate_policy(model, env, n_eval_episodes=8, return_episode_rewards=True)
     assert len(returns) == len(lengths) >= 8
-
-
-@pytest.mark.usefixtures("_one_thread")
-@pytest.mark.parametrize(
-    "learner",
-    [
-        {"flat": True},
-        {"action": "velocity", "observation": ("scan", "flat"), "settings": {"observation.mask": "method"}},
-    ],
-    ids=["flat", "velocity"],
-)
-def test_model_of_generated_houses_plays_any_map(learner: dict[str, Any]) -> None:
-    settings = {**learner.get("settings", {}), "observation.normalize": True}
-    many = {"map": "generated", "settings": {**settings, "num_levels": 2}}
-    model = PPO(
-        "MlpPolicy", PacManBotVecEnv(2, **{**learner, **many}), n_steps=8, batch_size=16, n_epochs=1, device="cpu"
-    )
-    model.learn(16)
-    for name in ("house", "maze"):
-        games = PacManBotVecEnv(2, **{**learner, "map": name, "settings": settings})
-        model.set_env(games)
-        games.step(model.predict(games.reset(), deterministic=True)[0])
 
 
 def test_attributes_equal_attributes_of_single_environments() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import cv2
 import gymnasium as gym
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 from gymnasium import wrappers
 
-from tests.envs.helpers import ID, QUICK, make
+from tests.envs.helpers import ID, QUICK
 
 SHORT = {**QUICK, "time_limit_s": 4.0}
 
@@ -48,25 +47,3 @@ def test_record_video_shows_every_decision(tmp_path: Path) -> None:
         assert len(frames) == len(shown) > 3
         for frame, picture in zip(frames, shown, strict=True):
             assert np.abs(frame.astype(int) - picture).mean() < 8  # compressed
-
-
-def test_stacked_wrappers_flatten_count_and_truncate() -> None:
-    env: gym.Env[Any, Any] = gym.make(ID, settings=SHORT, max_episode_steps=5)
-    env = wrappers.NormalizeReward(wrappers.RecordEpisodeStatistics(wrappers.FlattenObservation(env)))
-    plain = make(settings=SHORT)
-    for episode in range(1, 3):
-        observation, _ = env.reset(seed=episode)
-        parts, _ = plain.reset(seed=episode)
-        assert env.observation_space.contains(observation)
-        assert sorted(observation) == sorted(np.concatenate([part.ravel() for part in parts.values()]))
-        truncated, rewards = False, []
-        while not truncated:
-            action = env.action_space.sample()
-            observation, reward, terminated, truncated, info = env.step(action)
-            rewards.append(float(plain.step(action)[1]))
-            assert reward / rewards[-1] > 0
-            assert not terminated
-        assert len(rewards) == info["episode"]["l"] == 5
-        assert info["episode"]["r"] == pytest.approx(sum(rewards))
-        assert info["outcome"] == "running"
-        assert env.get_wrapper_attr("action_masks")().shape == (env.action_space.n,)

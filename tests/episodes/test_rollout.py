@@ -26,25 +26,21 @@ def test_episode_seeds_differ_and_have_a_fixed_order() -> None:
         episode_seeds(-1, 2)
 
 
-@pytest.mark.parametrize("policy", ["clyde_aware", "random"])
-def test_rounds_do_not_depend_on_their_batch(policy: str) -> None:
-    np.testing.assert_array_equal(played(policy)[0], played(policy, batch_size=5)[0])
-    np.testing.assert_array_equal(played(policy)[0][:5], played(policy, 5, 1)[0])
-
-
-def test_endless_rounds_do_not_depend_on_their_batch() -> None:
+def test_rounds_do_not_depend_on_their_batch() -> None:
+    for policy in ("clyde_aware", "random"):
+        np.testing.assert_array_equal(played(policy)[0], played(policy, batch_size=5)[0])
+        np.testing.assert_array_equal(played(policy)[0][:5], played(policy, 5, 1)[0])
     np.testing.assert_array_equal(played_endless("clyde_aware"), played_endless("clyde_aware", 3))
-
-
-def test_rounds_on_levels_do_not_depend_on_batch() -> None:
     records = played_on_levels("lookahead")
     np.testing.assert_array_equal(records, played_on_levels("lookahead", 3))
     np.testing.assert_array_equal(records["level"], open_scenario(LEVELS, LEVELS_CONFIG).levels_of(episode_seeds(5, 8)))
     assert len(set(records["level"])) == 2
 
 
-def test_records_describe_their_rounds() -> None:
-    records = played("nearest")[0]
+def test_records_and_times_describe_their_rounds() -> None:
+    records, times = played("nearest")
+    assert len(times) >= 10
+    assert (times > 0).all()
     np.testing.assert_array_equal(records["seed"], episode_seeds(5, 12))
     assert set(records["end"]) <= {DEAD, COMPLETE, CLEARED, TIMEOUT}
     assert len(set(records["end"])) > 1
@@ -53,12 +49,6 @@ def test_records_describe_their_rounds() -> None:
     np.testing.assert_array_equal(records["end"] == COMPLETE, records["collected"] == records["spawned"])
     np.testing.assert_array_equal(records["end"] == TIMEOUT, records["time_s"] == CONFIG.time_limit_s)
     assert (records["time_s"] > 0).all()
-
-
-def test_single_decisions_are_timed() -> None:
-    _, times = played("clyde_aware")
-    assert len(times) >= 10
-    assert (times > 0).all()
 
 
 @pytest.mark.parametrize("config", [CONFIG, ENDLESS], ids=["round", "endless"])

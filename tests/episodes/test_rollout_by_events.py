@@ -6,78 +6,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
-from numpy.typing import NDArray
 
 from pacman_env.config import Config, make_config
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.envs.pacmanbot import PacManBotEnv
-from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
-from pacman_env.episodes.rollout import EPISODE, episode_seeds, play
+from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.evaluation.replay import RecordedGame
 from pacman_env.evaluation.rounds.scenarios import open_scenario
-from pacman_env.game.execution import RUNNING
 from pacman_env.heuristics.simple import Nearest
-from pacman_env.policies.base import Policy
-from pacman_env.policies.registry import make_policy
 from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.situation import Situation
 from tests.episodes.watcher import Watcher
 from tests.evaluation.helpers import ENDLESS
 
 SETTINGS = {"pellets.spacing_m": 3.0, "time_limit_s": 120.0, "clyde.speed_mps": 0.3}
 CONFIG = make_config("robot", **SETTINGS, **{"decisions.when": "event"})
-GAMES = 6
-
-
-class Careless(Nearest):
-    """Forgets every third time, counted by game, what may be chosen."""
-
-    name = "careless"
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._asked = np.zeros(0, np.int64)
-
-    def reset(self, games: NDArray[np.bool_], config: Config) -> None:
-        if len(self._asked) != len(games):
-            self._asked = np.zeros(len(games), np.int64)
-        self._asked[games] = 0
-
-    def select(self, situation: Situation) -> NDArray[np.int64]:
-        chosen = super().select(situation)
-        self._asked += 1
-        candidates = situation.mask.shape[1]
-        return np.where(self._asked % 3 == 0, (self._asked * 5) % candidates, chosen)
-
-
-POLICIES = {"clyde_aware": lambda: make_policy("clyde_aware"), "careless": Careless}
-
-
-def in_the_environment(policy: Policy) -> tuple[NDArray[np.uint64], NDArray]:
-    """Seeds of rounds, and how they ended."""
-    envs = PacManBotVectorEnv(
-        GAMES, map="house", settings={**SETTINGS, "decisions.when": "event"}, autoreset_mode=AutoresetMode.DISABLED
-    )
-    _, infos = envs.reset(seed=4)
-    policy.reset(np.ones(GAMES, np.bool_), envs.config)
-    while (envs.batch.games["end"] == RUNNING).any():
-        envs.step(policy.select(envs.situation))
-    games, records = envs.batch.games, np.zeros(GAMES, EPISODE)
-    for name in ("spawned", "collected", "lost", "aborts", "end"):
-        records[name] = games[name]
-    records["seed"] = infos["round_seed"]
-    records["time_s"] = games["step"] * CONFIG.physics_step_s
-    records["rounds"] = records["collected"] == records["spawned"]
-    return records["seed"], records
-
-
-@pytest.mark.parametrize("name", POLICIES)
-def test_round_by_events_equals_the_environments(name: str) -> None:
-    seeds, records = in_the_environment(POLICIES[name]())
-    played, _ = play(map_assets("house", CONFIG), CONFIG, POLICIES[name](), seeds, batch_size=4)
-    np.testing.assert_array_equal(played, records)
-    assert len(set(records["end"])) > 1
 
 
 def test_events_ask_less_often_than_ticks() -> None:

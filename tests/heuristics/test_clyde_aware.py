@@ -48,22 +48,12 @@ def threatening(policy: ClydeAware, situation: Situation) -> bool:
     return bool(policy.explain(situation)[0][0]["threatening"])
 
 
-class TestDeployed(PolicyContract):
-    def make(self) -> ClydeAware:
-        return ClydeAware()
-
-
 def test_death_radius_defaults_to_the_games() -> None:
     wide = make_config(**{"execution.death_radius_m": 0.6})
     for policy, radius_m in ((ClydeAware(), 0.6), (ClydeAware(death_radius_m=0.3), 0.3)):
         policy.reset(np.ones(1, np.bool_), wide)
         assert policy.parameters.death_radius_m == radius_m
     assert ClydeAware().parameters.death_radius_m == make_config().execution.death_radius_m == 0.25
-
-
-class TestDocumented(PolicyContract):
-    def make(self) -> ClydeAware:
-        return ClydeAware("documented")
 
 
 class TestWithMemory(PolicyContract):
@@ -229,31 +219,6 @@ def test_scores_are_independent_of_map_frame(seed: int, angle: float, shift: tup
         position=situation.position @ turn.T + shift,
     )
     np.testing.assert_allclose(ClydeAware(form).scores(moved), ClydeAware(form).scores(situation), atol=1e-9)
-
-
-@settings(deadline=None)
-@given(seed=st.integers(0, 10**6))
-def test_risk_and_penalty_stay_within_their_bounds(seed: int) -> None:
-    situation = random_situation(seed, 4)
-    for n, row in enumerate(ClydeAware().explain(situation)):
-        for c, candidate in enumerate(row):
-            if candidate["kind"] != "pellet":
-                continue
-            risk, penalty = float(candidate["clyde_risk"]), float(candidate["direction_penalty"])
-            far = math.dist(situation.position[n, c], situation.clyde[n]) >= 2.0
-            assert (risk == 0.0) if far else (0.0 < risk <= 6.0)
-            unsafe = candidate["threatening"] and not candidate["safe"]
-            assert (5.0 < penalty <= 10.0 + 1e-9) if unsafe else (penalty == 0.0)
-
-
-@settings(deadline=None)
-@given(seed=st.integers(0, 10**6), far=st.floats(3.01, 100.0))
-def test_nearest_pellet_is_goal_far_from_ghost(seed: int, far: float) -> None:
-    situation = random_situation(seed, 4, allowed=1.0)
-    away = replace(situation, clyde=np.full((4, 2), 20.0 + far), current=np.full(4, -1))
-    distance = np.hypot(*np.moveaxis(away.position - away.robot[:, None, :2], -1, 0))
-    nearest = np.where(away.kind == PELLET, distance, np.inf).argmin(axis=1)
-    np.testing.assert_array_equal(ClydeAware().select(away), nearest)
 
 
 def test_bad_forms_and_parameters_are_named() -> None:

@@ -11,18 +11,11 @@ from pacman_env.config import make_config
 from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.game.execution import COMPLETE, RUNNING
 from pacman_env.heuristics.lookahead import Lookahead
-from pacman_env.policies.base import Policy
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.prediction import CAUGHT, encounters
 from pacman_env.sim.observation.situation import PELLET
 from tests.calls import calls_of
-from tests.policies.contract import PolicyContract
-
-
-class TestLookahead(PolicyContract):
-    def make(self) -> Policy:
-        return Lookahead()
 
 
 def test_robot_speed_defaults_to_the_games() -> None:

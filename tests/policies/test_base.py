@@ -8,16 +8,7 @@ from numpy.typing import NDArray
 
 from pacman_env.policies.base import BasePolicy, hold_index
 from pacman_env.sim.observation.situation import HOLD, REFUGE, Situation
-from tests.policies.contract import PolicyContract, random_situation
-
-
-class FarthestFromClyde(BasePolicy):
-    """Rates every candidate, as a learned policy does."""
-
-    name = "farthest"
-
-    def scores(self, situation: Situation) -> NDArray[np.float64]:
-        return situation.path_clyde
+from tests.policies.contract import random_situation
 
 
 class Fixed(BasePolicy):
@@ -28,11 +19,6 @@ class Fixed(BasePolicy):
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
         return self.fixed
-
-
-class TestFarthestFromClyde(PolicyContract):
-    def make(self) -> FarthestFromClyde:
-        return FarthestFromClyde()
 
 
 def three_candidates(mask: list[bool]) -> Situation:

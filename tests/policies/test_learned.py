@@ -26,23 +26,13 @@ from pacman_env.policies import learned
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import metadata_path
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, planner_features
-from pacman_env.sim.observation.situation import HOLD
-from tests.policies.contract import PolicyContract, random_situation
+from tests.policies.contract import random_situation
 from tests.training.planners import FACTS, random_planner
 
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return random_planner(tmp_path_factory.mktemp("planner"))
-
-
-class TestLearnedPlanner(PolicyContract):
-    @pytest.fixture(autouse=True)
-    def _path(self, path: Path) -> None:
-        self.path = path
-
-    def make(self) -> LearnedPlanner:
-        return LearnedPlanner(self.path)
 
 
 def test_planner_has_the_name_of_its_file(path: Path) -> None:
@@ -63,15 +53,6 @@ def test_masked_padding_changes_no_bit(path: Path) -> None:
     scores = planner.scores(replace(situation, **padded, position=position))
     np.testing.assert_array_equal(scores[:, :count], planner.scores(situation))
     assert (scores[:, count:] == -np.inf).all()
-
-
-def test_dropped_kind_is_never_chosen(tmp_path: Path) -> None:
-    refuge, hold = CANDIDATE_FEATURES.index("is_refuge"), CANDIDATE_FEATURES.index("is_hold")
-    planner = LearnedPlanner(random_planner(tmp_path, dropped_kinds=(refuge, hold)))
-    situation = random_situation(2, 50)
-    np.testing.assert_array_equal(planner.scores(situation) > -np.inf, situation.mask & (situation.kind == 0))
-    nothing_else = replace(situation, mask=situation.kind == HOLD)
-    assert (planner.select(nothing_else) == situation.mask.shape[1] - 1).all()
 
 
 def test_planner_holds_when_nothing_is_allowed(path: Path) -> None:

@@ -20,11 +20,9 @@ from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.executors.base import InProcess
 from pacman_env.policies.metadata import metadata_path, read_planner
 from pacman_env.policies.registry import make_policy
-from pacman_env.training.adversary import AdversaryArguments, main, parse, starting_model
-from pacman_env.training.arguments import FOLDER, load_hyperparameters
+from pacman_env.training.adversary import main, parse, starting_model
 from pacman_env.training.checkpoint import facts_path, save_checkpoint, write_facts
 from pacman_env.training.export import model_bytes, network_of
-from pacman_env.training.ppo import PPO
 from tests.training.planners import FACTS, random_network, random_planner
 
 TINY = (
@@ -41,10 +39,6 @@ def _torch_as_before() -> Iterator[None]:
     yield
     torch.set_num_threads(threads)
     torch.set_deterministic_debug_mode(mode)
-
-
-def tiny(out: Path, *more: str) -> AdversaryArguments:
-    return parse([*TINY, "--out", str(out), *more])
 
 
 @pytest.fixture(scope="module")
@@ -71,9 +65,7 @@ def test_run_writes_planners_ghosts_and_completion_table(run: Path) -> None:
     assert read_planner(run / "planner-0.onnx")[0].training.ghosts == ("wander",)
     clyde = read_planner(run / "clyde-1.onnx")[0].training
     assert (clyde.decisions, clyde.ghosts) == (128, ("policy",))
-
-
-def test_both_sides_change_by_learning(run: Path) -> None:
+    assert clyde.clyde_speeds_mps == metadata.training.clyde_speeds_mps == (0.5, 0.6)
     before, after = (network_of(run / f"planner-{k}.onnx").state_dict() for k in (0, 1))
     assert not torch.equal(before["encode.weight"], after["encode.weight"])
 
@@ -134,23 +126,17 @@ def test_graph_of_another_exporter_is_refused(tmp_path: Path) -> None:
         network_of(path)
 
 
-def test_training_starts_from_planner_file(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["planner", "checkpoint"])
+def test_training_starts_from_planner_or_checkpoint(kind: str, tmp_path: Path) -> None:
     path = random_planner(tmp_path, seed=5, width=24)
-    model, decisions = starting_model(tiny(tmp_path, "--start", str(path)), InProcess())
+    network = random_network(5, width=24)
+    if kind == "checkpoint":
+        path = tmp_path / "best.zip"
+        save_checkpoint(path, network, torch.optim.Adam(network.parameters()))
+        write_facts(facts_path(path), FACTS)
+    model, decisions = starting_model(parse([*TINY, "--start", str(path)]), InProcess())
     assert decisions == FACTS.training.decisions
-    assert model_bytes(model.network) == path.read_bytes()
-
-
-def test_training_starts_from_checkpoint(tmp_path: Path) -> None:
-    hyper = load_hyperparameters(FOLDER / "PacManBot-v0.yaml", "headline")
-    path = tmp_path / "best.zip"
-    saved = PPO(hyper, 7, width=24)
-    save_checkpoint(path, saved.network, saved.optimizer)
-    write_facts(facts_path(path), FACTS)
-    model, decisions = starting_model(tiny(tmp_path, "--start", str(path)), InProcess())
-    assert decisions == FACTS.training.decisions
-    for name, tensor in saved.network.state_dict().items():
-        assert torch.equal(model.network.state_dict()[name], tensor)
+    assert model_bytes(model.network) == model_bytes(network)
 
 
 @pytest.mark.parametrize("name", ["absent.onnx", "absent.zip", "text.onnx", "text.zip"])
@@ -188,10 +174,3 @@ def test_quick_option_shrinks_defaults_but_keeps_given_values() -> None:
     assert quick.wander == 0.7
     assert quick.planner_decisions < parse([]).planner_decisions
     assert quick.out != parse([]).out
-
-
-def test_ghost_speed_reaches_games_of_both_sides(tmp_path: Path) -> None:
-    from pacman_env.training.adversary import _games
-
-    arguments = tiny(tmp_path, "--clyde-speed", "0.1", "0.2")
-    assert [_games(arguments, side).hyper.clyde_speed for side in (0, 1)] == [(0.1, 0.2)] * 2

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,6 @@ pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
 from pacman_env.executors.base import Executor, InProcess
-from pacman_env.executors.processes import LocalProcesses
 from pacman_env.training.arguments import Arguments
 from pacman_env.training.train import train
 from tests.training.test_arguments import tiny
@@ -49,18 +47,11 @@ def equal(one: list[Any], other: list[Any]) -> bool:
     return same(one[0], other[0]) and one[1:] == other[1:]
 
 
-@pytest.mark.daily  # the short run is in test_fragments.py
-def test_two_processes_train_same_bits_as_one(tmp_path: Path) -> None:
-    expected = trained(tmp_path / "one", InProcess())
-    with LocalProcesses(2) as executor:
-        assert equal(trained(tmp_path / "two", executor), expected)
-
-
 class Killer:
     """Kills a worker whenever the executor has done so many more tasks."""
 
-    def __init__(self, executor: Executor, is_worker: Callable[[psutil.Process], bool], every: int) -> None:
-        self._executor, self._is_worker, self._every, self.killed = executor, is_worker, every, 0
+    def __init__(self, executor: Executor, every: int) -> None:
+        self._executor, self._every, self.killed = executor, every, 0
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run)
 
@@ -68,7 +59,7 @@ class Killer:
         while not self._stop.wait(0.05):
             if self._executor.progress.done < self._every * (self.killed + 1):
                 continue
-            workers = [process for process in psutil.Process().children(recursive=True) if self._is_worker(process)]
+            workers = [process for process in psutil.Process().children(recursive=True) if is_worker(process)]
             if workers:
                 os.kill(workers[self.killed % len(workers)].pid, signal.SIGKILL)
                 self.killed += 1
@@ -82,34 +73,24 @@ class Killer:
         self._thread.join()
 
 
-def spawned(process: psutil.Process) -> bool:
+def is_worker(process: psutil.Process) -> bool:
+    """Of this machine's processes, or of Ray's."""
     try:
-        return any("spawn_main" in word for word in process.cmdline())
+        spawned = any("spawn_main" in word for word in process.cmdline())
+        return spawned or process.name().startswith("ray::_Worker")
     except (psutil.NoSuchProcess, psutil.AccessDenied):
         return False
 
 
-def of_ray(process: psutil.Process) -> bool:
-    try:
-        return process.name().startswith("ray::_Worker")
-    except psutil.NoSuchProcess:
-        return False
-
-
-@pytest.mark.daily
-def test_killed_processes_change_no_bit_of_training(tmp_path: Path) -> None:
+@pytest.mark.daily  # the short run, of which nothing is killed, is in test_fragments.py
+@pytest.mark.parametrize("kind", ["processes", "ray"])
+def test_killed_workers_change_no_bit_of_training(kind: str, tmp_path: Path) -> None:
+    if kind == "ray":
+        pytest.importorskip("ray")
+        from pacman_env.executors.ray_cluster import RayCluster as Workers
+    else:
+        from pacman_env.executors.processes import LocalProcesses as Workers
     expected = trained(tmp_path / "one", InProcess())
-    with LocalProcesses(2) as executor, Killer(executor, spawned, 20) as killer:
-        assert equal(trained(tmp_path / "two", executor), expected)
-    assert killer.killed > 1
-
-
-@pytest.mark.daily
-def test_killed_cluster_workers_change_no_bit_of_training(tmp_path: Path) -> None:
-    pytest.importorskip("ray")
-    from pacman_env.executors.ray_cluster import RayCluster
-
-    expected = trained(tmp_path / "one", InProcess())
-    with RayCluster(workers=2) as executor, Killer(executor, of_ray, 20) as killer:
+    with Workers(workers=2) as executor, Killer(executor, 20) as killer:
         assert equal(trained(tmp_path / "two", executor), expected)
     assert killer.killed > 1

@@ -89,18 +89,9 @@ def test_wrong_field_is_named_with_file_and_section(values: Any, message: str, t
         load_baselines(path)
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (b"mine: [", "cannot be read"),
-        (b"mine: 1\nmine: 2", "cannot be read: key 'mine' is there twice"),
-        (b"\xff", "cannot be read"),
-        (b"", "must have"),
-        (b"[1]", "must have"),
-    ],
-)
-def test_invalid_baseline_file_is_refused(content: bytes, message: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("content", ["", "[1]"])
+def test_file_without_baselines_is_refused(content: str, tmp_path: Path) -> None:
     path = tmp_path / "bad.yaml"
-    path.write_bytes(content)
-    with pytest.raises(ValueError, match=rf"bad\.yaml: {message}"):
+    path.write_text(content)
+    with pytest.raises(ValueError, match=r"bad\.yaml: must have baselines by name"):
         load_baselines(path)

@@ -7,7 +7,9 @@ import io
 import json
 import os
 import pickle
+import shutil
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +19,8 @@ from msgspec import structs
 pytest.importorskip("torch")
 pytest.importorskip("onnx")
 pytest.importorskip("sb3_contrib")
+
+import torch
 
 from pacman_env.config import make_config
 from pacman_env.policies.registry import make_policy
@@ -34,7 +38,7 @@ from pacman_env.training.checkpoint import (
 from pacman_env.training.export import main
 from pacman_env.training.ppo import PPO
 from tests.policies.contract import random_situation
-from tests.training.planners import FACTS, random_network
+from tests.training.planners import FACTS
 from tests.training.stock import stock_model
 from tests.training.test_arguments import tiny
 
@@ -60,57 +64,6 @@ def test_facts_with_other_fields_are_refused(tmp_path: Path) -> None:
     path.write_text('{"robot_speed_mps": 0.256, "metrics": {}}')
     with pytest.raises(ValueError, match=r"run\.facts\.json: Object missing required field `training`"):
         read_facts(path)
-
-
-class _Touch:
-    """Unpickled, it leaves a trace."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def __reduce__(self) -> object:
-        return os.mkdir, (str(self.path),)
-
-
-def test_code_in_invalid_checkpoint_is_never_run(tmp_path: Path) -> None:
-    trace, path = tmp_path / "trace", tmp_path / "run.zip"
-    with zipfile.ZipFile(path, "w") as file:
-        for name in ("data", "policy.pth", "pytorch_variables.pth"):
-            content = io.BytesIO()
-            pickle.dump(_Touch(trace), content)
-            file.writestr(name, content.getvalue())
-    with pytest.raises(ValueError, match=r"run\.zip: no planner that can be loaded"):
-        load_planner(path)
-    assert not trace.exists()
-
-
-def test_code_in_valid_checkpoint_is_never_run(checkpoint: Path, tmp_path: Path) -> None:
-    """Its tensors are read all the same."""
-    trace, path = tmp_path / "trace", tmp_path / "run.zip"
-    serialized = base64.b64encode(pickle.dumps(_Touch(trace))).decode()
-    with zipfile.ZipFile(checkpoint) as good, zipfile.ZipFile(path, "w") as file:
-        for name in good.namelist():
-            content = good.read(name)
-            if name == "data":
-                data = json.loads(content)
-                data["lr_schedule"] = data["policy_class"] = {":type:": "x", ":serialized:": serialized}
-                content = json.dumps(data).encode()
-            file.writestr(name, content)
-    expected, found = (load_planner(one).network.state_dict() for one in (checkpoint, path))
-    assert all((expected[name] == found[name]).all() for name in expected)
-    assert not trace.exists()
-
-
-def test_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"run\.zip: no such file"):
-        load_planner(tmp_path / "run.zip")
-
-
-def test_torch_planner_chooses_only_allowed_candidates() -> None:
-    situation = random_situation(0, 30)
-    planner = TorchPlanner("mine", random_network(dropped_kinds=(1,)), 0.25)
-    np.testing.assert_array_equal(planner.scores(situation) > -np.inf, situation.mask & (situation.kind != 1))
-    assert situation.mask[np.arange(30), planner.select(situation)].all()
 
 
 @pytest.fixture(scope="module")
@@ -150,8 +103,72 @@ def test_exported_checkpoint_decides_like_its_network(checkpoint: Path, tmp_path
     np.testing.assert_allclose(found, expected, atol=1e-5)
 
 
-def test_damaged_checkpoint_is_refused(checkpoint: Path, tmp_path: Path) -> None:
-    damaged = tmp_path / "run.zip"
-    damaged.write_bytes(checkpoint.read_bytes()[:1000])
-    with pytest.raises(ValueError, match=r"run\.zip: no planner that can be loaded"):
-        load_planner(damaged)
+class _Touch:
+    """Unpickled, it leaves a trace."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> object:
+        return os.mkdir, (str(self.path),)
+
+
+def rewritten(path: Path, changes: dict[str, bytes | None]) -> None:
+    """Change files of a zip, add them or leave them out."""
+    with zipfile.ZipFile(path) as archive:
+        files: dict[str, bytes | None] = {name: archive.read(name) for name in archive.namelist()}
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in {**files, **changes}.items():
+            if content is not None:
+                archive.writestr(name, content)
+
+
+def tensors(value: object) -> bytes:
+    file = io.BytesIO()
+    torch.save(value, file)
+    return file.getvalue()
+
+
+WEIGHTS, OPTIMIZER = "policy.pth", "policy.optimizer.pth"
+DAMAGES: dict[str, Callable[[Path, Path], object]] = {
+    "missing": lambda path, _: path.unlink(),
+    "empty": lambda path, _: path.write_bytes(b""),
+    "torn": lambda path, _: path.write_bytes(path.read_bytes()[:2000]),
+    "no-weights": lambda path, _: rewritten(path, {WEIGHTS: None}),
+    "torn-weights": lambda path, _: rewritten(path, {WEIGHTS: b"PK\x03\x04"}),
+    "list": lambda path, _: rewritten(path, {WEIGHTS: tensors([1, 2])}),
+    "other-network": lambda path, _: rewritten(path, {WEIGHTS: tensors({"a": torch.zeros(2)})}),
+    "code": lambda path, trace: rewritten(path, {WEIGHTS: tensors(_Touch(trace))}),
+    "no-optimizer": lambda path, _: rewritten(path, {OPTIMIZER: tensors({})}),
+    "code-in-optimizer": lambda path, trace: rewritten(path, {OPTIMIZER: tensors(_Touch(trace))}),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_invalid_checkpoint_is_refused_by_name(damage: str, checkpoint: Path, tmp_path: Path) -> None:
+    path, model = Path(shutil.copy(checkpoint, tmp_path)), PPO(tiny().hyper, 1, dropped_kinds=(1,))
+    DAMAGES[damage](path, tmp_path / "trace")
+    with pytest.raises(ValueError, match=r"run\.zip: cannot be restored"):
+        restore(path, model.network, model.optimizer)
+    if "optimizer" not in damage:  # which a planner has no use for
+        with pytest.raises(ValueError, match=r"run\.zip: no (planner that can be loaded|such file)"):
+            load_planner(path)
+    assert not (tmp_path / "trace").exists()
+
+
+def test_code_in_valid_checkpoint_is_never_run(
+    checkpoint: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its tensors are read all the same."""
+    monkeypatch.setattr("cloudpickle.loads", lambda *_, **__: pytest.fail("unpickled"))
+    path, trace = Path(shutil.copy(checkpoint, tmp_path)), pickle.dumps(_Touch(tmp_path / "trace"))
+    with zipfile.ZipFile(path) as archive:
+        data = json.loads(archive.read("data"))
+    data["lr_schedule"] = data["policy_class"] = {":type:": "x", ":serialized:": base64.b64encode(trace).decode()}
+    rewritten(path, {"data": json.dumps(data).encode(), "pytorch_variables.pth": trace})
+    model = PPO(tiny().hyper, 1, dropped_kinds=(1,))
+    restore(path, model.network, model.optimizer)
+    expected = load_planner(checkpoint).network.state_dict()
+    for found in (load_planner(path).network.state_dict(), model.network.state_dict()):
+        assert all((expected[name] == found[name]).all() for name in expected)
+    assert not (tmp_path / "trace").exists()

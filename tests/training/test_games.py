@@ -12,7 +12,6 @@ pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
 from pacman_env.heuristics.simple import Nearest
-from pacman_env.policies.registry import make_policy
 from pacman_env.sb3 import PacManBotVecEnv
 from pacman_env.sim.maps.level_source import TEST_LEVEL, ListedMaps
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
@@ -21,7 +20,6 @@ from pacman_env.training.games import (
     VALIDATION_LEVEL,
     Ending,
     PlannerGames,
-    PlannerPart,
     clyde_limit,
     dropped,
     game_config,
@@ -70,16 +68,6 @@ def test_reward_scale_changes_rewards_only() -> None:
     assert ended > 0
 
 
-def test_timeout_is_recorded_as_ending() -> None:
-    games = PlannerGames(PacManBotVecEnv(3, map="house", settings={"time_limit_s": 1.0}))
-    games.reset(1)
-    hold = np.full(3, games.env.env.batch.hold)
-    for _ in range(2):
-        step = games.step(hold)
-    assert step.dones.all()
-    assert [ending.outcome for ending in step.endings] == ["timeout"] * 3
-
-
 def test_each_segment_plays_its_own_levels() -> None:
     arguments = tiny(levels=3)
     found = [levels(arguments, segment) for segment in range(3)]
@@ -97,21 +85,6 @@ def test_training_levels_exclude_validation_and_test_levels() -> None:
     assert levels(arguments, last + 1) == levels(arguments, 0)
 
 
-def test_too_many_levels_are_refused() -> None:
-    with pytest.raises(ValueError, match="levels = 900001: there are 900000 to train on"):
-        make_parts(tiny(levels=VALIDATION_LEVEL + 1), 0)
-
-
-def test_games_draw_speeds_from_configured_ranges() -> None:
-    speeds = {"clyde_speed": [0.3, 0.4], "robot_speed": [0.25, 0.28]}
-    (part,) = parts_of(tiny(games=64, n_steps=1, levels=1, **speeds))
-    part.reset()
-    env = part.env
-    speeds = env.batch.games["clyde_speed"]
-    assert 0.3 <= speeds.min() < speeds.max() <= 0.4
-    assert env.config.randomize.speed_mps == (0.25, 0.28)
-
-
 def test_curriculum_raises_ghost_speed_to_the_maximum() -> None:
     arguments = tiny(curriculum=True, decisions=640)
     limits = [clyde_limit(arguments, segment) for segment in range(10)]
@@ -119,6 +92,7 @@ def test_curriculum_raises_ghost_speed_to_the_maximum() -> None:
     assert low < limits[0] < limits[1] < limits[2] < limits[3] < limits[4]
     assert limits[4:] == [pytest.approx(high)] * 6
     assert clyde_limit(tiny(), 0) is None
+    assert clyde_limit(tiny(curriculum=True, decisions=64), 0) == pytest.approx(high)
     found = [lineup_speeds(arguments, "wander", limit) for limit in (limits[0], None, 9.0, 0.01)]
     assert found == [(low, limits[0]), (low, high), (low, high), (low, low)]
     assert lineup_speeds(arguments, "chase@0.1-0.3", 0.2) == (0.1, 0.2)
@@ -126,10 +100,9 @@ def test_curriculum_raises_ghost_speed_to_the_maximum() -> None:
 
 def test_lineup_with_own_speeds_uses_them() -> None:
     parts = parts_of(tiny(ghosts=["wander", "chase@0.1-0.15"], games=4, levels=4))
-    assert {(ghosts_of(part), part.env.config.randomize.clyde_speed_mps) for part in parts} == {
-        ("wander", (0.2, 0.6)),
-        ("chase", (0.1, 0.15)),
-    }
+    found = {(ghosts_of(part), part.env.config.randomize.clyde_speed_mps) for part in parts}
+    assert found == {("wander", (0.2, 0.6)), ("chase", (0.1, 0.15))}
+    assert {part.env.config.randomize.speed_mps for part in parts} == {(0.22, 0.306)}
 
 
 def test_each_part_has_own_policy_for_learned_ghost() -> None:
@@ -164,10 +137,6 @@ def test_repeated_levels_replace_at_most_half_of_levels() -> None:
     assert len(played) == 16
 
 
-def test_curriculum_of_one_segment_uses_full_speed() -> None:
-    assert clyde_limit(tiny(curriculum=True, decisions=64), 0) == pytest.approx(0.6)
-
-
 def test_randomize_option_draws_aborts_and_localization_noise() -> None:
     plain, drawn = game_config(tiny()).randomize, game_config(tiny(randomize=True)).randomize
     assert plain.abort_rate is None
@@ -190,64 +159,32 @@ def test_ablations_drop_existing_and_different_columns() -> None:
     assert len(together["dropped_kinds"]) == 2
 
 
-def test_quarter_of_games_is_played_in_wide_houses() -> None:
-    arguments = tiny(games=8, n_steps=8, levels=9)
-    parts = parts_of(arguments)
-    assert [part.num_envs for part in parts] == [2, 2, 2, 2]
-    assert [part.env.config.pellets.spacing_m for part in parts] == [2.0, 2.0, 2.0, 4.0]
-
-
-def test_few_games_or_levels_make_fewer_parts() -> None:
-    assert [part.num_envs for part in parts_of(tiny(games=2, n_steps=16, levels=9))] == [1, 1]
-    assert [part.num_envs for part in parts_of(tiny(games=4, levels=1))] == [4]
-
-
 TWO = {"ghosts": ["chase", "wander,wander"], "games": 8, "levels": 8}
+#: Arguments, a segment, the line-up of each part, and which part is in wide houses.
+PARTS: list[tuple[dict[str, Any], int, list[str], int | None]] = [
+    ({"games": 8, "n_steps": 8, "levels": 9}, 0, ["wander"] * 4, 3),
+    ({"levels": 4}, 1, ["wander"] * 4, 3),
+    ({"ghosts": ["wander"] * 3, "levels": 4}, 0, ["wander"] * 4, 3),
+    ({"games": 2, "n_steps": 16, "levels": 9}, 0, ["wander"] * 2, None),
+    ({"levels": 1}, 0, ["wander"], None),
+    ({"ghosts": ["chase", *["wander"] * 3], "levels": 4}, 0, ["wander", "chase", "wander", "wander"], 3),
+    *((TWO, segment, ["wander,wander", "chase"] * 2, 3 - segment) for segment in range(4)),
+]
+
+
+@pytest.mark.parametrize(("changes", "segment", "lineups", "wide"), PARTS)
+def test_parts_share_games_and_one_is_in_wide_houses(
+    changes: dict[str, Any], segment: int, lineups: list[str], wide: int | None
+) -> None:
+    arguments = tiny(**changes)
+    parts = parts_of(arguments, segment)
+    assert [ghosts_of(part) for part in parts] == lineups
+    assert {part.num_envs for part in parts} == {arguments.hyper.games // len(lineups)}
+    assert [part.env.config.pellets.spacing_m == 4.0 for part in parts] == [k == wide for k in range(len(lineups))]
 
 
 def ghosts_of(part: PacManBotVecEnv) -> str:
     return ",".join(part.env.config.clyde.ghosts)
-
-
-def test_every_lineup_gets_equal_share_in_every_segment() -> None:
-    arguments = tiny(**TWO)
-    for segment in range(2):
-        parts = parts_of(arguments, segment)
-        assert [(ghosts_of(part), part.num_envs) for part in parts] == [("wander,wander", 2), ("chase", 2)] * 2
-        assert levels(arguments, segment) == range(8 * segment, 8 * segment + 8)
-    twice = parts_of(tiny(ghosts=["chase", "wander", "wander", "wander"], levels=4))
-    assert sorted(map(ghosts_of, twice)) == ["chase", "wander", "wander", "wander"]
-
-
-def test_wide_houses_rotate_over_parts_with_several_lineups() -> None:
-    wide = [
-        [part.env.config.pellets.spacing_m == 4.0 for part in parts_of(tiny(**TWO), segment)] for segment in range(4)
-    ]
-    assert [row.index(True) for row in wide] == [3, 2, 1, 0]
-    assert all(sum(row) == 1 for row in wide)
-    one = [[part.env.config.pellets.spacing_m for part in parts_of(tiny(levels=4), segment)] for segment in range(2)]
-    assert one == [[2.0, 2.0, 2.0, 4.0]] * 2
-
-
-@pytest.mark.parametrize("ghosts", [["wander"], ["wander", "wander", "wander"]])
-def test_single_lineup_plays_games_of_plain_environment(ghosts: list[str]) -> None:
-    """However often it is listed, and as when environments were made without naming their ghost."""
-    arguments = tiny(ghosts=ghosts, levels=4)
-    for part, env in zip(make_parts(arguments, 1), parts_of(arguments, 1), strict=True):
-        config = env.env.config.with_fields(**{"clyde.ghosts": type(env.env.config)().clyde.ghosts})
-        assert config == env.env.config
-        source: Any = env.env.batch.source
-        config = config.with_fields(start_level=source.start_level, num_levels=source.num_levels)
-        name = "generated:wide" if config.pellets.spacing_m == 4.0 else "generated"
-        plain = PlannerGames(PacManBotVecEnv(env.num_envs, map=name, settings=config), part.scale)
-        found = part.make([])
-        seen, same = found.reset(5), plain.reset(5)
-        rng = np.random.default_rng(0)
-        for _ in range(20):
-            assert all((seen[key] == same[key]).all() for key in seen)
-            actions = random_choices(seen["action_mask"], rng)
-            (seen, rewards, *_), (same, others, *_) = found.step(actions), plain.step(actions)
-            assert (rewards == others).all()
 
 
 def test_curriculum_limits_ghost_speeds_of_all_lineups() -> None:
@@ -258,17 +195,3 @@ def test_curriculum_limits_ghost_speeds_of_all_lineups() -> None:
         assert part.env.config.randomize.clyde_speed_mps == (0.2, limit)
         ghosts = part.env.batch.ghosts
         assert (ghosts["speed"] == part.env.batch.games["clyde_speed"][:, None]).all()
-
-
-def test_teacher_chooses_like_its_policy_alone() -> None:
-    (part,) = make_parts(tiny(games=8, n_steps=8, levels=1), 0)
-    assert isinstance(part, PlannerPart)
-    games, rule = part.make([]), make_policy("lookahead")
-    games.reset(3)
-    games.begin_teaching()
-    rule.reset(np.ones(8, dtype=np.bool_), games.env.env.config)
-    for _ in range(10):
-        choices = games.choices()
-        assert choices.tolist() == rule.select(games.env.env.situation).tolist()
-        dones = games.step(choices).dones
-        rule.reset(dones, games.env.env.config)

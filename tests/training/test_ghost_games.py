@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from functools import partial
 from typing import Any
 
@@ -15,28 +14,17 @@ import pacman_env
 from pacman_env.envs.parallel_vec_env import PACMAN, PacManBotParallelVecEnv
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.observation.planner_features import planner_features
-from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
 from pacman_env.training.games import CLYDE, GhostGames, game_settings, make_ghost_parts
+from tests.training.test_arguments import tiny
 
 GAMES, SCALE = 3, 0.5
-HYPER = dataclasses.replace(
-    load_hyperparameters(FOLDER / "PacManBot-v0.yaml", "headline"),
-    games=GAMES,
-    segment=GAMES * 64,
-    levels=2 * GAMES,
-    reward_scale=SCALE,
-    timeout=-5.0,
-    ghosts=("wander",),
-)
-ARGUMENTS = Arguments(hyper=HYPER)
+ARGUMENTS = tiny(games=GAMES, segment=GAMES * 64, levels=2 * GAMES, reward_scale=SCALE, batch_size=8)
 ROBOT = partial(make_policy, "nearest")
-
-
 QUICK = {"map": "house", "settings": {"time_limit_s": 6.0}}  # rounds are over soon
 
 
 def begun(count: int, seed: int = 5) -> GhostGames:
-    games = GhostGames(PacManBotParallelVecEnv(count, **QUICK), ROBOT())
+    games = GhostGames(PacManBotParallelVecEnv(count, **QUICK), ROBOT(), SCALE)
     games.reset(seed)
     return games
 
@@ -64,7 +52,7 @@ def test_ghost_games_equal_environments_with_policy_driven_robot() -> None:
         for i, (twin, robot) in enumerate(zip(twins, robots, strict=True)):
             goal = robot.select(twin.batch.situation())[0]
             _, reward, _, _, info = twin.step({PACMAN: goal, CLYDE: choices[i]})
-            assert rewards[i] == np.float32(-reward[PACMAN])
+            assert rewards[i] == np.float32(-SCALE * reward[PACMAN])
             assert dones[i] == (not twin.agents)
             if dones[i]:
                 assert next(left).outcome == info[CLYDE]["outcome"]
@@ -86,24 +74,6 @@ def test_returned_observations_never_change() -> None:
         np.testing.assert_array_equal(first[key], array)
 
 
-def test_training_games_are_zero_sum_and_scaled(monkeypatch: pytest.MonkeyPatch) -> None:
-    paid: list[np.ndarray] = []
-    original = PacManBotParallelVecEnv.step
-
-    def step_and_note(self: PacManBotParallelVecEnv, actions: Any) -> Any:
-        result = original(self, actions)
-        paid.append(result[1])
-        return result
-
-    monkeypatch.setattr(PacManBotParallelVecEnv, "step", step_and_note)
-    games = made()[0]
-    games.reset(0)
-    for _ in range(26):
-        _, rewards, _, _ = games.step(np.full(games.num_envs, count(games) - 1))
-        np.testing.assert_allclose(rewards, -SCALE * paid[-1][:, 0], rtol=1e-6)
-    assert np.any(paid)
-
-
 def test_each_segment_plays_its_own_houses() -> None:
     for segment, first in ((0, 0), (1, 6)):
         parts = made(segment)
@@ -112,24 +82,12 @@ def test_each_segment_plays_its_own_houses() -> None:
         assert {(source.start_level, source.num_levels) for source in sources} == {(first, 6)}
 
 
-def test_ghost_games_use_speed_ranges_of_planner_training() -> None:
-    config = made()[0].env.config
+def test_ghost_games_use_scale_and_speeds_of_planner_training() -> None:
+    (games, *_), settings = made(), game_settings(ARGUMENTS)
     for name in ("clyde_speed_mps", "speed_mps"):
-        assert getattr(config.randomize, name) == game_settings(ARGUMENTS)[f"randomize.{name}"]
-
-
-def test_same_seed_gives_same_bits() -> None:
-    def play(seed: int) -> bytes:
-        games = begun(2, seed)
-        rng = np.random.default_rng(1)
-        seen = b""
-        for _ in range(20):
-            observations, rewards, _, _ = games.step(rng.integers(count(games), size=2))
-            seen += rewards.tobytes() + observations["planner_candidates"].tobytes()
-        return seen
-
-    assert play(3) == play(3)
-    assert play(3) != play(4)
+        assert getattr(games.env.config.randomize, name) == settings[f"randomize.{name}"]
+    assert games.env.config.zero_sum
+    assert {part.scale for part in make_ghost_parts(ARGUMENTS, 0, ROBOT())} == {SCALE}
 
 
 @pytest.mark.parametrize("ghosts", [("policy", "policy"), ("wander", "policy")], ids=["two agents", "not clyde"])

@@ -99,16 +99,6 @@ def test_packed_network_equals_plain_network_and_its_gradient(variant: dict[str,
         torch.testing.assert_close(one, other, atol=1e-3, rtol=1e-4)
 
 
-def test_games_of_batch_are_judged_independently() -> None:
-    network = random_network()
-    batch = inputs(6, 12, 7)
-    logits, values = network(*batch)
-    for i in range(12):
-        alone, value = network(*(tensor[i : i + 1] for tensor in batch))
-        close(alone[0], logits[i])
-        close(value[0], values[i])
-
-
 def test_every_weight_gets_gradient() -> None:
     network = random_network()
     logits, values = network(*inputs(7, 64, 12))
@@ -117,25 +107,6 @@ def test_every_weight_gets_gradient() -> None:
         assert parameter.grad is not None, name
         rows = parameter.grad.reshape(len(parameter), -1).abs().sum(dim=1)
         assert (rows > 0).float().mean() > 0.9, name  # a few units may never fire
-
-
-def test_dropped_features_do_not_change_output() -> None:
-    network = random_network(dropped_features=(5, 8))
-    candidates, whole, mask = inputs(8, 10, 9)
-    changed = candidates.clone()
-    changed[:, :, [5, 8]] += 10.0
-    for judge in (partial(plain, network), network):
-        for one, other in zip(judge(candidates, whole, mask), judge(changed, whole, mask), strict=True):
-            assert torch.equal(one, other)
-        assert not torch.equal(judge(candidates, whole, mask)[0], judge(candidates + 0.1, whole, mask)[0])
-
-
-def test_dropped_kinds_are_never_chosen() -> None:
-    candidates, whole, mask = inputs(9, 50, 9)
-    logits, _ = random_network(dropped_kinds=(1,))(candidates, whole, mask)
-    refuge = candidates[:, :, 1] > 0.5
-    assert (refuge & mask).any()
-    assert ((logits > FORBIDDEN) == (mask & ~refuge)).all()
 
 
 def test_new_network_rates_candidates_nearly_equally() -> None:

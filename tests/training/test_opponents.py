@@ -13,7 +13,6 @@ pytest.importorskip("onnx")
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pacman_env.config import ConfigError
 from pacman_env.envs.arguments import EnvArguments, Ghosts
 from pacman_env.envs.game_runner import GameRunner
 from pacman_env.executors.base import InProcess
@@ -22,7 +21,7 @@ from pacman_env.policies.base import BasePolicy, Flags, Policy
 from pacman_env.policies.opponents import BehaviourOpponent, Opponents
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.observation.situation import Situation
-from pacman_env.training.adversary import CompletionTable, make_pool, robustness
+from pacman_env.training.adversary import CompletionTable, make_pool
 from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
 from pacman_env.training.held_out import HeldOut
 from pacman_env.training.lineups import LEARNED
@@ -54,13 +53,6 @@ def test_behaviour_opponent_moves_like_ghost_of_environment(name: str) -> None:
         hold(opponent, 1)
         for field in ("x", "y", "vx", "vy"):
             np.testing.assert_array_equal(original.batch.ghosts[field], opponent.batch.ghosts[field])
-
-
-def test_pool_of_wanderers_moves_like_wandering_ghost() -> None:
-    original, pool = game("wander"), game(make_pool([], wander=1.0))
-    hold(original, 100)
-    hold(pool, 100)
-    np.testing.assert_array_equal(original.batch.ghosts["x"], pool.batch.ghosts["x"])
 
 
 @given(st.lists(st.floats(0.0, 1e6), min_size=1, max_size=6).filter(lambda shares: sum(shares) > 1.0))
@@ -149,18 +141,6 @@ def test_rounds_do_not_depend_on_number_of_rounds() -> None:
     assert 0 < many.sum() < 12
 
 
-def test_chasing_ghost_is_harder_than_wandering_ghost() -> None:
-    chased, wandered = (
-        completed_against(make_policy("nearest"), c, 12).sum() for c in (BehaviourOpponent("chase"), "wander")
-    )
-    assert chased < wandered
-
-
-def test_unknown_behaviour_is_refused() -> None:
-    with pytest.raises(ConfigError, match="inky"):
-        completed_against(make_policy("nearest"), "inky", 2)
-
-
 def test_completion_table_plays_each_requested_pair_once() -> None:
     table = CompletionTable(ARGUMENTS, 4, InProcess())
     table.play("nearest", ["wander"])
@@ -174,10 +154,3 @@ def test_completion_table_plays_each_requested_pair_once() -> None:
     assert lines[2].startswith(f"| nearest | {first.mean():.1%} [")
     assert lines[2].endswith("|  |")
     assert lines[3].startswith("| random |  |")
-
-
-def test_robustness_table_contains_planner_rules_and_learned_ghost(tmp_path: Path) -> None:
-    planner, clyde = random_planner(tmp_path, "planner", 1), random_planner(tmp_path, "clyde", 2)
-    shares = robustness(planner, clyde, CompletionTable(ARGUMENTS, 1, InProcess())).shares()
-    assert list(shares) == ["planner", "lookahead", "clyde_aware"]
-    assert all(list(row) == ["wander", "arcade", "chase", "clyde"] for row in shares.values())

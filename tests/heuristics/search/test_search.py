@@ -25,11 +25,6 @@ from tests.policies.contract import PolicyContract, random_situation
 from tests.sim.coarse.games import config_of, situation_of
 
 
-class TestSearchAgainstWanderers(PolicyContract):
-    def make(self) -> Policy:
-        return Search()
-
-
 class TestSearchAgainstAChaser(PolicyContract):
     config = config_of("chase")
 
@@ -128,10 +123,6 @@ def test_search_flees_from_a_known_chaser() -> None:
 @pytest.mark.parametrize("speed_mps", [0.15, pytest.param(0.22, marks=pytest.mark.daily)])
 def test_search_flees_from_a_believed_chaser(speed_mps: float) -> None:
     assert completed(Search(nodes=6000), speed_mps, 12) >= 9
-
-
-def test_lookahead_does_not_flee_in_time() -> None:
-    assert completed(make_policy("lookahead"), 0.22, 12) <= 4
 
 
 def test_reached_refuge_has_no_bonus() -> None:
