@@ -16,10 +16,8 @@ from pacman_env.config import make_config
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pettingzoo_env import parallel_env
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.maps import assets
 from pacman_env.world.maps.occupancy import load_map
-from tests.calls import calls_of
-from tests.envs.helpers import ID, QUICK, make, same
+from tests.envs.helpers import QUICK, make, same
 
 MAPS = Path(__file__).resolve().parents[2] / "maps"
 Step = tuple[Any, float, bool, bool, dict[str, Any]]
@@ -44,13 +42,6 @@ def test_environment_takes_map_preset_and_rules() -> None:
     assert env.batch.assets.occupancy.name == "maze"
     assert env.config == make_config("ideal", "as_built")
     assert env.action_space == gym.spaces.Discrete(env.batch.assets.pellets + env.batch.assets.refuges + 1)
-
-
-def test_map_is_prepared_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    first = gym.make(ID, map="house").unwrapped
-    monkeypatch.setattr(assets, "_build", lambda *arguments: pytest.fail("prepared again"))
-    assert calls_of(lambda: gym.make(ID, map="house")) < 25_000  # most of them to read the map's YAML file
-    assert gym.make(ID, map="house").unwrapped.batch.assets is first.batch.assets
 
 
 @pytest.mark.parametrize("source", [str, Path, load_map], ids=["string", "path", "loaded"])

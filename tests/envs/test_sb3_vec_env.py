@@ -19,7 +19,6 @@ from sb3_contrib.common.maskable.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
 
-from pacman_env.config import ConfigError
 from pacman_env.policies.registry import make_policy
 from pacman_env.sb3 import PacManBotVecEnv
 from tests.calls import calls_of
@@ -218,8 +217,6 @@ def given(**more: Any) -> PacManBotVecEnv:
         (lambda: given(flat=True), TypeError, r"\['flat'\] given with an environment that is made already"),
         (lambda: PacManBotVecEnv("house"), TypeError, "'house': must be a number of games"),
         (lambda: PacManBotVecEnv(True), TypeError, "True: must be a number"),
-        (lambda: PacManBotVecEnv(0), ValueError, "num_envs = 0"),
-        (lambda: PacManBotVecEnv(2, preset="fast"), ConfigError, "unknown preset"),
     ],
 )
 def test_unsuitable_argument_is_named(build: Callable[[], Any], error: type[Exception], message: str) -> None:

@@ -16,10 +16,8 @@ pytest.importorskip("onnx")
 import torch
 
 import pacman_env
-from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.executors.base import InProcess
 from pacman_env.policies.metadata import metadata_path, read_planner
-from pacman_env.policies.registry import make_policy
 from pacman_env.training.adversary import main, parse, starting_model
 from pacman_env.training.checkpoint import facts_path, save_checkpoint, write_facts
 from pacman_env.training.export import model_bytes, network_of
@@ -68,13 +66,6 @@ def test_run_writes_planners_ghosts_and_completion_table(run: Path) -> None:
     assert clyde.clyde_speeds_mps == metadata.training.clyde_speeds_mps == (0.5, 0.6)
     before, after = (network_of(run / f"planner-{k}.onnx").state_dict() for k in (0, 1))
     assert not torch.equal(before["encode.weight"], after["encode.weight"])
-
-
-def test_learned_ghost_plays_in_environment(run: Path) -> None:
-    env = PacManBotEnv(map="house", ghosts=make_policy(str(run / "clyde-1.onnx")))
-    env.reset(seed=0)
-    sent = {int(env.batch.ghosts["place"][0, 0]) for _ in range(10) if env.step(env.batch.hold)}
-    assert sent - {-1}
 
 
 @pytest.mark.daily

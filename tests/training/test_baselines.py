@@ -9,19 +9,9 @@ from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
 
-from pacman_env.training.baselines import FILE, Baseline, BaselineHyperparameters, Environment, load_baselines
+from pacman_env.training.baselines import Baseline, BaselineHyperparameters, Environment, load_baselines
 
 DRIVING = {"flat": True, "action": "velocity", "settings": {"decisions.when": "tick", "observation.candidates": "all"}}
-
-
-def test_baselines_cover_all_actions_and_observations() -> None:
-    found = load_baselines(FILE)
-    assert list(found) == ["flat", "velocity_scan", "velocity_features", "grid"]
-    kinds = {name: (baseline.environment.action, baseline.environment.observation) for name, baseline in found.items()}
-    assert kinds["flat"] == (None, None)
-    assert kinds["velocity_scan"] == ("velocity", ("scan", "flat"))
-    assert kinds["velocity_features"] == ("velocity", ("features", "bearings", "flat"))
-    assert kinds["grid"] == (None, ("features", "grid"))
 
 
 def test_baseline_defaults_equal_library_defaults() -> None:

@@ -65,15 +65,6 @@ def test_ghost_games_equal_environments_with_policy_driven_robot() -> None:
     assert ends >= 2 * GAMES
 
 
-def test_returned_observations_never_change() -> None:
-    games = begun(2)
-    first = games.step(np.zeros(2, dtype=np.int64))[0]
-    copy = {key: array.copy() for key, array in first.items()}
-    games.step(np.ones(2, dtype=np.int64))
-    for key, array in copy.items():
-        np.testing.assert_array_equal(first[key], array)
-
-
 def test_each_segment_plays_its_own_houses() -> None:
     for segment, first in ((0, 0), (1, 6)):
         parts = made(segment)

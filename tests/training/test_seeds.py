@@ -155,32 +155,6 @@ def test_damaged_training_starts_again(
     assert again.files["planner.onnx"] == whole.files["planner.onnx"]
 
 
-@pytest.mark.daily
-def test_member_resumes_after_loss_of_its_worker(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    arguments = tiny(**{**CHANGES, "decisions": 192})
-    whole = train_member(arguments)
-    forget(arguments)
-    whole_training = train.train
-    begun: list[int] = []
-
-    def interrupted(arguments, after_segment=None, executor=None):  # type: ignore[no-untyped-def]
-        def stop(record: dict) -> None:  # type: ignore[type-arg]
-            begun.append(record["segment"])
-            if begun == [0]:
-                raise KeyboardInterrupt
-
-        return whole_training(arguments, stop, executor)
-
-    monkeypatch.setattr(train, "train", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        train_member(arguments)
-    again = train_member(arguments)
-    assert begun == [0, 0, 1, 2]  # the first is only read
-    assert again.files["planner.onnx"] == whole.files["planner.onnx"]
-    forget(arguments)
-    assert left(cache) == []
-
-
 @pytest.mark.parametrize(
     ("argv", "message"),
     [(["--seeds", "1", "1"], r"seeds = \[1, 1\]: a seed is given twice"), (["--seeds", "-1"], "must be")],

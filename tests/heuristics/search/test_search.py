@@ -115,11 +115,6 @@ def completed(policy: Policy, speed_mps: float, rounds: int) -> int:
     return int((record["end"] == COMPLETE).sum())
 
 
-@pytest.mark.daily
-def test_search_flees_from_a_known_chaser() -> None:
-    assert completed(Search(nodes=6000, behaviours="configuration"), 0.25, 4) >= 3
-
-
 @pytest.mark.parametrize("speed_mps", [0.15, pytest.param(0.22, marks=pytest.mark.daily)])
 def test_search_flees_from_a_believed_chaser(speed_mps: float) -> None:
     assert completed(Search(nodes=6000), speed_mps, 12) >= 9
