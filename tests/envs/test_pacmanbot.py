@@ -34,9 +34,6 @@ def play_round(env: PacManBotEnv, policy_name: str, seed: int | None = None) -> 
     return steps
 
 
-# --- making
-
-
 def test_environment_takes_map_preset_and_rules() -> None:
     env = make(map="maze", preset="ideal", settings={"execution.rules": "as_built"})
     assert env.batch.assets.occupancy.name == "maze"
@@ -55,12 +52,6 @@ def test_round_begins_at_configured_home() -> None:
     env = make(preset="ideal", settings={"home": (x, y, 1.5)})
     robot = env.reset(seed=0)[0]["robot"]
     np.testing.assert_allclose(robot[:4], [x, y, np.cos(1.5), np.sin(1.5)], atol=1e-6)
-
-
-# --- actions
-
-
-# --- rewards and ends
 
 
 @pytest.mark.parametrize(("execution", "more"), [("robust", {}), ("as_built", {"nav2.abort_rate": 0.3})])
@@ -95,9 +86,6 @@ def test_rewards_and_ends_are_as_documented(execution: str, more: dict[str, floa
             env.step(0)
     assert len(ends) >= 3, ends
     assert ("cleared" in ends) == (execution == "as_built")
-
-
-# --- pictures and documentation
 
 
 def test_render_without_mode_warns() -> None:

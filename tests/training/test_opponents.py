@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -16,15 +14,13 @@ from hypothesis import strategies as st
 from pacman_env.envs.arguments import EnvArguments, Ghosts
 from pacman_env.envs.game_runner import GameRunner
 from pacman_env.executors.base import InProcess
-from pacman_env.policies.base import BasePolicy, Flags, Policy
+from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.opponents import BehaviourOpponent, Opponents
-from pacman_env.policies.registry import make_policy
 from pacman_env.sim.observation.situation import Situation
 from pacman_env.training.adversary import CompletionTable, make_pool
 from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
 from pacman_env.training.held_out import HeldOut
 from pacman_env.training.lineups import LEARNED
-from tests.training.planners import random_planner
 
 GAMES = 16
 ARGUMENTS = Arguments(hyper=load_hyperparameters(FOLDER / "PacManBot-v0.yaml", "headline"))
@@ -89,17 +85,6 @@ def test_opponent_of_game_depends_on_seed_alone() -> None:
     np.testing.assert_array_equal(pool.select(seen.rows(order)), before[order])
 
 
-def test_learned_ghost_chooses_same_in_pool_and_alone(tmp_path: Path) -> None:
-    learned = make_policy(str(random_planner(tmp_path)))
-    pool = Opponents([BehaviourOpponent("wander"), learned], [1, 1])
-    played = game(BehaviourOpponent("wander"))
-    hold(played, 10)
-    seen = played.batch.situation(0)
-    his = pool.drawn(seen.seed) == 1
-    assert 0 < his.sum() < GAMES
-    np.testing.assert_array_equal(pool.select(seen)[his], learned.select(seen)[his])
-
-
 @pytest.mark.parametrize(
     ("members", "shares", "words"),
     [
@@ -115,15 +100,9 @@ def test_invalid_pool_is_refused(members: list[Policy], shares: list[float], wor
         Opponents(members, shares)
 
 
-def completed_against(robot: Policy, clyde: str | Policy, rounds: int) -> Flags:
-    if isinstance(clyde, str):
-        return HeldOut(ARGUMENTS, rounds, InProcess(), ghosts=(clyde,)).completed(robot)
-    return HeldOut(ARGUMENTS, rounds, InProcess(), ghosts=(LEARNED,)).completed(robot, clyde)
-
-
 def test_rounds_do_not_depend_on_number_of_rounds() -> None:
-    many = completed_against(make_policy("nearest"), "wander", 12)
-    few = completed_against(make_policy("nearest"), BehaviourOpponent("wander"), 6)
+    many = HeldOut(ARGUMENTS, 12, InProcess(), ghosts=("wander",)).completed("nearest")
+    few = HeldOut(ARGUMENTS, 6, InProcess(), ghosts=(LEARNED,)).completed("nearest", BehaviourOpponent("wander"))
     np.testing.assert_array_equal(many[:6], few)
     assert 0 < many.sum() < 12
 
