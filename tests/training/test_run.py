@@ -19,7 +19,7 @@ import torch
 
 from pacman_env.training.arguments import Arguments
 from pacman_env.training.checkpoint import read_facts
-from pacman_env.training.train import train
+from pacman_env.training.train import Run, train
 from tests.training.test_arguments import tiny
 
 State = dict[str, torch.Tensor]
@@ -122,6 +122,11 @@ def test_finished_run_is_not_trained_further(whole: Arguments, tmp_path: Path) -
     assert len(folder.segments) == 3
 
 
+def test_run_is_not_resumed_on_another_device(broken: Arguments) -> None:
+    with pytest.raises(ValueError, match="device"):
+        Run(dataclasses.replace(broken, device="cuda"))
+
+
 def test_existing_run_is_not_overwritten(whole: Arguments) -> None:
     before = {path: path.read_bytes() for path in whole.out.iterdir()}
     with pytest.raises(ValueError, match=r"run: there is a run already; give --resume or another --out"):
@@ -135,7 +140,6 @@ def test_existing_run_is_not_overwritten(whole: Arguments) -> None:
         ({"seed": 1}, "seed = 0, not 1"),
         ({"without": ("hold",)}, r"without = \[\], not \['hold'\]"),
         ({"preset": "ideal"}, "preset = robot, not ideal"),
-        ({"device": "cuda"}, "device"),
         ({"ghosts": ("wander", "chase")}, r"ghosts = \['wander', 'arcade,chase'\], not \['wander', 'chase'\]"),
         ({"gamma": 0.5}, r"gamma = 0\.998, not 0\.5"),
         ({"clyde_speed": (0.2, 0.5)}, r"clyde_speed = \[0\.2, 0\.6\], not \[0\.2, 0\.5\]"),
