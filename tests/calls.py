@@ -1,7 +1,5 @@
 """How much work something is, by what does not depend on the machine: the calls that it makes."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 

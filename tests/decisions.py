@@ -3,8 +3,6 @@
 Run as a script it uses the *installed* package; it needs nothing but the base install.
 """
 
-from __future__ import annotations
-
 import json
 import platform
 from typing import Any

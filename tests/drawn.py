@@ -1,7 +1,5 @@
 """Maps drawn with characters, for tests that need walls in places they know."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pacman_env.world.maps.occupancy import OccupancyMap

@@ -1,7 +1,5 @@
 """Parts of shipped maps, on which rounds end sooner than on the whole map."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map

@@ -1,7 +1,5 @@
 """The two sides of one game, fed with the same events: the simulator's kernels, the goal executor with the referee."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

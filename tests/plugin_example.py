@@ -1,7 +1,5 @@
 """The example of docs/extending.md, installed as its reader would install it."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

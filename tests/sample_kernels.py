@@ -1,7 +1,5 @@
 """A small package of kernels that tests write somewhere, edit and call, in this process or another."""
 
-from __future__ import annotations
-
 import importlib
 import sys
 from collections.abc import Mapping

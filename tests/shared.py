@@ -1,7 +1,5 @@
 """Where tests find the real maps, pose logs and golden answers that the project uses but does not ship."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

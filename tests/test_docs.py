@@ -1,7 +1,5 @@
 """The documentation tells the truth: its Python and its commands run, its links lead somewhere."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

@@ -1,7 +1,5 @@
 """Names and words of the package: one class for one name, and plain English in docstrings and comments."""
 
-from __future__ import annotations
-
 import ast
 import io
 import re

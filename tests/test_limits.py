@@ -1,7 +1,5 @@
 """How large a file, a class and a function may be, so that each can be read at once."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from pathlib import Path

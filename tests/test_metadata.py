@@ -1,7 +1,5 @@
 """What the project says of itself is the same everywhere: version, date, licence, Pythons."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from pathlib import Path

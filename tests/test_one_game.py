@@ -1,7 +1,5 @@
 """The simulator and the robot play by the same rules: the same events lead to the same game on both sides."""
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The base package decides alike under the Python and numpy of a robot's system (scripts/other_python)."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """The sdist is the checkout; the wheel built from it plays every shipped map without the checkout."""
 
-from __future__ import annotations
-
 import email
 import json
 import os

@@ -1,7 +1,5 @@
 """Names of plug-ins: what they stand for, what is said where they stand for nothing, and the example being played."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Callable, Iterator

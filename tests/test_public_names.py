@@ -1,7 +1,5 @@
 """The public names, those of ``pacman_env`` and ``pacman_env.sb3``: lazy, typed, documented, enough for the docs."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 import re

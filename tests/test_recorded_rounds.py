@@ -1,7 +1,5 @@
 """Rounds of the simulator, event by event again on the robot's side: the same games."""
 
-from __future__ import annotations
-
 import os
 from typing import Any
 

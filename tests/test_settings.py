@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 
 from pacman_env.config import ConfigError, make_config, parse_settings

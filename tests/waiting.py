@@ -1,7 +1,5 @@
 """Waiting for a condition, however busy the machine: a test must not depend on how fast something happens."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import TypeVar

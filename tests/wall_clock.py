@@ -1,7 +1,5 @@
 """The wall's clock, which goes on only when a test says so."""
 
-from __future__ import annotations
-
 
 class WallClock:
     """In place of the module ``time``."""

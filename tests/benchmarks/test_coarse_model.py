@@ -1,7 +1,5 @@
 """The calibration of the coarse model, on a tiny run: it prints its figures, and they are those of a true model."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

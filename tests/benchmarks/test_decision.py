@@ -1,7 +1,5 @@
 """What a decision costs: measured in a process of its own, without torch, within the memory of a robot's computer."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

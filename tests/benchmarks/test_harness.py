@@ -1,7 +1,5 @@
 """What all benchmarks share: turns, the JSON file and the exit status."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 from pathlib import Path

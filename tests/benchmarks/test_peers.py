@@ -1,7 +1,5 @@
 """Other libraries' environments beside ours: what is measured, what is named as missing, and what is printed."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Two versions are compared turn by turn; checkouts here are small ones that say at once how fast they are."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The frame of every command: Ctrl-C while a parser is made."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import signal

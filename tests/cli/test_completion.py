@@ -1,7 +1,5 @@
 """The scripts of ``pacman-env completion``, read by the shells that they are for."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a newcomer sees: the command alone, and the examples in each command's help."""
 
-from __future__ import annotations
-
 import argparse
 import shlex
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Commands refuse wrong arguments with one line and status 2, and write nothing."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from importlib import import_module
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """``pacman-env warm-up``: afterwards ordinary use compiles nothing, and the command itself does nothing twice."""
 
-from __future__ import annotations
-
 import errno
 import os
 import subprocess

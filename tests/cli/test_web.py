@@ -1,7 +1,5 @@
 """The command that serves the page: a real process."""
 
-from __future__ import annotations
-
 import json
 import re
 import signal

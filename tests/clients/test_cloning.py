@@ -1,7 +1,5 @@
 """The tutorial of behaviour cloning: a network learns what a policy chose, and plays as that does."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """The scripts of docs/examples/clients: each learns, saves, and plays beside the baselines, as its page shows it."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """The example of robot and ghost that learn in turns: the games that each learns in, and what comes of both."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

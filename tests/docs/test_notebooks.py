@@ -1,7 +1,5 @@
 """The notebooks run from top to bottom in fresh kernels, and what they show is what they compute."""
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The pages that are written from the code, without Sphinx."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

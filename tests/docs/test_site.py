@@ -1,7 +1,5 @@
 """The site is complete: it builds without a warning, everything public has its place, and no link leads nowhere."""
 
-from __future__ import annotations
-
 import json
 import re
 from html.parser import HTMLParser

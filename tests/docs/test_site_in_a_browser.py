@@ -1,7 +1,5 @@
 """The site for its readers: what a search finds, and what axe-core says of it on a phone and on screens."""
 
-from __future__ import annotations
-
 import functools
 import http.server
 import threading

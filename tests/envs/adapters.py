@@ -1,7 +1,5 @@
 """One interface to every environment: an adapter plays an environment in the way of its library."""
 
-from __future__ import annotations
-
 import copy
 import hashlib
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """Arguments of environments that the contract and outside checkers are run on."""
 
-from __future__ import annotations
-
 import itertools
 import random
 from collections.abc import Mapping, Sequence

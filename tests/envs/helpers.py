@@ -1,7 +1,5 @@
 """Environments that the tests share, rounds that end soon and in every way, and equality bit for bit."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

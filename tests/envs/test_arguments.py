@@ -1,7 +1,5 @@
 """The typed arguments of the environments: what says the same, and what is refused with its name."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable
 from functools import partial

@@ -1,7 +1,5 @@
 """Every environment keeps the contract, under arguments of which any two meet."""
 
-from __future__ import annotations
-
 import copy
 import json
 import pickle

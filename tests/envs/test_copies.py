@@ -1,7 +1,5 @@
 """Copies continue alike where the contract does not look: later rounds, walls, sub-batches, situations."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 from typing import Any

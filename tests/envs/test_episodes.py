@@ -1,7 +1,5 @@
 """Masks, endless games and what is drawn for an episode."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

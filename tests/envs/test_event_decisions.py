@@ -1,7 +1,5 @@
 """Decisions by events: the same game as with a decision at each tick, under a wrapper that repeats choices."""
 
-from __future__ import annotations
-
 import os
 from types import SimpleNamespace
 from typing import Any

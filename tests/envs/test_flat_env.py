@@ -1,7 +1,5 @@
 """``pacman_env/PacManBotFlat-v0`` and velocities: the arguments that a learner likes best."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

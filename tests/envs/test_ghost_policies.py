@@ -1,7 +1,5 @@
 """Policies that play ghosts in the environments: what they see, when they have to forget, and that they are obeyed."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Registered ids, their variants and what stock tools ask of them; checkers are in ``test_judges.py``."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

@@ -4,8 +4,6 @@ They see environments of which any two arguments meet, every registered id, ever
 learners take. A warning of a checker is an error, but for those named in ``ALLOWED``.
 """
 
-from __future__ import annotations
-
 import types
 import warnings
 from collections.abc import Callable

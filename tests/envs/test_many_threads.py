@@ -1,7 +1,5 @@
 """Threads share the games and nothing else; that their games are those of one: ``test_pacmanbot_vector.py``."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Infos of games written by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pacman_env.envs.outcome import OUTCOMES, infos

@@ -1,7 +1,5 @@
 """What is particular to the environment with one agent; the rest is in the contract."""
 
-from __future__ import annotations
-
 import inspect
 import re
 from collections.abc import Callable

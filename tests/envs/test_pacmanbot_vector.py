@@ -1,7 +1,5 @@
 """The native vector environment is many single environments in Gymnasium's layout."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

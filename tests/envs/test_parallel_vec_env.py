@@ -1,7 +1,5 @@
 """The batched environment of several agents is many of PettingZoo's, as arrays."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

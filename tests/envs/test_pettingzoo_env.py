@@ -1,7 +1,5 @@
 """What is particular to the environments with several agents: who they are, what they see, get and play."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

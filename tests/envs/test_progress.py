@@ -1,7 +1,5 @@
 """The reward for coming nearer to a pellet is potential-based, whatever is done: over an episode it telescopes."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

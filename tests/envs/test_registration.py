@@ -1,7 +1,5 @@
 """What importing the package does to Gymnasium, and what it does not load."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -1,7 +1,5 @@
 """``reset(options=...)``: a round once more, a level, settings for an episode; and what is refused."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The VecEnv of Stable-Baselines3 is its DummyVecEnv of monitored single environments, only faster."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Bounds of the spaces are finite and hold whatever the map and the configuration."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

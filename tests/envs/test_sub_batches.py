@@ -1,7 +1,5 @@
 """``send`` and ``recv``: the games in sub-batches, one of which is stepped while somebody chooses for another."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

@@ -1,7 +1,5 @@
 """Gymnasium's wrappers work on the single environment; those of vectors are in ``test_pacmanbot_vector.py``."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

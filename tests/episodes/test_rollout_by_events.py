@@ -1,7 +1,5 @@
 """Episodes decided by events: those of the environment with ``decide="event"``, whoever plays them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

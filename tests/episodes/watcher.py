@@ -1,7 +1,5 @@
 """A policy that remembers what it was asked."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

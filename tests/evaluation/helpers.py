@@ -1,7 +1,5 @@
 """Rounds that the tests of the comparison share: few, on a shipped map, with the time limit kept short."""
 
-from __future__ import annotations
-
 import functools
 import json
 import shutil

@@ -1,7 +1,5 @@
 """The benchmark measures and writes what it promises; no test asserts a time."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import itertools

@@ -1,7 +1,5 @@
 """What every executor promises."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

@@ -1,7 +1,5 @@
 """What an executor tells while it runs."""
 
-from __future__ import annotations
-
 import contextlib
 import logging
 from pathlib import Path

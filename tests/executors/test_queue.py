@@ -1,7 +1,5 @@
 """Tasks go to the worker that has their key, keys are shared evenly, and every task is handed out once."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 from hypothesis import given

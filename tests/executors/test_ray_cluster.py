@@ -1,7 +1,5 @@
 """Tasks on Ray: a cluster of this machine, and one that was started before."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

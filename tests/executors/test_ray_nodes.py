@@ -1,7 +1,5 @@
 """A cluster of two machines, which are two nodes of Ray on this one, each with an environment of its own."""
 
-from __future__ import annotations
-
 import logging
 import shutil
 import time

@@ -1,7 +1,5 @@
 """The reward sums ticks, pellets, completed rounds and the end, for numbers and for arrays."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The rule keeps what every policy promises, waits when it must, and wins more rounds than the scorer."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What every policy promises: inherit ``PolicyContract``, say how the policy is made, done."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Policies of a user that do not work: one line says which and why."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

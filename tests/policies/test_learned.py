@@ -1,7 +1,5 @@
 """The learned planner as a policy, with networks from a seed; that it computes what torch does: tests/train."""
 
-from __future__ import annotations
-
 import copy
 import hashlib
 import json

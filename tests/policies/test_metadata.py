@@ -1,7 +1,5 @@
 """What is read from metadata, and what is refused: each time with file, field, value and rule."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

@@ -5,8 +5,6 @@ inflation, no footprint, and every layer is combined over the whole grid. What a
 its parameters in a file for Nav2.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

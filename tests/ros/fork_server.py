@@ -6,8 +6,6 @@ Every node still is a process of its own, with a ``main()`` that reads its comma
 real signals; that ``python -m`` starts it too is for ``test_operating.py``.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import subprocess

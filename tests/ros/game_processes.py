@@ -1,7 +1,5 @@
 """All nodes of a simulated game as processes of their own, which tests kill and start again."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 

@@ -1,7 +1,5 @@
 """A node for the tests of ``run``: greets when it is up, and says its last messages."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Iterable, Sequence

@@ -1,7 +1,5 @@
 """The base's loudspeaker, for tests: an action server that plays silently and remembers what it played."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from rclpy.action import GoalResponse

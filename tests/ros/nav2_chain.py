@@ -5,8 +5,6 @@ The steps are those of public sources, written anew: turtlebot4_navigation's ``n
 (jazzy, 0.26) for ``$(...)`` in the file. Whoever reads the file after that is rcl itself, and so it is here: in rclpy.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator

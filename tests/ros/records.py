@@ -1,7 +1,5 @@
 """Messages as a test has received them: what sessions in lock-step, probes of processes and recordings share."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

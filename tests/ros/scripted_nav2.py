@@ -1,7 +1,5 @@
 """A small real NavigateToPose server that answers as a script says, and treats goals of others as Nav2 does."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -3,8 +3,6 @@
 What happens in such a session is decided by its seed and by the test alone. Nothing waits in real time.
 """
 
-from __future__ import annotations
-
 import gc
 import json
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Which nodes a node meets: a simulated one none on another machine, and none another that takes its part."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

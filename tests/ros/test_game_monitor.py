@@ -1,7 +1,5 @@
 """Messages of a game become its state: the newest valid value of each topic, for every reader alike."""
 
-from __future__ import annotations
-
 import json
 import math
 from typing import Any

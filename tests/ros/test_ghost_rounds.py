@@ -1,7 +1,5 @@
 """Rounds of the nodes against several ghosts, a learned one and one of a plug-in among them."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from pathlib import Path

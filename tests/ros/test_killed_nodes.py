@@ -4,8 +4,6 @@ One whole game in lock-step on a part of a map; times are simulated. That proces
 again is in ``test_killed_processes.py``, how a node notices that it stood still in ``test_node.py``.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -5,8 +5,6 @@ node does after its return is in ``test_killed_nodes.py``, that a process ends a
 ``test_node.py``.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@
 them, below: it records what the file asks for, and says nothing about what the real ones would make of it.
 """
 
-from __future__ import annotations
-
 import runpy
 import sys
 import types

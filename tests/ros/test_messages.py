@@ -1,7 +1,5 @@
 """What comes in is refused unless it is good, and what goes out comes back."""
 
-from __future__ import annotations
-
 import math
 from operator import attrgetter
 from typing import Any

@@ -1,7 +1,5 @@
 """Nav2's configuration for the game: config/nav2.yaml."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

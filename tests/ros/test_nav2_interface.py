@@ -3,8 +3,6 @@
 The facts are rows of ``golden/nav2_interface.json``; numbers that files in ``config/`` set are read from there.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """The life of a node: bad starts, signals, last messages."""
 
-from __future__ import annotations
-
 import json
 import signal
 import subprocess

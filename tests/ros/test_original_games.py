@@ -5,8 +5,6 @@ line is the time since the line before, s, what happens, the topic or service, a
 lines in order; it waits until it has heard from our nodes what it heard in the recording.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a ROS workspace makes of this checkout: package.xml, setup.py, RViz's configuration, and colcon's build."""
 
-from __future__ import annotations
-
 import ast
 import os
 import re

@@ -1,7 +1,5 @@
 """rclpy's private attributes: one module uses them, and lock-step refuses a version that has others."""
 
-from __future__ import annotations
-
 import ast
 from importlib import metadata
 from pathlib import Path

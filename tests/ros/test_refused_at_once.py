@@ -1,7 +1,5 @@
 """What cannot be used is refused before anything is compiled, by every command and node that loads it."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """The reference of the robot's side is what the nodes declare."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pacman_env.ros.supervisor.game_nodes import NODES

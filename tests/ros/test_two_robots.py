@@ -1,7 +1,5 @@
 """Two robots in one ROS domain, each with a composed game of its own in its own namespace, in real time."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import signal

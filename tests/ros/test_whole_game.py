@@ -3,8 +3,6 @@
 Both games are played once, in lock-step; each test looks at another side of them. Times are simulated.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from functools import cached_property

@@ -4,8 +4,6 @@ Every observation must be finite and in its space, every illegal action a ValueE
 fault ends the run with the seed that repeats it. A map that is refused with a MapError is no fault.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections import Counter

@@ -4,8 +4,6 @@ Resident memory is measured again and again; its growth after the first tenth of
 spaces are counted, and none may be left of an environment that is gone.
 """
 
-from __future__ import annotations
-
 import argparse
 import gc
 import hashlib

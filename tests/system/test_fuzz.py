@@ -1,7 +1,5 @@
 """The fuzzer plays without a fault, repeats a run and finds faults."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.shared import shared_path

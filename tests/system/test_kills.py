@@ -4,8 +4,6 @@ The nodes play in lock-step, so the moments are simulated and a failure is repea
 with SIGKILL are in ``tests/ros/test_killed_processes.py``.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from contextlib import suppress
 from functools import partial

@@ -1,7 +1,5 @@
 """Random messages on every topic end no node of a running game."""
 
-from __future__ import annotations
-
 import importlib
 import math
 from pathlib import Path

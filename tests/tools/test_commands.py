@@ -1,7 +1,5 @@
 """The page of the commands is what they print."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

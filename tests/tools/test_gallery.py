@@ -1,7 +1,5 @@
 """The pictures of the documentation are those that the code draws."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

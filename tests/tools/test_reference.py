@@ -1,7 +1,5 @@
 """The tables of the documentation are those of the code."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Reference scores: the committed ones are complete, and whoever plays an id with its seeds gets the same."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

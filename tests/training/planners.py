@@ -1,7 +1,5 @@
 """Networks and planner files that the tests share: random from a seed, no training."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The entity network under sb3-contrib's MaskablePPO, as earlier versions trained it: the reference for ours."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

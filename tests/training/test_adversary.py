@@ -1,7 +1,5 @@
 """The command trains both sides in turns, writes what it found, and what it writes can be played with."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Iterator

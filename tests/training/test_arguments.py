@@ -1,7 +1,5 @@
 """Hyperparameters and arguments say by name what is wrong with them; files and the command line fill them alike."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from typing import Any

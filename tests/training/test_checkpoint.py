@@ -1,7 +1,5 @@
 """Of checkpoints, earlier versions' too, tensors are read and nothing is run, with the facts beside them."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

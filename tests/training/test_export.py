@@ -1,7 +1,5 @@
 """What is exported computes what torch computes, is small and whole, and says what it is."""
 
-from __future__ import annotations
-
 import hashlib
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A fragment depends on its task alone, not on who has played the games before, nor on who keeps them."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 from pathlib import Path

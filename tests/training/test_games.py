@@ -1,7 +1,5 @@
 """The games that a planner is trained on, in parts with line-ups and houses of their own."""
 
-from __future__ import annotations
-
 import itertools
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Clyde's games are the PettingZoo environment's."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Imitation: the network comes to choose as the rule does, and to know what the rule's rounds are worth."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The league has one more Clyde after every so many segments; those to which the planner loses are met more often."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

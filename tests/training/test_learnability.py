@@ -1,7 +1,5 @@
 """Houses in which some rounds were completed and some were not are played again, the evenest first."""
 
-from __future__ import annotations
-
 from pacman_env.training.learnability import LevelCounts
 
 

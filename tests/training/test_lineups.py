@@ -1,7 +1,5 @@
 """Line-ups are read strictly, each has its share of the sub-batches, and its teacher is the rule for such ghosts."""
 
-from __future__ import annotations
-
 import pytest
 
 pytest.importorskip("torch")

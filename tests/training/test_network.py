@@ -1,7 +1,5 @@
 """The entity network: order does not matter, what is masked has no influence, both ways of computing it agree."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

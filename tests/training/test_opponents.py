@@ -1,7 +1,5 @@
 """Who plays Clyde: the rules of his seat do what they are named after, and the pool gives each round its player."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

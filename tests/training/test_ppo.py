@@ -1,7 +1,5 @@
 """PPO learns what stock MaskablePPO learns from the same decisions, for any number of threads."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A run goes on where it was interrupted, to the same bits; what does not fit is refused by name, never unpickled."""
 
-from __future__ import annotations
-
 import dataclasses
 import io
 import json

@@ -1,7 +1,5 @@
 """Several seeds are several trainings, each to the bit; what is finished is kept, and nothing half-written."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The command from its arguments to a planner that plays; what goes wrong is one line and status 2."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

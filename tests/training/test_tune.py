@@ -1,7 +1,5 @@
 """A study finds, goes on, and ends in a file that the training takes."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import shutil

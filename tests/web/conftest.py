@@ -1,7 +1,5 @@
 """A server over a game, with a few files for a page, on this machine's own address."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any

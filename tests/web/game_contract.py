@@ -1,7 +1,5 @@
 """What the server expects of a game: inherit from ``GameContract`` and provide the fixture ``play``."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any, Literal, TypeVar

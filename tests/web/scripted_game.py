@@ -1,7 +1,5 @@
 """A game for the server's tests: it does nothing by itself, and remembers what it was asked."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Which requests are accepted: tokens, Host and Origin; and the headers of every answer."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 from typing import Any

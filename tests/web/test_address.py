@@ -1,7 +1,5 @@
 """What is printed at the start leads to the page, by eye and by telephone."""
 
-from __future__ import annotations
-
 import socket
 
 import pytest

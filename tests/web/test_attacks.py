@@ -1,7 +1,5 @@
 """Hostile and broken clients: refused, and the game and the other pages are not disturbed."""
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import socket

@@ -1,7 +1,5 @@
 """One operator at a time, one person a role, whatever people do in whatever order."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

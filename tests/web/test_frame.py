@@ -1,7 +1,5 @@
 """The message ``frame``: what a game shows comes out of it as it went in."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -1,7 +1,5 @@
 """The schema of what a page sends, and names of the protocol's words."""
 
-from __future__ import annotations
-
 import json
 import math
 from typing import Any, get_args

@@ -1,7 +1,5 @@
 """The operator's page as people use it, in a real browser over the server and the simulator."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable

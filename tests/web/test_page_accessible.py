@@ -1,7 +1,5 @@
 """The operator's page for all users: axe-core, keyboard, names, both themes, forced colours, phones, older browsers."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 

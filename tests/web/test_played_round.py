@@ -1,7 +1,5 @@
 """A round of the page: the same as the environment's, whoever plays it."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

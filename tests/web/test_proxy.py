@@ -1,7 +1,5 @@
 """The page behind a real nginx, with the configuration that the documentation shows."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

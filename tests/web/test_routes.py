@@ -1,7 +1,5 @@
 """What is answered over HTTP: files, maps, recorded rounds, uploads."""
 
-from __future__ import annotations
-
 import socket
 from collections.abc import Callable
 

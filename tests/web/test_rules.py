@@ -1,7 +1,5 @@
 """What can be chosen on the page, and what is refused with which words."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from urllib.parse import parse_qs
 

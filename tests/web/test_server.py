@@ -1,7 +1,5 @@
 """The server over real sockets: what is answered, in which order, and who may do what."""
 
-from __future__ import annotations
-
 import os
 import signal
 import socket

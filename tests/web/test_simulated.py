@@ -1,7 +1,5 @@
 """The simulated game of the page: a real one, in its thread."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing

@@ -1,7 +1,5 @@
 """What waits for a viewer stays small, and the newest is sent; how much a viewer may send."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import time

@@ -1,7 +1,5 @@
 """Tiny maps of which the answer is known."""
 
-from __future__ import annotations
-
 import functools
 from typing import Any
 

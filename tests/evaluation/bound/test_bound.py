@@ -1,7 +1,5 @@
 """The command: a table, a file from which it can be had again, and one line for what is wrong."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The least time is one that no tour undercuts."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Moves are between squares that touch and lead back; targets are those of the ghost's own function."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Who is safe on maps where that is known: on a ring from a slow chaser, nowhere in a corridor from a fast one."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

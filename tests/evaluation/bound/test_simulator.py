@@ -1,7 +1,5 @@
 """No round of the simulator lasts longer than the relaxed pursuit lets the robot live."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

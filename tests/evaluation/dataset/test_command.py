@@ -1,7 +1,5 @@
 """``pacman-env dataset``: files that Minari and pandas read, the same for any number of workers, whole or absent."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """What is recorded is what was played: the rounds of the environment, one after the other."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Rounds of a robot as a data set: what is in them is what was recorded."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

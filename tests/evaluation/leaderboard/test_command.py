@@ -1,7 +1,5 @@
 """A tiny suite end to end: real rounds of two policies, on two houses and on a map."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

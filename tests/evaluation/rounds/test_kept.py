@@ -1,7 +1,5 @@
 """Evaluation commands continue with the rounds that were kept."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """The rounds of matchups on any executor."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

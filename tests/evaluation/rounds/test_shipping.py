@@ -1,7 +1,5 @@
 """Rounds on other machines, which have none of the files that a matchup names."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """On a robot, through nothing but what it is told, search makes the simulator's choices."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

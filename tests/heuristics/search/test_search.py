@@ -1,7 +1,5 @@
 """Search keeps what every policy promises and its budget, outwits a chaser, and is its base where all ghosts wander."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Bags for tests: rounds of the nodes, recorded in lock-step, and words alone."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

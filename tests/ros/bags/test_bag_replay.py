@@ -1,7 +1,5 @@
 """Games recorded in lock-step, and what replays of them report: the policy that played chooses again what it chose."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

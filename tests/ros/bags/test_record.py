@@ -1,7 +1,5 @@
 """A bag of what real publishers say, recorded by the real command; what is read back is what was said."""
 
-from __future__ import annotations
-
 import sys
 from functools import partial
 from pathlib import Path

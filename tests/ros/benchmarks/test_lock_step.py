@@ -1,7 +1,5 @@
 """``python -m benchmarks.lock_step``: the games of a seed, twice."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Whole games in lock-step: the same seed is the same game; kills, losses and what they leave behind."""
 
-from __future__ import annotations
-
 import random
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Nodes that join a lock-step game get what is latched, all of it and once; nodes that are gone leave nothing."""
 
-from __future__ import annotations
-
 import gc
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A lock-step game in a process of its own, watched and asked from outside."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -1,7 +1,5 @@
 """How nodes of one process are stepped: order, time, faults, and what goes wrong."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import textwrap

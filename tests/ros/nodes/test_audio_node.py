@@ -1,7 +1,5 @@
 """Sounds: which melody reaches the loudspeaker, and when."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import pytest

@@ -1,7 +1,5 @@
 """Clyde on the real map: where it begins, how it moves, what is seen of it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import cache

@@ -1,7 +1,5 @@
 """What all nodes of the game have in common: parameters, arguments, namespaces and bad messages."""
 
-from __future__ import annotations
-
 import json
 import math
 import subprocess

@@ -1,7 +1,5 @@
 """The referee: its services, what it says and in which order, and what changes nothing."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Events become lights, sounds and motions."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

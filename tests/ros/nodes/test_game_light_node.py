@@ -1,7 +1,5 @@
 """The light ring: words become colours, and the ring is given back."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """The pellets on the map: shown, taken away, put back."""
 
-from __future__ import annotations
-
 import pytest
 
 from pacman_env.config import PelletConfig

@@ -1,7 +1,5 @@
 """The file that outlives a node: what comes back out of it, and what does not."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Any

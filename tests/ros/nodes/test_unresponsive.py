@@ -1,7 +1,5 @@
 """What the referee reports of nodes that are there and do not do what they are asked to."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The command that waits for the robot to know where it is."""
 
-from __future__ import annotations
-
 import signal
 
 import pytest

@@ -1,7 +1,5 @@
 """A whole game in lock-step, on a clear map and with a Clyde that is no danger, and the page's node as one of them."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from typing import Any, TypeVar

@@ -1,7 +1,5 @@
 """The layout for viewers of recorded bags names topics that there are, and fields that their messages have."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """What the page over ROS is made of, without a game: the stop's word, the wheels, maps and scans as pictures, news."""
 
-from __future__ import annotations
-
 import json
 import math
 import time

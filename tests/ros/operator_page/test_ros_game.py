@@ -1,7 +1,5 @@
 """The page over a game of nodes in lock-step: what it shows, what it asks for, and its STOP. Times are simulated."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Messages that wait until they are taken."""
 
-from __future__ import annotations
-
 import time
 
 import rclpy

@@ -1,7 +1,5 @@
 """The client of NavigateToPose where an answer gets lost on its way; the rest is seen in the goal selector's tests."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """When a believed pose has jumped: what odometry does not explain, and what a person has said."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

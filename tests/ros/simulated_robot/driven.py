@@ -1,7 +1,5 @@
 """The simulated robot's node in the two drawn rooms, in lock-step, and goals sent to it."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The simulated robot as a base alone: what a real Nav2 needs of a TurtleBot 4."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

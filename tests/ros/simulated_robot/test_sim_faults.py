@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 
 from pacman_env.ros.simulated_robot.sim_faults import FAULTS, Faults

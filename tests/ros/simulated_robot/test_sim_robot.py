@@ -1,7 +1,5 @@
 """The simulated robot's node, talked to as the robot is."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

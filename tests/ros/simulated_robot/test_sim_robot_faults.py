@@ -1,7 +1,5 @@
 """Troubles of the simulated robot's node on request: each begins, is felt, and ends."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import pytest

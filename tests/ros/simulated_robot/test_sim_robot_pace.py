@@ -1,7 +1,5 @@
 """The pace of the simulated robot's node beside the wall's clock, which is the test's here."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Each check of a robot, good and bad, and the remedy of everything that is bad. No ROS runs here."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections import deque
 from typing import Any

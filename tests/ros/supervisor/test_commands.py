@@ -1,7 +1,5 @@
 """Commands of an operator without another game: rounds by themselves, interrupts at the start, lines."""
 
-from __future__ import annotations
-
 import io
 import signal
 import subprocess

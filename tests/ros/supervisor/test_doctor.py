@@ -1,7 +1,5 @@
 """The doctor at real nodes: a robot made of probes, and no robot; a simulated game is in ``test_operating.py``."""
 
-from __future__ import annotations
-
 import array
 import dataclasses
 import io

@@ -1,7 +1,5 @@
 """Locks of games: a game that starts or ends on this machine is known before its nodes are."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -3,8 +3,6 @@
 Nav2 itself is not installed here: a small process takes its place, which notes what it was given and how it ended.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shlex

@@ -4,8 +4,6 @@ One real game, which began its first round by itself, serves most of these tests
 menu first. How the game ends by the key q is checked when the last of them is over.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

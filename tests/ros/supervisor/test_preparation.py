@@ -1,7 +1,5 @@
 """What processes of their own prepare before the nodes of a game start."""
 
-from __future__ import annotations
-
 import contextlib
 
 from pacman_env.ros.supervisor.game_nodes import SELECTOR, SIMULATOR, GameSetup

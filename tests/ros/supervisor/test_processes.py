@@ -1,7 +1,5 @@
 """Processes kept alive and stopped in order; the nodes here are small modules without ROS."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

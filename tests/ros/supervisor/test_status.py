@@ -1,7 +1,5 @@
 """How a game stands, for people and for programs: what is there, absent or not received, and what is not valid."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """What the command that runs a whole game refuses, writes and returns; what it does is for ``test_operating.py``."""
 
-from __future__ import annotations
-
 import io
 import os
 import sys
