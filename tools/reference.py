@@ -12,7 +12,7 @@ import operator
 import re
 import sys
 import typing
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -60,13 +60,14 @@ def _values(unit: str, kind: Any) -> str:
 
 def configuration() -> str:
     default = Config()
+    named: dict[str, Iterable[str]] = {"clyde.ghosts": BEHAVIOURS, "observation.kinds": BUILT_IN_KINDS}
 
     def rows(owner: Any, prefix: str) -> Iterator[list[str]]:
         types = kinds(type(owner))
         for f in dataclasses.fields(owner):
             value, name = getattr(owner, f.name), f"{prefix}{f.name}"
             if not dataclasses.is_dataclass(value):
-                names = {"clyde.ghosts": BEHAVIOURS, "observation.kinds": BUILT_IN_KINDS}.get(name)
+                names = named.get(name, ())
                 own = f"each {', '.join(map(_code, names))}, or a plug-in's" if names else ""
                 values = own or _values(unit_of(f.name), types[f.name])
                 yield [f"`{name}`", _code(value), values, description_of(owner, f.name)]
