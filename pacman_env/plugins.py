@@ -40,7 +40,7 @@ def offer(name: str, known: Iterable[str], others: str = "") -> str:
 
 
 class Registry(Generic[T]):
-    """Objects of one sort by name."""
+    """Find objects of one sort by name: built-in, registered in this process, or from installed packages."""
 
     def __init__(self, sort: str, group: str, own: Mapping[str, T | str], others: str = "module:name") -> None:
         """Start with the built-in objects ``own``: objects, or references ``module:attribute`` loaded on first use.

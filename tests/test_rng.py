@@ -43,7 +43,7 @@ def test_generator_reproduces_published_outputs_for_seed_1234567() -> None:
 
 
 @given(seeds)
-def test_uniform_is_that_of_splitmix64_in_zero_to_one(word: int) -> None:
+def test_uniform_scales_splitmix64_output_to_unit_interval(word: int) -> None:
     state, draw = uniform(np.uint64(word))
     expected_state, expected = splitmix64(word)
     assert (state, mix(np.uint64(state))) == (expected_state, expected)
@@ -79,7 +79,7 @@ def test_normal_has_mean_0_variance_1_and_tails() -> None:
 
 
 @given(seeds)
-def test_purposes_of_round_have_different_streams(seed: int) -> None:
+def test_each_purpose_has_its_own_random_stream(seed: int) -> None:
     states = {int(stream(np.uint64(seed), purpose)) for purpose in PURPOSES}
     assert len(states) == len(PURPOSES)
 

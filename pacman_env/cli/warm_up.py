@@ -1,6 +1,8 @@
-"""The command ``pacman-env warm-up``, which compiles kernels in advance, for an image or a new machine.
+"""Compile kernels in advance, for an image or a new machine: ``pacman-env warm-up``.
 
-It plays small games that need the kernels. The cache also gets a mark for each part, by compiler and processor."""
+The command plays small games that need the kernels. It creates an empty file in the cache for each finished part, which
+a later call with the same compiler and processor skips.
+"""
 
 import hashlib
 import sys

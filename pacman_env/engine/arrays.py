@@ -155,7 +155,10 @@ def _array_at(context, builder, kind, at, shape):  # type: ignore[no-untyped-def
 
 
 def arrays_by_address(kind: type[tuple[Any, ...]]) -> Callable[[int], Any]:
-    """Return a function for kernels from a :class:`Table`'s address to the tuple of its arrays (16 us from Python)."""
+    """Return a function for kernels that takes a :class:`Table`'s address and returns the tuple of its arrays.
+
+    A call of this function from Python takes 16 us.
+    """
     tuple_type = _numba_type(kind)
 
     @operation(tuple_type, types.int64)
@@ -176,7 +179,7 @@ def arrays_by_address(kind: type[tuple[Any, ...]]) -> Callable[[int], Any]:
 
 
 def _vector_at(scalar: Any) -> Callable[[int, int], Any]:
-    """Return a function for kernels from an address and a length to an array of ``scalar``."""
+    """Return a function for kernels that takes an address and a length and returns an array of ``scalar``."""
     array_type = types.Array(scalar, 1, "C")
 
     @operation(array_type, types.int64, None)

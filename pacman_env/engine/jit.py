@@ -25,7 +25,7 @@ _RULES = ("pacman_env.game.", "pacman_env.rng")
 
 @functools.cache
 def kernel(function: F, cached: bool = True, allocates: bool = True) -> F:
-    """Compile ``function`` and the rules that it calls with Numba: nopython mode, IEEE arithmetic (no fastmath).
+    """Compile ``function``, and game rules that it calls, with Numba: nopython mode, IEEE arithmetic (no fastmath).
 
     ``cached=False`` is for functions from outside the package: two functions of a process may have the same name, but
     symbols in cached machine code must be unique. ``allocates=False`` is for :func:`table_kernel`.
@@ -50,7 +50,10 @@ def table_kernel(function: F) -> F:
 
 
 def _with_rules_compiled(function: F) -> F:
-    """Return a copy of ``function`` that calls compiled rules, or ``function`` itself if it calls none."""
+    """Return a copy of ``function`` that calls compiled versions of the plain functions in the ``_RULES`` modules.
+
+    Return ``function`` itself if it calls none of them.
+    """
     used = function.__globals__
     rules = {
         name: kernel(used[name])

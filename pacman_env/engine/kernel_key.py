@@ -69,7 +69,7 @@ def type_content(kind: numba_types.Type) -> Content:
 
 @functools.cache
 def _content_and_reached(function: Any) -> tuple[str, tuple[Any, ...]]:
-    """Return the own content of a kernel, intrinsic or function, and the functions that it refers to, in order."""
+    """Return the content of a kernel, intrinsic or function without its callees, and the callees, in order."""
     reader = _Reader()
     content: Content
     if isinstance(function, Dispatcher):

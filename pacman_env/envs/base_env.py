@@ -43,7 +43,7 @@ class BaseEnv:
 
     @property
     def batch(self) -> GameBatch:
-        """Return the batch of games."""
+        """Return the simulator of all games, for example to read their state."""
         return self._runner.batch
 
     @property

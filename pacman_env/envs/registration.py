@@ -120,7 +120,7 @@ def register_when_imported() -> None:
 
 
 class _Finder(MetaPathFinder):
-    """A finder that calls ``then`` after a module was loaded (a mere search for the module does not count)."""
+    """Call ``then`` after ``module`` was imported; ``find_spec`` alone, without an import, does not call it."""
 
     def __init__(self, module: str, then: Callable[[], None]) -> None:
         self._module, self._then = module, then

@@ -58,7 +58,7 @@ class Requests:
 
 
 class Removals:
-    """Collected pellets that are still shown."""
+    """Track collected pellets that are still shown."""
 
     def __init__(self) -> None:
         self._since_s: float | None = None
@@ -70,7 +70,7 @@ class Removals:
         self._pellets = pellets
 
     def overdue(self, now: float) -> str:
-        """Describe a pellet that is shown too long, or return "" if there is none yet."""
+        """Describe a collected pellet that is still shown after ``EFFECT_S``; return "" if there is none."""
         if self._since_s is None or now - self._since_s < EFFECT_S:
             return ""
         return f"remove_pellet: pellet {min(self._pellets)} still shown after {EFFECT_S:g} s"

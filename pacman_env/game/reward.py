@@ -1,4 +1,4 @@
-"""Reward of the robot's agent."""
+"""Compute the reward of the agent that controls the robot."""
 
 from typing import Any, NamedTuple
 
@@ -17,7 +17,7 @@ class Rewards(NamedTuple):
 
     @classmethod
     def of(cls, config: RewardConfig) -> "Rewards":
-        """Return the constants of a configuration."""
+        """Return the rewards per tick, per pellet and per end code (5,) from a configuration."""
         end = np.zeros(5)
         end[[DEAD, COMPLETE, TIMEOUT]] = config.death, config.completion, config.timeout
         return cls(config.tick, config.pellet, end)

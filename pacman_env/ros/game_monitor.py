@@ -143,9 +143,9 @@ class GameMonitor:
         return None if name in self.invalid else getattr(self, name)
 
     def update(self, topic: str, message: Any, now_s: float = 0.0) -> None:
-        """Fold a message that was received at ``now_s``, unless it is of another topic.
+        """Update the value of ``topic`` from a message that was received at ``now_s``; ignore unmonitored topics.
 
-        Raises BadMessage, and then all values stay the same.
+        Raises BadMessage if the message is invalid; then no value changes.
         """
         if topic in _GHOSTS:
             self.ghosts[_GHOSTS[topic]] = stamped_pose_of(message)

@@ -149,7 +149,10 @@ class GameNode(BaseNode):
         return True
 
     def _compare(self, message: Any) -> None:
-        """Log the fields in which another node differs, once per node and again only after they agreed."""
+        """Log how another node's configuration differs from this one; refuse to run next to an older copy of this node.
+
+        A difference is logged once per node, and again only after the two configurations were equal.
+        """
         own = self._plays
         try:
             other = json.loads(message.data[:LONGEST_JSON])
@@ -207,18 +210,18 @@ class Once:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of occurrences of each current trouble."""
+        """Return the number of occurrences of each current trouble."""
         now_s = self._now_s()
         for key in [key for key, end_s in self._ends_s.items() if end_s < now_s]:
             self.over(key)
         return dict(self._counts)
 
     def warning(self, key: str, text: str) -> None:
-        """Report a trouble that is reported again while it lasts, or that does not last."""
+        """Report a trouble that is over 5 s after its last report."""
         self._add(key, text, self._now_s() + _LAPSE_S)
 
     def begin(self, key: str, text: str) -> None:
-        """Report a trouble that lasts until ``over``, without being reported again."""
+        """Report a trouble that lasts until ``over`` is called; the caller need not report it again."""
         self._add(key, text, math.inf)
 
     def _add(self, key: str, text: str, end_s: float) -> None:

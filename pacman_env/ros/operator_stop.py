@@ -45,7 +45,7 @@ class OperatorStop:
 
     @property
     def known(self) -> bool:
-        """True if any other node has published a request."""
+        """Return True if any other node has published a request."""
         return bool(self._received)
 
     @property

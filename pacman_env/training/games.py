@@ -48,7 +48,7 @@ _PREDICTION = ("caught_soon", "caught", "approached", "closest_mean", "closest_l
 
 
 def game_config(arguments: Arguments) -> Config:
-    """Return the configuration of the games of a training."""
+    """Return the configuration of training games: planner features, and the settings that ``arguments`` contain."""
     return make_config(arguments.preset, arguments.execution, **game_settings(arguments))
 
 
@@ -107,7 +107,10 @@ class Step(NamedTuple):
 
 
 class Games(ABC):
-    """Running games of a part. The time limit is a termination, so that a robot that hides until then loses."""
+    """Step the games of a part together.
+
+    A round at its time limit counts as terminated, not truncated, so that hiding until then does not pay.
+    """
 
     env: Any  # its pickle continues bit for bit
     num_envs: int
@@ -122,7 +125,7 @@ class Games(ABC):
 
 @dataclass(frozen=True)
 class Part(ABC):
-    """Specification of the games of a part."""
+    """Specify the games of a part, and create them with :meth:`make`."""
 
     games: int
     scale: float  # factor of rewards

@@ -97,7 +97,7 @@ class _Tests(BaseCallback):
 
 
 def references(map_name: str, seeds: NDArray[np.uint64]) -> dict[str, Point]:
-    """Return the results of rules in the same rounds, with goals and the default game."""
+    """Return the results of the reference policies in the rounds ``seeds``, with goals and the default settings."""
     arguments = EnvArguments(map=map_name)
     config, _ = arguments.make_config()
     source = arguments.make_source(config)
@@ -109,7 +109,7 @@ def references(map_name: str, seeds: NDArray[np.uint64]) -> dict[str, Point]:
 
 
 def curve(name: str, baseline: Baseline, seed: int, rounds: int) -> dict[str, Any]:
-    """Return the points of one learner, and the results of rules in the same rounds."""
+    """Train one learner; return the points of its curve and the reference policies' results in the same test rounds."""
     points: list[Point] = []
 
     def note(new: Point) -> None:
@@ -186,7 +186,7 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def draw(figures: dict[str, Any], path: Path) -> None:
-    """Draw a diagram for each configuration, with a line for each seed and the results of rules."""
+    """Draw a diagram for each configuration: a curve for each seed, a horizontal line for each reference policy."""
     curves = figures["curves"]
     names = list(dict.fromkeys(entry["name"] for entry in curves))
     columns = min(len(names), 3)

@@ -29,7 +29,8 @@ def _linear(inputs: int, outputs: int, gain: float = 2**0.5) -> nn.Linear:
 class PackedSituations(NamedTuple):
     """Situations with the allowed candidates first, padded with copies of the first candidate.
 
-    A copy changes neither the maximum nor, with a share of 0, the mean. Therefore no masking is needed.
+    The network needs no masks: a copy does not change the maximum over candidates, and its weight ``share`` in the mean
+    is 0.
     """
 
     candidates: torch.Tensor  # (B, C, F)

@@ -79,7 +79,7 @@ def test_standing_ghost_does_not_wander(robot_m: float) -> None:
     assert (belief[CHASES] > 0.1) == (robot_m <= ARRIVED_M)
 
 
-def test_move_on_the_only_way_says_little() -> None:
+def test_move_without_alternative_carries_little_information() -> None:
     only_way = (1.0, 1.0, -1.0, False, False)
     belief = after([only_way] * 30)
     assert belief[CHASES] + belief[ARCADE] < 0.7

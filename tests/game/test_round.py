@@ -241,7 +241,7 @@ def test_base_speed_is_announced_in_the_menu() -> None:
 
 
 @given(st.lists(INPUTS, max_size=40))
-def test_counts_are_consistent_for_any_inputs(inputs: list[str]) -> None:
+def test_score_and_reports_are_consistent_for_any_inputs(inputs: list[str]) -> None:
     game = RoundController()
     shown: dict[str, object] = {}
     counted = 0
@@ -275,7 +275,7 @@ def test_restored_game_continues_alike(before: list[str], after: list[str], away
         assert act(other, word, now + away_s + 2.0 * step) == act(game, word, now + 2.0 * step)
 
 
-def test_only_shows_are_restored_with_a_reset() -> None:
+def test_only_interrupted_start_is_restored_with_a_reset() -> None:
     """Who knows whether the services were called before the show."""
     game = running()
     game.status("pellet_collected:3", 20.0)
@@ -366,7 +366,7 @@ def test_pellets_gone_during_a_freeze_are_awaited() -> None:
 
 
 @given(st.lists(st.sampled_from([[], [0, 1, 2], [1], [7, 8]]), max_size=12))
-def test_no_report_ends_a_round(reports: list[list[int]]) -> None:
+def test_pellet_reports_alone_never_end_a_round(reports: list[list[int]]) -> None:
     game = running(3)
     game.pellets_left(range(3), 10.0)
     for k, report in enumerate(reports):

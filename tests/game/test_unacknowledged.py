@@ -72,7 +72,7 @@ def test_uncounted_pellet_of_a_predecessor_is_reported() -> None:
         ([11], 2, 0, {"execution.on_abort": "lose_pellet"}),
     ],
 )
-def test_nothing_is_reported_when_predecessor_was_counted(
+def test_predecessor_without_uncounted_pellet_causes_no_report(
     left: list[int], spawned: int, counted: int, settings: dict[str, str]
 ) -> None:
     executor = in_a_round_of_another(left, spawned, counted, **settings)

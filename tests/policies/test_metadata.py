@@ -164,7 +164,7 @@ def test_missing_and_large_files_are_refused(tmp_path: Path) -> None:
         max_leaves=20,
     )
 )
-def test_any_content_raises_value_error_naming_file(content: object) -> None:
+def test_invalid_content_raises_value_error_naming_file(content: object) -> None:
     with pytest.raises(ValueError, match=r"^mine\.json: "):
         parse(PlannerMetadata, json.dumps(content), HERE)
 

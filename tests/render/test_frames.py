@@ -77,7 +77,7 @@ def test_maps_keep_their_proportions_within_16_to_9(columns: int, rows: int) -> 
     assert (view.goals < [frame.shape[1], 720]).all()
 
 
-def test_same_game_gives_same_picture_anew() -> None:
+def test_same_state_gives_equal_picture_in_new_array() -> None:
     batch = games()
     first = render_frame(batch, 0)
     kept = first.copy()
@@ -88,7 +88,7 @@ def test_same_game_gives_same_picture_anew() -> None:
     assert not np.shares_memory(again, render_frame(batch, 0))
 
 
-def test_game_of_a_batch_looks_as_alone() -> None:
+def test_game_of_a_batch_looks_like_single_game() -> None:
     many, one = games(n=3), games()
     one.reset(np.zeros(1, dtype=np.int64), np.array([9], dtype=np.uint64))
     np.testing.assert_array_equal(render_frame(many, 2), render_frame(one, 0))
@@ -178,7 +178,7 @@ def test_ghost_and_its_circle_are_at_its_place() -> None:
 
 
 @pytest.mark.parametrize(("execution", "field"), [("robust", "error_x"), ("as_built", "amcl_x")])
-def test_believed_pose_is_the_executors(execution: str, field: str) -> None:
+def test_frame_shows_the_executors_believed_pose(execution: str, field: str) -> None:
     batch = games(config=make_config("robot", execution))
     plain = near(render_frame(batch, 0), symbols.BELIEF)
     batch.games[field] += 1.0

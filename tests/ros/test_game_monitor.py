@@ -42,7 +42,7 @@ def receive(game: GameMonitor, name: str, data: Any, now_s: float = 0.0) -> None
         ("configuration", PROCESS, {**PROCESS, "acts": False, "started": (5.0, "laptop", 17)}),
     ],
 )
-def test_message_becomes_value(name: str, data: Any, value: Any) -> None:
+def test_valid_message_becomes_value_of_its_topic(name: str, data: Any, value: Any) -> None:
     game = GameMonitor()
     receive(game, name, data)
     assert getattr(game, name) == game.valid(name) == value

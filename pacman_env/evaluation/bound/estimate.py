@@ -1,4 +1,4 @@
-"""Estimate of what is possible: rounds of the coarse model, played by a wide beam search with perfect information."""
+"""Estimate what is possible: play rounds of the coarse model by a wide beam search with perfect information."""
 
 from typing import Any
 
@@ -23,7 +23,10 @@ def _play(begin, goal, until_s):  # type: ignore[no-untyped-def]
 
 
 class Estimate:
-    """Plays starts of one configuration with the ghosts' next steps known and the robot's lags of the model."""
+    """Play rounds of one configuration in the coarse model by a beam search that foresees every ghost move.
+
+    The robot has the lags of the coarse model.
+    """
 
     def __init__(self, behaviours: list[Behaviour], config: Config, width: int) -> None:
         self.config = config

@@ -102,9 +102,10 @@ def build_graph(assets: MapAssets, most_pairs: int = MOST_PAIRS) -> Graph:
 def _moves(
     start: NDArray[np.int64], ends: NDArray[np.int64], square: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int8]]:
-    """Return the first move of each block, and for each move its destination block and its kind.
+    """Return the index of the first move of each block, and for each move its destination block and its kind.
 
-    A path through a corner block is as long as the direct one, so two steps count as one move if their squares touch.
+    Two steps count as one move if the squares of the first and the last block touch, also at a corner: the path through
+    the block between them is as long as the direct path.
     """
     count = len(square)
     origin = np.repeat(np.arange(count), np.diff(start))

@@ -1,4 +1,4 @@
-"""Solve the pursuit: the pairs of blocks from which a robot with perfect information is never caught, or how late.
+"""Compute for each pair of blocks how long a robot with perfect information can escape one ghost, maybe for ever.
 
 States are (robot block, ghost block, credit), where credit is how far the ghost has walked from its block to the next
 one, in fractions of a square. A state is lost if all moves of the robot lead to lost states. The other states are the
@@ -102,9 +102,9 @@ def _after(state, to, kind, j, targets, graph, p):  # type: ignore[no-untyped-de
 
 @kernel
 def _longest(r, g, credit, held, targets, graph, p, left):  # type: ignore[no-untyped-def]
-    """Return the longest time that a move of the robot leaves (FOR_EVER at once if one does), and that move.
+    """Return the time until capture after the robot's best move, and the number of this move.
 
-    The move ``held`` is tried first.
+    The move ``held`` is tried first. The search ends at the first move after which the robot is never caught.
     """
     begin = graph.first_move[r]
     many = graph.first_move[r + 1] - begin + 1  # move 0 is waiting

@@ -30,7 +30,7 @@ _ROUND_BYTES, _FILE_BYTES = 2**14, 2**21  # upper bounds of HDF5's overhead
 
 
 def is_dataset_id(name: str) -> bool:
-    """Return True if Minari accepts a name and returns the same one."""
+    """Return True if Minari can split a data set name into its parts and compose the same name from them."""
     try:
         return gen_dataset_id(*parse_dataset_id(name)) == name
     except ValueError:

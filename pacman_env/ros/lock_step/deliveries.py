@@ -133,7 +133,7 @@ class Deliveries:
                 self._put_taken(member, waitable, data)
 
     def take_all(self) -> None:
-        """Take all messages, including those from outside."""
+        """Take all pending messages from the middleware, including messages from other processes."""
         self._turn = None
         for member, entity in self.index.all:
             self._take(member, entity)

@@ -49,7 +49,7 @@ class LockStepGame(LockStep):
         return self.add(node_class(name), self.setup.command(name)[1:])
 
     def join(self, make: Callable[[], BaseNode]) -> Any:
-        """Add a node of another kind, without losses, to the game's namespace and return the node."""
+        """Add a node that ``make`` creates to the game's namespace, without message losses, and return it."""
         arguments = ["--ros-args", "-r", f"__ns:={self.namespace}", "-p", "use_sim_time:=true"]
         return self.add(make, arguments, loses=False).node
 

@@ -25,10 +25,11 @@ SILENCE_S = 60.0  # of real time, the longest duration of a callback
 
 
 class LockStep:
-    """Nodes of this process and their simulated time.
+    """Run nodes in this process and step their simulated time.
 
-    ``seed`` decides all draws of nodes and losses. ``domain`` None: ROS domain of the environment. The process ends if
-    a callback takes ``silence_s`` of real time. If ``alone``, the nodes discover no other process.
+    ``seed`` decides message losses and all random numbers of the nodes. ``domain`` is the ROS domain; None: the domain
+    that the environment variable sets. The process ends if a callback takes ``silence_s`` of real time. If ``alone``,
+    the nodes discover no other process.
     """
 
     def __init__(

@@ -214,7 +214,10 @@ class GameController(GameNode):
         self._do(self.game.base_clyde_speed(number_of(message, 0.0, MAX_SPEED_MPS)))
 
     def last_messages(self) -> Iterable[Any]:
-        """Stop robot and lights at the end; after a standstill save the game for the restarted referee instead."""
+        """Stop the robot and the lights at the end, and remove the saved game.
+
+        If the process ends because it stood still too long, save the game for the restarted referee instead.
+        """
         if self.status == STOOD_STILL:
             self._save()
             return ()

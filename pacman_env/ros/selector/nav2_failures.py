@@ -74,7 +74,7 @@ class Nav2Failures:
 
     @property
     def words(self) -> str:
-        """Text to report; empty if there is nothing to report."""
+        """Describe the goals that Nav2 rejected or aborted in a row; return "" if there are too few to report."""
         if self.in_a_row < MANY:
             return ""
         if self._what == REJECTED:

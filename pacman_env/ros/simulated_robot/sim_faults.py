@@ -1,4 +1,4 @@
-"""Faults of the simulated robot, given in words: ``abort 2.0``, ``end abort``, ``end``."""
+"""Parse faults of the simulated robot: ``abort 2.0`` begins one, ``end abort`` ends it, ``end`` ends all."""
 
 import math
 

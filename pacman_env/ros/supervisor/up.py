@@ -99,7 +99,10 @@ def check(setup: GameSetup, plays_on: bool = False) -> None:
 
 
 def be_alone(status_line: StatusLine, lock: GameLock, writer: LineWriter, stop: StopSignals) -> None:
-    """Refuse to play while another game runs, unless it ends soon; a game discovered later ends itself."""
+    """Wait until no other game runs in the namespace; raise ValueError if one still runs after ``GOING_S``.
+
+    If two games discover each other only later, the one that started later ends itself.
+    """
     status_line.spin_until(lambda: stop.asked or status_line.others(), DISCOVERY_S)
     deadline = time.monotonic() + GOING_S
     while not stop.asked and (reason := status_line.others() or lock.acquire()):

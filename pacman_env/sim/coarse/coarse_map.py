@@ -328,9 +328,11 @@ def _find_next(start, ends, cost, length, following):  # type: ignore[no-untyped
 
 @kernel
 def _settle_ties(targets, blocks, start, cost, length, joined, following):  # type: ignore[no-untyped-def]
-    """Resolve ties like Dijkstra's algorithm from the target with a queue that pops the newest of equal entries first.
+    """Write the next block to ``following`` for each pair of ``targets`` and ``blocks`` with several shortest paths.
 
-    Pairs of target and block are sorted by length, so that the next blocks of all nearer blocks are known.
+    Choose the block that Dijkstra's algorithm would choose if it started at the target and its queue popped the newest
+    of equal entries first. The pairs must be sorted by path length, so that the next blocks of all nearer blocks are
+    known.
     """
     for i in range(len(targets)):
         t, v = targets[i], blocks[i]

@@ -158,7 +158,7 @@ def _list_ways(robot, model, goals):  # type: ignore[no-untyped-def]
 
 @kernel
 def look_ahead(s, i, level, wanted, a, result):  # type: ignore[no-untyped-def]
-    """Write ``result`` (C, COLUMNS) for situation i of ``s``; candidates outside the mask ``wanted`` (C,) get zeros."""
+    """Write the outlook of each candidate in situation i to ``result`` (C, COLUMNS), 0 if not ``wanted`` (C,)."""
     result[:] = 0.0
     m = coarse_arrays(level.later[COARSE_MAP])
     bit = a.bit[: len(m.goal_xy)]

@@ -35,10 +35,11 @@ def apart_cm(a, b):  # type: ignore[no-untyped-def]
 
 @kernel
 def places_left(before, now, moved_m, places):  # type: ignore[no-untyped-def]
-    """Return the share of ``places`` (bits, possible destinations of a ghost) that it approached, and these places.
+    """Return which share of its possible destinations a ghost approached, and the destinations that remain possible.
 
-    ``before`` and ``now`` are its path lengths to all goals in cm, of which at most 64 are used. If it approached none
-    of the places, the share is 0 and the new places are all that it approached in this move.
+    ``places`` are the possible destinations, as bits. ``before`` and ``now`` are path lengths of the ghost to all goals
+    in cm, of which at most 64 are used. If the ghost approached none of ``places``, the share is 0, and the goals that
+    it did approach become its possible destinations (all goals if it approached none).
     """
     count, going, left, ahead = min(len(before), _PLACES), 0, np.int64(0), np.int64(0)
     for k in range(count):

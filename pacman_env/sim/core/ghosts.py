@@ -342,7 +342,10 @@ class MapGhosts:
         spawn_ghost(self._ghosts.state[0, number], cell, self._ghosts.paths[0, number], self.cells.position)
 
     def respawn(self, away_from: Sequence[tuple[float, float]], numbers: Sequence[int] | None = None) -> None:
-        """Place ghosts on random cells far from ``away_from`` (m), in the connected area of its first place."""
+        """Place the ghosts ``numbers`` (None: all) on random cells far from the places ``away_from`` (m).
+
+        The cells are in the connected area of the first of these places, or in Clyde's area if there are none.
+        """
         part = self._assets.clyde_part
         if away_from:
             part = int(self.cells.part[self.cells.nearest(*away_from[0])[0]])

@@ -176,7 +176,7 @@ class GeneratedMaps:
         return LevelFacts(most_pellets(config, self.scale), refuges, cells, UNREACHABLE_CM, cells, _LONGEST_GHOST_WAY)
 
     def prepare(self, level: int) -> Level:
-        """Return a level, loaded from its file if it belongs to the cached set and was prepared before."""
+        """Return a level; load it from its file if it was prepared and cached before."""
         prepare = functools.partial(prepare_level, level, self._config, self.scale)
         cached = self.files.load(level, prepare) if self._is_kept(level) else None
         if cached is None:
@@ -190,7 +190,11 @@ class GeneratedMaps:
         return LevelFiles(self._config, self.scale)
 
     def _is_kept(self, level: int) -> bool:
-        """Return True if a level belongs to the default set or to the set of this source, if that is not too large."""
+        """Return True if a level is cached on disk once it is prepared.
+
+        The cache contains the default training and test sets. It also contains the levels of this source if they begin
+        with the first training or test level and there are at most ``_MOST_KEPT``.
+        """
         first = TEST_LEVEL if level >= TEST_LEVEL else 0
         own = self.num_levels if self.start_level == first and self.num_levels <= _MOST_KEPT else 0
         return level - first < max(own, TEST_SET if first else TRAIN_SET)

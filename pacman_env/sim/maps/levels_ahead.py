@@ -89,7 +89,7 @@ class LevelsAhead:
 
 
 class _Workers:
-    """Worker threads and their shared state, without a reference to the owner, so that it can be collected."""
+    """Run worker threads without a reference to their owner, so that Python can free the owner while they run."""
 
     def __init__(self) -> None:
         self.jobs: SimpleQueue[tuple[int, Future[Level]] | None] = SimpleQueue()
@@ -119,7 +119,7 @@ class _Workers:
             del job, future  # release the level before waiting for the next one
 
     def stop(self) -> None:
-        """Stop after the current level; takes no lock, because the collector may call this from any thread."""
+        """Stop after the current level; takes no lock, because the garbage collector may call this from any thread."""
         self._stopped = True
         for _ in self._threads:
             self.jobs.put(None)

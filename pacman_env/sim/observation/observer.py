@@ -97,7 +97,7 @@ class Observer:
 
     @cached_property
     def _raw(self) -> Observation:
-        """Arrays that the kinds fill, (N, ...), with all candidates."""
+        """Return the arrays (N, ...) that the observation kinds fill, with all candidates."""
         arrays = {}
         for key, part in self._raw_parts.items():
             if key != MASK:

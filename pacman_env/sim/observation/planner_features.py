@@ -83,8 +83,8 @@ def planner_stage(
 ) -> Stage:
     """Return the stage that fills the features of the candidates in the mask ``wanted`` (N, C) from a situation.
 
-    The stage returns ``NEEDS_MAPS`` if a ghost is believed to approach the robot on a map that :func:`maps_wanted` has
-    not prepared in its slot.
+    The stage returns ``NEEDS_MAPS`` if a ghost is believed to approach the robot on a map without a coarse map. Call
+    :func:`maps_wanted` and run the stage again.
     """
     seen = prediction.seen_arrays(situation, robot_speed_mps)
     arrays = {"seen": seen, "wanted": wanted, "candidates": candidates, "whole": whole}
@@ -107,7 +107,7 @@ def maps_changed(situation: Situation, slots: NDArray[np.integer[Any]]) -> None:
 
 
 def maps_wanted(situation: Situation) -> None:
-    """Prepare the maps on which a ghost is believed to approach the robot for the outlook."""
+    """Add the coarse map, which the outlook needs, to each map on which a ghost is believed to approach the robot."""
     maps, hunted = maps_of(situation), comes(situation.belief.T).any(axis=0)
     for level in maps.levels(situation.level[hunted]) if hunted.any() else ():
         add_coarse_map(level)

@@ -31,7 +31,10 @@ PART = np.dtype(
 
 
 class CandidateArrays(NamedTuple):
-    """Arrays for listing candidates: N situations, C candidates, K in the list (0: all, in their own order)."""
+    """Group the arrays of :func:`list_candidates`: N situations, C candidates, m actions, k listed candidates.
+
+    If k is 0, all candidates are listed, in their own order.
+    """
 
     kind: Any = Array(np.int8, "N C")
     mask: Any = Array(np.bool_, "N C")

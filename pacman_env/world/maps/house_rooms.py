@@ -91,7 +91,7 @@ def _is_sound(floor: Floor) -> bool:
 
 
 def _choose_doors(dice: Dice, floor: Floor, loops: int, corner: float, door: float) -> list[Wall]:
-    """Return the doors of a tree over the rooms plus one per loop, with a dead end, or [] if that is impossible."""
+    """Choose doors that connect all rooms with ``loops`` loops and at least one dead end; return [] if impossible."""
     rooms = floor.rooms
     hubs = floor.halls or {max(range(len(rooms)), key=lambda k: area(rooms[k]))}
     burden = {}  # walls with a low burden get doors first

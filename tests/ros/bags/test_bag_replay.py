@@ -131,7 +131,7 @@ def test_bag_without_round_is_refused(tmp_path: Path) -> None:
         replay_bag(words_bag(tmp_path / "idle", GAME_STATE=["menu"]), "house", "nearest")
 
 
-def test_configuration_is_that_of_goal_selector(tmp_path: Path) -> None:
+def test_recorded_configuration_is_read_from_goal_selector(tmp_path: Path) -> None:
     fields = {"clyde.speed_mps": 0.35, "clyde.ghosts": ("wander", "far/away.onnx"), "max_pellets": 20}
     own = said("goal_selector", make_config(**fields).as_dict())
     others = said("sim_robot", make_config("ideal").as_dict())

@@ -217,7 +217,7 @@ def test_service_is_answered_in_same_step(nodes: Session) -> None:
     assert nodes.now_s == began
 
 
-def test_games_in_one_process_do_not_meet(domain: int, tmp_path: Path) -> None:
+def test_second_game_in_process_receives_no_old_messages(domain: int, tmp_path: Path) -> None:
     make: Callable[[], LockStep] = LockStep
     for _ in range(2):
         game = make()

@@ -67,7 +67,7 @@ def test_stop_outlives_its_sender_and_readers(nodes: Session) -> None:
     assert not mapper.stop.stopped
 
 
-def test_change_is_told_once(nodes: Session) -> None:
+def test_change_of_stop_is_reported_once(nodes: Session) -> None:
     planner, page, other = (join(nodes, name) for name in ("goal_selector", "pacman_page", "another_page"))
     request(nodes, page, True, "guest-1")
     request(nodes, other, True, "guest-2")
@@ -138,7 +138,7 @@ def test_stop_is_repeated_and_nobody_drives(wheels: tuple[Wheels, list[tuple[flo
     assert said[-1] == (0.0, 0.0)
 
 
-def test_closed_wheels_stand() -> None:
+def test_closing_wheels_stops_robot_and_refuses_driving() -> None:
     said: list[tuple[float, float]] = []
     own = Wheels(lambda v, omega: said.append((v, omega)))
     own.drive(0.2, 0.0)
@@ -178,7 +178,7 @@ def test_ray_0_is_ahead_wherever_lidar_looks() -> None:
     assert np.isfinite(turned).sum() == 3
 
 
-def test_newest_reason_alone_is_kept_in_news() -> None:
+def test_news_keeps_only_the_newest_reason() -> None:
     news = News()
     for number in range(MOST_NEWS):
         news.add(why={"goal": number})
@@ -190,7 +190,7 @@ def test_newest_reason_alone_is_kept_in_news() -> None:
     assert [one["words"] for one in news.after(2 * MOST_NEWS - 2) if "words" in one] == [str(MOST_NEWS - 1)]
 
 
-def test_configuration_is_told_by_its_differences() -> None:
+def test_configuration_is_described_by_preset_and_differences() -> None:
     def text(*arguments: Any, **fields: Any) -> str:
         return json.dumps(make_config(*arguments, **fields).as_dict())
 

@@ -105,7 +105,7 @@ def test_function_of_a_plugin_ghost_is_called() -> None:
     assert not np.array_equal(steps(chaser, 40), path)
 
 
-def test_wanderers_depend_on_seed_and_future() -> None:
+def test_wanderers_depend_on_seed_and_future_number() -> None:
     config = config_of("wander")
     situation = situation_of(config)
 

@@ -91,7 +91,7 @@ def test_inactive_cancels_and_repeated_goals_are_refused() -> None:
     assert not navigation.cancel(A)
 
 
-def test_old_goal_reached_on_the_way_ends_nothing() -> None:
+def test_replaced_goal_reached_on_the_way_stays_aborted() -> None:
     navigation = under_way(3.15, (1.05, 0.0), **PERFECT)
     assert 0.3 < away(navigation.robot, 1.05, 0.0) < 0.4
     navigation.send(B, *LEFT)
@@ -167,7 +167,7 @@ def test_requested_abort_comes_after_its_delay() -> None:
     assert brief(drive(navigation)) == [(B, SUCCEEDED, nav.NONE)]
 
 
-def test_leaving_server_stops_robot_and_ends_nothing() -> None:
+def test_leaving_server_stops_robot_and_reports_no_result() -> None:
     navigation = under_way(2.0)
     navigation.send(B, *RIGHT)
     navigation.forget()

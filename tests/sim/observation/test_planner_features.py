@@ -92,7 +92,7 @@ def test_order_of_candidates_does_not_matter() -> None:
     np.testing.assert_array_equal(whole, same)
 
 
-def test_listed_candidates_have_the_same_bits() -> None:
+def test_features_do_not_depend_on_selected_candidates() -> None:
     batch = new_batch(make_config(**{"clyde.ghosts": ("arcade", "chase", "wander")}), 8)
     for k in range(6):
         batch.step(np.arange(8) + k)

@@ -128,7 +128,7 @@ def test_robot_sees_and_chooses_like_the_simulator(source: str, seed: int) -> No
     assert counts["same_cell"] > 0.9 * counts["ticks"]
 
 
-def test_robot_agrees_after_aborts_and_fast_ghosts() -> None:
+def test_robot_matches_simulator_despite_aborts_and_fast_ghosts() -> None:
     policies = [make_policy("lookahead"), make_policy("clyde_aware"), make_policy("nearest"), make_policy("random")]
     changes = {"nav2.abort_rate": 0.5, "clyde.speed_mps": 0.45, "execution.death_radius_m": 1e-6}
     assert play("maze", 5, policies, 150, **changes)["barred"] > 5
