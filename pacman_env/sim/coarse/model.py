@@ -13,7 +13,8 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
 from ...config import Config
-from ...engine.arrays import Array, Table, address, arrays_by_address, reals_at, zeros
+from ...engine.arrays import Array, Table, address, arrays_by_address, reals_at
+from ...engine.arrays import zeros as zero_arrays  # the key of a kernel would mistake ``zeros`` for that of NumPy
 from ...engine.jit import kernel
 from ...engine.native import address_of_kernel, call_range
 from ...game.ghosts import WANDER, Behaviour, view_of
@@ -116,6 +117,11 @@ class BehaviourArrays(NamedTuple):
 behaviour_arrays = arrays_by_address(BehaviourArrays)
 
 
+def new_behaviour_arrays(ghosts: int) -> BehaviourArrays:
+    """Return arrays of zeros, with which all ghosts wander."""
+    return BehaviourArrays(**zero_arrays(BehaviourArrays, BehaviourArrays._fields, G=ghosts))
+
+
 def _decide_behaviour(table, k, unused):  # type: ignore[no-untyped-def]
     """Write the target of ghost k, computed from its view."""
     a = behaviour_arrays(table)
@@ -131,12 +137,12 @@ class Behaviours:
     def __init__(self, behaviours: Sequence[Behaviour], config: Config) -> None:
         """Compile the behaviours; ghosts that a policy controls are modelled as wandering."""
         self._constants = [np.array(one.constants(config), dtype=np.float64) for one in behaviours]
-        arrays = zeros(BehaviourArrays, BehaviourArrays._fields, G=len(behaviours))
+        arrays = new_behaviour_arrays(len(behaviours))
         for k, one in enumerate(behaviours):
             if one.target is not None and one.name != WANDER:
                 function = address_of_kernel(behaviour_kernel(_decide_behaviour, one))
-                arrays["behaviours"][k] = function, address(self._constants[k])
-        self.table = Table(BehaviourArrays, **arrays)
+                arrays.behaviours[k] = function, address(self._constants[k])
+        self.table = Table(BehaviourArrays, **arrays._asdict())
 
 
 class Model(NamedTuple):

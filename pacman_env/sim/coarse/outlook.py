@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
-from ...engine.arrays import Array, Table, arrays_by_address, zeros
+from ...engine.arrays import Array, Table, arrays_by_address
 from ...engine.jit import kernel
 from ...engine.native import address_of
 from ...game.behaviour_belief import BELIEVED, WANDERS, comes, taken_for
@@ -32,6 +32,7 @@ from .model import (
     begin,
     copy_ghosts,
     lead_m,
+    new_behaviour_arrays,
     play,
     put_ghost,
     put_robot,
@@ -79,7 +80,7 @@ class Outlook:
         if not fits:
             self._memory, self._tables, self._places = [], [], []
         while len(self._memory) < threads:
-            own = BehaviourArrays(**zeros(BehaviourArrays, BehaviourArrays._fields, G=ghosts))
+            own = new_behaviour_arrays(ghosts)
             table = Table(BehaviourArrays, **own._asdict())
             self._memory.append(
                 OutlookArrays(
