@@ -1,6 +1,7 @@
 """How large a file, a class and a function may be, so that each can be read at once."""
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TypeVar
@@ -49,6 +50,14 @@ def test_files_have_at_most_450_lines() -> None:
     lines = {str(path.relative_to(ROOT)): len(path.read_text().splitlines()) for path in SOURCES}
     assert len(lines) > 250
     assert {name: count for name, count in lines.items() if count > MOST_LINES} == {}
+
+
+def test_file_to_begin_with_has_at_most_250_lines_in_every_room() -> None:
+    table = re.findall(r"^\| `(\w+)/` \| `([\w/]+\.py)` \|", (ROOT / "docs/architecture.md").read_text(), re.MULTILINE)
+    package = ROOT / "pacman_env"
+    assert {room for room, _ in table} == {path.parent.name for path in package.glob("*/__init__.py")}
+    lines = {file: len((package / file).read_text().splitlines()) for _, file in table}
+    assert {file: count for file, count in lines.items() if count > 250} == {}
 
 
 def test_classes_have_at_most_25_methods_or_attributes() -> None:

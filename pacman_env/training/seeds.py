@@ -34,6 +34,7 @@ from pacman_env.training.checkpoint import facts_path, read_facts
 from pacman_env.training.export import export_planner
 from pacman_env.training.fragments import use_device
 from pacman_env.training.held_out import HeldOut
+from pacman_env.training.run import check_same, plain
 
 _PROG = "pacman-env seeds"
 _NOTED = "member.json"  # written last: marks a complete member
@@ -137,7 +138,7 @@ def forget(arguments: Arguments) -> None:
 
 
 def _cached(arguments: Arguments) -> Path:
-    key = hashlib.sha256(json.dumps([train.plain(arguments), package_hash()]).encode()).hexdigest()[:24]
+    key = hashlib.sha256(json.dumps([plain(arguments), package_hash()]).encode()).hexdigest()[:24]
     return cache_dir() / "seeds" / key
 
 
@@ -165,7 +166,7 @@ def _train(arguments: Arguments) -> Trained:
     share, each = test.shares(completed)
     figures = {
         "seed": arguments.seed,
-        "settings": train.plain(arguments),
+        "settings": plain(arguments),
         "rounds": len(completed),
         "completed": share,
         "completed_against": each,
@@ -190,7 +191,7 @@ def _read(out: Path, member: Arguments) -> dict[str, Any] | None:
         settings = figures["settings"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{path}: cannot be read: {error}") from None
-    train.check_same(path, settings, train.plain(member))
+    check_same(path, settings, plain(member))
     if missing := [name for name in _SHOWN if name not in figures]:
         raise ValueError(f"{path}: of another version, without {missing[0]!r}: move its folder away to train it again")
     return dict(figures)

@@ -24,7 +24,8 @@ from pacman_env.executors.base import Executor
 from pacman_env.executors.choice import add_executor_arguments, run_training
 from pacman_env.files import prepare, write_text
 from pacman_env.training.arguments import FOLDER, Arguments, Hyperparameters, load_hyperparameters
-from pacman_env.training.train import check_same, train
+from pacman_env.training.run import check_same
+from pacman_env.training.train import train
 
 #: Search space. Rates are initial values; they decrease in the same proportion as in the tuned section.
 SPACE: dict[str, BaseDistribution] = {

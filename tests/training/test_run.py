@@ -17,7 +17,8 @@ import torch
 
 from pacman_env.training.arguments import Arguments
 from pacman_env.training.checkpoint import read_facts
-from pacman_env.training.train import Run, train
+from pacman_env.training.run import Run
+from pacman_env.training.train import train
 from tests.training.test_arguments import tiny
 
 State = dict[str, torch.Tensor]

@@ -1,0 +1,81 @@
+"""Subcommands of ``pacman-env map``: check, list and generate maps."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from pacman_env.cli.command import finite_number, whole_number
+
+
+def add_map_group(commands: Any) -> None:
+    parser = commands.add_parser("map", help="check, list and generate occupancy maps")
+    group = parser.add_subparsers(metavar="SUBCOMMAND", required=True)
+    check = group.add_parser("check", help="areas, pellets and warnings of one map")
+    add, number = check.add_argument, finite_number()
+    add("map", metavar="FILE_OR_NAME", help="a map's YAML, its folder, or a shipped map's name")
+    add("--json", action="store_true", help="print the report as JSON")
+    add("--home", nargs=2, type=number, default=(0.0, 0.0), metavar=("X", "Y"), help="start, m (0 0)")
+    add("--spacing", type=number, default=2.0, help="pellet spacing, m (%(default)s)")
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable")
+    check.set_defaults(run=_map_check)
+    group.add_parser("list", help="names of the shipped maps").set_defaults(run=_map_list)
+    generate = group.add_parser("generate", help="write the houses of levels as map files")
+    generate.add_argument("folder", type=Path, help="where generated-LEVEL.yaml and .pgm go")
+    generate.add_argument("--level", type=whole_number(0), default=0, help="the first level (%(default)s)")
+    generate.add_argument("--count", type=whole_number(0), default=1, help="how many (%(default)s)")
+    generate.set_defaults(run=_map_generate)
+
+
+def _map_check(arguments: argparse.Namespace) -> int:
+    from pacman_env.config import make_config, parse_settings
+    from pacman_env.game.pellets import generate_pellets
+    from pacman_env.sim.maps.assets import map_assets
+    from pacman_env.world.maps.map_check import check_map
+    from pacman_env.world.maps.occupancy import load_map
+
+    config = make_config(**({"pellets.spacing_m": arguments.spacing} | parse_settings(arguments.set)))
+    occupancy = load_map(arguments.map)
+    try:
+        pellets = generate_pellets(occupancy, config.pellets)
+    except ValueError as error:
+        raise ValueError(f"{occupancy.name}: {error}") from None
+    report = check_map(occupancy, pellets.position, pellets.ids, config, home=tuple(arguments.home))
+    refusal = None
+    try:
+        map_assets(occupancy, config)
+    except ValueError as error:
+        refusal = str(error)
+    if arguments.json:
+        print(json.dumps({**report.as_dict(), "refusal": refusal}, indent=2))
+    else:
+        print(report.render(), *([f"cannot be played: {refusal}"] if refusal else []), sep="\n")
+    return 1 if refusal else 0
+
+
+def _map_list(arguments: argparse.Namespace) -> int:
+    from pacman_env.world.maps.occupancy import shipped_maps
+
+    print(*shipped_maps(), sep="\n")
+    return 0
+
+
+def _map_generate(arguments: argparse.Namespace) -> int:
+    from pacman_env.config import make_config
+    from pacman_env.sim.maps.level_source import TEST_LEVEL, TEST_LEVELS, prepare_level
+
+    config = make_config()
+    last = arguments.level + arguments.count - 1
+    if arguments.count < 1 or last >= TEST_LEVEL + TEST_LEVELS or arguments.level < TEST_LEVEL <= last:
+        raise ValueError(
+            f"levels {arguments.level} to {last}: training has 0 to {TEST_LEVEL - 1}, "
+            f"testing {TEST_LEVEL} to {TEST_LEVEL + TEST_LEVELS - 1}"
+        )
+    files = {level: arguments.folder / f"generated-{level}.yaml" for level in range(arguments.level, last + 1)}
+    for file in (one.with_suffix(suffix) for one in files.values() for suffix in (".yaml", ".pgm")):
+        if file.exists():
+            raise ValueError(f"{file}: is there already")
+    arguments.folder.mkdir(parents=True, exist_ok=True)
+    for level, file in files.items():
+        print(prepare_level(level, config).occupancy.save(file))
+    return 0
