@@ -19,6 +19,7 @@ from pacman_env.game.execution import (
     NO_CHOICE,
     REJECTED,
     RESULT,
+    RUNNING,
     SEND,
     SUCCEEDED,
     Board,
@@ -78,7 +79,7 @@ def test_what_is_done_with_a_choice(
         assert game.record.pursued == {SEND: chosen, KEEP: pursued, CANCEL: NO_CHOICE}[expected]
 
 
-def test_dwell_time_delays_pellets_but_not_refuges() -> None:
+def test_fault_8_dwell_time_delays_pellets_but_not_refuges() -> None:
     game = Round(**{"execution.min_dwell_s": 1.0})
     assert game.step(CHOICE, 3, now=5.0, navigating=False) == SEND
     assert game.step(CHOICE, 4, now=5.9) == KEEP
@@ -172,6 +173,21 @@ def test_goal_survives_pick_up_except_as_built() -> None:
         assert game.record.pursued == 2
         assert game.step(CHECK, at=(2.1, 0.0)) == expected
         assert game.record.pursued == NO_CHOICE
+
+
+def test_distances_of_rules_follow_the_configuration() -> None:
+    near = {"execution.pickup_radius_m": 0.8, "execution.death_radius_m": 0.15, "execution.success_margin_m": 0.8}
+    for changes, collected, counted, end in (({}, 0, 0, DEAD), (near, 1, 1, RUNNING)):
+        game = Round(**changes)
+        game.step(CHECK, at=(-0.7, 0.0))
+        assert game.record.collected == collected
+        game = Round(**changes)
+        game.record.pursued = 5
+        game.step(RESULT, SUCCEEDED, at=(5.0, 0.9))
+        assert game.record.collected == counted
+        game = Round(**changes)
+        game.step(CHECK, ghosts=((50.2, 0.0),))
+        assert game.record.end == end
 
 
 def test_round_is_complete_when_all_pellets_are_collected() -> None:

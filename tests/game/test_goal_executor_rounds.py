@@ -116,7 +116,7 @@ def test_way_home_begins_by_state_and_reports_once() -> None:
         (SUCCEEDED, (0.38, 0.0), "home_reached"),  # as Nav2 saw it a moment before
     ],
 )
-def test_home_fails_only_if_robot_is_elsewhere(status: int, pose: tuple[float, float], report: str) -> None:
+def test_fault_9_home_fails_only_away_from_home(status: int, pose: tuple[float, float], report: str) -> None:
     assert words(driving_home().finished(1, status, 9.0, at=pose)) == [f"status {report}"]
 
 

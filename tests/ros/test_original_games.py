@@ -12,7 +12,6 @@ from typing import Any
 
 import pytest
 
-from pacman_env.game.events import FEEDBACK, LIGHTS, SOUNDS
 from pacman_env.ros import topics
 from pacman_env.ros.messages import markers_of
 from pacman_env.ros.node import BaseNode
@@ -25,7 +24,6 @@ TRANSCRIPTS: dict[str, list[Line]] = json.loads((Path(__file__).parent / "golden
 SERVICES = {one.name: one for one in vars(topics).values() if isinstance(one, topics.Service)}
 TOPICS = {one.name: one for one in vars(topics).values() if isinstance(one, topics.Topic)}
 SETTINGS = ("execution.death_radius_m=0.001", "clyde.speed_mps=0.02", "show.start_s=2")  # no round is lost
-GHOSTS = ("clyde", "blinky", "pinky", "inky")
 
 
 class Original(BaseNode):
@@ -156,13 +154,3 @@ def test_referee_counts_reports_of_original_planner(domain: int, tmp_path: Path)
         play(nodes, original)
         assert [(one.topic, one.value) for one in nodes.records] == heard_in(name, "hears")
         assert nodes.errors() == []
-
-
-def test_words_of_original_nodes_have_their_answers() -> None:
-    events = {"start", "start theatrical", "pellet", "power pellet", "death", "game over", "win", "reset"}
-    assert events | {f"{ghost} {end}" for ghost in GHOSTS for end in ("caught", "killed")} <= set(FEEDBACK)
-    lights = {"start", "pellet", "power pellet", "pacman", "game over", "win", "off", "yellow", "red", "blue", "pink"}
-    assert lights | {"orange", "white"} | {f"{ghost} {end}" for ghost in GHOSTS for end in ("caught", "killed")} <= set(
-        LIGHTS
-    )
-    assert {"start", "pacman_theme", "pellet", "power pellet", "ghost", "death", "win"} <= set(SOUNDS)

@@ -56,40 +56,6 @@ def test_fault_6_goal_accepted_after_disable_is_cancelled(game: Game) -> None:
     assert len(game.nav2.goals) == 1
 
 
-def test_fault_8_goals_do_not_alternate_at_boundary(game: Game) -> None:
-    game.start()
-    game.begin()
-    a, b = pellet(0), pellet(1)
-    middle = (a[0] + b[0]) / 2, (a[1] + b[1]) / 2
-    for flip in range(16):
-        side = (a, b)[flip % 2]
-        game.stand(middle[0] + 0.25 * (side[0] - middle[0]), middle[1] + 0.25 * (side[1] - middle[1]))
-        game.session.advance(0.25)
-    assert len(set(game.nav2.all)) >= 2, "the policy never wavered"
-    assert len(game.nav2.goals) <= 2 + 16 * 0.25 / 1.0
-
-
-@pytest.mark.parametrize(("at", "report"), [((0.2, 0.0), "home_reached"), ((3.0, 0.0), "home_failed")])
-def test_fault_9_home_fails_only_away_from_home(game: Game, at: tuple[float, float], report: str) -> None:
-    game.start(home=list(map(float, game.pose)))
-    game.say(topics.GAME_STATE, "menu")
-    x, y = pellet(0)
-    game.stand(x, y)
-    game.condition(lambda c: c["pose"] and c["pose"][:2] == pytest.approx((x, y)), "the pose")
-    game.say(topics.GAME_COMMAND, "return_home")
-    game.say(topics.GAME_STATE, "returning_home")
-    goal = game.running_goal(1)
-    assert (goal.x, goal.y) == pytest.approx(game.pose[:2])
-    game.stand(*at)
-    game.condition(lambda c: c["pose"][:2] == pytest.approx(at), "the pose")
-    if report == "home_failed":
-        game.succeed(goal)  # Nav2 counts the nearest place that can be reached
-    else:
-        game.abort(goal)
-    game.status(report)
-    assert game.statuses() == [report]
-
-
 def test_fault_10_rules_continue_without_nav2(game: Game) -> None:
     game.end_nav2()
     game.start()

@@ -23,22 +23,6 @@ def base(make_robot: Make) -> Robot:
     return make_robot(**BASE, settings=EXACT)
 
 
-def test_base_alone_has_no_nav2_and_no_amcl(make_robot: Make) -> None:
-    robot = make_robot(**BASE, map_out=False)
-    robot.record(topics.MAP)
-    robot.advance(2.0)
-    assert not robot.client.server_is_ready()
-    observer = robot.observer
-    for topic in (topics.AMCL_POSE, topics.MAP):
-        assert observer.count_publishers(topic.name) == 0
-    for topic in (topics.INITIAL_POSE, topics.CLYDE_OBSTACLE, topics.CLYDE_POSE):
-        assert observer.count_subscribers(topic.name) == 0
-    services = dict(observer.get_service_names_and_types())
-    assert not [name for name in services if topics.CLEAR_GLOBAL_COSTMAP.name in name]
-    children = {t.child_frame_id for m in robot.messages(topics.TF) for t in m.transforms}
-    assert children == {"base_link"}
-
-
 @pytest.mark.parametrize(("asked_hz", "hz"), [(0, 50), (20, 20), (100, 100)])
 def test_odometry_comes_at_requested_rate(make_robot: Make, asked_hz: int, hz: int) -> None:
     robot = make_robot(**BASE, odometry_hz=asked_hz)
