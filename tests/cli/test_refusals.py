@@ -13,7 +13,7 @@ from pacman_env.world.maps.occupancy import OccupancyMap
 
 MAPS = Path(__file__).resolve().parents[2] / "maps"
 #: A library that a command needs and the base install does not have.
-NEEDED = {"play": "pygame", "web": "starlette", "dataset": "minari"}
+NEEDED = {"play": "pygame", "web": "starlette", "dataset": "minari", "seeds": "torch", "export": "torch"}
 #: What ``rounds.scenarios`` reads is refused alike in all commands; one of them is tried.
 COMMANDS = [
     ("fly", "invalid choice: 'fly'"),
@@ -149,6 +149,8 @@ COMMANDS = [
     ("dataset xx/a-v0 --id PacManBotVelocity-v0", "action = 'velocity': policies name goals"),
     ("dataset xx/a-v0 --set colour=red", "unknown configuration field 'colour'"),
     ("dataset xx/a-v0 --ghosts nobody", "unknown ghost behaviour 'nobody'"),
+    ("seeds --seeds -1", "must be at least 0"),
+    ("export absent.zip --out mine.onnx", "absent.zip: no such file"),
     ("benchmark --rounds 0", "0: must be at least 1"),
     ("benchmark --seconds -1", "-1: must be at least 0"),
     ("benchmark --json .", "is a folder"),

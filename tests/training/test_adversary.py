@@ -128,17 +128,6 @@ def test_training_starts_from_planner_or_checkpoint(kind: str, tmp_path: Path) -
     assert model_bytes(model.network) == model_bytes(network)
 
 
-@pytest.mark.parametrize("name", ["absent.onnx", "absent.zip", "text.onnx", "text.zip"])
-def test_invalid_planner_file_is_named(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "text.onnx").write_text("no model")
-    (tmp_path / "text.zip").write_text("no archive")
-    assert main([*TINY, "--out", str(tmp_path / "run"), "--start", str(tmp_path / name)]) == 2
-    error = capsys.readouterr().err
-    assert name in error or "text.json" in error
-    assert error.count("\n") == 1
-    assert not (tmp_path / "run" / "record.json").exists()
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

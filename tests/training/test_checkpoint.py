@@ -21,6 +21,7 @@ pytest.importorskip("sb3_contrib")
 import torch
 
 from pacman_env.config import make_config
+from pacman_env.evaluation.rounds.scenarios import load_policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sb3 import PacManBotVecEnv
 from pacman_env.training.checkpoint import (
@@ -83,7 +84,8 @@ def test_checkpoint_of_earlier_version_is_restored_and_saved(checkpoint: Path, t
 
 
 def test_checkpoint_planner_uses_robot_speed_of_its_facts(checkpoint: Path) -> None:
-    planner = load_planner(checkpoint)
+    planner = load_policy(str(checkpoint))
+    assert isinstance(planner, TorchPlanner)
     assert planner.name == "run"
     assert planner.robot_speed_mps == make_config("robot").robot.speed_mps
     write_facts(facts_path(checkpoint), Facts(0.2, FACTS.training, {}))

@@ -18,7 +18,7 @@ import torch
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import read_planner
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
-from pacman_env.training.export import OPSET, export_planner, main, model_bytes
+from pacman_env.training.export import OPSET, export_planner, model_bytes
 from pacman_env.training.network import FORBIDDEN, EntityNetwork
 from tests.training.planners import FACTS, plain, random_network, random_planner
 
@@ -112,12 +112,6 @@ def test_failed_export_keeps_existing_planner(network: EntityNetwork, facts: Any
     assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before
 
 
-def test_new_planner_replaces_old_planner(tmp_path: Path) -> None:
-    first, second = (LearnedPlanner(random_planner(tmp_path, seed=seed)).metadata.sha256 for seed in (1, 2))
-    assert first != second
-    assert len(list(tmp_path.iterdir())) == 2
-
-
 def test_export_does_not_change_network(tmp_path: Path) -> None:
     network = random_network()
     before = {name: value.clone() for name, value in network.state_dict().items()}
@@ -135,10 +129,3 @@ def test_export_refuses_to_write_through_symlink(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"link.onnx: is a link to real.onnx: name that"):
         export_planner(random_network(), tmp_path / "link.onnx", FACTS)
     assert [file.name for file in tmp_path.iterdir()] == ["link.onnx"]
-
-
-def test_command_refuses_missing_checkpoint(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    checkpoint, out = tmp_path / "mine.zip", tmp_path / "mine.onnx"
-    assert main([str(checkpoint), "--out", str(out)]) == 2
-    assert "mine.zip: no such file" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []

@@ -13,8 +13,8 @@ pytest.importorskip("sb3_contrib")
 
 from pacman_env.executors.base import InProcess
 from pacman_env.training import seeds, train
-from pacman_env.training.seeds import Trained, forget, main, train_all, train_member
-from tests.training.test_arguments import section, tiny
+from pacman_env.training.seeds import Trained, forget, train_all, train_member
+from tests.training.test_arguments import tiny
 from tests.training.test_run import same, weights
 
 CHANGES = {"evaluation": 4, "decisions": 64}
@@ -153,18 +153,6 @@ def test_damaged_training_starts_again(
     assert again.files["planner.onnx"] == whole.files["planner.onnx"]
 
 
-@pytest.mark.parametrize(
-    ("argv", "message"),
-    [(["--seeds", "1", "1"], r"seeds = \[1, 1\]: a seed is given twice"), (["--seeds", "-1"], "must be")],
-)
-def test_errors_end_with_one_line_and_status_2(
-    argv: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(tmp_path)
-        try:
-            status = main([*argv, "--config", str(section(tmp_path))])
-        except SystemExit as error:
-            status = int(str(error.code))
-    assert status == 2
-    assert message.replace("\\", "") in capsys.readouterr().err
+def test_seed_given_twice_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"seeds = \[1, 1\]: a seed is given twice"):
+        train_all(tiny(), [1, 1], tmp_path, InProcess())

@@ -1,9 +1,6 @@
 """The command from its arguments to a planner that plays; what goes wrong is one line and status 2."""
 
 import json
-import subprocess
-import sys
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -112,26 +109,6 @@ def test_quick_training_without_imitation_decides_by_events() -> None:
     assert parse(from_scratch).hyper.decide == "event"
     assert parse(["--quick"]).hyper.decide == parse(["--imitation", "0"]).hyper.decide == "tick"
     assert game_config(parse(from_scratch)).decisions.when == "event"
-
-
-def test_resuming_finished_run_writes_same_planner(tmp_path: Path) -> None:
-    options = tiny_options(tmp_path, "--out", str(tmp_path / "run"))
-    assert main(options) == 0
-    planner = tmp_path / "run" / "planner.onnx"
-    before = planner.read_bytes()
-    planner.unlink()
-    assert main([*options, "--resume"]) == 0
-    assert planner.read_bytes() == before
-
-
-@pytest.mark.daily
-def test_another_process_trains_same_bits(tmp_path: Path) -> None:
-    options = tiny_options(tmp_path, "--decisions", "64")
-    assert main([*options, "--out", str(tmp_path / "one")]) == 0
-    command = [sys.executable, "-m", "pacman_env.training.train", *options, "--out", str(tmp_path / "other")]
-    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
-    one, other = (zipfile.ZipFile(tmp_path / name / "best.zip").read("policy.pth") for name in ("one", "other"))
-    assert one == other
 
 
 def test_ablated_planner_drops_only_its_features_and_kinds(tmp_path: Path) -> None:

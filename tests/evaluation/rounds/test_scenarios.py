@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pacman_env.config import Config, ConfigError
-from pacman_env.episodes.rollout import episode_seeds, play
+from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.rounds import scenarios as sources
 from pacman_env.evaluation.rounds.scenarios import (
     LEVELS_PLAYED,
@@ -91,26 +91,6 @@ def test_checkpoint_without_torch_is_refused_by_name(monkeypatch: pytest.MonkeyP
     monkeypatch.setitem(sys.modules, "torch", None)
     with pytest.raises(ValueError, match=r"run\.zip: needs torch: .*pip install"):
         load_policy("run.zip")
-
-
-def test_checkpoint_plays_like_its_export(tmp_path: Path) -> None:
-    torch = pytest.importorskip("torch")
-    pytest.importorskip("onnx")
-    from pacman_env.training.checkpoint import facts_path, load_network, save_checkpoint, write_facts
-    from pacman_env.training.export import export_planner
-    from tests.training.planners import FACTS, random_network
-
-    checkpoint, exported, network = tmp_path / "run.zip", tmp_path / "mine.onnx", random_network()
-    save_checkpoint(checkpoint, network, torch.optim.Adam(network.parameters()))
-    write_facts(facts_path(checkpoint), FACTS)
-    export_planner(load_network(checkpoint), exported, FACTS)
-    config = CONFIG.with_fields(**{"time_limit_s": 60.0, "execution.pickup_radius_m": 2.0})
-    ours, theirs = (
-        play(open_scenario("house", config), config, load_policy(str(path)), episode_seeds(0, 6))[0]
-        for path in (checkpoint, exported)
-    )
-    np.testing.assert_array_equal(ours, theirs)
-    assert len(set(ours["collected"])) > 1
 
 
 def test_levels_equal_levels_of_environment() -> None:
