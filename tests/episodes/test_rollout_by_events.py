@@ -1,16 +1,11 @@
 """Episodes decided by events: those of the environment with ``decide="event"``, whoever plays them."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
-from pacman_env.config import Config, make_config
-from pacman_env.envs.outcome import OUTCOMES
+from pacman_env.config import make_config
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.episodes.rollout import episode_seeds, play
-from pacman_env.evaluation.replay import RecordedGame
-from pacman_env.evaluation.rounds.scenarios import open_scenario
 from pacman_env.heuristics.simple import Nearest
 from pacman_env.sim.maps.assets import map_assets
 from tests.episodes.watcher import Watcher
@@ -46,19 +41,3 @@ def test_endless_game_by_events_equals_the_environments() -> None:
     assert record["rounds"] == info["round"] - 1 > 0
     assert record["collected"] == info["score"]
     assert record["time_s"] == pytest.approx(time_s)
-
-
-@pytest.mark.parametrize(
-    ("config", "policy"),
-    [(CONFIG, "clyde_aware"), (ENDLESS.with_fields(**{"decisions.when": "event"}), "nearest")],
-)
-def test_replayed_round_equals_the_played_one(config: Config, policy: str) -> None:
-    source: Any = open_scenario("house", config)
-    seeds = episode_seeds(5, 2)
-    record = play(source, config, policy, seeds)[0][1]
-    game = RecordedGame(source, config, policy, seeds[1], policy)
-    while not game.over:
-        game.step()
-    words = f" in round {record['rounds'] + 1}" if config.endless else ""
-    assert game.outcome().startswith(f"{OUTCOMES[record['end']]}{words} after {record['time_s']:.1f} s, ")
-    assert game.outcome().split(" s, ")[1].startswith(f"{record['collected']} ")

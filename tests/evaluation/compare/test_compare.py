@@ -40,14 +40,6 @@ def test_json_has_every_row_and_setting(tmp_path: Path) -> None:
     assert (tmp_path / "p.png").is_file()
 
 
-def test_threads_and_workers_change_only_decision_times(tmp_path: Path) -> None:
-    policies = ["--policies", "lookahead", "nearest"]
-    one = comparison(tmp_path / "out.json", *policies)
-    for more in (["--threads", "7"], ["--threads", "2", "--workers", "2"]):
-        other = comparison(tmp_path / "out.json", *policies, *more)
-        assert one | {"arguments": None} == other | {"arguments": None}
-
-
 def test_options_change_configuration_of_game(tmp_path: Path) -> None:
     options = ["--preset", "ideal", "--execution", "as_built", "--clyde-spawn", "anywhere"]
     options += ["--clyde-spawn-distance", "0", "--set", "nav2.abort_rate=1", "--policies", "nearest"]

@@ -19,7 +19,7 @@ from pacman_env.evaluation.dataset.recording import (
     round_seeds,
     tasks_of,
 )
-from pacman_env.executors.base import Done, InProcess
+from pacman_env.executors.base import InProcess
 from pacman_env.policies.registry import make_policy
 from tests.evaluation.helpers import copy_planners
 
@@ -98,22 +98,6 @@ def test_rounds_of_level_are_adjacent_in_small_tasks() -> None:
     levels = arguments.make_source(config).levels_of(in_order)
     assert (np.diff(levels) >= 0).all()
     assert set(levels.tolist()) == {0, 1, 2}
-
-
-class _Backwards(InProcess):
-    """The last task first, as with several processes."""
-
-    def _ends(self, function: Any, tasks: Sequence[Any], homes: Any) -> Any:
-        for number in reversed(range(len(tasks))):
-            yield Done(number, function(tasks[number]))
-
-
-def test_recorded_tasks_keep_order_on_any_executor() -> None:
-    tasks = [Recording("nearest", ENVIRONMENTS["flat"], round_seeds(seed, 2)) for seed in range(3)]
-    forwards, backwards = (list(recorded(tasks, executor)) for executor in (InProcess(), _Backwards()))
-    assert len(forwards) == 3
-    assert all(map(equal, forwards, backwards))
-    assert not equal(forwards[0], forwards[1])
 
 
 class _Elsewhere(InProcess):

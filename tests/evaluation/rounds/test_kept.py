@@ -1,10 +1,6 @@
 """Evaluation commands continue with the rounds that were kept."""
 
 import json
-import os
-import subprocess
-import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -22,23 +18,7 @@ from pacman_env.policies.learned import PRETRAINED
 from pacman_env.policies.registry import make_policy
 from tests.evaluation.helpers import CONFIG, LEVELS, LEVELS_CONFIG, without_times
 
-ROOT = Path(__file__).resolve().parents[3]
 SHORT = ["--episodes", "6", "--spacing", "3", "--time-limit", "60"]
-#: Plays on when a file appears.
-WAITING = """\
-import os, time
-from pathlib import Path
-from pacman_env.heuristics.simple import Nearest
-
-
-class Waiting(Nearest):
-    name = "waiting"
-
-    def select(self, situation):
-        while not Path(os.environ["GO_ON"]).exists():
-            time.sleep(0.02)
-        return super().select(situation)
-"""
 
 
 def matchup(policy: str = "nearest", rounds: int = 6, **changes: Any) -> Matchup:
@@ -57,32 +37,18 @@ def play(folder: Path, *matchups: Matchup) -> int:
     return left
 
 
-@pytest.mark.daily  # the short run is test_kept_rounds_are_found_for_any_division
-@pytest.mark.parametrize(("before", "after"), [("2", "1"), ("1", "2")])
-def test_killed_run_resumes_to_the_same_json(before: str, after: str, tmp_path: Path) -> None:
-    (tmp_path / "waiting_policy.py").write_text(WAITING)
-    go_on = tmp_path / "go_on"
-    environment = {**os.environ, "PYTHONPATH": f"{ROOT}:{tmp_path}", "GO_ON": str(go_on)}
+def test_interrupted_run_keeps_ended_rounds(tmp_path: Path) -> None:
+    ended: list[int] = []
 
-    def command(name: str, *more: str) -> dict[str, Any]:
-        words = ["--policies", "nearest", "waiting_policy:Waiting", "--json", f"{name}.json", *more]
-        run = [sys.executable, "-m", "pacman_env.cli.main", "compare", *SHORT, *words]
-        return {"args": run, "cwd": tmp_path, "env": environment, "stderr": subprocess.PIPE, "text": True}
+    def interrupt(number: int) -> None:
+        ended.append(number)
+        if sum(ended) > 4:  # in the second matchup
+            raise KeyboardInterrupt
 
-    with subprocess.Popen(**command("cut", "--workers", before)) as stopped:
-        folder = tmp_path / "cut.parts"
-        while len(list(folder.glob("*.json"))) < int(before):
-            assert stopped.poll() is None
-            time.sleep(0.02)
-        stopped.kill()
-    kept_then = {path: path.stat().st_mtime_ns for path in folder.glob("*.json")}
-    assert not (tmp_path / "cut.json").exists()
-    go_on.touch()
-    resumed = subprocess.run(**command("cut", "--workers", after, "--resume"), check=True, stdout=subprocess.DEVNULL)
-    assert "6/6" in resumed.stderr  # of twelve rounds
-    subprocess.run(**command("whole"), check=True, stdout=subprocess.DEVNULL)
-    assert without_times(tmp_path / "cut.json") == without_times(tmp_path / "whole.json")
-    assert {path: path.stat().st_mtime_ns for path in kept_then} == kept_then
+    matchups = [matchup(rounds=4), matchup("random", rounds=4)]
+    with pytest.raises(KeyboardInterrupt):
+        KeptRounds(tmp_path, matchups, resume=True).play(InProcess(), interrupt)
+    assert play(tmp_path, *matchups) == 4
 
 
 def test_kept_rounds_are_found_for_any_division(tmp_path: Path) -> None:
