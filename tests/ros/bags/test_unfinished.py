@@ -22,15 +22,11 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
 from rosbags.rosbag2 import Reader
 
-from pacman_env.cli.main import main
 from pacman_env.ros import topics
 from pacman_env.ros.bags.bag import open_bag, unfinished_folder
 from pacman_env.ros.bags.record import FLUSH_S, NAME, RECORDED, Recorder, record
-from pacman_env.ros.messages import markers_of, pose_message
 from tests.ros import session
 from tests.ros.bags.recorded import refusal
-from tests.ros.bags.test_record import start_recording
-from tests.ros.selector_game import house, pellet
 
 CUT_OFF = McapError, struct.error  # what MCAP's library raises where a file is cut off
 
@@ -75,75 +71,6 @@ def recover(source: Path, out: Path) -> None:
             writer.finish()
 
 
-class Recording:
-    """A real recorder, and what is said beside it."""
-
-    def __init__(self, system: Any, probe: Any, out: Path) -> None:
-        self.probe, self.out = probe, out
-        self.folder = unfinished_folder(out)
-        self.file = self.folder / out.name / f"{out.name}.mcap"
-        self.said = 0
-        self.system = system
-        self.recorder = start_recording(system, out)
-        probe.wait_for(lambda: "recording /robot_15" in self.recorder.output, what="the recorder is up")
-
-    def say(self, *messages: tuple[topics.Topic, Any]) -> None:
-        """Publish, and wait until all is on the disk while the recorder goes on: nothing else is said meanwhile."""
-        for topic, message in messages:
-            self.probe.publish(topic, message)
-        self.said += len(messages)
-        self.probe.wait_for(lambda: self.on_the_disk() >= self.said, what="messages on the disk")
-
-    def on_the_disk(self) -> int:
-        return sum(len(messages) for _, messages in chunks_of(self.file))
-
-    def kill(self) -> None:
-        self.recorder.popen.kill()
-        self.recorder.popen.wait()
-        self.system.processes.remove(self.recorder)
-
-
-@pytest.fixture
-def recording(system: Any, probe: Any, tmp_path: Path) -> Recording:
-    return Recording(system, probe, tmp_path / "games" / "first")
-
-
-def test_recording_that_is_killed_contains_all_whole_chunks(
-    recording: Recording, capsys: pytest.CaptureFixture[str]
-) -> None:
-    probe, out = recording.probe, recording.out
-    here, pellets = house().grid.home.tolist(), {int(n): pellet(k) for k, n in enumerate(house().pellet_ids)}
-    pose = topics.AMCL_POSE.type()
-    pose.header.frame_id = "map"
-    pose.pose.pose = pose_message(*here, probe.stamp()).pose
-    recording.say(
-        (topics.GAME_STATE, "menu"),
-        (topics.CLYDE_SPEED, 0.25),
-        (topics.CLYDE_POSE, pose_message(50.0, 50.0, 0.0, probe.stamp())),
-        (topics.PELLET_MARKERS, markers_of(pellets, probe.stamp())),
-        (topics.AMCL_POSE, pose),
-        (topics.GAME_STATE, "running"),
-    )
-    recording.say((topics.SCORE, 1), (topics.GAME_STATUS, "pellet_collected:3"))
-    refusal(out, "not finished: Ctrl-C ends its recorder")
-    recording.kill()
-    assert recording.on_the_disk() == recording.said
-
-    whole = out / "first_0.mcap"
-    remedy = f"mkdir {out}; mcap recover {recording.file} -o {whole}; ros2 bag reindex {out}"
-    replay = ["--map", "house", "--policy", "nearest"]
-    assert main(["ros", "replay", str(out), *replay]) == 2
-    error = capsys.readouterr().err
-    assert error.endswith(f"if it was killed: {remedy}\n")
-    assert error.count("\n") == 1
-    with pytest.raises(FileExistsError, match=r"first\.unfinished: exists already; delete it, or .*; mcap recover "):
-        record(out, "robot_15")
-    out.mkdir()
-    recover(recording.file, whole)
-    assert main(["ros", "replay", str(whole), *replay]) == 0
-    assert "rounds 1, 1 pellet_collected" in capsys.readouterr().out
-
-
 @pytest.fixture(scope="module")
 def recorded(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A bag of three chunks, written by the recorder's node."""
@@ -155,10 +82,11 @@ def recorded(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Path:
             [(topics.SCORE, 1), (topics.GAME_STATE, "running")],
             [(topics.SCORE, 2)],
         ]
-        for messages in chunks:
+        for number, messages in enumerate(chunks, 1):
             for topic, message in messages:
                 nodes.publish(topic, message)
             nodes.advance(FLUSH_S)
+            assert len(chunks_of(folder / "first" / "first.mcap")) == number, "on the disk before the end"
         nodes.game.remove(recorder)
     assert [len(messages) for _, messages in chunks_of(folder / "first" / "first.mcap")] == [3, 2, 1]
     return folder / "first"
@@ -188,6 +116,17 @@ def test_recording_cut_anywhere_is_refused_in_one_line(recorded: Path, share: fl
     file.write_bytes(content[:length] + bytes((len(content) - length) * zeros))  # as a file system may fill up
     line = refusal(file, "no bag that can be read")
     assert ("; mcap recover " in line) == (length >= 8)  # with MCAP's first bytes
+
+
+def test_bag_of_running_recorder_is_refused_and_not_replaced(recorded: Path, tmp_path: Path) -> None:
+    out = tmp_path / "first"
+    file = unfinished_folder(out) / "first" / "first.mcap"
+    file.parent.mkdir(parents=True)
+    file.write_bytes((recorded / "first.mcap").read_bytes()[:-50])
+    remedy = f"mkdir {out}; mcap recover {file} -o {out / 'first_0.mcap'}; ros2 bag reindex {out}"
+    assert refusal(out, "not finished: Ctrl-C ends its recorder").endswith(f"if it was killed: {remedy}")
+    with pytest.raises(FileExistsError, match=r"first\.unfinished: exists already; delete it, or .*; mcap recover "):
+        record(out, "robot_15")
 
 
 def test_remedy_of_unfinished_bag_quotes_its_path(recorded: Path, tmp_path: Path) -> None:

@@ -378,6 +378,7 @@ def test_remedies_for_simulated_robot_are_no_robot_commands(changes: dict[str, A
         ({"policy": "ppo", "troubles": {"late": 3, "pose lost": 9}, "trouble_texts": {"pose lost": "lost for 12 s"}},
          "lost for 12 s", "localization must publish map to odom"),
         ({"troubles": {"pose jumped": 1}}, "pose jumped", "pacman-env ros continue --namespace robot_15"),
+        ({"troubles": {"policy fails": 1}}, "policy fails", "correct the policy, or play with another one"),
         ({"troubles": {"Nav2 fails": 2}, "trouble_texts": [1]}, "Nav2 fails", "see Nav2's log"),  # of another version
     ],
 )  # fmt: skip
