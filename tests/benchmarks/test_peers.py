@@ -1,9 +1,6 @@
 """Other libraries' environments beside ours: what is measured, what is named as missing, and what is printed."""
 
 import json
-import subprocess
-import sys
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +8,7 @@ import pytest
 
 import pacman_env
 from benchmarks import peer_worker, peers
-from benchmarks.peers import OURS, PEERS, PeerError, Worker, main, python_of, run, show
+from benchmarks.peers import OURS, PeerError, Worker, main, run, show
 
 SHORT = ["--map", "loop", "--rounds", "2", "--seconds", "0.1"]
 
@@ -30,24 +27,6 @@ def test_environment_is_measured_with_1_and_64_games(measured: dict[str, Any]) -
         assert row["cores"] > 0
         assert row["version"] == pacman_env.__version__
     assert measured["failed"] == {}
-
-
-@pytest.mark.daily
-def test_worker_describes_and_measures_own_environment() -> None:
-    worker = Worker(OURS, "loop")
-    (task,) = worker.tasks
-    assert task["description"].startswith("10 Chipmunk steps")
-    assert list(worker.cases()) == [(0, 1, 1), (0, 64, 1)]
-    assert worker.turn(0, 64, 1, 0.05)["decisions_per_s"] > 0
-    with pytest.raises(ValueError, match="our own environment: IndexError: list index out of range"):
-        worker.turn(1, 64, 1, 0.05)
-
-
-def test_turn_counts_all_games_and_takes_one_step() -> None:
-    steps: list[int] = []
-    rate = peer_worker.turn(lambda: steps.append(1), 64, 0.0)["decisions_per_s"]
-    assert len(steps) == 1
-    assert rate >= 64
 
 
 def test_ended_episode_is_reset_before_next_step() -> None:
@@ -74,16 +53,6 @@ def test_ended_episode_is_reset_before_next_step() -> None:
             step()
     assert first.resets == 3
     assert first.actions == second.actions
-
-
-def test_missing_library_is_named_as_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in ("envpool", "vmas", "mpe2"):
-        monkeypatch.setitem(sys.modules, module, None)
-        with pytest.raises(ModuleNotFoundError) as caught:
-            peer_worker.LIBRARIES[module]("loop")
-        assert peer_worker.reason(caught.value) == f"{module} is not installed"
-    assert peer_worker.reason(OSError("no\nmemory")) == "OSError: no memory"
-    assert set(peer_worker.LIBRARIES) == {OURS, *PEERS}
 
 
 class Fake(Worker):
@@ -144,43 +113,3 @@ def test_dead_or_hanging_worker_is_reported(
     monkeypatch.setattr(peers, "LIMIT_S", limit_s)
     with pytest.raises(PeerError, match=message):
         Worker("vmas", "loop")
-
-
-def test_library_import_error_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In the worker's process; what the library prints is no answer."""
-    (tmp_path / "mpe2.py").write_text("print('hello'); raise ImportError('mpe2 wants\\na display')")
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    with pytest.raises(PeerError, match=r"^ImportError: mpe2 wants a display$"):
-        Worker("mpe2", "loop")
-
-
-def an_empty_wheel(folder: Path, name: str) -> None:
-    """What pip installs as a package that has a version, and nothing else."""
-    facts = {
-        "METADATA": f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n",
-        "WHEEL": "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
-        "RECORD": "",
-    }
-    with zipfile.ZipFile(folder / f"{name}-1.0-py3-none-any.whl", "w") as wheel:
-        for file, text in facts.items():
-            wheel.writestr(f"{name}-1.0.dist-info/{file}", text)
-
-
-def test_venv_is_reused_and_failed_installation_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With no index to ask, but a folder with one wheel."""
-    monkeypatch.setenv("PIP_NO_INDEX", "1")
-    monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path))
-    monkeypatch.setitem(PEERS, "mpe2", ("mpe2==0.0.0",))
-    with pytest.raises(
-        PeerError, match=r"^cannot be installed: ERROR: No matching distribution found for mpe2==0.0.0$"
-    ):
-        python_of("mpe2", tmp_path)
-    an_empty_wheel(tmp_path, "mpe2")
-    monkeypatch.setitem(PEERS, "mpe2", ("mpe2==1.0",))
-    python = python_of("mpe2", tmp_path)
-    version = "import importlib.metadata; print(importlib.metadata.version('mpe2'))"
-    assert subprocess.check_output([python, "-c", version], text=True) == "1.0\n"
-    mark = python.with_name("mark")
-    mark.touch()
-    assert python_of("mpe2", tmp_path) == python
-    assert mark.exists()

@@ -40,18 +40,6 @@ def checkout(folder: Path, said: dict[str, Any]) -> Path:
     return folder
 
 
-def test_ratio_uses_figures_of_same_turn() -> None:
-    here, there = [figures(10, 200, 5.0), figures(30, 100, 4.0)], [figures(20, 100, 10.0), figures(30, 200, 2.0)]
-    assert ratios(here, there) == {"N = 1": [0.5, 1.0], "N = 64": [2.0, 0.5], "start": [2.0, 0.5]}
-
-
-def test_missing_or_skipped_row_has_no_ratio() -> None:
-    here, there = figures(10, 200, 5.0), figures(20, 100, 5.0)
-    del there["rows"]["start"]
-    here["rows"]["N = 64"] = {"skipped": "stable_baselines3 is not installed"}
-    assert ratios([here], [there]) == {"N = 1": [0.5]}
-
-
 def test_versions_are_measured_in_turns_by_one_program(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -76,8 +64,3 @@ def test_versions_are_measured_in_turns_by_one_program(
 def test_current_program_measures_every_compared_row() -> None:
     found = measure(ROOT, "--map", "loop", "--seconds", "0.01", "--only", "PacManBot-v0, make, N = 1")
     assert set(ratios([found], [found])) == {"bare Chipmunk, 64 bodies", "PacManBot-v0, make, N = 1, random"}
-
-
-def test_failure_of_measured_checkout_is_reported() -> None:
-    with pytest.raises(ValueError, match=r"failed: .*unrecognized arguments: --colour"):
-        measure(ROOT, "--colour")

@@ -14,10 +14,9 @@ import pytest
 from pacman_env.ros import topics
 from pacman_env.ros.simulated_robot.sim_robot import FAULT
 from pacman_env.ros.standstill import LEASE
-from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, SIMULATOR
+from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, SIMULATOR, module_of
 from tests.map_parts import part_of_map
-from tests.ros.game_processes import GameProcesses
-from tests.ros.system import Probe, System
+from tests.ros.system import Probe, Process, System
 
 LIMIT_S = 240.0  # of real time, for anything that happens at all
 # No round is lost.
@@ -26,6 +25,7 @@ OWN: dict[str, dict[str, Any]] = {
     SIMULATOR: {"speed": 10.0},
     SELECTOR: {"policy": "lookahead", "home": "[0.0, 0.0, 0.0]"},
 }
+WITH_MAP = (SIMULATOR, "pellet_manager", "clyde_ghost_node", SELECTOR)
 #: Latched topics of which every value is recorded.
 RECORDED = STATE, RESULT, SCORE, SPAWNED, COLLECTED = [
     dataclasses.replace(topic, qos=topics.COMMANDS)
@@ -44,24 +44,36 @@ def test_round_with_killed_nodes_has_right_score(domain: int, tmp_path: Path, mo
     monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
     ground = str(part_of_map("loop", 3.0).save(tmp_path / "ground.yaml"))
     with System(tmp_path) as system, Probe(system) as probe:
-        game = GameProcesses(probe, system, ground, SETTINGS, OWN)
+        processes: dict[str, Process] = {}
+
+        def start(name: str) -> None:
+            own = {**OWN.get(name, {}), **({"map_yaml": ground} if name in WITH_MAP else {})}
+            processes[name] = system.start(module_of(name), use_sim_time=True, settings=SETTINGS, **own)
+
+        def kill(name: str) -> None:
+            processes[name].popen.kill()
+            processes[name].popen.wait()
+            system.processes.remove(processes[name])
+
         probe.record(*RECORDED)
-        game.start_all()
-        game.wait(lambda: "policy lookahead" in game.processes[SELECTOR].output, "the planner", LIMIT_S)
-        game.wait(lambda: probe.values(STATE)[-1:] == ["menu"], "the referee", LIMIT_S)
+        for name in (SIMULATOR, *GAME, SELECTOR):
+            start(name)
+        probe.wait_for(lambda: "policy lookahead" in processes[SELECTOR].output, LIMIT_S, "the planner")
+        probe.wait_for(lambda: probe.values(STATE)[-1:] == ["menu"], LIMIT_S, "the referee")
         assert probe.call(topics.START_GAME).success
-        game.wait(lambda: any(probe.values(COLLECTED)), "a pellet", LIMIT_S)
+        probe.wait_for(lambda: any(probe.values(COLLECTED)), LIMIT_S, "a pellet")
         probe.publish(FAULT, "reject")  # no round ends while nodes come up
         for name in (*GAME, SELECTOR):
-            game.kill(name)
-            game.start(name)
+            kill(name)
+            start(name)
         for name in (*GAME, SELECTOR):
             probe.answered_by(f"{system.namespace}/{name}", anew=True)
-        game.wait(lambda: probe.values(STATE)[-1] == "running", "the round", LIMIT_S)
+        probe.wait_for(lambda: probe.values(STATE)[-1] == "running", LIMIT_S, "the round")
         probe.publish(FAULT, "end reject")
-        game.wait(lambda: any(probe.values(RESULT)), "the end of the round", LIMIT_S)
+        probe.wait_for(lambda: any(probe.values(RESULT)), LIMIT_S, "the end of the round")
         (spawned,) = {value for value in probe.values(SPAWNED) if value}
         assert probe.values(RESULT)[-1] == f"Complete - Score: {spawned}"
-        game.wait(lambda: probe.values(SCORE)[-1] == spawned, "the score", LIMIT_S)
+        probe.wait_for(lambda: probe.values(SCORE)[-1] == spawned, LIMIT_S, "the score")
         assert "Traceback" not in system.outputs()
-        game.kill_all()  # how they end in order is tested elsewhere
+        for name in list(processes):  # how they end in order is tested elsewhere
+            kill(name)

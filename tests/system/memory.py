@@ -1,4 +1,4 @@
-"""Whether long runs keep their memory and threads change nothing: ``python -m tests.system.memory``.
+"""Whether long runs keep their memory: ``python -m tests.system.memory``.
 
 Resident memory is measured again and again; its growth after the first tenth of a part is bounded. Chipmunk's
 spaces are counted, and none may be left of an environment that is gone.
@@ -6,7 +6,6 @@ spaces are counted, and none may be left of an environment that is gone.
 
 import argparse
 import gc
-import hashlib
 import multiprocessing
 import sys
 import threading
@@ -22,15 +21,15 @@ from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 
 FAULT_STATUS = 1
 GAMES = 64
-PARTS = ("makes", "decisions", "houses", "runs")
+PARTS = ("makes", "decisions", "houses")
 #: By which a process may grow after the warm-up, MiB. Houses differ in size, and room is kept for the largest.
-MOST_MIB = {"makes": 16.0, "decisions": 16.0, "houses": 64.0, "runs": 32.0}
+MOST_MIB = {"makes": 16.0, "decisions": 16.0, "houses": 64.0}
 _LINES = 20
-_SHORT = {"processes": 2, "makes": 4, "decisions": 20_000, "houses": 12, "runs": 3}
+_SHORT = {"processes": 2, "makes": 4, "decisions": 20_000, "houses": 12}
 
 
 class Fault(Exception):
-    """Memory grew, something was left over, or results differ."""
+    """Memory grew, or something was left over."""
 
 
 def resident_mib() -> float:
@@ -138,29 +137,6 @@ def _houses(arguments: argparse.Namespace) -> str:
     return f"{watch}; {done} houses"
 
 
-def digest(threads: int, decisions: int = 100) -> str:
-    """Of all that a run gives."""
-    env = PacManBotVectorEnv(GAMES, ghosts=("chase", "arcade", "wander"), num_threads=threads)
-    found, rng = hashlib.sha256(), np.random.default_rng(1)
-    env.reset(seed=7)
-    for _ in range(decisions):
-        observation, *rest = env.step(rng.integers(0, env.single_action_space.n, GAMES))  # type: ignore[union-attr]
-        for array in (*observation.values(), *rest[:3]):
-            found.update(np.ascontiguousarray(array).tobytes())
-        found.update(env.batch.games.tobytes() + env.batch.ghosts.tobytes())
-    return found.hexdigest()
-
-
-def _runs(arguments: argparse.Namespace) -> str:
-    expected, watch = digest(1), Watch("runs", arguments.runs)
-    for k in range(arguments.runs):
-        found = digest(arguments.threads)
-        if found != expected:
-            raise Fault(f"runs: run {k} of {arguments.threads} threads gave {found[:12]}, one thread {expected[:12]}")
-        watch.measure(k + 1)
-    return f"{watch}; {arguments.runs} times {expected[:12]}"
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the parts; returns the exit status: 1 after a fault."""
     parser = Parser(prog="python -m tests.system.memory", description=__doc__)
@@ -172,8 +148,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--decisions", type=whole_number(1), default=10_000_000, help="of 64 games in all (%(default)s)")
     add("--houses", type=whole_number(1), default=20_000, help="one after the other (%(default)s)")
     add("--minutes", type=whole_number(0), default=0, help="after which no house is begun; 0: no limit (%(default)s)")
-    add("--runs", type=whole_number(1), default=50, help="that have to give the same (%(default)s)")
-    add("--threads", type=whole_number(1), default=7, help="of a run (%(default)s)")
     return run_command(parser, argv, _report)
 
 
@@ -183,7 +157,7 @@ def _report(arguments: argparse.Namespace) -> int:
         raise ValueError(f"part {sorted(unknown)[0]!r}: there are {', '.join(PARTS)}")
     if arguments.short:
         vars(arguments).update(_SHORT)
-    work = dict(zip(PARTS, (_makes, _decisions, _houses, _runs), strict=True))
+    work = dict(zip(PARTS, (_makes, _decisions, _houses), strict=True))
     before = _alive()
     try:
         for part in arguments.parts or PARTS:

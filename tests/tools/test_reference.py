@@ -2,7 +2,6 @@
 
 import dataclasses
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from pacman_env.sim.observation.robot_features import COLUMNS, GHOST_BEARING_COL
 from pacman_env.training.arguments import Hyperparameters
 from tests.envs.helpers import make
 from tools.common import ROOT
-from tools.reference import TABLES, configuration, fill, main
+from tools.reference import TABLES, configuration, main
 
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 
@@ -63,25 +62,3 @@ def test_setting_provides_unit_and_description_of_field() -> None:
     assert shown["robot.radius_m"] == ("m", "body (Create 3)")
     assert shown["robot.wheel_acceleration_mps2"] == ("m/s²", "Create 3")
     assert shown["localization.perfect"] == ("", "True: belief = truth at every instant")
-
-
-def test_page_update_changes_only_text_between_marks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    page = tmp_path / "page.md"
-    page.write_text("before\n<!-- table: actions -->\nstale\n<!-- end -->\nafter\n")
-    assert main([str(page), "--check"]) == 1
-    assert "other tables" in capsys.readouterr().out
-    assert main([str(page)]) == 0
-    text = page.read_text()
-    assert text.startswith("before\n<!-- table: actions -->\n\n| Argument |")
-    assert text.endswith(" |\n\n<!-- end -->\nafter\n")
-    assert "stale" not in text
-    assert fill(text) == text
-    assert main([str(page), "--check"]) == 0
-
-
-def test_unknown_table_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    page = tmp_path / "page.md"
-    page.write_text("<!-- table: nothing -->\n<!-- end -->\n")
-    assert main([str(page)]) == 2
-    assert "no table 'nothing'" in capsys.readouterr().err
-    assert main([str(tmp_path / "none.md")]) == 2

@@ -1,7 +1,5 @@
 """Reference scores: the committed ones are complete, and whoever plays an id with its seeds gets the same."""
 
-import json
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -10,7 +8,7 @@ import pytest
 
 from pacman_env.envs.registration import IDS
 from pacman_env.policies.registry import make_policy
-from tools.scores import POLICIES, main, play, read, scores_of
+from tools.scores import POLICIES, play, read
 
 
 def test_committed_scores_cover_every_id_and_policy() -> None:
@@ -39,13 +37,3 @@ def test_score_equals_return_of_single_environment(env_id: str) -> None:
             total, over = total + reward, terminated or truncated
         assert played["return"][k] == pytest.approx(total)
         assert played["pellets"][k] == info.get("score", info["collected"])
-
-
-def test_scores_of_other_ids_are_kept(tmp_path: Path) -> None:
-    out = tmp_path / "scores.json"
-    out.write_text(json.dumps({"pacman_env/PacManBotGhosts-v0": {"random": 3}}))
-    assert main(["pacman_env/PacManBotVelocity-v0", "--episodes", "2", "--out", str(out)]) == 0
-    known = json.loads(out.read_text())
-    assert known["pacman_env/PacManBotGhosts-v0"] == {"random": 3}
-    assert known["pacman_env/PacManBotVelocity-v0"]["random"]["episodes"] == 2
-    assert "| `random` | " in scores_of("pacman_env/PacManBotVelocity-v0", known)

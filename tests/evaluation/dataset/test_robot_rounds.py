@@ -19,28 +19,16 @@ import pandas
 
 from pacman_env.evaluation.dataset.__main__ import main
 from pacman_env.ros import topics
-from pacman_env.ros.bags.record import NAME, Recorder
-from tests.map_parts import part_of_map
-from tests.ros import session
 from tests.ros.bags.recorded import record_round, without
 
-SETTINGS = ("show.start_s=1.0", "clyde.speed_mps=0.02", "execution.tick_s=0.4", "execution.check_period_s=0.4")
 NAME_OF_IT = "pacman-env/robot-v0"
 
 
 @pytest.fixture(scope="module")
 def recorded(domain: int, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """The bag of one round that was played by the nodes, and its map."""
-    folder = tmp_path_factory.mktemp("robot")
-    ground = str(part_of_map("loop", 3.0).save(folder / "ground.yaml"))
-    with session.game(folder, ground, "nearest", seed=1, settings=SETTINGS) as game:
-        recorder = game.start(NAME, lambda: Recorder(folder / "game", sim_time=True))
-        game.record(topics.GAME_RESULT)
-        assert game.call(topics.START_GAME).success
-        game.wait_for(lambda: game.last(topics.GAME_RESULT).data, 600, "the end of the round")
-        assert game.last(topics.GAME_RESULT).data == "Complete - Score: 3"
-        game.game.remove(recorder)
-    return folder / "game", ground
+    bag = record_round(tmp_path_factory.mktemp("robot"), "nearest")
+    return bag, str(bag.parent / "ground.yaml")
 
 
 def written(folder: Path, bag: Path, ground: str, *more: str) -> Path:
@@ -62,8 +50,8 @@ def test_round_of_robot_nodes_becomes_one_episode(
     (about,) = rounds.to_dict("records")
     assert (about["outcome"], about["collected"], about["spawned"], about["unlisted"]) == ("complete", 3, 3, 0)
     config = json.loads((folder / "facts.json").read_text())["settings"]
-    assert config["execution.tick_s"] == 0.4  # the game's own
-    ticks = decisions["elapsed_s"].sum() / 0.4
+    assert config["execution.tick_s"] == 0.1  # the game's own
+    ticks = decisions["elapsed_s"].sum() / 0.1
     assert about["return"] == pytest.approx(3 * 1.0 + 5.0 - 0.002 * ticks)
     assert (decisions["reward"] > 0.9).sum() == 3
     assert decisions["terminated"].tolist() == [False] * (len(decisions) - 1) + [True]
