@@ -26,7 +26,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from pacman_env.ros.topics import Service, Topic
 from tests.ros.fork_server import Forked
-from tests.ros.records import Recorded, Records
+from tests.ros.records import Records
 from tests.waiting import PATIENCE_S
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -170,10 +170,6 @@ class Probe(Records):
 
     def _now(self) -> float:
         return time.monotonic()
-
-    def heard(self, topic: Topic) -> list[Recorded]:
-        """As ``on``."""
-        return self.on(topic)
 
     def publish(self, topic: Topic, message: Any, listeners: int = 1) -> None:
         """Publish, once ``listeners`` are there and get it; a plain value becomes the ``data`` of a message."""
