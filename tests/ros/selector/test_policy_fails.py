@@ -38,15 +38,15 @@ class Wilful(Nearest):
 
 
 @pytest.fixture(scope="module")
-def playing(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Game]:
+def game(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Game]:
     """A round that has begun."""
     with session.nodes(tmp_path_factory.mktemp("game")) as nodes:
         Wilful.nodes = nodes
-        game = Game(nodes)
-        game.start(policy=f"{__name__}:Wilful")
-        game.begin()
-        game.running_goal(1)
-        yield game
+        begun = Game(nodes)
+        begun.start(policy=f"{__name__}:Wilful")
+        begun.begin()
+        begun.running_goal(1)
+        yield begun
 
 
 @pytest.mark.parametrize(
@@ -59,9 +59,8 @@ def playing(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[G
     ],
 )
 def test_failing_policy_holds_and_is_reported_until_it_answers(
-    playing: Game, monkeypatch: pytest.MonkeyPatch, fault: str, words: str
+    game: Game, monkeypatch: pytest.MonkeyPatch, fault: str, words: str
 ) -> None:
-    game = playing
     game.condition(lambda c: POLICY_FAILS not in c["troubles"], "a policy that answers")
     goal = game.nav2.goals[-1]
     monkeypatch.setattr(Wilful, "fault", fault)
