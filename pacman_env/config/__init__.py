@@ -14,6 +14,7 @@ from .sections import LocalizationConfig as LocalizationConfig
 from .sections import Nav2Config as Nav2Config
 from .sections import ObservationConfig as ObservationConfig
 from .sections import PelletConfig as PelletConfig
+from .sections import PowerConfig as PowerConfig
 from .sections import RandomizeConfig as RandomizeConfig
 from .sections import RefugeConfig as RefugeConfig
 from .sections import RewardConfig as RewardConfig

@@ -33,13 +33,14 @@ class Config(Checked):
     nav2: sections.Nav2Config = field(default_factory=sections.Nav2Config)
     pellets: sections.PelletConfig = field(default_factory=sections.PelletConfig)
     clyde: sections.ClydeConfig = field(default_factory=sections.ClydeConfig)
+    power: sections.PowerConfig = field(default_factory=sections.PowerConfig)
     execution: sections.ExecutionConfig = field(default_factory=sections.ExecutionConfig)
     decisions: sections.DecisionConfig = field(default_factory=sections.DecisionConfig)
     show: sections.ShowConfig = field(default_factory=sections.ShowConfig)
     reward: sections.RewardConfig = field(default_factory=sections.RewardConfig)
     ghost_reward: sections.RewardConfig = field(
         default_factory=lambda: sections.RewardConfig(
-            pellet=0.0, death=10.0, completion=-5.0, tick=-0.002, timeout=-5.0
+            pellet=0.0, death=10.0, completion=-5.0, tick=-0.002, timeout=-5.0, ghost_caught=-2.0
         ),
         metadata={"description": "Of each ghost that is an agent, where rewards are not zero-sum."},
     )
@@ -198,6 +199,12 @@ PRESETS: dict[str, dict[str, Any]] = {
         "nav2.accept_delay_s": 0.0,
         "nav2.planner_period_s": 0.5,
         "execution.check_period_s": 0.05,
+    },
+    # The robot's game with power pellets against four ghosts of several kinds.
+    "arcade": {
+        "robot.speed_mps": 0.256,
+        "power.pellets": 4,
+        "clyde.ghosts": ("arcade", "chase", "wander", "wander"),
     },
 }
 _WORDS = {"true": True, "false": False, "none": None}

@@ -143,6 +143,36 @@ class ClydeConfig(Checked, group="clyde"):
 
 
 @dataclass(frozen=True)
+class PowerConfig(Checked, group="power"):
+    """Power pellets: how many there are and what they do.
+
+    "Arcade" marks figures of the first level of Pac-Man (1980). In the arcade's 6 s Pac-Man drives 1.6 times the width
+    of the maze; a robot at 0.306 m/s needs about 20 s for as much of a house 4 m wide.
+    """
+
+    pellets: Count = setting(0, "how many of a map's pellets are power pellets; 0: the game of the report")
+    duration_s: Positive = setting(20.0, "they frighten ghosts for so long in round 1 (arcade: 6 s, see above)")
+    duration_step_s: NotNegative = setting(3.3, "shorter by this per round (arcade: 1 s of 6 s)")
+    shortest_s: Positive = setting(6.6, "at least this long (arcade: 2 s of 6 s in level 5)")
+    warning_s: NotNegative = setting(6.6, "frightened ghosts blink this long before the end (arcade: 2 s of 6 s)")
+    speed_factor: Annotated[float, Meta(gt=0, le=1)] = setting(
+        0.67, "of a frightened ghost's speed (arcade: 50 % of the largest speed instead of 75 %)"
+    )
+    return_s: NotNegative = setting(5.0, "a caught ghost starts again at its spawn place after this [I]")
+    behaviour: str = setting("flee", "of frightened ghosts that no policy controls")
+    flee_m: Positive = setting(3.0, "flee: they head for the place so far ahead, straight away from the robot [I]")
+    pellet_points: Count = setting(5, "score of a power pellet; a pellet counts 1 (arcade: 50 and 10)")
+    ghost_points: Count = setting(
+        20, "score of the first caught ghost, doubled up to the fourth (arcade: 200 to 1,600)"
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        rule = f"must be at most duration_s = {self.duration_s}"
+        self._require(self.shortest_s <= self.duration_s, "shortest_s", rule)
+
+
+@dataclass(frozen=True)
 class ExecutionConfig(Checked, group="execution"):
     """Execution of goals (Algorithm 4): reactions to Nav2's results, and the pose that counts."""
 
@@ -227,6 +257,8 @@ class RewardConfig(Checked, group="reward"):
     pellet: Number = setting(1.0, "each pellet collected")
     death: Number = setting(-10.0, "the robot is caught")
     completion: Number = setting(5.0, "the round is complete")
+    power: Number = setting(0.0, "each power pellet collected, in addition to `pellet`")
+    ghost_caught: Number = setting(2.0, "each frightened ghost that the robot catches")
     tick: Number = setting(-0.002, "each tick of `execution.tick_s`")
     timeout: Number = setting(-5.0, "the time limit is reached")
     progress: Number = setting(

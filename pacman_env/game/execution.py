@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from ..config import Config
+from .power import frighten, ghost_points, is_away, is_frightened, send_away
 
 NO_CHOICE, CHOICE, RESULT, CHECK = -1, 0, 1, 2  # events; as a value, NO_CHOICE is hold
 KEEP, SEND, CANCEL = 0, 1, 2  # action for Nav2's goal
@@ -23,6 +24,7 @@ class Execution:
     """Record of one round; the simulator's games have the same fields."""
 
     pickup: float  # m
+    fright_time: float = 0.0  # how long a power pellet frightens ghosts in this round
     pellets: int = 0  # number of pellet candidates
     pursued: int = NO_CHOICE  # candidate
     sent: float = 0.0  # time when its goal was sent
@@ -30,6 +32,10 @@ class Execution:
     collected: int = 0
     lost: int = 0
     aborts: int = 0  # goals that Nav2 aborted
+    power: int = 0  # collected power pellets, which are among ``collected``
+    caught: int = 0  # ghosts that the robot caught
+    streak: int = 0  # ghosts caught since the last power pellet
+    bonus: int = 0  # points beyond one for each collected pellet
     end: int = RUNNING
     catcher: int = -1  # number of the ghost that caught the robot, -1: none
 
@@ -38,8 +44,9 @@ class Board(NamedTuple):
     """Goals, ghosts and pellets of a game, which :func:`transition` reads and updates."""
 
     goal_xy: Any  # (K, 2) m
-    ghost_xy: Any  # (G, 2 or more) m
+    ghosts: Any  # (G, 5): x, y in m, unused, and the times until which it is frightened and away (``power.py``)
     left: Any  # (pellets,) bool by slot: the remaining pellets
+    power: Any  # (pellets,) bool by slot: the power pellets
     waits: Any  # (candidates,) time until which a candidate may not be chosen
     aborts: Any  # (candidates,) number of successive aborts
 
@@ -55,6 +62,9 @@ def rules(config: Config, in_units: Callable[[float], Any]) -> dict[str, Any]:
         "min_dwell": in_units(execution.min_dwell_s),
         "goal_tolerance": config.nav2.goal_tolerance_m,
         "success_distance": config.nav2.goal_tolerance_m + execution.success_margin_m,
+        "return_time": in_units(config.power.return_s),
+        "power_points": config.power.pellet_points,
+        "ghost_points": config.power.ghost_points,
     }
 
 
@@ -97,7 +107,7 @@ def transition(s, event, value, at, now, navigating, board, p):  # type: ignore[
         return _choose(s, value, at, now, navigating, board.goal_xy, p)
     if event == RESULT:
         return _conclude(s, value, at, now, board, p)
-    return _check(s, at, board, p)
+    return _check(s, at, now, board, p)
 
 
 def _choose(s, chosen, at, now, navigating, goal_xy, p):  # type: ignore[no-untyped-def]
@@ -146,7 +156,7 @@ def _conclude(s, status, at, now, board, p):  # type: ignore[no-untyped-def]
         dx, dy = at[0] - board.goal_xy[slot, 0], at[1] - board.goal_xy[slot, 1]
         failed = not (p.lose_on_abort or within(dx, dy, p.success_distance + _ROUNDING_M))
         if not failed and board.left[slot]:
-            _collect(s, slot, board.left)
+            _collect(s, slot, now, board, p)
     if not failed:
         board.aborts[slot] = 0
     elif not (p.lose_on_abort and is_pellet):
@@ -159,21 +169,30 @@ def _conclude(s, status, at, now, board, p):  # type: ignore[no-untyped-def]
     return KEEP
 
 
-def _check(s, at, board, p):  # type: ignore[no-untyped-def]
-    """Test pick-up before death (Algorithm 4): the last pellet completes the round even within a ghost's reach."""
+def _check(s, at, now, board, p):  # type: ignore[no-untyped-def]
+    """Test pick-up before death (Algorithm 4): the last pellet completes the round even within a ghost's reach.
+
+    A power pellet likewise frightens a ghost that would catch the robot at the same check.
+    """
     x, y = at
-    goal_xy, ghost_xy = board.goal_xy, board.ghost_xy
+    goal_xy, ghosts = board.goal_xy, board.ghosts
     pursued = s.pursued
     for slot in range(s.pellets):
         if board.left[slot] and within(x - goal_xy[slot, 0], y - goal_xy[slot, 1], s.pickup):
-            _collect(s, slot, board.left)
+            _collect(s, slot, now, board, p)
     _end_without_pellets(s)
     if s.end == RUNNING:
-        for k in range(len(ghost_xy)):
-            if within(x - ghost_xy[k, 0], y - ghost_xy[k, 1], p.death):
+        for k in range(len(ghosts)):
+            if not within(x - ghosts[k, 0], y - ghosts[k, 1], p.death) or is_away(ghosts[k], now):
+                continue
+            if not is_frightened(ghosts[k], now):
                 s.end = DEAD
                 s.catcher = k
                 break
+            send_away(ghosts[k], now + p.return_time)
+            s.bonus += ghost_points(p.ghost_points, s.streak)
+            s.caught += 1
+            s.streak += 1
     if s.end != RUNNING:
         s.pursued = NO_CHOICE
         return CANCEL
@@ -181,9 +200,14 @@ def _check(s, at, board, p):  # type: ignore[no-untyped-def]
     return CANCEL if p.cancel_then_send and pursued != s.pursued else KEEP
 
 
-def _collect(s, slot, left):  # type: ignore[no-untyped-def]
-    left[slot] = False
+def _collect(s, slot, now, board, p):  # type: ignore[no-untyped-def]
+    board.left[slot] = False
     s.collected += 1
+    if board.power[slot]:
+        frighten(board.ghosts, now + s.fright_time, now)
+        s.bonus += p.power_points - 1
+        s.power += 1
+        s.streak = 0
     if s.pursued == slot:
         s.pursued = NO_CHOICE
 

@@ -47,6 +47,9 @@ GHOST_FIELDS = [
     ("path_offset", np.float64),  # m walked since the last passed cell
     ("stream", np.uint64),
     ("wanders", np.bool_),  # draws a new target at the end of its path
+    ("fled", np.bool_),  # was frightened at its last decision
+    ("gone", np.bool_),  # away at its last move, at its spawn place
+    ("spawn_cell", np.int32),  # where it started
     ("place", np.int32),  # candidate to which it was sent, or -1
     # Belief about its behaviour, and the state at the last update of it (sim/core/beliefs.py).
     ("belief", np.float64, (len(BELIEVED),)),  # probabilities
@@ -121,13 +124,21 @@ def arcade(view, parameters):  # type: ignore[no-untyped-def]
     return view.corner_x, view.corner_y
 
 
-WANDER, CHASE, POLICY = "wander", "chase", "policy"
+def flee(view, parameters):  # type: ignore[no-untyped-def]
+    """Return the target of a frightened ghost: ``parameters[0]`` m ahead, straight away from the robot."""
+    dx, dy = view.x - view.robot_x, view.y - view.robot_y
+    share = parameters[0] / max(math.sqrt(dx * dx + dy * dy), 1e-6)
+    return view.x + share * dx, view.y + share * dy
+
+
+WANDER, CHASE, FLEE, POLICY = "wander", "chase", "flee", "policy"
 BEHAVIOURS = {
     entry.name: entry
     for entry in (
         Behaviour(WANDER, wander),
         Behaviour("arcade", arcade, ("clyde.arcade_distance_m",)),
         Behaviour(CHASE, chase),
+        Behaviour(FLEE, flee, ("power.flee_m",)),
         Behaviour(POLICY, None),
     )
 }
@@ -155,6 +166,7 @@ def ghost_stream(seed, number):  # type: ignore[no-untyped-def]
 def spawn(ghost, cell, path, position):  # type: ignore[no-untyped-def]
     """Place a ghost on a cell; it chooses its first target at its first move."""
     path[0] = cell
+    ghost.spawn_cell = cell
     ghost.path_index, ghost.path_length, ghost.path_offset = 0, 1, 0.0
     ghost.x, ghost.y = position[cell, 0], position[cell, 1]
     ghost.vx, ghost.vy = 0.0, 0.0
@@ -170,10 +182,10 @@ def choose_target(ghost, cell, part, part_start, part_cells):  # type: ignore[no
     return part_cells[first + pick]
 
 
-def walk(ghost, path, position, period):  # type: ignore[no-untyped-def]
-    """Move a ghost along its path for ``period`` seconds, at most to the end."""
+def walk(ghost, path, position, share, period):  # type: ignore[no-untyped-def]
+    """Move a ghost along its path at ``share`` of its speed for ``period`` seconds, at most to the end."""
     x, y = ghost.x, ghost.y
-    index, offset = ghost.path_index, ghost.path_offset + ghost.speed * period
+    index, offset = ghost.path_index, ghost.path_offset + share * ghost.speed * period
     last = ghost.path_length - 1
     cell = path[index]
     ghost.x, ghost.y = position[cell, 0], position[cell, 1]

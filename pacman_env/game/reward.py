@@ -13,6 +13,8 @@ class Rewards(NamedTuple):
 
     tick: Any
     pellet: Any
+    power: Any  # of a power pellet, in addition
+    ghost_caught: Any
     end: Any  # (5,) by end code; COMPLETE also for each completed round of an endless game
 
     @classmethod
@@ -20,12 +22,14 @@ class Rewards(NamedTuple):
         """Return the rewards per tick, per pellet and per end code (5,) from a configuration."""
         end = np.zeros(5)
         end[[DEAD, COMPLETE, TIMEOUT]] = config.death, config.completion, config.timeout
-        return cls(config.tick, config.pellet, end)
+        return cls(config.tick, config.pellet, config.power, config.ghost_caught, end)
 
 
-def reward(ticks, pellets, rounds, end, rewards):  # type: ignore[no-untyped-def]
-    """Return the reward of some ticks with the collected pellets, the completed rounds and the end code after them.
+def reward(ticks, pellets, power, caught, rounds, end, rewards):  # type: ignore[no-untyped-def]
+    """Return the reward of some ticks.
 
-    Arguments are numbers or arrays of one shape.
+    ``pellets`` were collected, ``power`` pellets among them, ghosts ``caught`` and ``rounds`` completed; ``end`` is the
+    end code after them. Arguments are numbers or arrays of one shape.
     """
-    return rewards.tick * ticks + rewards.pellet * pellets + rewards.end[COMPLETE] * rounds + rewards.end[end]
+    earned = rewards.tick * ticks + rewards.pellet * pellets + rewards.end[COMPLETE] * rounds + rewards.end[end]
+    return earned + rewards.power * power + rewards.ghost_caught * caught

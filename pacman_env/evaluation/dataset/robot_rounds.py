@@ -161,4 +161,4 @@ class _RoundRecorder:
         pellets = np.bincount(np.maximum(pellet_of, 0), minlength=len(elapsed_s))
         ends = np.zeros(len(elapsed_s), dtype=np.int64)
         ends[-1] = _CODES[outcome]
-        return reward(elapsed_s / config.execution.tick_s, pellets, 0, ends, Rewards.of(config.reward))
+        return reward(elapsed_s / config.execution.tick_s, pellets, 0, 0, 0, ends, Rewards.of(config.reward))

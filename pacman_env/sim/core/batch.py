@@ -22,7 +22,15 @@ from ..observation import situation_kernel
 from ..observation.situation import Situation
 from . import clones, kernels, ticks
 from .ghosts import spawn_ghost
-from .parameters import GAME, KEPT_FROM_ROUND_TO_ROUND, batch_parameters, draw_episodes, next_seeds, reward_record
+from .parameters import (
+    GAME,
+    KEPT_FROM_ROUND_TO_ROUND,
+    batch_parameters,
+    draw_episodes,
+    fright_steps,
+    next_seeds,
+    reward_record,
+)
 from .state import GameLevels, GameState, History, RoundSoFar
 
 ALL_TICKS = 2**62
@@ -236,6 +244,7 @@ class GameBatch(GameState):
         faster = self.config.clyde.speed_step_mps
         speeds = [clyde_speed_mps(g["base_clyde_speed"], faster, g["round"]) for g in fresh]
         fresh["clyde_speed"] = np.minimum(speeds, MAX_SPEED_MPS)
+        fresh["fright_time"] = [fright_steps(self.config, number) for number in fresh["round"].tolist()]
         self._start(index, next_seeds(completed["seed"]), fresh)
 
     def step(

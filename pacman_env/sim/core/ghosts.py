@@ -15,6 +15,7 @@ from ...engine.jit import kernel
 from ...engine.native import address_of_kernel, call_range
 from ...game.ghosts import (
     BEHAVIOURS,
+    FLEE,
     POLICY,
     WANDER,
     Behaviour,
@@ -26,6 +27,7 @@ from ...game.ghosts import (
     view_of,
     walk,
 )
+from ...game.power import is_away, is_frightened, is_harmless
 from ...rng import below
 from ...world.navigation.grid import cell_of
 from ...world.navigation.localization import Pose
@@ -38,7 +40,7 @@ from .beliefs import watch as watch_ghosts
 from .kernels import believed, see_ghosts
 from .parameters import GAME, GHOST, PARAMETERS, batch_parameters
 
-_TABLE = tuple(entry for entry in BEHAVIOURS.values() if entry.target is not None)
+_TABLE = tuple(entry for entry in BEHAVIOURS.values() if entry.target is not None and entry.name != FLEE)
 BEHAVIOUR_NAMES = tuple(entry.name for entry in _TABLE)
 _FROM_OUTSIDE = -1  # instead of a kernel's address: a policy sends the ghost
 
@@ -49,11 +51,11 @@ class GhostArrays(NamedTuple):
     games: Any = Array(GAME, "N")
     ghosts: Any = Array(GHOST, "N G")
     paths: Any = Array(np.int32, "N G l")  # cells of each ghost's path
-    obstacles: Any = Array(np.float64, "N G 3")  # m, observed positions
+    obstacles: Any = Array(np.float64, "N G 5")  # of ``kernels.RuleArrays``
     parameters: Any = Array(PARAMETERS, "1")
     choices: Any = Array(np.int64, "N G")  # of the ghosts that a policy sends
     remembered: Any = Array(np.int32, "N t G")  # choice at each tick of the round
-    behaviours: Any = Array(np.int64, "B 2")  # addresses of the kernel and its constants
+    behaviours: Any = Array(np.int64, "B 2")  # addresses of the kernel and its constants; the last: of the frightened
     levels: Any = Array(np.int64, "L")  # addresses
     search: Any = SearchArrays
 
@@ -126,8 +128,18 @@ def decide(table, i):  # type: ignore[no-untyped-def]
     level = level_arrays(a.levels[g.level])
     count = ghosts.shape[1]
     hold = p.pellet_slots + p.refuge_slots
+    flee = len(behaviours) - 1
     for k in range(count):
         row = -1
+        ghost = ghosts[i, k]
+        frightened = is_frightened(a.obstacles[i, k], g.step)
+        if ghost.fled and not frightened:  # a ghost that wanders draws a new target at the end of its path
+            ghost.wanders |= behaviours[k, 0] == 0
+        ghost.fled = frightened
+        if is_away(a.obstacles[i, k], g.step):
+            if behaviours[k, 0] < 0:
+                a.remembered[i, g.tick, k] = a.choices[i, k]
+            continue
         if behaviours[k, 0] > 0:
             row = k
         elif behaviours[k, 0] < 0:  # a policy sends it
@@ -138,10 +150,12 @@ def decide(table, i):  # type: ignore[no-untyped-def]
             else:
                 ghosts[i, k].place = -1
                 row = count + chosen - hold - 1
-                if row >= len(behaviours):
-                    cell = row - len(behaviours)  # an unknown cell means to wander
+                if row >= flee:
+                    cell = row - flee  # an unknown cell means to wander
                     _go(ghosts[i, k], paths[i, k], cell if cell < len(level.ghost_part) else -1, level, a.search)
                     row = -1
+        if frightened and behaviours[k, 0] >= 0:
+            row = flee
         if row >= 0 and call_range(behaviours[row, 0], table, i, row * count + k) < 0:
             return False
     return True
@@ -151,15 +165,23 @@ def decide(table, i):  # type: ignore[no-untyped-def]
 def move(table, i):  # type: ignore[no-untyped-def]
     """Move the ghosts of a game; wandering ghosts at the end of their paths draw new targets."""
     a = _arrays(table)
-    ghosts, paths = a.ghosts, a.paths
+    ghosts, paths, behaviours = a.ghosts, a.paths, a.behaviours
     g, p = a.games[i], a.parameters[0]
     level = level_arrays(a.levels[g.level])
     count = ghosts.shape[1]
     for k in range(count):
-        walk(ghosts[i, k], paths[i, k], level.ghost_xy, p.clyde_period)
+        ghost = ghosts[i, k]
+        away = is_away(a.obstacles[i, k], g.step)
+        if away and not ghost.gone:
+            spawn(ghost, ghost.spawn_cell, paths[i, k], level.ghost_xy)
+            ghost.wanders |= behaviours[k, 0] == 0
+        ghost.gone = away
+        if not away:
+            share = p.frightened_speed if is_frightened(a.obstacles[i, k], g.step) else 1.0
+            walk(ghost, paths[i, k], level.ghost_xy, share, p.clyde_period)
     see_ghosts(g, ghosts[i], a.obstacles[i])
     for k in range(count):
-        if ghosts[i, k].wanders & at_target(ghosts[i, k]):
+        if ghosts[i, k].wanders & at_target(ghosts[i, k]) & (not ghosts[i, k].gone):
             wander_on(ghosts[i, k], paths[i, k], level, a.search)
 
 
@@ -169,6 +191,9 @@ def watch(table, i):  # type: ignore[no-untyped-def]
     a = _arrays(table)
     g, p = a.games[i], a.parameters[0]
     bx, by, _ = believed(g, p.use_tf)
+    for k in range(a.ghosts.shape[1]):
+        if is_harmless(a.obstacles[i, k], g.step):
+            a.ghosts[i, k].seen_cell = -1  # its motion says nothing about its behaviour
     watch_ghosts(a.ghosts[i], a.paths[i], (bx, by), g.tick, a.levels[g.level], p.arcade_m, p.tick_s)
 
 
@@ -214,7 +239,7 @@ class Ghosts:
         count = len(behaviours)
         self.state = np.zeros((n, count), dtype=GHOST)
         self.paths = np.zeros((n, count, 0), dtype=np.int32)  # (N, G, L) cells of each ghost's path
-        self.obstacles = np.zeros((n, count, 3))  # observed positions, m
+        self.obstacles = np.zeros((n, count, 5))  # of ``kernels.RuleArrays``
         #: Choices for ghosts that a policy sends: a candidate (the last one: wander), a :func:`behaviour_choice` or a
         #: :func:`cell_choice`.
         self.choices = np.zeros((n, count), dtype=np.int64)
@@ -222,7 +247,7 @@ class Ghosts:
         self.sent_from_outside = np.array([one.name == POLICY for one in behaviours])
         self._any_sent = bool(self.sent_from_outside.any())
         self._config = config
-        self._behaviours = np.zeros((count + len(_TABLE), 2), dtype=np.int64)
+        self._behaviours = np.zeros((count + len(_TABLE) + 1, 2), dtype=np.int64)
         self._constants: list[NDArray[np.float64]] = []
         self._used: dict[int, Callable[[int, int, int], int]] = {}  # kernels by their row
         for k, one in enumerate(behaviours):
@@ -230,6 +255,8 @@ class Ghosts:
                 self._behaviours[k, 0] = _FROM_OUTSIDE
             elif one.name != WANDER:
                 self._use(k, one)
+        if config.power.pellets > 0:
+            self._use(len(self._behaviours) - 1, _frightened_behaviour(config))
 
     def _use(self, row: int, behaviour: Behaviour) -> None:
         self._used[row] = behaviour_kernel(_follow_behaviour, behaviour)
@@ -289,9 +316,22 @@ class Ghosts:
         for k in range(count):
             chosen = int(self.choices[game, k]) - behaviour_choice(self._hold, 0)
             row = k if k in self._used else count + chosen
+            if self.state["fled"][game, k] and not self.sent_from_outside[k]:
+                row = len(self._behaviours) - 1
             if row in self._used and (row == k or chosen >= 0):
                 self._used[row](table, game, row * count + k)
         raise RuntimeError(f"a ghost of game {game} could not decide where to go")
+
+
+def _frightened_behaviour(config: Config) -> Behaviour:
+    """Return the behaviour of frightened ghosts; raises ConfigError if there is none that can move them."""
+    try:
+        behaviour = find_behaviour(config.power.behaviour)
+    except ConfigError as error:
+        raise ConfigError(f"power.behaviour: {error}") from error
+    if behaviour.target is None:
+        raise ConfigError(f"power.behaviour = {behaviour.name!r}: must not be a behaviour that needs a policy")
+    return behaviour
 
 
 _stream, _below = kernel(ghost_stream), kernel(below)

@@ -23,6 +23,8 @@ from ...game.execution import (
     transition,
 )
 from ...game.ghosts import ghost_stream, spawn
+from ...game.power import AWAY_UNTIL, HARMLESS_UNTIL, is_harmless
+from ...game.reward import reward
 from ...rng import LOCALIZATION, NAVIGATION, below, stream
 from ...world.navigation import localization, navigator
 from ...world.navigation.controller import drive_wheels, limit, refresh_heading
@@ -31,6 +33,7 @@ from ..maps.level import level_arrays
 from .parameters import GAME, PARAMETERS
 
 _LONG_AGO = -9
+NOWHERE_M = 1000.0  # distance of the nearest ghost that can catch the robot, if there is none
 SUMMARY = ("outcome", "collected", "lost", "spawned", "aborts", "round_seed")  # rows of ``GameState.summary``
 
 
@@ -41,7 +44,7 @@ class RuleArrays(NamedTuple):
     alive: Any = Array(np.bool_, "N P")  # the pellet is left
     waits: Any = Array(np.int64, "N C")  # physics step until which an aborted goal may not be chosen
     aborts: Any = Array(np.int64, "N C")  # of each goal in this round
-    obstacles: Any = Array(np.float64, "N G 3")  # x, y, keep-out radius of each ghost, m
+    obstacles: Any = Array(np.float64, "N G 5")  # x, y, keep-out radius of each ghost, m; two times (game/power.py)
     parameters: Any = Array(PARAMETERS, "1")
     levels: Any = Array(np.int64, "L")  # addresses of the level arrays (``maps/level.py``)
 
@@ -55,12 +58,15 @@ def believed(g, use_tf):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def nearest(x, y, obstacles):  # type: ignore[no-untyped-def]
-    """Return the number and distance in m of the ghost nearest to (x, y), from a game's ``obstacles`` (G, 3)."""
-    best, least = 0, (x - obstacles[0, 0]) ** 2 + (y - obstacles[0, 1]) ** 2
-    for k in range(1, len(obstacles)):
+def nearest(x, y, obstacles, step):  # type: ignore[no-untyped-def]
+    """Return the number and distance in m of the ghost nearest to (x, y), from a game's ``obstacles`` (G, 5).
+
+    Harmless ghosts do not count; if all are, the result is -1 and ``NOWHERE_M``.
+    """
+    best, least = -1, NOWHERE_M * NOWHERE_M
+    for k in range(len(obstacles)):
         d2 = (x - obstacles[k, 0]) ** 2 + (y - obstacles[k, 1]) ** 2
-        if d2 < least:
+        if d2 < least and not is_harmless(obstacles[k], step):
             best, least = k, d2
     return best, math.sqrt(least)
 
@@ -69,8 +75,10 @@ def nearest(x, y, obstacles):  # type: ignore[no-untyped-def]
 def see_ghosts(g, ghosts, obstacles):  # type: ignore[no-untyped-def]
     for k in range(len(ghosts)):
         obstacles[k, 0], obstacles[k, 1] = ghosts[k].x, ghosts[k].y
-    k, _ = nearest(g.x + g.error_x, g.y + g.error_y, obstacles)
-    g.clyde_x, g.clyde_y = obstacles[k, 0], obstacles[k, 1]
+    k, _ = nearest(g.x + g.error_x, g.y + g.error_y, obstacles, g.step)
+    g.clyde_x, g.clyde_y = NOWHERE_M, NOWHERE_M
+    if k >= 0:
+        g.clyde_x, g.clyde_y = obstacles[k, 0], obstacles[k, 1]
 
 
 @kernel
@@ -112,11 +120,13 @@ def reset_ghosts(games, index, ghosts, paths, obstacles, wander_first, levels, u
             ghost = ghosts[i, n]
             ghost.speed = g.clyde_speed
             ghost.wanders = wander_first[n]
+            ghost.fled, ghost.gone = False, False
+            obstacles[i, n, HARMLESS_UNTIL], obstacles[i, n, AWAY_UNTIL] = 0.0, 0.0
             ghost.stream, pick = below(ghost_stream(g.seed, n), len(level.spawn_cells))
             spawn(ghost, level.spawn_cells[pick], paths[i, n], level.ghost_xy)
         see_ghosts(g, ghosts[i], obstacles[i])
         bx, by, _ = believed(g, use_tf)
-        _, g.distance = nearest(bx, by, obstacles[i])
+        _, g.distance = nearest(bx, by, obstacles[i], g.step)
 
 
 @kernel
@@ -133,12 +143,15 @@ def allowed(a, g, i, candidate, p):  # type: ignore[no-untyped-def]
 def follow(a, i, event, value, x, y):  # type: ignore[no-untyped-def]
     """Apply an event of Algorithm 4 to game i, cancel its goal if required, and return the action."""
     g = a.games[i]
-    collected = g.collected
+    collected, power, caught, bonus = g.collected, g.power, g.caught, g.bonus
     navigating = g.nav_state == navigator.ACTIVE or g.nav_next >= 0
-    board = Board(level_arrays(a.levels[g.level]).goal_xy, a.obstacles[i], a.alive[i], a.waits[i], a.aborts[i])
+    level = level_arrays(a.levels[g.level])
+    board = Board(level.goal_xy, a.obstacles[i], a.alive[i], level.power, a.waits[i], a.aborts[i])
     action = transition(g, event, value, (x, y), g.step, navigating, board, a.parameters[0])
-    g.score += g.collected - collected
+    g.score += g.collected - collected + g.bonus - bonus
     g.tick_pellets += g.collected - collected
+    g.tick_power += g.power - power
+    g.tick_caught += g.caught - caught
     if action == CANCEL:
         navigator.cancel(g)
         g.nav_result = navigator.NO_RESULT
@@ -199,9 +212,15 @@ def end_tick(a, i):  # type: ignore[no-untyped-def]
     g, p = a.games[i], a.parameters[0]
     g.tick += 1
     bx, by, _ = believed(g, p.use_tf)
-    _, distance = nearest(bx, by, a.obstacles[i])
-    g.closing = closing_speed(g.distance, distance, p.tick_s)
+    _, distance = nearest(bx, by, a.obstacles[i], g.step)
+    nowhere = max(distance, g.distance) == NOWHERE_M
+    g.closing = 0.0 if nowhere else closing_speed(g.distance, distance, p.tick_s)
     g.distance = distance
+
+
+@kernel
+def begin_tick(g):  # type: ignore[no-untyped-def]
+    g.tick_pellets, g.tick_power, g.tick_caught, g.tick_rounds = 0, 0, 0, 0
 
 
 @kernel
@@ -249,7 +268,7 @@ def finish(a, i):  # type: ignore[no-untyped-def]
 def due(g, chosen, last, p):  # type: ignore[no-untyped-def]
     """Return True if a decision is due after a tick; ``last`` is a ``LAST_DECISION`` and ``chosen`` its choice."""
     choice = NO_CHOICE if chosen == p.pellet_slots + p.refuge_slots else chosen
-    news = g.end != RUNNING or g.tick_pellets > 0 or g.round != last.round
+    news = g.end != RUNNING or g.tick_pellets + g.tick_caught > 0 or g.round != last.round
     return decision_due(choice, g.pursued, news, last.distance, g.distance, g.tick - last.tick, p)
 
 
@@ -273,6 +292,12 @@ def step_robot(state, by_hand, cells, nav, search, spaces):  # type: ignore[no-u
     if not g.stage:
         sense(g, p)
     return g.stage == 0
+
+
+@kernel
+def earned(g, rewards):  # type: ignore[no-untyped-def]
+    """Return the reward of the last tick."""
+    return reward(1, g.tick_pellets, g.tick_power, g.tick_caught, g.tick_rounds, g.end, rewards)
 
 
 @kernel

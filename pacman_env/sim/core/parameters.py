@@ -12,6 +12,7 @@ from ...engine.jit import kernel
 from ...game.decisions import decision_rules
 from ...game.execution import Execution, rules
 from ...game.ghosts import GHOST_FIELDS
+from ...game.power import frightened_s
 from ...game.reward import Rewards
 from ...rng import RANDOMIZE, ROUND, stream, uniform
 from ...world.navigation.controller import HORIZON_S
@@ -33,9 +34,11 @@ _FIELDS = [
     ("tick", np.int32),  # ticks in this round
     *((name, np.float64 if name == "pickup" else np.int32) for name in EXECUTION),
     ("tick_pellets", np.int32),  # collected in the last tick
+    ("tick_power", np.int32),  # power pellets among them
+    ("tick_caught", np.int32),  # ghosts caught in the last tick
     ("tick_rounds", np.int32),  # rounds completed in the last tick of an endless game
     ("round", np.int32),  # from 1
-    ("score", np.int32),  # pellets over all rounds
+    ("score", np.int32),  # points over all rounds
     ("level", np.int32),  # slot of the map
     ("refuges", np.int32),  # number of refuges of the map, which follow its pellets
     ("base_clyde_speed", np.float64),  # of round 1, m/s
@@ -90,6 +93,7 @@ def _values(config: Config, resolution: float, pellet_slots: int, refuge_slots: 
         "scan_steps": steps(loc.scan_period_s),
         "clyde_steps": steps(config.clyde.update_period_s),
         "clyde_period": config.clyde.update_period_s,
+        "frightened_speed": config.power.speed_factor,
         "arcade_m": config.clyde.arcade_distance_m,
         "plan_steps": steps(nav2.planner_period_s),
         "perfect": loc.perfect,
@@ -131,6 +135,8 @@ REWARDS = np.dtype(
     [
         ("tick", np.float64),
         ("pellet", np.float64),
+        ("power", np.float64),
+        ("ghost_caught", np.float64),
         ("end", np.float64, (5,)),
         ("discount", np.float64),  # per tick
     ],
@@ -182,7 +188,13 @@ def draw_episodes(seeds: NDArray[np.uint64], config: Config) -> NDArray[Any]:
     if local.perfect:
         fresh["sigma_xy"] = fresh["sigma_heading"] = 0.0
     fresh["clyde_speed"] = fresh["base_clyde_speed"]
+    fresh["fright_time"] = fright_steps(config, 1)
     return fresh
+
+
+def fright_steps(config: Config, round: int) -> int:
+    """Return for how many physics steps a power pellet frightens ghosts in a round, counted from 1."""
+    return math.floor(0.5 + frightened_s(config.power, round) / config.physics_step_s)
 
 
 def drawn_values(games: NDArray[Any], config: Config) -> dict[str, NDArray[np.float64]]:

@@ -63,7 +63,7 @@ class SimulatedRobot:
         self._clear = clear_cells(grid.walls, grid.affine, grid.shape, grid.resolution, robot.radius_m)
         self._spaces = Spaces(1, radius_m=robot.radius_m, mass_kg=robot.mass_kg, step_s=config.physics_step_s)
         self._paths = np.zeros((1, PATH_POINTS, 2), dtype=np.float32)
-        self._obstacles = np.zeros((1, 0, 3))
+        self._obstacles = np.zeros((1, 0, 5))
         # Two slots for goals: the current one and its replacement.
         self._length_cm = np.full((cells, 2), UNREACHABLE_CM, dtype=np.uint16)
         self._next_step = np.full((2, cells), NO_STEP, dtype=np.int16)
@@ -224,7 +224,7 @@ class SimulatedRobot:
     def set_obstacles(self, places: Sequence[tuple[float, float]]) -> None:
         for place in places:
             _check_finite("obstacle at", place)
-        self._obstacles = np.zeros((1, len(places), 3))
+        self._obstacles = np.zeros((1, len(places), 5))
         self._obstacles[0, :, :2] = np.array(places).reshape(-1, 2)
         x, y = self.pose[:2]
         nearest = min(places, key=lambda place: math.dist(place, (x, y)), default=(_FAR_M, _FAR_M))

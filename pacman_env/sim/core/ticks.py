@@ -9,7 +9,6 @@ from ...engine.bucket_queue import SearchArrays
 from ...engine.jit import table_kernel
 from ...engine.native import address_of
 from ...game.execution import RUNNING, TIMEOUT
-from ...game.reward import reward
 from ...world.navigation import navigator
 from ...world.navigation.controller import refresh_heading
 from ...world.navigation.physics import move as move_body
@@ -109,8 +108,7 @@ def play(table, first, last):  # type: ignore[no-untyped-def]
                 d.tick, d.distance, d.round, d.factor = g.tick, g.distance, g.round, 1.0
                 a.reward[i], a.elapsed_s[i] = 0.0, 0.0
             if g.end != RUNNING:
-                g.tick_pellets = 0
-                g.tick_rounds = 0
+                kernels.begin_tick(g)
                 d.awake = ASLEEP
         if control.resume or d.awake:
             level = level_arrays(rules.levels[g.level])
@@ -118,8 +116,7 @@ def play(table, first, last):  # type: ignore[no-untyped-def]
             nav = (*cells, level.length_cm, level.next_step)
             for _ in range(control.ticks):
                 if g.stage == BEGIN:
-                    g.tick_pellets = 0
-                    g.tick_rounds = 0
+                    kernels.begin_tick(g)
                     if control.by_hand or p.velocity_actions:
                         kernels.command(g, a.velocities[i, 0], a.velocities[i, 1], p)
                     if p.velocity_actions and not control.by_hand:
@@ -158,7 +155,7 @@ def play(table, first, last):  # type: ignore[no-untyped-def]
                     kernels.finish(rules, i)
                     ghosts.watch(ghost_table, i)
                 g.stage = BEGIN
-                a.reward[i] += d.factor * reward(1, g.tick_pellets, g.tick_rounds, g.end, a.rewards[0])
+                a.reward[i] += d.factor * kernels.earned(g, a.rewards[0])
                 d.factor *= a.rewards[0].discount
                 a.elapsed_s[i] += p.tick_s
                 if control.watch and (d.awake == ONE_TICK or kernels.due(g, choices[i], d, p)):

@@ -23,6 +23,7 @@ from ...config import Config, RefugeConfig
 from ...engine.cache_folder import cache_dir, source_hash, warn_unkept
 from ...engine.jit import kernel
 from ...game.pellets import generate_pellets
+from ...game.power import choose_power_pellets
 from ...world.maps.occupancy import MapError, OccupancyMap, load_map
 from ...world.navigation.grid import DriveGrid, build_grid, clearance_m, connected_parts, nearest_numbers
 from ...world.navigation.paths import NO_STEP, UNREACHABLE_CM, PathFields
@@ -70,6 +71,13 @@ class MapAssets:
     def refuges(self) -> int:
         return len(self.goal_xy) - len(self.pellet_ids)
 
+    def power_pellets(self, count: int) -> NDArray[np.bool_]:
+        """Return a mask (G,) of the goals that are power pellets."""
+        power = np.zeros(len(self.goal_xy), dtype=np.bool_)
+        x, y = self.grid.home[:2]
+        power[: self.pellets] = choose_power_pellets(self.goal_xy[: self.pellets], (float(x), float(y)), count)
+        return power
+
     @functools.cached_property
     def ghost_targets(self) -> GhostTargets:
         cells = self.clyde.cells_in(self.clyde_part)
@@ -101,6 +109,7 @@ def configuration_key(config: Config) -> str:
         "pellets": asdict(config.pellets),
         "clyde": [config.clyde.clearance_m, config.clyde.spawn, config.clyde.spawn_distance_m],
         "refuges": asdict(config.refuges),
+        "power": config.power.pellets,
         "code": source_hash(),
     }
     return json.dumps(relevant, sort_keys=True)

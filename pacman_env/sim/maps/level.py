@@ -31,6 +31,7 @@ class LevelArrays(NamedTuple):
     goal_cell: Any = Array(np.int32, "G")
     goal_apart_m: Any = Array(np.float32, "G")  # smallest distance of a ghost
     plan_end: Any = Array(np.float64, "G 2")  # m
+    power: Any = Array(np.bool_, "G")  # the power pellets
     spawn_cells: Any = Array(np.int32, "k")  # where ghosts may start
     ghost_graph: Any = Array(np.int32, "C 16")  # see ``ClydeCells.graph``
     ghost_part: Any = Array(np.int32, "C")
@@ -153,6 +154,7 @@ def _arrays(assets: MapAssets, config: Config) -> dict[str, Any]:
         "goal_cell": assets.goal_cell,
         "goal_apart_m": assets.goal_apart_m,
         "plan_end": np.where(moved[:, None], nearest, assets.goal_xy),
+        "power": assets.power_pellets(config.power.pellets),
         "spawn_cells": assets.spawn_cells,
         "ghost_graph": clyde.graph,
         "ghost_part": clyde.part,

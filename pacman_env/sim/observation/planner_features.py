@@ -125,7 +125,7 @@ def _describe_ghosts(s, i, level, tokens):  # type: ignore[no-untyped-def]
         best, nearest = np.inf, -1  # the next ghost: farther than the last, or equally far with a higher number
         for j in range(s.ghosts.shape[1]):
             d = math.sqrt((s.ghosts[i, j, 0] - x) ** 2 + (s.ghosts[i, j, 1] - y) ** 2)
-            if (d > least or (d == least and j > last)) and d < best:
+            if (d > least or (d == least and j > last)) and d < best and not prediction.is_nobody(s, i, np.int64(j)):
                 best, nearest = d, j
         if nearest < 0:
             break

@@ -307,11 +307,28 @@ def room_to_meet(goals, candidates):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def is_nobody(s, i, k):  # type: ignore[no-untyped-def]
+    """Return True if ghost k (-1: every ghost) of situation i is harmless."""
+    if k >= 0:
+        return s.frightened_s[i, k] + s.away_s[i, k] > 0.0
+    for j in range(s.ghosts.shape[1]):
+        if s.frightened_s[i, j] + s.away_s[i, j] == 0.0:
+            return False
+    return True
+
+
+@kernel
 def _meet_ghost(s, level, i, k, room, count, result):  # type: ignore[no-untyped-def]
     """Compare the robot's ``count`` paths with the paths of ghost k (-1: the nearest), and update ``result``."""
     paths, own, walkers, sums = room
     affine, (steps, across) = level.affine, _steps(level)
     per_m = math.sqrt(affine[0] ** 2 + affine[3] ** 2)  # cells
+    if is_nobody(s, i, k):
+        if k <= 0:
+            for j in range(count):
+                r = result[own.candidates[j]]
+                r[CLOSEST_MEAN], r[CLOSEST], r[STANDING] = _FAR_M, _FAR_M, _FAR_M
+        return
     x, y, vx, vy = s.clyde[i, 0], s.clyde[i, 1], s.clyde_velocity[i, 0], s.clyde_velocity[i, 1]
     ghost_speed = s.clyde_speed[i]
     if k >= 0:

@@ -81,7 +81,7 @@ class RobotView:
         self._ghosts["place"] = -1
         self._forget()
         self._cells = np.zeros((1, count, 1), dtype=np.int32)  # of each ghost's path only the last cell is known
-        self._obstacles = np.zeros((1, count, 3))
+        self._obstacles = np.zeros((1, count, 5))
         self._stamp_ns: list[int | None] = [None] * count
         self._seen_s: float | None = None
         self._request = np.zeros(1, dtype=REQUEST)
@@ -212,7 +212,7 @@ class RobotView:
         passed_s = math.inf if self._seen_s is None else seen.time_s - self._seen_s
         if 0 <= passed_s < self._config.execution.tick_s / 2:
             return
-        _, distance = kernels.nearest(x, y, self._obstacles[0])
+        _, distance = kernels.nearest(x, y, self._obstacles[0], np.int32(g["step"]))
         g["closing"] = closing_speed(g["distance"], distance, passed_s) if 0 < passed_s < math.inf else 0.0
         g["distance"] = distance
         if 0 < passed_s < math.inf:

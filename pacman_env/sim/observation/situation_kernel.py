@@ -8,10 +8,12 @@ from numpy.typing import NDArray
 
 from ...engine.arrays import Array, address, arrays_by_address
 from ...engine.jit import kernel, table_kernel
+from ...game.behaviour_belief import WANDERS
+from ...game.power import AWAY_UNTIL, HARMLESS_UNTIL, is_frightened, is_harmless
 from ...world.navigation.grid import cell_of
 from ...world.navigation.localization import wrap
 from ...world.navigation.paths import UNREACHABLE_CM
-from ..core.kernels import RuleArrays, allowed, believed, nearest, summarize
+from ..core.kernels import NOWHERE_M, RuleArrays, allowed, believed, nearest, summarize
 from ..core.parameters import GHOST
 from ..maps.level import level_arrays
 from .situation import HOLD, LAYOUT, PELLET, REFUGE, Situation
@@ -66,6 +68,7 @@ def write_situations(table, first, last):  # type: ignore[no-untyped-def]
         summarize(g, i, a.summary)
         level = level_arrays(rules.levels[g.level])
         goal_xy, length_cm, drive, place = level.goal_xy, level.length_cm, level.ghost_drive, level.ghost_place
+        seen = rules.obstacles[i]
         bx, by, bh = believed(g, p.use_tf)
         s.robot[i, 0], s.robot[i, 1], s.robot[i, 2] = bx, by, wrap(bh)
         s.robot_velocity[i, 0] = 0.5 * (g.left + g.right)
@@ -77,12 +80,22 @@ def write_situations(table, first, last):  # type: ignore[no-untyped-def]
             s.ghosts[i, k, 4] = ghost.speed
             for b in range(len(ghost.belief)):
                 s.belief[i, k, b] = ghost.belief[b]
+            s.away_s[i, k] = max(seen[k, AWAY_UNTIL] - g.step, 0.0) * p.dt
+            s.frightened_s[i, k] = 0.0
+            if is_frightened(seen[k], g.step):
+                s.frightened_s[i, k] = (seen[k, HARMLESS_UNTIL] - g.step) * p.dt
+            if player < 0 and is_harmless(seen[k], g.step):  # as if it wandered: nobody expects it to come
+                s.belief[i, k] = 0.0
+                s.belief[i, k, WANDERS] = 1.0
         lead = player
         if player < 0:
-            lead, _ = nearest(bx, by, rules.obstacles[i])
-        s.clyde[i, 0], s.clyde[i, 1] = s.ghosts[i, lead, 0], s.ghosts[i, lead, 1]
-        s.clyde_velocity[i, 0], s.clyde_velocity[i, 1] = s.ghosts[i, lead, 2], s.ghosts[i, lead, 3]
-        s.clyde_speed[i] = s.ghosts[i, lead, 4]
+            lead, _ = nearest(bx, by, seen, g.step)
+        s.clyde[i, 0], s.clyde[i, 1] = bx + NOWHERE_M, by
+        s.clyde_velocity[i, 0], s.clyde_velocity[i, 1], s.clyde_speed[i] = 0.0, 0.0, 0.0
+        if lead >= 0:
+            s.clyde[i, 0], s.clyde[i, 1] = s.ghosts[i, lead, 0], s.ghosts[i, lead, 1]
+            s.clyde_velocity[i, 0], s.clyde_velocity[i, 1] = s.ghosts[i, lead, 2], s.ghosts[i, lead, 3]
+            s.clyde_speed[i] = s.ghosts[i, lead, 4]
         s.time_s[i] = g.tick * p.tick_s
         s.pose_age_s[i] = 0.0 if p.use_tf else (g.step - g.amcl_step) * p.dt
         s.closing_speed[i] = g.closing
@@ -98,8 +111,8 @@ def write_situations(table, first, last):  # type: ignore[no-untyped-def]
         s.pellets_left[i] = g.spawned - g.collected - g.lost
         column, row = cell_of(level.affine, level.snap.shape[0], level.snap.shape[1], bx, by)
         robot_cell = level.snap[row, column]
-        ghost_cell = ghost_paths[i, lead, ghosts[i, lead].path_index]
-        drive_cell = drive[ghost_cell]
+        ghost_cell = ghost_paths[i, lead, ghosts[i, lead].path_index] if lead >= 0 else np.int32(0)
+        drive_cell = drive[ghost_cell] if lead >= 0 else np.int32(-1)
         for c in range(hold + 1):
             goal = -1
             if c < slots:
@@ -121,6 +134,7 @@ def write_situations(table, first, last):  # type: ignore[no-untyped-def]
                 if goal >= 0 and place[goal] >= 0:  # the goal exists and has a ghost cell
                     s.mask[i, c] = level.ghost_part[place[goal]] == level.ghost_part[ghost_cell]
             s.goal[i, c] = goal
+            s.is_power[i, c] = goal >= 0 and level.power[goal] and s.kind[i, c] == PELLET
             if goal < 0:
                 s.position[i, c, 0], s.position[i, c, 1] = bx, by
                 s.path_robot[i, c] = 0.0 if c == hold else np.inf
@@ -131,7 +145,7 @@ def write_situations(table, first, last):  # type: ignore[no-untyped-def]
             s.path_clyde[i, c] = _metres(drive_cell, goal, length_cm)
         if player < 0:
             for k in range(ghosts.shape[1]):
-                if k != lead:
+                if k != lead and not is_harmless(seen[k], g.step):
                     drive_cell = drive[ghost_paths[i, k, ghosts[i, k].path_index]]
                     for goal in range(g.pellets + g.refuges):
                         c = goal if goal < g.pellets else slots + goal - g.pellets

@@ -1,8 +1,9 @@
 """Global planner of the Nav2 stand-in: plans the next part of the path to a goal, around obstacles on it.
 
 The planner follows the static path fields at NavFn's rate, and searches a detour if a moving obstacle (a ghost) is on
-the path. Kernels work on one game's record ``g``, its plan ``path`` (PATH_POINTS, 2) and its obstacles (G, 3): x, y in
-m and the distance to keep, which the planner fills in (0: ignored).
+the path. Kernels work on one game's record ``g``, its plan ``path`` (PATH_POINTS, 2) and its obstacles (G, 5): x, y in
+m, the distance to keep, which the planner fills in (0: ignored), the step until which it is no obstacle, and one column
+that the planner does not use.
 """
 
 import math
@@ -202,13 +203,16 @@ def _detour(g, path, start, obstacles, clear_cm, p, fields, search):  # type: ig
 
 
 @kernel
-def _keep_distances(start, goal, obstacles, p, fields):  # type: ignore[no-untyped-def]
+def _keep_distances(start, goal, obstacles, step, p, fields):  # type: ignore[no-untyped-def]
     """Set the distance to keep from each obstacle, and return the length of the free rest of the static path, cm.
 
     -1: no obstacle blocks the path. A robot near an obstacle only has to keep its present distance, to get away.
     """
     clear_cm = -1
     for k in range(len(obstacles)):
+        if step < obstacles[k, 3]:
+            obstacles[k, 2] = 0.0
+            continue
         cx, cy = obstacles[k, 0], obstacles[k, 1]
         dx, dy = fields.cell_xy[start, 0] - cx, fields.cell_xy[start, 1] - cy
         keepout = min(p.clyde_keepout, math.sqrt(dx * dx + dy * dy) - 0.05)
@@ -231,7 +235,7 @@ def write_plan(g, path, bx, by, obstacles, p, fields, search):  # type: ignore[n
     count = 0
     static = 0
     if fields.next_step[goal, start] != NO_STEP:
-        clear_cm = _keep_distances(start, goal, obstacles, p, fields)
+        clear_cm = _keep_distances(start, goal, obstacles, g.step, p, fields)
         if clear_cm >= 0:
             g.nav_at = 0
             g.nav_ahead = 0

@@ -1,0 +1,67 @@
+"""Power pellets: which pellets they are, how long they frighten ghosts, and what a caught ghost is worth.
+
+A ghost is present, frightened or away. A power pellet frightens all ghosts that are present. A frightened ghost flees
+and does not kill; the robot catches it within the death radius. Then it is away, and starts again at its spawn place.
+Two times per ghost are its whole state (:data:`HARMLESS_UNTIL`, :data:`AWAY_UNTIL`), in the unit of the caller's clock.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import PowerConfig
+
+#: Columns of ``Board.ghosts``: the times until which a ghost is frightened or away, and until which it is away.
+HARMLESS_UNTIL, AWAY_UNTIL = 3, 4
+_MOST_DOUBLINGS = 3  # 200, 400, 800, 1600 for the four ghosts of one energizer (arcade)
+
+
+def choose_power_pellets(position: NDArray[np.float64], home: tuple[float, float], count: int) -> NDArray[np.bool_]:
+    """Return a mask (P,) of the power pellets among pellets at ``position`` (P, 2), m.
+
+    Each is the pellet farthest, in a straight line, from home and from those chosen before; the first of equal ones.
+    """
+    chosen = np.zeros(len(position), dtype=np.bool_)
+    nearest = np.hypot(position[:, 0] - home[0], position[:, 1] - home[1])
+    for _ in range(min(count, len(position))):
+        farthest = int(np.argmax(np.where(chosen, -1.0, nearest)))
+        chosen[farthest] = True
+        x, y = position[farthest]
+        nearest = np.minimum(nearest, np.hypot(position[:, 0] - x, position[:, 1] - y))
+    return chosen
+
+
+def frightened_s(power: PowerConfig, round: int) -> float:
+    """Return for how long, s, a power pellet frightens ghosts in a round, counted from 1."""
+    return max(power.shortest_s, power.duration_s - (round - 1) * power.duration_step_s)
+
+
+def is_away(ghost, now):  # type: ignore[no-untyped-def]
+    """Return True if a ghost, a row of ``Board.ghosts``, has been caught and has not started again."""
+    return now < ghost[AWAY_UNTIL]
+
+
+def is_harmless(ghost, now):  # type: ignore[no-untyped-def]
+    """Return True if a ghost is frightened or away."""
+    return now < ghost[HARMLESS_UNTIL]
+
+
+def is_frightened(ghost, now):  # type: ignore[no-untyped-def]
+    return is_harmless(ghost, now) and not is_away(ghost, now)
+
+
+def frighten(ghosts, until, now):  # type: ignore[no-untyped-def]
+    """Frighten the ghosts (G, 5) that are not away, again from the beginning if they are frightened already."""
+    for k in range(len(ghosts)):
+        if not is_away(ghosts[k], now):
+            ghosts[k, HARMLESS_UNTIL] = until
+
+
+def send_away(ghost, until):  # type: ignore[no-untyped-def]
+    """Let a caught ghost, a row of ``Board.ghosts``, be away; it is not frightened when it starts again."""
+    ghost[HARMLESS_UNTIL] = until
+    ghost[AWAY_UNTIL] = until
+
+
+def ghost_points(first, caught_before):  # type: ignore[no-untyped-def]
+    """Return the points of a caught ghost: ``first`` points, doubled for each caught after the same power pellet."""
+    return first * 2 ** min(caught_before, _MOST_DOUBLINGS)
