@@ -14,7 +14,7 @@ Ends = tuple[Floats, Flags, Flags]  # reward, terminated, truncated, each (N,)
 
 
 def infos(summary: Indices, numeric: bool = False) -> dict[str, NDArray[Any]]:
-    """Return the infos as new arrays (N,) from a batch's ``summary`` (6, N); ``kernels.SUMMARY`` names them.
+    """Return the infos as new arrays (N,) from a batch's ``summary``, whose rows ``kernels.SUMMARY`` names.
 
     ``outcome`` is a word (object), or with ``numeric`` its index in ``OUTCOMES``. ``round_seed`` is int64, or uint64
     if a seed given to a reset does not fit into int64.

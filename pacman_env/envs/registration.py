@@ -27,6 +27,7 @@ ENV_ID = "pacman_env/PacManBot-v0"
 #: The same game for stock learners: with ``flat=True``.
 FLAT_ID = "pacman_env/PacManBotFlat-v0"
 _GENERATED, _ENDLESS, _FOUR = {"map": "generated"}, {"defaults": {"endless": True}}, {"ghosts": ("policy",) * 4}
+_ARCADE = {"preset": "arcade"}
 #: Stock PPO learns to drive with these (train/hyperparameters/baselines.yaml).
 _DRIVING = {
     "decisions.when": "tick",
@@ -79,6 +80,16 @@ IDS = {
         "for stock learners, with four ghosts that come for the robot as the arcade's Clyde does",
         {"flat": True, "ghosts": ("arcade",) * 4},
         {"flat": True, **_FOUR},
+    ),
+    "pacman_env/PacManBotArcade-v0": Registered(
+        "four power pellets, four ghosts of three kinds: a frightened ghost flees and can be caught",
+        _ARCADE,
+        {**_ARCADE, **_FOUR},
+    ),
+    "pacman_env/PacManBotFlatArcade-v0": Registered(
+        "for stock learners, with power pellets and four ghosts of three kinds",
+        {"flat": True, **_ARCADE},
+        {"flat": True, **_ARCADE, **_FOUR},
     ),
 }
 

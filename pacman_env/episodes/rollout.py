@@ -36,6 +36,7 @@ EPISODE = np.dtype(
         ("rounds", np.int64),  # completed rounds
         ("spawned", np.int64),  # in one round
         ("collected", np.int64),  # in all rounds
+        ("ghosts_caught", np.int64),  # in all rounds
         ("lost", np.int64),  # in the last round
         ("aborts", np.int64),  # in the last round
         ("time_s", np.float64),  # of all rounds
@@ -191,7 +192,7 @@ def _records(batch: GameBatch, index: NDArray[np.int64], before_s: NDArray[np.fl
     result["level"] = batch.level_numbers()[index]
     result["end"] = np.where(games["end"] == RUNNING, COMPLETE, games["end"])
     result["rounds"] = games["round"] - 1 + (games["end"] == COMPLETE)
-    result["collected"] = games["score"]
+    result["collected"], result["ghosts_caught"] = games["all_collected"], games["all_caught"]
     for name in ("spawned", "lost", "aborts"):
         result[name] = games[name]
     result["time_s"] = before_s[index] + games["step"] * batch.config.physics_step_s

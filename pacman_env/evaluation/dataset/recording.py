@@ -213,7 +213,7 @@ class _Recorder:
         notes["level"][rounds] = batch.level_numbers()[ended]
         notes["outcome"][rounds] = games["end"]
         notes["decisions"][rounds] = steps - self._began[ended]
-        notes["collected"][rounds] = games["score"]
+        notes["collected"][rounds] = games["all_collected"]
         notes["spawned"][rounds] = games["spawned"]
         notes["unlisted"][rounds] = self._unlisted[ended]
         follow = self._next + np.arange(len(ended))

@@ -41,7 +41,7 @@ from pacman_env.policies.metadata import parse
 from pacman_env.policies.registry import POLICIES, make_policy, moved_by_policy
 from pacman_env.world.maps.occupancy import OccupancyMap
 
-SCHEMA: Literal[1] = 1
+SCHEMA: Literal[2] = 2
 _DIGITS = 24  # digits of a hash in a file name
 _FIELDS = EPISODE.names or ()
 
@@ -55,6 +55,7 @@ class PlayedRounds(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rounds: tuple[int, ...]
     spawned: tuple[int, ...]
     collected: tuple[int, ...]
+    ghosts_caught: tuple[int, ...]
     lost: tuple[int, ...]
     aborts: tuple[int, ...]
     time_s: tuple[float, ...]
@@ -64,7 +65,7 @@ class PlayedRounds(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class RoundsFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Content of a file of rounds."""
 
-    schema: Literal[1]
+    schema: Literal[2]
     decides: dict[str, Any]  # everything that decides the rounds
     commit: str  # commit of the sources that played the rounds
     rounds: PlayedRounds

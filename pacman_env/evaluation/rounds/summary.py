@@ -149,6 +149,7 @@ def _common(records: NDArray) -> Row:
         "pellets": int(records["spawned"].max()),
         "pellets_least": int(records["spawned"].min()),
         "pellets_mean": float(records["collected"].mean()),
+        "ghosts_caught_mean": float(records["ghosts_caught"].mean()),
         "time_mean_s": float(records["time_s"].mean()),
     }
 

@@ -19,7 +19,7 @@ class CoarseStart(NamedTuple):
     """A coarse game that starts from a situation."""
 
     robot: NDArray[Any]  # (1,) with at least the fields of ROBOT
-    ghosts: NDArray[Any]  # (G,) of GHOST
+    ghosts: NDArray[Any]  # of GHOST: those that are not harmless
     goals: NDArray[np.int64]  # (C,) goal of each candidate; NOWHERE: hold or padding
     model: Model
     pellets: int  # goals below this number are pellets
@@ -41,10 +41,12 @@ def start(
     bit[s.goal[i, pellets]] = np.arange(len(pellets))
     numbers = rules(config, lags)
     # A ghost within the margin has not caught the robot yet.
-    apart = float(np.hypot(*(s.ghosts[i, :, :2] - s.robot[i, :2]).T).min())
+    numbers_of_ghosts = np.flatnonzero(~s.harmless[i])
+    seen = s.ghosts[i, numbers_of_ghosts]
+    apart = float(np.hypot(*(seen[:, :2] - s.robot[i, :2]).T).min(initial=np.inf))
     numbers["death_m"] = max(config.execution.death_radius_m, min(float(numbers["death_m"][0]), apart - _LEAVE_M))
     model = Model(CoarseArrays(**add_coarse_map(level).arrays), numbers, behaviours.table.address, bit)
-    own, ghosts = np.zeros(1, dtype=ROBOT if robot is None else robot), np.zeros(s.ghosts.shape[1], dtype=GHOST)
+    own, ghosts = np.zeros(1, dtype=ROBOT if robot is None else robot), np.zeros(len(seen), dtype=GHOST)
     own["time_s"] = s.time_s[i]
     own["pellets"] = (1 << len(pellets)) - 1
     goals = s.goal[i].astype(np.int64)  # candidates without a goal have -1, NOWHERE
@@ -52,7 +54,7 @@ def start(
     current = int(s.current[i])
     if current >= 0 and s.mask[i, current] and np.isfinite(s.path_robot[i, current]):
         goal, left_m = int(goals[current]), float(s.path_robot[i, current])
-    _put(own, ghosts, model, s.robot[i], s.ghosts[i], np.int64(goal), left_m)
+    _put(own, ghosts, model, s.robot[i], (numbers_of_ghosts, seen), np.int64(goal), left_m)
     return CoarseStart(own, ghosts, goals, model, level.facts.pellets)
 
 
@@ -65,10 +67,11 @@ def draw_futures(ghosts: NDArray[Any], seed: int, tick: int, number: int) -> Non
 
 
 @kernel
-def _put(robot, ghosts, model, pose, seen, goal, left_m):  # type: ignore[no-untyped-def]
+def _put(robot, ghosts, model, pose, others, goal, left_m):  # type: ignore[no-untyped-def]
+    number, seen = others
     put_robot(robot[0], model, pose[0], pose[1], pose[2])
     for k in range(len(ghosts)):
-        put_ghost(ghosts[k], k, model, seen[k])
+        put_ghost(ghosts[k], number[k], model, seen[k])
     if goal >= 0:
         begin(robot[0], goal, left_m, model)
 

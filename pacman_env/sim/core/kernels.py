@@ -34,7 +34,8 @@ from .parameters import GAME, PARAMETERS
 
 _LONG_AGO = -9
 NOWHERE_M = 1000.0  # distance of the nearest ghost that can catch the robot, if there is none
-SUMMARY = ("outcome", "collected", "lost", "spawned", "aborts", "round_seed")  # rows of ``GameState.summary``
+#: Rows of ``GameState.summary``.
+SUMMARY = ("outcome", "collected", "lost", "spawned", "aborts", "round_seed", "score", "ghosts_caught")
 
 
 class RuleArrays(NamedTuple):
@@ -148,10 +149,13 @@ def follow(a, i, event, value, x, y):  # type: ignore[no-untyped-def]
     level = level_arrays(a.levels[g.level])
     board = Board(level.goal_xy, a.obstacles[i], a.alive[i], level.power, a.waits[i], a.aborts[i])
     action = transition(g, event, value, (x, y), g.step, navigating, board, a.parameters[0])
-    g.score += g.collected - collected + g.bonus - bonus
-    g.tick_pellets += g.collected - collected
-    g.tick_power += g.power - power
-    g.tick_caught += g.caught - caught
+    new_pellets, new_power, new_caught = g.collected - collected, g.power - power, g.caught - caught
+    g.score += new_pellets + g.bonus - bonus
+    g.all_collected += new_pellets
+    g.all_caught += new_caught
+    g.tick_pellets += new_pellets
+    g.tick_power += new_power
+    g.tick_caught += new_caught
     if action == CANCEL:
         navigator.cancel(g)
         g.nav_result = navigator.NO_RESULT
@@ -304,3 +308,4 @@ def earned(g, rewards):  # type: ignore[no-untyped-def]
 def summarize(g, i, summary):  # type: ignore[no-untyped-def]
     summary[0, i], summary[1, i], summary[2, i] = g.end, g.collected, g.lost
     summary[3, i], summary[4, i], summary[5, i] = g.spawned, g.aborts, g.episode_seed
+    summary[6, i], summary[7, i] = g.score, g.all_caught

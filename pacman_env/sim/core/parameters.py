@@ -38,6 +38,8 @@ _FIELDS = [
     ("tick_caught", np.int32),  # ghosts caught in the last tick
     ("tick_rounds", np.int32),  # rounds completed in the last tick of an endless game
     ("round", np.int32),  # from 1
+    ("all_collected", np.int32),  # pellets over all rounds
+    ("all_caught", np.int32),  # ghosts caught over all rounds
     ("score", np.int32),  # points over all rounds
     ("level", np.int32),  # slot of the map
     ("refuges", np.int32),  # number of refuges of the map, which follow its pellets
@@ -93,6 +95,7 @@ def _values(config: Config, resolution: float, pellet_slots: int, refuge_slots: 
         "scan_steps": steps(loc.scan_period_s),
         "clyde_steps": steps(config.clyde.update_period_s),
         "clyde_period": config.clyde.update_period_s,
+        "warning_steps": steps(config.power.warning_s),
         "frightened_speed": config.power.speed_factor,
         "arcade_m": config.clyde.arcade_distance_m,
         "plan_steps": steps(nav2.planner_period_s),
@@ -164,8 +167,9 @@ _DRAWN = {
     "abort_rate": "nav_abort_rate",
     "pickup_radius_m": "pickup",
 }
+_TOTALS = "all_collected", "all_caught", "score", "tick_pellets", "tick_power", "tick_caught"
 #: Fields that an endless game keeps from round to round.
-KEPT_FROM_ROUND_TO_ROUND = (*_DRAWN.values(), "error_kept", "episode_seed", "round", "score", "tick_pellets")
+KEPT_FROM_ROUND_TO_ROUND = (*_DRAWN.values(), "error_kept", "episode_seed", "round", *_TOTALS)
 
 
 def draw_episodes(seeds: NDArray[np.uint64], config: Config) -> NDArray[Any]:

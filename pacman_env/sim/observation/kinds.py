@@ -23,7 +23,8 @@ from .planner_features import (
     planner_features,
     planner_stage,
 )
-from .raster import CHANNELS, raster_all, scan_all
+from .power_features import CANDIDATE_POWER_COLUMNS, GHOST_POWER_COLUMNS, power_features, power_stage
+from .raster import CHANNELS, FRIGHTENED, PRESENT, raster_all, scan_all
 from .robot_features import (
     COLUMNS,
     GHOST_BEARING_COLUMNS,
@@ -35,7 +36,7 @@ from .robot_features import (
     ghost_bearings,
     pellet_bearings,
 )
-from .situation import Situation
+from .situation import MISSING, NearestCounts, Situation, nearest_candidates
 
 _BELIEF_MARGIN_M = 2.0  # a believed pose lies at most this far outside the playable area ...
 _BELIEF_MARGIN_SIGMAS = 9  # ... or this many standard deviations: a draw with 53 bits is at most 8.6 away
@@ -154,15 +155,32 @@ def _planner_stage(batch: GameBatch, situation: Situation, wanted: NDArray[np.bo
 
 def _bearing_parts(batch: GameBatch) -> dict[str, ObservationPart]:
     pellets, ghosts = batch.config.observation.nearest_pellets, len(batch.config.clyde.ghosts)
-    return {
+    parts = {
         "pellet_bearings": _table_part(PELLET_BEARING_COLUMNS, (pellets,)),
         "ghost_bearings": _table_part(GHOST_BEARING_COLUMNS, (ghosts,)),
     }
+    if batch.config.power.pellets > 0:
+        parts["pellet_power"] = _table_part(CANDIDATE_POWER_COLUMNS, (pellets,))
+    return parts
 
 
 def _bearings(batch: GameBatch, situation: Situation) -> Observation:
-    pellets = pellet_bearings(situation, batch.config.observation.nearest_pellets)
-    return {"pellet_bearings": pellets, "ghost_bearings": ghost_bearings(situation)}
+    count = batch.config.observation.nearest_pellets
+    result = {"pellet_bearings": pellet_bearings(situation, count), "ghost_bearings": ghost_bearings(situation)}
+    if batch.config.power.pellets > 0:
+        order = nearest_candidates(situation, NearestCounts(count, 0))[:, :count]
+        power = np.take_along_axis(situation.is_power, np.maximum(order, 0), axis=1) & (order != MISSING)
+        result["pellet_power"] = power[:, :, None].astype(np.float32)
+    return result
+
+
+def _power_parts(batch: GameBatch) -> dict[str, ObservationPart]:
+    candidates = _table_part(CANDIDATE_POWER_COLUMNS, (batch.candidates,))
+    ghosts = len(batch.config.clyde.ghosts)
+    return {
+        "candidate_power": candidates._replace(by_candidate=True),
+        "ghost_power": _table_part(GHOST_POWER_COLUMNS, (ghosts,)),
+    }
 
 
 def _scan_parts(batch: GameBatch) -> dict[str, ObservationPart]:
@@ -190,10 +208,12 @@ def _grid(batch: GameBatch, situation: Situation) -> Observation:
     config = batch.config.observation
     images = np.empty((batch.n, config.grid_pixels, config.grid_pixels, CHANNELS), dtype=np.uint8)
     level = np.ascontiguousarray(batch.games["level"])
-    ghosts = np.ascontiguousarray(situation.ghosts[:, :, :2])
+    ghosts = situation.ghosts[:, :, :2].copy()
     lengths = config.grid_pixel_m, batch.config.robot.radius_m
-    pellets = situation.position, batch.alive
-    raster_all(batch.levels.addresses, level, situation.robot, pellets, ghosts, lengths, images)
+    pellets = situation.position, batch.alive, situation.is_power
+    ghosts[situation.away_s > 0.0] = np.nan
+    shades = np.where(situation.frightened_s > 0.0, FRIGHTENED, PRESENT)
+    raster_all(batch.levels.addresses, level, situation.robot, pellets, (ghosts, shades), lengths, images)
     return {"grid": images}
 
 
@@ -201,17 +221,28 @@ FEATURES = CompiledKind(
     "features", _feature_parts, _features, lambda batch, situation, wanted, arrays: features_stage(situation, arrays)
 )
 PLANNER = CompiledKind("planner", _planner_parts, _planner, _planner_stage, maps_changed, maps_wanted)
+POWER = CompiledKind(
+    "power",
+    _power_parts,
+    lambda batch, situation: power_features(situation),
+    lambda batch, situation, wanted, arrays: power_stage(situation, arrays),
+)
 SCAN = _Kind("scan", _scan_parts, _scan, simulated=True)
 BEARINGS = _Kind("bearings", _bearing_parts, _bearings)
 GRID = _Kind("grid", _grid_parts, _grid, simulated=True)
-BUILT_IN_KINDS = {kind.name: kind for kind in (FEATURES, PLANNER, SCAN, BEARINGS, GRID)}
+BUILT_IN_KINDS = {kind.name: kind for kind in (FEATURES, PLANNER, POWER, SCAN, BEARINGS, GRID)}
 #: Kinds by name, as classes without constructor arguments; other packages add entry points.
 KINDS: Registry[Callable[[], ObservationKind]] = Registry("observation kind", "pacman_env.observations", BUILT_IN_KINDS)
 register_observation = KINDS.register
 
 
-def kinds_shown(config: ObservationConfig, action: str) -> list[str]:
-    """Return the configured kinds; bearings are added if the actions need more than path lengths or a scan."""
+def kinds_shown(config: ObservationConfig, action: str, power: bool) -> list[str]:
+    """Return the configured kinds and those that they need.
+
+    Bearings are added if the actions need more than path lengths or a scan, ``POWER`` to all numbers if there is
+    ``power`` in the game.
+    """
     kinds = set(config.kinds)
     steers = action == "velocity" and bool(kinds & {FEATURES.name, PLANNER.name})
-    return sorted(kinds | ({BEARINGS.name} if steers or SCAN.name in kinds else set()))
+    kinds |= {BEARINGS.name} if steers or SCAN.name in kinds else set()
+    return sorted(kinds | ({POWER.name} if power and kinds - {GRID.name} else set()))

@@ -40,7 +40,7 @@ class Observer:
         if self.nearest and action != "goal":
             raise ConfigError("observation.candidates = 'nearest': velocities choose no candidate")
         try:
-            self._kinds = [KINDS.find(name)() for name in kinds_shown(config, action)]
+            self._kinds = [KINDS.find(name)() for name in kinds_shown(config, action, batch.config.power.pellets > 0)]
         except PluginError as error:
             raise ConfigError(f"observation.kinds = {config.kinds!r}: {error}") from None
         self._raw_parts: dict[str, ObservationPart] = {MASK: mask_part(batch)} if self._masked else {}

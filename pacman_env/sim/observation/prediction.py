@@ -310,11 +310,11 @@ def room_to_meet(goals, candidates):  # type: ignore[no-untyped-def]
 def is_nobody(s, i, k):  # type: ignore[no-untyped-def]
     """Return True if ghost k (-1: every ghost) of situation i is harmless."""
     if k >= 0:
-        return s.frightened_s[i, k] + s.away_s[i, k] > 0.0
+        return s.harmless[i, k]
+    harmless = True
     for j in range(s.ghosts.shape[1]):
-        if s.frightened_s[i, j] + s.away_s[i, j] == 0.0:
-            return False
-    return True
+        harmless &= s.harmless[i, j]
+    return harmless
 
 
 @kernel

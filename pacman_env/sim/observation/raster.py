@@ -12,11 +12,14 @@ WALLS, PELLETS, GHOSTS, ROBOT = 0, 1, 2, 3  # channels
 CHANNELS = 4
 PELLET_RADIUS_M = 0.15
 
+POWER_RADIUS_M = 0.25  # of a power pellet
+PRESENT, FRIGHTENED = np.uint8(255), np.uint8(128)  # values of ghosts
+
 _ON, _OFF = np.uint8(255), np.uint8(0)
 
 
 @kernel
-def _disc(image, channel, row, column, radius):  # type: ignore[no-untyped-def]
+def _disc(image, channel, row, column, radius, value):  # type: ignore[no-untyped-def]
     """Mark the pixels with centres inside a disc, and the pixel at its centre; all lengths in pixels."""
     size = len(image)
     if not (row > -radius and column > -radius and row < size + radius and column < size + radius):
@@ -27,9 +30,9 @@ def _disc(image, channel, row, column, radius):  # type: ignore[no-untyped-def]
     for r in range(first_row, last_row + 1):
         for c in range(first_column, last_column + 1):
             if (r + 0.5 - row) ** 2 + (c + 0.5 - column) ** 2 <= inside:
-                image[r, c, channel] = _ON
+                image[r, c, channel] = value
     if row >= 0.0 and column >= 0.0 and row < size and column < size:
-        image[int(row), int(column), channel] = _ON
+        image[int(row), int(column), channel] = value
 
 
 @kernel
@@ -69,10 +72,12 @@ def raster(grid, pose, pellets, ghosts, lengths_m, image):  # type: ignore[no-un
     """Fill ``image`` (S, S, 4) uint8, 0 or 255, with the surroundings of a robot at the believed ``pose`` (3,).
 
     The robot is in the middle; row 0 is ahead of it and column 0 to its left. ``grid`` is affine (6,), world to cell,
-    and clearance_cm (H, W) uint8, 0 if not free. ``pellets`` are positions (P or more, 2) in m and a mask (P,). Pellets
-    and ghosts (G, 2) that are not finite are skipped. ``lengths_m`` are the size of a pixel and the robot's radius.
+    and clearance_cm (H, W) uint8, 0 if not free. ``pellets`` are positions (P or more, 2) in m, a mask (P,) of those
+    that are left and one of power pellets; ``ghosts`` are positions (G, 2) and values (G,). Pellets and ghosts that are
+    not finite are skipped. ``lengths_m`` are the size of a pixel and the robot's radius.
     """
-    pellet_xy, remaining = pellets
+    pellet_xy, remaining, power = pellets
+    ghost_xy, values = ghosts
     pixel_m, radius_m = lengths_m
     pixels_per_m = 1.0 / pixel_m
     middle = 0.5 * len(image)
@@ -83,11 +88,12 @@ def raster(grid, pose, pellets, ghosts, lengths_m, image):  # type: ignore[no-un
     for k in range(len(remaining)):
         if remaining[k]:
             row, column = _pixel(pellet_xy[k, 0] - x, pellet_xy[k, 1] - y, view)
-            _disc(image, np.int64(PELLETS), row, column, PELLET_RADIUS_M * pixels_per_m)
-    for k in range(len(ghosts)):
-        row, column = _pixel(ghosts[k, 0] - x, ghosts[k, 1] - y, view)
-        _disc(image, np.int64(GHOSTS), row, column, radius_m * pixels_per_m)
-    _disc(image, np.int64(ROBOT), middle, middle, radius_m * pixels_per_m)
+            size_m = POWER_RADIUS_M if power[k] else PELLET_RADIUS_M
+            _disc(image, np.int64(PELLETS), row, column, size_m * pixels_per_m, _ON)
+    for k in range(len(ghost_xy)):
+        row, column = _pixel(ghost_xy[k, 0] - x, ghost_xy[k, 1] - y, view)
+        _disc(image, np.int64(GHOSTS), row, column, radius_m * pixels_per_m, values[k])
+    _disc(image, np.int64(ROBOT), middle, middle, radius_m * pixels_per_m, _ON)
 
 
 @kernel
@@ -95,8 +101,8 @@ def raster_all(levels, level, pose, pellets, ghosts, lengths_m, images):  # type
     """Call :func:`raster` for N games; ``levels`` are the addresses of the levels by slot, ``level`` (N,) the slots."""
     for i in range(len(images)):
         a = level_arrays(levels[level[i]])
-        own_pellets = pellets[0][i], pellets[1][i]
-        raster((a.affine, a.clearance_cm), pose[i], own_pellets, ghosts[i], lengths_m, images[i])
+        own_pellets, own_ghosts = (pellets[0][i], pellets[1][i], pellets[2][i]), (ghosts[0][i], ghosts[1][i])
+        raster((a.affine, a.clearance_cm), pose[i], own_pellets, own_ghosts, lengths_m, images[i])
 
 
 @kernel

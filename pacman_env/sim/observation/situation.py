@@ -4,8 +4,9 @@ The simulator and a robot's messages fill the same structure. Poses are *believe
 Candidates are pellets (padded), refuges (padded) and hold, in this order.
 
 With several ghosts, Clyde is the ghost nearest to the believed pose, and ``path_clyde`` is the shortest path of any
-ghost. Ghosts that are frightened or away do not count: if all are, Clyde is 1 km away. The policy of a ghost gets the same arrays with its ghost as Clyde; its candidates are the places where the ghost
-can go, and the last one is to wander.
+ghost. Harmless ghosts do not count: if all are, Clyde is 1 km away. The policy of a ghost gets the
+same arrays with its ghost as Clyde; its candidates are the places where the ghost can go, and the last one is to
+wander.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ class Situation:
 
     Arrays are (N,) per situation, (N, C) per candidate: ``kind``, ``mask``, ``path_robot``, ``path_clyde``, ``goal``,
     ``is_power``; ``position`` is (N, C, 2), ``robot`` (N, 3), velocities and ``clyde`` (N, 2), ``ghosts`` (N, G, 5),
-    ``frightened_s`` and ``away_s`` (N, G), ``belief`` (N, G, 4): probabilities of wandering, ``arcade``, ``chase`` and
+    ``frightened_s``, ``away_s`` and ``harmless`` (N, G), ``belief`` (N, G, 4): probabilities of wandering, ``arcade``, ``chase`` and
     anything else.
     """
 
@@ -59,6 +60,7 @@ class Situation:
     ghosts: Annotated[NDArray[np.float64], "N G 5"]  # x, y, vx, vy, speed of each ghost
     frightened_s: Annotated[NDArray[np.float64], "N G"]  # for which a ghost stays frightened; 0: it is not
     away_s: Annotated[NDArray[np.float64], "N G"]  # after which a caught ghost starts again; 0: it is there
+    harmless: Annotated[NDArray[np.bool_], "N G"]  # for longer than ``power.warning_s``: need not be avoided
     is_power: Annotated[NDArray[np.bool_], "N C"]  # candidates that are power pellets
     belief: Annotated[NDArray[np.float64], _BELIEF]  # about each ghost's behaviour (game/behaviour_belief.py)
     goal: Annotated[NDArray[np.int32], "N C"]  # goal number of each candidate on its map, -1: none

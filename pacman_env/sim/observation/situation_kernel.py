@@ -13,7 +13,7 @@ from ...game.power import AWAY_UNTIL, HARMLESS_UNTIL, is_frightened, is_harmless
 from ...world.navigation.grid import cell_of
 from ...world.navigation.localization import wrap
 from ...world.navigation.paths import UNREACHABLE_CM
-from ..core.kernels import NOWHERE_M, RuleArrays, allowed, believed, nearest, summarize
+from ..core.kernels import NOWHERE_M, SUMMARY, RuleArrays, allowed, believed, nearest, summarize
 from ..core.parameters import GHOST
 from ..maps.level import level_arrays
 from .situation import HOLD, LAYOUT, PELLET, REFUGE, Situation
@@ -43,7 +43,7 @@ class ViewArrays(NamedTuple):
     ghosts: Any = Array(GHOST, "N G")
     ghost_paths: Any = Array(np.int32, "N G l")  # cells of each ghost's path
     request: Any = Array(REQUEST, "1")
-    summary: Any = Array(np.int64, "6 N")  # kernels.SUMMARY
+    summary: Any = Array(np.int64, f"{len(SUMMARY)} N")
 
 
 _arrays, _situation = arrays_by_address(ViewArrays), LAYOUT.arrays
@@ -84,12 +84,13 @@ def write_situations(table, first, last):  # type: ignore[no-untyped-def]
             s.frightened_s[i, k] = 0.0
             if is_frightened(seen[k], g.step):
                 s.frightened_s[i, k] = (seen[k, HARMLESS_UNTIL] - g.step) * p.dt
-            if player < 0 and is_harmless(seen[k], g.step):  # as if it wandered: nobody expects it to come
+            s.harmless[i, k] = is_harmless(seen[k], g.step + p.warning_steps)
+            if player < 0 and s.harmless[i, k]:  # as if it wandered: nobody expects it to come
                 s.belief[i, k] = 0.0
                 s.belief[i, k, WANDERS] = 1.0
         lead = player
         if player < 0:
-            lead, _ = nearest(bx, by, seen, g.step)
+            lead, _ = nearest(bx, by, seen, g.step + p.warning_steps)
         s.clyde[i, 0], s.clyde[i, 1] = bx + NOWHERE_M, by
         s.clyde_velocity[i, 0], s.clyde_velocity[i, 1], s.clyde_speed[i] = 0.0, 0.0, 0.0
         if lead >= 0:
@@ -145,7 +146,7 @@ def write_situations(table, first, last):  # type: ignore[no-untyped-def]
             s.path_clyde[i, c] = _metres(drive_cell, goal, length_cm)
         if player < 0:
             for k in range(ghosts.shape[1]):
-                if k != lead and not is_harmless(seen[k], g.step):
+                if k != lead and not s.harmless[i, k]:
                     drive_cell = drive[ghost_paths[i, k, ghosts[i, k].path_index]]
                     for goal in range(g.pellets + g.refuges):
                         c = goal if goal < g.pellets else slots + goal - g.pellets
