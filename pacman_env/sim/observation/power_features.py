@@ -15,7 +15,7 @@ CANDIDATE_POWER_COLUMNS: Columns = (("is_power", 0.0, 1.0, ""),)
 GHOST_POWER_COLUMNS: Columns = (
     ("is_frightened", 0.0, 1.0, ""),
     ("frightened", 0.0, OLD_S, "s, until it is not frightened any more"),
-    ("is_away", 0.0, 1.0, "1 after it was caught"),
+    ("is_away", 0.0, 1.0, "1, after it was caught"),
     ("away", 0.0, OLD_S, "s, until it starts again"),
 )
 

@@ -35,9 +35,9 @@ class Situation:
     """N situations with C candidates and G ghosts each; m, rad and s in the map frame.
 
     Arrays are (N,) per situation, (N, C) per candidate: ``kind``, ``mask``, ``path_robot``, ``path_clyde``, ``goal``,
-    ``is_power``; ``position`` is (N, C, 2), ``robot`` (N, 3), velocities and ``clyde`` (N, 2), ``ghosts`` (N, G, 5),
-    ``frightened_s``, ``away_s`` and ``harmless`` (N, G), ``belief`` (N, G, 4): probabilities of wandering, ``arcade``, ``chase`` and
-    anything else.
+    ``is_power``, and (N, G) per ghost: ``frightened_s``, ``away_s``, ``harmless``; ``position`` is (N, C, 2), ``robot``
+    (N, 3), velocities and ``clyde`` (N, 2), ``ghosts`` (N, G, 5), ``belief`` (N, G, 4): probabilities of wandering,
+    ``arcade``, ``chase`` and anything else.
     """
 
     time_s: Annotated[NDArray[np.float64], "N"]  # since the round began
