@@ -21,6 +21,7 @@ from pacman_env.game.execution import (
 )
 from pacman_env.game.goal_executor import GoalExecutor
 from pacman_env.game.goals import ExecutorAction, Goals, Place, home_place
+from pacman_env.game.power import choose_power_pellets
 from pacman_env.game.round import RoundController
 from pacman_env.sim.core import kernels
 from pacman_env.sim.core.parameters import batch_parameters, draw_episodes
@@ -28,28 +29,34 @@ from pacman_env.sim.maps.level import LevelArrays
 from pacman_env.world.navigation import navigator
 
 Position = tuple[float, float]
+HOME = (-50.0, -50.0)
 
 
-def level_of_goals(goal_xy: NDArray[np.float64]) -> Table:
-    """Make a level whose goals are at ``goal_xy`` (G, 2), m; all other arrays, which no rule reads, are zeros."""
+def level_of_goals(goal_xy: NDArray[np.float64], power: NDArray[np.bool_]) -> Table:
+    """Make a level with goals at ``goal_xy`` (G, 2), m, and a mask (G,) of power pellets; other arrays are zeros."""
     lengths = {axis: 1 for array in declared(LevelArrays).values() for axis in array.axes if isinstance(axis, str)}
     lengths["G"] = len(goal_xy)
-    return Table(LevelArrays, **{**zeros(LevelArrays, LevelArrays._fields, **lengths), "goal_xy": goal_xy})
+    return Table(
+        LevelArrays, **{**zeros(LevelArrays, LevelArrays._fields, **lengths), "goal_xy": goal_xy, "power": power}
+    )
 
 
 class SimulatorSide:
     """One game of the simulator whose robot is put where the events say, and whose Nav2 answers as they say."""
 
     def __init__(self, config: Config, pellets: NDArray[np.float64], refuges: NDArray[np.float64]) -> None:
-        self.level = level_of_goals(np.concatenate([pellets, refuges]))
+        power = np.zeros(len(pellets) + len(refuges), np.bool_)
+        power[: len(pellets)] = choose_power_pellets(pellets, HOME, config.power.pellets)
+        self.level = level_of_goals(np.concatenate([pellets, refuges]), power)
         self.pellets, self.hold = len(pellets), len(pellets) + len(refuges)
         self.p = batch_parameters(config, 0.05, len(pellets), len(refuges))
         self.game = draw_episodes(np.array([1], dtype=np.uint64), config)
         self.score = 0
+        self.step_s = config.physics_step_s
         self.alive = np.ones((1, len(pellets)), np.bool_)
         self.waits = np.zeros((1, self.hold + 1), np.int64)
         self.aborts = np.zeros((1, self.hold + 1), np.int64)
-        self.obstacles = np.full((1, 1, 3), 99.0)
+        self.obstacles = np.array([[[99.0, 99.0, 0.0, 0.0, 0.0]]])
         levels = np.array([self.level.address])
         self.rules = kernels.RuleArrays(self.game, self.alive, self.waits, self.aborts, self.obstacles, self.p, levels)
         self.decisions = np.zeros((1, 10_000), np.int16)
@@ -64,6 +71,7 @@ class SimulatorSide:
         self.game["pellets"] = self.game["spawned"] = self.pellets
         self.game["refuges"], self.game["score"] = self.hold - self.pellets, self.score
         self.alive[:], self.waits[:], self.aborts[:] = True, 0, 0
+        self.obstacles[0, 0, 3:] = 0.0
 
     def at(self, step: int, pose: Position, ghost: Position = (99.0, 99.0)) -> None:
         self.game["step"], self.game["x"], self.game["y"] = step, *pose
@@ -108,6 +116,8 @@ class SimulatorSide:
             "end": int(g["end"]),
             "left": np.flatnonzero(self.alive[0]).tolist(),
             "score": int(g["score"]),
+            "ghosts caught": int(g["caught"]) if running else 0,
+            "harmless": max(float(self.obstacles[0, 0, 3]) - step, 0.0) * self.step_s if running else 0.0,
             "pursued": int(g["pursued"]) if running else NO_CHOICE,
             "goal": driven if running else NO_CHOICE,
             "masked": np.flatnonzero(self.waits[0] > step).tolist() if running else [],
@@ -128,10 +138,11 @@ class RobotSide:
 
     def __post_init__(self) -> None:
         own = {number: (x, y) for number, (x, y) in enumerate(self.pellets.tolist())}
-        goals = Goals(own, {}, self.refuges.tolist())
-        self.home = (-50.0, -50.0)
+        self.power = np.flatnonzero(choose_power_pellets(self.pellets, HOME, self.config.power.pellets)).tolist()
+        goals = Goals(own, {}, self.refuges.tolist(), self.power)
+        self.home = HOME
         self.executor = GoalExecutor(self.config, goals, home_place(*self.home, 0.0))
-        self.referee = RoundController(self.config.clyde)
+        self.referee = RoundController(self.config.clyde, power=self.config.power)
         self.shown = set(own)
         self.executor.activate(0.0)
         self.executor.nav2(True, 0.0)
@@ -149,7 +160,9 @@ class RobotSide:
             self._do(self.executor.check(self.home, (), self.now))
             for number in list(self.live):  # among them the way home
                 self.finish(number, SUCCEEDED, self.home)
-            self._hear(self.referee.pellets_left(self.shown, self.now)) if self.referee.state == "starting" else None
+            self._hear(
+                self.referee.pellets_left(self.shown, self.now, self.power)
+            ) if self.referee.state == "starting" else None
             self._hear(self.referee.tick(self.now))
             self._hear(self.referee.start(self.now)) if self.referee.state == "menu" else None
         assert self.referee.state == "running"
@@ -162,7 +175,7 @@ class RobotSide:
     def report(self) -> None:
         """The pellets as they are shown."""
         self._do(self.executor.pellets(self.shown, 0, self.now))
-        self._hear(self.referee.pellets_left(self.shown, self.now))
+        self._hear(self.referee.pellets_left(self.shown, self.now, self.power))
 
     def choose(self, candidate: int) -> bool:
         """Whether the choice was acted on."""
@@ -249,6 +262,8 @@ class RobotSide:
                 self._do(self.executor.state(str(action.value), self.now))
             elif action.kind == "command":
                 self._do(self.executor.command(str(action.value), self.now))
+            elif action.kind == "ghosts_caught":
+                self.executor.round.catches_counted(int(action.value))
             elif action.kind == "reset_pellets":
                 self.shown = set(range(len(self.pellets)))
 
@@ -260,6 +275,8 @@ class RobotSide:
             "end": self.end,
             "left": sorted(self.executor.round.left),
             "score": self.referee.score if running else self.score,
+            "ghosts caught": self.referee.ghosts_caught if running else 0,
+            "harmless": max(float(self.executor.round.ghosts[0, 3]) - self.now, 0.0) if running else 0.0,
             "pursued": self.executor.sent.pursued if running else NO_CHOICE,
             "goal": self.sent[wanted[-1]] if running and wanted else NO_CHOICE,
             "masked": sorted(self.executor.round.masked(self.now)) if running else [],

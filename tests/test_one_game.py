@@ -32,8 +32,8 @@ WAITS = (1, 4, 8, 16, 40, 100)  # steps
 class Trace:
     """Both sides, stepped together and compared after every event."""
 
-    def __init__(self, execution: str) -> None:
-        config = make_config("robot", execution, **EXACT)
+    def __init__(self, execution: str, power: int) -> None:
+        config = make_config("robot", execution, **EXACT, **{"power.pellets": power, "power.duration_s": 8.0})
         self.config = config
         self.simulator = SimulatorSide(config, PELLETS, REFUGES)
         self.robot = RobotSide(config, PELLETS, REFUGES)
@@ -137,8 +137,9 @@ class Trace:
         self.zero, self.step = self.robot.now, 0
 
 
+@pytest.mark.parametrize("power", [0, 1, 2])
 @pytest.mark.parametrize("execution", ["robust", "as_built"])
 @settings(max_examples=TRACES, deadline=None)
 @given(codes=st.binary(min_size=20, max_size=80))
-def test_simulator_and_robot_agree_on_any_event_trace(execution: str, codes: bytes) -> None:
-    Trace(execution).play(codes)
+def test_simulator_and_robot_agree_on_any_event_trace(execution: str, power: int, codes: bytes) -> None:
+    Trace(execution, power).play(codes)

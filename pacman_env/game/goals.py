@@ -1,6 +1,6 @@
 """Goals of a map, and goals sent to Nav2 that have not ended as far as known."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -40,11 +40,16 @@ def home_place(x: float, y: float, heading: float) -> Place:
 class Goals:
     """Goals of one map: candidate pellets, pellets out of reach, refuges; positions in m.
 
-    Pellets out of reach can only be collected in passing. ``slot`` is the row in ``xy``.
+    Pellets out of reach can only be collected in passing. ``slot`` is the row in ``xy``, and ``power`` tells by slot
+    which pellets are power pellets.
     """
 
     def __init__(
-        self, pellets: dict[int, Position], out_of_reach: dict[int, Position], refuges: Sequence[Position]
+        self,
+        pellets: dict[int, Position],
+        out_of_reach: dict[int, Position],
+        refuges: Sequence[Position],
+        power: Collection[int] = (),
     ) -> None:
         self.candidates = len(pellets)
         self.positions = {**pellets, **out_of_reach}
@@ -52,6 +57,7 @@ class Goals:
         self.slot = {number: slot for slot, number in enumerate(self.ids)}
         self.xy = np.array([*self.positions.values(), *refuges], dtype=np.float64).reshape(-1, 2)
         self.refuges = len(refuges)
+        self.power = np.array([number in power for number in self.ids], dtype=np.bool_)
 
 
 @dataclass(frozen=True)

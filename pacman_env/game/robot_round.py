@@ -8,7 +8,9 @@ import numpy as np
 
 from ..config import Config
 from .execution import CLEARED, DEAD, RUNNING, Board, Execution, rules, transition
+from .ghosts import GHOST_NAMES
 from .goals import ExecutorAction, Goals, Position
+from .power import AWAY_UNTIL, frightened_s
 
 _GONE_S = 2.0  # a pellet missing from reports for this long was removed by another node
 _EMPTY_S = 2.0  # a round without a pellet in reach for this long is complete
@@ -24,6 +26,7 @@ class UnacknowledgedStatuses:
     def __init__(self) -> None:
         self.end = ""  # unacknowledged end of the task
         self.pellets: list[str] = []  # reported but not yet counted
+        self.catches: list[str] = []  # of ghosts, reported but not yet counted
         self.spawned = 0  # the game's number of pellets of the round; 0 if not received
         self._counted: int | None = None  # the game's number of collected pellets; None if not received
         self._expected = 0  # count after all reports are received
@@ -37,7 +40,16 @@ class UnacknowledgedStatuses:
     def ended(self, word: str) -> list[ExecutorAction]:
         """Report the end of a task after all earlier pellets, because a pellet after the end would not count."""
         self.end = word
-        return [ExecutorAction("status", one) for one in (*self.pellets[: self._earlier], word)]
+        return [ExecutorAction("status", one) for one in (*self.pellets[: self._earlier], *self.catches, word)]
+
+    def caught(self, number: int, ghost: str) -> ExecutorAction:
+        """Report the ``number``-th ghost caught in this round."""
+        self.catches.append(f"ghost_caught:{number}:{ghost}")
+        return ExecutorAction("status", self.catches[-1])
+
+    def catches_counted(self, count: int) -> None:
+        """Process the game's count of the ghosts caught in this round."""
+        self.catches = [word for word in self.catches if int(word.split(":")[1]) > count]
 
     def collected(self, pellet: int) -> ExecutorAction:
         self.pellets.append(f"pellet_collected:{pellet}")
@@ -78,13 +90,14 @@ class UnacknowledgedStatuses:
 
         Pellets are not repeated for a game that sends no counts, because it would never acknowledge them.
         """
-        now = ([] if self._counted is None else self.pellets) + ([self.end] if self.end else [])
+        now = ([] if self._counted is None else self.pellets) + self.catches + ([self.end] if self.end else [])
         repeated = [word for word in now if word in self._open_before]
         self._open_before = set(now)
         return repeated
 
     def _forget(self) -> None:
         self.pellets.clear()
+        self.catches.clear()
         self._earlier = 0
 
 
@@ -96,17 +109,29 @@ class RobotRound:
         self._left = np.zeros(len(goals.ids), dtype=np.bool_)  # by slot, without those collected since the last report
         self._missing_s = np.full(len(goals.ids), math.inf)  # by slot, time since when reports do not show the pellet
         self.record = Execution(config.execution.pickup_radius_m, pellets=len(goals.ids))
+        self._power = config.power
+        self.begin(1)
         self.reset()
         #: Pellets that were gone before this side started, which another side may have collected; None if unknown.
         self._before: tuple[int, ...] | None = None
         if config.execution.on_abort == "lose_pellet":  # pellets disappear without being counted
             self._before = ()
 
+    def begin(self, number: int) -> None:
+        """Set the number of the round, counted from 1."""
+        self.record.fright_time = frightened_s(self._power, number)
+
+    def catches_counted(self, count: int) -> None:
+        """Process the game's count of the ghosts caught in this round, which may be higher than this side's."""
+        self.statuses.catches_counted(count)
+        self.record.caught = max(self.record.caught, count)
+
     def reset(self) -> None:
         """Start a new round; the next report gives its pellets."""
         self._before = ()
         self.statuses.new_round()
-        self.record = Execution(self.record.pickup, pellets=len(self.goals.ids))
+        self.record = Execution(self.record.pickup, self.record.fright_time, pellets=len(self.goals.ids))
+        self.ghosts = np.zeros((len(GHOST_NAMES), 5))  # see :class:`~pacman_env.game.execution.Board`
         self.waits = np.zeros(self.goals.candidates + self.goals.refuges)
         self._aborts = np.zeros(len(self.waits), dtype=np.int64)
         self._collected: set[int] = set()
@@ -170,7 +195,10 @@ class RobotRound:
     ) -> tuple[int, list[ExecutorAction]]:
         """Apply an event of :func:`transition`; return the action for the goal and the reports."""
         record, remaining, lost, end = self.record, self._left.copy(), self.record.lost, self.record.end
-        board = Board(self.goals.xy, np.array(ghosts, float).reshape(-1, 2), self._left, self.waits, self._aborts)
+        caught, away_before = record.caught, self.ghosts[:, AWAY_UNTIL].copy()
+        self.ghosts[:, :2] = math.nan
+        self.ghosts[: len(ghosts), :2] = np.reshape(ghosts, (-1, 2))
+        board = Board(self.goals.xy, self.ghosts, self._left, self.goals.power, self.waits, self._aborts)
         self.statuses.begin_event()
         action = transition(record, event, value, at or (math.nan, math.nan), now, navigating, board, self.rules)
         actions = []
@@ -180,6 +208,9 @@ class RobotRound:
             if record.lost == lost:
                 actions.append(self.statuses.collected(number))
             actions.append(ExecutorAction("remove", number))
+        for k in np.flatnonzero(self.ghosts[:, AWAY_UNTIL] != away_before):
+            caught += 1
+            actions.append(self.statuses.caught(caught, GHOST_NAMES[k]))
         if record.end == CLEARED != end:
             actions += self.ended("game_complete")
         return action, actions

@@ -12,9 +12,11 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
-from pacman_env.config import ClydeConfig, ShowConfig
+from pacman_env.config import ClydeConfig, PowerConfig, ShowConfig
 from pacman_env.config.validation import convert, require
 from pacman_env.game.execution import round_complete
+from pacman_env.game.ghosts import GHOST_NAMES
+from pacman_env.game.power import ghost_points
 
 State = Literal["menu", "returning_home", "starting", "running", "dying", "complete"]
 Command = Literal["enable", "disable", "reset_round", "return_home"]
@@ -25,12 +27,16 @@ _AfterHome = Literal["start", "next_round", "game_over"]
 class Action:
     """A message to publish or service to call, in order; the value of ``ignored`` tells why an input had no effect."""
 
-    #: command, event, state, result, score, round, spawned, collected, clyde_speed, remove, reset_pellets, reset_clyde
+    #: command, event, state, result, score, round, spawned, collected, ghosts_caught, clyde_speed, remove,
+    #: reset_pellets, reset_clyde
     kind: str
     value: str | int | float | None = None
 
 
-_KEPT = ("state", "score", "round", "result", "base_speed_mps", "after_home", "home_failures")  # copied to snapshots
+_KEPT = (  # copied to snapshots
+    *("state", "score", "round", "result", "base_speed_mps", "after_home", "home_failures"),
+    *("ghosts_caught", "streak"),
+)
 _RESETS = (Action("reset_pellets"), Action("reset_clyde"))
 
 
@@ -59,6 +65,9 @@ class Snapshot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     due_in_s: Annotated[float, Meta(ge=0, le=1e6)] | None
     after_home: _AfterHome
     home_failures: _Count
+    power: tuple[_Count, ...] = ()
+    ghosts_caught: _Count = 0
+    streak: _Count = 0
 
 
 @dataclass
@@ -69,18 +78,21 @@ class _Pellets:  # ids of a round's pellets
     #: Shown in two successive reports, or in the last one before a pause: only collection can end such a pellet.
     lasting: set[int] = field(default_factory=set)
     left: set[int] | None = None  # in the latest report; None before the first
+    power: set[int] = field(default_factory=set)  # power pellets in any report
 
 
 @dataclass
 class RoundController:
     """State, score and round of the game; every input returns the actions that it causes.
 
-    The score counts pellets over the whole game. A completed round keeps it and increases round number and Clyde's
-    speed; death and ``reset`` set all back. Inputs that do not fit the state change nothing and are ``ignored``.
+    The score counts pellets and caught ghosts over the whole game. A completed round keeps it and increases round
+    number and Clyde's speed; death and ``reset`` set all back. Inputs that do not fit the state change nothing and are
+    ``ignored``.
     """
 
     clyde: ClydeConfig = field(default_factory=ClydeConfig)
     show: ShowConfig = field(default_factory=ShowConfig)
+    power: PowerConfig = field(default_factory=PowerConfig)
 
     state: State = field(default="menu", init=False)
     score: int = field(default=0, init=False)
@@ -92,6 +104,8 @@ class RoundController:
     _deadline_s: float | None = field(default=None, init=False)  # next time at which ``tick`` acts
     after_home: _AfterHome = field(default="start", init=False)
     home_failures: int = field(default=0, init=False)
+    ghosts_caught: int = field(default=0, init=False)  # in this round
+    streak: int = field(default=0, init=False)  # of them since the last power pellet
 
     def __post_init__(self) -> None:
         self.base_speed_mps = self.clyde.speed_mps
@@ -153,8 +167,8 @@ class RoundController:
         self.result = ""
         return self._game_over()
 
-    def pellets_left(self, ids: Iterable[int], now: float) -> list[Action]:
-        """Process the ids in the latest pellet report.
+    def pellets_left(self, ids: Iterable[int], now: float, power: Iterable[int] = ()) -> list[Action]:
+        """Process the ids in the latest pellet report, and which of them are ``power`` pellets.
 
         A pellet that only one report shows, which may be stale, early or of another map, is forgotten with the next
         report. A lasting pellet belongs to this round and must be collected, whatever the order of its status and
@@ -167,6 +181,7 @@ class RoundController:
             pellets.lasting |= pellets.left if missed else pellets.left & left
         pellets.left, self._reported_s = left, now
         pellets.shown |= left
+        pellets.power |= set(power)
         still = left & pellets.collected
         repeated, pellets.still_shown = still & pellets.still_shown, still
         return self._spawned_since(spawned_before) + [Action("remove", pellet) for pellet in sorted(repeated)]
@@ -182,16 +197,21 @@ class RoundController:
         return [Action("clyde_speed", self.clyde_speed)] if self.state == "menu" else []
 
     def status(self, word: str, now: float) -> list[Action]:
-        """Process a report of the executing side: one of ``statuses``; for a pellet, ``pellet_collected:<id>``."""
+        """Process a report of the executing side: one of ``statuses``.
+
+        For a pellet it is ``pellet_collected:<id>``, for the n-th ghost caught in this round
+        ``ghost_caught:<n>:<name>``.
+        """
         name, _, argument = word.strip().lower().partition(":")
         statuses: dict[str, tuple[State, Callable[[], list[Action]]]] = {
             "pellet_collected": ("running", lambda: self._pellet(argument)),
+            "ghost_caught": ("running", lambda: self._catch(argument)),
             "death_detected": ("running", lambda: self._die(now)),
             "game_complete": ("running", self._complete),
             "home_reached": ("returning_home", lambda: self._home_reached(now)),
             "home_failed": ("returning_home", lambda: self._home_failed(now)),
         }
-        if name not in statuses or bool(argument) != (name == "pellet_collected"):
+        if name not in statuses or bool(argument) != (name in ("pellet_collected", "ghost_caught")):
             return [Action("ignored", f"status {word!r}: not a status")]
         state, act = statuses[name]
         if self.state != state:
@@ -214,12 +234,14 @@ class RoundController:
         return Action("state", state)
 
     def _latched(self) -> list[Action]:
-        latched = ("clyde_speed", "result", "spawned", "collected", "score", "round", "state")
+        caught = ("ghosts_caught",) if self.power.pellets > 0 else ()
+        latched = ("clyde_speed", "result", "spawned", "collected", *caught, "score", "round", "state")
         return [Action(kind, getattr(self, kind)) for kind in latched]
 
     def _reset_round(self) -> list[Action]:
         self.state = "menu"
         self.pellets = _Pellets()
+        self.ghosts_caught = self.streak = 0
         self._deadline_s = None
         words = [Action("command", "disable"), Action("command", "reset_round"), Action("event", "reset")]
         return [*words, *_RESETS, *self._latched()]
@@ -264,10 +286,25 @@ class RoundController:
             return [Action("ignored", f"pellet {pellet} is not in this round")]
         spawned_before = self.spawned
         self.pellets.collected.add(pellet)
-        self.score += 1
-        counts = [Action("collected", self.collected), Action("score", self.score), Action("event", "pellet")]
+        is_power = pellet in self.pellets.power
+        self.score += self.power.pellet_points if is_power else 1
+        self.streak = 0 if is_power else self.streak
+        event = "power pellet" if is_power else "pellet"
+        counts = [Action("collected", self.collected), Action("score", self.score), Action("event", event)]
         end = self._complete() if round_complete(self.collected, self.spawned) else []
         return [*self._spawned_since(spawned_before), *counts, *end]
+
+    def _catch(self, argument: str) -> list[Action]:
+        number, _, ghost = argument.partition(":")
+        if ghost not in GHOST_NAMES or not (number.isascii() and number.isdigit() and len(number) < 10):
+            return [Action("ignored", f"status 'ghost_caught:{argument}': not the number and name of a ghost")]
+        if int(number) != self.ghosts_caught + 1:
+            return [Action("ignored", f"ghost {number}: {self.ghosts_caught} were caught before")]
+        self.ghosts_caught += 1
+        self.score += ghost_points(self.power.ghost_points, self.streak)
+        self.streak += 1
+        counts = [Action("ghosts_caught", self.ghosts_caught), Action("score", self.score)]
+        return [*counts, Action("event", f"{ghost} caught")]
 
     def _complete(self) -> list[Action]:
         self.result = f"Complete - Score: {self.score}"

@@ -52,8 +52,9 @@ class Round:
         self, event: int, value: int = 0, at: tuple[float, float] = (50.0, 0.0), now: float = 0.0,
         navigating: bool = True, ghosts: tuple[tuple[float, float], ...] = (),
     ) -> int:  # fmt: skip
-        places = np.array(ghosts, dtype=np.float64).reshape(-1, 2)
-        board = Board(GOALS, places, self.left, self.waits, self.aborts)
+        places = np.zeros((len(ghosts), 5))
+        places[:, :2] = np.reshape(ghosts, (-1, 2))
+        board = Board(GOALS, places, self.left, np.zeros(PELLETS, np.bool_), self.waits, self.aborts)
         return transition(self.record, event, value, at, now, navigating, board, self.rules)
 
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pacman_env.config import Nav2Config, PelletConfig, RobotConfig
-from pacman_env.sim.observation.raster import GHOSTS, PELLET_RADIUS_M, PELLETS, ROBOT, WALLS, raster
+from pacman_env.sim.observation.raster import GHOSTS, PELLET_RADIUS_M, PELLETS, PRESENT, ROBOT, WALLS, raster
 from pacman_env.world.navigation.grid import DriveGrid, build_grid
 from tests.drawn import drawn
 
@@ -46,8 +46,8 @@ def picture(
     raster(
         (grid.affine, grid.clearance_cm),
         np.array(pose),
-        (np.array(pellets, np.float64).reshape(-1, 2), shown),
-        np.array(ghosts, np.float64).reshape(-1, 2),
+        (np.array(pellets, np.float64).reshape(-1, 2), shown, np.zeros_like(shown)),
+        (np.array(ghosts, np.float64).reshape(-1, 2), np.full(len(ghosts), PRESENT)),
         (pixel_m, RADIUS_M),
         images[1],
     )
