@@ -12,6 +12,9 @@ from ..config import PowerConfig
 
 #: Columns of ``Board.ghosts``: the times until which a ghost is frightened or away, and until which it is away.
 HARMLESS_UNTIL, AWAY_UNTIL = 3, 4
+#: Colours, 0 to 255: of a frightened ghost, of one that blinks, and of the eyes of one that is away.
+FRIGHTENED, BLINKING, EYES = (40, 60, 230), (235, 235, 255), (200, 200, 200)
+_BLINK_S = 0.5  # 14 frames blue and 14 white at 60 Hz (arcade: 0.47 s)
 _MOST_DOUBLINGS = 3  # 200, 400, 800, 1600 for the four ghosts of one energizer (arcade)
 
 
@@ -33,6 +36,11 @@ def choose_power_pellets(position: NDArray[np.float64], home: tuple[float, float
 def frightened_s(power: PowerConfig, round: int) -> float:
     """Return for how long, s, a power pellet frightens ghosts in a round, counted from 1."""
     return max(power.shortest_s, power.duration_s - (round - 1) * power.duration_step_s)
+
+
+def frightened_colour(left_s: float, warning_s: float) -> tuple[int, int, int]:
+    """Return the colour of a ghost that stays frightened for ``left_s``; it blinks in the last ``warning_s``."""
+    return BLINKING if left_s < warning_s and left_s % _BLINK_S < _BLINK_S / 2 else FRIGHTENED
 
 
 def is_away(ghost, now):  # type: ignore[no-untyped-def]

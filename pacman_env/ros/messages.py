@@ -19,8 +19,9 @@ UNIT_TOLERANCE = 0.01  # of a quaternion's length
 LONGEST_WORD = 200  # characters
 LONGEST_JSON = 100_000
 PELLETS = "pellets"  # namespaces of markers
+POWER_PELLETS = "power_pellets"  # not the original's, whose nodes ignore it
 GHOSTS = "ghosts"
-PELLET_DIAMETER_M = 0.12
+PELLET_DIAMETER_M, POWER_PELLET_DIAMETER_M = 0.12, 0.24
 
 Pose = tuple[float, float, float]
 Position = tuple[float, float]
@@ -95,7 +96,7 @@ def pellets_of(message: Any, limit: int = 10_000, frame: str = "map") -> dict[in
     for marker in message.markers:
         if marker.action == Marker.DELETEALL:
             pellets.clear()
-        elif marker.ns == PELLETS:
+        elif marker.ns in (PELLETS, POWER_PELLETS):
             if marker.id < 0:
                 raise BadMessage(f"pellet {marker.id}: ids start at 0")
             if marker.action == Marker.DELETE:
@@ -107,6 +108,21 @@ def pellets_of(message: Any, limit: int = 10_000, frame: str = "map") -> dict[in
             except BadMessage as error:
                 raise BadMessage(f"pellet {marker.id}: {error}") from None
     return pellets
+
+
+def power_pellets_of(message: Any) -> set[int]:
+    """Return the ids of all power pellets in a MarkerArray that :func:`pellets_of` accepts."""
+    return {marker.id for marker in message.markers if marker.ns == POWER_PELLETS and marker.action == Marker.ADD}
+
+
+def ghost_times_of(message: Any, ghosts: int) -> NDArray[np.float64]:
+    """Return the times (``ghosts``, 2), s, until which each ghost is harmless and away."""
+    times = np.array(message.data, dtype=np.float64)
+    if times.shape != (2 * ghosts,):
+        raise BadMessage(f"{len(times)} times: must be two for each of {ghosts} ghosts")
+    if not (np.isfinite(times).all() and (times >= 0).all()):
+        raise BadMessage(f"times {times.tolist()}: must be finite and at least 0")
+    return times.reshape(ghosts, 2)
 
 
 def points_of(message: Any, limit: int = 100_000, frame: str = "map") -> NDArray[np.float64]:
@@ -182,12 +198,14 @@ def marker_message(
     return marker
 
 
-def markers_of(pellets: Mapping[int, Position], stamp: Any, frame: str = "map") -> Any:
+def markers_of(pellets: Mapping[int, Position], stamp: Any, frame: str = "map", power: Collection[int] = ()) -> Any:
+    """Create the MarkerArray that shows pellets; those in ``power`` are larger, in a namespace of their own."""
     clear = Marker(header=Header(stamp=stamp, frame_id=frame), ns=PELLETS, action=Marker.DELETEALL)
     yellow = (1.0, 1.0, 0.0)
-    spheres = [
-        marker_message(PELLETS, number, at, PELLET_DIAMETER_M, yellow, stamp, frame) for number, at in pellets.items()
-    ]
+    spheres = []
+    for number, at in pellets.items():
+        kind = (POWER_PELLETS, POWER_PELLET_DIAMETER_M) if number in power else (PELLETS, PELLET_DIAMETER_M)
+        spheres.append(marker_message(kind[0], number, at, kind[1], yellow, stamp, frame))
     return MarkerArray(markers=[clear, *spheres])
 
 

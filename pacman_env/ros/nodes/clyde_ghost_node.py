@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pacman_env.config import MAX_SPEED_MPS
 from pacman_env.game.ghosts import GHOSTS
+from pacman_env.game.power import EYES, frightened_colour
 from pacman_env.policies.asking import PolicyError, choose, reset
 from pacman_env.policies.registry import split_ghosts
 from pacman_env.sim.core.ghosts import MapGhosts
@@ -56,6 +57,7 @@ class ClydeGhostNode(GameNode):
         self._began_s = self.surroundings.monotonic()
         self._home: Position | None = None  # the first pose, later the start of a round
         self._robot: Pose | None = None
+        self._harmless = np.zeros((len(behaviours), 2))  # times, s, until which each ghost is harmless and away
         self._chosen: int | None = None  # Clyde's cell for the next round, set by a click
         self.ghosts = MapGhosts(assets, config, seed)
         self.ghosts.rehearse(self._choices())
@@ -69,6 +71,8 @@ class ClydeGhostNode(GameNode):
         self.listen(topics.CLYDE_SPEED, self._on_speed, "bad speed")
         self.listen(topics.AMCL_POSE, self._on_robot, "bad robot pose")
         self.listen(topics.CLICKED_POINT, self._on_click, "bad click")
+        if config.power.pellets > 0:
+            self.listen(topics.HARMLESS_GHOSTS, self._on_harmless, "bad times of ghosts")
         if self._policies:
             self.listen(topics.PELLET_MARKERS, self._on_pellets, "bad pellets")
         topics.RESET_CLYDE.server(self, self._on_reset)
@@ -92,6 +96,11 @@ class ClydeGhostNode(GameNode):
 
     def _on_speed(self, message: Any) -> None:
         self.ghosts.speed_mps = self._view.clyde_speed_mps = messages.number_of(message, 0.0, MAX_SPEED_MPS)
+
+    def _on_harmless(self, message: Any) -> None:
+        self._harmless = messages.ghost_times_of(message, len(self.ghosts))
+        if self._harmless.any():
+            self._costmap.request(self._places())  # harmless ghosts must not block the way
 
     def _on_pellets(self, message: Any) -> None:
         self._pellets = self._view.pellets(messages.pellets_of(message))
@@ -144,6 +153,7 @@ class ClydeGhostNode(GameNode):
             return  # after a start during a round ghosts might appear next to the robot
         if self._state == "running":
             now = self.now_s()
+            self.ghosts.see_harmless(np.maximum(self._harmless - now, 0.0))
             if not 0 <= now - self._decided_s < self.config.execution.tick_s - 1e-6:
                 self._decided_s = now
                 self.ghosts.decide(self._choices())
@@ -183,13 +193,19 @@ class ClydeGhostNode(GameNode):
         for number, (pose, publisher) in enumerate(zip(poses, self._poses, strict=True)):
             self._view.see_ghost(number, *pose[:2], now.nanoseconds)
             publisher.publish(messages.pose_message(*pose, stamp))
-            red, green, blue = GHOSTS[number].colour
+            harmless_s, away_s = self._harmless[number] - now.nanoseconds / 1e9
+            look = (
+                GHOSTS[number].colour if harmless_s <= 0 else frightened_colour(harmless_s, self.config.power.warning_s)
+            )
+            red, green, blue = EYES if away_s > 0 else look
             colour = red / 255, green / 255, blue / 255
             marker = messages.marker_message(messages.GHOSTS, number + 1, pose[:2], _DIAMETER_M, colour, stamp)
             self._marker.publish(marker)
         radius_m = max(nav2.clyde_keepout_m - self.config.robot.inscribed_radius_m, 0.0)
-        around = [radius_m * GHOST_OBSTACLE + pose[:2] for pose in poses]  # at 0.05 m, original
-        self._show_obstacle(np.concatenate(around)[: 0 if self._state == "returning_home" else None], stamp)
+        harmful = self._harmless[:, 0] <= now.nanoseconds / 1e9
+        around = [radius_m * GHOST_OBSTACLE + poses[k][:2] for k in np.flatnonzero(harmful)]  # at 0.05 m, original
+        nothing = not around or self._state == "returning_home"
+        self._show_obstacle(GHOST_OBSTACLE[:0] if nothing else np.concatenate(around), stamp)
         self._show_trail(self._places(), stamp)
 
     def _show_obstacle(self, points: NDArray[np.float64], stamp: Any) -> None:

@@ -18,7 +18,7 @@ from pacman_env.game.requests import Removals, Requests
 from pacman_env.game.round import Action, RoundController, awaits_pellets
 
 from .. import topics
-from ..messages import number_of, pellets_of, word_of
+from ..messages import number_of, pellets_of, power_pellets_of, word_of
 from ..node import GameNode, parameter, run
 from ..operator_stop import OperatorStop
 from ..standstill import STOOD_STILL
@@ -41,6 +41,7 @@ _PUBLISHED = {
     "clyde_speed": topics.CLYDE_SPEED,
     "remove": topics.REMOVE_PELLET,
 }
+_WITH_POWER = {"ghosts_caught": topics.GHOSTS_CAUGHT}
 _STARTED = "a round begins: the robot drives home first"
 _SERVED_BY = {"reset_pellets": "pellet_manager", "reset_clyde": "clyde_ghost_node"}
 _CALLED = {"reset_pellets": topics.RESET_PELLETS, "reset_clyde": topics.RESET_CLYDE}
@@ -49,9 +50,10 @@ _CALLED = {"reset_pellets": topics.RESET_PELLETS, "reset_clyde": topics.RESET_CL
 class GameController(GameNode):
     def __init__(self) -> None:
         super().__init__(NAME)
-        self.game = RoundController(self.config.clyde, self.config.show)
+        self.game = RoundController(self.config.clyde, self.config.show, self.config.power)
         self._operator = OperatorStop(self)  # before the round's state: a restarting planner gets a stop first
-        self._out = {kind: topic.publisher(self) for kind, topic in _PUBLISHED.items()}
+        published = _PUBLISHED | (_WITH_POWER if self.config.power.pellets > 0 else {})
+        self._out = {kind: topic.publisher(self) for kind, topic in published.items()}
         self._resets = {kind: service.client(self) for kind, service in _CALLED.items()}
         self._requests, self._removals = Requests(), Removals()  # timed by wall time
         self._waits_s: float | None = None  # start of a round's wait for its pellets, wall time
@@ -116,7 +118,8 @@ class GameController(GameNode):
             elif action.kind in _CALLED:
                 self._requests.ask(action.kind, self.surroundings.monotonic())
             else:
-                self._out[action.kind].publish(_PUBLISHED[action.kind].type(data=action.value))
+                out = self._out[action.kind]
+                out.publish(out.msg_type(data=action.value))
         self._call_services()
 
     def _call_services(self) -> None:
@@ -195,7 +198,7 @@ class GameController(GameNode):
     def _on_status(self, message: Any) -> None:
         word = word_of(message)
         if self._saved is not None:  # all other reports are repeated until they are answered
-            if word.startswith("pellet_collected:") and len(self._early) < _EARLY:
+            if word.startswith(("pellet_collected:", "ghost_caught:")) and len(self._early) < _EARLY:
                 self._early[word] = None  # the end of the round may be reported right after the pellet
             return
         if word == "game_complete" and "reset_pellets" in self._requests:
@@ -208,7 +211,7 @@ class GameController(GameNode):
             return  # the saved game is not resumed yet; the next report comes within a second
         if "reset_pellets" in self._requests and "reset_pellets" in self._met:
             return  # of the previous round: the pellets of this round have not been restored yet
-        self._do(self.game.pellets_left(pellets_of(message), self.now_s()))
+        self._do(self.game.pellets_left(pellets_of(message), self.now_s(), power_pellets_of(message)))
 
     def _on_speed(self, message: Any) -> None:
         self._do(self.game.base_clyde_speed(number_of(message, 0.0, MAX_SPEED_MPS)))

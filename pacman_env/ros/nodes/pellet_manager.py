@@ -5,6 +5,7 @@ from functools import partial
 from typing import Any
 
 from pacman_env.game.pellets import generate_pellets
+from pacman_env.sim.maps.assets import map_assets
 
 from .. import topics
 from ..messages import markers_of
@@ -22,6 +23,12 @@ class PelletManager(GameNode):
         self._all = {int(i): (float(x), float(y)) for i, (x, y) in zip(pellets.ids, pellets.position, strict=True)}
         if not self._all:
             self.get_logger().warning(f"{map.name}: no room for a pellet, {config.spacing_m} m apart")
+        self._power: set[int] = set()
+        if self.config.power.pellets > 0:
+            assets = map_assets(map, self.config)  # only pellets that the robot can reach
+            self._power = set(
+                assets.pellet_ids[assets.power_pellets(self.config.power.pellets)[: assets.pellets]].tolist()
+            )
         self._left = dict(self._all)
         self._markers = topics.PELLET_MARKERS.publisher(self)
         topics.REMOVE_PELLET.subscription(self, self._remove)
@@ -30,7 +37,7 @@ class PelletManager(GameNode):
         self.get_logger().info(f"{len(self._all)} pellets on {map.name}")
 
     def _show(self) -> None:
-        self._markers.publish(markers_of(self._left, self.get_clock().now().to_msg()))
+        self._markers.publish(markers_of(self._left, self.get_clock().now().to_msg(), power=self._power))
 
     def _remove(self, message: Any) -> None:
         if self._left.pop(message.data, None) is not None:

@@ -8,10 +8,11 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from std_msgs.msg import Int32, String
+from std_msgs.msg import Float64MultiArray, Int32, String
 
 from pacman_env.game.execution import CANCELED
 from pacman_env.game.goals import ExecutorAction, Place
+from pacman_env.game.power import HARMLESS_UNTIL
 from pacman_env.policies.asking import PolicyError, name_of, scores, what_users_raise
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import costmaps_without
@@ -55,12 +56,20 @@ class Pursuit:
         self._operator = None if passive else OperatorStop(node, self._on_stop)
         self._publish_json(topics.CANDIDATES, goal_scores.candidates_of(selection.view.assets))
         ghosts = topics.GHOST_POSES[: len(node.config.clyde.ghosts)]
+        power = node.config.power.pellets > 0 and not passive
+        self._harmless_out = topics.HARMLESS_GHOSTS.publisher(node) if power else None
+        self._harmless: list[float] = []  # as published
         handlers: tuple[tuple[topics.Topic, Callable[[Any, float], _Actions]], ...] = (
             (topics.GAME_STATE, selection.on_state),
             (topics.GAME_COMMAND, selection.on_command),
             (topics.PELLET_MARKERS, selection.on_pellets),
             (topics.PELLETS_SPAWNED, selection.on_spawned),
             (topics.PELLETS_COLLECTED, selection.on_collected),
+            *(
+                ((topics.ROUND, selection.on_round), (topics.GHOSTS_CAUGHT, selection.on_ghosts_caught))
+                if power
+                else ()
+            ),
             *((topic, partial(selection.on_ghost, k)) for k, topic in enumerate(ghosts)),
             (topics.CLYDE_SPEED, selection.on_clyde_speed),
             (topics.AMCL_POSE, selection.on_amcl),
@@ -93,7 +102,7 @@ class Pursuit:
             self._node.destroy_timer(timer)
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
-        for publisher in self._out.values():
+        for publisher in (*self._out.values(), *filter(None, (self._harmless_out,))):
             self._node.destroy_publisher(publisher)
 
     def activate(self) -> None:
@@ -259,6 +268,16 @@ class Pursuit:
             else:
                 topic = topics.GAME_STATUS if action.kind == "status" else topics.GAME_EVENT
                 self._out[topic.name].publish(String(data=str(action.value)))
+
+        self._publish_harmless()
+
+    def _publish_harmless(self) -> None:
+        """Publish until when each ghost is harmless and away, if that has changed."""
+        ghosts = self._executor.round.ghosts[: len(self._node.config.clyde.ghosts), HARMLESS_UNTIL:]
+        times = ghosts.ravel().tolist()
+        if self._harmless_out is not None and times != self._harmless:
+            self._harmless = times
+            self._harmless_out.publish(Float64MultiArray(data=times))
 
     def _send(self, number: int, place: Place | None) -> None:
         assert place is not None

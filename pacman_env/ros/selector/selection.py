@@ -18,12 +18,23 @@ from pacman_env.game.execution import ABORTED, REJECTED
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.game.goal_executor import GoalExecutor
 from pacman_env.game.goals import ExecutorAction, home_place
+from pacman_env.game.power import HARMLESS_UNTIL
 from pacman_env.policies.asking import PolicyError, choose, name_of, reset
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.ros import topics
 from pacman_env.ros.grid import grid_of, map_differences
-from pacman_env.ros.messages import BadMessage, Pose, Position, nanoseconds_of, number_of, pellets_of, pose_of, word_of
+from pacman_env.ros.messages import (
+    BadMessage,
+    Pose,
+    Position,
+    nanoseconds_of,
+    number_of,
+    pellets_of,
+    pose_of,
+    power_pellets_of,
+    word_of,
+)
 from pacman_env.ros.selector.believed_pose import Belief, BelievedPose
 from pacman_env.ros.selector.goal_scores import decision_times
 from pacman_env.ros.selector.nav2_failures import Nav2Failures
@@ -106,7 +117,7 @@ class Selection:
         return self.executor.command(word, now)
 
     def on_pellets(self, message: Any, now: float) -> list[ExecutorAction]:
-        pellets = self.view.pellets(pellets_of(message))
+        pellets = self.view.pellets(pellets_of(message), power_pellets_of(message))
         self._unknown_pellets = unknown = pellets.unknown
         if unknown:
             self._warn("unknown pellets", f"pellets ignored, the map has none such there: {_list_of(unknown)}")
@@ -122,6 +133,12 @@ class Selection:
 
     def on_spawned(self, message: Any, now: float) -> None:
         self.executor.statuses.spawned = int(number_of(message, 0, 2**31 - 1))
+
+    def on_round(self, message: Any, now: float) -> None:
+        self.executor.round.begin(int(number_of(message, 1, 2**31 - 1)))
+
+    def on_ghosts_caught(self, message: Any, now: float) -> None:
+        self.executor.round.catches_counted(int(number_of(message, 0, 2**31 - 1)))
 
     def on_ghost(self, number: int, message: Any, now: float) -> None:
         x, y, _ = pose_of(message)
@@ -222,10 +239,11 @@ class Selection:
             pose_age_s=belief.age_s,
             masked=self.executor.round.masked(now),
             pursued=self.executor.sent.pursued,
+            harmless_s=np.maximum(self.executor.round.ghosts[: len(self.view.ghosts), HARMLESS_UNTIL:] - now, 0.0),
         )
         situation = self.view.situation(seen)  # every time: it measures Clyde's approach
-        distance = min(math.dist(belief.pose[:2], ghost) for ghost in self.view.ghosts)
-        moment = Moment(now, seen.pursued, seen.left, distance)
+        news = seen.left, self.executor.round.record.caught
+        moment = Moment(now, seen.pursued, news, self.view.nearest_ghost_m(belief.pose[:2]))
         due = self._last.due(moment)
         if due:
             try:

@@ -27,7 +27,7 @@ from ...game.ghosts import (
     view_of,
     walk,
 )
-from ...game.power import is_away, is_frightened, is_harmless
+from ...game.power import HARMLESS_UNTIL, is_away, is_frightened, is_harmless
 from ...rng import below
 from ...world.navigation.grid import cell_of
 from ...world.navigation.localization import Pose
@@ -377,6 +377,10 @@ class MapGhosts:
 
     def see_robot(self, pose: Pose) -> None:
         self._games["x"], self._games["y"], self._games["heading"] = pose
+
+    def see_harmless(self, left_s: NDArray[np.float64]) -> None:
+        """Set how much longer each ghost is harmless and away, (G, 2), s."""
+        self._ghosts.obstacles[0, :, HARMLESS_UNTIL:] = left_s / float(self._parameters["dt"][0])
 
     def place(self, number: int, cell: int) -> None:
         spawn_ghost(self._ghosts.state[0, number], cell, self._ghosts.paths[0, number], self.cells.position)

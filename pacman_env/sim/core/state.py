@@ -76,7 +76,9 @@ class GameState:
     def moment(self, game: int) -> Moment:
         """Return the present moment of a game for :class:`~pacman_env.game.decisions.LastDecision`."""
         g, time_s = self.games[game], float(self.games["tick"][game]) * self.config.execution.tick_s
-        return Moment(time_s, int(g["pursued"]), (int(g["round"]), int(g["collected"])), float(g["distance"]))
+        return Moment(
+            time_s, int(g["pursued"]), (int(g["round"]), int(g["collected"]), int(g["caught"])), float(g["distance"])
+        )
 
 
 class RoundSoFar(NamedTuple):

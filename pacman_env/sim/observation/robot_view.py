@@ -14,6 +14,7 @@ from ...game.execution import closing_speed
 from ...game.ghosts import GHOST_NAMES
 from ...game.goals import Goals, Place
 from ...game.pellets import generate_pellets
+from ...game.power import HARMLESS_UNTIL
 from ...world.navigation.grid import cell_of
 from ..core import kernels
 from ..core.beliefs import forget_ghost, watch
@@ -48,6 +49,7 @@ class Seen:
     pose_age_s: float = 0.0
     masked: Collection[int] = ()  # forbidden candidates
     pursued: int = -1  # current candidate, -1: none
+    harmless_s: NDArray[np.float64] | None = None  # (G, 2) for how long each ghost is harmless and away; None: not
 
 
 class RobotView:
@@ -84,6 +86,8 @@ class RobotView:
         self._obstacles = np.zeros((1, count, 5))
         self._stamp_ns: list[int | None] = [None] * count
         self._seen_s: float | None = None
+        self._power = self._levels.level(0).arrays["power"]
+        self.goals.power[: assets.pellets] = self._power[: assets.pellets]  # until reports say otherwise
         self._request = np.zeros(1, dtype=REQUEST)
         self._view_table = Table(
             ViewArrays,
@@ -147,16 +151,29 @@ class RobotView:
         behind = cells.position[nearest] - ahead / distance * _BESIDE * cells.resolution
         return cells.nearest(*behind)[0]
 
-    def pellets(self, shown: Mapping[int, tuple[float, float]]) -> Pellets:
-        """Compare reported pellets (positions by id) with the map; positions may differ by one cell edge."""
+    def pellets(self, shown: Mapping[int, tuple[float, float]], power: Collection[int] = ()) -> Pellets:
+        """Compare reported pellets (positions by id) with the map; positions may differ by one cell edge.
+
+        ``power`` are the ids of power pellets among them, which are remembered.
+        """
         known, unknown = {}, []
         for number, (x, y) in shown.items():
             own = self._pellets.get(number)
             if own is not None and math.hypot(own[0] - x, own[1] - y) <= self.assets.grid.resolution:
                 known[number] = own
+                self._mark_power(number, number in power)
             else:
                 unknown.append(number)
         return Pellets(known, tuple(unknown))
+
+    def _mark_power(self, pellet: int, power: bool) -> None:
+        self.goals.power[self.goals.slot[pellet]] = power
+        if pellet in self._slot:
+            self._power[self._slot[pellet]] = power
+
+    def nearest_ghost_m(self, at: tuple[float, float]) -> float:
+        """Return the straight distance to the nearest ghost that is not harmless, m."""
+        return float(kernels.nearest(*at, self._obstacles[0], np.int32(self._games["step"][0]))[1])
 
     def is_candidate(self, pellet: int) -> bool:
         return pellet in self._slot
@@ -186,6 +203,8 @@ class RobotView:
         self._alive[:] = False
         self._alive[0, [self._slot[number] for number in seen.left if number in self._slot]] = True
         g["spawned"] = self._alive.sum()
+        harmless_s = 0.0 if seen.harmless_s is None else seen.harmless_s
+        self._obstacles[0, :, HARMLESS_UNTIL:] = g["step"] + harmless_s / self._config.physics_step_s
         self._waits[:] = 0
         self._waits[0, list(seen.masked)] = g["step"] + 1
         self._watch_distance(seen)
@@ -212,7 +231,7 @@ class RobotView:
         passed_s = math.inf if self._seen_s is None else seen.time_s - self._seen_s
         if 0 <= passed_s < self._config.execution.tick_s / 2:
             return
-        _, distance = kernels.nearest(x, y, self._obstacles[0], np.int32(g["step"]))
+        distance = self.nearest_ghost_m((x, y))
         g["closing"] = closing_speed(g["distance"], distance, passed_s) if 0 < passed_s < math.inf else 0.0
         g["distance"] = distance
         if 0 < passed_s < math.inf:
