@@ -16,6 +16,7 @@ from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
 
 from ..config import Config
 from ..game.ghosts import GHOST_NAMES
+from ..game.power import BLINKING, FRIGHTENED, HARMLESS_UNTIL, frightened_colour, is_away, is_harmless
 from ..sim.core.batch import GameBatch
 from ..sim.maps.assets import MapAssets
 from ..world.navigation.paths import AT_GOAL, NO_STEP
@@ -33,6 +34,7 @@ STATES: dict[int, tuple[str, Colour, Colour]] = {
     TIMEOUT: ("TIME-OUT", (112, 118, 132), (255, 255, 255)),
 }
 _KEPT_VIEWS, _KEPT_LAYERS = 8, 4
+_POWER = 1.8  # size of a power pellet relative to a pellet
 
 _Draw = Callable[[Image, NDArray], None]
 
@@ -75,6 +77,7 @@ class MapView:
         self.assets, self.config, self.height, self._wide = assets, config, height, wide
         self.unit = height / 720
         self.line = max(1.5 * self.unit, 0.9)  # width
+        self._power = assets.power_pellets(config.power.pellets)
         self._corner, self._cells = _crop(assets)
         self._arrange()
         self.goals = self.pixels(assets.goal_xy)
@@ -95,14 +98,17 @@ class MapView:
         """Convert a heading in the map frame to an angle in the image, where y points down."""
         return self.assets.occupancy.origin[2] - heading
 
+    def is_power(self, pellet: int) -> bool:
+        return bool(self._power[pellet])
+
     def layer(self, alive: NDArray[np.bool_]) -> Image:
         """Return the background with pellets drawn by ``alive`` (P,); the image is cached and must not be changed."""
         return self._drawn(alive.tobytes())
 
     def _draw_layer(self, alive: bytes) -> Image:
         picture = self.background.copy()
-        for centre, exists in zip(self.goals, alive, strict=False):
-            symbols.pellet(picture, centre, self.pellet_px, bool(exists))
+        for centre, exists, power in zip(self.goals, alive, self._power, strict=False):
+            symbols.pellet(picture, centre, (_POWER if power else 1.0) * self.pellet_px, bool(exists))
         return picture
 
     def _arrange(self) -> None:
@@ -166,12 +172,25 @@ class MapView:
             ("catch radius", r, lambda i, at: symbols.catch_circle(i, at, r, line)),
             ("pellet", 0.6 * r, lambda i, at: symbols.pellet(i, at, 0.6 * r, True)),
             ("collected", 0.6 * r, lambda i, at: symbols.pellet(i, at, 0.6 * r, False)),
+            *self._power_items(r),
             ("goal, plan", 1.7 * r, goal),
             ("home", r, lambda i, at: symbols.home(i, at, 0.95 * r)),
             ("refuge", 0.8 * r, lambda i, at: symbols.refuge(i, at, 0.9 * r)),
         ]
         gap = max(21 * self.unit, 11)
         return [_Item(half, draw, symbols.text(name, cap, False, INK, PAGE), gap) for name, half, draw in entries]
+
+    def _power_items(self, r: float) -> list[tuple[str, float, _Draw]]:
+        """Return the legend's entries of a game with power pellets, for symbols of radius ``r``, px."""
+        if not self._power.any():
+            return []
+        ghost, aside = functools.partial(symbols.ghost, radius=r), np.array([1.0, 0.0])
+        return [
+            ("power pellet", r, lambda i, at: symbols.pellet(i, at, r, True)),
+            ("frightened", r, functools.partial(ghost, eyes=aside, colour=FRIGHTENED)),
+            ("about to recover", r, functools.partial(ghost, eyes=aside, colour=BLINKING)),
+            ("caught", r, functools.partial(ghost, eyes=aside, colour=None)),
+        ]
 
     def _background(self) -> Image:
         image = np.full((self.height, self.width, 3), UNKNOWN, dtype=np.uint8)
@@ -269,8 +288,10 @@ def render_frame(batch: GameBatch, game: int, *, height: int = 720, title: str |
     image = view.layer(batch.alive[game, : view.assets.pellets]).copy()
     places = view.pixels(np.stack([ghosts["x"], ghosts["y"]], axis=1))
     danger = batch.config.execution.death_radius_m * view.scale * view.enlarged
-    for place in places:
-        symbols.catch_circle(image, place, danger, view.line)
+    states, step = batch.obstacles[game], int(g["step"])
+    for place, state in zip(places, states, strict=True):
+        if not is_harmless(state, step):
+            symbols.catch_circle(image, place, danger, view.line)
     _draw_goal(image, view, batch, game)
     robot = view.pixels(np.array([g["x"], g["y"]]))
     symbols.pac_man(image, robot, view.body_px, view.angle(float(g["heading"])))
@@ -278,7 +299,13 @@ def render_frame(batch: GameBatch, game: int, *, height: int = 720, title: str |
         x, y, heading = _believed(g, batch.config)
         believed = view.pixels(np.array([x, y]))
         symbols.believed_pose(image, believed, view.body_px, view.angle(heading), view.line)
-    for place, vx, vy, colour in zip(places, ghosts["vx"], ghosts["vy"], symbols.GHOSTS, strict=False):
+    for place, vx, vy, state, own in zip(places, ghosts["vx"], ghosts["vy"], states, symbols.GHOSTS, strict=False):
+        colour: symbols.Colour | None = own
+        if is_away(state, step):
+            colour = None
+        elif is_harmless(state, step):
+            left_s = float(state[HARMLESS_UNTIL] - step) * batch.config.physics_step_s
+            colour = frightened_colour(left_s, batch.config.power.warning_s)
         angle = view.angle(math.atan2(vy, vx))
         eyes = np.array([math.cos(angle), math.sin(angle)]) if vx or vy else np.zeros(2)
         symbols.ghost(image, place, view.body_px, eyes, colour)
@@ -305,7 +332,7 @@ def _draw_goal(image: Image, view: MapView, batch: GameBatch, game: int) -> None
     if pursued >= 0:
         if pursued < batch.pellet_slots:
             centre = view.goals[pursued]
-            symbols.pellet(image, centre, view.pellet_px, True)
+            symbols.pellet(image, centre, (_POWER if view.is_power(pursued) else 1.0) * view.pellet_px, True)
         else:
             centre = view.goals[assets.pellets + pursued - batch.pellet_slots]
         symbols.goal_ring(image, centre, max(1.9 * view.pellet_px, 1.4 * view.mark_px), 1.3 * view.line)
@@ -361,7 +388,9 @@ def _draw_header(image: Image, view: MapView, batch: GameBatch, game: int, title
         "pellets": f"{g['collected']}/{g['spawned']}" + (f" ({g['lost']} lost)" if g["lost"] else ""),
         "Clyde" if batch.ghosts.shape[1] == 1 else "ghosts": f"{g['clyde_speed']:.2f} m/s",
     }
-    if batch.config.endless:
+    if batch.config.power.pellets > 0:
+        values["ghosts caught"] = str(g["caught"])
+    if batch.config.endless or batch.config.power.pellets > 0:
         values |= {"round": str(g["round"]), "score": str(g["score"])}
     gaps = [max(gap * unit, gap / 3) for gap in (6, 26)]
     pairs = [((label, MUTED, gaps[0]), (value, TEXT, gaps[1])) for label, value in values.items()]

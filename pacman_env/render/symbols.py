@@ -98,12 +98,16 @@ def pac_man(image: Image, centre: NDArray, radius: float, angle: float) -> None:
         pen.polygon(centre + shape, PAC, OUTLINE, width)
 
 
-def ghost(image: Image, centre: NDArray, radius: float, eyes: NDArray, colour: Colour) -> None:
+def ghost(image: Image, centre: NDArray, radius: float, eyes: NDArray, colour: Colour | None) -> None:
+    """Draw a ghost that looks in the direction ``eyes``; only its eyes, with an edge, if ``colour`` is None."""
     width = _outline(radius)
     with _pen(image, centre, 1.2 * radius + 2) as pen:
-        pen.polygon(centre + radius * _GHOST_SHAPE, colour, OUTLINE, width)
+        if colour is not None:
+            pen.polygon(centre + radius * _GHOST_SHAPE, colour, OUTLINE, width)
         for side in (-0.36, 0.36):
             eye = centre + radius * (np.array([side, -0.2]) + 0.1 * eyes)
+            if colour is None:
+                pen.disc(eye, 0.29 * radius + 0.7 * width, OUTLINE)
             pen.disc(eye, 0.29 * radius, EYE)
             pen.disc(eye + 0.12 * radius * eyes, 0.16 * radius, PUPIL)
 

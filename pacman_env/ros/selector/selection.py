@@ -4,7 +4,6 @@
 follows. Nothing is published here, and time is an argument.
 """
 
-import math
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Protocol
