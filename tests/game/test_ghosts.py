@@ -66,7 +66,7 @@ def test_ghost_walks_its_speed_and_stops_at_targets() -> None:
     for _ in range(1500):
         at, offset = int(g[0]["path_index"]), float(g[0]["path_offset"])
         before = np.array([g[0]["x"], g[0]["y"]])
-        walk(g[0], paths[0], cells.position, PERIOD)
+        walk(g[0], paths[0], cells.position, 1.0, PERIOD)
         now = np.array([g[0]["x"], g[0]["y"]])
         passed = cells.position[paths[0, at + 1 : int(g[0]["path_index"]) + 1]]
         along = np.concatenate([before[None], passed, now[None]])
