@@ -78,18 +78,28 @@ class ClydeAware(BasePolicy):
     Clyde's death radius come last. ``documented`` is the milestone's text: only the dot product (m2). With
     ``threat_exit_margin_m`` above 0 each game remembers whether it was threatened. Parameters are the fields of
     ``ScorerParameters``; the default of the death radius is the game's.
+
+    An extension of ``deployed`` for games with power pellets: under threat a power pellet costs ``power_credit_m`` less
+    (None: 4 m, and 0 in the documented form). Harmless ghosts are no risk.
     """
 
-    def __init__(self, form: Literal["deployed", "documented"] = "deployed", **parameters: float) -> None:
+    def __init__(
+        self,
+        form: Literal["deployed", "documented"] = "deployed",
+        power_credit_m: float | None = None,
+        **parameters: float,
+    ) -> None:
         if form not in ("deployed", "documented"):
             raise ValueError(f"form = {form!r}: must be 'deployed' or 'documented'")
-        for name, value in parameters.items():
-            if name not in ScorerParameters._fields:
+        own = {} if power_credit_m is None else {"power_credit_m": power_credit_m}
+        for name, value in (parameters | own).items():
+            if name not in (*ScorerParameters._fields, *own):
                 raise TypeError(f"unknown parameter {name!r}: choose from {', '.join(ScorerParameters._fields)}")
             if not (math.isfinite(value) and value >= 0):
                 raise ValueError(f"{name} = {value!r}: must be a finite number of at least 0")
         self._given = {name: float(value) for name, value in parameters.items()}
         self.parameters = ScorerParameters(**self._given)
+        self.power_credit_m = own.get("power_credit_m", 4.0 if form == "deployed" else 0.0)
         self.form = form
         self.name = "clyde_aware" if form == "deployed" else f"clyde_aware:{form}"
         self._threatened: Flags | None = None
@@ -142,6 +152,7 @@ class ClydeAware(BasePolicy):
         terms = np.empty((games, candidates, 6))
         s, documented = situation, self.form == "documented"
         rate_batch(s.robot, s.clyde, s.closing_speed, s.position, documented, self.parameters, terms, threatened)
+        terms[..., TOTAL] -= self.power_credit_m * (threatened[:, None] & s.is_power)
         return terms, threatened
 
 

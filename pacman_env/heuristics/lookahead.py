@@ -27,6 +27,8 @@ class LookaheadParameters(NamedTuple):
     distance_s: float = 2.0  # credit per m of Clyde's distance from that place ...
     distance_m: float = 4.0  # ... up to this distance
     keep_s: float = 4.0  # credit of the current goal
+    power_s: float = 20.0  # credit of a power pellet with Clyde at the robot ...
+    power_m: float = 4.0  # ... which falls to 0 at this straight distance
 
 
 class Lookahead(BasePolicy):
@@ -37,8 +39,12 @@ class Lookahead(BasePolicy):
     def __init__(self, **parameters: float) -> None:
         self.parameters = LookaheadParameters(**parameters)
         for name, value in self.parameters._asdict().items():
-            if value is not None and (not 0 <= value < np.inf or (name == "robot_speed_mps" and value == 0)):
-                raise ValueError(f"{name} = {value!r}: must be a finite number of at least 0, a speed above 0")
+            if value is not None and (
+                not 0 <= value < np.inf or (name in ("robot_speed_mps", "power_m") and value == 0)
+            ):
+                raise ValueError(
+                    f"{name} = {value!r}: must be a finite number of at least 0, robot_speed_mps and power_m above 0"
+                )
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
         """Return minus the cost in s (N, C), -inf for forbidden or unreachable candidates."""
@@ -56,4 +62,6 @@ class Lookahead(BasePolicy):
         cost += p.approached_s * meets[:, :, APPROACHED]
         current = np.arange(cost.shape[1])[None] == situation.current[:, None]
         cost -= p.keep_s * current
+        clyde_m = np.hypot(*(situation.clyde - situation.robot[:, :2]).T)[:, None]
+        cost -= p.power_s * np.clip(1.0 - clyde_m / p.power_m, 0.0, 1.0) * situation.is_power
         return np.where(situation.mask & np.isfinite(cost), -cost, -np.inf)
