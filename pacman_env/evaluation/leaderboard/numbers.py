@@ -47,6 +47,7 @@ class PolicyInCell(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     pellets_share: Share  # mean share of a round's pellets that was collected
     worst_tenth: WorstTenth | None  # None: no place has enough rounds
     win_time_mean_s: NotNegative | None  # of completed rounds; None: no round was completed
+    ghosts_caught_mean: NotNegative | None = None  # in a round; None: of an older version
 
 
 class Against(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -116,7 +116,8 @@ def _verdicts(table: LeagueTable, cells: Iterable[CellResult]) -> str:
     return _markdown(head, "lrrlrl", rows)
 
 
-def _policies(cells: Iterable[CellResult]) -> str:
+def _policies(cells: Sequence[CellResult]) -> str:
+    power = any(row.ghosts_caught_mean for cell in cells for row in cell.policies)
     rows = [
         (
             f"{cell.speed_mps:g}",
@@ -127,12 +128,13 @@ def _policies(cells: Iterable[CellResult]) -> str:
             percent(row.pellets_share),
             _worst(row),
             "-" if row.win_time_mean_s is None else f"{row.win_time_mean_s:.1f}",
+            *([f"{row.ghosts_caught_mean:.2f}"] if power else []),
         )
         for cell in cells
         for row in cell.policies
     ]
     head = ("m/s", "policy", "complete", "death", "time-out", "pellets", "worst tenth", "s")
-    return _markdown(head, "rlrrrrrr", rows)
+    return _markdown((*head, *(["ghosts caught"] if power else [])), "rlrrrrrr" + "r" * power, rows)
 
 
 def _worst(row: PolicyInCell) -> str:
