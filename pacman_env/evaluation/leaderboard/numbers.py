@@ -150,12 +150,14 @@ def worst_tenth(complete: NDArray[np.bool_], place: NDArray[np.int64]) -> WorstT
 
 def policy_in_cell(policy: str, parts: Sequence[NDArray]) -> PolicyInCell:
     """Return the numbers of a policy from ``parts``, the records of its rounds on each map of the cell."""
-    complete = np.concatenate(parts)["end"] == COMPLETE
+    records = np.concatenate(parts)
+    complete, caught = records["end"] == COMPLETE, float(records["ghosts_caught"].mean())
     # A place is a map, or a level if the cell has levels.
     places = [part["level"] if len(parts) == 1 else np.full(len(part), k) for k, part in enumerate(parts)]
-    row, own = of_rounds(parts), ("policy", "worst_tenth")
+    row, own = of_rounds(parts), ("policy", "worst_tenth", "ghosts_caught_mean")
     shared = {name: row[name] for name in PolicyInCell.__struct_fields__ if name not in own}
-    return PolicyInCell(policy=policy, worst_tenth=worst_tenth(complete, np.concatenate(places)), **shared)
+    worst = worst_tenth(complete, np.concatenate(places))
+    return PolicyInCell(policy=policy, worst_tenth=worst, ghosts_caught_mean=caught, **shared)
 
 
 def against(planner: Sequence[NDArray], others: Mapping[str, Sequence[NDArray]]) -> Against | None:
