@@ -97,12 +97,18 @@ class Baseline(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         return LEARNERS[self.learner](self.policy, self.wrapped(games), **values)
 
 
-def shares(ends: NDArray[np.integer[Any]], pellets: NDArray[np.float64]) -> dict[str, Any]:
-    """Return the shares of results of rounds, from the end of each and its share of pellets collected."""
+def shares(
+    ends: NDArray[np.integer[Any]], pellets: NDArray[np.float64], ghosts_caught: NDArray[np.integer[Any]]
+) -> dict[str, Any]:
+    """Return the shares of results of rounds.
+
+    Arguments are (N,): the end of each round, its share of pellets collected and the number of ghosts caught.
+    """
     rounds = len(ends)
     result: dict[str, Any] = {"pellets": float(pellets.mean())}
-    for name, end in (("completed", COMPLETE), ("caught", DEAD)):
-        count = int((ends == end).sum())
+    counted = {"completed": ends == COMPLETE, "caught": ends == DEAD, "ghost_caught": ghosts_caught > 0}
+    for name, which in counted.items():
+        count = int(which.sum())
         result |= {name: count / rounds, f"{name}_interval": wilson(count, rounds)}
     return result
 

@@ -63,7 +63,8 @@ class _Tests(BaseCallback):
         self._baseline, self._rounds, self._note = baseline, rounds, note
         self._test = baseline.wrapped(baseline.make_games(baseline.test, _TEST_GAMES), training=False)
         self._began, self._tested = time.perf_counter(), 0
-        self.played: dict[int, tuple[int, float]] = {}  # end and share of pellets by the seed of the round
+        #: End, share of pellets and number of caught ghosts by the seed of the round.
+        self.played: dict[int, tuple[int, float, int]] = {}
 
     def _on_step(self) -> bool:
         return True
@@ -86,25 +87,29 @@ class _Tests(BaseCallback):
         self._test.seed(_TEST_SEED)
         evaluate = evaluate_masked if self._baseline.learner == "maskable_ppo" else evaluate_policy
         evaluate(self.model, self._test, n_eval_episodes=self._rounds, callback=self._end_of_a_round)
-        ends, pellets = np.array([*self.played.values()]).T
-        self._note(point(self.model, self.num_timesteps, learning_s, shares(ends, pellets)))
+        results = np.array([*self.played.values()]).T
+        self._note(point(self.model, self.num_timesteps, learning_s, shares(*results)))
         self._began = time.perf_counter() - learning_s
 
     def _end_of_a_round(self, now: dict[str, Any], _: dict[str, Any]) -> None:
         if now["done"]:
             info = now["info"]
-            self.played[info["round_seed"]] = info["outcome"], info["collected"] / info["spawned"]
+            self.played[info["round_seed"]] = (
+                info["outcome"],
+                info["collected"] / info["spawned"],
+                info["ghosts_caught"],
+            )
 
 
-def references(map_name: str, seeds: NDArray[np.uint64]) -> dict[str, Point]:
-    """Return the results of the reference policies in the rounds ``seeds``, with goals and the default settings."""
-    arguments = EnvArguments(map=map_name)
+def references(map_name: str, preset: str, seeds: NDArray[np.uint64]) -> dict[str, Point]:
+    """Return the results of the reference policies in the rounds ``seeds``, with goals and the settings of a preset."""
+    arguments = EnvArguments(map=map_name, preset=preset)
     config, _ = arguments.make_config()
     source = arguments.make_source(config)
     result = {}
     for name in _RULES:
         records, _ = play(source, config, name, seeds)
-        result[name] = shares(records["end"], records["collected"] / records["spawned"])
+        result[name] = shares(records["end"], records["collected"] / records["spawned"], records["ghosts_caught"])
     return result
 
 
@@ -115,13 +120,15 @@ def curve(name: str, baseline: Baseline, seed: int, rounds: int) -> dict[str, An
     def note(new: Point) -> None:
         points.append(new)
         done = f"{100 * new['completed']:.1f} % of the rounds, {100 * new['pellets']:.1f} % of the pellets"
+        done += f", a ghost caught in {100 * new['ghost_caught']:.1f} %" if new["ghost_caught"] else ""
         print(f"{name} seed {seed}: {new['decisions']} decisions, {done}", flush=True)
 
     entry: dict[str, Any] = {"name": name, "seed": seed, "points": points}
     model = baseline.make_model(baseline.make_games(baseline.environment.map, baseline.games), seed)
     tests = _Tests(baseline, rounds, note)
     model.learn(baseline.decisions, callback=tests)
-    return entry | {"references": references(baseline.test, np.array([*tests.played], dtype=np.uint64))}
+    seeds = np.array([*tests.played], dtype=np.uint64)
+    return entry | {"references": references(baseline.test, baseline.environment.preset, seeds)}
 
 
 def chosen(options: argparse.Namespace) -> dict[str, Baseline]:
