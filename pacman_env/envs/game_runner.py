@@ -276,7 +276,7 @@ class GameRunner:
         if len(batch.levels) > 1:
             result["level"] = batch.level_numbers()
         if self.config.endless:
-            result["round"], result["score"] = games["round"].astype(np.int64), games["score"].astype(np.int64)
+            result["round"] = games["round"].astype(np.int64)
         if self._by_event:
             result["elapsed_s"] = self.elapsed_s.copy()
         return result | drawn_values(games, self.config) if self._draws else result

@@ -14,6 +14,7 @@ AXES: dict[str, tuple[Any, ...]] = {
     "action": ("goal", "velocity"),
     "ghosts": ("one", "two", "four"),
     "endless": (False, True),
+    "power": (0, 2),
     "map": ("house", "maze", "generated"),
     "preset": ("robot", "ideal"),
     "execution.rules": ("robust", "as_built"),
@@ -72,13 +73,14 @@ def arguments(row: Mapping[str, Any], several: bool = False, **changes: Any) -> 
     chosen = {name: row[name] for name in ("observation", "action", "map", "preset")}
     settings = {**SMALL, **({**RANGES, "reward.progress": 0.5} if row["randomize"] else {}), **changes}
     settings |= {name: row[name] for name in ("endless", "execution.rules")}
+    settings |= {"power.pellets": row["power"], "power.duration_s": 3.0, "power.shortest_s": 2.0, "power.return_s": 1.0}
     settings |= {"num_levels": 2} if row["map"] == "generated" else {}
     return {**chosen, "ghosts": GHOSTS[row["ghosts"]][several], "settings": settings}
 
 
 def name(row: Mapping[str, Any]) -> str:
     """Return the id of a row in a test's name."""
-    values = ((key if value is True else value) for key, value in row.items() if value is not False)
+    values = (key if value is True or key == "power" else value for key, value in row.items() if value)
     return "-".join("+".join(value) if isinstance(value, tuple) else str(value) for value in values)
 
 

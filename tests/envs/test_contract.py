@@ -36,8 +36,8 @@ class TestEveryEnvironment:
     def test_spaces_contain_observations_and_info_is_complete(self, case: str) -> None:
         adapter = made(case)
         config = adapter.core.config
-        expected = {"outcome", "collected", "lost", "spawned", "aborts", "round_seed"}
-        expected |= {"round", "score"} if config.endless else set()
+        expected = {"outcome", "collected", "lost", "spawned", "aborts", "round_seed", "score", "ghosts_caught"}
+        expected |= {"round"} if config.endless else set()
         expected |= {name.partition(".")[2] for name in RANGES if "randomize.speed_mps" in CASES[case][1]["settings"]}
         expected |= {"level"} if CASES[case][1]["map"] == "generated" else set()
         expected |= {"elapsed_s"} if config.decisions.when == "event" else set()

@@ -43,7 +43,7 @@ ALLOWED = {
     ".*For Box action spaces, we recommend using a symmetric and normalized space",
     "We recommend you to use a symmetric and normalized Box action space",
     # A row per candidate, pellet or ghost: a network looks at each with the same weights.
-    "Your observation (candidates|ghosts|pellet_bearings|ghost_bearings) has an unconventional shape",
+    "Your observation (candidates|ghosts|\\w+_(bearings|power)) has an unconventional shape",
     # Observations are dictionaries, as in Gymnasium: a mask beside features, a scan, a picture.
     "Observation is not a NumPy array",
     "Observation space for each agent probably should be",

@@ -34,6 +34,7 @@ _ASSUMED = {
     "localization.perfect": True,
     "action": "goal",
     "endless": False,
+    "power.pellets": 0,
     "randomize.clyde_speed_mps": None,
     "randomize.speed_mps": None,
     "randomize.pickup_radius_m": None,

@@ -76,7 +76,8 @@ def _compare(arguments: argparse.Namespace) -> None:
         rows.append(make_row(about, [result], others, endless=one.endless))
     settings = f"preset {arguments.preset}, execution {arguments.execution}, seed {arguments.seed}"
     settings = ", ".join([settings, *arguments.set])
-    print(f"{settings}\n\n{render(rows, shutil.get_terminal_size((WIDTH, 24)).columns)}")
+    width, power = shutil.get_terminal_size((WIDTH, 24)).columns, config.power.pellets > 0
+    print(f"{settings}\n\n{render(rows, width, power=power)}")
     if json_path is not None:
         by_name, rules = {name: spec for spec, name in policies.items()}, (arguments.preset, arguments.execution)
         content = describe_rounds("compare", config, rules, arguments.seed, seeds, maps, by_name)

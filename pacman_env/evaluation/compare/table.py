@@ -29,10 +29,13 @@ def group_title(row: Row) -> str:
     return f"{row['map']}: {pellets} pellets{levels}, Clyde at {row['clyde_speed']:g} m/s, {row['episodes']} {what}"
 
 
-def render(rows: Sequence[Row], width: int = WIDTH) -> str:
-    """Return the table of all rows; columns beyond ``width`` follow below, next to the policies again."""
+def render(rows: Sequence[Row], width: int = WIDTH, *, power: bool = False) -> str:
+    """Return the table of all rows; columns beyond ``width`` follow below, next to the policies again.
+
+    With ``power``, which means power pellets, there is a column of the ghosts caught.
+    """
     endless = rows[0]["kind"] == "endless"
-    columns = _ENDLESS if endless else _ROUND
+    columns = {name: cell for name, cell in (_ENDLESS if endless else _ROUND).items() if power or name != _CAUGHT}
     header = (*columns, "difference")
     cells = [
         [[*(cell(row) for cell in columns.values()), _difference(row, k == 0)] for k, row in enumerate(group)]
@@ -55,6 +58,8 @@ def render(rows: Sequence[Row], width: int = WIDTH) -> str:
         for band in bands:
             lines += [*(line(texts, band) for texts in (header, *block)), ""]
     meaning = f"{_ENDLESS_MEANING if endless else _ROUND_MEANING} {short_name(rows[0]['policy'])}, paired by seed."
+    if power:
+        meaning += f" {_CAUGHT}: mean number of ghosts caught per {'game' if endless else 'round'}, with its interval."
     return "\n".join([*lines, *textwrap.wrap(meaning, min(width, WIDTH))])
 
 
@@ -79,7 +84,11 @@ def _difference(row: Row, first: bool) -> str:
     return "-" if first else with_interval(row["paired_difference"], row["paired_ci"], "+", text)
 
 
+_CAUGHT = "ghosts"  # column of the ghosts caught
 _POLICY: dict[str, _Cell] = {"policy": lambda row: short_name(row["policy"])}
+_GHOSTS: dict[str, _Cell] = {
+    _CAUGHT: lambda row: with_interval(row["ghosts_caught_mean"], row["ghosts_caught_ci"], text=_number),
+}
 _ENDS: dict[str, _Cell] = {
     "death": lambda row: percent(row["death_rate"]),
     "lossy": lambda row: percent(row["cleared_rate"]),
@@ -93,6 +102,7 @@ _ROUND: dict[str, _Cell] = {
     "complete": lambda row: with_interval(row["completion_rate"], row["completion_ci"]),
     "all but one": lambda row: with_interval(row["all_but_one_rate"], row["all_but_one_ci"]),
     "pellets": lambda row: f"{row['pellets_mean']:.2f}",
+    **_GHOSTS,
     **_ENDS,
 }
 _ENDLESS: dict[str, _Cell] = {
@@ -101,6 +111,7 @@ _ENDLESS: dict[str, _Cell] = {
     "median": lambda row: f"{row['pellets_median']:g}",
     "rounds": lambda row: f"{row['rounds_mean']:.2f}",
     "most": lambda row: f"{row['rounds_most']}",
+    **_GHOSTS,
     **_ENDS,
 }
 _ROUND_MEANING = (

@@ -17,7 +17,7 @@ from urllib.parse import quote
 import msgspec
 
 from pacman_env.cli.command import Parser, finite_number, run_command, whole_number
-from pacman_env.config import PRESETS, ConfigError, make_config
+from pacman_env.config import ConfigError, make_config
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.report.numbers import Results
 from pacman_env.evaluation.report.plan import ReportPlan, check_single_rounds, matchups, parse_variant
@@ -124,7 +124,7 @@ def _plan(arguments: argparse.Namespace) -> ReportPlan:
     speeds = tuple(sorted(set(arguments.speeds)))
     for speed in speeds:
         config.with_fields(**{"clyde.speed_mps": speed})
-    other = next(preset for preset in sorted(PRESETS) if preset != arguments.preset)
+    other = "robot" if arguments.preset == "ideal" else "ideal"
     given = [f"preset {other}=preset={other}", _NO_REFUGES]
     if arguments.variant is not None:
         given = [text for texts in arguments.variant for text in texts]

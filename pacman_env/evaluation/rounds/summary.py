@@ -13,9 +13,9 @@ The JSON files of ``pacman-env compare`` and ``pacman-env report`` start with th
 Every row has ``map`` (null: all maps), ``policy``, ``clyde_speed`` (m/s), ``kind`` (``round``, or ``endless`` for
 endless games), ``episodes``, ``levels`` (number of different levels), ``pellets`` and ``pellets_least`` (most and
 fewest in a round); rates 0..1 with 95 % Wilson intervals [low, high]: ``death_rate``/``_ci``, ``timeout_rate``,
-``cleared_rate`` (no pellet left, some lost); means per episode: ``pellets_mean``, ``time_mean_s``; times of one
-decision of the policy alone, ``decision_ms_p50`` and ``_p99``, and ``decision_ms`` with more percentiles, over
-``decisions_timed`` samples. A row of one map also has the results of its rounds, in the order of the seeds:
+``cleared_rate`` (no pellet left, some lost); means per episode: ``pellets_mean``, ``ghosts_caught_mean``/``_ci``
+(bootstrap, stratified by map; 0 without power pellets), ``time_mean_s``; times of one decision of the policy alone,
+``decision_ms_p50`` and ``_p99``, and ``decision_ms`` with more percentiles, over ``decisions_timed`` samples. A row of one map also has the results of its rounds, in the order of the seeds:
 ``outcomes`` with ``end`` (a letter each, ``ENDS``: C complete, L cleared but some lost, D caught, T time-out),
 ``collected``, ``time_s`` and, on several levels, ``level``.
 
@@ -84,7 +84,7 @@ def make_row(
         if not np.array_equal(ours["seed"], theirs["seed"]):
             raise ValueError(f"{about}: not the seeds of the policy it is compared with")
     own = _of_games if endless else of_rounds
-    row = about | {"kind": "endless" if endless else "round"} | _common(np.concatenate(parts)) | own(parts, others)
+    row = about | {"kind": "endless" if endless else "round"} | _common(parts) | own(parts, others)
     row |= _decisions(np.concatenate([times for _, times in played]))
     return row | (_outcomes(parts[0], endless) if len(parts) == 1 else {})
 
@@ -118,16 +118,20 @@ def _of_games(parts: Sequence[NDArray], others: Sequence[NDArray] | None) -> Row
     difference, interval = 0.0, (0.0, 0.0)
     if others is not None:
         pairs = [ours - theirs["collected"] for ours, theirs in zip(collected, others, strict=True)]
-        difference, interval = bootstrapped_mean(pairs, np.random.default_rng(_DRAWS))
+        difference, interval = _mean(pairs)
     return {
         **_ends(records),
-        "pellets_ci": list(bootstrapped_mean(collected, np.random.default_rng(_DRAWS))[1]),
+        "pellets_ci": list(_mean(collected)[1]),
         "pellets_median": float(np.median(records["collected"])),
         "rounds_mean": float(records["rounds"].mean()),
         "rounds_most": int(records["rounds"].max()),
         "paired_difference": difference,
         "paired_ci": list(interval),
     }
+
+
+def _mean(parts: Sequence[NDArray[np.float64]]) -> tuple[float, Interval]:
+    return bootstrapped_mean(parts, np.random.default_rng(_DRAWS))
 
 
 def _rate(name: str, which: NDArray[np.bool_]) -> Row:
@@ -142,14 +146,17 @@ def _ends(records: NDArray) -> Row:
     }
 
 
-def _common(records: NDArray) -> Row:
+def _common(parts: Sequence[NDArray]) -> Row:
+    records = np.concatenate(parts)
+    caught, interval = _mean([part["ghosts_caught"].astype(np.float64) for part in parts])
     return {
         "episodes": len(records),
         "levels": len(np.unique(records["level"])),
         "pellets": int(records["spawned"].max()),
         "pellets_least": int(records["spawned"].min()),
         "pellets_mean": float(records["collected"].mean()),
-        "ghosts_caught_mean": float(records["ghosts_caught"].mean()),
+        "ghosts_caught_mean": caught,
+        "ghosts_caught_ci": list(interval),
         "time_mean_s": float(records["time_s"].mean()),
     }
 

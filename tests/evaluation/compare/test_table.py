@@ -64,6 +64,17 @@ def test_endless_games_have_their_own_columns() -> None:
     assert len(header) == len(first) == len(second)
 
 
+@pytest.mark.parametrize("endless", [False, True])
+def test_power_pellets_add_a_column_of_caught_ghosts(endless: bool) -> None:
+    first, second = rows(endless=endless)
+    first |= {"ghosts_caught_mean": 1.4, "ghosts_caught_ci": [0.9, 2.0]}
+    plain, shown = (render([first, second], power=power).splitlines() for power in (False, True))
+    assert " ghosts " not in plain[1]
+    assert " ghosts " in shown[1]
+    assert "  1.4 [0.9, 2.0]  " in shown[2]
+    assert len(shown[1]) == len(shown[2]) == len(shown[3])
+
+
 def test_title_of_levels_shows_number_and_pellet_range() -> None:
     row = rows()[0] | {"levels": 31, "pellets_least": 4}
     assert group_title(row) == "home: 4 to 8 pellets on 31 levels, Clyde at 0.25 m/s, 5 episodes"

@@ -10,7 +10,7 @@ from tests.evaluation.helpers import FIVE, OTHER_FIVE, records
 
 PROMISED = {
     "policy", "episodes", "completion_rate", "completion_ci", "all_but_one_rate",
-    "all_but_one_ci", "pellets_mean", "death_rate", "timeout_rate", "time_mean_s", "decision_ms_p50",
+    "all_but_one_ci", "pellets_mean", "ghosts_caught_mean", "ghosts_caught_ci", "death_rate", "timeout_rate", "time_mean_s", "decision_ms_p50",
     "decision_ms_p99", "paired_difference", "paired_ci", "kind", "levels", "pellets", "pellets_least", "decision_ms",
     "outcomes",
 }  # fmt: skip
@@ -36,6 +36,16 @@ def test_row_counts_rounds_by_how_they_ended() -> None:
     assert r["all_but_one_ci"] == list(wilson(3, 5))
     assert (r["paired_difference"], r["paired_ci"]) == (0.0, [0.0, 0.0])  # to no other policy
     assert row(records([DEAD, DEAD], [0, 3]))["win_time_mean_s"] is None
+
+
+@pytest.mark.parametrize("endless", [False, True])
+def test_caught_ghosts_are_averaged_with_an_interval(endless: bool) -> None:
+    several = FIVE.copy()
+    several["ghosts_caught"] = [0, 4, 1, 0, 2]
+    r = row(several, endless=endless)
+    assert r["ghosts_caught_mean"] == pytest.approx(1.4)
+    assert 0.0 <= r["ghosts_caught_ci"][0] < 1.4 < r["ghosts_caught_ci"][1] <= 4.0
+    assert (row(endless=endless)["ghosts_caught_mean"], row()["ghosts_caught_ci"]) == (0.0, [0.0, 0.0])
 
 
 def test_difference_is_paired_by_round() -> None:

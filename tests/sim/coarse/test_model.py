@@ -79,10 +79,11 @@ def test_each_ghost_has_its_own_behaviour() -> None:
     config = config_of("wander", "chase", "arcade")
     game, _kept = started(config, situation_of(config))
     alone = []
-    for k, name in enumerate(config.clyde.ghosts):
+    for k, behaviour in enumerate(config.clyde.ghosts):
         other = situation_of(config)
-        single = config_of(name)
-        one, _its = started(single, replace(other, ghosts=np.ascontiguousarray(other.ghosts[:, k : k + 1])))
+        single = config_of(behaviour)
+        own = {name: np.ascontiguousarray(getattr(other, name)[:, k : k + 1]) for name in ("ghosts", "harmless")}
+        one, _its = started(single, replace(other, **own))
         steps(one, 8)
         alone.append((one.ghosts["x"][0], one.ghosts["y"][0]))
     steps(game, 8)
