@@ -29,7 +29,7 @@ _GAMES = 50  # games in parallel; a generated house needs about 4 MB
 
 
 def play(env_id: str, name: str, seeds: range) -> dict[str, list[Any]]:
-    """Play one episode per seed and return the returns, outcomes, pellets and completed rounds."""
+    """Play one episode per seed; return the returns, outcomes, pellets, completed rounds and ghosts caught."""
     disabled = AutoresetMode.DISABLED
     made = gym.make_vec(env_id, len(seeds), vectorization_mode="vector_entry_point", autoreset_mode=disabled)
     envs: Any = made.unwrapped
@@ -45,14 +45,15 @@ def play(env_id: str, name: str, seeds: range) -> dict[str, list[Any]]:
         action = envs.action_space.sample() if drives else envs.action_of(policy.select(envs.situation))
         _, rewards, terminated, truncated, infos = envs.step(action)
         returns += np.where(over, 0.0, rewards)
-        counted = (key for key in ("outcome", "collected", "round", "score") if key in infos)
+        counted = (key for key in ("outcome", "collected", "round", "score", "ghosts_caught") if key in infos)
         last = {key: np.where(over, last[key], infos[key]) for key in counted}
         over |= terminated | truncated
     envs.close()
     ends = [OUTCOMES[end] if isinstance(end, int) else str(end) for end in last["outcome"].tolist()]
-    pellets = last.get("score", last["collected"])
+    pellets = last["score"] if "round" in last else last["collected"]
     rounds = last["round"] - 1 if "round" in last else np.array([int(end == "complete") for end in ends])
-    return {"return": returns.tolist(), "end": ends, "pellets": pellets.tolist(), "rounds": rounds.tolist()}
+    result = {"return": returns.tolist(), "end": ends, "pellets": pellets.tolist(), "rounds": rounds.tolist()}
+    return result | ({"ghosts": last["ghosts_caught"].tolist()} if envs.config.power.pellets > 0 else {})
 
 
 def policies_of(env_id: str) -> tuple[str, ...]:
@@ -63,7 +64,7 @@ def score(env_id: str, policy: str, episodes: int) -> dict[str, Any]:
     starts = range(0, episodes, _GAMES)
     parts = [play(env_id, policy, range(first, min(first + _GAMES, episodes))) for first in starts]
     played = {name: [value for part in parts for value in part[name]] for name in parts[0]}
-    means = {name: round(float(np.mean(played[name])), 3) for name in ("rounds", "pellets", "return")}
+    means = {name: round(float(np.mean(values)), 3) for name, values in played.items() if name != "end"}
     error = float(np.std(played["return"], ddof=1) / np.sqrt(episodes))
     counts = {end: played["end"].count(end) for end in ("complete", "caught")}
     return {"episodes": episodes, **counts, **means, "return_error": round(error, 3)}
@@ -80,12 +81,15 @@ def rounds_of(env_id: str, one: dict[str, Any], unit: str = "") -> tuple[str, st
 
 def scores_of(env_id: str, scores: dict[str, Any]) -> str:
     """Return the table of one id."""
-    rows = []
+    rows, ghosts = [], any("ghosts" in one for one in scores[env_id].values())
     for policy in policies_of(env_id):
         one = scores[env_id][policy]
         head, done = rounds_of(env_id, one)
-        rows.append([f"`{policy}`", done, f"{one['pellets']:.2f}", f"{one['return']:.2f} ± {one['return_error']:.2f}"])
-    return table(("Policy", head, "Pellets, mean", "Return, mean ± standard error"), rows)
+        caught = [f"{one['ghosts']:.2f}"] if ghosts else []
+        returned = f"{one['return']:.2f} ± {one['return_error']:.2f}"
+        rows.append([f"`{policy}`", done, f"{one['pellets']:.2f}", *caught, returned])
+    heads = ["Pellets, mean", *(["Ghosts caught, mean"] if ghosts else []), "Return, mean ± standard error"]
+    return table(("Policy", head, *heads), rows)
 
 
 def all_scores() -> str:

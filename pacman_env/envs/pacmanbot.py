@@ -59,9 +59,17 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     | `pellet_bearings` | (K, 7) | with a scan and with velocities, of each of the nearest pellets by path length: is pellet, cos and sin of the bearing, straight distance (m), path length from the robot (m), cos and sin of the way |
     | `ghost_bearings` | (G, 5) | with a scan and with velocities, of each ghost: cos and sin of the bearing, straight distance (m), velocity forward, left (m/s, robot frame) |
     | `grid` | (S, S, 4) | with `observation="grid"`: 0 or 255 in the channels walls, pellets, ghosts, robot |
+    | `candidate_power` | (C, 1) | with power pellets: is a power pellet |
+    | `ghost_power` | (G, 4) | with power pellets, of each ghost: is frightened, time until it is not frightened any more (s), is away, time until it starts again (s) |
+    | `pellet_power` | (K, 1) | with power pellets, next to `pellet_bearings`: is a power pellet |
 
     Lengths are capped at 100 m. Rows of forbidden candidates are zero except for their kind. With several ghosts,
     `clyde` is the nearest ghost, and the path length from Clyde is the shortest path of any ghost.
+
+    With power pellets `candidate_power` and `ghost_power` are added to every observation that is not a grid alone. A
+    ghost is harmless while it is away, and while it stays frightened for longer than 6.6 s (`power.warning_s`). Then it
+    does not count as Clyde: `clyde` is the nearest ghost that is not harmless, and 1 km away (capped) if all are. In the
+    grid power pellets are larger, frightened ghosts have the value 128, and ghosts that are away are not drawn.
 
     The scan is taken from the true pose: `R = 360` rays of 0.15 to 12.0 m with 1 % noise. The lidar sees neither ghosts
     nor pellets, which are virtual. Therefore the bearings are added to a scan, and with velocity actions also to
@@ -70,9 +78,21 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     shortest paths to them (the way), and of all ghosts. Rows without a pellet are zero. The grid is centred on the
     believed pose: `S = 64` pixels of 0.1 m, with the robot's heading up.
 
+    ## Power Pellets
+    With the preset `arcade`, or the setting `power.pellets` above 0, so many pellets of the map are power pellets. They
+    lie far from home and from each other. A power pellet frightens every ghost that is not away for 20 s
+    (`power.duration_s`). A frightened ghost flees at 67 % of its speed and does not kill. If the robot comes within 0.25
+    m of a frightened ghost, the ghost is caught: it is away for 5 s (`power.return_s`) and starts again at its spawn
+    place, not frightened. A ghost that a policy controls keeps its policy while it is frightened; its choices have no
+    effect while it is away. In an endless game power pellets frighten for 3.3 s less in each round, at least for 6.6 s.
+
+    The score is 1 for each pellet, 5 for a power pellet, and 20, 40, 80 and 160 for the ghosts caught after the same
+    power pellet. It does not change the reward.
+
     ## Rewards
     All are configurable (`config.reward`): +1 for each pellet collected, -0.002 every 0.5 s, -10 when Clyde catches the
-    robot, +5 when the round is complete, -5 at the time limit. A decision that lasts longer than 0.5 s gets the sum.
+    robot, +5 when the round is complete, -5 at the time limit, and with power pellets +2 for each ghost caught
+    (`reward.ghost_caught`) and 0 for a power pellet in addition to its +1 (`reward.power`). A decision that lasts longer than 0.5 s gets the sum.
     `reward.progress` (default 0) rewards each metre by which the path to the nearest remaining pellet became shorter,
     as a potential that is 0 after a termination. The best policy stays the best if all episodes end by a termination
     and the learner's discount equals the discount of the potential (`decisions.discount_per_s`, 1). After a truncation the
@@ -85,7 +105,7 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     random values follow from the episode's seed, `info["round_seed"]`.
 
     ## Episode End
-    - Termination: the believed pose is within 0.25 m of Clyde or another ghost (`caught`); every pellet is collected
+    - Termination: the believed pose is within 0.25 m of a ghost that is neither frightened nor away (`caught`); every pellet is collected
       (`complete`); no pellet is left but some were lost (`cleared`, only with `execution.rules="as_built"`).
     - Time limit of 600 s (`time_limit_s`, `timeout`): a truncation with the setting `timeout="truncation"`, the
       default, and a termination with `timeout="termination"`, the default with `flat=True`.
@@ -97,8 +117,9 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     ## Information
     `outcome` (`running`, `caught`, `complete`, `cleared`, `timeout`), `collected`, `lost`, `spawned`, `aborts`
     (goals that Nav2 aborted), `round_seed` (drawn from the environment's generator; it identifies the episode in
-    results). Generated maps add `level`; endless games add `round` (from 1) and `score` (pellets of all rounds). Values
-    that `randomize` drew have the field's name (`speed_mps`).
+    results), `score` and `ghosts_caught`, both of all rounds of an endless game. Without power pellets the score is the
+    number of pellets. Generated maps add `level`; endless games add `round` (from 1). Values that `randomize` drew have
+    the field's name (`speed_mps`).
 
     ## Arguments
     ```python
@@ -111,10 +132,11 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
       (follows the robot), `"arcade"` (chases from afar, turns to its corner within 2.0 m), or a policy (name or
       object), which chooses at every tick.
     - `observation`: one or several of `"features"` (the default), `"scan"`, `"bearings"`, `"grid"`, `"planner"` (the
-      default with `flat=True`; see `sim/observation/planner_features.py`), or a custom kind (`docs/extending.md`). If
-      `"flat"` is included, all are joined in one array.
+      default with `flat=True`; see `sim/observation/planner_features.py`), `"power"` (added if there are power
+      pellets), or a custom kind (`docs/extending.md`). If `"flat"` is included, all are joined in one array.
     - `action`: `"goal"` (the default) or `"velocity"`.
-    - `preset`: `robot` (as measured), `ideal` (perfect localization), or a custom preset.
+    - `preset`: `robot` (as measured), `ideal` (perfect localization), `arcade` (power pellets and four ghosts), or a
+      custom preset.
     - `settings`: any fields of the configuration by dotted name, or a whole `Config`.
     - `render_mode`: `"rgb_array"`, or `"human"` for a window.
     - `flat`: use the settings of `pacman_env/PacManBotFlat-v0`; your own settings override them.

@@ -88,14 +88,17 @@ class SeveralAgents(BaseEnv):
 
     def _states(self) -> NDArray[np.float64]:
         """Return the true state of the games, (N, S); ``state_names`` names the numbers."""
-        believed, batch = self.situation.robot, self.batch
+        situation, batch = self.situation, self.batch
+        believed = situation.robot
         g, ghosts = batch.games, batch.ghosts
         turns = (g["right"] - g["left"]) / batch.config.robot.wheel_base_m
         columns = [g["x"], g["y"], _within_half_a_turn(g["heading"])]
         columns += [*believed.T, 0.5 * (g["left"] + g["right"]), turns]
-        for ghost in ghosts.T:
+        for k, ghost in enumerate(ghosts.T):
             velocity = [np.clip(ghost[name], -FAST_MPS, FAST_MPS) for name in ("vx", "vy")]
             columns += [ghost["x"], ghost["y"], *velocity, np.minimum(ghost["speed"], FAST_MPS), ghost["place"]]
+            if batch.config.power.pellets > 0:
+                columns += [situation.frightened_s[:, k], situation.away_s[:, k]]
         columns += [*batch.alive.T, g["pursued"], g["tick"] * batch.config.execution.tick_s, g["round"], g["score"]]
         return np.stack(columns, axis=1).astype(np.float64)
 

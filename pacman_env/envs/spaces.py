@@ -52,6 +52,9 @@ def state_limits(batch: GameBatch) -> dict[str, tuple[float, float]]:
     limits = {"x": x, "y": y, "heading": turn, "believed_x": x, "believed_y": y, "believed_heading": turn}
     limits |= {"v": (-wheels, wheels), "omega": (-wheels / robot.wheel_base_m, wheels / robot.wheel_base_m)}
     each = {"x": x, "y": y, "vx": fast, "vy": fast, "speed": (0.0, FAST_MPS), "place": place}
+    if batch.config.power.pellets > 0:
+        power, step_s = batch.config.power, batch.config.physics_step_s
+        each |= {"frightened_s": (0.0, power.duration_s + step_s), "away_s": (0.0, power.return_s + step_s)}
     for ghost in GHOST_NAMES[: batch.ghosts.shape[1]]:
         limits |= {f"{ghost}_{part}": value for part, value in each.items()}
     limits |= {f"pellet_{k}": (0.0, 1.0) for k in range(batch.pellet_slots)}

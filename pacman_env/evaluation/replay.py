@@ -117,10 +117,12 @@ class RecordedGame:
     def outcome(self) -> str:
         batch, game = self._batch, self._batch.games[0]
         seconds = self._before_s + game["step"] * batch.config.physics_step_s
+        end, pellets = OUTCOMES[game["end"]], f"{game['collected']} of {game['spawned']} pellets"
         if batch.config.endless:
-            return f"{OUTCOMES[game['end']]} in round {game['round']} after {seconds:.1f} s, {game['score']} pellets"
-        lost = f", {game['lost']} lost" if game["lost"] else ""
-        return f"{OUTCOMES[game['end']]} after {seconds:.1f} s, {game['collected']} of {game['spawned']} pellets{lost}"
+            end, pellets = f"{end} in round {game['round']}", f"{game['all_collected']} pellets"
+        lost = f", {game['lost']} lost" if game["lost"] and not batch.config.endless else ""
+        caught = f", {game['all_caught']} ghosts caught" if batch.config.power.pellets > 0 else ""
+        return f"{end} after {seconds:.1f} s, {pellets}{lost}{caught}"
 
 
 def film(games: Sequence[RecordedGame], height: int) -> Iterator[Frame]:

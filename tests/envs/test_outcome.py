@@ -13,7 +13,8 @@ NAMES = {RUNNING: "running", DEAD: "caught", COMPLETE: "complete", CLEARED: "cle
 def test_infos_contain_counts_and_outcomes_of_games() -> None:
     batch = np.zeros(len(NAMES), dtype=GAME)
     batch["end"] = list(NAMES)
-    for k, field in enumerate(("collected", "lost", "spawned", "aborts")):
+    counts = {name: name for name in ("collected", "lost", "spawned", "aborts", "score")} | {"ghosts_caught": "all_caught"}
+    for k, field in enumerate(counts.values()):
         batch[field] = np.arange(5) + 10 * k
     batch["episode_seed"] = [9, 2**64 - 1, 0, 1, 2]
     numbers = np.zeros((len(SUMMARY), len(batch)), dtype=np.int64)
@@ -23,7 +24,7 @@ def test_infos_contain_counts_and_outcomes_of_games() -> None:
     numbers[:] = 0  # infos have memory of their own
     assert {key: array.tolist() for key, array in info.items()} == {
         "outcome": list(NAMES.values()),
-        **{field: batch[field].tolist() for field in ("collected", "lost", "spawned", "aborts")},
+        **{name: batch[field].tolist() for name, field in counts.items()},
         "round_seed": [9, 2**64 - 1, 0, 1, 2],
     }
     assert [OUTCOMES[end] for end in NAMES] == list(NAMES.values())

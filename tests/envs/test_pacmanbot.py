@@ -96,7 +96,7 @@ def test_render_without_mode_warns() -> None:
 def test_docstring_lists_keys_infos_and_arguments() -> None:
     """Columns are on a generated page, ``tests/tools/test_reference.py``."""
     text = PacManBotEnv.__doc__ or ""
-    env = make(ghosts=3, observation=("features", "scan", "grid"))
+    env = make(ghosts=3, observation=("features", "scan", "grid"), settings={"power.pellets": 1})
     letters = {"C": env.action_space.n, "G": 3, "K": 4, "R": 360, "S": 64}
     shapes = dict(re.findall(r"\| `(\w+)` \| (\([^)]*\)) \|", text))
     for key, space in env.observation_space.items():

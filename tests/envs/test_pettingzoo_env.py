@@ -163,9 +163,10 @@ def test_ghost_observes_its_current_goal() -> None:
 
 
 def test_state_contains_true_game_values_by_name() -> None:
-    env = pacman_env.parallel_env(ghosts=MIXED, settings=FAST_GHOSTS, map="maze")
+    settings = {**FAST_GHOSTS, "power.pellets": 2}
+    env = pacman_env.parallel_env(ghosts=MIXED, settings=settings, map="maze")
     env.reset(seed=2)
-    names, apart, rng = env.state_names, [], np.random.default_rng(0)
+    names, apart, rng, frightened = env.state_names, [], np.random.default_rng(0), False
     assert len(names) == len(set(names)) == env.state_space.shape[0]
     for _ in range(30):
         observations = env.step(actions_of(env, rng))[0] if env.agents else env.reset()[0]
@@ -181,11 +182,15 @@ def test_state_contains_true_game_values_by_name() -> None:
         for k, ghost in enumerate(("clyde", "blinky", "pinky", "inky")):
             expected = [batch.ghosts[0, k][part] for part in ("x", "y", "vx", "vy")]
             assert [state[f"{ghost}_{part}"] for part in ("x", "y", "vx", "vy")] == expected
+            power = [state[f"{ghost}_{part}"] for part in ("frightened_s", "away_s")]
+            assert np.float32(power).tolist() == observations[PACMAN]["ghost_power"][k, [1, 3]].tolist()
+            frightened |= power[0] > 0
         pellets = [state[f"pellet_{k}"] for k in range(batch.pellet_slots)]
         assert pellets == batch.alive[0].astype(float).tolist()
         assert [state["time"], sum(pellets)] == observations[PACMAN]["round"].tolist()
-        assert (state["round"], state["score"]) == (1, g["collected"])
+        assert (state["round"], state["score"]) == (1, g["collected"] + g["bonus"])
         apart.append(np.hypot(state["x"] - state["believed_x"], state["y"] - state["believed_y"]))
+    assert frightened
     assert max(apart) > 0.01  # what the robot believes is not true
 
 

@@ -36,7 +36,7 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_masked_padding_changes_no_bit(path: Path) -> None:
     situation = random_situation(0, 20)
     count = situation.mask.shape[1]
-    per_candidate = ("kind", "mask", "path_robot", "path_clyde", "goal")
+    per_candidate = ("kind", "mask", "path_robot", "path_clyde", "goal", "is_power")
     padded = {name: np.pad(getattr(situation, name), ((0, 0), (0, 9))) for name in per_candidate}
     position = np.pad(situation.position, ((0, 0), (0, 9), (0, 0)))
     planner = LearnedPlanner(path)

@@ -5,7 +5,7 @@ Observations are made from the robot's knowledge; rewards follow from the game's
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -55,8 +55,11 @@ class RobotRounds:
             with open_bag(path, self._namespace) as bag:
                 if not bag.has(topics.SCORES):
                     raise BagError(f"{path}: no {topics.SCORES.name}: the choices of its goal selector are not known")
-                recorder, config = _RoundRecorder(self._runner), recorded_config(bag)
-                walk = Walk(bag, map_assets(self.arguments.map, config), config, recorder)
+                config = recorded_config(bag)
+                assets = map_assets(self.arguments.map, config)
+                power = assets.pellet_ids[assets.power_pellets(config.power.pellets)[: assets.pellets]]
+                recorder = _RoundRecorder(self._runner, set(map(str, power.tolist())))
+                walk = Walk(bag, assets, config, recorder)
                 if (
                     walk.view.hold != self._runner.batch.hold
                     or len(config.clyde.ghosts) != self._runner.batch.ghosts.shape[1]
@@ -82,9 +85,10 @@ def _played_by(played: Config, arguments: EnvArguments) -> EnvArguments:
 class _RoundRecorder:
     """Listener of a walk that collects its rounds and omits those without a decision."""
 
-    def __init__(self, runner: GameRunner) -> None:
+    def __init__(self, runner: GameRunner, power: set[str]) -> None:
+        """Collect rounds of a game whose power pellets have the ids ``power``."""
         self.rounds: list[RecordedRounds] = []
-        self._runner = runner
+        self._runner, self._power = runner, power
         self._begin()
 
     def _begin(self) -> None:
@@ -93,6 +97,7 @@ class _RoundRecorder:
         self._actions: list[int] = []
         self._at_s: list[float] = []
         self._collected: list[tuple[float, str]] = []
+        self._caught: dict[str, float] = {}  # time by number and name of a caught ghost
         self._unlisted = self._spawned = 0
         self._word = ""
 
@@ -103,6 +108,8 @@ class _RoundRecorder:
         word, _, number = status.partition(":")
         if word == "pellet_collected" and number not in [pellet for _, pellet in self._collected]:
             self._collected.append((at_s, number))
+        elif word == "ghost_caught":
+            self._caught.setdefault(number, at_s)
         elif word in ("death_detected", "game_complete"):
             self._word = word
 
@@ -155,10 +162,16 @@ class _RoundRecorder:
         return "running"
 
     def _rewards(self, elapsed_s: Any, outcome: str) -> Any:
-        """Return the rewards (D,) of ticks, pellets and the end as in the environment, without ``reward.progress``."""
+        """Return the rewards (D,) of ticks, events and the end as in the environment, without ``reward.progress``."""
         config = self._runner.config
-        pellet_of = np.searchsorted(self._at_s, [at_s for at_s, _ in self._collected], side="right") - 1
-        pellets = np.bincount(np.maximum(pellet_of, 0), minlength=len(elapsed_s))
+        pellets = self._counts(at_s for at_s, _ in self._collected)
+        power = self._counts(at_s for at_s, pellet in self._collected if pellet in self._power)
+        caught = self._counts(self._caught.values())
         ends = np.zeros(len(elapsed_s), dtype=np.int64)
         ends[-1] = _CODES[outcome]
-        return reward(elapsed_s / config.execution.tick_s, pellets, 0, 0, 0, ends, Rewards.of(config.reward))
+        return reward(elapsed_s / config.execution.tick_s, pellets, power, caught, 0, ends, Rewards.of(config.reward))
+
+    def _counts(self, times_s: Iterable[float]) -> Any:
+        """Return how many events happened after each decision and before the next one (D,)."""
+        decision = np.searchsorted(self._at_s, list(times_s), side="right") - 1
+        return np.bincount(np.maximum(decision, 0), minlength=len(self._at_s))

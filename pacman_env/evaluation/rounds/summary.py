@@ -15,9 +15,10 @@ endless games), ``episodes``, ``levels`` (number of different levels), ``pellets
 fewest in a round); rates 0..1 with 95 % Wilson intervals [low, high]: ``death_rate``/``_ci``, ``timeout_rate``,
 ``cleared_rate`` (no pellet left, some lost); means per episode: ``pellets_mean``, ``ghosts_caught_mean``/``_ci``
 (bootstrap, stratified by map; 0 without power pellets), ``time_mean_s``; times of one decision of the policy alone,
-``decision_ms_p50`` and ``_p99``, and ``decision_ms`` with more percentiles, over ``decisions_timed`` samples. A row of one map also has the results of its rounds, in the order of the seeds:
-``outcomes`` with ``end`` (a letter each, ``ENDS``: C complete, L cleared but some lost, D caught, T time-out),
-``collected``, ``time_s`` and, on several levels, ``level``.
+``decision_ms_p50`` and ``_p99``, and ``decision_ms`` with more percentiles, over ``decisions_timed`` samples. A row of
+one map also has the results of its rounds, in the order of the seeds: ``outcomes`` with ``end`` (a letter each,
+``ENDS``: C complete, L cleared but some lost, D caught, T time-out), ``collected``, ``time_s`` and, on several levels,
+``level``.
 
 A row of kind ``round`` adds ``completion_rate``/``_ci``, ``all_but_one_rate``/``_ci``, ``pellets_share`` (mean share of
 a round's pellets), ``lost_mean``, ``aborts_mean``, ``win_time_mean_s`` (null without a win), and

@@ -192,7 +192,7 @@ def watch(table, i):  # type: ignore[no-untyped-def]
     g, p = a.games[i], a.parameters[0]
     bx, by, _ = believed(g, p.use_tf)
     for k in range(a.ghosts.shape[1]):
-        if is_harmless(a.obstacles[i, k], g.step):
+        if is_harmless(a.obstacles[i, k], g.step) or a.ghosts[i, k].fled:
             a.ghosts[i, k].seen_cell = -1  # its motion says nothing about its behaviour
     watch_ghosts(a.ghosts[i], a.paths[i], (bx, by), g.tick, a.levels[g.level], p.arcade_m, p.tick_s)
 

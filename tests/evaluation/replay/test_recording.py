@@ -27,6 +27,7 @@ def moved_by(config: Config, *ghosts: str, when: str = "tick") -> Config:
 
 
 MIXED = "nearest", "chase", "clyde:learned"
+POWER = {"power.pellets": 3, "power.shortest_s": 20.0, "clyde.ghosts": ("chase", "wander")}
 
 
 @pytest.mark.parametrize(
@@ -36,6 +37,7 @@ MIXED = "nearest", "chase", "clyde:learned"
         ("lookahead", LEVELS, LEVELS_CONFIG),
         *(("nearest", "house", moved_by(CONFIG, *MIXED, when=when)) for when in ("tick", "event")),
         *(("nearest", "house", config) for config in (ENDLESS, moved_by(ENDLESS, "clyde:learned"))),
+        *(("nearest", "house", config.with_fields(**POWER)) for config in (CONFIG, ENDLESS)),
     ],
 )
 def test_replayed_game_equals_comparison(policy: str, scenario: Scenario, config: Config) -> None:
@@ -44,11 +46,13 @@ def test_replayed_game_equals_comparison(policy: str, scenario: Scenario, config
     game = watched(policy, record["seed"], scenario, config)
     assert game.level == record["level"]
     end, after = OUTCOMES[record["end"]], f" after {record['time_s']:.1f} s, {record['collected']}"
+    caught = f", {record['ghosts_caught']} ghosts caught" if config.power.pellets else ""
+    assert game.outcome().endswith(caught)
     if not config.endless:
         assert game.outcome().startswith(f"{end}{after} of {record['spawned']} pellets")
         return
     assert record["rounds"] > 0
-    assert game.outcome() == f"{end} in round {record['rounds'] + 1}{after} pellets"
+    assert game.outcome() == f"{end} in round {record['rounds'] + 1}{after} pellets{caught}"
     numbers = [int(re.match(r"round (\d+), ", change.when)[1]) for change in game.changes]  # type: ignore[index]
     assert sorted(set(numbers)) == list(range(1, record["rounds"] + 2))
 
