@@ -30,7 +30,7 @@ from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
 from pacman_env.envs.registration import IDS
 from pacman_env.game.ghosts import BEHAVIOURS
 from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.kinds import BEARINGS, BUILT_IN_KINDS, FEATURES, MASK, ObservationPart, mask_part
+from pacman_env.sim.observation.kinds import BEARINGS, BUILT_IN_KINDS, FEATURES, MASK, POWER, ObservationPart, mask_part
 from pacman_env.training.arguments import Hyperparameters
 from pacman_env.world.maps.occupancy import shipped_maps
 from tools.common import ROOT, add_check, as_arguments, number, table, update
@@ -60,7 +60,12 @@ def _values(unit: str, kind: Any) -> str:
 
 def configuration() -> str:
     default = Config()
-    named: dict[str, Iterable[str]] = {"clyde.ghosts": BEHAVIOURS, "observation.kinds": BUILT_IN_KINDS}
+    flee = [name for name, entry in BEHAVIOURS.items() if entry.target is not None]
+    named: dict[str, Iterable[str]] = {
+        "clyde.ghosts": BEHAVIOURS,
+        "observation.kinds": BUILT_IN_KINDS,
+        "power.behaviour": flee,
+    }
 
     def rows(owner: Any, prefix: str) -> Iterator[list[str]]:
         types = kinds(type(owner))
@@ -68,7 +73,8 @@ def configuration() -> str:
             value, name = getattr(owner, f.name), f"{prefix}{f.name}"
             if not dataclasses.is_dataclass(value):
                 names = named.get(name, ())
-                own = f"each {', '.join(map(_code, names))}, or a plug-in's" if names else ""
+                each = "each " if isinstance(value, tuple) else ""
+                own = f"{each}{', '.join(map(_code, names))}, or a plug-in's" if names else ""
                 values = own or _values(unit_of(f.name), types[f.name])
                 yield [f"`{name}`", _code(value), values, description_of(owner, f.name)]
 
@@ -94,17 +100,19 @@ def presets() -> str:
 
 
 def _parts(kind: str) -> dict[str, ObservationPart]:
-    return BUILT_IN_KINDS[kind].parts(PacManBotEnv("house", ghosts=2).batch)
+    return BUILT_IN_KINDS[kind].parts(PacManBotEnv("house", ghosts=2, settings={"power.pellets": 1}).batch)
 
 
 def keys() -> str:
-    """Return the table of keys of the observation on the map ``house`` with two ghosts."""
+    """Return the table of keys of the observation on the map ``house`` with two ghosts and power pellets."""
     batch = PacManBotEnv("house").batch
     entries = [(MASK, mask_part(batch), '`action="goal"`')]
     for kind in BUILT_IN_KINDS:
         when = "features, the default" if kind == FEATURES.name else f'`observation="{kind}"`'
         when += ', a scan, `action="velocity"`' if kind == BEARINGS.name else ""
-        entries += [(key, part, when if key != "ghosts" else "several ghosts") for key, part in _parts(kind).items()]
+        when += ", power pellets" if kind == POWER.name else ""
+        special = {"ghosts": "several ghosts", "pellet_power": "power pellets, bearings"}
+        entries += [(key, part, special.get(key, when)) for key, part in _parts(kind).items()]
     rows = []
     for key, part, when in entries:
         values = "see below" if part.columns else f"{number(part.low)} to {number(part.high)}"
@@ -123,7 +131,9 @@ def columns_of(key: str, part: ObservationPart) -> str:
 
 
 def columns() -> str:
-    return "".join(columns_of(key, part) for kind in (FEATURES, BEARINGS) for key, part in _parts(kind.name).items())
+    return "".join(
+        columns_of(key, part) for kind in (FEATURES, BEARINGS, POWER) for key, part in _parts(kind.name).items()
+    )
 
 
 def actions() -> str:

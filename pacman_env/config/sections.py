@@ -321,7 +321,8 @@ class ObservationConfig(Checked, group="observation"):
         ("features",),
         "Which kinds: features (robot, Clyde, candidates and round as numbers), scan (the lidar), bearings (where "
         "pellets and ghosts lie; with a scan and, but for a grid alone, with velocities in any case), grid "
-        "(picture around the robot), planner (what the learned planner reads); in any order.",
+        "(picture around the robot), planner (what the learned planner reads), power (power pellets, and ghosts that "
+        "are frightened or away; with power pellets and, but for a grid alone, in any case); in any order.",
     )
     candidates: Literal["all", "nearest"] = setting(
         "all",

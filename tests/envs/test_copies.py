@@ -21,6 +21,7 @@ def copies(one: Any) -> list[Any]:
 @pytest.mark.parametrize(("source", "action"), [("maze", "goal"), ("generated", "velocity")])
 def test_copies_of_later_endless_rounds_continue_alike(source: str, action: str) -> None:
     settings = {**SMALL, "execution.pickup_radius_m": 3.0, "execution.death_radius_m": 1e-6, "time_limit_s": 30.0}
+    settings |= {"power.pellets": 2}
     ghosts = ("chase", "arcade")
     env = make_vector(3, map=source, action=action, ghosts=ghosts, settings={**settings, "endless": True})
     env.reset(seed=1)

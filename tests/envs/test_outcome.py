@@ -13,7 +13,9 @@ NAMES = {RUNNING: "running", DEAD: "caught", COMPLETE: "complete", CLEARED: "cle
 def test_infos_contain_counts_and_outcomes_of_games() -> None:
     batch = np.zeros(len(NAMES), dtype=GAME)
     batch["end"] = list(NAMES)
-    counts = {name: name for name in ("collected", "lost", "spawned", "aborts", "score")} | {"ghosts_caught": "all_caught"}
+    counts = {name: name for name in ("collected", "lost", "spawned", "aborts", "score")} | {
+        "ghosts_caught": "all_caught"
+    }
     for k, field in enumerate(counts.values()):
         batch[field] = np.arange(5) + 10 * k
     batch["episode_seed"] = [9, 2**64 - 1, 0, 1, 2]

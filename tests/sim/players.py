@@ -39,7 +39,7 @@ def everything(batch: GameBatch, game: int) -> dict[str, bytes]:
         row = batch.situation(seat).rows(np.array([game]))
         seen = {name: value for name, value in vars(row).items() if name not in ("maps", "threads", "level")}
         found |= {f"seen{seat}.{name}": value.tobytes() for name, value in seen.items()}
-    results = ("reward", "elapsed_s", "terminated", "truncated", "alive", "paths", "completed_s")
+    results = ("reward", "elapsed_s", "terminated", "truncated", "alive", "paths", "completed_s", "obstacles")
     return found | {name: getattr(batch, name)[game].tobytes() for name in results}
 
 

@@ -9,6 +9,7 @@ import pytest
 from pacman_env.cli.options import help_texts
 from pacman_env.config import Config
 from pacman_env.config.described import settings
+from pacman_env.sim.observation.power_features import CANDIDATE_POWER_COLUMNS, GHOST_POWER_COLUMNS
 from pacman_env.sim.observation.robot_features import COLUMNS, GHOST_BEARING_COLUMNS, PELLET_BEARING_COLUMNS
 from pacman_env.training.arguments import Hyperparameters
 from tests.envs.helpers import make
@@ -45,9 +46,11 @@ def test_every_hyperparameter_has_a_help_text() -> None:
 
 def test_documented_columns_match_observation_space() -> None:
     page = (ROOT / "docs" / "environments" / "pacmanbot.md").read_text()
-    space = make(ghosts=2, observation=("features", "scan")).observation_space
+    space = make(ghosts=2, observation=("features", "scan"), settings={"power.pellets": 1}).observation_space
     bearings = {"pellet_bearings": PELLET_BEARING_COLUMNS, "ghost_bearings": GHOST_BEARING_COLUMNS}
-    for key, columns in {**COLUMNS, **bearings}.items():
+    power = dict.fromkeys(("candidate_power", "pellet_power"), CANDIDATE_POWER_COLUMNS)
+    power["ghost_power"] = GHOST_POWER_COLUMNS
+    for key, columns in {**COLUMNS, **bearings, **power}.items():
         section = page.split(f"### `{key}`\n")[1].split("\n###")[0]
         rows = re.findall(r"^\| (\d+) \| `(\w+)` \| ([-\d.]+) \| ([-\d.]+) \|", section, re.MULTILINE)
         assert [(int(k), name) for k, name, _, _ in rows] == [(k, c[0]) for k, c in enumerate(columns)]

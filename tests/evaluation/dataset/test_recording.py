@@ -30,6 +30,7 @@ ENVIRONMENTS: dict[str, EnvArguments] = {
     "two-kinds": EnvArguments("loop", observation=("scan", "grid"), ghosts=("wander", "chase"), settings=SHORT),
     "mask-beside": EnvArguments("loop", flat=True, settings={**SHORT, "observation.mask": "beside"}),
     "levels": EnvArguments("generated", flat=True, settings={**SHORT, "num_levels": 2}),
+    "power": EnvArguments("loop", flat=True, ghosts=("chase", "wander"), settings={**SHORT, "power.pellets": 2}),
     "endless": EnvArguments("loop", flat=True, settings={**SHORT, "endless": True, "execution.pickup_radius_m": 2.0}),
 }
 
@@ -73,6 +74,7 @@ def test_recorded_round_equals_round_of_single_environment(name: str) -> None:
         numeric = env.config.observation.numeric_info
         assert (int(about["outcome"]) if numeric else outcomes(played.rounds)[number]) == info["outcome"]
         assert about["level"] == info.get("level", 0)
+        assert about["collected"] == info["collected"] or "round" in info
 
 
 def test_rounds_are_same_when_recorded_together_or_alone() -> None:

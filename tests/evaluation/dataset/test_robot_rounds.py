@@ -27,7 +27,7 @@ NAME_OF_IT = "pacman-env/robot-v0"
 @pytest.fixture(scope="module")
 def recorded(domain: int, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """The bag of one round that was played by the nodes, and its map."""
-    bag = record_round(tmp_path_factory.mktemp("robot"), "nearest")
+    bag = record_round(tmp_path_factory.mktemp("robot"), "nearest", "power.pellets=1", "reward.power=0.5")
     return bag, str(bag.parent / "ground.yaml")
 
 
@@ -52,7 +52,7 @@ def test_round_of_robot_nodes_becomes_one_episode(
     config = json.loads((folder / "facts.json").read_text())["settings"]
     assert config["execution.tick_s"] == 0.1  # the game's own
     ticks = decisions["elapsed_s"].sum() / 0.1
-    assert about["return"] == pytest.approx(3 * 1.0 + 5.0 - 0.002 * ticks)
+    assert about["return"] == pytest.approx(3 * 1.0 + 0.5 + 5.0 - 0.002 * ticks)
     assert (decisions["reward"] > 0.9).sum() == 3
     assert decisions["terminated"].tolist() == [False] * (len(decisions) - 1) + [True]
     allowed = np.stack(decisions["action_mask"].to_list())

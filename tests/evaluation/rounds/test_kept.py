@@ -58,6 +58,8 @@ def test_kept_rounds_are_found_for_any_division(tmp_path: Path) -> None:
     levels = Matchup(LEVELS, LEVELS_CONFIG, "nearest", episode_seeds(5, 6))
     assert play(tmp_path, levels) == 6
     assert play(tmp_path, levels) == 0
+    power = matchup(**{"power.pellets": 4, "power.shortest_s": 20.0, "clyde.ghosts": ("chase", "chase")})
+    assert [play(tmp_path, power), play(tmp_path, power)] == [6, 0]
 
 
 def test_key_contains_everything_that_determines_rounds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -55,6 +55,17 @@ def test_search_uses_one_predictable_ghost() -> None:
     assert not np.array_equal(scores, make_policy("ppo").scores(situation))
 
 
+def test_search_leaves_out_harmless_ghosts() -> None:
+    one, two = situation_of(config_of("chase")), situation_of(config_of("chase", "chase"))
+    harmless = replace(two, harmless=np.array([[False, True]]))
+    policy = policy_for("chase", "chase")
+    np.testing.assert_array_equal(policy.scores(harmless), policy_for("chase").scores(one))
+    assert not np.array_equal(policy.scores(two), policy.scores(harmless))
+    nobody = policy.scores(replace(two, harmless=np.array([[True, True]])))
+    assert np.isfinite(nobody[nobody > -np.inf]).all()
+    assert np.isfinite(nobody).any()
+
+
 @pytest.mark.parametrize(
     ("believed", "searched"), [("chase", True), ("arcade", True), ("wander", False), ("other", False)]
 )

@@ -36,7 +36,8 @@ def record_round(folder: Path, policy: str, *settings: str, breaks_off: bool = F
             assert game.call(topics.RESET_GAME).success
         else:
             game.wait_for(lambda: game.last(topics.GAME_RESULT).data, 600, "the end of the round")
-            assert game.last(topics.GAME_RESULT).data == "Complete - Score: 3"
+            score = 7 if "power.pellets=1" in settings else 3
+            assert game.last(topics.GAME_RESULT).data == f"Complete - Score: {score}"
         game.game.remove(recorder)
     return folder / "game"
 

@@ -17,6 +17,7 @@ from tests.sim.players import Players, differences, everything, new_batch
 
 ROOT = Path(__file__).resolve().parents[3]
 SHY = {"clyde.speed_mps": 0.0, "execution.death_radius_m": 1e-6}
+BUSY = {"clyde.ghosts": ("chase", "policy"), "power.return_s": 2.0, "execution.death_radius_m": 0.5}
 QUICK: dict[str, Any] = {"time_limit_s": 8.0, "execution.pickup_radius_m": 0.6, "clyde.ghosts": ("wander", "chase")}
 
 
@@ -42,6 +43,7 @@ CASES: dict[str, tuple[Config, Any, int]] = {
     "a ghost in a pocket": (IN_POCKETS, drawn(POCKETS, square_m=0.55, origin=(-2.5, -2.0, 0.0)), 27),
     "levels": (make_config("robot", **QUICK), "generated", 20),
     "levels, endless": (make_config("robot", **QUICK, endless=True), "generated", 8),
+    "levels, arcade": (make_config("arcade", **{**QUICK, **BUSY}), "generated", 8),
     "levels, velocities": (make_config("robot", **QUICK, action="velocity"), "generated", 8),
 }
 

@@ -12,11 +12,13 @@ from pacman_env.sim.core.batch import GameBatch
 from tests.sim.players import differences, everything, new_batch
 
 N = 8
+POWER = {"power.pellets": 8, "power.return_s": 3.0, "execution.pickup_radius_m": 2.0, "execution.death_radius_m": 0.6}
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "ghosts": ("house", {"clyde.ghosts": ("chase", "arcade", "wander", "policy"), "execution.death_radius_m": 1e-6}),
     "at walls": ("maze", {"action": "velocity", "clyde.speed_mps": 0.05}),
     "endless": ("house", {"endless": True, "execution.pickup_radius_m": 3.0, "execution.death_radius_m": 1e-6}),
     "generated": ("generated", {"nav2.abort_rate": 0.3}),
+    "power": ("house", {"clyde.ghosts": ("chase", "arcade", "wander", "policy"), **POWER}),
 }
 
 
@@ -56,6 +58,8 @@ def test_clone_continues_like_its_original(case: str) -> None:
     actions.play(batch, numbers, 0, 45)
     if case == "at walls":
         assert (batch.games["touch"] > 0).any()
+    if case == "power":
+        assert (batch.obstacles[:, :, 3] > 45).any()
     target, apart = like(batch, 5), like(batch, 5)
     for one in (target, apart):
         one.reset(np.arange(5), np.arange(5, dtype=np.uint64))

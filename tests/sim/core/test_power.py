@@ -9,7 +9,6 @@ from pacman_env.config import make_config
 from pacman_env.game.execution import DEAD, RUNNING
 from pacman_env.game.power import AWAY_UNTIL, HARMLESS_UNTIL, frightened_s
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.ghosts import behaviour_choice
 from tests.sim.players import new_batch
 
 GAMES = 12
@@ -119,7 +118,9 @@ def test_rules_of_power_pellets_hold_in_generated_houses(seed: int, endless: boo
 
 
 def sent(*ghosts: str, **changes: Any) -> GameBatch:
-    config = make_config("robot", **{"clyde.ghosts": ghosts or ("policy",), "clyde.speed_mps": 0.2, **HARMLESS, **changes})
+    config = make_config(
+        "robot", **{"clyde.ghosts": ghosts or ("policy",), "clyde.speed_mps": 0.2, **HARMLESS, **changes}
+    )
     return new_batch(config)
 
 
@@ -134,6 +135,11 @@ def walked_m(batch: GameBatch, *choices: int, ticks: int) -> float:
         hold(batch, *choices)
         length += float(np.hypot(*np.subtract(batch.ghosts[["x", "y"]][0, 0].tolist(), before)))
     return length
+
+
+def differences_of_ghosts(one: GameBatch, other: GameBatch) -> list[str]:
+    names = one.ghosts.dtype.names or ()
+    return [name for name in names if one.ghosts[name].tobytes() != other.ghosts[name].tobytes()]
 
 
 def test_frightened_ghost_of_a_policy_goes_where_it_is_sent_but_slowly() -> None:
@@ -162,19 +168,6 @@ def test_choices_for_a_ghost_that_is_away_have_no_effect() -> None:
         assert batch.ghosts["place"][0, 0] == -1
         walked_m(batch, 7, ticks=4)
     assert differences_of_ghosts(told, quiet) == []
-
-
-def differences_of_ghosts(one: GameBatch, other: GameBatch) -> list[str]:
-    names = one.ghosts.dtype.names or ()
-    return [name for name in names if one.ghosts[name].tobytes() != other.ghosts[name].tobytes()]
-
-
-def test_policy_may_choose_a_behaviour_for_a_frightened_ghost() -> None:
-    batch = sent()
-    batch.obstacles[0, 0, HARMLESS_UNTIL] = 1e6
-    before = float(np.hypot(*(batch.situation().ghosts[0, 0, :2] - batch.situation().robot[0, :2])))
-    walked_m(batch, behaviour_choice(batch.hold, 1), ticks=20)  # chase or arcade: it comes nearer
-    assert float(np.hypot(*(batch.situation().ghosts[0, 0, :2] - batch.situation().robot[0, :2]))) != before
 
 
 # Ghosts with a behaviour
