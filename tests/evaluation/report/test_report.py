@@ -1,3 +1,4 @@
+import copy
 import json
 import re
 import sys
@@ -97,6 +98,17 @@ def test_rows_compare_with_baseline_and_variants_with_policy(made: tuple[dict[st
     assert [row["iqm"] for row in report["summary"]] == [
         pytest.approx(row_of(report, policy)["completion_rate"]) for policy in ("clyde_aware", "random")
     ]
+
+
+def test_page_shows_caught_ghosts_if_there_are_power_pellets(made: tuple[dict[str, Any], Path]) -> None:
+    report, _ = made
+    power = copy.deepcopy(report)
+    power["config"]["power"]["pellets"] = 4
+    row_of(power, "clyde_aware").update(ghosts_caught_mean=1.25, ghosts_caught_ci=[0.5, 2.5])
+    plain, shown = ("".join(Tags(render_page(one)).text) for one in (report, power))
+    assert "1.250.5 to 2.5" in shown
+    assert "ghosts caught" in shown
+    assert "ghosts caught" not in plain
 
 
 def test_pair_lists_rounds_completed_by_one_policy_only(made: tuple[dict[str, Any], Path]) -> None:

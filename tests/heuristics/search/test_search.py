@@ -161,8 +161,8 @@ def test_holding_always_has_a_score() -> None:
     assert np.isfinite(scores[situation.kind == HOLD]).all()
 
 
-def test_chasing_behaviours_are_predictable() -> None:
-    assert {name for name, one in BEHAVIOURS.items() if is_predictable(one)} == {"arcade", "chase"}
+def test_behaviours_without_chance_are_predictable() -> None:
+    assert {name for name, one in BEHAVIOURS.items() if is_predictable(one)} == {"arcade", "chase", "flee"}
 
 
 @pytest.mark.parametrize(

@@ -39,31 +39,43 @@ class Watched:
         self.streak = np.zeros(GAMES, np.int64)
         self.score = np.zeros(GAMES, np.int64)
         self.caught = np.zeros(GAMES, np.int64)
-        self.frightened = self.rounds = 0
+        self.frightened = self.rounds = self.catches = self.longest_streak = 0
+        self.seed = 100 * seed + GAMES
+
+    def _begin_again(self) -> None:
+        """Start a new game for each that is over."""
+        over = np.flatnonzero(self.batch.games["end"] != RUNNING)
+        self.batch.reset(over, self.seed + np.arange(len(over), dtype=np.uint64))
+        self.seed += len(over)
+        self.streak[over] = self.score[over] = self.caught[over] = 0
+        self.spawned[over] = self.batch.situation().ghosts[over, :, :2]
 
     def tick(self) -> None:
-        before, seen = self.batch.games.copy(), self.batch.situation()
+        self._begin_again()
+        rounds, seen = self.batch.games["round"].copy(), self.batch.situation()
         mask = seen.mask
         for i in range(GAMES):
             if self.rng.random() < 0.1 or not mask[i, self.chosen[i]]:
                 self.chosen[i] = self.rng.choice(np.flatnonzero(mask[i]))
         self.batch.step(self.chosen)
-        new_round = self.batch.games["round"] > before["round"]
+        new_round = self.batch.games["round"] > rounds
         self.rounds += int(new_round.sum())
-        self._count_points(before["end"] == RUNNING)
+        self._count_points()
         now = self.batch.situation()
         self._check_situation(now)
         self._check_ghosts(seen, now, new_round)
 
-    def _count_points(self, played: np.ndarray) -> None:
+    def _count_points(self) -> None:
         g, power = self.batch.games, self.config.power
-        for i in np.flatnonzero(played):
+        for i in range(GAMES):
             new_power, catches = int(g["tick_power"][i]), int(g["tick_caught"][i])
             if new_power or g["tick_rounds"][i]:
                 self.streak[i] = 0
             points = [power.ghost_points * 2 ** min(k, 3) for k in range(self.streak[i], self.streak[i] + catches)]
             self.streak[i] += catches
             self.caught[i] += catches
+            self.catches += catches
+            self.longest_streak = max(self.longest_streak, int(self.streak[i]))
             self.score[i] += g["tick_pellets"][i] + (power.pellet_points - 1) * new_power + sum(points)
         np.testing.assert_array_equal(g["score"], self.score)
         np.testing.assert_array_equal(g["all_caught"], self.caught)
@@ -109,12 +121,9 @@ def test_rules_of_power_pellets_hold_in_generated_houses(seed: int, endless: boo
     for _ in range(240):
         games.tick()
     assert games.frightened > 100
-    assert games.caught.sum() > 10
-    assert games.caught.max() > 1
-    assert games.rounds > 1 or not endless
-
-
-# A ghost that a policy sends
+    assert games.catches > 10
+    assert games.longest_streak > 1
+    assert games.rounds > 0 or not endless
 
 
 def sent(*ghosts: str, **changes: Any) -> GameBatch:
@@ -126,6 +135,24 @@ def sent(*ghosts: str, **changes: Any) -> GameBatch:
 
 def hold(batch: GameBatch, *choices: int) -> None:
     batch.step(np.array([batch.hold]), np.array([choices]) if choices else None)
+
+
+def test_endless_game_shortens_fright_and_keeps_counts_over_rounds() -> None:
+    # The robot collects every pellet at once, so that a round lasts a tick.
+    changes = {"execution.pickup_radius_m": 30.0, "power.pellets": 3, "endless": True}
+    batch = sent("wander", **changes)
+    pellets = int(batch.games["spawned"][0])
+    batch.games["all_caught"] = 2
+    for number in range(1, 8):
+        assert batch.games["round"][0] == number
+        fright_s = float(batch.games["fright_time"][0]) * batch.config.physics_step_s
+        assert fright_s == pytest.approx(frightened_s(batch.config.power, number), abs=batch.config.physics_step_s)
+        hold(batch)
+        assert batch.games["score"][0] == number * (pellets + 3 * 4)
+        assert (batch.games["all_collected"][0], batch.games["all_caught"][0]) == (number * pellets, 2)
+
+
+# A ghost that a policy sends
 
 
 def walked_m(batch: GameBatch, *choices: int, ticks: int) -> float:
