@@ -1,5 +1,6 @@
 """The two sides of one game, fed with the same events: the simulator's kernels, the goal executor with the referee."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -47,6 +48,7 @@ class SimulatorSide:
     def __init__(self, config: Config, pellets: NDArray[np.float64], refuges: NDArray[np.float64]) -> None:
         power = np.zeros(len(pellets) + len(refuges), np.bool_)
         power[: len(pellets)] = choose_power_pellets(pellets, HOME, config.power.pellets)
+        self.power = np.flatnonzero(power).tolist()
         self.level = level_of_goals(np.concatenate([pellets, refuges]), power)
         self.pellets, self.hold = len(pellets), len(pellets) + len(refuges)
         self.p = batch_parameters(config, 0.05, len(pellets), len(refuges))
@@ -131,6 +133,7 @@ class RobotSide:
     config: Config
     pellets: NDArray[np.float64]
     refuges: NDArray[np.float64]
+    power: Sequence[int] = ()  # numbers of the power pellets
     now: float = 0.0
     sent: dict[int, int] = field(default_factory=dict)  # candidate by the number of the goal
     live: list[int] = field(default_factory=list)  # goals that Nav2 has not ended
@@ -138,7 +141,6 @@ class RobotSide:
 
     def __post_init__(self) -> None:
         own = {number: (x, y) for number, (x, y) in enumerate(self.pellets.tolist())}
-        self.power = np.flatnonzero(choose_power_pellets(self.pellets, HOME, self.config.power.pellets)).tolist()
         goals = Goals(own, {}, self.refuges.tolist(), self.power)
         self.home = HOME
         self.executor = GoalExecutor(self.config, goals, home_place(*self.home, 0.0))
@@ -160,9 +162,8 @@ class RobotSide:
             self._do(self.executor.check(self.home, (), self.now))
             for number in list(self.live):  # among them the way home
                 self.finish(number, SUCCEEDED, self.home)
-            self._hear(
-                self.referee.pellets_left(self.shown, self.now, self.power)
-            ) if self.referee.state == "starting" else None
+            if self.referee.state == "starting":
+                self._hear(self.referee.pellets_left(self.shown, self.now, self.power))
             self._hear(self.referee.tick(self.now))
             self._hear(self.referee.start(self.now)) if self.referee.state == "menu" else None
         assert self.referee.state == "running"
@@ -263,7 +264,7 @@ class RobotSide:
             elif action.kind == "command":
                 self._do(self.executor.command(str(action.value), self.now))
             elif action.kind == "ghosts_caught":
-                self.executor.round.catches_counted(int(action.value))
+                self.executor.statuses.catches_counted(int(action.value))
             elif action.kind == "reset_pellets":
                 self.shown = set(range(len(self.pellets)))
 

@@ -36,7 +36,7 @@ class Trace:
         config = make_config("robot", execution, **EXACT, **{"power.pellets": power, "power.duration_s": 8.0})
         self.config = config
         self.simulator = SimulatorSide(config, PELLETS, REFUGES)
-        self.robot = RobotSide(config, PELLETS, REFUGES)
+        self.robot = RobotSide(config, PELLETS, REFUGES, self.simulator.power)
         self.zero = self.robot.now
         self.step = 0
         self.old: list[int] = []

@@ -71,13 +71,14 @@ class Recorded:
         pose = float(g["x"] + g["error_x"]), float(g["y"] + g["error_y"])
         if self.batch.config.execution.pose_source == "amcl" and event[1] != "result":
             pose = float(g["amcl_x"]), float(g["amcl_y"])
-        self.events[i].append((*event, [(float(x), float(y)) for x, y, _ in ghosts], pose, pursued))
+        self.events[i].append((*event, [(float(x), float(y)) for x, y, *_ in ghosts], pose, pursued))
 
 
 def play_again(events: list[Any], config: Config, batch: GameBatch) -> RobotSide:
     """One recorded round on the robot's side, compared at every event."""
     assets = batch.assets
-    robot = RobotSide(config, assets.goal_xy[: assets.pellets], assets.goal_xy[assets.pellets :])
+    power = np.flatnonzero(assets.power_pellets(config.power.pellets)).tolist()
+    robot = RobotSide(config, assets.goal_xy[: assets.pellets], assets.goal_xy[assets.pellets :], power)
     zero = robot.now
     for step, kind, value, ghosts, at, pursued in events:
         robot.now = zero + step * STEP_S
@@ -100,9 +101,13 @@ def play_again(events: list[Any], config: Config, batch: GameBatch) -> RobotSide
     return robot
 
 
-@pytest.mark.parametrize(("policy", "ghosts"), [("clyde_aware", ("wander",)), ("nearest", ("arcade", "wander"))])
-def test_robot_replays_recorded_rounds_as_same_games(policy: str, ghosts: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    ("policy", "ghosts", "power"),
+    [("clyde_aware", ("wander",), 0), ("nearest", ("arcade", "wander"), 0), ("nearest", ("chase", "wander"), 9)],
+)
+def test_robot_replays_recorded_rounds_as_same_games(policy: str, ghosts: tuple[str, ...], power: int) -> None:
     changes = {**EXACT, "clyde.ghosts": ghosts, "localization.perfect": False, "time_limit_s": 200.0}
+    changes |= {"power.pellets": power, "power.speed_factor": 0.2}
     config = make_config("robot", **changes, **{"nav2.abort_rate": 0.05})
     n = ROUNDS
     batch = GameBatch(map_assets("house", config), config, n)
@@ -112,7 +117,7 @@ def test_robot_replays_recorded_rounds_as_same_games(policy: str, ghosts: tuple[
     batch.reset(np.arange(n), np.arange(n, dtype=np.uint64))
     while (batch.games["end"] == RUNNING).any():
         batch.step(chooser.select(batch.situation()))
-    ends = set()
+    ends, caught = set(), 0
     for i, events in enumerate(recorded.events):
         robot, game = play_again(events, config, batch), batch.games[i]
         end = int(game["end"])
@@ -120,4 +125,7 @@ def test_robot_replays_recorded_rounds_as_same_games(policy: str, ghosts: tuple[
         assert robot.end == (RUNNING if end == TIMEOUT else end), i
         assert sorted(robot.executor.round.left) == np.flatnonzero(batch.alive[i]).tolist()
         assert (robot.referee.score if end == TIMEOUT else robot.score) == game["score"]
+        assert robot.referee.ghosts_caught == game["caught"]
+        caught += game["caught"]
     assert {DEAD, COMPLETE} <= ends
+    assert (caught > 0) == (power > 0)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Sequence
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,63 +11,87 @@ from ..config import Config
 from .execution import CLEARED, DEAD, RUNNING, Board, Execution, rules, transition
 from .ghosts import GHOST_NAMES
 from .goals import ExecutorAction, Goals, Position
-from .power import AWAY_UNTIL, frightened_s
+from .power import AWAY_UNTIL, HARMLESS_UNTIL, frightened_s
 
 _GONE_S = 2.0  # a pellet missing from reports for this long was removed by another node
 _EMPTY_S = 2.0  # a round without a pellet in reach for this long is complete
 
 
+class _Catch(NamedTuple):
+    number: int  # of the ghosts that this side has caught in this round, from 1
+    ghost: str
+
+
+_Report = str | _Catch  # of a pellet, as its status, or of a ghost
+
+
 class UnacknowledgedStatuses:
     """Statuses that the referee has not acknowledged and that must be repeated, because it may be absent for a while.
 
-    The game's pellet count acknowledges pellets, and its next state acknowledges an end. The referee ignores repeated
-    statuses.
+    The game's counts acknowledge pellets and caught ghosts, and its next state acknowledges an end. The referee ignores
+    repeated statuses.
     """
 
     def __init__(self) -> None:
         self.end = ""  # unacknowledged end of the task
-        self.pellets: list[str] = []  # reported but not yet counted
-        self.catches: list[str] = []  # of ghosts, reported but not yet counted
         self.spawned = 0  # the game's number of pellets of the round; 0 if not received
+        self._reports: list[_Report] = []  # not yet counted, in the order of their events
         self._counted: int | None = None  # the game's number of collected pellets; None if not received
         self._expected = 0  # count after all reports are received
+        self._catches = 0  # number of ghosts that this side has caught in this round
+        self._caught_before: int | None = None  # by an earlier side in this round; None: the count was not received
         self._open_before: set[str] = set()  # result of the last call of ``open``
-        self._earlier = 0  # number of ``pellets`` reported before the present event
+        self._earlier: list[_Report] = []  # reports before the present event that may have been lost in transit
+
+    @property
+    def pellets(self) -> list[str]:
+        """Reports of pellets that are not yet counted."""
+        return [report for report in self._reports if isinstance(report, str)]
 
     def begin_event(self) -> None:
-        """Start an event; pellets that are unacknowledged now may have been lost in transit."""
-        self._earlier = 0 if self._counted is None else len(self.pellets)
+        """Start an event; reports that are unacknowledged now may have been lost in transit."""
+        self._earlier = [report for report in self._reports if self._is_answered(report)]
 
     def ended(self, word: str) -> list[ExecutorAction]:
-        """Report the end of a task after all earlier pellets, because a pellet after the end would not count."""
+        """Report the end of a task after all earlier reports, because a report after the end would not count."""
         self.end = word
-        return [ExecutorAction("status", one) for one in (*self.pellets[: self._earlier], *self.catches, word)]
+        return [*self.earlier(), ExecutorAction("status", word)]
 
-    def caught(self, number: int, ghost: str) -> ExecutorAction:
-        """Report the ``number``-th ghost caught in this round."""
-        self.catches.append(f"ghost_caught:{number}:{ghost}")
-        return ExecutorAction("status", self.catches[-1])
+    def earlier(self) -> list[ExecutorAction]:
+        """Repeat, once per event, the reports that may have been lost before it."""
+        earlier, self._earlier = self._earlier, []
+        return [ExecutorAction("status", self._word(report)) for report in earlier]
+
+    def caught(self, ghost: str) -> list[ExecutorAction]:
+        """Report a caught ghost, as soon as the game's count of caught ghosts is known."""
+        self._catches += 1
+        self._reports.append(catch := _Catch(self._catches, ghost))
+        return [ExecutorAction("status", self._word(catch))] if self._is_answered(catch) else []
 
     def catches_counted(self, count: int) -> None:
-        """Process the game's count of the ghosts caught in this round."""
-        self.catches = [word for word in self.catches if int(word.split(":")[1]) > count]
+        """Process the game's count of the ghosts caught in this round, including those of a previous executing side."""
+        if self._caught_before is None or not self._catches:
+            self._caught_before = count
+        last = count - self._caught_before
+        self._reports = [one for one in self._reports if isinstance(one, str) or one.number > last]
 
     def collected(self, pellet: int) -> ExecutorAction:
-        self.pellets.append(f"pellet_collected:{pellet}")
+        self._reports.append(word := f"pellet_collected:{pellet}")
         self._expected = max(self._expected, self._counted or 0) + 1
-        return ExecutorAction("status", self.pellets[-1])
+        return ExecutorAction("status", word)
 
     def collected_before(self, pellets: Sequence[int], gone: int) -> list[ExecutorAction]:
         """Report pellets that a previous executing side collected, if fewer are counted than are ``gone``.
 
         The previous side may have ended before the referee received its report. The referee counts no pellet twice.
         """
-        earlier, now = self.pellets[: self._earlier], self.pellets[self._earlier :]
-        if not pellets or self._counted is None or self._counted + len(now) >= gone:
+        now = [report for report in self._reports if report not in self._earlier]
+        counted_soon = sum(isinstance(report, str) for report in now)
+        if not pellets or self._counted is None or self._counted + counted_soon >= gone:
             return []
         words = [f"pellet_collected:{pellet}" for pellet in pellets]
-        earlier = list(dict.fromkeys([*words, *earlier]))
-        self.pellets, self._earlier = [*earlier, *now], len(earlier)
+        self._earlier = list(dict.fromkeys([*words, *self._earlier]))
+        self._reports = [*self._earlier, *now]
         self._expected = max(self._expected, gone)
         return [ExecutorAction("status", word) for word in words]
 
@@ -74,7 +99,10 @@ class UnacknowledgedStatuses:
         """Process the game's count of this round's pellets, including pellets of a previous executing side."""
         self._counted = count
         if count >= self._expected:
-            self._forget()
+            self._reports, self._earlier = (
+                [report for report in reports if not isinstance(report, str)]
+                for reports in (self._reports, self._earlier)
+            )
 
     def new_state(self) -> None:
         """Drop reports of the previous state, which are acknowledged or too late."""
@@ -83,22 +111,31 @@ class UnacknowledgedStatuses:
 
     def new_round(self) -> None:
         self._forget()
-        self._expected = 0
+        self._expected = self._catches = 0
 
     def open(self) -> list[str]:
         """Return the statuses that were already unacknowledged at the last call; must be called every few seconds.
 
         Pellets are not repeated for a game that sends no counts, because it would never acknowledge them.
         """
-        now = ([] if self._counted is None else self.pellets) + self.catches + ([self.end] if self.end else [])
+        now = [self._word(report) for report in self._reports if self._is_answered(report)]
+        now += [self.end] if self.end else []
         repeated = [word for word in now if word in self._open_before]
         self._open_before = set(now)
         return repeated
 
+    def _is_answered(self, report: _Report) -> bool:
+        """Return True if the game counts such reports, as far as known."""
+        return (self._counted if isinstance(report, str) else self._caught_before) is not None
+
+    def _word(self, report: _Report) -> str:
+        if isinstance(report, str):
+            return report
+        return f"ghost_caught:{(self._caught_before or 0) + report.number}:{report.ghost}"
+
     def _forget(self) -> None:
-        self.pellets.clear()
-        self.catches.clear()
-        self._earlier = 0
+        self._reports.clear()
+        self._earlier.clear()
 
 
 class RobotRound:
@@ -120,11 +157,6 @@ class RobotRound:
     def begin(self, number: int) -> None:
         """Set the number of the round, counted from 1."""
         self.record.fright_time = frightened_s(self._power, number)
-
-    def catches_counted(self, count: int) -> None:
-        """Process the game's count of the ghosts caught in this round, which may be higher than this side's."""
-        self.statuses.catches_counted(count)
-        self.record.caught = max(self.record.caught, count)
 
     def reset(self) -> None:
         """Start a new round; the next report gives its pellets."""
@@ -195,7 +227,10 @@ class RobotRound:
     ) -> tuple[int, list[ExecutorAction]]:
         """Apply an event of :func:`transition`; return the action for the goal and the reports."""
         record, remaining, lost, end = self.record, self._left.copy(), self.record.lost, self.record.end
-        caught, away_before = record.caught, self.ghosts[:, AWAY_UNTIL].copy()
+        longest_s = max(record.fright_time, self._power.return_s)
+        times = self.ghosts[:, HARMLESS_UNTIL:]
+        np.minimum(times, now + longest_s, out=times)  # longer only if the clock was set back
+        away_before = self.ghosts[:, AWAY_UNTIL].copy()
         self.ghosts[:, :2] = math.nan
         self.ghosts[: len(ghosts), :2] = np.reshape(ghosts, (-1, 2))
         board = Board(self.goals.xy, self.ghosts, self._left, self.goals.power, self.waits, self._aborts)
@@ -209,8 +244,9 @@ class RobotRound:
                 actions.append(self.statuses.collected(number))
             actions.append(ExecutorAction("remove", number))
         for k in np.flatnonzero(self.ghosts[:, AWAY_UNTIL] != away_before):
-            caught += 1
-            actions.append(self.statuses.caught(caught, GHOST_NAMES[k]))
+            actions += self.statuses.caught(GHOST_NAMES[k])
+        if actions and self._power.pellets > 0:  # the points of a ghost depend on the reports before it
+            actions = [*self.statuses.earlier(), *actions]
         if record.end == CLEARED != end:
             actions += self.ended("game_complete")
         return action, actions

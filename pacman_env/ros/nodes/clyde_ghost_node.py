@@ -103,7 +103,7 @@ class ClydeGhostNode(GameNode):
             self._costmap.request(self._places())  # harmless ghosts must not block the way
 
     def _on_pellets(self, message: Any) -> None:
-        self._pellets = self._view.pellets(messages.pellets_of(message))
+        self._pellets = self._view.pellets(messages.pellets_of(message), messages.power_pellets_of(message))
 
     def _on_robot(self, message: Any) -> None:
         pose, first = messages.pose_of(message), self._robot is None
@@ -179,7 +179,9 @@ class ClydeGhostNode(GameNode):
             if self._pellets is None or self._robot is None:
                 situation = self._view.rehearsal(number)  # compiles or loads the policy now
             else:
-                seen = Seen(self.now_s() - self._began_round_s, self._robot, self._pellets.known)
+                now = self.now_s()
+                harmless_s = np.maximum(self._harmless - now, 0.0)
+                seen = Seen(now - self._began_round_s, self._robot, self._pellets.known, harmless_s=harmless_s)
                 situation = self._view.situation(seen, number)
             try:
                 choices[number] = choose(policy, situation)[0]

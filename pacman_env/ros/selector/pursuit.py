@@ -56,20 +56,17 @@ class Pursuit:
         self._operator = None if passive else OperatorStop(node, self._on_stop)
         self._publish_json(topics.CANDIDATES, goal_scores.candidates_of(selection.view.assets))
         ghosts = topics.GHOST_POSES[: len(node.config.clyde.ghosts)]
-        power = node.config.power.pellets > 0 and not passive
-        self._harmless_out = topics.HARMLESS_GHOSTS.publisher(node) if power else None
+        power = node.config.power.pellets > 0
+        self._harmless_out = topics.HARMLESS_GHOSTS.publisher(node) if power and not passive else None
         self._harmless: list[float] = []  # as published
+        power_handlers = (topics.ROUND, selection.on_round), (topics.GHOSTS_CAUGHT, selection.on_ghosts_caught)
         handlers: tuple[tuple[topics.Topic, Callable[[Any, float], _Actions]], ...] = (
             (topics.GAME_STATE, selection.on_state),
             (topics.GAME_COMMAND, selection.on_command),
             (topics.PELLET_MARKERS, selection.on_pellets),
             (topics.PELLETS_SPAWNED, selection.on_spawned),
             (topics.PELLETS_COLLECTED, selection.on_collected),
-            *(
-                ((topics.ROUND, selection.on_round), (topics.GHOSTS_CAUGHT, selection.on_ghosts_caught))
-                if power
-                else ()
-            ),
+            *(power_handlers if power else ()),
             *((topic, partial(selection.on_ghost, k)) for k, topic in enumerate(ghosts)),
             (topics.CLYDE_SPEED, selection.on_clyde_speed),
             (topics.AMCL_POSE, selection.on_amcl),
@@ -268,7 +265,6 @@ class Pursuit:
             else:
                 topic = topics.GAME_STATUS if action.kind == "status" else topics.GAME_EVENT
                 self._out[topic.name].publish(String(data=str(action.value)))
-
         self._publish_harmless()
 
     def _publish_harmless(self) -> None:

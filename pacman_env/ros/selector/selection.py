@@ -137,7 +137,7 @@ class Selection:
         self.executor.round.begin(int(number_of(message, 1, 2**31 - 1)))
 
     def on_ghosts_caught(self, message: Any, now: float) -> None:
-        self.executor.round.catches_counted(int(number_of(message, 0, 2**31 - 1)))
+        self.executor.statuses.catches_counted(int(number_of(message, 0, 2**31 - 1)))
 
     def on_ghost(self, number: int, message: Any, now: float) -> None:
         x, y, _ = pose_of(message)

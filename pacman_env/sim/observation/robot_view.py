@@ -232,9 +232,13 @@ class RobotView:
         if 0 <= passed_s < self._config.execution.tick_s / 2:
             return
         distance = self.nearest_ghost_m((x, y))
-        g["closing"] = closing_speed(g["distance"], distance, passed_s) if 0 < passed_s < math.inf else 0.0
+        nowhere = max(distance, g["distance"]) == kernels.NOWHERE_M
+        closes = 0 < passed_s < math.inf and not nowhere
+        g["closing"] = closing_speed(g["distance"], distance, passed_s) if closes else 0.0
         g["distance"] = distance
         if 0 < passed_s < math.inf:
+            harmless = self._obstacles[0, :, HARMLESS_UNTIL] > g["step"]
+            self._ghosts["seen_cell"][0, harmless] = -1  # their motion says nothing about their behaviour
             p = self._parameters[0]
             where = (x, y), int(g["tick"]), int(self._levels.addresses[0])
             watch(self._ghosts[0], self._cells[0], *where, float(p["arcade_m"]), float(p["tick_s"]))
