@@ -9,6 +9,7 @@ from pacman_env.config import Config, PelletConfig, make_config
 from pacman_env.game.execution import RUNNING
 from pacman_env.game.goals import Place
 from pacman_env.game.pellets import generate_pellets
+from pacman_env.game.power import HARMLESS_UNTIL
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
@@ -19,43 +20,33 @@ from tests.drawn import drawn
 from tests.sim.players import new_batch
 
 #: What a robot measures with other arithmetic than the simulator's.
-ROUNDED = ("clyde_velocity", "closing_speed", "ghosts")
-
-
-def clydes_way(config: Config, source: str, seed: int, ticks: int) -> np.ndarray:
-    """(T, 2) where Clyde is seen at each of his updates in the round of that seed: he does not mind the robot."""
-    alone = config.with_fields(
-        **{
-            "execution.tick_s": config.clyde.update_period_s,
-            "execution.check_period_s": config.clyde.update_period_s,
-            "execution.death_radius_m": 1e-6,
-        }
-    )
-    batch = new_batch(alone, 1, source, first_seed=seed)
-    places = [batch.obstacles[0, 0, :2].copy()]
-    for _ in range(math.ceil(ticks * config.execution.tick_s / config.clyde.update_period_s) + 1):
-        batch.step(np.array([batch.hold]))
-        places.append(batch.obstacles[0, 0, :2].copy())
-    return np.array(places)
+ROUNDED = ("clyde_velocity", "closing_speed", "ghosts", "frightened_s", "away_s")
 
 
 class Robot:
     """Watches a game of the simulator through nothing but what a robot is told."""
 
-    def __init__(self, batch: GameBatch, way: np.ndarray) -> None:
-        self.batch, self.way = batch, way
+    def __init__(self, batch: GameBatch) -> None:
+        self.batch = batch
         self.live = RobotView(batch.assets, batch.config, seed=int(batch.games[0]["seed"]))
         self.live.begin()
+        self.period_s = batch.config.clyde.update_period_s
+        self.updates = {0: batch.obstacles[0].copy()}  # ghosts by the number of their update
         self.seen_updates = -1
+        batch.after_physics_step = self.watch
+
+    def watch(self) -> None:
+        steps = round(self.period_s / self.batch.config.physics_step_s)
+        self.updates.setdefault(-(-int(self.batch.games[0]["step"]) // steps), self.batch.obstacles[0].copy())
 
     def situation(self) -> Situation:
         game, config = self.batch.games[0], self.batch.config
         self.live.clyde_speed_mps = float(game["clyde_speed"])
-        steps = round(config.clyde.update_period_s / config.physics_step_s)
-        period_ns = round(config.clyde.update_period_s * 1e9)
-        for update in range(self.seen_updates + 1, -(-int(game["step"]) // steps) + 1):
-            self.live.see_ghost(0, *self.way[update].tolist(), update * period_ns)
+        for update in range(self.seen_updates + 1, max(self.updates) + 1):
+            for number, ghost in enumerate(self.updates[update]):
+                self.live.see_ghost(number, *ghost[:2].tolist(), round(update * self.period_s * 1e9))
             self.seen_updates = update
+        until = self.batch.obstacles[0, :, HARMLESS_UNTIL:]
         wheels = float(game["left"]), float(game["right"])
         per_base = 1.0 / config.robot.wheel_base_m
         alive = self.batch.assets.pellet_ids[self.batch.alive[0, : self.batch.assets.pellets]]
@@ -70,6 +61,7 @@ class Robot:
             velocity=(0.5 * (wheels[0] + wheels[1]), (wheels[1] - wheels[0]) * per_base),
             masked=np.flatnonzero(self.batch.rules["waits"][0] > game["step"]).tolist(),
             pursued=int(game["pursued"]),
+            harmless_s=np.maximum(until - float(game["step"]), 0.0) * config.physics_step_s,
         )
         return self.live.situation(seen)
 
@@ -98,8 +90,8 @@ def play(source: str, seed: int, policies: list[Policy], ticks: int, **changes: 
     """Play rounds with the first policy through the robot's eyes; every policy must choose alike in both."""
     config = make_config("robot", **changes)
     batch = new_batch(config, 1, source, first_seed=seed)
-    robot = Robot(batch, clydes_way(config, source, seed, ticks))
-    counts = {"ticks": 0, "same_cell": 0, "barred": 0, "collected": 0}
+    robot = Robot(batch)
+    counts = {"ticks": 0, "same_cell": 0, "barred": 0, "collected": 0, "frightened": 0, "caught": 0}
     for policy in policies:
         policy.reset(np.ones(1, np.bool_), config)
     for _ in range(ticks):
@@ -116,7 +108,8 @@ def play(source: str, seed: int, policies: list[Policy], ticks: int, **changes: 
         counts["same_cell"] += np.array_equal(robots.path_clyde, simulators.path_clyde)
         counts["barred"] += not simulators.mask[0, : batch.assets.pellets][batch.alive[0]].all()
         batch.step(choices[counts["ticks"] // 40 % len(choices)])  # in turns, so that both get around
-        counts["collected"] = int(batch.games[0]["collected"])
+        counts["frightened"] += (simulators.frightened_s > 0).all()
+        counts["collected"], counts["caught"] = (int(batch.games[0][name]) for name in ("collected", "caught"))
     return counts
 
 
@@ -132,6 +125,14 @@ def test_robot_matches_simulator_despite_aborts_and_fast_ghosts() -> None:
     policies = [make_policy("lookahead"), make_policy("clyde_aware"), make_policy("nearest"), make_policy("random")]
     changes = {"nav2.abort_rate": 0.5, "clyde.speed_mps": 0.45, "execution.death_radius_m": 1e-6}
     assert play("maze", 5, policies, 150, **changes)["barred"] > 5
+
+
+def test_robot_agrees_while_ghosts_are_frightened_and_away() -> None:
+    power = {"power.pellets": 9, "power.duration_s": 60.0, "power.speed_factor": 0.2}
+    changes = {"clyde.ghosts": ("wander", "wander"), "execution.death_radius_m": 0.6, **power}
+    counts = play("house", 7, [make_policy("nearest"), make_policy("clyde_aware")], 300, **changes)
+    assert counts["frightened"] > 100
+    assert counts["caught"] > 0
 
 
 @cache
