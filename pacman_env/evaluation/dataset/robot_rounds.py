@@ -5,7 +5,7 @@ Observations are made from the robot's knowledge; rewards follow from the game's
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from pacman_env.ros.bags.bag import BagError, open_bag
 from pacman_env.ros.bags.bag_walk import Walk, recorded_config
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.kinds import BUILT_IN_KINDS
+from pacman_env.sim.observation.robot_view import RobotView
 from pacman_env.sim.observation.situation import Situation
 
 from .recording import ROUND, RecordedRounds, flattened
@@ -55,11 +56,9 @@ class RobotRounds:
             with open_bag(path, self._namespace) as bag:
                 if not bag.has(topics.SCORES):
                     raise BagError(f"{path}: no {topics.SCORES.name}: the choices of its goal selector are not known")
-                config = recorded_config(bag)
-                assets = map_assets(self.arguments.map, config)
-                power = assets.pellet_ids[assets.power_pellets(config.power.pellets)[: assets.pellets]]
-                recorder = _RoundRecorder(self._runner, set(map(str, power.tolist())))
-                walk = Walk(bag, assets, config, recorder)
+                recorder, config = _RoundRecorder(self._runner), recorded_config(bag)
+                walk = Walk(bag, map_assets(self.arguments.map, config), config, recorder)
+                recorder.view = walk.view
                 if (
                     walk.view.hold != self._runner.batch.hold
                     or len(config.clyde.ghosts) != self._runner.batch.ghosts.shape[1]
@@ -85,10 +84,11 @@ def _played_by(played: Config, arguments: EnvArguments) -> EnvArguments:
 class _RoundRecorder:
     """Listener of a walk that collects its rounds and omits those without a decision."""
 
-    def __init__(self, runner: GameRunner, power: set[str]) -> None:
-        """Collect rounds of a game whose power pellets have the ids ``power``."""
+    view: RobotView  # of the walk
+
+    def __init__(self, runner: GameRunner) -> None:
         self.rounds: list[RecordedRounds] = []
-        self._runner, self._power = runner, power
+        self._runner = runner
         self._begin()
 
     def _begin(self) -> None:
@@ -97,7 +97,7 @@ class _RoundRecorder:
         self._actions: list[int] = []
         self._at_s: list[float] = []
         self._collected: list[tuple[float, str]] = []
-        self._caught: dict[str, float] = {}  # time by number and name of a caught ghost
+        self._caught: list[tuple[float, str]] = []
         self._unlisted = self._spawned = 0
         self._word = ""
 
@@ -108,8 +108,8 @@ class _RoundRecorder:
         word, _, number = status.partition(":")
         if word == "pellet_collected" and number not in [pellet for _, pellet in self._collected]:
             self._collected.append((at_s, number))
-        elif word == "ghost_caught":
-            self._caught.setdefault(number, at_s)
+        elif word == "ghost_caught" and number not in [ghost for _, ghost in self._caught]:
+            self._caught.append((at_s, number))
         elif word in ("death_detected", "game_complete"):
             self._word = word
 
@@ -164,14 +164,17 @@ class _RoundRecorder:
     def _rewards(self, elapsed_s: Any, outcome: str) -> Any:
         """Return the rewards (D,) of ticks, events and the end as in the environment, without ``reward.progress``."""
         config = self._runner.config
-        pellets = self._counts(at_s for at_s, _ in self._collected)
-        power = self._counts(at_s for at_s, pellet in self._collected if pellet in self._power)
-        caught = self._counts(self._caught.values())
+        power = [(at_s, pellet) for at_s, pellet in self._collected if self._is_power(int(pellet))]
+        counts = (self._counts(events) for events in (self._collected, power, self._caught))
         ends = np.zeros(len(elapsed_s), dtype=np.int64)
         ends[-1] = _CODES[outcome]
-        return reward(elapsed_s / config.execution.tick_s, pellets, power, caught, 0, ends, Rewards.of(config.reward))
+        return reward(elapsed_s / config.execution.tick_s, *counts, 0, ends, Rewards.of(config.reward))
 
-    def _counts(self, times_s: Iterable[float]) -> Any:
-        """Return how many events happened after each decision and before the next one (D,)."""
-        decision = np.searchsorted(self._at_s, list(times_s), side="right") - 1
+    def _counts(self, events: list[tuple[float, str]]) -> Any:
+        """Return the number of events (D,) after each decision and before the next one."""
+        decision = np.searchsorted(self._at_s, [at_s for at_s, _ in events], side="right") - 1
         return np.bincount(np.maximum(decision, 0), minlength=len(self._at_s))
+
+    def _is_power(self, pellet: int) -> bool:
+        goals = self.view.goals
+        return pellet in goals.slot and bool(goals.power[goals.slot[pellet]])

@@ -11,7 +11,7 @@ from pacman_env.ros import topics
 from pacman_env.ros.bags.bag import Bag, BagError, Recorded
 from pacman_env.ros.bags.pose_statistics import PoseStatistics
 from pacman_env.ros.game_monitor import GameMonitor
-from pacman_env.ros.messages import BadMessage, pose_of
+from pacman_env.ros.messages import BadMessage, ghost_times_of, pose_of, power_pellets_of
 from pacman_env.ros.selector.believed_pose import BelievedPose
 from pacman_env.ros.supervisor.game_nodes import SELECTOR
 from pacman_env.sim.maps.assets import MapAssets
@@ -21,6 +21,7 @@ from pacman_env.sim.observation.situation import Situation
 _READ = (
     *(topics.GAME_STATE, topics.GAME_STATUS, topics.PELLET_MARKERS, topics.REMOVE_PELLET, *topics.GHOST_POSES),
     *(topics.CLYDE_SPEED, topics.AMCL_POSE, topics.ODOMETRY, topics.TF, topics.TF_STATIC, topics.SCORES),
+    topics.HARMLESS_GHOSTS,
 )
 PLAN_LASTS_S = 2.5  # Nav2 replans every second while it has a goal
 PLAN_LATE_S = 1.2  # longest delay of the first plan after a choice
@@ -65,6 +66,8 @@ class Walk:
         self._left: set[int] = set()
         self._gone: set[int] = set()  # pellets removed in this round
         self._velocity = (0.0, 0.0)
+        self._harmless = np.zeros((len(self._ghosts), 2))  # ROS times, s, until which ghosts are harmless and away
+        self._began_ns = 0  # ROS time at the start of the bag
 
     def run(self) -> None:
         """Read the bag; decisions come from the recorded goal selector, or are due every tick without one."""
@@ -100,13 +103,16 @@ class Walk:
         elif topic == topics.GAME_STATUS.name:
             self._follower.report(at_s, message.data)
         elif topic == topics.PELLET_MARKERS.name:
-            self._left = set(self.view.pellets(game.pellets).known)
+            self._left = set(self.view.pellets(game.pellets, power_pellets_of(message)).known)
         elif topic == topics.REMOVE_PELLET.name:
             self._gone.add(message.data)
         elif topic == topics.CLYDE_SPEED.name:
             self.view.clyde_speed_mps = message.data
+        elif topic == topics.HARMLESS_GHOSTS.name:
+            self._harmless = ghost_times_of(message, len(self._ghosts))
         elif topic in self._ghosts:
             (x, y, _), stamp_ns = game.ghosts[self._ghosts[topic]]
+            self._began_ns = stamp_ns - round(at_s * 1e9)
             self.view.see_ghost(self._ghosts[topic], x, y, stamp_ns)
             if topic == topics.CLYDE_POSE.name:
                 self.motion.see_clyde(stamp_ns / 1e9, x, y)
@@ -149,7 +155,16 @@ class Walk:
         if pose is None or self.view.unseen or not (left or over) or self.view.off_the_map(*pose[:2]):
             return None
         age_s = 0.0 if belief is None else belief.age_s
-        seen = Seen(at_s - self._game.began_s, pose, left, velocity, pose_age_s=age_s, pursued=pursued)
+        now_s = (self._began_ns + round(at_s * 1e9)) / 1e9
+        seen = Seen(
+            time_s=at_s - self._game.began_s,
+            pose=pose,
+            left=left,
+            velocity=velocity,
+            pose_age_s=age_s,
+            pursued=pursued,
+            harmless_s=np.maximum(self._harmless - now_s, 0.0),
+        )
         return self.view.situation(seen)
 
     def _decide(self, at_s: float, pursued: int, recorded: int | None) -> None:

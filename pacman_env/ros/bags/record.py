@@ -28,7 +28,7 @@ RECORDED = (
     *(topics.PELLET_MARKERS, topics.REMOVE_PELLET, *topics.GHOST_POSES, topics.CLICKED_POINT, topics.GAME_EVENT),
     *(topics.GAME_STATUS, topics.GAME_LIGHT, topics.GAME_SOUND, topics.CMD_VEL, topics.OPERATOR_STOP),
     *(topics.SCORES, topics.DIAGNOSTICS, topics.AMCL_POSE, topics.INITIAL_POSE, topics.PLAN, topics.ODOMETRY),
-    *(topics.TF, topics.TF_STATIC),
+    *(topics.TF, topics.TF_STATIC, topics.GHOSTS_CAUGHT, topics.HARMLESS_GHOSTS),
 )
 FLUSH_S = 2.0  # of wall time: a killed recorder loses at most this time
 _DEPTH = 1000  # messages that can wait while the disk is busy

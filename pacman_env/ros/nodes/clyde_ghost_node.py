@@ -98,7 +98,9 @@ class ClydeGhostNode(GameNode):
         self.ghosts.speed_mps = self._view.clyde_speed_mps = messages.number_of(message, 0.0, MAX_SPEED_MPS)
 
     def _on_harmless(self, message: Any) -> None:
-        self._harmless = messages.ghost_times_of(message, len(self.ghosts))
+        before, self._harmless = self._harmless, messages.ghost_times_of(message, len(self.ghosts))
+        caught = np.flatnonzero(self._harmless[:, 1] > before[:, 1])
+        self.ghosts.send_back(caught.tolist())  # at once: a message may be so late that the ghosts have started again
         if self._harmless.any():
             self._costmap.request(self._places())  # harmless ghosts must not block the way
 

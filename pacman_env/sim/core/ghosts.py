@@ -385,6 +385,11 @@ class MapGhosts:
     def place(self, number: int, cell: int) -> None:
         spawn_ghost(self._ghosts.state[0, number], cell, self._ghosts.paths[0, number], self.cells.position)
 
+    def send_back(self, numbers: Sequence[int]) -> None:
+        """Place caught ghosts on the cells on which they started."""
+        for number in numbers:
+            self.place(number, int(self._ghosts.state[0, number]["spawn_cell"]))
+
     def respawn(self, away_from: Sequence[tuple[float, float]], numbers: Sequence[int] | None = None) -> None:
         """Place the ghosts ``numbers`` (None: all) on random cells far from the places ``away_from`` (m).
 

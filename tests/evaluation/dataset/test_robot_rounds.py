@@ -88,7 +88,7 @@ def test_unsuitable_rounds_are_refused(
     bag, ground = recorded
     without(bag, tmp_path / "foreign", topics.SCORES)
     scan = ["--id", "PacManBot-v0", "--observation", "scan"]
-    only = "of a robot's rounds there are only features, planner, bearings"
+    only = "of a robot's rounds there are only features, planner, power, bearings"
     for words, message in (
         (["--map", ground, "--bags", str(tmp_path / "foreign")], "the choices of its goal selector"),
         (["--map", ground, "--bags", str(tmp_path / "none")], "no bag that can be read"),

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pacman_env.config import Config, PelletConfig, make_config
+from pacman_env.config import PelletConfig, make_config
 from pacman_env.game.execution import RUNNING
 from pacman_env.game.goals import Place
 from pacman_env.game.pellets import generate_pellets
