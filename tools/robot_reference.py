@@ -90,7 +90,8 @@ def _qos(profile: Any) -> str:
 
 def page() -> str:
     context_arguments = ["--ros-args", "-r", "__ns:=/robot", "-p", "map_yaml:=house", "--disable-external-lib-logs"]
-    context_arguments += ["-p", f'settings:=["clyde.ghosts={",".join(4 * ["wander"])}"]', "--log-level", "fatal"]
+    settings = f'["clyde.ghosts={",".join(4 * ["wander"])}", "power.pellets=1"]'  # all topics that nodes can have
+    context_arguments += ["-p", f"settings:={settings}", "--log-level", "fatal"]
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     level = get_logger_effective_level("")
     rclpy.init(args=context_arguments, signal_handler_options=SignalHandlerOptions.NO)

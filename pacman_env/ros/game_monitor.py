@@ -94,6 +94,7 @@ MONITORED = {
     "score": _count(topics.SCORE),
     "pellets_collected": _count(topics.PELLETS_COLLECTED),
     "pellets_spawned": _count(topics.PELLETS_SPAWNED),
+    "ghosts_caught": _count(topics.GHOSTS_CAUGHT),
     "clyde_speed_mps": Monitored(topics.CLYDE_SPEED, lambda message: number_of(message, 0.0, MAX_SPEED_MPS)),
     "condition": Monitored(topics.DIAGNOSTICS, object_of),
     "unresponsive": Monitored(topics.UNRESPONSIVE, reasons_of),
@@ -116,6 +117,7 @@ class GameMonitor:
     score: int | None = None
     pellets_collected: int | None = None
     pellets_spawned: int | None = None
+    ghosts_caught: int | None = None  # in this round; None in a game without power pellets
     clyde_speed_mps: float | None = None
     condition: Mapping[str, Any] = field(default_factory=dict)  # the goal selector's diagnostics
     unresponsive: Mapping[str, str] = field(default_factory=dict)  # reasons by node, from the referee

@@ -36,6 +36,7 @@ def receive(game: GameMonitor, name: str, data: Any, now_s: float = 0.0) -> None
         ("result", "Complete\x1b[2J\n - Score: 3", "Complete [2J - Score: 3"),
         ("round", 1, 1),
         ("pellets_collected", 0, 0),
+        ("ghosts_caught", 2, 2),
         ("clyde_speed_mps", 0.25, 0.25),
         ("condition", {"policy": "ppo"}, {"policy": "ppo"}),
         ("unresponsive", {"pellet_manager": "no\x1b\n answer"}, {"pellet_manager": "no answer"}),

@@ -80,9 +80,11 @@ def as_rows(status_line: StatusLine, missing: Missing) -> str:
     facts = status_line.facts()
     age_s, speed = facts["pose_age_s"], facts["clyde_speed_mps"]
     pellets = ("-" if facts[name] is None else facts[name] for name in ("pellets_collected", "pellets_spawned"))
+    caught = facts["ghosts_caught"]
     rows = {
         **{name: facts[name] for name in ("state", "round", "score")},
         "pellets": "{} of {}".format(*pellets),
+        "ghosts": None if caught is None else f"{caught} caught",
         "result": facts["result"],
         "Clyde": None if speed is None else f"{speed:.2f} m/s",
         "pose": "none yet" if age_s is None else f"{_place(facts['goal_selector'])}AMCL's last {age_s:.1f} s ago",

@@ -28,7 +28,7 @@ KNOWN_S = 0.3  # a new server may not know a client's reader yet, and would drop
 STOPPED = "stopped by the operator"
 #: Values of the game monitor that the referee publishes.
 VALUES = ("state", "result", "round", "score", "pellets_collected", "pellets_spawned", "clyde_speed_mps")
-_RECEIVED = (*VALUES, "condition", "configuration", "unresponsive", "pose")
+_RECEIVED = (*VALUES, "ghosts_caught", "condition", "configuration", "unresponsive", "pose")
 #: Troubles of the goal selector that the line shows in other words.
 _IN_OTHER_WORDS = ("no Nav2", "ghosts unheard", STOPPED)
 
@@ -106,6 +106,7 @@ class StatusLine(ObserverNode):
         return {
             "namespace": self.get_namespace(),
             **{name: self.game.valid(name) for name in VALUES},
+            "ghosts_caught": self.game.valid("ghosts_caught"),
             "policy": self.policy or None,
             "pose_age_s": self.pose_age_s,
             "nodes": sorted(self.game.nodes),
@@ -117,6 +118,7 @@ class StatusLine(ObserverNode):
 
     def line(self, pose_age: bool) -> str:
         """Return the game as one line; without the pose's age for comparisons."""
+        caught = self.game.valid("ghosts_caught")
         age, troubles = self.pose_age_s, [kind for kind in self.troubles if kind not in _IN_OTHER_WORDS]
         values = {name: self.game.valid(name) for name in VALUES}
         texts = {name: "-" if value is None else value for name, value in values.items()}
@@ -129,6 +131,7 @@ class StatusLine(ObserverNode):
             f"round {texts['round']}",
             f"score {texts['score']}",
             f"pellets {texts['pellets_collected']}/{texts['pellets_spawned']}",
+            "" if caught is None else f"ghosts caught {caught}",
             "STOPPED" if self.operator.stopped else "",
             "Nav2 does not answer" if self.condition.get("nav2") is False else "",
             "Nav2 does not see Clyde" if self.condition.get("ghosts_heard") is False else "",

@@ -70,9 +70,11 @@ def test_invalid_values_are_shown_as_unknown(probe: Probe, status_line: StatusLi
     assert facts["state"] is facts["pellets_collected"] is None
     assert facts["invalid"].keys() == {"state", "pellets_collected"}
     assert facts["policy"] == "a b"
+    probe.publish(topics.GHOSTS_CAUGHT, 2)
     say("running", 5)
     assert status_line.spin_until(lambda: not game.invalid, PATIENCE_S)
     assert status_line.line(pose_age=False).startswith("running         round -  score -  pellets 5/13")
+    assert status_line.spin_until(lambda: "ghosts caught 2" in status_line.line(pose_age=False), PATIENCE_S)
 
 
 def test_status_line_shows_troubles(probe: Probe, status_line: StatusLine) -> None:
