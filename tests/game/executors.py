@@ -11,6 +11,7 @@ CONFIG = make_config("robot")
 
 
 NEAR, FAR = Place(0, 1.0, 0.0, 10), Place(1, 5.0, 0.0, 11)
+AWAY = (9.0, 9.0)  # of a ghost
 REFUGE = Place(2, 0.0, 3.0)
 PELLETS = {10: (1.0, 0.0), 11: (5.0, 0.0)}
 
@@ -23,8 +24,12 @@ def words(actions: list[ExecutorAction]) -> list[str]:
 GOALS = Goals(PELLETS, {}, [(0.0, 3.0)])
 
 
+POWER_GOALS = Goals(PELLETS, {}, [(0.0, 3.0)], power=(10,))
+
+
 def make_executor(home: Place, min_dwell_s: float = 1.0, goals: Goals = GOALS) -> GoalExecutor:
-    config = CONFIG.with_fields(**{"execution.min_dwell_s": min_dwell_s})
+    settings = {"execution.min_dwell_s": min_dwell_s, "power.pellets": int(goals.power.sum())}
+    config = CONFIG.with_fields(**settings)
     return GoalExecutor(config, goals, home)
 
 
@@ -37,6 +42,14 @@ def running(goals: Goals = GOALS, shown: Iterable[int] | None = None, **options:
     executor.state("running", 0.0)
     executor.pellets(goals.positions if shown is None else shown, 0, 0.0)
     executor.check((0.0, 0.0), (), 0.0)
+    return executor
+
+
+def frightening() -> GoalExecutor:
+    """One that has collected a power pellet at t = 1: ghosts are frightened for 20 s."""
+    executor = running(goals=POWER_GOALS)
+    assert words(executor.check((1.0, 0.0), [AWAY, AWAY], 1.0)) == ["status pellet_collected:10", "remove 10"]
+    executor.statuses.counted(1)
     return executor
 
 

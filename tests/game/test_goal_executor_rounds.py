@@ -4,7 +4,19 @@ import pytest
 
 from pacman_env.game.execution import ABORTED, CANCELED, SUCCEEDED
 from pacman_env.game.goals import HOME, Goals, home_place
-from tests.game.executors import FAR, PELLETS, driving, driving_home, homing, running, words
+from pacman_env.game.power import HARMLESS_UNTIL
+from tests.game.executors import (
+    AWAY,
+    FAR,
+    PELLETS,
+    POWER_GOALS,
+    driving,
+    driving_home,
+    frightening,
+    homing,
+    running,
+    words,
+)
 
 # Pick-up, death, the end of a round
 
@@ -92,6 +104,37 @@ def test_early_complete_is_withdrawn_when_pellets_reappear() -> None:
     executor.statuses.open()
     assert executor.statuses.open() == []
     assert executor.round.left == PELLETS
+
+
+# Power pellets
+
+
+def test_frightened_ghost_is_caught_once_and_dangerous_after_its_return() -> None:
+    executor = frightening()
+    executor.statuses.catches_counted(2)  # by an executing side before this one
+    at = (3.0, 0.0)
+    assert words(executor.check(at, [AWAY, at], 2.0)) == ["status ghost_caught:3:blinky"]
+    assert words(executor.check(at, [AWAY, at], 6.5)) == []
+    assert words(executor.check(at, [at, AWAY], 6.9))[-1] == "status ghost_caught:4:clyde"
+    assert "status death_detected" in words(executor.check(at, [AWAY, at], 7.1))
+
+
+@pytest.mark.parametrize(("round", "harmless_s"), [(1, 20.0), (3, 13.4)])
+def test_later_rounds_frighten_for_shorter(round: int, harmless_s: float) -> None:
+    executor = running(goals=POWER_GOALS)
+    executor.round.begin(round)
+    executor.command("reset_round", 0.0)
+    executor.pellets(PELLETS, 0, 0.0)
+    executor.check((1.0, 0.0), [AWAY], 1.0)
+    assert executor.check((3.0, 0.0), [(3.1, 0.0)], 1.0 + harmless_s + 0.1)[0].kind == "event"
+    assert executor.round.ghosts[0, HARMLESS_UNTIL] == pytest.approx(1.0 + harmless_s)
+
+
+def test_clock_set_back_prolongs_no_fright() -> None:
+    executor = running(goals=POWER_GOALS)
+    executor.check((1.0, 0.0), [AWAY], 500.0)
+    executor.check((3.0, 0.0), [AWAY], 2.0)
+    assert "status death_detected" in words(executor.check((3.0, 0.0), [(3.0, 0.0)], 22.1))
 
 
 # The way home

@@ -6,9 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pacman_env.config import ShowConfig
+from pacman_env.config import PowerConfig, ShowConfig
+from pacman_env.game.power import ghost_points
 from pacman_env.game.round import Action, RoundController, awaits_pellets
 
+POWER = PowerConfig(pellets=1)  # pellet 0, in all games with it
 SHOWN = ("command", "event", "state", "score", "round", "clyde_speed", "collected", "spawned", "result")
 
 
@@ -25,7 +27,7 @@ def act(game: RoundController, word: str, now: float) -> list[Action]:
     """One input."""
     name, _, argument = word.partition(" ")
     if name == "left":
-        return game.pellets_left(map(int, argument), now)
+        return game.pellets_left(map(int, argument), now, range(game.power.pellets))
     if name == "speed":
         return game.base_clyde_speed(float(argument))
     if name in ("start", "reset", "tick"):
@@ -38,6 +40,7 @@ INPUTS = st.one_of(
     st.sampled_from(["start", "reset", "tick", "tick", "left ", "left 0123", "left 013", "speed 0.5"]),
     st.sampled_from(["death_detected", "game_complete", "home_reached", "home_reached", "home_failed"]),
     st.integers(0, 3).map(lambda i: f"pellet_collected:{i}"),
+    st.integers(1, 3).map(lambda i: f"ghost_caught:{i}:clyde"),
 )
 
 #: What brings a game into each of its states, one after the other.
@@ -62,10 +65,12 @@ def game_in(wanted: str) -> RoundController:
     return game
 
 
-def running(pellets: int = 8, home_retries: int = ShowConfig.home_retries) -> RoundController:
-    game = RoundController(show=ShowConfig(home_retries=home_retries))
+def running(
+    pellets: int = 8, home_retries: int = ShowConfig.home_retries, power: PowerConfig | None = None
+) -> RoundController:
+    game = RoundController(show=ShowConfig(home_retries=home_retries), power=power or PowerConfig())
     game.start(0.0)
-    game.pellets_left(range(pellets), 0.5)
+    act(game, "left " + "".join(map(str, range(pellets))), 0.5)
     game.status("home_reached", 1.0)
     game.tick(1.0 + game.show.start_s)
     assert game.state == "running"
@@ -206,7 +211,8 @@ def test_game_statuses_outside_of_running_are_ignored(state: str) -> None:
 @pytest.mark.parametrize(
     "word",
     ["", "pellet", "pellet_collected", "pellet_collected:", "pellet_collected:-1", "pellet_collected:x",
-     "pellet_collected:" + "9" * 5000, "pellet_collected:²", "death_detected:1"],
+     "pellet_collected:" + "9" * 5000, "pellet_collected:²", "death_detected:1", "ghost_caught:1",
+     "ghost_caught:1:casper", "ghost_caught:x:clyde", "ghost_caught:²:clyde"],
 )  # fmt: skip
 def test_unknown_status_is_ignored_with_a_reason(word: str) -> None:
     game = running()
@@ -240,19 +246,39 @@ def test_base_speed_is_announced_in_the_menu() -> None:
     assert "clyde_speed 0.5" in words(game.tick(9.0))
 
 
+def test_caught_ghosts_count_once_and_in_order() -> None:
+    game = running(power=POWER)
+    assert ignored(game.status("ghost_caught:2:inky", 20.0))
+    for number, ghost, score in ((1, "clyde", 20), (2, "inky", 60), (3, "clyde", 140)):
+        word = f"ghost_caught:{number}:{ghost}"
+        said = words(game.status(word, 21.0), "ghosts_caught", "score", "event")
+        assert said == [f"ghosts_caught {number}", f"score {score}", f"event {ghost} caught"]
+        assert ignored(game.status(word, 21.5))
+    assert words(game.status("pellet_collected:0", 22.0), "score", "event") == ["score 145", "event power pellet"]
+    game.status("ghost_caught:4:pinky", 23.0)
+    assert game.score == 165
+    assert "ghosts_caught 0" in words(game.reset(24.0), "ghosts_caught")
+
+
 @given(st.lists(INPUTS, max_size=40))
 def test_score_and_reports_are_consistent_for_any_inputs(inputs: list[str]) -> None:
-    game = RoundController()
+    game = RoundController(power=POWER)
     shown: dict[str, object] = {}
-    counted = 0
+    counted = streak = 0
     for step, word in enumerate(inputs):
         actions = act(game, word, 4.0 * step)
-        counted = 0 if game.score == 0 else counted + sum(a == Action("event", "pellet") for a in actions)
+        for event in (str(a.value) for a in actions if a.kind == "event"):
+            counted += {"pellet": 1, "power pellet": POWER.pellet_points}.get(event, 0)
+            streak = 0 if event in ("power pellet", "reset") else streak
+            if event == "clyde caught":
+                counted += ghost_points(POWER.ghost_points, streak)
+                streak += 1
+        counted = 0 if game.score == 0 else counted
         shown |= {a.kind: a.value for a in actions}
         assert game.score == counted
         assert 0 <= game.collected <= min(game.score, 4)
         assert game.state != "complete"
-        for kind in ("state", "score", "round", "collected", "spawned", "result"):
+        for kind in ("state", "score", "round", "collected", "spawned", "ghosts_caught", "result"):
             assert kind not in shown or shown[kind] == getattr(game, kind)
 
 
@@ -261,11 +287,11 @@ def test_score_and_reports_are_consistent_for_any_inputs(inputs: list[str]) -> N
 
 @given(st.lists(INPUTS, max_size=25), st.lists(INPUTS, max_size=15), st.integers(-100, 1000))
 def test_restored_game_continues_alike(before: list[str], after: list[str], away_s: int) -> None:
-    game = RoundController()
+    game = RoundController(power=POWER)
     for step, word in enumerate(before):
         act(game, word, 2.0 * step)
     now = 2.0 * len(before)
-    other = RoundController()
+    other = RoundController(power=POWER)
     said = other.restore(json.loads(json.dumps(game.snapshot(now))), now + away_s)
     assert other.snapshot(now + away_s) == game.snapshot(now)
     latched = [action for action in said if not action.kind.startswith("reset")]
@@ -302,7 +328,7 @@ def test_only_interrupted_start_is_restored_with_a_reset() -> None:
         *({"base_speed_mps": 0.0}, {"base_speed_mps": math.nan}, {"base_speed_mps": "0.25"}, {"base_speed_mps": None}),
         *({"collected": [1, 1]}, {"collected": [-1]}, {"collected": ["1"]}, {"collected": None}, {"left": {"1": 2}}),
         *({"due_in_s": -1.0}, {"due_in_s": math.inf}, {"due_in_s": None}, {"after_home": ""}, {"home_failures": 0.5}),
-        *({"still_shown": 3}, {"more": 1}),
+        *({"still_shown": 3}, {"more": 1}, {"power": [1, 1]}, {"ghosts_caught": -1}, {"streak": "0"}),
     ],
     ids=str,
 )

@@ -5,7 +5,7 @@ import pytest
 from pacman_env.config import make_config
 from pacman_env.game.goal_executor import GoalExecutor
 from pacman_env.game.goals import home_place
-from tests.game.executors import GOALS, NEAR, homing, running, words
+from tests.game.executors import AWAY, GOALS, NEAR, frightening, homing, running, words
 
 
 def repeated(executor: GoalExecutor) -> list[str]:
@@ -92,6 +92,27 @@ def test_counting_restarts_with_the_round() -> None:
     executor.command("reset_round", 1.0)
     executor.statuses.counted(0)
     assert words(executor.pellets([11], 0, 1.0)) == []
+
+
+def test_uncounted_catch_is_repeated_before_everything_later() -> None:
+    executor = frightening()
+    executor.statuses.catches_counted(0)
+    catch = "ghost_caught:1:clyde"
+    assert words(executor.check((3.0, 0.0), [(3.0, 0.0)], 2.0)) == [f"status {catch}"]
+    assert repeated(executor) == [catch]
+    last = words(executor.check((5.0, 0.0), [AWAY], 3.0))
+    assert last[:2] == [f"status {catch}", "status pellet_collected:11"]
+    executor.statuses.counted(2)
+    assert repeated(executor)[0] == catch
+    executor.statuses.catches_counted(1)
+    assert catch not in repeated(executor)
+
+
+def test_catch_is_reported_when_count_is_known() -> None:
+    executor = frightening()
+    assert words(executor.check((3.0, 0.0), [(3.0, 0.0)], 2.0)) == []
+    executor.statuses.catches_counted(2)
+    assert repeated(executor) == ["ghost_caught:3:clyde"]
 
 
 def test_unheard_death_persists_and_is_repeated() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -43,9 +43,13 @@ def slot_of(place: tuple[float, float]) -> int:
     return apart.index(min(apart))
 
 
+def number_of_slot(slot: int) -> int:
+    return int(house().pellet_ids[slot])
+
+
 def number_at(goal: Goal) -> int:
     """The pellet that a goal led to."""
-    return int(house().pellet_ids[slot_of((goal.x, goal.y))])
+    return number_of_slot(slot_of((goal.x, goal.y)))
 
 
 class Game:
@@ -68,6 +72,7 @@ class Game:
         )
         self.nav2 = self.start_nav2(*script)
         self.left = {int(n): pellet(slot) for slot, n in enumerate(house().pellet_ids)}
+        self.power: Collection[int] = ()  # the power pellets
         self.pose = tuple(house().grid.home.tolist())
 
     # Nodes
@@ -123,7 +128,7 @@ class Game:
     def pellets(self, *gone: int) -> None:
         for number in gone:
             self.left.pop(number, None)
-        self.say(topics.PELLET_MARKERS, markers_of(self.left, self.session.stamp()))
+        self.say(topics.PELLET_MARKERS, markers_of(self.left, self.session.stamp(), power=self.power))
 
     def begin(self) -> None:
         """A round runs: robot at home, Clyde far away."""

@@ -38,6 +38,28 @@ def test_round_against_three_behaviours_ends(domain: int, tmp_path: Path) -> Non
     play_round(tmp_path, "arcade,chase,wander", "clyde_aware")
 
 
+def test_round_with_power_pellets_counts_pellets_and_caught_ghosts(domain: int, tmp_path: Path) -> None:
+    ground = part_of_map("house", 3.0).save(tmp_path / "ground.yaml")
+    approaching = ("power.pellets=9", "power.duration_s=60", "power.behaviour=chase", "power.speed_factor=1")
+    settings = ("clyde.ghosts=wander,wander", "clyde.spawn_distance_m=2", "show.start_s=1", *approaching)
+    with session.game(tmp_path, ground, "nearest", seed=2, settings=settings) as played:
+        played.record(topics.GAME_STATE, topics.GAME_RESULT, topics.GAME_EVENT, topics.GHOSTS_CAUGHT)
+        assert played.call(topics.START_GAME).success
+        played.wait_for(lambda: "complete" in played.values(topics.GAME_STATE), 600.0, "a complete round")
+        events = [event for event in played.values(topics.GAME_EVENT) if event not in ("start theatrical", "reset")]
+        points = streak = 0
+        for event in events:
+            points += {"pellet": 1, "power pellet": 5}.get(event, 0)
+            if event.endswith(" caught"):
+                points += 20 * 2 ** min(streak, 3)
+            streak = streak + 1 if event.endswith(" caught") else 0 if event == "power pellet" else streak
+        caught = sum(event.endswith(" caught") for event in events)
+        assert caught > 0
+        assert max(played.values(topics.GHOSTS_CAUGHT)) == caught
+        assert f"Complete - Score: {points}" in played.values(topics.GAME_RESULT)
+        assert played.errors() == []
+
+
 @pytest.mark.daily
 def test_round_against_learned_and_plugin_ghost_ends(
     domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

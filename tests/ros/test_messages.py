@@ -10,13 +10,14 @@ from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
 from hypothesis import given
 from hypothesis import strategies as st
-from std_msgs.msg import Float32, Header, Int32, String
+from std_msgs.msg import Float32, Float64MultiArray, Header, Int32, String
 from visualization_msgs.msg import Marker
 
 from pacman_env.ros import topics
 from pacman_env.ros.messages import (
     BadMessage,
     cloud_message,
+    ghost_times_of,
     marker_message,
     markers_of,
     nanoseconds_of,
@@ -179,6 +180,13 @@ def test_invalid_cloud_is_refused(changes: dict[str, Any], complaint: str) -> No
         setattr(message, name, value)
     with pytest.raises(BadMessage, match=complaint):
         points_of(message)
+
+
+@pytest.mark.parametrize("times", [[], [1.0, 2.0, 3.0], [1.0] * 6, [-1.0, 0.0, 0.0, 0.0], [0.0, math.nan, 0.0, 0.0]])
+def test_bad_times_of_ghosts_are_refused(times: list[float]) -> None:
+    assert ghost_times_of(Float64MultiArray(data=[3.0, 1.0, 0.0, 0.0]), 2).tolist() == [[3.0, 1.0], [0.0, 0.0]]
+    with pytest.raises(BadMessage, match="times"):
+        ghost_times_of(Float64MultiArray(data=times), 2)
 
 
 def test_twist_is_forwards_and_to_the_left() -> None:

@@ -19,13 +19,14 @@ SHOWS = ("show.start_s=1.0", "show.death_s=1.0")
 
 
 def played(folder: Path, seed: int, is_slow: bool = False) -> tuple[int, str, list[str]]:
-    """Play one game; return how many messages were handled, their hash, and the states.
+    """Play one game with power pellets; return how many messages were handled, their hash, and the states.
 
     On a slow machine each step takes some real time, now more, now less.
     """
     folder.mkdir()
     ground = part_of_map("house", 3.0).save(folder / "ground.yaml")
-    with session.game(folder, ground, seed=seed, settings=SHOWS) as game:
+    settings = (*SHOWS, "power.pellets=2", "clyde.ghosts=wander,arcade")
+    with session.game(folder, ground, seed=seed, settings=settings) as game:
         game.record(topics.GAME_STATE)
         transcript = Transcript(game.game)
         assert game.call(topics.START_GAME).success

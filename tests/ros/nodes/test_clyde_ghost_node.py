@@ -129,6 +129,45 @@ def test_ghost_is_no_obstacle_on_way_home(nodes: Session) -> None:
     assert obstacle(nodes) == 0
 
 
+def ghost_until(nodes: Session, harmless_s: float, away_s: float = 0.0) -> None:
+    """Publish for how long from now the ghost is harmless and away."""
+    now = seconds_of(nodes.stamp())
+    times = [now + seconds if seconds else 0.0 for seconds in (harmless_s, away_s)]
+    nodes.publish(topics.HARMLESS_GHOSTS, times)
+
+
+def test_frightened_ghost_is_slow_blue_and_no_obstacle(nodes: Session) -> None:
+    up(nodes, settings=["power.pellets=1"])
+    robot(nodes, *at(nodes))
+    nodes.publish(topics.CLYDE_SPEED, 0.8)
+    nodes.publish(topics.GAME_STATE, "running")
+    nodes.advance(1.0)
+    ghost_until(nodes, 30.0)
+    nodes.advance(1.0)
+    assert obstacle(nodes) == 0
+    assert walked(nodes, 5.0).max() == pytest.approx(0.67 * 0.8 * PERIOD, rel=1e-3)
+    colour = nodes.last(topics.CLYDE_MARKER).color
+    assert colour.b > colour.r
+    nodes.advance(25.0)
+    assert obstacle(nodes) == 9
+    assert nodes.last(topics.CLYDE_MARKER).color.r > 0.9
+
+
+@pytest.mark.parametrize("away_s", [4.0, -1.0])
+def test_caught_ghost_waits_where_it_started_even_if_message_is_late(nodes: Session, away_s: float) -> None:
+    up(nodes, settings=["power.pellets=1"])
+    start = at(nodes)
+    nodes.publish(topics.CLYDE_SPEED, 0.8)
+    nodes.publish(topics.GAME_STATE, "running")
+    nodes.wait_for(lambda: math.dist(at(nodes), start) > 0.8, what="it to walk")
+    ghost_until(nodes, away_s, away_s)
+    nodes.advance(PERIOD)
+    assert math.dist(at(nodes), start) <= 0.8 * PERIOD + 1e-6
+    nodes.advance(2.0)
+    assert (at(nodes) == start) == (away_s > 0)
+    nodes.wait_for(lambda: math.dist(at(nodes), start) > 0.5, what="it to start again")
+
+
 def test_trail_covers_where_ghost_was_shown(nodes: Session) -> None:
     nodes.record(topics.CLYDE_TRAIL)
     up(nodes)

@@ -42,8 +42,9 @@ HEAVY = ("numba", "llvmlite", "cv2", "pymunk", "gymnasium", "onnxruntime", "scip
 
 
 def start(nodes: Session, name: str, **parameters: Any) -> Any:
-    """Start a node of the game on the house."""
-    own = {"map_yaml": "house"} if "map_yaml" in PROCESSES[name].parameters else {}
+    """Start a node of the game on the house, with power pellets."""
+    own: dict[str, Any] = {"map_yaml": "house"} if "map_yaml" in PROCESSES[name].parameters else {}
+    own |= {} if name == WAIT else {"settings": ["power.pellets=4"]}
     return nodes.start(name, **own, **parameters).node
 
 
@@ -117,6 +118,7 @@ BAD: list[tuple[str, topics.Topic, Sequence[Any]]] = [
         topics.CLICKED_POINT,
         (click(math.nan, 0.0), click(0.0, math.inf), click(500.0, 500.0), click(1.0, 0.0, "base_link")),
     ),
+    ("clyde_ghost_node", topics.HARMLESS_GHOSTS, ([], [1.0], [1.0, math.nan], [1.0, -1.0])),
     (REFEREE, topics.GAME_STATUS, ("ä" * 5000,) * 3),
     (REFEREE, topics.PELLET_MARKERS, BAD_MARKERS),
     (REFEREE, topics.BASE_CLYDE_SPEED, (*BAD_SPEEDS, 1e30)),
@@ -124,6 +126,8 @@ BAD: list[tuple[str, topics.Topic, Sequence[Any]]] = [
     (WAIT, topics.AMCL_POSE, BAD_POSES),
     (SELECTOR, topics.AMCL_POSE, BAD_POSES),
     (SELECTOR, topics.OPERATOR_STOP, BAD_STOPS),
+    (SELECTOR, topics.GHOSTS_CAUGHT, (-1, -(2**31))),
+    (SELECTOR, topics.ROUND, (0, -1)),
     (SELECTOR, topics.GAME_COMMAND, ("", "jump", "x" * 5000)),
     (SIMULATOR, topics.CMD_VEL, (twist_message(math.nan, 0.0, STAMP),) * 3),
     (SIMULATOR, topics.INITIAL_POSE, BAD_POSES),

@@ -220,6 +220,25 @@ def test_killed_referee_continues_round(nodes: Session, state_folder: Path) -> N
     assert not kept.exists()
 
 
+def test_killed_referee_continues_streak_of_caught_ghosts(nodes: Session, state_folder: Path) -> None:
+    nodes.record(topics.GHOSTS_CAUGHT)
+    up(nodes, "power.pellets=1")
+    assert nodes.call(topics.START_GAME).success
+    nodes.publish(topics.PELLET_MARKERS, markers_of({0: (0.0, 0.0), 1: (1.0, 0.0)}, nodes.stamp(), power=[1]))
+    status(nodes, "home_reached")
+    wait_state(nodes, "running")
+    status(nodes, "pellet_collected:1")
+    status(nodes, "ghost_caught:1:inky")
+    assert (nodes.value(topics.SCORE), nodes.value(topics.GAME_EVENT)) == (25, "inky caught")
+    nodes.kill(REFEREE)
+    nodes.forget()
+    up(nodes, "power.pellets=1")
+    assert (nodes.value(topics.SCORE), nodes.value(topics.GHOSTS_CAUGHT)) == (25, 1)
+    status(nodes, "ghost_caught:1:inky")
+    status(nodes, "ghost_caught:2:clyde")
+    assert (nodes.value(topics.SCORE), nodes.value(topics.GHOSTS_CAUGHT)) == (65, 2)
+
+
 def test_pellets_reported_before_clock_count(nodes: Session, tmp_path: Path, domain: int) -> None:
     file = tmp_path / "game.json"
     referee = RoundController()

@@ -14,9 +14,41 @@ from rcl_interfaces.srv import SetParameters
 from std_msgs.msg import Header
 
 from pacman_env.ros import topics
-from pacman_env.ros.messages import pose_message
+from pacman_env.ros.messages import pose_message, seconds_of
 from pacman_env.ros.supervisor.game_nodes import SELECTOR
-from tests.ros.selector_game import FAR_AWAY, Game, house, pellet, slot_of
+from tests.ros.selector_game import FAR_AWAY, QUICK, Game, house, number_of_slot, pellet, slot_of
+
+
+def test_killed_node_forgets_fright_and_continues_count(game: Game) -> None:
+    nodes, settings = game.session, [*QUICK, "power.pellets=1"]
+    nodes.record(topics.HARMLESS_GHOSTS)
+    game.power = {number_of_slot(0)}
+    game.start(settings=settings)
+    game.begin()
+    nodes.publish(topics.GHOSTS_CAUGHT, 0)
+    game.running_goal(1)
+    assert not any(nodes.last(topics.HARMLESS_GHOSTS).data)
+    game.stand(*pellet(0))
+    game.status(f"pellet_collected:{number_of_slot(0)}")
+    harmless, away = nodes.last(topics.HARMLESS_GHOSTS).data
+    assert (harmless - seconds_of(nodes.stamp()), away) == (pytest.approx(20.0, abs=0.5), 0.0)
+    game.clyde(*pellet(0))
+    game.status("ghost_caught:1:clyde")
+    harmless, away = nodes.last(topics.HARMLESS_GHOSTS).data
+    assert harmless == away == pytest.approx(seconds_of(nodes.stamp()) + 5.0, abs=0.5)
+    nodes.publish(topics.GHOSTS_CAUGHT, 1)
+    game.clyde(*FAR_AWAY)
+    nodes.kill(SELECTOR)
+    game.start(settings=settings)
+    assert not any(nodes.last(topics.HARMLESS_GHOSTS).data)
+    nodes.publish(topics.GHOSTS_CAUGHT, 1)
+    game.power = set(game.left)
+    game.clyde(*FAR_AWAY)
+    game.pellets(number_of_slot(0))
+    game.stand(*pellet(1))
+    game.status(f"pellet_collected:{number_of_slot(1)}")
+    game.clyde(*pellet(1))
+    game.status("ghost_caught:2:clyde")
 
 
 def test_node_started_in_round_continues_it(game: Game) -> None:
