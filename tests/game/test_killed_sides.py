@@ -181,6 +181,8 @@ class Sides:
 def test_round_completes_whichever_side_was_killed(played: list[tuple[str, Any, int]]) -> None:
     sides = Sides()
     for what, value, pause in played:
+        if sides.kept["result"]:
+            break  # the round is over, and the next things would happen on the way home
         sides.step(what, value)
         for _ in range(pause):
             sides.step()
