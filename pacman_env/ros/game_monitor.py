@@ -7,6 +7,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pacman_env.config import MAX_SPEED_MPS
 from pacman_env.ros import topics
 from pacman_env.ros.messages import (
@@ -14,11 +17,13 @@ from pacman_env.ros.messages import (
     BadMessage,
     Pose,
     Position,
+    ghost_times_of,
     nanoseconds_of,
     number_of,
     object_of,
     pellets_of,
     pose_of,
+    power_pellets_of,
     process_of,
     word_of,
 )
@@ -95,6 +100,9 @@ MONITORED = {
     "pellets_collected": _count(topics.PELLETS_COLLECTED),
     "pellets_spawned": _count(topics.PELLETS_SPAWNED),
     "ghosts_caught": _count(topics.GHOSTS_CAUGHT),
+    "harmless_until_s": Monitored(
+        topics.HARMLESS_GHOSTS, lambda message: ghost_times_of(message, len(message.data) // 2)
+    ),
     "clyde_speed_mps": Monitored(topics.CLYDE_SPEED, lambda message: number_of(message, 0.0, MAX_SPEED_MPS)),
     "condition": Monitored(topics.DIAGNOSTICS, object_of),
     "unresponsive": Monitored(topics.UNRESPONSIVE, reasons_of),
@@ -118,11 +126,13 @@ class GameMonitor:
     pellets_collected: int | None = None
     pellets_spawned: int | None = None
     ghosts_caught: int | None = None  # in this round; None in a game without power pellets
+    harmless_until_s: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))  # and away until; by ghost
     clyde_speed_mps: float | None = None
     condition: Mapping[str, Any] = field(default_factory=dict)  # the goal selector's diagnostics
     unresponsive: Mapping[str, str] = field(default_factory=dict)  # reasons by node, from the referee
     configuration: Configuration = field(default_factory=dict)  # of any node
     pellets: Mapping[int, Position] = field(default_factory=dict)
+    power_pellets: set[int] = field(default_factory=set)  # ids; collected ones, too
     pose: Stamped | None = None  # the latched one
     ghosts: dict[int, Stamped] = field(default_factory=dict)
     began_s: float = 0.0  # time of the first message of the last round
@@ -164,3 +174,6 @@ class GameMonitor:
             self.began_s = now_s
         elif name == "configuration":
             add_process(self.processes, self.configuration)
+        elif name == "pellets":
+            power = power_pellets_of(message)
+            self.power_pellets = power | (self.power_pellets - self.pellets.keys())

@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 import msgspec
 import numpy as np
-from msgspec import Meta, field
+from msgspec import UNSET, Meta, UnsetType, field
 from numpy.typing import NDArray
 
 from pacman_env.game.lights import Ring
@@ -20,13 +20,15 @@ MetresPerSecond = Annotated[float, Meta(extra_json_schema={"unit": "m/s"})]
 RadiansPerSecond = Annotated[float, Meta(extra_json_schema={"unit": "rad/s"})]
 Points = Annotated[NDArray[np.float64], Meta(description="(N, 2)", extra_json_schema={"unit": "m"})]
 Ranges = Annotated[NDArray[np.float64], Meta(description="(R,)", extra_json_schema={"unit": "m"})]
+Times = Annotated[NDArray[np.float64], Meta(description="(G,)", extra_json_schema={"unit": "s"})]
+PlacedPoints = Annotated[NDArray[np.float64], Meta(description="(K, 3)", extra_json_schema={"unit": "m, m"})]
 Scores = Annotated[NDArray[np.float64], Meta(description="(C,)")]
 Present = Annotated[NDArray[np.bool_], Meta(description="(P,)")]
 Pose = tuple[Metres, Metres, Radians]  # x, y, heading
 
 
 class Frame(msgspec.Struct, frozen=True, tag_field="kind", tag="frame"):
-    """State of a game at one moment. NaN becomes null in JSON."""
+    """State of a game at one moment. NaN becomes null in JSON; a field without a value is left out."""
 
     state: State
     revision: int  # of the scene to which the frame belongs
@@ -53,6 +55,11 @@ class Frame(msgspec.Struct, frozen=True, tag_field="kind", tag="frame"):
     scores: Scores = field(default_factory=lambda: np.zeros(0))  # of candidates, NaN: none
     plan: Points = field(default_factory=lambda: np.zeros((0, 2)))  # path to the goal
     scan: Ranges = field(default_factory=lambda: np.zeros(0))  # ray 0 ahead, counter-clockwise, NaN: no hit
+    # Only of games with power pellets.
+    ghosts_caught: int | UnsetType = UNSET  # in this round
+    harmless_s: Times | UnsetType = UNSET  # left, until each ghost is dangerous again
+    away_s: Times | UnsetType = UNSET  # left, until each caught ghost starts again; until then its eyes are shown
+    points: PlacedPoints | UnsetType = UNSET  # x, y and points of the ghosts that have just been caught
 
     def encode(self) -> str:
         return _encoder.encode(self).decode()

@@ -4,6 +4,7 @@ import logging
 import threading
 import time
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from pacman_env import __version__
 from pacman_env.game.events import killed_by
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.game.lights import LASTING
+from pacman_env.game.power import frightened_s
 from pacman_env.game.round import Action, RoundController
 from pacman_env.web import messages
 from pacman_env.web.driving import Driving
@@ -48,7 +50,8 @@ class Match:
         self._clock_s = 0.0  # simulated, shows included
         self._home_due_s: float | None = None  # real time
         self._clyde_mps: float | None = None
-        self._controller = RoundController(config.clyde)
+        self._controller = RoundController(config.clyde, power=config.power)
+        self._gained = 0  # score of the last tick
         self._shown: tuple[Frame, Frame] | None = None  # the snapshots of the last two ticks
         self._number = 0  # of the frame
         self._key: Any = None  # what it shows
@@ -70,7 +73,7 @@ class Match:
             "state": self.state,
             "revision": self.scene.revision,
             "speed": clock.speed,
-            "score": self._controller.score - (now.collected - shown.collected if runs else 0),
+            "score": self._controller.score - (self._gained if runs and shown is not now else 0),
             "round": self._controller.round,
             "paused": clock.paused,
             "stopped": clock.stopped,
@@ -91,7 +94,12 @@ class Match:
 
     def _show_round(self, played: PlayedRound) -> None:
         self._shown = played.snapshots[-1], played.snapshots[-1]
-        self.scene = scene_of(played, self._rules, self.scene.revision + 1)
+        self._gained = 0
+        linked = self._rules
+        if self._controller.round > 1 and played.power_pellets.any():  # ghosts are frightened for a shorter time
+            duration = {"power.duration_s": played.config.power.duration_s}
+            linked = replace(linked, settings={**linked.settings, **duration})
+        self.scene = scene_of(played, self._rules, self.scene.revision + 1, linked)
 
     def require_round(self) -> PlayedRound:
         if self.round is None:
@@ -194,6 +202,7 @@ class Match:
             self._next_seed = None
             faster_mps = (self._controller.round - 1) * config.clyde.speed_step_mps if speed is not None else 0.0
             self._controller.base_clyde_speed(config.clyde.speed_mps - faster_mps)
+            self._controller.power = config.power
             self.round = played
             self.clock.tick_s = config.execution.tick_s
             self.driving.goals.clear()
@@ -202,6 +211,9 @@ class Match:
 
     def _laid_out(self, speed: float | None, seed: int, ghost_roles: frozenset[int] = frozenset()) -> PlayedRound:
         config, source, ghosts = self._choices.prepare(self._rules, speed)
+        if config.power.pellets > 0:
+            duration_s = frightened_s(config.power, self._controller.round)
+            config = config.with_fields(**{"power.duration_s": duration_s})
         try:
             return PlayedRound(config, source, ghosts, (self._rules.policy, self._rules.second), seed, ghost_roles)
         except ValueError as error:
@@ -238,9 +250,16 @@ class Match:
                 self._report(played, before, now)
 
     def _report(self, played: PlayedRound, before: Frame, now: Frame) -> None:
-        ids = played.assets.pellet_ids
-        for pellet in np.flatnonzero(before.alive & ~now.alive).tolist():
-            self._act(self._controller.status(f"pellet_collected:{int(ids[pellet])}", self._clock_s))
+        ids, score, caught = played.assets.pellet_ids, self._controller.score, self._controller.ghosts_caught
+        collected = np.flatnonzero(before.alive & ~now.alive)
+        pellets = [f"pellet_collected:{int(ids[pellet])}" for pellet in collected]
+        catches = [
+            f"ghost_caught:{number}:{GHOST_NAMES[ghost]}"
+            for number, ghost in enumerate(played.ghosts_caught, caught + 1)
+        ]
+        for word in catches + pellets if played.caught_before_pellets else pellets + catches:
+            self._act(self._controller.status(word, self._clock_s))
+        self._gained = self._controller.score - score
         if not played.over:
             return
         self._record(played)
@@ -286,9 +305,11 @@ class Match:
             if self.state == state:
                 return
             if self.state == "starting":  # a round without pellets would not begin
-                ids = [int(number) for number in self.require_round().assets.pellet_ids]
+                played = self.require_round()
+                ids = played.assets.pellet_ids
                 for _ in range(2):  # both reports are of this round
-                    self._act(self._controller.pellets_left(ids, self._clock_s))
+                    power = ids[played.power_pellets].tolist()
+                    self._act(self._controller.pellets_left(ids.tolist(), self._clock_s, power))
                 self.clock.begin(time.monotonic())
 
     def _to_menu(self) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from msgspec import UNSET
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
@@ -14,6 +15,7 @@ from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.episodes.rollout import allowed
 from pacman_env.game.execution import RUNNING
 from pacman_env.game.ghosts import CHASE, POLICY
+from pacman_env.game.power import HARMLESS_UNTIL
 from pacman_env.policies.asking import PolicyError, choose
 from pacman_env.policies.base import KIND_NAMES, Policy
 from pacman_env.policies.registry import make_policy
@@ -21,6 +23,7 @@ from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.core.ghosts import BEHAVIOUR_NAMES, behaviour_choice, cell_choice
 from pacman_env.sim.maps.level_source import LevelSource
 from pacman_env.sim.observation.situation import Situation
+from pacman_env.web.caught_ghosts import CaughtGhosts
 from pacman_env.web.frame import Frame, Pose, encode_all, thinned
 from pacman_env.web.game import Refused
 from pacman_env.world.navigation import lidar, navigator
@@ -78,6 +81,8 @@ class PlayedRound:
         self._numbers = np.array([*range(self.assets.pellets), *refuges, batch.hold])  # batch number by page number
         self.hold = len(self._numbers) - 1
         self._situation = batch.situation()
+        self.power_pellets = self.assets.power_pellets(config.power.pellets)[: self.assets.pellets]  # mask (P,)
+        self._caught = CaughtGhosts(config.power.return_s, config.power.ghost_points)
         self.snapshots = [self._snapshot()]  # before the first tick, and after each
 
     @property
@@ -109,6 +114,16 @@ class PlayedRound:
         """Number of the ghost that caught the robot, or None."""
         number = int(self.batch.games["catcher"][0])
         return number if self.outcome == "caught" and number >= 0 else None
+
+    @property
+    def ghosts_caught(self) -> list[int]:
+        """Numbers of the ghosts that the robot caught in the last tick."""
+        return self._caught.new
+
+    @property
+    def caught_before_pellets(self) -> bool:
+        """Return True if ghosts were caught before pellets of the same tick were collected."""
+        return self.over or bool(self.batch.games["streak"][0] < len(self._caught.new))
 
     def nearest(self, x: float, y: float) -> int | None:
         """Return the allowed candidate nearest to (x, y), m, or None if there is none within 1 m."""
@@ -203,11 +218,18 @@ class PlayedRound:
         true: Pose = (float(g["x"]), float(g["y"]), float(g["heading"]))
         plan = slice(int(g["nav_at"]), int(g["nav_points"]) if g["nav_state"] == navigator.ACTIVE else 0)
         baseline = None if self._baseline is None else self._baseline.snapshots[-1]
+        alive = batch.alive[0, : self.assets.pellets].copy()
+        time_s = float(g["step"]) * self.config.physics_step_s
+        ghosts: dict[str, Any] = {"ghosts": np.stack([batch.ghosts["x"][0], batch.ghosts["y"][0]], axis=1)}
+        if self.power_pellets.any():
+            until_s = batch.obstacles[0, :, HARMLESS_UNTIL:] * self.config.physics_step_s
+            ghosts = self._caught.update(ghosts["ghosts"], until_s, time_s, int(alive[self.power_pellets].sum()))
+            ghosts["ghosts_caught"] = int(g["caught"])
         return Frame(
             state="running",
             revision=0,
             number=self.ticks,
-            time_s=float(g["step"]) * self.config.physics_step_s,
+            time_s=time_s,
             collected=int(g["collected"]),
             spawned=self.assets.pellets,
             goal=self._page_number(int(g["pursued"])) if g["pursued"] >= 0 else -1,
@@ -215,9 +237,9 @@ class PlayedRound:
             true=true,
             believed=tuple(situation.robot[0].tolist()),
             velocity=(v, omega),
-            ghosts=np.stack([batch.ghosts["x"][0], batch.ghosts["y"][0]], axis=1),
+            **ghosts,
             ghost_goals=self.ghost_goals(self._sent, true),
-            alive=batch.alive[0, : self.assets.pellets].copy(),
+            alive=alive,
             scores=np.where(np.isfinite(scores) & situation.mask[0, self._numbers], scores, np.nan),
             plan=thinned(batch.paths[0, plan].astype(float)),
             baseline=None if baseline is None else baseline.true,
@@ -305,6 +327,8 @@ class Recordings:
             "second": second,
             **facts,
         }
+        if last.ghosts_caught is not UNSET:
+            summary["ghosts_caught"] = last.ghosts_caught
         self._kept[self.count] = played, summary
         words = f"{played.outcome}: {last.collected} of {last.spawned} pellets in {round(last.time_s, 2):g} s"
         if second is not None:

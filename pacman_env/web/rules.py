@@ -24,7 +24,7 @@ from pacman_env.world.maps.occupancy import MapError, OccupancyMap, load_map, re
 
 GENERATED = "generated"
 #: Groups of the configuration that the form shows; the page has other places for the rest, or only learners need it.
-_GROUPS = ("robot", "localization", "nav2", "pellets", "clyde", "execution", "refuges")
+_GROUPS = ("robot", "localization", "nav2", "pellets", "clyde", "power", "execution", "refuges")
 _VARIANTS = ("clyde_aware:documented", "search:alone")  # policies for measurements, not listed
 _CHOSEN_ELSEWHERE = ("clyde.speed_mps", "execution.tick_s")
 _MOST_MAPS = 20  # uploaded maps

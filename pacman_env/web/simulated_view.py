@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import cv2
+import numpy as np
 from msgspec import structs
 
 from pacman_env.config import ShowConfig
@@ -13,6 +14,7 @@ from pacman_env.game.events import FEEDBACK, LIGHTS, SOUNDS, Motion, angular_vel
 from pacman_env.game.goals import goal_name
 from pacman_env.game.lights import LightRing
 from pacman_env.game.sounds import SoundQueue
+from pacman_env.web.caught_ghosts import power_facts
 from pacman_env.web.control import ghost_role
 from pacman_env.web.frame import Frame, Pose
 from pacman_env.web.game import News, Scene
@@ -127,6 +129,7 @@ def between(old: Frame, new: Frame, share: float) -> Frame:
         time_s=old.time_s + share * (new.time_s - old.time_s),
         alive=old.alive,  # a pellet is shown until it is reached
         collected=old.collected,
+        ghosts_caught=old.ghosts_caught,
         baseline_collected=old.baseline_collected,
         over=old.over,
         **moved,
@@ -138,11 +141,14 @@ def _pose_between(old: Pose, new: Pose, share: float) -> Any:
     return old[0] + share * (new[0] - old[0]), old[1] + share * (new[1] - old[1]), old[2] + share * turned
 
 
-def scene_of(played: PlayedRound, rules: Rules, revision: int) -> Scene:
+def scene_of(played: PlayedRound, rules: Rules, revision: int, linked: Rules | None = None) -> Scene:
+    """Return the scene of a round; its link is made of the rules ``linked`` (None: ``rules``)."""
     occupancy, config = played.assets.occupancy, played.config
     xy = played.assets.goal_xy.round(4).tolist()
     pellets = played.assets.pellets
-    named = rules if played.level is None else replace(rules, level=played.level)
+    named = linked or rules
+    if played.level is not None:
+        named = replace(named, level=played.level)
     reproducible = not (played.placed or played.by_person or played.ghost_roles)  # depends on names and numbers alone
     facts = {
         "map": {
@@ -175,4 +181,6 @@ def scene_of(played: PlayedRound, rules: Rules, revision: int) -> Scene:
         "link": named.link(played.seed, config.clyde.speed_mps) if reproducible else "",
         "preparing": False,
     }
+    if played.power_pellets.any():
+        facts["power"] = power_facts(np.flatnonzero(played.power_pellets).tolist(), config.power.warning_s)
     return Scene(revision, facts, cv2.imencode(".png", occupancy.grey)[1].tobytes())

@@ -155,7 +155,7 @@ def test_map_buttons_fit_a_sideways_phone(visit: Visit) -> None:
         "return [left, top, right, bottom, one.contains(seen)]; })"
     )
     (left, top, right, bottom, _), *others = boxes
-    assert len(others) == 6
+    assert len(others) == 7
     for box in others:
         assert left <= box[0] < box[2] <= right
         assert top <= box[1] < box[3] <= bottom

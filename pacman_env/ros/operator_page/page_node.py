@@ -194,6 +194,7 @@ class PublishedGame(GameMonitor):
 
     def forget(self) -> None:
         self.pellets, self.ghosts = {}, {}
+        self.power_pellets, self.harmless_until_s = set(), np.zeros((0, 2))
         self.places: list[Position] = []  # positions of the candidates
         self.pellet_ids: list[int] = []  # ids of the pellets among the candidates, which come first
         self.scores: dict[int, float] = {}

@@ -2,7 +2,7 @@
 
 import json
 import math
-from functools import lru_cache
+from functools import cache, lru_cache, partial
 from itertools import product
 from typing import Any, cast
 
@@ -18,6 +18,7 @@ from pacman_env.ros.messages import Position
 from pacman_env.ros.operator_page.page_node import PageNode, PublishedGame
 from pacman_env.ros.selector.reasons import NO_ODOMETRY, POSE_JUMPED, POSE_LOST, REMEDIES
 from pacman_env.ros.supervisor.checks.check import RESTART_GAME, START_AGAIN
+from pacman_env.web.caught_ghosts import CaughtGhosts, power_facts
 from pacman_env.web.control import ghost_role
 from pacman_env.web.frame import Frame, thinned
 from pacman_env.web.game import News, Scene
@@ -35,6 +36,8 @@ class RosView:
         self._scene_key = ""
         self._pellet_ids: list[int] = []
         self._encoded, self._number = "", 0
+        power = _defaults().power
+        self._caught = CaughtGhosts(power.return_s, power.ghost_points)
         self._notice = ""  # text that the page shows instead of a game
 
     def find_game(self) -> bool:
@@ -59,6 +62,8 @@ class RosView:
     def update_scene(self) -> None:
         pellets = _pellets(self._node.game)
         facts = _facts(self._node, pellets) | {"notice": self._notice}
+        self._caught.return_s = _number(self._node.game, "power.return_s")
+        self._caught.first_points = int(_number(self._node.game, "power.ghost_points"))
         picture = self._node.robot.map
         key = json.dumps([facts, list(pellets), id(picture)])
         if key != self._scene_key:
@@ -79,7 +84,6 @@ class RosView:
         robot, game = self._node.robot, self._node.game
         candidates = len(game.places)
         scores = [game.scores.get(k, math.nan) for k in range(candidates + 1)] if candidates else []
-        ghosts = [game.ghosts[k].pose[:2] for k in sorted(game.ghosts)]
         return Frame(
             state=cast(State, game.state or "menu"),
             revision=self.scene.revision,
@@ -97,12 +101,25 @@ class RosView:
             believed=robot.believed,
             velocity=robot.velocity,
             ring=robot.ring,
-            ghosts=np.array(ghosts, dtype=np.float64).reshape(-1, 2),
+            **self._ghosts(),
             alive=np.array([one in game.pellets for one in self._pellet_ids], dtype=np.bool_),
             scores=np.array(scores, dtype=np.float64),
             plan=thinned(robot.plan),
             scan=robot.scan if lidar else np.zeros(0),
         )
+
+    def _ghosts(self) -> dict[str, Any]:
+        """Return the frame's fields of the ghosts."""
+        game, numbers = self._node.game, sorted(self._node.game.ghosts)
+        places = np.array([game.ghosts[k].pose[:2] for k in numbers], dtype=np.float64).reshape(-1, 2)
+        if not game.power_pellets:
+            return {"ghosts": places}
+        known = [k for k in numbers if k < len(game.harmless_until_s)]
+        until_s = np.zeros((len(numbers), 2))
+        until_s[: len(known)] = game.harmless_until_s[known]
+        left = len(game.power_pellets & game.pellets.keys())
+        fields = self._caught.update(places, until_s, self._node.robot.clock_s, left)
+        return fields | {"ghosts_caught": game.ghosts_caught or 0}
 
 
 def _pellets(game: PublishedGame) -> dict[int, Position]:
@@ -112,7 +129,7 @@ def _pellets(game: PublishedGame) -> dict[int, Position]:
 
 
 def _facts(node: PageNode, pellets: dict[int, Position]) -> dict[str, Any]:
-    own: Config = make_config("robot", "robust")
+    own = _defaults()
     game, picture = node.game, node.robot.map
     configuration, condition = game.configuration.get("configuration", {}), game.condition
     candidates, first_refuge = [list(place) for place in game.places], len(game.pellet_ids)
@@ -120,12 +137,8 @@ def _facts(node: PageNode, pellets: dict[int, Position]) -> dict[str, Any]:
     preset, settings = played_by(json.dumps(configuration, sort_keys=True)) if configuration else (None, {})
     home = condition.get("home")
 
-    def number(name: str) -> float:
-        """Return a number of the robot's configuration, or its default if it is invalid."""
-        group, _, key = name.partition(".")
-        value = (configuration.get(group) or {}).get(key)
-        return float(value if isinstance(value, int | float) and math.isfinite(value) else own.value(name))
-
+    number = partial(_number, game)
+    power = [k for k, pellet in enumerate(pellets) if pellet in game.power_pellets]
     return {
         "map": None if picture is None else {"name": str(condition.get("map") or "map"), **picture.facts},
         "home": home if isinstance(home, list) and len(home) == 3 else [0.0, 0.0, 0.0],
@@ -155,7 +168,21 @@ def _facts(node: PageNode, pellets: dict[int, Position]) -> dict[str, Any]:
         "link": "",
         "preparing": picture is None,
         "alerts": _alerts(node),
+        **({"power": power_facts(power, number("power.warning_s"))} if power else {}),
     }
+
+
+@cache
+def _defaults() -> Config:
+    return make_config("robot", "robust")
+
+
+def _number(game: PublishedGame, name: str) -> float:
+    """Return a number of the robot's configuration, or its default if it is invalid."""
+    group, _, key = name.partition(".")
+    value = (game.configuration.get("configuration", {}).get(group) or {}).get(key)
+    valid = isinstance(value, int | float) and math.isfinite(value)
+    return float(value if valid else _defaults().value(name))
 
 
 def _alerts(node: PageNode) -> list[dict[str, Any]]:

@@ -42,6 +42,8 @@ on("frame story role", () => {
   $("state").dataset.state = kind;
   write($("score"), state.story ? "–" : String(frame.score));
   write($("pellets"), frame.spawned ? `${frame.collected}/${frame.spawned}` : "–");
+  $("caught-figure").hidden = frame.ghosts_caught === undefined;
+  write($("caught"), String(frame.ghosts_caught ?? "–"));
   write($("time"), clock(frame.time_s));
   write($("round"), String(frame.round));
   write($("hint"), hintFor(live));

@@ -65,6 +65,8 @@ export function renderReleased(element, render) {
   else render();
 }
 
+export const counted = (number, noun) => `${number} ${noun}${number === 1 ? "" : "s"}`;
+
 export function clock(seconds) {
   if (!Number.isFinite(seconds)) return "–";
   const whole = Math.max(0, Math.floor(seconds));

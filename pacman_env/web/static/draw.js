@@ -4,9 +4,12 @@ import { css } from "./dom.js";
 
 const FULL = 2 * Math.PI;
 // Shapes, in units of their size.
-const HOME = [[0, -1], [1, -0.1], [0.65, -0.1], [0.65, 0.8], [-0.65, 0.8], [-0.65, -0.1], [-1, -0.1]];
-const DIAMOND = [[0, -1.25], [1, 0], [0, 1.25], [-1, 0]];
+export const HOME = [[0, -1], [1, -0.1], [0.65, -0.1], [0.65, 0.8], [-0.65, 0.8], [-0.65, -0.1], [-1, -0.1]];
+export const DIAMOND = [[0, -1.25], [1, 0], [0, 1.25], [-1, 0]];
 const OCTAGON = Array.from({ length: 8 }, (_, k) => [Math.cos(FULL * (k + 0.5) / 8), Math.sin(FULL * (k + 0.5) / 8)]);
+const POWER = 1.8; // size of a power pellet relative to a pellet
+const BLINK_MS = 500; // half blue and half white
+const stillWanted = matchMedia("(prefers-reduced-motion: reduce)");
 const GHOST = [
   ...Array.from({ length: 25 }, (_, k) => [-Math.cos(k * FULL / 48), -0.15 - Math.sin(k * FULL / 48)]),
   ...Array.from({ length: 7 }, (_, k) => [1 - k / 3, k % 2 ? 0.68 : 0.95]),
@@ -56,9 +59,9 @@ export class Painter {
     this.path((context) => points.forEach(([x, y]) => context.lineTo(x, y)), style);
   }
 
-  text(text, [x, y], colour, font, halo) {
+  text(text, [x, y], colour, font, halo, pixels = 12) {
     const { context } = this;
-    Object.assign(context, { font: `${font} 12px system-ui, sans-serif`, textAlign: "center", fillStyle: colour });
+    Object.assign(context, { font: `${font} ${pixels}px system-ui, sans-serif`, textAlign: "center", fillStyle: colour });
     if (halo) {
       Object.assign(context, { lineWidth: 3.5, lineJoin: "round", strokeStyle: halo });
       context.strokeText(text, x, y);
@@ -105,8 +108,7 @@ export function drawTop(painter, { scene, frame, poses, trail, layers, colours, 
   const place = (number) => (scene.candidates[number] ? view.toScreen(...scene.candidates[number]) : null);
   const pellet = painter.size(0.075, 3.6, 16);
   screen(scene.pellets).forEach((at, k) => {
-    if (frame.alive[k]) painter.circle(at, pellet, { fill: colours.pellet });
-    else painter.circle(at, 0.55 * pellet, { fill: colours.eaten });
+    drawPellet(painter, at, scene.power?.pellets.includes(k) ? POWER * pellet : pellet, frame.alive[k], colours);
   });
   if (layers.scores) drawScores(painter, frame, place, colours.score);
   if (layers.trail) painter.line(screen(trail), { stroke: colours.trail, width: 2.2, alpha: 0.5, cap: "round" });
@@ -123,7 +125,8 @@ export function drawTop(painter, { scene, frame, poses, trail, layers, colours, 
   if (layers.lidar && poses.robot) drawScan(painter, frame.scan, poses.robot, colours.lidar);
   poses.ghosts.forEach((pose, k) => drawTarget(painter, pose, frame.ghost_goals?.[k], scene.ghosts[k]?.colour, colours));
   poses.ghosts.forEach((pose, k) => {
-    drawGhost(painter, pose, scene.ghosts[k] ?? {}, layers, colours, mine === `ghost-${k}`);
+    drawGhost(painter, pose, { ...scene.ghosts[k], ...lookOf(frame, scene.power, k) }, layers, colours,
+      mine === `ghost-${k}`);
   });
   const radius = painter.size(scene.robot.radius_m ?? 0.17, 9, 60);
   if (poses.baseline) {
@@ -138,6 +141,9 @@ export function drawTop(painter, { scene, frame, poses, trail, layers, colours, 
     if (mine === "robot") painter.circle(at, radius + 5, { stroke: colours.goal, dash: [3, 3] });
     if (frame.stopped) painter.polygon(OCTAGON, at, radius + 9, { stroke: "#e02434", width: 4 });
   }
+  for (const [x, y, points] of frame.points ?? []) {
+    painter.text(String(points), view.toScreen(x, y), colours.points, "800", colours.halo, 20);
+  }
   if (cross) {
     const [x, y] = view.toScreen(...cross);
     painter.circle([x, y], 12, { stroke: colours.goal, width: 2 });
@@ -145,6 +151,18 @@ export function drawTop(painter, { scene, frame, poses, trail, layers, colours, 
       painter.line([[x + 6 * dx, y + 6 * dy], [x + 18 * dx, y + 18 * dy]], { stroke: colours.goal, width: 2 });
     }
   }
+}
+
+export function drawPellet(painter, at, radius, exists, colours) {
+  painter.circle(at, exists ? radius : 0.55 * radius, { fill: exists ? colours.pellet : colours.eaten });
+}
+
+// What power pellets change of a ghost's look: its colour, null if only its eyes are left; whether it is harmless.
+export function lookOf({ harmless_s: harmless = [], away_s: away = [] }, power, k, now = performance.now()) {
+  if (!power || !(harmless[k] > 0)) return {};
+  if (away[k] > 0) return { colour: null, harmless: true };
+  const white = harmless[k] < power.warning_s && (stillWanted.matches || now % BLINK_MS < BLINK_MS / 2);
+  return { colour: white ? power.blinking : power.frightened, harmless: true };
 }
 
 // A policy's scores: the better, the farther the ring closes.
@@ -173,7 +191,7 @@ function drawScan({ context, view }, scan, [x, y, heading], colour) {
   });
 }
 
-function drawPacMan(painter, [worldX, worldY, heading], radius, mouth, style) {
+export function drawPacMan(painter, [worldX, worldY, heading], radius, mouth, style) {
   const [x, y] = painter.view.toScreen(worldX, worldY);
   const half = 0.12 + 0.52 * mouth;
   painter.path((context) => {
@@ -183,7 +201,7 @@ function drawPacMan(painter, [worldX, worldY, heading], radius, mouth, style) {
   }, style);
 }
 
-function drawBelieved(painter, [worldX, worldY, heading], radius, stroke) {
+export function drawBelieved(painter, [worldX, worldY, heading], radius, stroke) {
   const [x, y] = painter.view.toScreen(worldX, worldY);
   const [dx, dy] = [radius * Math.cos(heading), -radius * Math.sin(heading)];
   painter.circle([x, y], radius, { stroke, width: 1.8 });
@@ -203,18 +221,20 @@ function drawTarget(painter, pose, goal, colour, colours) {
   }
 }
 
-function drawGhost(painter, pose, { name, colour, catch_m: catchM }, layers, colours, mine) {
+export function drawGhost(painter, pose, { name, colour, catch_m: catchM, harmless }, layers, colours, mine) {
   if (!Number.isFinite(pose[0])) return;
   const [x, y] = painter.view.toScreen(...pose);
   const fill = colour ? css(colour) : colours.home;
   const size = painter.size(0.16, 9, 44);
-  if (layers.catch && catchM) {
+  if (layers.catch && catchM && !harmless) {
     painter.circle([x, y], catchM * painter.view.scale, { fill, alpha: 0.13 });
     painter.circle([x, y], catchM * painter.view.scale, { stroke: fill, dash: [4, 4] });
   }
-  painter.polygon(GHOST, [x, y], size, { fill, stroke: mine ? colours.goal : colours.ghost, width: mine ? 3 : 1.2 });
+  const outline = { stroke: mine ? colours.goal : colours.ghost, width: mine ? 3 : 1.2 };
+  const eyesAlone = colour === null;
+  if (!eyesAlone) painter.polygon(GHOST, [x, y], size, { fill, ...outline });
   for (const eye of [x - 0.4 * size, x + 0.4 * size]) {
-    painter.circle([eye, y - 0.2 * size], 0.27 * size, { fill: "#fff" });
+    painter.circle([eye, y - 0.2 * size], 0.27 * size, { fill: "#fff", ...(eyesAlone ? outline : {}) });
     painter.circle([eye, y - 0.16 * size], 0.13 * size, { fill: "#14203c" });
   }
   if (layers.names && name) painter.text(name, [x, y + size + 14], colours.ink, "600", colours.halo);

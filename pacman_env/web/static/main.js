@@ -3,6 +3,7 @@
 import { setUpTheme } from "./colours.js";
 import { connect, remember, request, send } from "./connection.js";
 import "./controls.js";
+import { toggleGuide } from "./guide.js";
 import { $, clock, facts, isShortcut, make, narrow, write } from "./dom.js";
 import { sounds } from "./effects.js";
 import * as map from "./map.js";
@@ -102,7 +103,8 @@ on("frame", (now) => {
   if (performance.now() - described < DESCRIBE_MS) return;
   described = performance.now();
   const robot = robotPose(now);
-  const ghosts = now.ghosts.map((pose, k) => [state.scene?.ghosts[k]?.name ?? "Ghost", pose]);
+  const condition = (k) => (now.away_s?.[k] > 0 ? " (caught)" : now.harmless_s?.[k] > 0 ? " (frightened)" : "");
+  const ghosts = now.ghosts.map((pose, k) => [(state.scene?.ghosts[k]?.name ?? "Ghost") + condition(k), pose]);
   const pellets = `${now.collected} of ${now.spawned} pellets after ${clock(now.time_s)}.`;
   const places = [...(robot ? [["Robot", robot]] : []), ...ghosts]
     .map(([name, [x, y]]) => `${name} at ${x.toFixed(1)}, ${y.toFixed(1)} metres.`);
@@ -134,7 +136,7 @@ tabs.forEach((tab, k) => {
 
 const SHORTCUTS = {
   "+": () => map.zoom(1.3), "=": () => map.zoom(1.3), "-": () => map.zoom(1 / 1.3), 0: map.fit,
-  f: () => $("follow").click(),
+  f: () => $("follow").click(), "?": toggleGuide,
 };
 addEventListener("keydown", (event) => isShortcut(event) && SHORTCUTS[event.key]?.());
 
@@ -156,5 +158,8 @@ on("hello", ({ version, source, access, you }) => $("about").replaceChildren(...
   ["Access", access === "operator" ? "operator: can run the game" : "viewer: can view, and STOP"],
 ])));
 
-setUpTheme($("theme"), map.repaint);
+setUpTheme($("theme"), () => {
+  map.repaint();
+  emit("theme");
+});
 connect({ opened, lost, frame, message: (message) => receive[message.kind]?.(message) });

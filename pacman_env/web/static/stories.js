@@ -2,7 +2,7 @@
 
 import { address, ask, request, token } from "./connection.js";
 import { showResult } from "./controls.js";
-import { $, button, clock, isShortcut, make, renderReleased, setIcon, write } from "./dom.js";
+import { $, button, clock, counted, isShortcut, make, renderReleased, setIcon, write } from "./dom.js";
 import * as map from "./map.js";
 import { notice, question } from "./notices.js";
 import { compareWithPolicy } from "./roles.js";
@@ -46,12 +46,13 @@ function showList() {
   write($("stories-words"), source() === "ros" ? NOT_KEPT : entries.length ? "Newest first." : "No round has ended yet.");
   renderReleased($("stories"), () => $("stories").replaceChildren(...entries.map((entry) => {
     const { story, second, parts, policies: [policy] = ["policy"] } = entry;
-    const disagree = parts.length ? `policies disagree ${parts.length} ${parts.length === 1 ? "time" : "times"}` : "";
+    const disagree = parts.length ? `policies disagree ${counted(parts.length, "time")}` : "";
     const player = entry.player === "person" ? "played by a person" : policy;
+    const caught = entry.ghosts_caught ? `, ${counted(entry.ghosts_caught, "ghost")} caught` : "";
     const details = [entry.map, `seed ${entry.seed}`, player, disagree];
     return make("li", { class: state.story?.entry.story === story ? "open" : "", data: { story } },
       make("span", {}, make("strong", { text: `${resultName(entry.result)}: ${entry.collected} of ${entry.spawned}` }),
-        ` in ${clock(entry.time_s)}${second ? `, ${policy} ${second.collected} (${second.result})` : ""}`),
+        `${caught} in ${clock(entry.time_s)}${second ? `, ${policy} ${second.collected} (${second.result})` : ""}`),
       button("Open", { "aria-label": `Open round ${story}`, onclick: () => open(story) }),
       make("span", { class: "quiet", text: details.filter(Boolean).join(" · ") }));
   })));

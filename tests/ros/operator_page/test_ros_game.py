@@ -1,5 +1,6 @@
 """The page over a game of nodes in lock-step: what it shows, what it asks for, and its STOP. Times are simulated."""
 
+import json
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -11,6 +12,7 @@ from rclpy.action import CancelResponse
 from std_msgs.msg import Header
 
 from pacman_env.ros import topics
+from pacman_env.ros.messages import markers_of, pose_message
 from pacman_env.ros.simulated_robot.sim_robot import FAULT
 from pacman_env.ros.simulated_robot.sim_sensors import map_message
 from pacman_env.web import messages
@@ -182,6 +184,34 @@ def test_page_without_game_keeps_map_of_robot(domain: int, tmp_path: Path) -> No
         assert page.scene().facts["map"] is not None
         nodes.advance(5.0)
         assert page.scene().facts["map"] is None
+
+
+def test_page_shows_power_pellets_of_topics(domain: int, tmp_path: Path) -> None:
+    def report(harmless: list[float], caught: int, pellets: dict[int, Any]) -> dict[str, Any]:
+        nodes.publish(topics.HARMLESS_GHOSTS, harmless)
+        nodes.publish(topics.GHOSTS_CAUGHT, caught)
+        nodes.publish(topics.PELLET_MARKERS, markers_of(pellets, nodes.stamp(), power=[7]))
+        nodes.publish(topics.GHOST_POSES[0], pose_message(1.0, 2.0, 0.0, nodes.stamp()))
+        nodes.advance(0.8)
+        frame = page.frame()
+        assert frame is not None
+        return json.loads(frame.encode())
+
+    with session.nodes(tmp_path) as nodes, closing(start_page(nodes)) as page:
+        nodes.publish(topics.MAP, map_message(load_map(MAP), nodes.stamp()))
+        nodes.publish(topics.ODOMETRY, Odometry(header=Header(frame_id="odom", stamp=nodes.stamp())))
+        nodes.publish(topics.GAME_STATE, "running")
+        nodes.advance(1.0)
+        frame = report([0.0, 0.0], 0, {3: (0.0, 0.0), 7: (1.0, 0.0)})
+        assert (frame["harmless_s"], frame["ghosts_caught"], frame["points"]) == ([0], 0, [])
+        assert page.scene().facts["power"]["pellets"] == [1]
+        until_s = page.node.robot.clock_s + 20.0
+        frame = report([until_s, 0.0], 0, {3: (0.0, 0.0)})
+        assert 18.0 < frame["harmless_s"][0] < 20.0
+        until_s = page.node.robot.clock_s + 5.0
+        frame = report([until_s, until_s], 1, {3: (0.0, 0.0)})
+        assert 4.0 < frame["away_s"][0] < 5.0
+        assert (frame["ghosts_caught"], frame["points"]) == (1, [[1.0, 2.0, 20.0]])
 
 
 def test_page_tells_that_referee_is_gone(game: PageGame) -> None:

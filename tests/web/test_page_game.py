@@ -1,0 +1,40 @@
+"""The page as a game, in a real browser: power pellets and what the page says of them."""
+
+from collections.abc import Callable
+
+from pacman_env.web import messages as m
+from pacman_env.web.simulated import SimulatedGame
+from tests.web.browser import Visitor
+from tests.web.test_caught_ghosts import SETTINGS, places_on_the_way
+
+Visit = Callable[..., Visitor]
+FASTEST = 50
+
+
+def test_caught_ghost_is_eyes_that_return(visit: Visit, simulated: SimulatedGame) -> None:
+    simulated.handle("nobody", m.Setup(map="loop", policy="nearest", ghosts=("wander", "wander"), settings=SETTINGS))
+    facts = simulated.scene().facts
+    for ghost, (x, y) in enumerate(places_on_the_way(facts["pellets"], facts["home"][:2])):
+        simulated.handle("nobody", m.PlaceClyde(x=x, y=y, ghost=ghost))
+    page = visit()
+    page.press("key")
+    names = page.page.locator("#guide-key li").all_text_contents()
+    assert sum("power pellet" in name or "frightened" in name for name in names) == 2
+    page.press("guide-close")
+    assert page.text("caught") == "0"
+    page.slide("speed", 20)
+    page.press("start")
+    page.wait("state.frame.harmless_s.every((left) => left > 0)", "frightened ghosts")
+    page.slide("speed", 3)
+    page.wait("state.frame.points.length", "points where a ghost was caught")
+    ghost = page.value("state.frame.away_s.findIndex((left) => left > 0)")
+    page.wait(f"state.frame.away_s[{ghost}] === 0", "the ghost starts again")
+    assert int(page.text("caught")) > 0
+    assert int(page.text("score")) >= 20
+
+
+def test_key_has_no_power_pellets_if_game_has_none(visit: Visit) -> None:
+    page = visit()
+    page.page.keyboard.press("?")
+    assert not any("frightened" in name for name in page.page.locator("#guide-key li").all_text_contents())
+    assert not page.page.is_visible("#caught-figure")
