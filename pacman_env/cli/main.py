@@ -138,6 +138,7 @@ def _add_web(commands: Any) -> None:
     add("--ghosts", nargs="+", default=["wander"], metavar="BEHAVIOUR", help="of each ghost (wander)")
     add("--seed", type=whole_number(0, 2**53 - 1), help="of the first round; the others follow from it (random)")
     add("--speed", type=finite_number(1, 50), default=1.0, help="times real time, 1 to 50 (%(default)s)")
+    add("--start-show", type=finite_number(0.1, 60), default=2.0, help="s, before each round; a robot's: 8 (%(default)s)")
     add("--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable")
     add = web.add_argument_group("game of ROS nodes").add_argument
     add("--ros", action="store_true", help="the page of a game that is up, instead of a simulated one")
@@ -187,7 +188,8 @@ def _simulated_game(arguments: argparse.Namespace) -> Any:
     )
     files = [name for name in (arguments.policy, arguments.second) if name.endswith(".onnx") or ":" in name]
     maps = [arguments.map] if own else []
-    return SimulatedGame(rules, maps=maps, policies=files, seed=arguments.seed, speed=arguments.speed)
+    seed, speed, start_s = arguments.seed, arguments.speed, arguments.start_show
+    return SimulatedGame(rules, maps=maps, policies=files, seed=seed, speed=speed, start_s=start_s)
 
 
 def _add_completion(commands: Any) -> None:

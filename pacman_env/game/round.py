@@ -124,6 +124,11 @@ class RoundController:
     def clyde_speed(self) -> float:
         return clyde_speed_mps(self.base_speed_mps, self.clyde.speed_step_mps, self.round)
 
+    def begins_in_s(self, now: float) -> float | None:
+        """Return the time until the start show is over, or None without a start show."""
+        due_s = self._deadline_s
+        return None if self.state != "starting" or due_s is None else max(0.0, due_s - now)
+
     def announce(self) -> list[Action]:
         """Return all latched values and the command of the present state, for a node that has just started."""
         commands = {"running": "enable", "returning_home": "return_home" if self._deadline_s is None else "disable"}

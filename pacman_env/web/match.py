@@ -25,6 +25,7 @@ from pacman_env.web.rules import Choices, Rules
 from pacman_env.web.simulated_view import NO_SCENE, FeedbackPlayer, TickClock, between, scene_of
 
 _LOG = logging.getLogger(__name__)
+START_S = 2.0  # length of the start show; the robot's is longer
 _HOME_S = 2.0  # real time for showing the end of a round
 _STEPS = 64  # steps of a tick that frames distinguish
 _REHEARSED = 6  # ticks, enough for the planner to plan and for goals to begin
@@ -34,13 +35,21 @@ class Match:
     """A sequence of rounds. ``lock`` protects the shown state; it is not held while a round is played or prepared."""
 
     def __init__(
-        self, rules: Rules, choices: Choices, seed: int | None, speed: float, news: News, lock: threading.RLock
+        self,
+        rules: Rules,
+        choices: Choices,
+        seed: int | None,
+        speed: float,
+        news: News,
+        lock: threading.RLock,
+        start_s: float = START_S,
     ) -> None:
         config = choices.prepare(rules, None)[0]
+        show = replace(config.show, start_s=start_s)
         self.clock = TickClock(speed)
         self.driving = Driving()
         self.recordings = Recordings()
-        self.feedback = FeedbackPlayer(config.show, news)
+        self.feedback = FeedbackPlayer(show, news)
         self.scene = NO_SCENE
         self.lidar = False
         self.round: PlayedRound | None = None
@@ -50,7 +59,7 @@ class Match:
         self._clock_s = 0.0  # simulated, shows included
         self._home_due_s: float | None = None  # real time
         self._clyde_mps: float | None = None
-        self._controller = RoundController(config.clyde, power=config.power)
+        self._controller = RoundController(config.clyde, show, config.power)
         self._gained = 0  # score of the last tick
         self._shown: tuple[Frame, Frame] | None = None  # the snapshots of the last two ticks
         self._number = 0  # of the frame
@@ -79,6 +88,9 @@ class Match:
             "stopped": clock.stopped,
             "ring": self.feedback.ring.ring(real_s),
         }
+        begins_in_s = self._controller.begins_in_s(self._clock_s - (1.0 - share) * clock.tick_s)
+        if begins_in_s is not None:
+            fields["begins_in_s"] = round(begins_in_s, 2)
         key = (fields, share, before.time_s, now.time_s, turned, self.lidar, sent)
         if key != self._key:
             self._key = key

@@ -13,7 +13,7 @@ from typing import Any, Literal
 from pacman_env.web import messages
 from pacman_env.web.frame import Frame
 from pacman_env.web.game import News, Refused, Scene
-from pacman_env.web.match import Match
+from pacman_env.web.match import START_S, Match
 from pacman_env.web.messages import Message
 from pacman_env.web.rules import Choices, Rules
 
@@ -36,11 +36,12 @@ class SimulatedGame:
         policies: Sequence[str] = (),  # policies, in addition to the installed ones
         seed: int | None = None,  # of the first round, which decides the seeds of the others; None: random
         speed: float = 1.0,  # relative to real time
+        start_s: float = START_S,  # length of the show before each round, simulated
     ) -> None:
         choices, self._news = Choices(maps, policies), News()
         self._speed = speed
         self._lock = threading.RLock()  # for the match and the attributes below
-        self._match = Match(rules or Rules(), choices, seed, speed, self._news, self._lock)
+        self._match = Match(rules or Rules(), choices, seed, speed, self._news, self._lock, start_s)
         self.choices, self.add_map, self.news = choices.facts, choices.add_map, self._news.after
         self.story = self._match.recordings.frames
         self._why = False

@@ -190,6 +190,7 @@ class PublishedGame(GameMonitor):
         super().__init__()
         self._robot, self._news = robot, news
         self._round_s = 0.0  # length of the last round
+        self.starting_s: float | None = None  # time of the first message of the start show, None: there is none
         self.forget()
 
     def forget(self) -> None:
@@ -213,6 +214,10 @@ class PublishedGame(GameMonitor):
     def on_message(self, topic: str, message: Any) -> None:
         result, troubles, self._round_s = self.result, self.troubles, self.round_time_s
         self.update(topic, message, self._robot.clock_s)
+        if self.state != "starting":
+            self.starting_s = None
+        elif self.starting_s is None:
+            self.starting_s = self._robot.clock_s
         if self.state == "menu":
             self.scores = {}
         news = [text for kind, text in self.troubles.items() if kind not in troubles]

@@ -7,6 +7,7 @@ from itertools import product
 from typing import Any, cast
 
 import numpy as np
+from msgspec import UNSET, UnsetType
 from msgspec.structs import replace
 
 from pacman_env.config import EXECUTIONS, PRESETS, Config, differences, make_config
@@ -101,12 +102,20 @@ class RosView:
             believed=robot.believed,
             velocity=robot.velocity,
             ring=robot.ring,
+            begins_in_s=self._begins_in_s(),
             **self._ghosts(),
             alive=np.array([one in game.pellets for one in self._pellet_ids], dtype=np.bool_),
             scores=np.array(scores, dtype=np.float64),
             plan=thinned(robot.plan),
             scan=robot.scan if lidar else np.zeros(0),
         )
+
+    def _begins_in_s(self) -> float | UnsetType:
+        game = self._node.game
+        if game.starting_s is None:
+            return UNSET
+        elapsed_s = self._node.robot.clock_s - game.starting_s
+        return round(max(0.0, _number(game, "show.start_s") - elapsed_s), 2)
 
     def _ghosts(self) -> dict[str, Any]:
         """Return the frame's fields of the ghosts."""

@@ -1,7 +1,7 @@
 // Run the game: Start, Pause, Reset, speed, STOP; its state and result; who has control.
 
 import { ask, isOpen, request } from "./connection.js";
-import { $, clock, make, setIcon, slider, write } from "./dom.js";
+import { $, clock, make, setIcon, slider, write, writeOrHide } from "./dom.js";
 import { dismiss, notice, question } from "./notices.js";
 import { inControl, me, on, roundRuns, shownFrame, state } from "./state.js";
 
@@ -26,6 +26,7 @@ function stateOf(frame) {
 function hintFor(frame) {
   if (frame.stopped) return "Stopped: press Release to continue.";
   if (state.story) return "";
+  if (frame.state === "starting") return "Get ready.";
   const ghost = state.role.startsWith("ghost") ? state.hello.roles[state.role].name : "";
   if (frame.state === "running") return ghost && `Catch the robot: click where ${ghost} goes.`;
   if (frame.state !== "menu") return "";
@@ -42,6 +43,8 @@ on("frame story role", () => {
   $("state").dataset.state = kind;
   write($("score"), state.story ? "–" : String(frame.score));
   write($("pellets"), frame.spawned ? `${frame.collected}/${frame.spawned}` : "–");
+  const count = state.story ? undefined : live.begins_in_s;
+  writeOrHide($("countdown"), count > 0 ? String(Math.ceil(count)) : "");
   $("caught-figure").hidden = frame.ghosts_caught === undefined;
   write($("caught"), String(frame.ghosts_caught ?? "–"));
   write($("time"), clock(frame.time_s));
