@@ -11,6 +11,9 @@ from pacman_env.web.messages import Message
 MOST_NEWS = 100
 
 
+IN_PROGRESS = "a round is in progress: press Reset to end it"
+
+
 class Refused(ValueError):
     """Raised if a person's request is refused; the text is the reason, which the page shows."""
 

@@ -19,7 +19,7 @@ from pacman_env.game.round import Action, RoundController
 from pacman_env.web import messages
 from pacman_env.web.driving import Driving
 from pacman_env.web.frame import Frame
-from pacman_env.web.game import News, Refused
+from pacman_env.web.game import IN_PROGRESS, News, Refused
 from pacman_env.web.played_round import FOLLOW, Orders, PlayedRound, Recordings
 from pacman_env.web.rules import Choices, Rules
 from pacman_env.web.simulated_view import NO_SCENE, FeedbackPlayer, TickClock, between, scene_of
@@ -122,7 +122,9 @@ class Match:
         self.require_round()
         if self.clock.stopped:
             raise Refused("stopped: press Release first")
-        self._act(self._controller.start(self._clock_s), refuse=True)
+        if self.state != "menu":
+            raise Refused(IN_PROGRESS)
+        self._act(self._controller.start(self._clock_s))
         self._follow_clock()
 
     def reset(self) -> None:
@@ -282,12 +284,10 @@ class Match:
             self._news.add(words=f"the time is up after {now.time_s:g} s - Score: {self._controller.score}")
             self.reset()
 
-    def _act(self, actions: Iterable[Action], refuse: bool = False) -> None:
+    def _act(self, actions: Iterable[Action]) -> None:
         for action in actions:
             value = str(action.value)
             if action.kind == "ignored":
-                if refuse:
-                    raise Refused(value)
                 _LOG.info("the referee: %s", value)
             elif action.kind == "event":
                 self.show("event", value)

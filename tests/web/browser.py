@@ -157,7 +157,9 @@ def visit(chromium: Any, page_server: WebServer) -> Iterator[Callable[..., Visit
     visitors: list[Visitor] = []
     contexts = []
 
-    def opened(path: str = "", *, allowed: tuple[str, ...] = (), ready: bool = True, **settings: Any) -> Visitor:
+    def opened(
+        path: str = "", *, allowed: tuple[str, ...] = (), ready: bool = True, first: bool = False, **settings: Any
+    ) -> Visitor:
         context = chromium.new_context(**{"viewport": {"width": 1280, "height": 800}, **settings})
         contexts.append(context)
         page = context.new_page()
@@ -167,6 +169,8 @@ def visit(chromium: Any, page_server: WebServer) -> Iterator[Callable[..., Visit
             "Object.defineProperty(document, 'hidden', {get: () => away});"
             "window.goAway = (on) => { away = on; document.dispatchEvent(new Event('visibilitychange')); };"
         )
+        if not first:  # the card of a first visit covers a part of the map
+            page.add_init_script("try { localStorage['pacman_env.seen'] = 'yes'; } catch { }")
         url = f"http://127.0.0.1:{page_server.port}/"
         visitor = Visitor(page, url, allowed).watch()
         visitors.append(visitor)

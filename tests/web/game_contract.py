@@ -113,7 +113,7 @@ class GameContract:
         assert {"starting", "running"} <= set(play.heard("state", after))
         numbers = [one["number"] for one in play.page.news(after)]
         assert numbers == sorted(set(numbers))
-        with pytest.raises(Refused, match="the game is in state"):
+        with pytest.raises(Refused, match="a round is in progress"):
             play.handle(m.Start())
         play.wait(lambda: play.frame.score > 0, "a pellet")
         assert "pellet" in play.heard("event", after)

@@ -33,6 +33,20 @@ def test_caught_ghost_is_eyes_that_return(visit: Visit, simulated: SimulatedGame
     assert int(page.text("score")) >= 20
 
 
+def test_first_visitor_is_welcomed_once(visit: Visit) -> None:
+    page = visit(first=True)
+    page.press("welcome-ghost")
+    page.wait("state.role === 'ghost-0'")
+    assert not page.page.is_visible("#guide")
+    page.press("start")
+    count = page.page.wait_for_selector("#countdown:visible")
+    assert count.text_content() in ("1", "2")
+    page.wait("state.frame.state === 'running'")
+    assert not page.page.is_visible("#countdown")
+    page.open()
+    assert not page.page.is_visible("#guide"), "the first visit is over"
+
+
 def test_key_has_no_power_pellets_if_game_has_none(visit: Visit) -> None:
     page = visit()
     page.page.keyboard.press("?")

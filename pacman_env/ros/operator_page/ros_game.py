@@ -33,7 +33,7 @@ from pacman_env.ros.surroundings import current
 from pacman_env.web import messages
 from pacman_env.web.control import ROBOT
 from pacman_env.web.frame import Frame
-from pacman_env.web.game import News, Refused, Scene
+from pacman_env.web.game import IN_PROGRESS, News, Refused, Scene
 from pacman_env.web.messages import Message
 from pacman_env.world.maps.occupancy import load_map
 
@@ -138,6 +138,8 @@ class RosGame:
         match message:
             case messages.Start():
                 self._driving.require_not_stopped()
+                if self.node.game.state not in (None, "menu"):
+                    raise Refused(IN_PROGRESS)
                 self._driving.wheels.end_drive()
                 self._call_referee(topics.START_GAME)
             case messages.Reset():

@@ -1,8 +1,10 @@
 // The key to the map: each symbol as the map draws it, with its name.
 
 import { palette } from "./colours.js";
-import { $, make } from "./dom.js";
+import { request } from "./connection.js";
+import { $, make, stored, write } from "./dom.js";
 import { DIAMOND, HOME, Painter, drawBelieved, drawGhost, drawPacMan, drawPellet } from "./draw.js";
+import { notice } from "./notices.js";
 import { on, state } from "./state.js";
 
 const [WIDTH, HEIGHT] = [40, 32];
@@ -10,6 +12,11 @@ const SCALE = 62; // pixels a metre
 const MIDDLE = [WIDTH / 2, HEIGHT / 2];
 const POSE = [0, 0, 0];
 const NO_LAYERS = {};
+const SEEN = "pacman_env.seen"; // in the browser's store, once the first visit is over
+const HOW = {
+  robot: "You are the robot. Press Start, then click a pellet or use the arrow keys.",
+  "ghost-0": "You are Clyde. Press Start, then click where Clyde goes.",
+};
 const FLAT = { scale: SCALE, toScreen: (x, y) => [MIDDLE[0] + x * SCALE, MIDDLE[1] - y * SCALE] };
 
 const ghost = (look) => (painter, colours) => drawGhost(painter, POSE, look, NO_LAYERS, colours, false);
@@ -79,8 +86,10 @@ function show() {
     make("span", { text }))));
 }
 
-function openGuide(open) {
+function openGuide(open, first = false) {
   $("guide").hidden = !open;
+  $("welcome").hidden = !first;
+  write($("guide-title"), first ? "Pac-Man with a robot" : "Key to the map");
   $("key").setAttribute("aria-expanded", String(open));
   show();
 }
@@ -89,10 +98,30 @@ export function toggleGuide() {
   openGuide($("guide").hidden);
 }
 
+// Closes the guide; a first visit is over then.
+function close() {
+  if ($("guide").hidden) return;
+  stored("localStorage", SEEN, "yes");
+  openGuide(false);
+}
+
+async function play(role) {
+  close();
+  if (await request({ do: "role", role })) notice(HOW[role], { key: "role" });
+}
+
 $("key").onclick = toggleGuide;
 $("guide-close").onclick = () => {
-  openGuide(false);
+  close();
   $("key").focus();
 };
+$("welcome-start").onclick = () => {
+  close();
+  request({ do: "start" });
+};
+$("welcome-robot").onclick = () => play("robot");
+$("welcome-ghost").onclick = () => play("ghost-0");
 on("scene theme", show);
-on("story", (story) => story && openGuide(false));
+on("story", (story) => story && close());
+on("frame", ({ state: now }) => now === "starting" && !$("welcome").hidden && close());
+if (!stored("localStorage", SEEN) && !location.hash) openGuide(true, true);
