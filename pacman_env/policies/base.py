@@ -42,6 +42,13 @@ def hold_index(situation: Situation) -> NDArray[np.int64]:
     return np.where(hold.any(axis=1), hold.argmax(axis=1), -1)
 
 
+def reach(situation: Situation, candidate: int, robot_mps: float) -> dict[str, float]:
+    """Return how far a candidate of the first game is (m), and how much later the nearest ghost can be there (s)."""
+    robot_m, ghost_m = float(situation.path_robot[0, candidate]), float(situation.path_clyde[0, candidate])
+    later_s = ghost_m / float(situation.clyde_speed[0]) - robot_m / robot_mps
+    return {"robot_m": round(robot_m, 2), "ghost_later_s": round(later_s, 1)}
+
+
 class BasePolicy:
     """A policy without state; subclasses define ``name`` and ``scores``. Arrays are for N games with C candidates."""
 

@@ -17,7 +17,7 @@ from pacman_env.game.execution import RUNNING
 from pacman_env.game.ghosts import CHASE, POLICY
 from pacman_env.game.power import HARMLESS_UNTIL
 from pacman_env.policies.asking import PolicyError, choose
-from pacman_env.policies.base import KIND_NAMES, Policy
+from pacman_env.policies.base import KIND_NAMES, Policy, reach
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.core.ghosts import BEHAVIOUR_NAMES, behaviour_choice, cell_choice
@@ -285,7 +285,8 @@ class PlayedRound:
             if situation.mask[0, candidate]:
                 kind = KIND_NAMES[int(situation.kind[0, candidate])]
                 terms = {name: plain(terms[candidate]) for name, terms in explained.items()}
-                rows.append({"candidate": number, "kind": kind, "terms": terms})
+                distances = reach(situation, candidate, self.config.robot.speed_mps)
+                rows.append({"candidate": number, "kind": kind, "terms": terms, **distances})
         time_s = float(situation.time_s[0])
         return {"time_s": time_s, "goal": goal, "rows": rows, "policies": list(self.names), "chosen": chosen}
 

@@ -1,6 +1,5 @@
 """Frames tell of frightened and caught ghosts: in a round, in its score, and in every frame of its recording."""
 
-from collections.abc import Iterator
 from itertools import pairwise
 from typing import Any
 
@@ -29,7 +28,7 @@ def places_on_the_way(pellets: Any, home: Any) -> list[list[float]]:
 
 
 @pytest.fixture(scope="module")
-def played() -> Iterator[PlayedRound]:
+def played() -> PlayedRound:
     config, source, ghosts = Choices().prepare(RULES, 0.05)
     played = PlayedRound(config, source, ghosts, ("nearest", "nearest"), 3)
     places, pellets = played.assets.goal_xy, played.assets.pellets
@@ -37,7 +36,7 @@ def played() -> Iterator[PlayedRound]:
         played.place_ghost(ghost, x, y)
     for _ in range(240):
         played.step(Orders())
-    yield played
+    return played
 
 
 def test_eyes_leave_place_of_catch_for_spawn_place(played: PlayedRound) -> None:

@@ -64,6 +64,7 @@ def test_new_page_starts_and_follows_round(visit: Visit) -> None:
     assert pellets
     assert all(candidate == number for candidate, number in pellets)  # as in the environment and on the robot
     assert re.search(r"ppo: \w+ \d+.*clyde_aware: \w+", page.text("why-words"))
+    assert re.search(r"\w+.*: .*nearest, \d+\.\d m; Clyde|waits", page.text("why-sentence"))
     page.slide("speed", FASTEST)
     page.wait("document.querySelectorAll('#stories li').length === 1", "the round has ended")
     page.wait(r"/\d+ of 13 pellets/.test(document.querySelector('#result').textContent)", "the result")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from visualization_msgs.msg import Marker, MarkerArray
 
-from pacman_env.policies.base import Policy
+from pacman_env.policies.base import Policy, reach
 from pacman_env.ros.messages import marker_message
 from pacman_env.ros.topics import SCORE_MARKERS
 from pacman_env.sim.maps.assets import MapAssets
@@ -44,13 +44,14 @@ def candidates_of(assets: MapAssets) -> dict[str, Any]:
     return {"map": assets.occupancy.name, "places": places, "pellets": assets.pellet_ids.tolist()}
 
 
-def reasons(policy: Policy, situation: Situation, chosen: int, time_s: float) -> dict[str, Any]:
-    """Explain a choice of the policy: the terms of the chosen candidate and of each allowed one."""
+def reasons(policy: Policy, situation: Situation, chosen: int, time_s: float, robot_mps: float) -> dict[str, Any]:
+    """Explain a choice of the policy: terms and distances of the chosen candidate and of each allowed one."""
     rows = []
     for candidate, terms in enumerate(policy.explain(situation)[0]):
         if situation.mask[0, candidate] or candidate == chosen:
             values = {name: value for name, value in terms.items() if name != "kind"}
-            rows.append({"candidate": candidate, "kind": terms["kind"], "terms": {policy.name: values}})
+            distances = reach(situation, candidate, robot_mps)
+            rows.append({"candidate": candidate, "kind": terms["kind"], "terms": {policy.name: values}, **distances})
     chosen_by = {"policies": [policy.name], "chosen": {policy.name: chosen}}
     return {"time_s": round(time_s, 2), "goal": chosen, **chosen_by, "rows": rows}
 

@@ -210,7 +210,8 @@ class Pursuit:
             self._out[topics.SCORES.name].publish(markers)
         if self._out[topics.WHY.name].get_subscription_count() > 0:
             with what_users_raise(type(policy), name_of(policy)):
-                why = goal_scores.reasons(policy, situation, chosen, round_s)
+                robot_mps = self._node.config.robot.speed_mps
+                why = goal_scores.reasons(policy, situation, chosen, round_s, robot_mps)
             self._publish_json(topics.WHY, why)
 
     def _repeat(self) -> None:

@@ -100,7 +100,8 @@ export function drawBase(painter, { picture, scene, colours }) {
   painter.text(`${metres} m`, [(left + right) / 2, y - 6], colours.home, "");
 }
 
-export function drawTop(painter, { scene, frame, poses, trail, layers, colours, candidate, mine, cross, mouth }) {
+export function drawTop(painter, shown) {
+  const { scene, frame, poses, trail, layers, colours, candidate, numbered, mine, cross, mouth } = shown;
   const { context, view } = painter;
   context.clearRect(0, 0, view.width, view.height);
   if (!scene || !frame) return;
@@ -141,6 +142,7 @@ export function drawTop(painter, { scene, frame, poses, trail, layers, colours, 
     if (mine === "robot") painter.circle(at, radius + 5, { stroke: colours.goal, dash: [3, 3] });
     if (frame.stopped) painter.polygon(OCTAGON, at, radius + 9, { stroke: "#e02434", width: 4 });
   }
+  if (numbered) drawNumbers(painter, scene, frame, colours);
   for (const [x, y, points] of frame.points ?? []) {
     painter.text(String(points), view.toScreen(x, y), colours.points, "800", colours.halo, 20);
   }
@@ -151,6 +153,16 @@ export function drawTop(painter, { scene, frame, poses, trail, layers, colours, 
       painter.line([[x + 6 * dx, y + 6 * dy], [x + 18 * dx, y + 18 * dy]], { stroke: colours.goal, width: 2 });
     }
   }
+}
+
+// The numbers of the candidates, as the table of their terms names them.
+function drawNumbers(painter, { names = [], candidates, first_refuge: refuges = Infinity }, { alive }, colours) {
+  const above = painter.size(0.2, 8, 30) + 4;
+  names.forEach((name, k) => {
+    if (k < refuges && !alive[k]) return;
+    const [x, y] = painter.view.toScreen(...candidates[k]);
+    painter.text(name.split(" ").at(-1), [x, y - above], k < refuges ? colours.ink : colours.refuge, "700", colours.halo);
+  });
 }
 
 export function drawPellet(painter, at, radius, exists, colours) {

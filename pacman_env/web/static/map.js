@@ -159,7 +159,7 @@ function draw() {
   baseChanged = false;
   const ahead = poses.robot && trail.length ? Math.min(1, distance(poses.robot, trail.at(-1))) : 0;
   drawTop(top, {
-    scene, frame, poses, trail, layers, colours, candidate: state.candidate,
+    scene, frame, poses, trail, layers, colours, candidate: state.candidate, numbered: $("panel-why").offsetParent,
     mine: state.story ? "none" : state.role,
     cross: state.posing || state.placing || state.role.startsWith("ghost") ? cross ?? state.stands : null,
     mouth: frame?.state === "running" ? 0.5 + 0.5 * Math.sin((driven - ahead) * 22) : 0.75,
@@ -206,6 +206,6 @@ $("layers-list").append(...LAYERS.map(([name, text]) => make("label", {}, make("
     redraw(false);
   },
 }), make("span", { text }))));
-on("candidate role placing", () => redraw(false));
+on("candidate role placing tab", () => redraw(false));
 new ResizeObserver(resize).observe($("map"));
 resize();

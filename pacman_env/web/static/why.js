@@ -1,7 +1,7 @@
 // Why this goal: the terms of each candidate, for two policies side by side.
 
 import { request } from "./connection.js";
-import { $, facts, make, renderReleased, write } from "./dom.js";
+import { $, facts, make, renderReleased, write, writeOrHide } from "./dom.js";
 import { emit, on, shownScene, state } from "./state.js";
 
 const MISSING = "–";
@@ -24,6 +24,30 @@ function nameOf(candidate) {
   if (row.kind === "hold") return kinds.hold;
   const name = shownScene()?.names?.[candidate] ?? `candidate ${candidate}`;
   return name[0].toUpperCase() + name.slice(1);
+}
+
+const ordinal = (n) => `${n}${["th", "st", "nd", "rd"][n % 100 > 10 && n % 100 < 14 ? 0 : n % 10] ?? "th"}`;
+
+// Who comes first, in words.
+function race(later) {
+  if (!Number.isFinite(later)) return "";
+  const ghosts = shownScene()?.ghosts ?? [];
+  const who = ghosts.length === 1 ? ghosts[0].name : "the nearest ghost";
+  const seconds = Math.round(Math.abs(later));
+  if (!seconds) return `; ${who} can be there at the same time`;
+  return later > 0 ? `; ${who} needs ${seconds} s longer` : `; ${who} can be there ${seconds} s earlier`;
+}
+
+// A candidate in a sentence: which, how far, and whether a ghost is faster.
+function sentenceOf(candidate) {
+  const row = state.why.rows.find((one) => one.candidate === candidate);
+  if (!row) return "";
+  if (row.kind === "hold") return `${nameOf(candidate)}: the robot waits where it is.`;
+  const { robot_m: distance, ghost_later_s: later } = row;
+  if (!Number.isFinite(distance)) return "";
+  const rivals = state.why.rows.filter(({ kind, robot_m: other }) => kind === row.kind && other < distance);
+  const rank = rivals.length ? `${ordinal(rivals.length + 1)} nearest` : "nearest";
+  return `${nameOf(candidate)}: ${rank}, ${distance.toFixed(1)} m${race(later)}.`;
 }
 
 // The higher the better: the score, or the negative of a policy's costs, its "total".
@@ -95,6 +119,7 @@ function show() {
   $("why-scroll").hidden = !why?.rows?.length;
   if (why?.rows?.length) showTable(why);
   else for (const [id, text] of [["table", ""], ["words", hint], ["same", ""]]) write($(`why-${id}`), text);
+  writeOrHide($("why-sentence"), why?.rows?.length ? sentenceOf(why.chosen[why.policies[0]]) : "");
   showCandidate();
 }
 
