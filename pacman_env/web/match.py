@@ -153,8 +153,7 @@ class Match:
         if not setup.finish:
             return None
         played = self.require_round()
-        while not played.over:
-            played.step(Orders())
+        played.finish()
         self._record(played)
         self.lay_out(played.seed)
         return {"story": self.recordings.count}

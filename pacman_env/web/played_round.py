@@ -158,13 +158,21 @@ class PlayedRound:
 
     def baseline_result(self) -> dict[str, Any] | None:
         """Return the result of the policy that plays next to a person, played to the end, or None without one."""
-        baseline = self._baseline
-        if baseline is None:
+        return None if self._baseline is None else self._baseline.finish()
+
+    def second_result(self) -> dict[str, Any] | None:
+        """Return the result of the second policy in the same round, or None if a person has influenced the round."""
+        if self.by_person or self.placed or self.ghost_roles or len(self.names) < 2:
             return None
-        while not baseline.over:
-            baseline.step(Orders())
-        last = baseline.snapshots[-1]
-        return {"result": baseline.outcome, "collected": last.collected, "time_s": last.time_s}
+        ghosts = copy.deepcopy(self._ghosts)
+        return PlayedRound(self.config, self._source, ghosts, self.names[1:], self.seed).finish()
+
+    def finish(self) -> dict[str, Any]:
+        """Play to the end and return the result."""
+        while not self.over:
+            self.step(Orders())
+        last = self.snapshots[-1]
+        return {"result": self.outcome, "collected": last.collected, "time_s": last.time_s}
 
     def step(self, orders: Orders) -> None:
         if self.over:
@@ -347,11 +355,21 @@ class Recordings:
         fields = {name: summary[name] for name in ("revision", "round")}
         return encode_all([replace(snapshot, **fields) for snapshot in played.snapshots])
 
-    def why(self, number: int, tick: int) -> dict[str, Any]:
-        entry = self._kept.get(number)
-        if entry is None:
+    def compare(self, number: int) -> dict[str, Any] | None:
+        """Return the second policy's result in a round, which is played at the first request."""
+        played, summary = self._require(number)
+        if "compared" not in summary:
+            summary["compared"] = played.second_result()
+        compared: dict[str, Any] | None = summary["compared"]
+        return compared
+
+    def _require(self, number: int) -> tuple[PlayedRound, dict[str, Any]]:
+        if number not in self._kept:
             raise Refused(f"round {number} is no longer stored")
-        played = entry[0]
+        return self._kept[number]
+
+    def why(self, number: int, tick: int) -> dict[str, Any]:
+        played, _ = self._require(number)
         if tick > played.ticks:
             raise Refused(f"tick {tick}: the round has {played.ticks}")
         return played.why(tick)

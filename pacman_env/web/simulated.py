@@ -19,7 +19,7 @@ from pacman_env.web.rules import Choices, Rules
 
 _LOG = logging.getLogger(__name__)
 _PATIENCE_S = 300.0  # for an answer, because kernels may have to be compiled
-_LONG = (messages.Setup, messages.ClydeSpeed)  # may have to prepare a map
+_LONG = (messages.Setup, messages.ClydeSpeed, messages.Compare)  # prepare a map, or play a round
 _WHY_S = 0.25  # interval of sending the terms
 
 
@@ -186,6 +186,8 @@ class SimulatedGame:
                 game.show(what, word)
             case messages.Arm(on=on):
                 game.feedback.armed = on
+            case messages.Compare(story=story):
+                return game.recordings.compare(story)
             case messages.Stories():
                 return game.recordings.summaries()
             case messages.Ready():

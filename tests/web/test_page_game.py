@@ -47,6 +47,28 @@ def test_first_visitor_is_welcomed_once(visit: Visit) -> None:
     assert not page.page.is_visible("#guide"), "the first visit is over"
 
 
+def test_end_card_leads_on(visit: Visit) -> None:
+    page = visit()
+    page.slide("speed", FASTEST)
+    page.press("start")
+    page.page.wait_for_selector("#end-moment:visible")
+    won = page.value("document.querySelector('#end').dataset.won")
+    assert ("Best time" in page.text("end-best")) == (won == "true")
+    page.press("end-compare")
+    page.wait("/clyde_aware (is|collects|runs)/.test(document.querySelector('#end-other').textContent)")
+    page.press("end-moment")
+    page.wait("state.story && state.story.index > 0", "the moment is played")
+    assert not page.page.is_visible("#end")
+    page.press("story-close")
+    page.reset()
+    page.press("start")
+    page.page.wait_for_selector("#end-again:visible")
+    story = page.page.locator("#stories li").first.text_content()
+    page.press("end-again")
+    page.wait("state.frame.state === 'running'")
+    assert f"seed {page.value('state.scene.seed')} " in story
+
+
 def test_key_has_no_power_pellets_if_game_has_none(visit: Visit) -> None:
     page = visit()
     page.page.keyboard.press("?")

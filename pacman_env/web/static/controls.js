@@ -1,13 +1,12 @@
 // Run the game: Start, Pause, Reset, speed, STOP; its state and result; who has control.
 
 import { ask, isOpen, request } from "./connection.js";
-import { $, clock, make, setIcon, slider, write, writeOrHide } from "./dom.js";
+import { $, clock, setIcon, slider, write, writeOrHide } from "./dom.js";
 import { dismiss, notice, question } from "./notices.js";
 import { inControl, me, on, roundRuns, shownFrame, state } from "./state.js";
 
 const STOP_TIMEOUT_MS = 900;
 const STOP_TRIES = 3;
-const RESULT_MS = 10000;
 
 $("start").onclick = () => request({ do: "start" });
 $("reset").onclick = async () => {
@@ -134,38 +133,3 @@ on("hello people connection", () => {
     players.length ? `Roles: ${players.join(", ")}.` : "",
   ].filter(Boolean).join(" "));
 });
-
-// The result of a round: when the game reports it, and again when its recording is there.
-let lastState = "";
-on("frame", (frame) => {
-  if (frame.state === lastState) return;
-  lastState = frame.state;
-  const result = { complete: "complete", dying: "caught" }[lastState];
-  if (result && !state.role.startsWith("ghost")) showResult({ ...frame, result });
-  if (lastState === "running") $("result").hidden = true;
-});
-on("story", (story) => {
-  if (story) $("result").hidden = true;
-});
-
-// A result in words; to the person who played a ghost in that round it is the ghost's.
-function resultWords({ result, catcher, ghosts_played: played = [] }) {
-  if (!played.some((ghost) => state.role === `ghost-${ghost}`)) return state.hello.results[result] ?? result;
-  if (result !== "caught") return "It got away";
-  const by = `ghost-${catcher}`;
-  return by === state.role ? "You caught it" : `${state.hello.roles[by]?.name ?? "A ghost"} caught it`;
-}
-
-let hideResult = 0;
-export function showResult(entry) {
-  const { collected, spawned, time_s } = entry;
-  const box = $("result");
-  const title = resultWords(entry);
-  const text = `${collected} of ${spawned} pellets in ${clock(time_s)}`;
-  if (box.textContent !== title + text) box.replaceChildren(make("strong", { text: title }), text);
-  box.hidden = Boolean(state.story);
-  clearTimeout(hideResult);
-  hideResult = setTimeout(() => {
-    box.hidden = true;
-  }, RESULT_MS);
-}

@@ -1,8 +1,8 @@
 // Finished rounds: the list, the time line with its markers, and links that reproduce a round.
 
 import { address, ask, request, token } from "./connection.js";
-import { showResult } from "./controls.js";
 import { $, button, clock, counted, isShortcut, make, renderReleased, setIcon, write } from "./dom.js";
+import { onMoment, showResult } from "./end.js";
 import * as map from "./map.js";
 import { notice, question } from "./notices.js";
 import { compareWithPolicy } from "./roles.js";
@@ -13,6 +13,8 @@ const SPEED = 4; // times real time
 const STEP_MS = 50; // at least, between two frames
 const EXPLAIN_DELAY_MS = 150;
 const REPLAY_TIMEOUT_MS = 180000;
+const DECIDED_TICKS = 4; // before a catch nothing can be changed any more
+const BEFORE_TICKS = 8; // shown before the decisive moment
 const THUMB_PX = 16; // of the slider
 const NOT_KEPT = "Rounds of a robot are not kept here. Record them in a terminal: pacman-env ros record.";
 const NO_LINK = "This round cannot be reproduced by a link: a person played in it, or a ghost was placed by hand.";
@@ -168,6 +170,22 @@ function play() {
   }, wait);
   showPlaying();
 }
+
+// Opens a round shortly before the moment that decided it, and plays it from there: the last choice well before the robot
+// was caught, or else where a ghost was nearest to it.
+async function openMoment(entry) {
+  await open(entry.story);
+  const frames = state.story?.entry === entry ? state.story.frames : [];
+  if (!frames.length) return;
+  const nearest = (frame) => Math.min(...frame.ghosts.map(([x, y], k) => (
+    frame.harmless_s?.[k] > 0 ? Infinity : Math.hypot(x - frame.true[0], y - frame.true[1]))));
+  const choice = entry.decisions.filter((tick) => tick < entry.ticks - DECIDED_TICKS).at(-1) ?? 0;
+  const distances = frames.map(nearest);
+  const moment = entry.result === "caught" ? choice : distances.indexOf(Math.min(...distances));
+  seek(Math.max(0, moment - BEFORE_TICKS));
+  play();
+}
+onMoment(openMoment);
 
 // To the next or previous marker: where the policies disagree, or else where the goal changes.
 function jump(step) {
