@@ -55,6 +55,7 @@ class Frame(msgspec.Struct, frozen=True, tag_field="kind", tag="frame"):
     scores: Scores = field(default_factory=lambda: np.zeros(0))  # of candidates, NaN: none
     plan: Points = field(default_factory=lambda: np.zeros((0, 2)))  # path to the goal
     scan: Ranges = field(default_factory=lambda: np.zeros(0))  # ray 0 ahead, counter-clockwise, NaN: no hit
+    lives: int | UnsetType = UNSET  # left, if a person plays the robot of a simulated game
     begins_in_s: Seconds | UnsetType = UNSET  # left of the start show; only during it
     # Only of games with power pellets.
     ghosts_caught: int | UnsetType = UNSET  # in this round

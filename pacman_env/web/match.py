@@ -17,6 +17,7 @@ from pacman_env.game.lights import LASTING
 from pacman_env.game.power import frightened_s
 from pacman_env.game.round import Action, RoundController
 from pacman_env.web import messages
+from pacman_env.web.control import ROBOT
 from pacman_env.web.driving import Driving
 from pacman_env.web.frame import Frame
 from pacman_env.web.game import IN_PROGRESS, News, Refused
@@ -28,6 +29,7 @@ _LOG = logging.getLogger(__name__)
 START_S = 2.0  # length of the start show; the robot's is longer
 _HOME_S = 2.0  # real time for showing the end of a round
 _STEPS = 64  # steps of a tick that frames distinguish
+_LIVES = 3  # of a person who plays the robot
 _REHEARSED = 6  # ticks, enough for the planner to plan and for goals to begin
 
 
@@ -61,6 +63,8 @@ class Match:
         self._clyde_mps: float | None = None
         self._controller = RoundController(config.clyde, show, config.power)
         self._gained = 0  # score of the last tick
+        self._lives = _LIVES
+        self._retry: tuple[int, int, int] | None = None  # round, score and seed with which a person goes on
         self._shown: tuple[Frame, Frame] | None = None  # the snapshots of the last two ticks
         self._number = 0  # of the frame
         self._key: Any = None  # what it shows
@@ -88,6 +92,8 @@ class Match:
             "stopped": clock.stopped,
             "ring": self.feedback.ring.ring(real_s),
         }
+        if self.driving.plays_robot:
+            fields["lives"] = self._lives
         begins_in_s = self._controller.begins_in_s(self._clock_s - (1.0 - share) * clock.tick_s)
         if begins_in_s is not None:
             fields["begins_in_s"] = round(begins_in_s, 2)
@@ -129,6 +135,7 @@ class Match:
 
     def reset(self) -> None:
         self._act(self._controller.reset(self._clock_s))
+        self._retry, self._lives = None, _LIVES
         self._to_menu()
 
     def set_clyde_speed(self, mps: float) -> None:
@@ -147,6 +154,7 @@ class Match:
         if setup.seed is not None:
             self._next_seed = setup.seed
             self._seeds = np.random.default_rng(setup.seed)
+        self._retry, self._lives = None, _LIVES
         if (self.state, self._controller.round, self._controller.score) != ("menu", 1, 0):
             self._act(self._controller.reset(self._clock_s))
         self.lay_out()
@@ -171,6 +179,8 @@ class Match:
         if role == "none":
             self.driving.roles.leave(person)
             return ""
+        if role == ROBOT and not self.driving.plays_robot:
+            self._lives = _LIVES
         self.driving.assume(person, role, len(self._rules.ghosts))
         played = self.round
         if self.state == "menu" and played is not None and played.ticks == 0:
@@ -278,6 +288,10 @@ class Match:
         self._record(played)
         if played.outcome == "caught":
             self.show("event", killed_by(GHOST_NAMES[played.catcher or 0]))
+            if self.driving.plays_robot:
+                self._lives -= 1
+                if self._lives > 0:
+                    self._retry = self._controller.round, self._controller.score, played.seed
             self._act(self._controller.status("death_detected", self._clock_s))
         elif self.state == "running":  # the time limit, which the referee on a robot does not have
             self._news.add(words=f"the time is up after {now.time_s:g} s - Score: {self._controller.score}")
@@ -324,9 +338,14 @@ class Match:
                 self.clock.begin(time.monotonic())
 
     def _to_menu(self) -> None:
-        self._home_due_s = None
+        self._home_due_s, seed = None, None
+        if self._retry is not None:
+            self._controller.round, self._controller.score, seed = self._retry
+        elif self._lives == 0:
+            self._lives = _LIVES
+        self._retry = None
         try:
-            self.lay_out()
+            self.lay_out(seed)
         except Refused as refused:
             self._news.add(words=str(refused))
 

@@ -41,6 +41,7 @@ FULL = Frame(
     scores=np.array([math.nan, 1.0]),
     plan=np.arange(2.0 * MOST_PLAN_POINTS).reshape(-1, 2),
     scan=np.array([math.nan, 12.0]),
+    lives=2,
     begins_in_s=1.5,
     ghosts_caught=3,
     harmless_s=np.array([2.5, 0.0]),

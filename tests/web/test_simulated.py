@@ -8,6 +8,7 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
+from msgspec import UNSET
 
 from pacman_env.web import messages as m
 from pacman_env.web.frame import Frame
@@ -202,6 +203,26 @@ def test_person_plays_same_round_as_policy(game: SimulatedGame) -> None:
     game.leave("Ann")
     alone = played(game, seed=story["seed"])
     assert (alone["result"], alone["collected"]) == (beside["result"], beside["collected"])
+
+
+def test_person_has_three_lives_to_complete_levels(game: SimulatedGame) -> None:
+    game.handle("Ann", m.Setup(ghosts=("chase",), clyde_mps=2.0, seed=5))
+    game.handle("Ann", m.Role(role="robot"))
+    game.handle("Ann", m.Goal(candidate=-1))
+    left = []
+    for _ in range(3):
+        seed = game.scene().facts["seed"]
+        left.append(frame(game).lives)
+        rounds = len(game.handle("Ann", m.Stories()))
+        game.handle("Ann", m.Start())
+        wait_for(lambda before=rounds: len(game.handle("Ann", m.Stories())) > before)
+        assert game.handle("Ann", m.Stories())[0]["result"] == "caught"
+        wait_for(lambda: frame(game).state == "menu")
+        again = game.scene().facts["seed"] == seed
+        assert again == (len(left) < 3), "the same level until no life is left"
+    assert (left, frame(game).lives) == ([3, 2, 1], 3)
+    game.leave("Ann")
+    assert frame(game).lives is UNSET
 
 
 def test_driven_robot_stops_without_further_messages(game: SimulatedGame) -> None:

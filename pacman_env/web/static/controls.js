@@ -17,7 +17,7 @@ const showSpeed = slider($("speed"), (times) => `×${times}`, (times) => request
 
 // The word of the game's state, and the kind that its colour follows.
 function stateOf(frame) {
-  if (state.story) return ["Recording", "story"];
+  if (state.story) return ["Replay", "story"];
   if (frame.stopped) return ["Stopped", "stopped"];
   return [frame.paused && frame.state === "running" ? "Paused" : state.hello.states[frame.state], frame.state];
 }
@@ -48,6 +48,10 @@ on("frame story role", () => {
   write($("caught"), String(frame.ghosts_caught ?? "–"));
   write($("time"), clock(frame.time_s));
   write($("round"), String(frame.round));
+  const { lives } = live;
+  write($("round").previousElementSibling, lives === undefined ? "Round" : "Level");
+  $("lives-figure").hidden = lives === undefined;
+  write($("lives"), String(lives ?? "–"));
   write($("hint"), hintFor(live));
   showSpeed(Math.round(live.speed));
   const pause = $("pause");

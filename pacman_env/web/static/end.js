@@ -70,9 +70,25 @@ export function showResult(entry) {
   if (box.textContent !== title + text) box.replaceChildren(make("strong", { text: title }), text);
   $("end").dataset.won = String(isWon(entry));
   writeOrHide($("end-other"), entry.second ? otherWords(policyOf(entry), entry.second) : "");
+  writeOrHide($("end-lives"), livesWords(entry));
   writeOrHide($("end-best"), recorded ? keep(entry) : "");
   $("end").hidden = Boolean(state.story);
   showActions();
+}
+
+// What a round means in the game of the person who plays the robot: levels to climb, with three lives.
+function livesWords({ result, player }) {
+  const { lives, round, score } = state.frame ?? {};
+  if (lives === undefined || (player !== undefined && player !== "person") || result !== "caught") return "";
+  if (!lives) return `Game over in level ${round}, score ${score}.`;
+  return `${lives === 1 ? "One life" : `${lives} lives`} left: try level ${round} again.`;
+}
+
+function nextWords() {
+  const { round = 1, lives } = state.frame ?? {};
+  if (lives === undefined) return round > 1 ? `Round ${round}, faster ghosts` : "Next round";
+  const speed = state.scene?.clyde_speed_mps;
+  return `Level ${round}${speed ? `, Clyde ${speed.toFixed(2)} m/s` : ""}`;
 }
 
 function showActions() {
@@ -81,8 +97,7 @@ function showActions() {
   $("end-moment").hidden = !ended;
   $("end-compare").hidden = !second || ended.player === "person" || !$("end-other").hidden;
   write($("end-compare"), `How does ${second} do?`);
-  const { round = 1 } = state.frame ?? {};
-  write($("end-next").lastElementChild, round > 1 ? `Round ${round}, faster ghosts` : "Next round");
+  write($("end-next").lastElementChild, nextWords());
 }
 
 function otherWords(policy, { result, collected, time_s: time }) {
@@ -125,4 +140,5 @@ on("frame", (frame) => {
   }
   if (!$("end").hidden) showActions();
 });
+on("scene", () => $("end").hidden || showActions());
 on("story", (story) => story && close());
