@@ -96,7 +96,7 @@ class Match:
             fields["lives"] = self._lives
         begins_in_s = self._controller.begins_in_s(self._clock_s - (1.0 - share) * clock.tick_s)
         if begins_in_s is not None:
-            fields["begins_in_s"] = round(begins_in_s, 2)
+            fields["begins_in_s"] = round(min(begins_in_s, self._controller.show.start_s), 2)
         key = (fields, share, before.time_s, now.time_s, turned, self.lidar, sent)
         if key != self._key:
             self._key = key

@@ -33,7 +33,7 @@ _RANGE_M = (0.15, 12.0)  # RPLIDAR A1
 _ONE = np.zeros(1, dtype=np.int64)
 _ALL = np.ones(1, dtype=np.bool_)
 _KEPT = 10
-_NEAR_M = 1.0  # largest distance of a candidate or cell from a click
+_NEAR_M = 1.0  # largest distance of a candidate from a click
 FOLLOW = -1  # instead of a ghost's cell: follow the robot
 
 
@@ -132,12 +132,11 @@ class PlayedRound:
         distance[~self._situation.mask[0, self._numbers[:-1]]] = np.inf
         return int(distance.argmin()) if distance.min() <= _NEAR_M else None
 
-    def nearest_ghost_cell(self, number: int, x: float, y: float) -> int | None:
-        """Return the cell nearest to (x, y), m, that a ghost can reach, or None if there is none within 1 m."""
+    def nearest_ghost_cell(self, number: int, x: float, y: float) -> int:
+        """Return the cell nearest to (x, y), m, that a ghost can reach."""
         cells, batch = self.assets.clyde, self.batch
         current = batch.ghost_paths[0, number, batch.ghosts["path_index"][0, number]]
-        cell, distance_m = cells.nearest(x, y, int(cells.part[current]))
-        return cell if distance_m <= _NEAR_M else None
+        return cells.nearest(x, y, int(cells.part[current]))[0]
 
     def ghost_goals(self, sent: Mapping[int, int | None], robot: Pose | None) -> NDArray[np.float64]:
         """Return the targets (G, 2), m, to which people have sent ghosts (NaN: none), such as the robot's position."""

@@ -37,6 +37,7 @@ RIGHT: dict[str, dict[str, Any]] = {
     "arm": {"on": True},
     "watch": {"why": True},
     "why": {"story": 1, "tick": 4},
+    "compare": {"story": 1},
     "stories": {},
     "ready": {},
     "ping": {},

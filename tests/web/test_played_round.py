@@ -83,7 +83,8 @@ def test_ghost_goes_to_free_cell_nearest_to_click() -> None:
     assert away_m.max() > 1.0  # from every pellet and refuge
     x, y = cells.position[cell]
     assert round.nearest_ghost_cell(0, x + 0.2 * cells.resolution, y) == cell
-    assert round.nearest_ghost_cell(0, 100.0, 100.0) is None
+    far = np.hypot(*(cells.position[own] - 100.0).T)
+    assert round.nearest_ghost_cell(0, 100.0, 100.0) == int(own[far.argmin()])
     right = int(own[cells.position[own, 0].argmax()])
     wall = cells.position[right] + (0.5, 0.0)
     assert round.nearest_ghost_cell(0, *wall) == right
