@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 
+import pytest
+
 from pacman_env.web import messages as m
 from pacman_env.web.simulated import SimulatedGame
 from tests.web.browser import Visitor
@@ -67,6 +69,26 @@ def test_end_card_leads_on(visit: Visit) -> None:
     page.press("end-again")
     page.wait("state.frame.state === 'running'")
     assert f"seed {page.value('state.scene.seed')} " in story
+
+
+def test_phone_shows_half_map_beside_replay_and_reasons(visit: Visit, simulated: SimulatedGame) -> None:
+    simulated.handle("nobody", m.Setup(finish=True))
+    page = visit(viewport={"width": 390, "height": 844}, has_touch=True)
+    page.wait("view.bounds.join() !== '-5,-5,5,5'", "the picture of the map")
+    assert page.value("view.turn > 0"), "a plan that is wider than high stands upright"
+    x, y = page.value("state.scene.pellets[7]")
+    assert page.value(f"view.toWorld(...view.toScreen({x}, {y}))") == pytest.approx([x, y])
+    page.press("tab-rounds")
+    page.page.locator("#stories li button").click()
+    page.wait("state.story")
+    page.press("tab-why")
+    page.wait("document.querySelector('#why-table tbody tr')")
+    top, bar = page.value(
+        "['map', 'story-bar'].map((name) => document.getElementById(name).getBoundingClientRect().top)"
+    )
+    assert bar - top >= 422
+    stop = page.page.locator("#stop").bounding_box()
+    assert page.value(f"document.elementFromPoint({stop['x'] + 20}, {stop['y'] + 20}).id") == "stop"
 
 
 def test_key_has_no_power_pellets_if_game_has_none(visit: Visit) -> None:

@@ -80,7 +80,7 @@ export function drawBase(painter, { picture, scene, colours }) {
     const pixel = (resolution * view.scale) / picture.zoom;
     context.save();
     context.translate(...view.toScreen(origin[0], origin[1]));
-    context.rotate(-(origin[2] ?? 0));
+    context.rotate(-(origin[2] ?? 0) - view.turn);
     context.scale(pixel, pixel);
     context.imageSmoothingQuality = "high";
     context.drawImage(picture.drawn, 0, -height * picture.zoom);
@@ -203,8 +203,9 @@ function drawScan({ context, view }, scan, [x, y, heading], colour) {
   });
 }
 
-export function drawPacMan(painter, [worldX, worldY, heading], radius, mouth, style) {
+export function drawPacMan(painter, [worldX, worldY, yaw], radius, mouth, style) {
   const [x, y] = painter.view.toScreen(worldX, worldY);
+  const heading = yaw + painter.view.turn;
   const half = 0.12 + 0.52 * mouth;
   painter.path((context) => {
     context.moveTo(x - 0.2 * radius * Math.cos(heading), y + 0.2 * radius * Math.sin(heading));
@@ -213,8 +214,9 @@ export function drawPacMan(painter, [worldX, worldY, heading], radius, mouth, st
   }, style);
 }
 
-export function drawBelieved(painter, [worldX, worldY, heading], radius, stroke) {
+export function drawBelieved(painter, [worldX, worldY, yaw], radius, stroke) {
   const [x, y] = painter.view.toScreen(worldX, worldY);
+  const heading = yaw + painter.view.turn;
   const [dx, dy] = [radius * Math.cos(heading), -radius * Math.sin(heading)];
   painter.circle([x, y], radius, { stroke, width: 1.8 });
   painter.line([[x + dx, y + dy], [x + 1.6 * dx, y + 1.6 * dy]], { stroke, width: 1.8 });

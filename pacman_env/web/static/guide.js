@@ -17,7 +17,7 @@ const HOW = {
   robot: "You are the robot. Press Start, then click a pellet or use the arrow keys.",
   "ghost-0": "You are Clyde. Press Start, then click where Clyde goes.",
 };
-const FLAT = { scale: SCALE, toScreen: (x, y) => [MIDDLE[0] + x * SCALE, MIDDLE[1] - y * SCALE] };
+const FLAT = { scale: SCALE, turn: 0, toScreen: (x, y) => [MIDDLE[0] + x * SCALE, MIDDLE[1] - y * SCALE] };
 
 const ghost = (look) => (painter, colours) => drawGhost(painter, POSE, look, NO_LAYERS, colours, false);
 const pellet = (radius, exists) => (painter, colours) => drawPellet(painter, MIDDLE, radius, exists, colours);

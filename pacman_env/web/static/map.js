@@ -1,7 +1,7 @@
 // The live map: canvases, view, layers, and when to draw.
 
 import { palette } from "./colours.js";
-import { $, make } from "./dom.js";
+import { $, make, narrow } from "./dom.js";
 import { Painter, drawBase, drawTop } from "./draw.js";
 import { Motion } from "./motion.js";
 import { notice } from "./notices.js";
@@ -15,6 +15,7 @@ const LAYERS = Object.entries({
 });
 const TRAIL_M = 0.04;
 const MOST_TRAIL = 3000;
+const BUTTONS_PX = 50; // height of the row of buttons on a telephone
 export const NEAR_PX = 24; // between a click and what it means
 
 export const view = new View();
@@ -38,6 +39,7 @@ function resize() {
     context.canvas.height = Math.round(height * ratio);
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
   }
+  view.insetTop = narrow.matches && !document.body.classList.contains("panel-open") ? BUTTONS_PX : 0;
   view.resize(width, height);
   redraw();
 }
@@ -73,7 +75,8 @@ export function pan(dx, dy) {
 
 export function moveCross(dx, dy) {
   const [x, y] = cross ?? [view.x, view.y];
-  cross = [x + dx, y + dy];
+  const [right, up] = view.along(dx, dy);
+  cross = [x + right, y + up];
   redraw(false);
 }
 

@@ -113,6 +113,7 @@ async function close() {
 
 function showBar(show) {
   $("story-bar").hidden = !show;
+  document.body.classList.toggle("replays", show);
   $("ring").hidden = show;
   showList();
 }

@@ -2,6 +2,8 @@
 
 const TAP_PX = 9;
 const TAP_MS = 700;
+const LANDSCAPE = 1.1; // width of a plan by its height
+const portrait = matchMedia("(max-width: 820px) and (orientation: portrait)");
 
 export class View {
   scale = 40; // pixels of the page a metre
@@ -10,30 +12,41 @@ export class View {
   width = 1;
   height = 1;
   inset = 0; // pixels at the bottom that something covers
+  insetTop = 0; // and at the top
+  turn = 0; // rad, counter-clockwise: a quarter on a portrait screen, if the plan is wider than high
   bounds = [-5, -5, 5, 5];
   fitted = true;
   following = false;
 
+  // A step to the right and up on the screen, in the same unit on the map.
+  along(right, up) {
+    return this.turn ? [up, -right] : [right, up];
+  }
+
   toScreen(x, y) {
-    return [this.width / 2 + (x - this.x) * this.scale, this.height / 2 - (y - this.y) * this.scale];
+    const [dx, dy] = [(x - this.x) * this.scale, (y - this.y) * this.scale];
+    return this.turn ? [this.width / 2 - dy, this.height / 2 - dx] : [this.width / 2 + dx, this.height / 2 - dy];
   }
 
   toWorld(px, py) {
-    return [this.x + (px - this.width / 2) / this.scale, this.y - (py - this.height / 2) / this.scale];
+    const [dx, dy] = this.along((px - this.width / 2) / this.scale, (this.height / 2 - py) / this.scale);
+    return [this.x + dx, this.y + dy];
   }
 
   #fitScale() {
     const [x0, y0, x1, y1] = this.bounds;
     const margin = this.width < 600 ? 14 : 36;
-    const [width, height] = [this.width - 2 * margin, this.height - this.inset - 2 * margin];
-    return Math.max(4, Math.min(width / (x1 - x0), height / (y1 - y0)));
+    const [width, height] = [this.width - 2 * margin, this.height - this.inset - this.insetTop - 2 * margin];
+    const [across, down] = this.turn ? [y1 - y0, x1 - x0] : [x1 - x0, y1 - y0];
+    return Math.max(4, Math.min(width / across, height / down));
   }
 
   fit() {
     const [x0, y0, x1, y1] = this.bounds;
+    this.turn = portrait.matches && x1 - x0 > LANDSCAPE * (y1 - y0) ? Math.PI / 2 : 0;
     [this.x, this.y] = [(x0 + x1) / 2, (y0 + y1) / 2];
     this.scale = this.#fitScale();
-    this.y -= this.inset / 2 / this.scale;
+    this.pan(0, (this.insetTop - this.inset) / 2);
     this.fitted = true;
   }
 
@@ -54,8 +67,9 @@ export class View {
   }
 
   pan(dx, dy) {
-    this.x -= dx / this.scale;
-    this.y += dy / this.scale;
+    const [x, y] = this.along(dx / this.scale, -dy / this.scale);
+    this.x -= x;
+    this.y -= y;
     this.fitted = false;
   }
 }
