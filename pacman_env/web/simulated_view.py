@@ -130,6 +130,9 @@ def between(old: Frame, new: Frame, share: float) -> Frame:
         alive=old.alive,  # a pellet is shown until it is reached
         collected=old.collected,
         ghosts_caught=old.ghosts_caught,
+        harmless_s=old.harmless_s,
+        away_s=old.away_s,
+        points=old.points,
         baseline_collected=old.baseline_collected,
         over=old.over,
         **moved,

@@ -39,7 +39,8 @@ function resize() {
     context.canvas.height = Math.round(height * ratio);
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
   }
-  view.insetTop = narrow.matches && !document.body.classList.contains("panel-open") ? BUTTONS_PX : 0;
+  const row = narrow.matches && innerHeight > 480 && !document.body.classList.contains("panel-open");
+  view.insetTop = row ? BUTTONS_PX : 0;
   view.resize(width, height);
   redraw();
 }
