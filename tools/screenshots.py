@@ -99,6 +99,7 @@ def shoot(browser: Any, name: str) -> Image.Image:
         WebServer(game, write=lambda _: None) as server,
         browser.new_context(viewport={"width": width, "height": height}, bypass_csp=True, **options) as context,
     ):
+        context.add_init_script("localStorage['pacman_env.seen'] = 'yes'")  # without the card of a first visit
         page = context.new_page()
         page.goto(f"http://127.0.0.1:{server.port}/")
         _wait(page, "state?.frame && state.scene.map")

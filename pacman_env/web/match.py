@@ -29,6 +29,7 @@ _LOG = logging.getLogger(__name__)
 START_S = 2.0  # length of the start show; the robot's is longer
 _HOME_S = 2.0  # real time for showing the end of a round
 _STEPS = 64  # steps of a tick that frames distinguish
+_THEME_S = 6.0  # a shorter start show has a short melody, so that sounds of the round are heard
 _LIVES = 3  # of a person who plays the robot
 _REHEARSED = 6  # ticks, enough for the planner to plan and for goals to begin
 
@@ -303,7 +304,8 @@ class Match:
             if action.kind == "ignored":
                 _LOG.info("the referee: %s", value)
             elif action.kind == "event":
-                self.show("event", value)
+                is_short = value == "start theatrical" and self._controller.show.start_s < _THEME_S
+                self.show("event", "start" if is_short else value)
             elif action.kind == "state":
                 if value in LASTING:
                     self.feedback.ring.command(LASTING[value], time.monotonic())

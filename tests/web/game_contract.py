@@ -172,8 +172,8 @@ class GameContract:
         assert play.frame.true is not None
         heading = play.frame.true[2]
         play.handle(m.Event(word="death"))
-        play.wait(lambda: all(play.heard(what, after) for what in ("event", "light", "sound")), "the show")
         play.wait(lambda: play.frame.ring is not None and play.frame.number > number + 5, "later frames")
+        play.wait(lambda: all(play.heard(what, after) for what in ("event", "light", "sound")), "the show")
         assert turned() < 0.01
         play.handle(m.Arm(on=True))
         play.handle(m.Event(word="start theatrical"))

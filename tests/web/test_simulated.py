@@ -96,7 +96,7 @@ def test_round_passes_every_state_back_to_menu(game: SimulatedGame) -> None:
     assert states[4:] == ends[story["result"]]
     events = [one["event"] for one in game.news(0) if "event" in one]
     assert events.count("pellet") == story["collected"]
-    assert events[1] == "start theatrical"
+    assert events[1] == "start", "the melody of a short show"
     if story["result"] == "complete":
         assert (frame(game).round, frame(game).score) == (2, story["collected"])
         assert game.scene().facts["clyde_speed_mps"] > 0.25
