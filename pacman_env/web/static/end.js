@@ -6,6 +6,7 @@ import { on, source, state } from "./state.js";
 
 const KEY = "pacman_env.best";
 const ROUND_TIMEOUT_MS = 120000;
+const LIVES = 3; // of a new game
 
 let ended = null; // the recorded round that the card shows, null: none yet
 let lastState = "";
@@ -59,7 +60,7 @@ function close() {
 }
 
 // Shows how a round has ended: as the game reports it, and again with all actions once its recording is there.
-export function showResult(entry) {
+export function showResult(entry, comparison = "") {
   const recorded = entry.story !== undefined;
   if (ended && (!recorded || entry.story === ended.story)) return;
   ended = recorded ? entry : null;
@@ -69,7 +70,7 @@ export function showResult(entry) {
   const box = $("result");
   if (box.textContent !== title + text) box.replaceChildren(make("strong", { text: title }), text);
   $("end").dataset.won = String(isWon(entry));
-  writeOrHide($("end-other"), entry.second ? otherWords(policyOf(entry), entry.second) : "");
+  writeOrHide($("end-other"), comparison);
   writeOrHide($("end-lives"), livesWords(entry));
   writeOrHide($("end-best"), recorded ? keep(entry) : "");
   $("end").hidden = Boolean(state.story);
@@ -87,13 +88,14 @@ function livesWords({ result, player }) {
 function nextWords() {
   const { round = 1, lives } = state.frame ?? {};
   if (lives === undefined) return round > 1 ? `Round ${round}, faster ghosts` : "Next round";
+  if (!lives || (round === 1 && lives === LIVES)) return "New game";
   const speed = state.scene?.clyde_speed_mps;
   return `Level ${round}${speed ? `, Clyde ${speed.toFixed(2)} m/s` : ""}`;
 }
 
 function showActions() {
   const second = ended?.policies?.[1];
-  $("end-again").hidden = !ended || source() === "ros";
+  $("end-again").hidden = !ended || source() === "ros" || state.frame?.lives !== undefined; // levels are a game of its own
   $("end-moment").hidden = !ended;
   $("end-compare").hidden = !second || ended.player === "person" || !$("end-other").hidden;
   write($("end-compare"), `How does ${second} do?`);

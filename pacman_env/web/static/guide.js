@@ -4,7 +4,7 @@ import { palette } from "./colours.js";
 import { request } from "./connection.js";
 import { $, make, stored, write } from "./dom.js";
 import { DIAMOND, HOME, Painter, drawBelieved, drawGhost, drawPacMan, drawPellet } from "./draw.js";
-import { notice } from "./notices.js";
+import { dismiss, notice } from "./notices.js";
 import { on, state } from "./state.js";
 
 const [WIDTH, HEIGHT] = [40, 32];
@@ -123,5 +123,9 @@ $("welcome-robot").onclick = () => play("robot");
 $("welcome-ghost").onclick = () => play("ghost-0");
 on("scene theme", show);
 on("story", (story) => story && close());
-on("frame", ({ state: now }) => now === "starting" && !$("welcome").hidden && close());
+on("frame", ({ state: now }) => {
+  if (now !== "starting") return;
+  dismiss("role");
+  if (!$("welcome").hidden) close();
+});
 if (!stored("localStorage", SEEN) && !location.hash) openGuide(true, true);

@@ -95,9 +95,9 @@ function showMode() {
 on("people hello scene connection", showRoles);
 on("frame placing story role", showMode);
 
-// Compares a round that a person has played with the policy's.
+// Compares a round that a person has played with the policy's. Returns it in words.
 export function compareWithPolicy(entry) {
-  if (entry.player !== "person" || !entry.second) return;
+  if (entry.player !== "person" || !entry.second) return "";
   // A complete round is better than any other, and the faster the better.
   const rank = ({ result, collected, time_s: time }) => (result === "complete" ? 1e6 - time : collected);
   const score = ({ collected, result, time_s: time }) => `${collected} (${result}, ${time.toFixed(1)} s)`;
@@ -106,7 +106,7 @@ export function compareWithPolicy(entry) {
   const better = !lead ? "It is a draw" : lead > 0 ? "You were better" : `${policy} was better`;
   const text = `${better}: you ${score(entry)}, ${policy} ${score(entry.second)}.`;
   write($("duel-words"), text);
-  notice(text, { key: "duel" });
+  return text;
 }
 
 function nearestPellets() {

@@ -40,8 +40,7 @@ on("news", async (items) => {
   const ended = items.filter((item) => item.story).at(-1)?.story;
   const entry = ended && await load(ended);
   if (!entry) return;
-  showResult(entry);
-  compareWithPolicy(entry);
+  showResult(entry, compareWithPolicy(entry));
 });
 
 function showList() {
