@@ -220,8 +220,8 @@ class GameRunner:
     def ghost_reward(self) -> Floats:
         """Return a ghost's reward (N,) in the last step, from ``config.ghost_reward``; 0 in games that were over."""
         games, config = self.batch.games, self.config.ghost_reward
-        counts = (games[name] for name in ("tick_pellets", "tick_power", "tick_caught", "tick_rounds", "end"))
-        earned = reward(1, *counts, Rewards.of(config))
+        pellets, power, caught = games["tick_pellets"], games["tick_power"], games["tick_caught"]
+        earned = reward(1, pellets, power, caught, games["tick_rounds"], games["end"], Rewards.of(config))
         earned = np.where(self._was_over, 0.0, earned)
         return earned + config.progress * self._nearer if self._path_counts else earned
 

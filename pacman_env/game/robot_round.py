@@ -99,10 +99,8 @@ class UnacknowledgedStatuses:
         """Process the game's count of this round's pellets, including pellets of a previous executing side."""
         self._counted = count
         if count >= self._expected:
-            self._reports, self._earlier = (
-                [report for report in reports if not isinstance(report, str)]
-                for reports in (self._reports, self._earlier)
-            )
+            self._reports = [report for report in self._reports if not isinstance(report, str)]
+            self._earlier = [report for report in self._earlier if not isinstance(report, str)]
 
     def new_state(self) -> None:
         """Drop reports of the previous state, which are acknowledged or too late."""

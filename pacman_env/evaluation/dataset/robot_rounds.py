@@ -165,10 +165,10 @@ class _RoundRecorder:
         """Return the rewards (D,) of ticks, events and the end as in the environment, without ``reward.progress``."""
         config = self._runner.config
         power = [(at_s, pellet) for at_s, pellet in self._collected if self._is_power(int(pellet))]
-        counts = (self._counts(events) for events in (self._collected, power, self._caught))
+        pellets, powers, caught = (self._counts(events) for events in (self._collected, power, self._caught))
         ends = np.zeros(len(elapsed_s), dtype=np.int64)
         ends[-1] = _CODES[outcome]
-        return reward(elapsed_s / config.execution.tick_s, *counts, 0, ends, Rewards.of(config.reward))
+        return reward(elapsed_s / config.execution.tick_s, pellets, powers, caught, 0, ends, Rewards.of(config.reward))
 
     def _counts(self, events: list[tuple[float, str]]) -> Any:
         """Return the number of events (D,) after each decision and before the next one."""

@@ -190,8 +190,9 @@ def _number(game: PublishedGame, name: str) -> float:
     """Return a number of the robot's configuration, or its default if it is invalid."""
     group, _, key = name.partition(".")
     value = (game.configuration.get("configuration", {}).get(group) or {}).get(key)
-    valid = isinstance(value, int | float) and math.isfinite(value)
-    return float(value if valid else _defaults().value(name))
+    if isinstance(value, int | float) and math.isfinite(value):
+        return float(value)
+    return float(_defaults().value(name))
 
 
 def _alerts(node: PageNode) -> list[dict[str, Any]]:
