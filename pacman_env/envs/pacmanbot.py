@@ -79,7 +79,7 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     believed pose: `S = 64` pixels of 0.1 m, with the robot's heading up.
 
     ## Power Pellets
-    With the preset `arcade`, or the setting `power.pellets` above 0, so many pellets of the map are power pellets. They
+    With the preset `arcade`, or the setting `power.pellets` above 0, this number of pellets are power pellets. They
     lie far from home and from each other. A power pellet frightens every ghost that is not away for 20 s
     (`power.duration_s`). A frightened ghost flees at 67 % of its speed and does not kill. If the robot comes within 0.25
     m of a frightened ghost, the ghost is caught: it is away for 5 s (`power.return_s`) and starts again at its spawn
