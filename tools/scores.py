@@ -64,8 +64,8 @@ def score(env_id: str, policy: str, episodes: int) -> dict[str, Any]:
     starts = range(0, episodes, _GAMES)
     parts = [play(env_id, policy, range(first, min(first + _GAMES, episodes))) for first in starts]
     played = {name: [value for part in parts for value in part[name]] for name in parts[0]}
-    numbers = [name for name in ("rounds", "pellets", "ghosts", "return") if name in played]
-    means: dict[str, Any] = {name: round(float(np.mean(played[name])), 3) for name in numbers}
+    numbers: list[str] = [name for name in ("rounds", "pellets", "ghosts", "return") if name in played]
+    means = {name: round(float(np.mean(played[name])), 3) for name in numbers}
     error = float(np.std(played["return"], ddof=1) / np.sqrt(episodes))
     counts = {end: played["end"].count(end) for end in ("complete", "caught")}
     return {"episodes": episodes, **counts, **means, "return_error": round(error, 3)}
