@@ -98,6 +98,11 @@ def draw_ghosts() -> Image:
     return render_frame(env.batch, 0, height=560, title="four ghosts")
 
 
+def draw_power() -> Image:
+    env = play(87, 50, map="open_plan", preset="arcade")
+    return render_frame(env.batch, 0, height=560, title="power pellets")
+
+
 def draw_maps() -> Image:
     names = shipped_maps()
     tiles = [map_assets(name, make_config()) for name in names]
@@ -162,7 +167,16 @@ def _grid_picture(grid: NDArray[np.uint8], times: int = 6) -> Image:
 #: Functions that draw the pictures, by file name in docs/images.
 PICTURES: dict[str, Callable[[], Image]] = {
     draw.__name__.removeprefix("draw_"): draw
-    for draw in (draw_round, draw_story, draw_ghosts, draw_observations, draw_maps, draw_reading, draw_houses)
+    for draw in (
+        draw_round,
+        draw_story,
+        draw_ghosts,
+        draw_power,
+        draw_observations,
+        draw_maps,
+        draw_reading,
+        draw_houses,
+    )
 }
 
 
