@@ -189,10 +189,7 @@ class RoundController:
         pellets.power |= set(power)
         still = left & pellets.collected
         repeated, pellets.still_shown = still & pellets.still_shown, still
-        return self._spawned_since(spawned_before) + [Action("remove", pellet) for pellet in sorted(repeated)]
-
-    def _spawned_since(self, before: int) -> list[Action]:
-        return [Action("spawned", self.spawned)] if self.spawned != before else []
+        return _spawned_since(self, spawned_before) + [Action("remove", pellet) for pellet in sorted(repeated)]
 
     def base_clyde_speed(self, speed_mps: float) -> list[Action]:
         """Set Clyde's speed of round 1; it is announced at once in the menu, otherwise with the next round."""
@@ -297,7 +294,7 @@ class RoundController:
         event = "power pellet" if is_power else "pellet"
         counts = [Action("collected", self.collected), Action("score", self.score), Action("event", event)]
         end = self._complete() if round_complete(self.collected, self.spawned) else []
-        return [*self._spawned_since(spawned_before), *counts, *end]
+        return [*_spawned_since(self, spawned_before), *counts, *end]
 
     def _catch(self, argument: str) -> list[Action]:
         number, _, ghost = argument.partition(":")
@@ -321,6 +318,10 @@ class RoundController:
         self.result = f"Death - Score: {self.score}"
         self._deadline_s = now + self.show.death_s
         return [Action("command", "disable"), Action("result", self.result), self._enter("dying")]
+
+
+def _spawned_since(game: RoundController, before: int) -> list[Action]:
+    return [Action("spawned", game.spawned)] if game.spawned != before else []
 
 
 def awaits_pellets(game: RoundController, now: float) -> bool:

@@ -8,11 +8,10 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from std_msgs.msg import Float64MultiArray, Int32, String
+from std_msgs.msg import Int32, String
 
 from pacman_env.game.execution import CANCELED
 from pacman_env.game.goals import ExecutorAction, Place
-from pacman_env.game.power import HARMLESS_UNTIL
 from pacman_env.policies.asking import PolicyError, name_of, scores, what_users_raise
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import costmaps_without
@@ -20,6 +19,7 @@ from pacman_env.ros.messages import Position, twist_message
 from pacman_env.ros.node import GameNode
 from pacman_env.ros.operator_stop import OperatorStop
 from pacman_env.ros.selector import goal_scores
+from pacman_env.ros.selector.ghost_times import GhostTimes
 from pacman_env.ros.selector.message_queue import MessageQueue
 from pacman_env.ros.selector.nav2_failures import error_words
 from pacman_env.ros.selector.navigation_client import NavigationClient
@@ -57,15 +57,18 @@ class Pursuit:
         self._publish_json(topics.CANDIDATES, goal_scores.candidates_of(selection.view.assets))
         ghosts = topics.GHOST_POSES[: len(node.config.clyde.ghosts)]
         power = node.config.power.pellets > 0
-        self._harmless_out = topics.HARMLESS_GHOSTS.publisher(node) if power and not passive else None
-        self._harmless: list[float] = []  # as published
-        power_handlers = (topics.ROUND, selection.on_round), (topics.GHOSTS_CAUGHT, selection.on_ghosts_caught)
+        self._ghost_times = GhostTimes(node) if power and not passive else None
+        statuses = self._executor.statuses
+        power_handlers = (
+            (topics.ROUND, partial(selection.on_count, self._executor.round.begin, 1)),
+            (topics.GHOSTS_CAUGHT, partial(selection.on_count, statuses.catches_counted, 0)),
+        )
         handlers: tuple[tuple[topics.Topic, Callable[[Any, float], _Actions]], ...] = (
             (topics.GAME_STATE, selection.on_state),
             (topics.GAME_COMMAND, selection.on_command),
             (topics.PELLET_MARKERS, selection.on_pellets),
             (topics.PELLETS_SPAWNED, selection.on_spawned),
-            (topics.PELLETS_COLLECTED, selection.on_collected),
+            (topics.PELLETS_COLLECTED, partial(selection.on_count, statuses.counted, 0)),
             *(power_handlers if power else ()),
             *((topic, partial(selection.on_ghost, k)) for k, topic in enumerate(ghosts)),
             (topics.CLYDE_SPEED, selection.on_clyde_speed),
@@ -99,7 +102,9 @@ class Pursuit:
             self._node.destroy_timer(timer)
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
-        for publisher in (*self._out.values(), *filter(None, (self._harmless_out,))):
+        if self._ghost_times is not None:
+            self._ghost_times.destroy()
+        for publisher in self._out.values():
             self._node.destroy_publisher(publisher)
 
     def activate(self) -> None:
@@ -266,15 +271,8 @@ class Pursuit:
             else:
                 topic = topics.GAME_STATUS if action.kind == "status" else topics.GAME_EVENT
                 self._out[topic.name].publish(String(data=str(action.value)))
-        self._publish_harmless()
-
-    def _publish_harmless(self) -> None:
-        """Publish until when each ghost is harmless and away, if that has changed."""
-        ghosts = self._executor.round.ghosts[: len(self._node.config.clyde.ghosts), HARMLESS_UNTIL:]
-        times = ghosts.ravel().tolist()
-        if self._harmless_out is not None and times != self._harmless:
-            self._harmless = times
-            self._harmless_out.publish(Float64MultiArray(data=times))
+        if self._ghost_times is not None:
+            self._ghost_times.publish(self._executor.round.ghosts)
 
     def _send(self, number: int, place: Place | None) -> None:
         assert place is not None

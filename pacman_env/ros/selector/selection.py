@@ -127,17 +127,12 @@ class Selection:
     def _out_of_reach(self, pellets: Iterable[int]) -> list[int]:
         return [number for number in pellets if not self.view.is_candidate(number)]
 
-    def on_collected(self, message: Any, now: float) -> None:
-        self.executor.statuses.counted(int(number_of(message, 0, 2**31 - 1)))
+    def on_count(self, use: Callable[[int], None], least: int, message: Any, now: float) -> None:
+        """Pass a number of the referee, which is ``least`` or more, to ``use``."""
+        use(int(number_of(message, least, 2**31 - 1)))
 
     def on_spawned(self, message: Any, now: float) -> None:
         self.executor.statuses.spawned = int(number_of(message, 0, 2**31 - 1))
-
-    def on_round(self, message: Any, now: float) -> None:
-        self.executor.round.begin(int(number_of(message, 1, 2**31 - 1)))
-
-    def on_ghosts_caught(self, message: Any, now: float) -> None:
-        self.executor.statuses.catches_counted(int(number_of(message, 0, 2**31 - 1)))
 
     def on_ghost(self, number: int, message: Any, now: float) -> None:
         x, y, _ = pose_of(message)
