@@ -124,11 +124,6 @@ class RoundController:
     def clyde_speed(self) -> float:
         return clyde_speed_mps(self.base_speed_mps, self.clyde.speed_step_mps, self.round)
 
-    def begins_in_s(self, now: float) -> float | None:
-        """Return the time until the start show is over, or None without a start show."""
-        due_s = self._deadline_s
-        return None if self.state != "starting" or due_s is None else max(0.0, due_s - now)
-
     def announce(self) -> list[Action]:
         """Return all latched values and the command of the present state, for a node that has just started."""
         commands = {"running": "enable", "returning_home": "return_home" if self._deadline_s is None else "disable"}
@@ -322,6 +317,12 @@ class RoundController:
 
 def _spawned_since(game: RoundController, before: int) -> list[Action]:
     return [Action("spawned", game.spawned)] if game.spawned != before else []
+
+
+def begins_in_s(game: RoundController, now: float) -> float | None:
+    """Return the time until the start show is over, or None without a start show."""
+    due_s = game._deadline_s
+    return None if game.state != "starting" or due_s is None else max(0.0, due_s - now)
 
 
 def awaits_pellets(game: RoundController, now: float) -> bool:

@@ -15,7 +15,7 @@ from pacman_env.game.events import killed_by
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.game.lights import LASTING
 from pacman_env.game.power import frightened_s
-from pacman_env.game.round import Action, RoundController
+from pacman_env.game.round import Action, RoundController, begins_in_s
 from pacman_env.web import messages
 from pacman_env.web.control import ROBOT
 from pacman_env.web.driving import Driving
@@ -65,7 +65,7 @@ class Match:
         self._controller = RoundController(config.clyde, show, config.power)
         self._gained = 0  # score of the last tick
         self._lives = _LIVES
-        self._retry: tuple[int, int, int] | None = None  # round, score and seed with which a person goes on
+        self._retry: tuple[int, int, int] | None = None  # round, score and seed of a person's next try
         self._shown: tuple[Frame, Frame] | None = None  # the snapshots of the last two ticks
         self._number = 0  # of the frame
         self._key: Any = None  # what it shows
@@ -95,9 +95,9 @@ class Match:
         }
         if self.driving.plays_robot:
             fields["lives"] = self._lives
-        begins_in_s = self._controller.begins_in_s(self._clock_s - (1.0 - share) * clock.tick_s)
-        if begins_in_s is not None:
-            fields["begins_in_s"] = round(min(begins_in_s, self._controller.show.start_s), 2)
+        left_s = begins_in_s(self._controller, self._clock_s - (1.0 - share) * clock.tick_s)
+        if left_s is not None:
+            fields["begins_in_s"] = round(min(left_s, self._controller.show.start_s), 2)
         key = (fields, share, before.time_s, now.time_s, turned, self.lidar, sent)
         if key != self._key:
             self._key = key

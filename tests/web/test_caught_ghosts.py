@@ -17,7 +17,12 @@ from tests.waiting import wait_for
 from tests.web.pages import decode_all
 
 #: Every pellet frightens ghosts, which hardly move then: the robot catches those on its way.
-SETTINGS = {"power.pellets": 99, "power.speed_factor": 0.05, "power.return_s": 3.0, "time_limit_s": 120.0}
+SETTINGS: dict[str, Any] = {
+    "power.pellets": 99,
+    "power.speed_factor": 0.05,
+    "power.return_s": 3.0,
+    "time_limit_s": 120.0,
+}
 RULES = Rules(policy="nearest", second="nearest", map="loop", ghosts=("wander", "wander"), settings=SETTINGS)
 
 
@@ -40,19 +45,20 @@ def played() -> PlayedRound:
 
 
 def test_eyes_leave_place_of_catch_for_spawn_place(played: PlayedRound) -> None:
+    frames: list[Any] = played.snapshots
     catches = [
         (before, now, k)
-        for before, now in pairwise(played.snapshots)
+        for before, now in pairwise(frames)
         for k in np.flatnonzero(now.away_s > before.away_s).tolist()
     ]
     assert catches
     for before, now, ghost in catches:
         assert np.hypot(*(now.ghosts[ghost] - before.ghosts[ghost])) < 1.0
         assert before.ghosts[ghost].tolist() in now.points[:, :2].tolist()
-        back = next(one for one in played.snapshots[now.number :] if one.away_s[ghost] == 0)
+        back = next(one for one in frames[now.number :] if one.away_s[ghost] == 0)
         assert back.time_s - now.time_s == pytest.approx(3.0, abs=0.6)
-        assert back.harmless_s[ghost] == 0 or len(played.snapshots[now.number].points)
-    assert played.snapshots[-1].ghosts_caught == len(catches)
+        assert back.harmless_s[ghost] == 0 or len(frames[now.number].points)
+    assert frames[-1].ghosts_caught == len(catches)
 
 
 def test_points_double_until_next_power_pellet() -> None:
@@ -83,7 +89,7 @@ def test_score_of_page_equals_score_of_simulator() -> None:
         events = [one["event"] for one in game.news(0) if "event" in one]
         assert events.count("power pellet") == story["collected"]
         assert sum(events.count(f"{name} caught") for name in GHOST_NAMES) == story["ghosts_caught"] > 0
-        frames = decode_all(game.story(story["story"]) or b"")
+        frames: list[Any] = decode_all(game.story(story["story"]) or b"")
         assert max(len(frame.points) for frame in frames) > 0
         assert game.scene().facts["power"]["pellets"] == list(range(len(game.scene().facts["pellets"])))
     finally:
