@@ -27,8 +27,20 @@ Present = Annotated[NDArray[np.bool_], Meta(description="(P,)")]
 Pose = tuple[Metres, Metres, Radians]  # x, y, heading
 
 
-class Frame(msgspec.Struct, frozen=True, tag_field="kind", tag="frame"):
-    """State of a game at one moment. NaN becomes null in JSON; a field without a value is left out."""
+class OptionalFields(msgspec.Struct, frozen=True, kw_only=True):
+    """Fields of a frame that are left out where they have no value."""
+
+    lives: int | UnsetType = UNSET  # left, if a person plays the robot of a simulated game
+    begins_in_s: Seconds | UnsetType = UNSET  # left of the start show; only during it
+    # Only of games with power pellets.
+    ghosts_caught: int | UnsetType = UNSET  # in this round
+    harmless_s: Times | UnsetType = UNSET  # left, until each ghost is dangerous again
+    away_s: Times | UnsetType = UNSET  # left, until each caught ghost starts again; until then its eyes are shown
+    points: PlacedPoints | UnsetType = UNSET  # x, y and points of the ghosts that have just been caught
+
+
+class Frame(OptionalFields, frozen=True, tag_field="kind", tag="frame"):
+    """State of a game at one moment. NaN becomes null in JSON."""
 
     state: State
     revision: int  # of the scene to which the frame belongs
@@ -55,13 +67,6 @@ class Frame(msgspec.Struct, frozen=True, tag_field="kind", tag="frame"):
     scores: Scores = field(default_factory=lambda: np.zeros(0))  # of candidates, NaN: none
     plan: Points = field(default_factory=lambda: np.zeros((0, 2)))  # path to the goal
     scan: Ranges = field(default_factory=lambda: np.zeros(0))  # ray 0 ahead, counter-clockwise, NaN: no hit
-    lives: int | UnsetType = UNSET  # left, if a person plays the robot of a simulated game
-    begins_in_s: Seconds | UnsetType = UNSET  # left of the start show; only during it
-    # Only of games with power pellets.
-    ghosts_caught: int | UnsetType = UNSET  # in this round
-    harmless_s: Times | UnsetType = UNSET  # left, until each ghost is dangerous again
-    away_s: Times | UnsetType = UNSET  # left, until each caught ghost starts again; until then its eyes are shown
-    points: PlacedPoints | UnsetType = UNSET  # x, y and points of the ghosts that have just been caught
 
     def encode(self) -> str:
         return _encoder.encode(self).decode()

@@ -278,8 +278,7 @@ class Match:
         collected = np.flatnonzero(before.alive & ~now.alive)
         pellets = [f"pellet_collected:{int(ids[pellet])}" for pellet in collected]
         catches = [
-            f"ghost_caught:{number}:{GHOST_NAMES[ghost]}"
-            for number, ghost in enumerate(played.ghosts_caught, caught + 1)
+            f"ghost_caught:{number}:{GHOST_NAMES[ghost]}" for number, ghost in enumerate(played.caught.new, caught + 1)
         ]
         for word in catches + pellets if played.caught_before_pellets else pellets + catches:
             self._act(self._controller.status(word, self._clock_s))

@@ -82,7 +82,7 @@ class PlayedRound:
         self.hold = len(self._numbers) - 1
         self._situation = batch.situation()
         self.power_pellets = self.assets.power_pellets(config.power.pellets)[: self.assets.pellets]  # mask (P,)
-        self._caught = CaughtGhosts(config.power.return_s, config.power.ghost_points)
+        self.caught = CaughtGhosts(config.power.return_s, config.power.ghost_points)
         self.snapshots = [self._snapshot()]  # before the first tick, and after each
 
     @property
@@ -116,14 +116,9 @@ class PlayedRound:
         return number if self.outcome == "caught" and number >= 0 else None
 
     @property
-    def ghosts_caught(self) -> list[int]:
-        """Numbers of the ghosts that the robot caught in the last tick."""
-        return self._caught.new
-
-    @property
     def caught_before_pellets(self) -> bool:
         """Return True if ghosts were caught before pellets of the same tick were collected."""
-        return self.over or bool(self.batch.games["streak"][0] < len(self._caught.new))
+        return self.over or bool(self.batch.games["streak"][0] < len(self.caught.new))
 
     def nearest(self, x: float, y: float) -> int | None:
         """Return the allowed candidate nearest to (x, y), m, or None if there is none within 1 m."""
@@ -230,7 +225,7 @@ class PlayedRound:
         ghosts: dict[str, Any] = {"ghosts": np.stack([batch.ghosts["x"][0], batch.ghosts["y"][0]], axis=1)}
         if self.power_pellets.any():
             until_s = batch.obstacles[0, :, HARMLESS_UNTIL:] * self.config.physics_step_s
-            ghosts = self._caught.update(ghosts["ghosts"], until_s, time_s, int(alive[self.power_pellets].sum()))
+            ghosts = self.caught.update(ghosts["ghosts"], until_s, time_s, int(alive[self.power_pellets].sum()))
             ghosts["ghosts_caught"] = int(g["caught"])
         return Frame(
             state="running",
