@@ -247,9 +247,10 @@ export function drawGhost(painter, pose, { name, colour, catch_m: catchM, harmle
   const outline = { stroke: mine ? colours.goal : colours.ghost, width: mine ? 3 : 1.2 };
   const eyesAlone = colour === null;
   if (!eyesAlone) painter.polygon(GHOST, [x, y], size, { fill, ...outline });
+  const eyeSize = eyesAlone ? 0.38 : 0.27;
   for (const eye of [x - 0.4 * size, x + 0.4 * size]) {
-    painter.circle([eye, y - 0.2 * size], 0.27 * size, { fill: "#fff", ...(eyesAlone ? outline : {}) });
-    painter.circle([eye, y - 0.16 * size], 0.13 * size, { fill: "#14203c" });
+    painter.circle([eye, y - 0.2 * size], eyeSize * size, { fill: "#fff", ...(eyesAlone ? outline : {}) });
+    painter.circle([eye, y - 0.16 * size], eyeSize / 2 * size, { fill: "#14203c" });
   }
   if (layers.names && name) painter.text(name, [x, y + size + 14], colours.ink, "600", colours.halo);
 }

@@ -97,7 +97,7 @@ function showActions() {
   const second = ended?.policies?.[1];
   $("end-again").hidden = !ended || source() === "ros" || state.frame?.lives !== undefined; // levels are a game of its own
   $("end-moment").hidden = !ended;
-  $("end-compare").hidden = !second || ended.player === "person" || !$("end-other").hidden;
+  $("end-compare").hidden = !second || second === policyOf(ended) || ended.player === "person" || !$("end-other").hidden;
   write($("end-compare"), `How does ${second} do?`);
   write($("end-next").lastElementChild, nextWords());
 }
