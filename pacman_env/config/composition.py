@@ -6,7 +6,7 @@ import json
 import operator
 import typing
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Literal, Self
 
 from ..plugins import PluginError, Registry, nearest_names
@@ -25,28 +25,9 @@ def _divides(step: float, period: float) -> bool:
 
 
 @dataclass(frozen=True)
-class Config(Checked):
+class Config(sections.Groups):
     """One complete configuration of a game."""
 
-    robot: sections.RobotConfig = field(default_factory=sections.RobotConfig)
-    localization: sections.LocalizationConfig = field(default_factory=sections.LocalizationConfig)
-    nav2: sections.Nav2Config = field(default_factory=sections.Nav2Config)
-    pellets: sections.PelletConfig = field(default_factory=sections.PelletConfig)
-    clyde: sections.ClydeConfig = field(default_factory=sections.ClydeConfig)
-    power: sections.PowerConfig = field(default_factory=sections.PowerConfig)
-    execution: sections.ExecutionConfig = field(default_factory=sections.ExecutionConfig)
-    decisions: sections.DecisionConfig = field(default_factory=sections.DecisionConfig)
-    show: sections.ShowConfig = field(default_factory=sections.ShowConfig)
-    reward: sections.RewardConfig = field(default_factory=sections.RewardConfig)
-    ghost_reward: sections.RewardConfig = field(
-        default_factory=lambda: sections.RewardConfig(
-            pellet=0.0, death=10.0, completion=-5.0, tick=-0.002, timeout=-5.0, ghost_caught=-2.0
-        ),
-        metadata={"description": "Of each ghost that is an agent, where rewards are not zero-sum."},
-    )
-    refuges: sections.RefugeConfig = field(default_factory=sections.RefugeConfig)
-    randomize: sections.RandomizeConfig = field(default_factory=sections.RandomizeConfig)
-    observation: sections.ObservationConfig = field(default_factory=sections.ObservationConfig)
     action: Literal["goal", "velocity"] = setting("goal", "a candidate goal, or v and omega of the base")
     action_range: Literal["physical", "unit"] = setting(
         "physical",

@@ -5,7 +5,7 @@ and "map_server" refer to the vendors' documents. No value is tuned to improve a
 """
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 from msgspec import Meta
@@ -356,3 +356,28 @@ class ObservationConfig(Checked, group="observation"):
         object.__setattr__(self, "kinds", tuple(sorted(set(self.kinds))))
         rule = f"must be above scan_minimum_m = {self.scan_minimum_m}"
         self._require(self.scan_maximum_m > self.scan_minimum_m, "scan_maximum_m", rule)
+
+
+@dataclass(frozen=True)
+class Groups(Checked):
+    """Groups of a configuration."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    localization: LocalizationConfig = field(default_factory=LocalizationConfig)
+    nav2: Nav2Config = field(default_factory=Nav2Config)
+    pellets: PelletConfig = field(default_factory=PelletConfig)
+    clyde: ClydeConfig = field(default_factory=ClydeConfig)
+    power: PowerConfig = field(default_factory=PowerConfig)
+    execution: ExecutionConfig = field(default_factory=ExecutionConfig)
+    decisions: DecisionConfig = field(default_factory=DecisionConfig)
+    show: ShowConfig = field(default_factory=ShowConfig)
+    reward: RewardConfig = field(default_factory=RewardConfig)
+    ghost_reward: RewardConfig = field(
+        default_factory=lambda: RewardConfig(
+            pellet=0.0, death=10.0, completion=-5.0, tick=-0.002, timeout=-5.0, ghost_caught=-2.0
+        ),
+        metadata={"description": "Of each ghost that is an agent, where rewards are not zero-sum."},
+    )
+    refuges: RefugeConfig = field(default_factory=RefugeConfig)
+    randomize: RandomizeConfig = field(default_factory=RandomizeConfig)
+    observation: ObservationConfig = field(default_factory=ObservationConfig)

@@ -17,12 +17,12 @@ _GONE_S = 2.0  # a pellet missing from reports for this long was removed by anot
 _EMPTY_S = 2.0  # a round without a pellet in reach for this long is complete
 
 
-class _Catch(NamedTuple):
+class _CaughtGhost(NamedTuple):
     number: int  # of the ghosts that this side has caught in this round, from 1
     ghost: str
 
 
-_Report = str | _Catch  # of a pellet, as its status, or of a ghost
+_Report = str | _CaughtGhost  # of a pellet, as its status, or of a ghost
 
 
 class UnacknowledgedStatuses:
@@ -65,7 +65,7 @@ class UnacknowledgedStatuses:
     def caught(self, ghost: str) -> list[ExecutorAction]:
         """Report a caught ghost, as soon as the game's count of caught ghosts is known."""
         self._catches += 1
-        self._reports.append(catch := _Catch(self._catches, ghost))
+        self._reports.append(catch := _CaughtGhost(self._catches, ghost))
         return [ExecutorAction("status", self._word(catch))] if self._is_answered(catch) else []
 
     def catches_counted(self, count: int) -> None:

@@ -70,7 +70,7 @@ def watch(ghosts, paths, robot, tick, level, arcade_m, tick_s):  # type: ignore[
     for k in range(len(ghosts)):
         ghost = ghosts[k]
         cell = a.ghost_drive[paths[k, ghost.path_index]]
-        corner = a.corner_drive[k]
+        corner = a.ghost_drive[a.ghost_corner[k]]
         if ghost.seen_cell >= 0 and cell >= 0 and ghost.robot_cell >= 0 and corner >= 0:
             dx, dy = ghost.x - ghost.seen_x, ghost.y - ghost.seen_y
             moved = math.sqrt(dx * dx + dy * dy)

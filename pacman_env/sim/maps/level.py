@@ -42,7 +42,6 @@ class LevelArrays(NamedTuple):
     ghost_snap: Any = Array(np.int32, "H W")  # nearest ghost cell in the robot's area
     ghost_place: Any = Array(np.int32, "G")  # ghost cell nearest to each goal, -1: too far away
     ghost_corner: Any = Array(np.int32, "4")  # cell of each ghost's corner
-    corner_drive: Any = Array(np.int32, "4")  # drivable cell at each corner
     later: Any = Array(np.int64, "2")  # addresses of tables that are built on demand; 0: not yet
 
 
@@ -165,6 +164,5 @@ def _arrays(assets: MapAssets, config: Config) -> dict[str, Any]:
         "ghost_snap": assets.ghost_targets.snap,
         "ghost_place": assets.ghost_targets.place,
         "ghost_corner": assets.ghost_corner,
-        "corner_drive": assets.clyde_drive[assets.ghost_corner],
     }
     return {name: np.asarray(array, order="C") for name, array in arrays.items()}

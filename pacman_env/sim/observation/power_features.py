@@ -9,7 +9,7 @@ from ...engine.jit import table_kernel
 from ...engine.native import address_of
 from ...engine.pipeline import Stage
 from .robot_features import OLD_S, Columns, Observation
-from .situation import LAYOUT, Situation
+from .situation import AWAY_S, FRIGHTENED_S, LAYOUT, Situation
 
 CANDIDATE_POWER_COLUMNS: Columns = (("is_power", 0.0, 1.0, ""),)
 GHOST_POWER_COLUMNS: Columns = (
@@ -63,6 +63,7 @@ def write_power(table, first, last):  # type: ignore[no-untyped-def]
         for c in range(count):
             candidates[i, c, 0] = s.is_power[i, c] and s.mask[i, c]
         for k in range(others):
-            ghosts[i, k, 0], ghosts[i, k, 1] = s.frightened_s[i, k] > 0.0, min(s.frightened_s[i, k], OLD_S)
-            ghosts[i, k, 2], ghosts[i, k, 3] = s.away_s[i, k] > 0.0, min(s.away_s[i, k], OLD_S)
+            frightened_s, away_s = s.fright[i, k, FRIGHTENED_S], s.fright[i, k, AWAY_S]
+            ghosts[i, k, 0], ghosts[i, k, 1] = frightened_s > 0.0, min(frightened_s, OLD_S)
+            ghosts[i, k, 2], ghosts[i, k, 3] = away_s > 0.0, min(away_s, OLD_S)
     return 0

@@ -17,7 +17,7 @@ from ...engine.simd import WIDTH, all_of, load, lower, minus, plus, roots, store
 from ...world.navigation.grid import cell_of
 from ...world.navigation.paths import ARRIVED, LENGTHS, NO_WAY, TILE, coarse_step, tile_index
 from ..maps.level import COARSE_STEPS, level_arrays, steps_of_level
-from .situation import LAYOUT, Situation, maps_of
+from .situation import HARMLESS, LAYOUT, Situation, maps_of
 
 STEP_S = 0.5  # between instants
 STEPS = 20  # instants: 10 s
@@ -310,10 +310,10 @@ def room_to_meet(goals, candidates):  # type: ignore[no-untyped-def]
 def is_nobody(s, i, k):  # type: ignore[no-untyped-def]
     """Return True if ghost k (-1: every ghost) of situation i is harmless."""
     if k >= 0:
-        return s.harmless[i, k]
+        return s.fright[i, k, HARMLESS] > 0.0
     harmless = True
     for j in range(s.ghosts.shape[1]):
-        harmless &= s.harmless[i, j]
+        harmless &= s.fright[i, j, HARMLESS] > 0.0
     return harmless
 
 

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from ..maps.level_slots import LevelSlots
 
 PELLET, REFUGE, HOLD = 0, 1, 2
+#: Columns of ``Situation.fright``: for how long a ghost stays frightened and is away, s; 1 if it is harmless for longer
+#: than ``power.warning_s``, so that it need not be avoided.
+FRIGHTENED_S, AWAY_S, HARMLESS = 0, 1, 2
 _BELIEF = f"N G {len(BELIEVED)}"  # a name, because Sphinx cannot read f-strings in annotations
 
 
@@ -35,9 +38,9 @@ class Situation:
     """N situations with C candidates and G ghosts each; m, rad and s in the map frame.
 
     Arrays are (N,) per situation, (N, C) per candidate: ``kind``, ``mask``, ``path_robot``, ``path_clyde``, ``goal``,
-    ``is_power``, and (N, G) per ghost: ``frightened_s``, ``away_s``, ``harmless``; ``position`` is (N, C, 2), ``robot``
-    (N, 3), velocities and ``clyde`` (N, 2), ``ghosts`` (N, G, 5), ``belief`` (N, G, 4): probabilities of wandering,
-    ``arcade``, ``chase`` and anything else.
+    ``is_power``; ``position`` is (N, C, 2), ``robot`` (N, 3), velocities and ``clyde`` (N, 2), ``ghosts`` (N, G, 5),
+    ``fright`` (N, G, 3), ``belief`` (N, G, 4): probabilities of wandering, ``arcade``, ``chase`` and anything else.
+    ``frightened_s``, ``away_s`` and ``harmless`` (N, G) are the columns of ``fright``.
     """
 
     time_s: Annotated[NDArray[np.float64], "N"]  # since the round began
@@ -58,9 +61,7 @@ class Situation:
     tick: Annotated[NDArray[np.int64], "N"]  # ticks of this round before this one
     pellets_left: Annotated[NDArray[np.int64], "N"]  # on the map, including forbidden ones
     ghosts: Annotated[NDArray[np.float64], "N G 5"]  # x, y, vx, vy, speed of each ghost
-    frightened_s: Annotated[NDArray[np.float64], "N G"]  # for which a ghost stays frightened; 0: it is not
-    away_s: Annotated[NDArray[np.float64], "N G"]  # after which a caught ghost starts again; 0: it is there
-    harmless: Annotated[NDArray[np.bool_], "N G"]  # for longer than ``power.warning_s``: need not be avoided
+    fright: Annotated[NDArray[np.float64], "N G 3"]  # FRIGHTENED_S, AWAY_S and HARMLESS of each ghost
     is_power: Annotated[NDArray[np.bool_], "N C"]  # candidates that are power pellets
     belief: Annotated[NDArray[np.float64], _BELIEF]  # about each ghost's behaviour (game/behaviour_belief.py)
     goal: Annotated[NDArray[np.int32], "N C"]  # goal number of each candidate on its map, -1: none
@@ -70,6 +71,21 @@ class Situation:
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+    @property
+    def frightened_s(self) -> NDArray[np.float64]:
+        """For how long each ghost stays frightened, (N, G), s; 0 if it is not."""
+        return self.fright[:, :, FRIGHTENED_S]
+
+    @property
+    def away_s(self) -> NDArray[np.float64]:
+        """After which time each caught ghost starts again, (N, G), s; 0 if it is there."""
+        return self.fright[:, :, AWAY_S]
+
+    @property
+    def harmless(self) -> NDArray[np.bool_]:
+        """Which ghosts need not be avoided, (N, G): they are harmless for longer than ``power.warning_s``."""
+        return self.fright[:, :, HARMLESS] > 0.0
 
     def __getattr__(self, name: str) -> NDArray[Any]:
         """Create an array view at its first use, because creating all views takes as long as a step."""

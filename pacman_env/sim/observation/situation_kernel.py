@@ -16,7 +16,7 @@ from ...world.navigation.paths import UNREACHABLE_CM
 from ..core.kernels import NOWHERE_M, SUMMARY, RuleArrays, allowed, believed, nearest, summarize
 from ..core.parameters import GHOST
 from ..maps.level import level_arrays
-from .situation import HOLD, LAYOUT, PELLET, REFUGE, Situation
+from .situation import AWAY_S, FRIGHTENED_S, HARMLESS, HOLD, LAYOUT, PELLET, REFUGE, Situation
 
 
 @kernel
@@ -80,12 +80,12 @@ def write_situations(table, first, last):  # type: ignore[no-untyped-def]
             s.ghosts[i, k, 4] = ghost.speed
             for b in range(len(ghost.belief)):
                 s.belief[i, k, b] = ghost.belief[b]
-            s.away_s[i, k] = max(seen[k, AWAY_UNTIL] - g.step, 0.0) * p.dt
-            s.frightened_s[i, k] = 0.0
+            s.fright[i, k, AWAY_S] = max(seen[k, AWAY_UNTIL] - g.step, 0.0) * p.dt
+            s.fright[i, k, FRIGHTENED_S] = 0.0
             if is_frightened(seen[k], g.step):
-                s.frightened_s[i, k] = (seen[k, HARMLESS_UNTIL] - g.step) * p.dt
-            s.harmless[i, k] = is_harmless(seen[k], g.step + p.warning_steps)
-            if player < 0 and s.harmless[i, k]:  # as if it wandered: nobody expects it to come
+                s.fright[i, k, FRIGHTENED_S] = (seen[k, HARMLESS_UNTIL] - g.step) * p.dt
+            s.fright[i, k, HARMLESS] = is_harmless(seen[k], g.step + p.warning_steps)
+            if player < 0 and s.fright[i, k, HARMLESS]:  # as if it wandered: nobody expects it to come
                 s.belief[i, k] = 0.0
                 s.belief[i, k, WANDERS] = 1.0
         lead = player
@@ -146,7 +146,7 @@ def write_situations(table, first, last):  # type: ignore[no-untyped-def]
             s.path_clyde[i, c] = _metres(drive_cell, goal, length_cm)
         if player < 0:
             for k in range(ghosts.shape[1]):
-                if k != lead and not s.harmless[i, k]:
+                if k != lead and not s.fright[i, k, HARMLESS]:
                     drive_cell = drive[ghost_paths[i, k, ghosts[i, k].path_index]]
                     for goal in range(g.pellets + g.refuges):
                         c = goal if goal < g.pellets else slots + goal - g.pellets

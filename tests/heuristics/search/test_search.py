@@ -57,11 +57,11 @@ def test_search_uses_one_predictable_ghost() -> None:
 
 def test_search_leaves_out_harmless_ghosts() -> None:
     one, two = situation_of(config_of("chase")), situation_of(config_of("chase", "chase"))
-    harmless = replace(two, harmless=np.array([[False, True]]))
+    harmless = replace(two, fright=np.array([[[0.0, 0.0, 0.0], [9.0, 0.0, 1.0]]]))
     policy = policy_for("chase", "chase")
     np.testing.assert_array_equal(policy.scores(harmless), policy_for("chase").scores(one))
     assert not np.array_equal(policy.scores(two), policy.scores(harmless))
-    nobody = policy.scores(replace(two, harmless=np.array([[True, True]])))
+    nobody = policy.scores(replace(two, fright=np.array([[[9.0, 0.0, 1.0], [9.0, 0.0, 1.0]]])))
     assert np.isfinite(nobody[nobody > -np.inf]).all()
     assert np.isfinite(nobody).any()
 

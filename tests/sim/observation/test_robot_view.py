@@ -20,7 +20,7 @@ from tests.drawn import drawn
 from tests.sim.players import new_batch
 
 #: What a robot measures with other arithmetic than the simulator's.
-ROUNDED = ("clyde_velocity", "closing_speed", "ghosts", "frightened_s", "away_s")
+ROUNDED = ("clyde_velocity", "closing_speed", "ghosts", "fright")
 
 
 class Robot:
