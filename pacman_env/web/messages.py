@@ -134,7 +134,7 @@ class Ping(Message, frozen=True): ...
 
 
 MOST_BYTES = 16_384  # per message; maps are uploaded over HTTP
-FOR_ALL = (Stop, Watch, Why, Compare, Stories, Ready, Ping)  # allowed to viewers too
+FOR_ALL = (Stop, Watch, Why, Stories, Ready, Ping)  # allowed to viewers too
 _decoder: msgspec.json.Decoder[Message] = msgspec.json.Decoder(reduce(or_, Message.__subclasses__()))
 
 
