@@ -388,10 +388,13 @@ def _draw_header(image: Image, view: MapView, batch: GameBatch, game: int, title
         "pellets": f"{g['collected']}/{g['spawned']}" + (f" ({g['lost']} lost)" if g["lost"] else ""),
         "Clyde" if batch.ghosts.shape[1] == 1 else "ghosts": f"{g['clyde_speed']:.2f} m/s",
     }
-    if batch.config.power.pellets > 0:
-        values["ghosts caught"] = str(g["caught"])
-    if batch.config.endless or batch.config.power.pellets > 0:
-        values |= {"round": str(g["round"]), "score": str(g["score"])}
+    power = batch.config.power.pellets > 0
+    if power:
+        values["caught"] = str(g["caught"])
+    if batch.config.endless:
+        values["round"] = str(g["round"])
+    if batch.config.endless or power:
+        values["score"] = str(g["score"])
     gaps = [max(gap * unit, gap / 3) for gap in (6, 26)]
     pairs = [((label, MUTED, gaps[0]), (value, TEXT, gaps[1])) for label, value in values.items()]
     write([word for pair in pairs for word in pair], lower, max(12.5 * unit, 6), view.width)
