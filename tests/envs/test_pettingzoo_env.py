@@ -27,7 +27,8 @@ def actions_of(env: PacManBotParallelEnv, rng: np.random.Generator) -> dict[str,
 
 @pytest.mark.parametrize("row", PAIRWISE, ids=name)
 def test_pacman_plays_gymnasium_game_against_wandering_ghosts(row: dict[str, Any]) -> None:
-    chosen = arguments(row, several=True)
+    # A frightened ghost of a policy obeys, all others would flee.
+    chosen = arguments(row, several=True, **{"power.behaviour": "wander"})
     env = pacman_env.parallel_env(**chosen)
     wandering = ["wander" if ghost == "policy" else ghost for ghost in chosen.pop("ghosts")]
     single = make(ghosts=wandering, **chosen)
@@ -163,13 +164,14 @@ def test_ghost_observes_its_current_goal() -> None:
 
 
 def test_state_contains_true_game_values_by_name() -> None:
-    settings = {**FAST_GHOSTS, "power.pellets": 2}
+    settings = {**FAST_GHOSTS, "power.pellets": 99}  # all of them
     env = pacman_env.parallel_env(ghosts=MIXED, settings=settings, map="maze")
     env.reset(seed=2)
     names, apart, rng, frightened = env.state_names, [], np.random.default_rng(0), False
     assert len(names) == len(set(names)) == env.state_space.shape[0]
-    for _ in range(30):
-        observations = env.step(actions_of(env, rng))[0] if env.agents else env.reset()[0]
+    for k in range(60):
+        actions = actions_of(env, rng) if k % 6 == 0 and env.agents else actions  # noqa: F821
+        observations = env.step(actions)[0] if env.agents else env.reset()[0]
         assert env.state_space.contains(env.state())
         state = dict(zip(names, env.state().tolist(), strict=True))
         g, batch = env.batch.games[0], env.batch
@@ -179,11 +181,11 @@ def test_state_contains_true_game_values_by_name() -> None:
         robot = observations[PACMAN]["robot"]
         believed = [state["believed_x"], state["believed_y"], *(f(state["believed_heading"]) for f in (np.cos, np.sin))]
         np.testing.assert_allclose(robot[:6], [*believed, state["v"], state["omega"]], atol=1e-6)
-        for k, ghost in enumerate(("clyde", "blinky", "pinky", "inky")):
-            expected = [batch.ghosts[0, k][part] for part in ("x", "y", "vx", "vy")]
+        for number, ghost in enumerate(("clyde", "blinky", "pinky", "inky")):
+            expected = [batch.ghosts[0, number][part] for part in ("x", "y", "vx", "vy")]
             assert [state[f"{ghost}_{part}"] for part in ("x", "y", "vx", "vy")] == expected
             power = [state[f"{ghost}_{part}"] for part in ("frightened_s", "away_s")]
-            assert np.float32(power).tolist() == observations[PACMAN]["ghost_power"][k, [1, 3]].tolist()
+            assert np.float32(power).tolist() == observations[PACMAN]["ghost_power"][number, [1, 3]].tolist()
             frightened |= power[0] > 0
         pellets = [state[f"pellet_{k}"] for k in range(batch.pellet_slots)]
         assert pellets == batch.alive[0].astype(float).tolist()
