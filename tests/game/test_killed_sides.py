@@ -18,7 +18,8 @@ from pacman_env.game.round import Action, RoundController
 
 PELLETS = {10: (2.0, 0.0), 11: (4.0, 0.0), 12: (6.0, 0.0)}
 POWER = (10, 12)
-CONFIG = make_config("robot", **{"power.pellets": len(POWER), "power.duration_s": 60.0, "power.return_s": 1.0})
+SETTINGS: dict[str, Any] = {"power.pellets": len(POWER), "power.duration_s": 60.0, "power.return_s": 1.0}
+CONFIG = make_config("robot", **SETTINGS)
 STEP_S = 0.5
 LATCHED = {"state": "", "command": "", "spawned": 0, "collected": 0, "ghosts_caught": 0}
 SIDES = ("referee", "manager", "planner")
