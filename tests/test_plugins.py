@@ -112,7 +112,7 @@ def example(site: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 def test_example_plugin_is_found_by_its_names(example: None) -> None:
     assert "shy" in policy_names()
-    assert set(preset_names()) == {"robot", "ideal", "sleepy"}
+    assert "sleepy" in preset_names()
     assert make_policy("shy", haste=1.0).name == make_policy("pacman_plugin.policy:Shy").name == "shy"
     assert make_config("sleepy").clyde.speed_mps == make_config("pacman_plugin.preset:SLEEPY").clyde.speed_mps == 0.1
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..config import Config
-from .execution import CLEARED, DEAD, RUNNING, Board, Execution, rules, transition
+from .execution import CHECK, CLEARED, DEAD, RUNNING, Board, Execution, rules, transition
 from .ghosts import GHOST_NAMES
 from .goals import ExecutorAction, Goals, Position
 from .power import AWAY_UNTIL, HARMLESS_UNTIL, frightened_s
@@ -225,13 +225,14 @@ class RobotRound:
     ) -> tuple[int, list[ExecutorAction]]:
         """Apply an event of :func:`transition`; return the action for the goal and the reports."""
         record, remaining, lost, end = self.record, self._left.copy(), self.record.lost, self.record.end
-        longest_s = max(record.fright_time, self._power.return_s)
-        times = self.ghosts[:, HARMLESS_UNTIL:]
-        np.minimum(times, now + longest_s, out=times)  # longer only if the clock was set back
-        away_before = self.ghosts[:, AWAY_UNTIL].copy()
-        self.ghosts[:, :2] = math.nan
-        self.ghosts[: len(ghosts), :2] = np.reshape(ghosts, (-1, 2))
-        board = Board(self.goals.xy, self.ghosts, self._left, self.goals.power, self.waits, self._aborts)
+        if self._power.pellets > 0:
+            times, longest_s = self.ghosts[:, HARMLESS_UNTIL:], max(record.fright_time, self._power.return_s)
+            np.minimum(times, now + longest_s, out=times)  # longer only if the clock was set back
+        caught, away_before = record.caught, self.ghosts[:, AWAY_UNTIL].copy()
+        for k, place in enumerate(ghosts):
+            self.ghosts[k, :2] = place
+        seen = self.ghosts[: len(ghosts)] if event == CHECK else self.ghosts
+        board = Board(self.goals.xy, seen, self._left, self.goals.power, self.waits, self._aborts)
         self.statuses.begin_event()
         action = transition(record, event, value, at or (math.nan, math.nan), now, navigating, board, self.rules)
         actions = []
@@ -241,8 +242,9 @@ class RobotRound:
             if record.lost == lost:
                 actions.append(self.statuses.collected(number))
             actions.append(ExecutorAction("remove", number))
-        for k in np.flatnonzero(self.ghosts[:, AWAY_UNTIL] != away_before):
-            actions += self.statuses.caught(GHOST_NAMES[k])
+        if record.caught != caught:
+            for number in np.flatnonzero(self.ghosts[:, AWAY_UNTIL] != away_before).tolist():
+                actions += self.statuses.caught(GHOST_NAMES[number])
         if actions and self._power.pellets > 0:  # the points of a ghost depend on the reports before it
             actions = [*self.statuses.earlier(), *actions]
         if record.end == CLEARED != end:

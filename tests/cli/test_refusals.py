@@ -61,7 +61,7 @@ COMMANDS = [
     ("compare --policies nearst", "unknown policy 'nearst'"),
     ("compare --policies nowhere.onnx", "nowhere.onnx: cannot be read"),
     ("compare --policies nearest run.zip", "run.zip: "),
-    ("compare --preset perfect", "unknown preset 'perfect': choose one of ideal, robot"),
+    ("compare --preset perfect", "unknown preset 'perfect': choose one of arcade, ideal, robot"),
     ("compare --episodes 0", "must be at least 1"),
     ("compare --episodes 99999999999999999999", "must be at most 1000000000"),
     ("compare --episodes 1.5", "'1.5' is no whole number"),

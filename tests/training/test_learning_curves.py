@@ -64,7 +64,7 @@ def test_every_baseline_learns_in_short_run(tmp_path: Path) -> None:
     [
         (["--combinations", "planner"], "combination 'planner': choose among planner/event"),
         (["--combinations", "planner/never"], "combination 'planner/never': choose among planner/event"),
-        (["--baselines", "flat", "round"], "baseline 'round': choose among flat velocity_scan"),
+        (["--baselines", "flat", "round"], "baseline 'round': choose among flat arcade velocity_scan"),
     ],
 )
 def test_unknown_name_is_refused(

@@ -5,7 +5,6 @@ from functools import partial
 from typing import Any
 
 from pacman_env.game.pellets import generate_pellets
-from pacman_env.sim.maps.assets import map_assets
 
 from .. import topics
 from ..messages import markers_of
@@ -25,6 +24,8 @@ class PelletManager(GameNode):
             self.get_logger().warning(f"{map.name}: no room for a pellet, {config.spacing_m} m apart")
         self._power: set[int] = set()
         if self.config.power.pellets > 0:
+            from pacman_env.sim.maps.assets import map_assets  # 60 MB that the other games do not need
+
             assets = map_assets(map, self.config)  # only pellets that the robot can reach
             self._power = set(
                 assets.pellet_ids[assets.power_pellets(self.config.power.pellets)[: assets.pellets]].tolist()

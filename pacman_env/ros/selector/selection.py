@@ -225,6 +225,7 @@ class Selection:
         if missing:
             self._warn(f"no {missing[0]}", f"nothing is chosen as long as {missing[0]}_pose has not been received")
             return
+        times = self.executor.round.ghosts[: len(self.view.ghosts), HARMLESS_UNTIL:]
         seen = Seen(
             time_s=now - self.executor.began_s,
             pose=belief.pose,
@@ -233,7 +234,7 @@ class Selection:
             pose_age_s=belief.age_s,
             masked=self.executor.round.masked(now),
             pursued=self.executor.sent.pursued,
-            harmless_s=np.maximum(self.executor.round.ghosts[: len(self.view.ghosts), HARMLESS_UNTIL:] - now, 0.0),
+            harmless_s=np.maximum(times - now, 0.0) if self._config.power.pellets > 0 else None,
         )
         situation = self.view.situation(seen)  # every time: it measures Clyde's approach
         news = seen.left, self.executor.round.record.caught

@@ -80,7 +80,7 @@ def as_rows(status_line: StatusLine, missing: Missing) -> str:
     facts = status_line.facts()
     age_s, speed = facts["pose_age_s"], facts["clyde_speed_mps"]
     pellets = ("-" if facts[name] is None else facts[name] for name in ("pellets_collected", "pellets_spawned"))
-    caught = facts["ghosts_caught"]
+    caught = facts.get("ghosts_caught")
     rows = {
         **{name: facts[name] for name in ("state", "round", "score")},
         "pellets": "{} of {}".format(*pellets),

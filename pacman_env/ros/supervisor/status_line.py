@@ -103,10 +103,11 @@ class StatusLine(ObserverNode):
 
     def facts(self) -> dict[str, Any]:
         """Return the game as plain values; None for values that are missing or invalid."""
+        caught = self.game.valid("ghosts_caught")
         return {
             "namespace": self.get_namespace(),
             **{name: self.game.valid(name) for name in VALUES},
-            "ghosts_caught": self.game.valid("ghosts_caught"),
+            **({} if caught is None else {"ghosts_caught": caught}),
             "policy": self.policy or None,
             "pose_age_s": self.pose_age_s,
             "nodes": sorted(self.game.nodes),

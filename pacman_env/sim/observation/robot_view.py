@@ -203,8 +203,8 @@ class RobotView:
         self._alive[:] = False
         self._alive[0, [self._slot[number] for number in seen.left if number in self._slot]] = True
         g["spawned"] = self._alive.sum()
-        harmless_s = 0.0 if seen.harmless_s is None else seen.harmless_s
-        self._obstacles[0, :, HARMLESS_UNTIL:] = g["step"] + harmless_s / self._config.physics_step_s
+        if seen.harmless_s is not None:
+            self._obstacles[0, :, HARMLESS_UNTIL:] = g["step"] + seen.harmless_s / self._config.physics_step_s
         self._waits[:] = 0
         self._waits[0, list(seen.masked)] = g["step"] + 1
         self._watch_distance(seen)
@@ -237,8 +237,9 @@ class RobotView:
         g["closing"] = closing_speed(g["distance"], distance, passed_s) if closes else 0.0
         g["distance"] = distance
         if 0 < passed_s < math.inf:
-            harmless = self._obstacles[0, :, HARMLESS_UNTIL] > g["step"]
-            self._ghosts["seen_cell"][0, harmless] = -1  # their motion says nothing about their behaviour
+            if seen.harmless_s is not None:
+                harmless = self._obstacles[0, :, HARMLESS_UNTIL] > g["step"]
+                self._ghosts["seen_cell"][0, harmless] = -1  # their motion says nothing about their behaviour
             p = self._parameters[0]
             where = (x, y), int(g["tick"]), int(self._levels.addresses[0])
             watch(self._ghosts[0], self._cells[0], *where, float(p["arcade_m"]), float(p["tick_s"]))

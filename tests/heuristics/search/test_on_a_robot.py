@@ -16,21 +16,12 @@ def test_robot_chooses_what_the_simulator_chooses(behaviour: str) -> None:
     config = config_of(behaviour)
     batch = GameBatch(map_assets("house", config), config)
     batch.reset(np.array([0]), np.array([1], dtype=np.uint64))
-    way = [batch.obstacles[0, 0, :2].copy()]
-    updates = round(config.clyde.update_period_s / config.physics_step_s)
-
-    def see() -> None:
-        if (batch.games[0]["step"] - 1) % updates == 0:
-            way.append(batch.obstacles[0, 0, :2].copy())
-
-    batch.after_physics_step = see
-    robot = Robot(batch, np.zeros((0, 2)))
+    robot = Robot(batch)
     simulators, robots = Search(nodes=1000), Search(nodes=1000)
     for policy in (simulators, robots):
         policy.reset(np.ones(1, np.bool_), config)
     ticks = 0
     while batch.games[0]["end"] == RUNNING and ticks < 80:
-        robot.way = np.array(way)
         expected, seen = batch.situation(), robot.situation()
         choice = simulators.select(expected)
         np.testing.assert_array_equal(robots.select(seen), choice)

@@ -82,7 +82,7 @@ def test_each_ghost_has_its_own_behaviour() -> None:
     for k, behaviour in enumerate(config.clyde.ghosts):
         other = situation_of(config)
         single = config_of(behaviour)
-        own = {name: np.ascontiguousarray(getattr(other, name)[:, k : k + 1]) for name in ("ghosts", "harmless")}
+        own = {name: np.ascontiguousarray(getattr(other, name)[:, k : k + 1]) for name in ("ghosts", "fright")}
         one, _its = started(single, replace(other, **own))
         steps(one, 8)
         alone.append((one.ghosts["x"][0], one.ghosts["y"][0]))
