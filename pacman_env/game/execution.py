@@ -172,7 +172,7 @@ def _conclude(s, status, at, now, board, p):  # type: ignore[no-untyped-def]
 def _check(s, at, now, board, p):  # type: ignore[no-untyped-def]
     """Test pick-up before death (Algorithm 4): the last pellet completes the round even within a ghost's reach.
 
-    A power pellet likewise frightens a ghost that would catch the robot at the same check.
+    In the same way a power pellet frightens a ghost that would catch the robot at the same check.
     """
     x, y = at
     goal_xy, ghosts = board.goal_xy, board.ghosts

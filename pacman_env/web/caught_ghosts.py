@@ -1,4 +1,4 @@
-"""What a frame tells of frightened and caught ghosts: times, eyes on their way back, and points that pop up."""
+"""Describe frightened and caught ghosts in frames: times, eyes on their way back, and points that pop up."""
 
 from typing import Any, NamedTuple
 

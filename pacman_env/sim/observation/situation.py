@@ -74,17 +74,17 @@ class Situation:
 
     @property
     def frightened_s(self) -> NDArray[np.float64]:
-        """For how long each ghost stays frightened, (N, G), s; 0 if it is not."""
+        """Return for how long each ghost stays frightened, (N, G), s; 0 if it is not."""
         return self.fright[:, :, FRIGHTENED_S]
 
     @property
     def away_s(self) -> NDArray[np.float64]:
-        """After which time each caught ghost starts again, (N, G), s; 0 if it is there."""
+        """Return after which time each caught ghost starts again, (N, G), s; 0 if it is there."""
         return self.fright[:, :, AWAY_S]
 
     @property
     def harmless(self) -> NDArray[np.bool_]:
-        """Which ghosts need not be avoided, (N, G): they are harmless for longer than ``power.warning_s``."""
+        """Return which ghosts need not be avoided, (N, G): they stay harmless for longer than ``power.warning_s``."""
         return self.fright[:, :, HARMLESS] > 0.0
 
     def __getattr__(self, name: str) -> NDArray[Any]:
