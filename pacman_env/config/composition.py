@@ -171,9 +171,10 @@ def differences(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tuple[A
     return pairs
 
 
+_ROBOT = {"robot.speed_mps": 0.256}  # driving speed in the logs [M]
 PRESETS: dict[str, dict[str, Any]] = {
     # As in the ten real trials: measured speed, AMCL's cadence and error, Nav2's delays.
-    "robot": {"robot.speed_mps": 0.256},  # driving speed in the logs [M]
+    "robot": _ROBOT,
     # Perfect localization, the base's full speed, goals and rules without delay.
     "ideal": {
         "localization.perfect": True,
@@ -182,11 +183,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "execution.check_period_s": 0.05,
     },
     # The robot's game with power pellets against four ghosts of several kinds.
-    "arcade": {
-        "robot.speed_mps": 0.256,
-        "power.pellets": 4,
-        "clyde.ghosts": ("arcade", "chase", "wander", "wander"),
-    },
+    "arcade": {**_ROBOT, "power.pellets": 4, "clyde.ghosts": ("arcade", "chase", "wander", "wander")},
 }
 _WORDS = {"true": True, "false": False, "none": None}
 #: Built-in presets and presets from entry points in other packages: fields by dotted name.

@@ -44,7 +44,7 @@ class Board(NamedTuple):
     """Goals, ghosts and pellets of a game, which :func:`transition` reads and updates."""
 
     goal_xy: Any  # (K, 2) m
-    ghosts: Any  # (G, 5): x, y in m, unused, and the times until which it is frightened and away (``power.py``)
+    ghosts: Any  # (G, 5): x, y in m, unused, and the times until which it is harmless and away (``power.py``)
     left: Any  # (pellets,) bool by slot: the remaining pellets
     power: Any  # (pellets,) bool by slot: the power pellets
     waits: Any  # (candidates,) time until which a candidate may not be chosen

@@ -109,7 +109,6 @@ def configuration_key(config: Config) -> str:
         "pellets": asdict(config.pellets),
         "clyde": [config.clyde.clearance_m, config.clyde.spawn, config.clyde.spawn_distance_m],
         "refuges": asdict(config.refuges),
-        "power": config.power.pellets,
         "code": source_hash(),
     }
     return json.dumps(relevant, sort_keys=True)

@@ -50,7 +50,8 @@ class LevelFiles:
     """Files of the houses of one configuration, enlarged by the factor ``scale``."""
 
     def __init__(self, config: Config, scale: int) -> None:
-        numbers = {"scale": scale, "radius": config.robot.radius_m, "format": str(_HEAD)}
+        own = {"radius": config.robot.radius_m, "power": config.power.pellets}  # of levels, but not of prepared maps
+        numbers = {"scale": scale, **own, "format": str(_HEAD)}
         self.key = hashlib.sha256(f"{configuration_key(config)}{numbers}".encode()).hexdigest()[:32]
 
     @functools.cached_property
