@@ -57,9 +57,10 @@ class ClydeCells:
 
     def nearest(self, x: float, y: float, part: int | None = None) -> tuple[int, float]:
         """Return the cell nearest to (x, y), m, in one part or in all (None), and its distance in m."""
-        cells = np.arange(len(self.part)) if part is None else self.cells_in(part)
-        (index,), (square,) = nearest_positions(self.position[cells], np.array([(x, y)]))
-        return int(cells[index]), math.sqrt(square)
+        cells = None if part is None else self.cells_in(part)
+        position = self.position if cells is None else self.position[cells]
+        (index,), (square,) = nearest_positions(position, np.array([(x, y)]))
+        return int(index if cells is None else cells[index]), math.sqrt(square)
 
     def start_cells(self, config: ClydeConfig, part: int, places: Iterable[tuple[float, float]]) -> NDArray[np.int32]:
         """Return the cells at least ``spawn_distance_m`` from all places (m), or the farthest one if there are none."""
