@@ -54,7 +54,7 @@ def make_parser() -> Parser:
     add("--id", default=FLAT_ID.removeprefix(_PREFIX), metavar="ID", help="of the environment (%(default)s)")
     maps = "as the environment takes it: a file, a name, generated, generated:test (that of the id)"
     add("--map", metavar="FILE_OR_NAME", help=maps)
-    kinds = f"instead of that of the id: {', '.join(KINDS.names())}; with flat, as one array"
+    kinds = f"instead of the observation of the id: {', '.join(KINDS.names())}; with flat, as one array"
     add("--observation", nargs="+", metavar="KIND", help=kinds)
     add("--ghosts", nargs="+", metavar="BEHAVIOUR", help="of each ghost, or a policy's name (that of the id)")
     add("--preset", default="robot", metavar="NAME", help=f"one of {', '.join(preset_names())} (%(default)s)")

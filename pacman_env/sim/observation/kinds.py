@@ -237,7 +237,7 @@ register_observation = KINDS.register
 
 
 def kinds_shown(config: ObservationConfig, action: str, power: bool) -> list[str]:
-    """Return the configured kinds and those that they need.
+    """Return the configured kinds and the kinds that they need.
 
     Bearings are added if the actions need more than path lengths or a scan, ``POWER`` to all numbers if there is
     ``power`` in the game.

@@ -85,7 +85,7 @@ def write_situations(table, first, last):  # type: ignore[no-untyped-def]
             if is_frightened(seen[k], g.step):
                 s.fright[i, k, FRIGHTENED_S] = (seen[k, HARMLESS_UNTIL] - g.step) * p.dt
             s.fright[i, k, HARMLESS] = is_harmless(seen[k], g.step + p.warning_steps)
-            if player < 0 and s.fright[i, k, HARMLESS]:  # as if it wandered: nobody expects it to come
+            if player < 0 and s.fright[i, k, HARMLESS]:  # as if it wandered, so that no policy expects it to come
                 s.belief[i, k] = 0.0
                 s.belief[i, k, WANDERS] = 1.0
         lead = player
