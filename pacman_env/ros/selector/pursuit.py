@@ -8,10 +8,11 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from std_msgs.msg import Int32, String
+from std_msgs.msg import Float64MultiArray, Int32, String
 
 from pacman_env.game.execution import CANCELED
 from pacman_env.game.goals import ExecutorAction, Place
+from pacman_env.game.power import HARMLESS_UNTIL
 from pacman_env.policies.asking import PolicyError, name_of, scores, what_users_raise
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import costmaps_without
@@ -19,7 +20,6 @@ from pacman_env.ros.messages import Position, twist_message
 from pacman_env.ros.node import GameNode
 from pacman_env.ros.operator_stop import OperatorStop
 from pacman_env.ros.selector import goal_scores
-from pacman_env.ros.selector.ghost_times import GhostTimes
 from pacman_env.ros.selector.message_queue import MessageQueue
 from pacman_env.ros.selector.nav2_failures import error_words
 from pacman_env.ros.selector.navigation_client import NavigationClient
@@ -51,13 +51,14 @@ class Pursuit:
         self._fresh = False  # activated, but no tick yet
         self._shown_ready = False  # ``nav2`` in the last diagnostics
         self._cleared = False  # earlier goals have been cancelled
-        self._out = {topic.name: topic.publisher(node) for topic in _PUBLISHED}
+        power = node.config.power.pellets > 0
+        published = (*_PUBLISHED, topics.HARMLESS_GHOSTS) if power and not passive else _PUBLISHED
+        self._out = {topic.name: topic.publisher(node) for topic in published}
+        self._ghost_times: list[float] = []  # as published
         self._nav2 = NavigationClient(node, self._on_accepted, self._on_rejected, self._on_finished)
         self._operator = None if passive else OperatorStop(node, self._on_stop)
         self._publish_json(topics.CANDIDATES, goal_scores.candidates_of(selection.view.assets))
         ghosts = topics.GHOST_POSES[: len(node.config.clyde.ghosts)]
-        power = node.config.power.pellets > 0
-        self._ghost_times = GhostTimes(node) if power and not passive else None
         statuses = self._executor.statuses
         power_handlers = (
             (topics.ROUND, partial(selection.on_count, self._executor.round.begin, 1)),
@@ -102,8 +103,6 @@ class Pursuit:
             self._node.destroy_timer(timer)
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
-        if self._ghost_times is not None:
-            self._ghost_times.destroy()
         for publisher in self._out.values():
             self._node.destroy_publisher(publisher)
 
@@ -271,8 +270,12 @@ class Pursuit:
             else:
                 topic = topics.GAME_STATUS if action.kind == "status" else topics.GAME_EVENT
                 self._out[topic.name].publish(String(data=str(action.value)))
-        if self._ghost_times is not None:
-            self._ghost_times.publish(self._executor.round.ghosts)
+        if topics.HARMLESS_GHOSTS.name in self._out:
+            ghosts = len(self._node.config.clyde.ghosts)
+            times = self._executor.round.ghosts[:ghosts, HARMLESS_UNTIL:].ravel().tolist()
+            if times != self._ghost_times:
+                self._ghost_times = times
+                self._out[topics.HARMLESS_GHOSTS.name].publish(Float64MultiArray(data=times))
 
     def _send(self, number: int, place: Place | None) -> None:
         assert place is not None
