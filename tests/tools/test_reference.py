@@ -9,8 +9,13 @@ import pytest
 from pacman_env.cli.options import help_texts
 from pacman_env.config import Config
 from pacman_env.config.described import settings
-from pacman_env.sim.observation.power_features import CANDIDATE_POWER_COLUMNS, GHOST_POWER_COLUMNS
-from pacman_env.sim.observation.robot_features import COLUMNS, GHOST_BEARING_COLUMNS, PELLET_BEARING_COLUMNS
+from pacman_env.sim.observation.robot_features import (
+    CANDIDATE_POWER_COLUMNS,
+    COLUMNS,
+    GHOST_BEARING_COLUMNS,
+    GHOST_POWER_COLUMNS,
+    PELLET_BEARING_COLUMNS,
+)
 from pacman_env.training.arguments import Hyperparameters
 from tests.envs.helpers import make
 from tools.common import ROOT

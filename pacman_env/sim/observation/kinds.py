@@ -23,11 +23,12 @@ from .planner_features import (
     planner_features,
     planner_stage,
 )
-from .power_features import CANDIDATE_POWER_COLUMNS, GHOST_POWER_COLUMNS, power_features, power_stage
 from .raster import CHANNELS, FRIGHTENED, PRESENT, raster_all, scan_all
 from .robot_features import (
+    CANDIDATE_POWER_COLUMNS,
     COLUMNS,
     GHOST_BEARING_COLUMNS,
+    GHOST_POWER_COLUMNS,
     PELLET_BEARING_COLUMNS,
     Columns,
     Observation,
@@ -35,6 +36,8 @@ from .robot_features import (
     features_stage,
     ghost_bearings,
     pellet_bearings,
+    power_features,
+    power_stage,
 )
 from .situation import MISSING, NearestCounts, Situation, nearest_candidates
 
@@ -131,10 +134,6 @@ def _feature_parts(batch: GameBatch) -> dict[str, ObservationPart]:
     return parts
 
 
-def _features(batch: GameBatch, situation: Situation) -> Observation:
-    return features(situation)
-
-
 def _planner_parts(batch: GameBatch) -> dict[str, ObservationPart]:
     shape = batch.candidates, len(CANDIDATE_FEATURES)
     return {
@@ -175,12 +174,9 @@ def _bearings(batch: GameBatch, situation: Situation) -> Observation:
 
 
 def _power_parts(batch: GameBatch) -> dict[str, ObservationPart]:
-    candidates = _table_part(CANDIDATE_POWER_COLUMNS, (batch.candidates,))
-    ghosts = len(batch.config.clyde.ghosts)
-    return {
-        "candidate_power": candidates._replace(by_candidate=True),
-        "ghost_power": _table_part(GHOST_POWER_COLUMNS, (ghosts,)),
-    }
+    candidates = _table_part(CANDIDATE_POWER_COLUMNS, (batch.candidates,))._replace(by_candidate=True)
+    ghosts = _table_part(GHOST_POWER_COLUMNS, (len(batch.config.clyde.ghosts),))
+    return {"candidate_power": candidates, "ghost_power": ghosts}
 
 
 def _scan_parts(batch: GameBatch) -> dict[str, ObservationPart]:
@@ -218,7 +214,10 @@ def _grid(batch: GameBatch, situation: Situation) -> Observation:
 
 
 FEATURES = CompiledKind(
-    "features", _feature_parts, _features, lambda batch, situation, wanted, arrays: features_stage(situation, arrays)
+    "features",
+    _feature_parts,
+    lambda batch, situation: features(situation),
+    lambda batch, situation, wanted, arrays: features_stage(situation, arrays),
 )
 PLANNER = CompiledKind("planner", _planner_parts, _planner, _planner_stage, maps_changed, maps_wanted)
 POWER = CompiledKind(

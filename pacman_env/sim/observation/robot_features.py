@@ -16,7 +16,18 @@ from ...engine.pipeline import Stage
 from ...world.navigation.grid import cell_of
 from ...world.navigation.paths import AT_GOAL, NO_STEP
 from ..maps.level import level_arrays
-from .situation import HOLD, MISSING, PELLET, REFUGE, NearestCounts, Situation, maps_of, nearest_candidates
+from .situation import (
+    AWAY_S,
+    FRIGHTENED_S,
+    HOLD,
+    MISSING,
+    PELLET,
+    REFUGE,
+    NearestCounts,
+    Situation,
+    maps_of,
+    nearest_candidates,
+)
 from .situation import LAYOUT as situation_layout
 
 FAR_M = 100.0  # cap of all lengths
@@ -172,6 +183,54 @@ def write_features(table, first, last):  # type: ignore[no-untyped-def]
             ghosts[i, k, 2], ghosts[i, k, 3] = in_robot_frame(vx, vy, ch, sh, FAST_MPS)
             ghosts[i, k, 4] = min(math.sqrt(dx * dx + dy * dy), FAR_M)
             ghosts[i, k, 5] = min(s.ghosts[i, k, 4], FAST_MPS)
+    return 0
+
+
+CANDIDATE_POWER_COLUMNS: Columns = (("is_power", 0.0, 1.0, ""),)
+GHOST_POWER_COLUMNS: Columns = (
+    ("is_frightened", 0.0, 1.0, ""),
+    ("frightened", 0.0, OLD_S, "s, until it is not frightened any more"),
+    ("is_away", 0.0, 1.0, "1, after it was caught"),
+    ("away", 0.0, OLD_S, "s, until it starts again"),
+)
+
+
+class PowerArrays(NamedTuple):
+    fright: Any = Array(np.float64, "N G 3")
+    is_power: Any = Array(np.bool_, "N C")
+    mask: Any = Array(np.bool_, "N C")
+    candidate_power: Any = Array(np.float32, f"N C {len(CANDIDATE_POWER_COLUMNS)}")
+    ghost_power: Any = Array(np.float32, f"N G {len(GHOST_POWER_COLUMNS)}")
+
+
+_power_arrays = arrays_by_address(PowerArrays)
+
+
+def power_features(situation: Situation) -> Observation:
+    """Return ``candidate_power`` (N, C, 1) and ``ghost_power`` (N, G, 4)."""
+    n, candidates, ghosts = situation.block()[1:]
+    arrays = zeros(PowerArrays, ("candidate_power", "ghost_power"), N=n, C=candidates, G=ghosts)
+    situation.threads.run(*power_stage(situation, arrays), n)
+    return arrays
+
+
+def power_stage(situation: Situation, arrays: Observation) -> Stage:
+    """Return the stage that fills the arrays of :func:`power_features`."""
+    seen = {name: getattr(situation, name) for name in ("fright", "is_power", "mask")}
+    filled = {name: arrays[name] for name in ("candidate_power", "ghost_power")}
+    return write_power, [Table(PowerArrays, **seen, **filled)]
+
+
+@table_kernel
+def write_power(table, first, last):  # type: ignore[no-untyped-def]
+    a = _power_arrays(table)
+    for i in range(first, last):
+        for c in range(a.is_power.shape[1]):
+            a.candidate_power[i, c, 0] = a.is_power[i, c] and a.mask[i, c]
+        for k in range(a.fright.shape[1]):
+            frightened_s, away_s = a.fright[i, k, FRIGHTENED_S], a.fright[i, k, AWAY_S]
+            a.ghost_power[i, k, 0], a.ghost_power[i, k, 1] = frightened_s > 0.0, min(frightened_s, OLD_S)
+            a.ghost_power[i, k, 2], a.ghost_power[i, k, 3] = away_s > 0.0, min(away_s, OLD_S)
     return 0
 
 
