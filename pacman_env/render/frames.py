@@ -81,6 +81,7 @@ class MapView:
         self._corner, self._cells = _crop(assets)
         self._arrange()
         self.goals = self.pixels(assets.goal_xy)
+        self.sizes = np.where(self._power, _POWER, 1.0) * self.pellet_px
         self.background = self._background()
         self._drawn = functools.lru_cache(maxsize=_KEPT_LAYERS)(self._draw_layer)
 
@@ -98,17 +99,14 @@ class MapView:
         """Convert a heading in the map frame to an angle in the image, where y points down."""
         return self.assets.occupancy.origin[2] - heading
 
-    def is_power(self, pellet: int) -> bool:
-        return bool(self._power[pellet])
-
     def layer(self, alive: NDArray[np.bool_]) -> Image:
         """Return the background with pellets drawn by ``alive`` (P,); the image is cached and must not be changed."""
         return self._drawn(alive.tobytes())
 
     def _draw_layer(self, alive: bytes) -> Image:
         picture = self.background.copy()
-        for centre, exists, power in zip(self.goals, alive, self._power, strict=False):
-            symbols.pellet(picture, centre, (_POWER if power else 1.0) * self.pellet_px, bool(exists))
+        for centre, exists, size in zip(self.goals, alive, self.sizes, strict=False):
+            symbols.pellet(picture, centre, size, bool(exists))
         return picture
 
     def _arrange(self) -> None:
@@ -332,7 +330,7 @@ def _draw_goal(image: Image, view: MapView, batch: GameBatch, game: int) -> None
     if pursued >= 0:
         if pursued < batch.pellet_slots:
             centre = view.goals[pursued]
-            symbols.pellet(image, centre, (_POWER if view.is_power(pursued) else 1.0) * view.pellet_px, True)
+            symbols.pellet(image, centre, view.sizes[pursued], True)
         else:
             centre = view.goals[assets.pellets + pursued - batch.pellet_slots]
         symbols.goal_ring(image, centre, max(1.9 * view.pellet_px, 1.4 * view.mark_px), 1.3 * view.line)

@@ -194,22 +194,20 @@ class ClydeGhostNode(GameNode):
     def _show(self) -> None:
         now = self.get_clock().now()
         stamp, poses, nav2 = now.to_msg(), self.ghosts.poses, self.config.nav2
+        left_s = self._harmless - now.nanoseconds / 1e9
         for number, (pose, publisher) in enumerate(zip(poses, self._poses, strict=True)):
             self._view.see_ghost(number, *pose[:2], now.nanoseconds)
             publisher.publish(messages.pose_message(*pose, stamp))
-            harmless_s, away_s = self._harmless[number] - now.nanoseconds / 1e9
-            look = (
-                GHOSTS[number].colour if harmless_s <= 0 else frightened_colour(harmless_s, self.config.power.warning_s)
-            )
+            (harmless_s, away_s), own = left_s[number], GHOSTS[number].colour
+            look = frightened_colour(harmless_s, self.config.power.warning_s) if harmless_s > 0 else own
             red, green, blue = EYES if away_s > 0 else look
             colour = red / 255, green / 255, blue / 255
             marker = messages.marker_message(messages.GHOSTS, number + 1, pose[:2], _DIAMETER_M, colour, stamp)
             self._marker.publish(marker)
         radius_m = max(nav2.clyde_keepout_m - self.config.robot.inscribed_radius_m, 0.0)
-        harmful = self._harmless[:, 0] <= now.nanoseconds / 1e9
-        around = [radius_m * GHOST_OBSTACLE + poses[k][:2] for k in np.flatnonzero(harmful)]  # at 0.05 m, original
-        nothing = not around or self._state == "returning_home"
-        self._show_obstacle(GHOST_OBSTACLE[:0] if nothing else np.concatenate(around), stamp)
+        harmful = (left_s[:, 0] <= 0) & (self._state != "returning_home")
+        around = np.array(self._places())[harmful, None] + radius_m * GHOST_OBSTACLE  # at 0.05 m, original
+        self._show_obstacle(around.reshape(-1, 2), stamp)
         self._show_trail(self._places(), stamp)
 
     def _show_obstacle(self, points: NDArray[np.float64], stamp: Any) -> None:

@@ -10,9 +10,7 @@ from ..maps.level import level_arrays
 
 WALLS, PELLETS, GHOSTS, ROBOT = 0, 1, 2, 3  # channels
 CHANNELS = 4
-PELLET_RADIUS_M = 0.15
-
-POWER_RADIUS_M = 0.25  # of a power pellet
+PELLET_RADIUS_M, POWER_RADIUS_M = 0.15, 0.25
 PRESENT, FRIGHTENED = np.uint8(255), np.uint8(128)  # values of ghosts
 
 _ON, _OFF = np.uint8(255), np.uint8(0)

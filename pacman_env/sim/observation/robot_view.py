@@ -68,10 +68,8 @@ class RobotView:
         self._parameters["use_tf"] = 1  # the given pose is the believed one
         pellets = generate_pellets(assets.occupancy, config.pellets)
         positions = map(tuple, pellets.position.tolist())
-        self._pellets: dict[int, tuple[float, float]] = dict(zip(pellets.ids.tolist(), positions, strict=True))
-        self._slot = {number: slot for slot, number in enumerate(assets.pellet_ids.tolist())}
-        candidates = {number: self._pellets[number] for number in self._slot}
-        others = {number: xy for number, xy in self._pellets.items() if number not in candidates}
+        others: dict[int, tuple[float, float]] = dict(zip(pellets.ids.tolist(), positions, strict=True))
+        candidates = {number: others.pop(number) for number in assets.pellet_ids.tolist()}
         self.goals = Goals(candidates, others, assets.goal_xy[assets.pellets :].tolist())
         own = "games", "alive", "waits", "aborts"
         rules = zeros(kernels.RuleArrays, own, N=1, P=assets.pellets, C=self.hold + 1)
@@ -86,8 +84,8 @@ class RobotView:
         self._obstacles = np.zeros((1, count, 5))
         self._stamp_ns: list[int | None] = [None] * count
         self._seen_s: float | None = None
-        self._power = self._levels.level(0).arrays["power"]
-        self.goals.power[: assets.pellets] = self._power[: assets.pellets]  # until reports say otherwise
+        self._power = self._levels.level(0).arrays["power"][: assets.pellets]
+        self.goals.power[: assets.pellets] = self._power  # until reports say otherwise
         self._request = np.zeros(1, dtype=REQUEST)
         self._view_table = Table(
             ViewArrays,
@@ -158,25 +156,21 @@ class RobotView:
         """
         known, unknown = {}, []
         for number, (x, y) in shown.items():
-            own = self._pellets.get(number)
+            own = self.goals.positions.get(number)
             if own is not None and math.hypot(own[0] - x, own[1] - y) <= self.assets.grid.resolution:
                 known[number] = own
-                self._mark_power(number, number in power)
+                self.goals.power[self.goals.slot[number]] = number in power
             else:
                 unknown.append(number)
+        self._power[:] = self.goals.power[: self.assets.pellets]
         return Pellets(known, tuple(unknown))
-
-    def _mark_power(self, pellet: int, power: bool) -> None:
-        self.goals.power[self.goals.slot[pellet]] = power
-        if pellet in self._slot:
-            self._power[self._slot[pellet]] = power
 
     def nearest_ghost_m(self, at: tuple[float, float]) -> float:
         """Return the straight distance to the nearest ghost that is not harmless, m."""
         return float(kernels.nearest(*at, self._obstacles[0], np.int32(self._games["step"][0]))[1])
 
     def is_candidate(self, pellet: int) -> bool:
-        return pellet in self._slot
+        return self.goals.slot.get(pellet, self.goals.candidates) < self.goals.candidates
 
     def off_the_map(self, x: float, y: float) -> bool:
         """Return True if a position, m, is far from all drivable cells."""
@@ -201,7 +195,7 @@ class RobotView:
         g["pursued"] = seen.pursued
         self._ghosts["speed"] = self.clyde_speed_mps
         self._alive[:] = False
-        self._alive[0, [self._slot[number] for number in seen.left if number in self._slot]] = True
+        self._alive[0, [self.goals.slot[number] for number in seen.left if self.is_candidate(number)]] = True
         g["spawned"] = self._alive.sum()
         if seen.harmless_s is not None:
             self._obstacles[0, :, HARMLESS_UNTIL:] = g["step"] + seen.harmless_s / self._config.physics_step_s
