@@ -35,7 +35,7 @@ def render(rows: Sequence[Row], width: int = WIDTH, *, power: bool = False) -> s
     With ``power``, which means power pellets, there is a column of the ghosts caught.
     """
     endless = rows[0]["kind"] == "endless"
-    columns = {name: cell for name, cell in (_ENDLESS if endless else _ROUND).items() if power or name != _CAUGHT}
+    columns = {**_POLICY, **(_ENDLESS if endless else _ROUND), **(_GHOSTS if power else {}), **_ENDS}
     header = (*columns, "difference")
     cells = [
         [[*(cell(row) for cell in columns.values()), _difference(row, k == 0)] for k, row in enumerate(group)]
@@ -98,21 +98,15 @@ _ENDS: dict[str, _Cell] = {
     "p99 ms": lambda row: f"{row['decision_ms_p99']:.3f}",
 }
 _ROUND: dict[str, _Cell] = {
-    **_POLICY,
     "complete": lambda row: with_interval(row["completion_rate"], row["completion_ci"]),
     "all but one": lambda row: with_interval(row["all_but_one_rate"], row["all_but_one_ci"]),
     "pellets": lambda row: f"{row['pellets_mean']:.2f}",
-    **_GHOSTS,
-    **_ENDS,
 }
 _ENDLESS: dict[str, _Cell] = {
-    **_POLICY,
     "pellets per game": lambda row: with_interval(row["pellets_mean"], row["pellets_ci"], text=_number),
     "median": lambda row: f"{row['pellets_median']:g}",
     "rounds": lambda row: f"{row['rounds_mean']:.2f}",
     "most": lambda row: f"{row['rounds_most']}",
-    **_GHOSTS,
-    **_ENDS,
 }
 _ROUND_MEANING = (
     "Rates in %, with 95 % intervals. complete: every pellet collected; all but one: at most one not collected;"

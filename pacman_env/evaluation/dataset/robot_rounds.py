@@ -5,7 +5,7 @@ Observations are made from the robot's knowledge; rewards follow from the game's
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -96,8 +96,8 @@ class _RoundRecorder:
         self._masks: list[Any] = []
         self._actions: list[int] = []
         self._at_s: list[float] = []
-        self._collected: list[tuple[float, str]] = []
-        self._caught: list[tuple[float, str]] = []
+        self._collected: dict[str, float] = {}  # time by pellet
+        self._caught: dict[str, float] = {}  # time by number and name of the ghost
         self._unlisted = self._spawned = 0
         self._word = ""
 
@@ -106,10 +106,10 @@ class _RoundRecorder:
 
     def report(self, at_s: float, status: str) -> None:
         word, _, number = status.partition(":")
-        if word == "pellet_collected" and number not in [pellet for _, pellet in self._collected]:
-            self._collected.append((at_s, number))
-        elif word == "ghost_caught" and number not in [ghost for _, ghost in self._caught]:
-            self._caught.append((at_s, number))
+        if word == "pellet_collected":
+            self._collected.setdefault(number, at_s)
+        elif word == "ghost_caught":
+            self._caught.setdefault(number, at_s)
         elif word in ("death_detected", "game_complete"):
             self._word = word
 
@@ -163,18 +163,15 @@ class _RoundRecorder:
 
     def _rewards(self, elapsed_s: Any, outcome: str) -> Any:
         """Return the rewards (D,) of ticks, events and the end as in the environment, without ``reward.progress``."""
-        config = self._runner.config
-        power = [(at_s, pellet) for at_s, pellet in self._collected if self._is_power(int(pellet))]
-        pellets, powers, caught = (self._counts(events) for events in (self._collected, power, self._caught))
+        config, goals = self._runner.config, self.view.goals
+        power = {goals.ids[slot] for slot in np.flatnonzero(goals.power)}
+        times = self._collected.values(), [at_s for pellet, at_s in self._collected.items() if int(pellet) in power]
+        pellets, powers, caught = map(self._counts, (*times, self._caught.values()))
         ends = np.zeros(len(elapsed_s), dtype=np.int64)
         ends[-1] = _CODES[outcome]
         return reward(elapsed_s / config.execution.tick_s, pellets, powers, caught, 0, ends, Rewards.of(config.reward))
 
-    def _counts(self, events: list[tuple[float, str]]) -> Any:
+    def _counts(self, times_s: Iterable[float]) -> Any:
         """Return the number of events (D,) after each decision and before the next one."""
-        decision = np.searchsorted(self._at_s, [at_s for at_s, _ in events], side="right") - 1
+        decision = np.searchsorted(self._at_s, list(times_s), side="right") - 1
         return np.bincount(np.maximum(decision, 0), minlength=len(self._at_s))
-
-    def _is_power(self, pellet: int) -> bool:
-        goals = self.view.goals
-        return pellet in goals.slot and bool(goals.power[goals.slot[pellet]])

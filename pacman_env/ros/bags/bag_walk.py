@@ -11,7 +11,7 @@ from pacman_env.ros import topics
 from pacman_env.ros.bags.bag import Bag, BagError, Recorded
 from pacman_env.ros.bags.pose_statistics import PoseStatistics
 from pacman_env.ros.game_monitor import GameMonitor
-from pacman_env.ros.messages import BadMessage, ghost_times_of, pose_of, power_pellets_of
+from pacman_env.ros.messages import BadMessage, ghost_times_of, pose_of
 from pacman_env.ros.selector.believed_pose import BelievedPose
 from pacman_env.ros.supervisor.game_nodes import SELECTOR
 from pacman_env.sim.maps.assets import MapAssets
@@ -103,7 +103,7 @@ class Walk:
         elif topic == topics.GAME_STATUS.name:
             self._follower.report(at_s, message.data)
         elif topic == topics.PELLET_MARKERS.name:
-            self._left = set(self.view.pellets(game.pellets, power_pellets_of(message)).known)
+            self._left = set(self.view.pellets(game.pellets, game.power_pellets).known)
         elif topic == topics.REMOVE_PELLET.name:
             self._gone.add(message.data)
         elif topic == topics.CLYDE_SPEED.name:
