@@ -138,12 +138,8 @@ def _add_web(commands: Any) -> None:
     add("--ghosts", nargs="+", default=["wander"], metavar="BEHAVIOUR", help="of each ghost (wander)")
     add("--seed", type=whole_number(0, 2**53 - 1), help="of the first round; the others follow from it (random)")
     add("--speed", type=finite_number(1, 50), default=1.0, help="times real time, 1 to 50 (%(default)s)")
-    add(
-        "--start-show",
-        type=finite_number(0.1, 60),
-        default=2.0,
-        help="s, before each round; a robot's: 8 (%(default)s)",
-    )
+    show = "s, before each round; a robot's: 8 (%(default)s)"
+    add("--start-show", type=finite_number(0.1, 60), default=2.0, help=show)
     add("--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable")
     add = web.add_argument_group("game of ROS nodes").add_argument
     add("--ros", action="store_true", help="the page of a game that is up, instead of a simulated one")

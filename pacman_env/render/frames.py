@@ -162,33 +162,26 @@ class MapView:
             shift, radius = 0.25 * r * aside, 0.85 * r
             outline: _Draw = lambda i, at: symbols.believed_pose(i, at - shift, radius, 0.0, line)  # noqa: E731
             entries.append(("believed pose", 1.2 * r, outline))
+        ghost = functools.partial(symbols.ghost, radius=r, eyes=aside)
         for name, behaviour, colour in zip(GHOST_NAMES, self.config.clyde.ghosts, symbols.GHOSTS, strict=False):
             does = "" if behaviour == "wander" else f" ({behaviour})"
-            draw = functools.partial(symbols.ghost, radius=r, eyes=aside, colour=colour)
-            entries.append((f"{name.capitalize()}{does}{times}", r, draw))
+            entries.append((f"{name.capitalize()}{does}{times}", r, functools.partial(ghost, colour=colour)))
+        states = {"frightened": FRIGHTENED, "about to recover": BLINKING, "caught": None}
+        power: list[tuple[str, float, _Draw]] = [
+            ("power pellet", r, lambda i, at: symbols.pellet(i, at, r, True)),
+            *((state, r, functools.partial(ghost, colour=colour)) for state, colour in states.items()),
+        ]
         entries += [
             ("catch radius", r, lambda i, at: symbols.catch_circle(i, at, r, line)),
             ("pellet", 0.6 * r, lambda i, at: symbols.pellet(i, at, 0.6 * r, True)),
             ("collected", 0.6 * r, lambda i, at: symbols.pellet(i, at, 0.6 * r, False)),
-            *self._power_items(r),
+            *(power if self._power.any() else ()),
             ("goal, plan", 1.7 * r, goal),
             ("home", r, lambda i, at: symbols.home(i, at, 0.95 * r)),
             ("refuge", 0.8 * r, lambda i, at: symbols.refuge(i, at, 0.9 * r)),
         ]
         gap = max(21 * self.unit, 11)
         return [_Item(half, draw, symbols.text(name, cap, False, INK, PAGE), gap) for name, half, draw in entries]
-
-    def _power_items(self, r: float) -> list[tuple[str, float, _Draw]]:
-        """Return the legend's entries of a game with power pellets, for symbols of radius ``r``, px."""
-        if not self._power.any():
-            return []
-        ghost, aside = functools.partial(symbols.ghost, radius=r), np.array([1.0, 0.0])
-        return [
-            ("power pellet", r, lambda i, at: symbols.pellet(i, at, r, True)),
-            ("frightened", r, functools.partial(ghost, eyes=aside, colour=FRIGHTENED)),
-            ("about to recover", r, functools.partial(ghost, eyes=aside, colour=BLINKING)),
-            ("caught", r, functools.partial(ghost, eyes=aside, colour=None)),
-        ]
 
     def _background(self) -> Image:
         image = np.full((self.height, self.width, 3), UNKNOWN, dtype=np.uint8)
@@ -386,13 +379,9 @@ def _draw_header(image: Image, view: MapView, batch: GameBatch, game: int, title
         "pellets": f"{g['collected']}/{g['spawned']}" + (f" ({g['lost']} lost)" if g["lost"] else ""),
         "Clyde" if batch.ghosts.shape[1] == 1 else "ghosts": f"{g['clyde_speed']:.2f} m/s",
     }
-    power = batch.config.power.pellets > 0
-    if power:
-        values["caught"] = str(g["caught"])
-    if batch.config.endless:
-        values["round"] = str(g["round"])
-    if batch.config.endless or power:
-        values["score"] = str(g["score"])
+    power, endless = batch.config.power.pellets > 0, batch.config.endless
+    shown = {"caught": power, "round": endless, "score": endless or power}
+    values |= {name: str(g[name]) for name, is_shown in shown.items() if is_shown}
     gaps = [max(gap * unit, gap / 3) for gap in (6, 26)]
     pairs = [((label, MUTED, gaps[0]), (value, TEXT, gaps[1])) for label, value in values.items()]
     write([word for pair in pairs for word in pair], lower, max(12.5 * unit, 6), view.width)

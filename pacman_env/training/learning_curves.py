@@ -94,11 +94,8 @@ class _Tests(BaseCallback):
     def _end_of_a_round(self, now: dict[str, Any], _: dict[str, Any]) -> None:
         if now["done"]:
             info = now["info"]
-            self.played[info["round_seed"]] = (
-                info["outcome"],
-                info["collected"] / info["spawned"],
-                info["ghosts_caught"],
-            )
+            share = info["collected"] / info["spawned"]
+            self.played[info["round_seed"]] = info["outcome"], share, info["ghosts_caught"]
 
 
 def references(map_name: str, preset: str, seeds: NDArray[np.uint64]) -> dict[str, Point]:

@@ -5,15 +5,12 @@ referee knows the state of the game. It saves the state in a file and continues 
 """
 
 import json
-import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from pacman_env.config import MAX_SPEED_MPS
-from pacman_env.files import user_folder
 from pacman_env.game.requests import Removals, Requests
 from pacman_env.game.round import Action, RoundController, awaits_pellets
 
@@ -60,7 +57,9 @@ class GameController(GameNode):
         self._unresponsive_out = topics.UNRESPONSIVE.publisher(self)
         self._publish_unresponsive({})  # an earlier referee may have published some
         self._met: set[str] = set()  # services that were available at least once
-        self._file = self._state_file()
+        self._file = StateFile.of_node(self, "file of the saved game, to resume after a crash", 60.0)
+        text = "largest age of a saved game that is resumed, s"
+        self._file.max_age_s = parameter(self, "state_file_max_age_s", self._file.max_age_s, text, 0.0, 86400.0)
         self._saved = self._load()  # a game to resume at the first tick, when the clock runs
         self._early: dict[str, None] = {}  # pellets reported before the first tick, in order
         self.listen(topics.GAME_STATUS, self._on_status, "bad status")
@@ -72,18 +71,6 @@ class GameController(GameNode):
         self.create_timer(_SAVE_S, self._save, clock=self.surroundings.clock())
         if self._saved is None:
             self._do(self.game.announce())
-
-    def _state_file(self) -> StateFile:
-        text = "file of the saved game, to resume after a crash; auto: in the user's state folder; empty: none"
-        setting = parameter(self, "state_file", "auto", text)
-        text = "largest age of a saved game that is resumed, s"
-        max_age_s = parameter(self, "state_file_max_age_s", 60.0, text, 0.0, 86400.0)
-        domain = os.environ.get("ROS_DOMAIN_ID") or "0"
-        namespace = self.get_namespace()
-        name = f"{namespace.strip('/').replace('/', '-') or 'root'}-{domain}.json"
-        path = user_folder("state") / name if setting == "auto" else Path(setting) if setting else None
-        simulated = bool(self.get_parameter("use_sim_time").value)
-        return StateFile(path, max_age_s, {"namespace": namespace, "domain": domain, "simulated": simulated})
 
     def _load(self) -> Any:
         try:

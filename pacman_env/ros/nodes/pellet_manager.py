@@ -27,9 +27,8 @@ class PelletManager(GameNode):
             from pacman_env.sim.maps.assets import map_assets  # 60 MB that the other games do not need
 
             assets = map_assets(map, self.config)  # only pellets that the robot can reach
-            self._power = set(
-                assets.pellet_ids[assets.power_pellets(self.config.power.pellets)[: assets.pellets]].tolist()
-            )
+            power = assets.power_pellets(self.config.power.pellets)[: assets.pellets]
+            self._power = set(assets.pellet_ids[power].tolist())
         self._left = dict(self._all)
         self._markers = topics.PELLET_MARKERS.publisher(self)
         topics.REMOVE_PELLET.subscription(self, self._remove)

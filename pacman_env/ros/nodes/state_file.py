@@ -7,6 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from pacman_env.files import user_folder
+
+from ..node import parameter
 from ..surroundings import current
 
 _FORMAT = 3
@@ -21,8 +24,18 @@ class StateFile:
 
     def __init__(self, path: Path | None, max_age_s: float, owner: Mapping[str, Any]) -> None:
         self.path = path
-        self._max_age_s, self._owner = max_age_s, dict(owner)
+        self.max_age_s, self._owner = max_age_s, dict(owner)
         self._time_ns = current().time_ns
+
+    @classmethod
+    def of_node(cls, node: Any, text: str, max_age_s: float, ending: str = "") -> "StateFile":
+        """Return the file of a node's parameter ``state_file``, which ``text`` describes; ``ending`` is of its name."""
+        setting = parameter(node, "state_file", "auto", f"{text}; auto: in the user's state folder; empty: none")
+        domain, namespace = os.environ.get("ROS_DOMAIN_ID") or "0", node.get_namespace()
+        name = f"{namespace.strip('/').replace('/', '-') or 'root'}-{domain}{ending}.json"
+        path = user_folder("state") / name if setting == "auto" else Path(setting) if setting else None
+        simulated = bool(node.get_parameter("use_sim_time").value)
+        return cls(path, max_age_s, {"namespace": namespace, "domain": domain, "simulated": simulated})
 
     def load(self) -> Any:
         """Return the last state; None if there is none of this owner, or if it is too old.
@@ -47,7 +60,7 @@ class StateFile:
             raise ValueError("damaged, or something else") from None
         if not is_current:
             raise ValueError("of another version")
-        return state if owner == self._owner and abs(self._time_ns() * 1e-9 - written_s) <= self._max_age_s else None
+        return state if owner == self._owner and abs(self._time_ns() * 1e-9 - written_s) <= self.max_age_s else None
 
     def save(self, state: Any) -> None:
         """Replace the state by plain values; if this raises OSError, the file may still contain the old state."""

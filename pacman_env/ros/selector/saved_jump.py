@@ -1,12 +1,8 @@
 """File with a pose jump that no person has answered, so that a restarted goal selector still knows it."""
 
 import contextlib
-import os
-from pathlib import Path
 from typing import Any
 
-from pacman_env.files import user_folder
-from pacman_env.ros.node import parameter
 from pacman_env.ros.nodes.state_file import StateFile
 
 _MAX_AGE_S = 600.0  # of wall time: a jump in an old game must not stop a new one
@@ -14,14 +10,9 @@ _MAX_AGE_S = 600.0  # of wall time: a jump in an old game must not stop a new on
 
 class SavedJump:
     def __init__(self, node: Any) -> None:
-        text = "file for a pose jump until it is answered; auto: in the user's state folder; empty: none"
-        setting = parameter(node, "state_file", "auto", text)
-        domain, namespace = os.environ.get("ROS_DOMAIN_ID") or "0", node.get_namespace()
-        name = f"{namespace.strip('/').replace('/', '-') or 'root'}-{domain}-goal_selector.json"
-        path = user_folder("state") / name if setting == "auto" else Path(setting) if setting else None
-        simulated = bool(node.get_parameter("use_sim_time").value)
         self._node, self._saved = node, ""
-        self._file = StateFile(path, _MAX_AGE_S, {"namespace": namespace, "domain": domain, "simulated": simulated})
+        text = "file for a pose jump until it is answered"
+        self._file = StateFile.of_node(node, text, _MAX_AGE_S, "-goal_selector")
 
     def load(self) -> str:
         """Return the text of the unanswered jump; empty if there is none."""

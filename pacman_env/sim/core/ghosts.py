@@ -232,10 +232,7 @@ def cell_choice(hold: int, cell: Any) -> Any:
 
 class Ghosts:
     def __init__(self, n: int, config: Config) -> None:
-        try:
-            behaviours = [find_behaviour(name) for name in config.clyde.ghosts]
-        except ConfigError as error:
-            raise ConfigError(f"clyde.ghosts = {config.clyde.ghosts!r}: {error}") from error
+        behaviours = [_found(name, f"clyde.ghosts = {config.clyde.ghosts!r}") for name in config.clyde.ghosts]
         count = len(behaviours)
         self.state = np.zeros((n, count), dtype=GHOST)
         self.paths = np.zeros((n, count, 0), dtype=np.int32)  # (N, G, L) cells of each ghost's path
@@ -256,7 +253,11 @@ class Ghosts:
             elif one.name != WANDER:
                 self._use(k, one)
         if config.power.pellets > 0:
-            self._use(len(self._behaviours) - 1, _frightened_behaviour(config))
+            frightened = _found(config.power.behaviour, "power.behaviour")
+            if frightened.target is None:
+                name = frightened.name
+                raise ConfigError(f"power.behaviour = {name!r}: must not be a behaviour that needs a policy")
+            self._use(len(self._behaviours) - 1, frightened)
 
     def _use(self, row: int, behaviour: Behaviour) -> None:
         self._used[row] = behaviour_kernel(_follow_behaviour, behaviour)
@@ -323,15 +324,12 @@ class Ghosts:
         raise RuntimeError(f"a ghost of game {game} could not decide where to go")
 
 
-def _frightened_behaviour(config: Config) -> Behaviour:
-    """Return the behaviour of frightened ghosts; raises ConfigError if there is none that can move them."""
+def _found(name: str, field: str) -> Behaviour:
+    """Return a behaviour; raises ConfigError with the ``field`` that names it if there is none."""
     try:
-        behaviour = find_behaviour(config.power.behaviour)
+        return find_behaviour(name)
     except ConfigError as error:
-        raise ConfigError(f"power.behaviour: {error}") from error
-    if behaviour.target is None:
-        raise ConfigError(f"power.behaviour = {behaviour.name!r}: must not be a behaviour that needs a policy")
-    return behaviour
+        raise ConfigError(f"{field}: {error}") from error
 
 
 _stream, _below = kernel(ghost_stream), kernel(below)

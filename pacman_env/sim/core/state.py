@@ -65,7 +65,7 @@ class GameState:
 
     @property
     def obstacles(self) -> NDArray[np.float64]:
-        """Observed positions (N, G, 3) of the ghosts, m."""
+        """Observed positions (m) and times of the ghosts (N, G, 5), see ``kernels.RuleArrays``."""
         return self._ghosts.obstacles
 
     @property
@@ -76,9 +76,8 @@ class GameState:
     def moment(self, game: int) -> Moment:
         """Return the present moment of a game for :class:`~pacman_env.game.decisions.LastDecision`."""
         g, time_s = self.games[game], float(self.games["tick"][game]) * self.config.execution.tick_s
-        return Moment(
-            time_s, int(g["pursued"]), (int(g["round"]), int(g["collected"]), int(g["caught"])), float(g["distance"])
-        )
+        news = int(g["round"]), int(g["collected"]), int(g["caught"])
+        return Moment(time_s, int(g["pursued"]), news, float(g["distance"]))
 
 
 class RoundSoFar(NamedTuple):
