@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterable, Sequence
 from types import SimpleNamespace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,12 +16,8 @@ _GONE_S = 2.0  # a pellet missing from reports for this long was removed by anot
 _EMPTY_S = 2.0  # a round without a pellet in reach for this long is complete
 
 
-class _CaughtGhost(NamedTuple):
-    number: int  # of the ghosts that this side has caught in this round, from 1
-    ghost: str
-
-
-_Report = str | _CaughtGhost  # of a pellet, as its status, or of a ghost
+#: The status of a pellet, or of a ghost: its number among those that this side has caught in this round, and its name.
+_Report = str | tuple[int, str]
 
 
 class UnacknowledgedStatuses:
@@ -65,7 +60,7 @@ class UnacknowledgedStatuses:
     def caught(self, ghost: str) -> list[ExecutorAction]:
         """Report a caught ghost, as soon as the game's count of caught ghosts is known."""
         self._catches += 1
-        self._reports.append(catch := _CaughtGhost(self._catches, ghost))
+        self._reports.append(catch := (self._catches, ghost))
         return [ExecutorAction("status", self._word(catch))] if self._is_answered(catch) else []
 
     def catches_counted(self, count: int) -> None:
@@ -73,7 +68,7 @@ class UnacknowledgedStatuses:
         if self._caught_before is None or not self._catches:
             self._caught_before = count
         last = count - self._caught_before
-        self._reports = [one for one in self._reports if isinstance(one, str) or one.number > last]
+        self._reports = [one for one in self._reports if isinstance(one, str) or one[0] > last]
 
     def collected(self, pellet: int) -> ExecutorAction:
         self._reports.append(word := f"pellet_collected:{pellet}")
@@ -129,7 +124,8 @@ class UnacknowledgedStatuses:
     def _word(self, report: _Report) -> str:
         if isinstance(report, str):
             return report
-        return f"ghost_caught:{(self._caught_before or 0) + report.number}:{report.ghost}"
+        number, ghost = report
+        return f"ghost_caught:{(self._caught_before or 0) + number}:{ghost}"
 
     def _forget(self) -> None:
         self._reports.clear()
@@ -225,10 +221,9 @@ class RobotRound:
     ) -> tuple[int, list[ExecutorAction]]:
         """Apply an event of :func:`transition`; return the action for the goal and the reports."""
         record, remaining, lost, end = self.record, self._left.copy(), self.record.lost, self.record.end
-        if self._power.pellets > 0:
-            times, longest_s = self.ghosts[:, HARMLESS_UNTIL:], max(record.fright_time, self._power.return_s)
-            np.minimum(times, now + longest_s, out=times)  # longer only if the clock was set back
-        caught, away_before = record.caught, self.ghosts[:, AWAY_UNTIL].copy()
+        times, longest_s = self.ghosts[:, HARMLESS_UNTIL:], max(record.fright_time, self._power.return_s)
+        np.minimum(times, now + longest_s, out=times)  # longer only if the clock was set back
+        away_before = self.ghosts[:, AWAY_UNTIL].copy()
         for k, place in enumerate(ghosts):
             self.ghosts[k, :2] = place
         seen = self.ghosts[: len(ghosts)] if event == CHECK else self.ghosts
@@ -242,9 +237,8 @@ class RobotRound:
             if record.lost == lost:
                 actions.append(self.statuses.collected(number))
             actions.append(ExecutorAction("remove", number))
-        if record.caught != caught:
-            for number in np.flatnonzero(self.ghosts[:, AWAY_UNTIL] != away_before).tolist():
-                actions += self.statuses.caught(GHOST_NAMES[number])
+        for number in np.flatnonzero(self.ghosts[:, AWAY_UNTIL] != away_before).tolist():
+            actions += self.statuses.caught(GHOST_NAMES[number])
         if actions and self._power.pellets > 0:  # the points of a ghost depend on the reports before it
             actions = [*self.statuses.earlier(), *actions]
         if record.end == CLEARED != end:

@@ -181,13 +181,13 @@ class GameBatch(GameState):
         levels = self.level_numbers()[games]
         of_each = zip(games.tolist(), self.games["tick"][games].tolist(), levels.tolist(), into.tolist(), strict=True)
         rounds = [self._history.so_far(i, ticks, level)._replace(game=k) for i, ticks, level, k in of_each]
-        copies = clones.Copies(self, games)
+        rows = clones.rows_of(self, games)
         if len(target.levels) > 1:
             target._levels.change(into, levels)
-        target._levels.enter(into, copies.games)
-        target._replay([r for r, touch in zip(rounds, copies.games["touch"], strict=True) if touch])
-        copies.games["level"] = [target._levels.slots[i] for i in into.tolist()]
-        copies.write(target, into)
+        target._levels.enter(into, rows[0])
+        target._replay([r for r, touch in zip(rounds, rows[0]["touch"], strict=True) if touch])
+        rows[0]["level"] = [target._levels.slots[i] for i in into.tolist()]
+        clones.write(rows, target, into)
         # A robot driven by hand is not where its decisions lead: its contact starts without memory.
         target.games["touch"][into[~target.spaces.hold(into)]] = 0
         if target._history.resume(target.games, rounds):

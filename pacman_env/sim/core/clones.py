@@ -16,32 +16,24 @@ _ghost_stream = kernel(ghost_stream)
 _stream = kernel(stream)
 
 
-class Copies:
-    """Copies of the rows of the games ``index`` (M,) in all arrays of a state."""
+def rows_of(state: GameState, index: NDArray[np.int64]) -> list[NDArray[Any]]:
+    """Return copies of the rows of the games ``index`` (M,) in all arrays of a state; the first are the records."""
+    return [array[index] for array in _arrays(state)]
 
-    def __init__(self, state: GameState, index: NDArray[np.int64]) -> None:
-        self.rows = [array[index] for array in _arrays(state)]
-        self.ghost_paths = state.ghost_paths[index]
-        self.summary = state.summary[:, index]
 
-    @property
-    def games(self) -> NDArray[Any]:
-        """Records (M,) of type ``GAME``."""
-        return self.rows[0]
-
-    def write(self, state: GameState, index: NDArray[np.int64]) -> None:
-        """Write the copies to the rows ``index`` (M,) of another state of the same kind."""
-        for array, rows in zip(_arrays(state), self.rows, strict=True):
-            array[index] = rows
-        # The shorter of both arrays has room for every path on these levels.
-        room = min(self.ghost_paths.shape[2], state.ghost_paths.shape[2])
-        state.ghost_paths[index, :, :room] = self.ghost_paths[:, :, :room]
-        state.summary[:, index] = self.summary
+def write(rows: list[NDArray[Any]], state: GameState, index: NDArray[np.int64]) -> None:
+    """Write :func:`rows_of` another state of the same kind to the rows ``index`` (M,)."""
+    *same, (paths, copied) = zip(_arrays(state), rows, strict=True)
+    for array, own in same:
+        array[index] = own
+    room = min(paths.shape[2], copied.shape[2])  # the shorter of both has room for every path on these levels
+    paths[index, :, :room] = copied[:, :, :room]
 
 
 def _arrays(state: GameState) -> list[NDArray[Any]]:
-    """Return all arrays with a row for each game, the records first."""
-    return [*state.rules.values(), *state.arrays.values(), state.completed_s, state.ghosts, state.obstacles]
+    """Return all arrays with a row for each game, the records first and the ghosts' paths last."""
+    own = state.completed_s, state.ghosts, state.obstacles, state.summary.T
+    return [*state.rules.values(), *state.arrays.values(), *own, state.ghost_paths]
 
 
 def check(
