@@ -21,3 +21,4 @@ from .sections import RewardConfig as RewardConfig
 from .sections import RobotConfig as RobotConfig
 from .sections import ShowConfig as ShowConfig
 from .validation import ConfigError as ConfigError
+from .validation import located as located

@@ -10,7 +10,7 @@ import math
 import operator
 import re
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -35,6 +35,19 @@ def require(condition: bool, field_name: str, value: object, rule: str) -> None:
     if not condition:
         shown = str(value) if isinstance(value, Path) else value
         raise ConfigError(f"{field_name} = {shown!r:.600}: {rule}")
+
+
+@contextlib.contextmanager
+def located(
+    place: object,
+    raised: type[Exception] = ConfigError,
+    caught: type[Exception] | tuple[type[Exception], ...] = ConfigError,
+) -> Iterator[None]:
+    """Raise errors of the block as another class, with their place in front of the message."""
+    try:
+        yield
+    except caught as error:
+        raise raised(f"{place}: {error}") from None
 
 
 #: Returns the fields of a class with their types, ranges included.

@@ -11,6 +11,7 @@ from time import monotonic
 from typing import Any, NamedTuple
 
 from pacman_env import __version__
+from pacman_env.config.validation import located
 from pacman_env.engine.cache_folder import package_hash
 from pacman_env.plugins import PluginError
 
@@ -41,7 +42,7 @@ class RayCluster(Executor):
         if address is not None:
             _check_that_it_answers(address)
         quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
-        try:
+        with located(f"--ray {address or ''}", ConnectionError, (ConnectionError, RuntimeError, ValueError)):
             if address is None:
                 # without "local" it would connect to a cluster that someone has started on this machine
                 own: dict[str, Any] = {"include_dashboard": False, "_node_ip_address": _LOOPBACK}
@@ -49,8 +50,6 @@ class RayCluster(Executor):
                 ray.init("local", num_cpus=workers, **own, **quiet)
             else:
                 ray.init(address=address, **quiet)
-        except (ConnectionError, RuntimeError, ValueError) as error:
-            raise ConnectionError(f"--ray {address or ''}: {error}") from None
         self._ray, self._actors = ray, dict[int, Any]()
         self._empty_s = 0.0 if address is None else _EMPTY_S  # no machine joins one's own cluster
         self._had_some_s = monotonic()
@@ -152,10 +151,8 @@ def _check_that_it_answers(address: str) -> None:
     host, colon, port = address.rpartition(":")
     if not colon or not port.isdigit():
         raise ValueError(f"--ray {address}: must be HOST:PORT, as `ray start --head` prints it")
-    try:
+    with located(f"--ray {address}: no cluster answers there", ConnectionError, (OSError, OverflowError)):
         socket.create_connection((host, int(port)), _ANSWER_S).close()
-    except (OSError, OverflowError) as error:
-        raise ConnectionError(f"--ray {address}: no cluster answers there: {error}") from None
 
 
 class _Metrics:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pacman_env.config.validation import located
 from pacman_env.policies.asking import PolicyError
 from pacman_env.policies.base import BasePolicy, Explanation
 from pacman_env.policies.metadata import read_planner
@@ -126,10 +127,9 @@ def _session(model: bytes, path: Path, threads: int) -> Any:
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.enable_cpu_mem_arena = False  # a decision needs kilobytes
     options.log_severity_level = 4  # errors are raised anyway
-    try:
+    # onnxruntime's errors have no common base class
+    with located(f"{path}: no model that onnxruntime can load", ValueError, Exception):
         session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # onnxruntime's errors have no common base class
-        raise ValueError(f"{path}: no model that onnxruntime can load: {error}") from None
     for what, expected in _NODES.items():
         nodes = session.get_inputs() if what == "inputs" else session.get_outputs()
         found = {n.name: (n.type, tuple(s if isinstance(s, int) else None for s in n.shape)) for n in nodes}
@@ -140,10 +140,8 @@ def _session(model: bytes, path: Path, threads: int) -> Any:
         "globals": np.zeros((1, len(GLOBAL_FEATURES)), np.float32),
         "mask": np.ones((1, 3), np.bool_),
     }
-    try:
+    with located(f"{path}: the model does not run", ValueError, Exception):
         outputs = session.run(list(_NODES["outputs"]), inputs)
-    except Exception as error:
-        raise ValueError(f"{path}: the model does not run: {error}") from None
     shapes = [output.shape for output in outputs]
     if shapes != [(1, 3), (1,)] or not all(np.isfinite(output).all() for output in outputs):
         raise ValueError(f"{path}: outputs: found {shapes}, expected {[(1, 3), (1,)]} and finite")

@@ -7,7 +7,7 @@ from typing import Any, Literal, TypeVar
 
 import msgspec
 
-from pacman_env.config.validation import ConfigError, Number, Positive, convert, require
+from pacman_env.config.validation import ConfigError, Number, Positive, convert, located, require
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
 
 FORMAT: Literal[1] = 1
@@ -95,14 +95,12 @@ def read_planner(path: Path) -> tuple[PlannerMetadata, bytes]:
         "global_features": GLOBAL_FEATURES,
         "normalisation": NORMALISATION,
     }
-    try:
+    with located(beside, ValueError):
         for field, value in expected.items():
             require(getattr(metadata, field) == value, field, getattr(metadata, field), f"must be {value!r}")
         for field in ("dropped_features", "dropped_kinds"):
             for name in getattr(metadata, field):
                 require(name in CANDIDATE_FEATURES, field, name, "must be names of candidate features")
-    except ConfigError as error:
-        raise ValueError(f"{beside}: {error}") from None
     if metadata.sha256 != hashlib.sha256(model).hexdigest():
         raise ValueError(f"{path}: is damaged, or is not the file that {beside.name} describes (sha256)")
     return metadata, model

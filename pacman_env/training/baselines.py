@@ -14,7 +14,7 @@ from stable_baselines3.common.preprocessing import is_image_space
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv, VecFrameStack, VecNormalize
 
-from pacman_env.config import ConfigError
+from pacman_env.config import located
 from pacman_env.config.validation import AtLeastOne, Count, NotNegative, Number, Positive, Share, convert, require
 from pacman_env.config.yaml_files import read_yaml
 from pacman_env.envs.arguments import EnvArguments
@@ -125,13 +125,11 @@ def load_baselines(path: Path) -> dict[str, Baseline]:
     content = read_yaml(path)
     if not isinstance(content, dict) or not content:
         raise ValueError(f"{path}: must have baselines by name")
-    try:
+    with located(path, ValueError):
         baselines = {str(name): convert(values, Baseline, str(name)) for name, values in content.items()}
         for name, baseline in baselines.items():
             check(name, baseline)
-        return baselines
-    except ConfigError as error:
-        raise ValueError(f"{path}: {error}") from None
+    return baselines
 
 
 def check(name: str, baseline: Baseline) -> None:
@@ -141,9 +139,7 @@ def check(name: str, baseline: Baseline) -> None:
     # Advantages are divided by their standard deviation within a minibatch.
     rule = f"leaves a minibatch of 1 of games * n_steps = {rollout}"
     require(batch > 1 != rollout % batch, f"{name}.hyperparameters.batch_size", batch, rule)
-    try:
+    with located(f"{name}.environment"):
         config, _ = EnvArguments(**baseline.arguments(baseline.environment.map)).make_config()
-    except ConfigError as error:
-        raise ConfigError(f"{name}.environment: {error}") from None
     rule = "must be ppo where actions are velocities"
     require(baseline.learner == "ppo" or config.action == "goal", f"{name}.learner", baseline.learner, rule)

@@ -16,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 
 from pacman_env.config import make_config
-from pacman_env.config.validation import Number
+from pacman_env.config.validation import Number, located
 from pacman_env.files import replaced, write_text
 from pacman_env.policies.base import BasePolicy
 from pacman_env.policies.metadata import Training, dump, read
@@ -67,19 +67,17 @@ def _tensors(path: Path, name: str) -> dict[str, Any]:
 
 def restore(path: Path, network: EntityNetwork, optimizer: torch.optim.Optimizer) -> None:
     """Read network and optimizer from a checkpoint; raises ValueError if it is unreadable or of another network."""
-    try:
+    with located(f"{path}: cannot be restored", ValueError, Exception):  # a damaged or foreign file may fail anywhere
         weights, state = _tensors(path, "policy"), _tensors(path, "policy.optimizer")
         network.load_state_dict(weights)
         optimizer.load_state_dict(state)
-    except Exception as error:  # a damaged or foreign file may fail anywhere
-        raise ValueError(f"{path}: cannot be restored: {error}") from None
 
 
 def load_network(path: Path) -> EntityNetwork:
     """Return the network of a checkpoint; raises ValueError unless it fits this version's features."""
     if not path.is_file():
         raise ValueError(f"{path}: no such file")
-    try:
+    with located(f"{path}: no planner that can be loaded", ValueError, Exception):  # may fail anywhere, too
         state = _tensors(path, "policy")
         with zipfile.ZipFile(path) as archive:
             sizes = json.loads(archive.read("data"))["policy_kwargs"]
@@ -87,8 +85,6 @@ def load_network(path: Path) -> EntityNetwork:
         own = len(state["shown"])
         network = EntityNetwork(own, inputs - own, width, dropped_kinds=sizes.get("dropped_kinds", ()))
         network.load_state_dict(state)
-    except Exception as error:  # a damaged or foreign file may fail anywhere
-        raise ValueError(f"{path}: no planner that can be loaded: {error}") from None
     check_sizes(network, path)
     return network.eval()
 

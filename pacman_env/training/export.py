@@ -21,6 +21,7 @@ from torch import nn
 
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, run_command
+from pacman_env.config.validation import located
 from pacman_env.files import commit, prepare, replaced
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import FORMAT, NORMALISATION, PlannerMetadata, dump, metadata_path, read_planner
@@ -158,14 +159,12 @@ def network_of(path: Path) -> EntityNetwork:
     arrays = (numpy_helper.to_array(tensor) for tensor in graph.initializer)
     left = [torch.tensor(array) for array in arrays if array.dtype == np.float32 and array.ndim > 0]
     state = {"shown": network.shown}
-    try:
+    with located(f"{path}: no graph that pacman-env export writes", ValueError, (IndexError, RuntimeError)):
         for k, name in enumerate(_LAYERS):
             weight, bias = left.pop(0).T, left.pop(0)
             state |= {f"{name}.weight": torch.cat([left.pop(0).T, weight], dim=1) if k in (0, 2) else weight}
             state |= {f"{name}.bias": bias}
         network.load_state_dict(state)
-    except (IndexError, RuntimeError) as error:
-        raise ValueError(f"{path}: no graph that pacman-env export writes: {error}") from None
     if onnx.load_model_from_string(model_bytes(network)).graph != graph:
         raise ValueError(f"{path}: no graph that pacman-env export writes")
     return network

@@ -8,8 +8,7 @@ training's. A line-up that is listed twice has twice the share of the games.
 import math
 from collections.abc import Sequence
 
-from pacman_env.config import ConfigError
-from pacman_env.config.validation import require
+from pacman_env.config.validation import located, require
 from pacman_env.game.ghosts import GHOST_NAMES, WANDER, find_behaviour
 from pacman_env.heuristics.search.search import SearchParameters
 from pacman_env.policies.base import Policy
@@ -53,10 +52,8 @@ def checked(lineup: str, name: str) -> str:
     for one in each:
         if one == LEARNED:
             continue
-        try:
+        with located(f"{name} = {lineup!r}"):
             behaviour = find_behaviour(one)
-        except ConfigError as error:
-            raise ConfigError(f"{name} = {lineup!r}: {error}") from None
         require(behaviour.target is not None, name, lineup, f"{one!r} is for a ghost that is sent from outside")
     return ",".join(each) + given + text.replace(" ", "")
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from pacman_env import __version__
+from pacman_env.config.validation import located
 from pacman_env.files import write_json
 from pacman_env.training import checkpoint
 from pacman_env.training.arguments import Arguments
@@ -33,7 +34,7 @@ class Run:
         self.folder.mkdir(parents=True, exist_ok=True)
 
     def _read(self) -> None:
-        try:
+        with located(f"{self.record}: no run to resume", ValueError, (OSError, ValueError, KeyError, TypeError)):
             content = json.loads(self.record.read_text())
             arguments = content["arguments"]
             self.segments = list(content["segments"])
@@ -43,8 +44,6 @@ class Run:
             for segment in self.segments:
                 if missing := [name for name in _NEEDED if name not in segment]:
                     raise ValueError(f"segment {segment['segment']} of another version, without {missing[0]!r}")
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise ValueError(f"{self.record}: no run to resume: {error}") from None
         check_same(self.record, arguments, plain(self.arguments))
 
     def against_league(self) -> Record:

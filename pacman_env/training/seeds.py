@@ -23,6 +23,7 @@ from filelock import FileLock, Timeout
 
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, guarded, whole_number
+from pacman_env.config.validation import located
 from pacman_env.engine.cache_folder import cache_dir, package_hash
 from pacman_env.episodes.statistics import wilson
 from pacman_env.executors.base import Executor, InProcess
@@ -186,11 +187,9 @@ def _read(out: Path, member: Arguments) -> dict[str, Any] | None:
     path = _folder(out, member.seed) / _NOTED
     if not path.exists():
         return None
-    try:
+    with located(f"{path}: cannot be read", ValueError, (OSError, ValueError, KeyError, TypeError)):
         figures = json.loads(path.read_text())
         settings = figures["settings"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ValueError(f"{path}: cannot be read: {error}") from None
     check_same(path, settings, plain(member))
     if missing := [name for name in _SHOWN if name not in figures]:
         raise ValueError(f"{path}: of another version, without {missing[0]!r}: move its folder away to train it again")

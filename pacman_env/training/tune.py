@@ -19,7 +19,7 @@ from optuna.trial import FrozenTrial, TrialState, create_trial
 
 from pacman_env.cli.command import Parser
 from pacman_env.cli.options import add_options, parse_options
-from pacman_env.config.validation import AtLeastOne, Checked, Count
+from pacman_env.config.validation import AtLeastOne, Checked, Count, located
 from pacman_env.executors.base import Executor
 from pacman_env.executors.choice import add_executor_arguments, run_training
 from pacman_env.files import prepare, write_text
@@ -176,14 +176,12 @@ def _write(record: Path, head: dict[str, Any], trials: list[FrozenTrial]) -> Non
 
 
 def _read(record: Path, head: dict[str, Any]) -> list[FrozenTrial]:
-    try:
+    with located(f"{record}: no study to resume", ValueError, (OSError, ValueError)):
         first, *lines = (json.loads(line) for line in record.read_text().splitlines())
-    except (OSError, ValueError) as error:
-        raise ValueError(f"{record}: no study to resume: {error}") from None
     check_same(record, first, head)
-    trials = []
+    trials, wrong = [], (ValueError, KeyError, TypeError, AttributeError)
     for number, line in enumerate(lines):
-        try:
+        with located(f"{record}: line {number + 2}: no trial of this search", ValueError, wrong):
             if line["trial"] != number:
                 raise ValueError("the trials are not in order")
             trial = create_trial(
@@ -193,8 +191,6 @@ def _read(record: Path, head: dict[str, Any]) -> list[FrozenTrial]:
                 distributions=SPACE,
                 intermediate_values={int(step): float(share) for step, share in line["segments"].items()},
             )
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise ValueError(f"{record}: line {number + 2}: no trial of this search: {error}") from None
         trials.append(trial)
     return trials
 

@@ -53,11 +53,11 @@ class RowTask:
 
 def make_row(task: RowTask, played: Callable[[], Any] = lambda: None) -> Row:
     """Compute a row; ``played`` is called at the end of each start."""
-    key = task.occupancy.hash, task.prepared, task.seeds.tolist()
-    if _cache.key != key:
-        _cache.key, _cache.bounds = key, MapBounds(map_assets(task.occupancy, task.prepared), task.seeds)
-    assert _cache.bounds is not None
-    return _cache.bounds.row(task.config, task.width, played)
+    key = task.occupancy.hash, task.prepared, tuple(task.seeds.tolist())
+    if key not in _last:
+        _last.clear()
+        _last[key] = MapBounds(map_assets(task.occupancy, task.prepared), task.seeds)
+    return _last[key].row(task.config, task.width, played)
 
 
 class MapBounds:
@@ -157,11 +157,4 @@ class MapBounds:
         }
 
 
-class _Cache:
-    """The last map of this process with its solutions."""
-
-    key: Any = None
-    bounds: MapBounds | None = None
-
-
-_cache = _Cache()
+_last: dict[Any, MapBounds] = {}  # the last map of this process with its solutions, by its key

@@ -12,7 +12,7 @@ import msgspec
 from msgspec import Meta
 
 from pacman_env.config import Config, ConfigError, make_config
-from pacman_env.config.validation import AtLeastOne, NotNegative, convert
+from pacman_env.config.validation import AtLeastOne, NotNegative, convert, located
 from pacman_env.config.yaml_files import read_yaml
 from pacman_env.evaluation.rounds.scenarios import Levels, Scenario, check_goals
 from pacman_env.files import shipped
@@ -98,7 +98,7 @@ def cells(suite: Suite, maps: dict[str, Scenario]) -> list[Cell]:
 
 
 def _checked(name: str, values: Any, path: Path) -> Suite:
-    try:
+    with located(path, ValueError):
         suite: Suite = convert(values, Suite, name)
         for field in ("ghosts", "speeds_mps"):
             entries = getattr(suite, field)
@@ -113,13 +113,9 @@ def _checked(name: str, values: Any, path: Path) -> Suite:
             _try(f"{name}.ghosts[{number}]", suite.settings | {_GHOSTS: ghosts})
         for number, speed in enumerate(suite.speeds_mps):
             _try(f"{name}.speeds_mps[{number}]", suite.settings | {_SPEED: speed})
-    except ConfigError as error:
-        raise ValueError(f"{path}: {error}") from None
     return suite
 
 
 def _try(field: str, changes: dict[str, Any]) -> None:
-    try:
+    with located(field):
         check_goals(make_config(PRESET, EXECUTION, **changes))
-    except ConfigError as error:
-        raise ConfigError(f"{field}: {error}") from None

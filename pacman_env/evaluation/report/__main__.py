@@ -17,7 +17,7 @@ from urllib.parse import quote
 import msgspec
 
 from pacman_env.cli.command import Parser, finite_number, run_command, whole_number
-from pacman_env.config import ConfigError, make_config
+from pacman_env.config import ConfigError, located, make_config
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.report.numbers import Results
 from pacman_env.evaluation.report.plan import ReportPlan, check_single_rounds, matchups, parse_variant
@@ -131,7 +131,8 @@ def _plan(arguments: argparse.Namespace) -> ReportPlan:
     variants = tuple(parse_variant(text, *words, settings) for text in given)
     names = [variant.name for variant in variants]
     for variant in variants:
-        check_single_rounds(variant.config, f"--variant {variant.name}: ")
+        with located(f"--variant {variant.name}"):
+            check_single_rounds(variant.config)
         if names.count(variant.name) > 1:
             raise ConfigError(f"--variant {variant.name}: given twice")
     policies = scenarios.named_policies([*arguments.policies, arguments.baseline])

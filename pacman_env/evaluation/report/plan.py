@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.config import Config, ConfigError, make_config, parse_settings
+from pacman_env.config import Config, ConfigError, located, make_config, parse_settings
 from pacman_env.evaluation.rounds.play import Matchup
 from pacman_env.evaluation.rounds.scenarios import Levels, Scenario, check_goals
 
@@ -84,22 +84,17 @@ def parse_variant(text: str, preset: str, execution: str, settings: Sequence[str
             base[field] = value
         else:
             changes.append(setting)
-    try:
+    with located(f"--variant {name}"):
         merged = parse_settings(settings) | parse_settings(changes)
         config = make_config(base["preset"], base["execution"], **merged)
-    except ConfigError as error:
-        raise ConfigError(f"--variant {name}: {error}") from None
     return Variant(name, given.strip(), config)
 
 
-def check_single_rounds(config: Config, where: str = "") -> None:
+def check_single_rounds(config: Config) -> None:
     """Raise ConfigError for endless games, which the report adds itself, and for games that it cannot measure."""
-    try:
-        check_goals(config)
-        if config.endless:
-            raise ConfigError("endless = True: is what --endless N plays, beside single rounds")
-    except ConfigError as error:
-        raise ConfigError(f"{where}{error}") from None
+    check_goals(config)
+    if config.endless:
+        raise ConfigError("endless = True: is what --endless N plays, beside single rounds")
 
 
 def matchups(plan: ReportPlan) -> dict[RoundsKey, Matchup]:

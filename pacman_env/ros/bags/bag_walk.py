@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from pacman_env.config import Config, differences, make_config
+from pacman_env.config import Config, differences, located, make_config
 from pacman_env.ros import topics
 from pacman_env.ros.bags.bag import Bag, BagError, Recorded
 from pacman_env.ros.bags.pose_statistics import PoseStatistics
@@ -184,7 +184,8 @@ def recorded_config(bag: Bag) -> Config:
     """Return the recorded configuration of the goal selector, or the default one."""
     config = make_config()
     for recorded in bag.messages((topics.CONFIGURATION,)):
-        try:
+        problems = (ValueError, TypeError, LookupError, AttributeError, RecursionError)
+        with located(f"{topics.CONFIGURATION.name}: not a configuration of this version", BagError, problems):
             plays = json.loads(recorded.message.data)
             if plays["node"] == SELECTOR:
                 fields = differences(make_config().as_dict(), plays["configuration"])
@@ -192,8 +193,6 @@ def recorded_config(bag: Bag) -> Config:
                 config = make_config(**values)
                 ghosts = ("policy" if name.endswith(".onnx") else name for name in config.clyde.ghosts)  # not run here
                 config = config.with_fields(**{"clyde.ghosts": tuple(ghosts)})
-        except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
-            raise BagError(f"{topics.CONFIGURATION.name}: not a configuration of this version: {error}") from None
     return config
 
 

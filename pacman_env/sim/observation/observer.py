@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...config import ConfigError, ObservationConfig
+from ...config import ConfigError, ObservationConfig, located
 from ...engine.arrays import Table, address
 from ...engine.pipeline import Pipeline, Stage
 from ...plugins import PluginError
@@ -39,10 +39,8 @@ class Observer:
         self._masked = action == "goal" and config.mask == "observation"
         if self.nearest and action != "goal":
             raise ConfigError("observation.candidates = 'nearest': velocities choose no candidate")
-        try:
+        with located(f"observation.kinds = {config.kinds!r}", caught=PluginError):
             self._kinds = [KINDS.find(name)() for name in kinds_shown(config, action, batch.config.power.pellets > 0)]
-        except PluginError as error:
-            raise ConfigError(f"observation.kinds = {config.kinds!r}: {error}") from None
         self._raw_parts: dict[str, ObservationPart] = {MASK: mask_part(batch)} if self._masked else {}
         for kind in self._kinds:
             for key, part in kind.parts(batch).items():
