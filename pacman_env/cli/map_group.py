@@ -28,7 +28,7 @@ def add_map_group(commands: Any) -> None:
 
 
 def _map_check(arguments: argparse.Namespace) -> int:
-    from pacman_env.config import make_config, parse_settings
+    from pacman_env.config import located, make_config, parse_settings
     from pacman_env.game.pellets import generate_pellets
     from pacman_env.sim.maps.assets import map_assets
     from pacman_env.world.maps.map_check import check_map
@@ -36,10 +36,8 @@ def _map_check(arguments: argparse.Namespace) -> int:
 
     config = make_config(**({"pellets.spacing_m": arguments.spacing} | parse_settings(arguments.set)))
     occupancy = load_map(arguments.map)
-    try:
+    with located(occupancy.name, ValueError, ValueError):
         pellets = generate_pellets(occupancy, config.pellets)
-    except ValueError as error:
-        raise ValueError(f"{occupancy.name}: {error}") from None
     report = check_map(occupancy, pellets.position, pellets.ids, config, home=tuple(arguments.home))
     refusal = None
     try:

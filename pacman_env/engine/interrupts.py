@@ -1,10 +1,12 @@
-"""Delay Ctrl-C and SIGTERM during code that must not be interrupted.
+"""Delay Ctrl-C and SIGTERM during code that must not be interrupted, and end a process with its parent.
 
 Examples are imports of modules with C parts, and LLVM, which calls Python and drops exceptions raised there."""
 
 import contextlib
+import os
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -63,3 +65,14 @@ def _handle(handlers: dict[int, Any]) -> None:
     while _waiting:
         number = _waiting.pop(0)
         handlers[number](number, None)
+
+
+def end_with(parent: int) -> None:
+    """End this process soon after the process ``parent`` has ended, for whatever reason."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(0.5)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()

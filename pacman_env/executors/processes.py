@@ -3,14 +3,14 @@
 import multiprocessing
 import os
 import pickle
-import threading
-import time
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 from pebble import ProcessExpired, ProcessPool
+
+from pacman_env.engine.interrupts import end_with
 
 from .base import Done, Executor, Keys, Result, Task, TaskFailed, WorkerLosses, plain
 from .queue import StickyQueue
@@ -87,15 +87,4 @@ def _survives(error: Exception) -> bool:
 def _new_pool() -> ProcessPool:
     # spawn: a forked child would share the locks of threads that it does not have
     spawn = multiprocessing.get_context("spawn")
-    return ProcessPool(1, context=spawn, initializer=_end_with, initargs=(os.getpid(),))
-
-
-def _end_with(parent: int) -> None:
-    """End this process soon after its parent has ended, for whatever reason."""
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(1.0)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
+    return ProcessPool(1, context=spawn, initializer=end_with, initargs=(os.getpid(),))

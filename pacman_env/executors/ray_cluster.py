@@ -87,7 +87,8 @@ class RayCluster(Executor):
                         raise TaskFailed(_cannot_run(str(error))) from None
                     except ray.exceptions.RayError as error:
                         self._drop_worker(worker, waiting)
-                        yield from losses.note(number, waiting, "its worker was lost", f": {_line(error)}")
+                        reason = " ".join(str(error).split())[:300]
+                        yield from losses.note(number, waiting, "its worker was lost", f": {reason}")
                         continue
                     self._answered.add(worker)
                     if outcome.unusable:
@@ -212,10 +213,6 @@ def _here() -> str:
 def _name(host: str, node: str) -> str:
     """Return the name of a machine; the node's number, as in ``ray list nodes``, tells two on one host apart."""
     return f"{host} (node {node[:12]})"
-
-
-def _line(error: BaseException) -> str:
-    return " ".join(str(error).split())[:300]
 
 
 def _cannot_run(traceback: str) -> str:

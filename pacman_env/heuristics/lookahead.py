@@ -38,13 +38,11 @@ class Lookahead(BasePolicy):
 
     def __init__(self, **parameters: float) -> None:
         self.parameters = LookaheadParameters(**parameters)
+        above_0 = ("robot_speed_mps", "power_m")
         for name, value in self.parameters._asdict().items():
-            if value is not None and (
-                not 0 <= value < np.inf or (name in ("robot_speed_mps", "power_m") and value == 0)
-            ):
-                raise ValueError(
-                    f"{name} = {value!r}: must be a finite number of at least 0, robot_speed_mps and power_m above 0"
-                )
+            if value is not None and (not 0 <= value < np.inf or (name in above_0 and value == 0)):
+                rule = f"must be a finite number of at least 0, {' and '.join(above_0)} above 0"
+                raise ValueError(f"{name} = {value!r}: {rule}")
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
         """Return minus the cost in s (N, C), -inf for forbidden or unreachable candidates."""

@@ -7,7 +7,7 @@ from typing import Any, Literal, TypeVar
 
 import msgspec
 
-from pacman_env.config.validation import ConfigError, Number, Positive, convert, located, require
+from pacman_env.config.validation import Number, Positive, convert, located, require
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
 
 FORMAT: Literal[1] = 1
@@ -68,12 +68,10 @@ def dump(record: Any, path: Path) -> str:
 
 def parse(kind: type[T], text: bytes | str, path: Path) -> T:
     """Parse JSON with exactly the fields and types of ``kind``; other text raises ValueError with field and rule."""
-    try:
-        result: T = convert(json.loads(text, object_pairs_hook=_object), kind)
-    except ConfigError as error:
-        raise ValueError(f"{path}: {error}") from None
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path}: no JSON that can be read: {error}") from None
+    with located(f"{path}: no JSON that can be read", ValueError, (ValueError, RecursionError)):
+        content = json.loads(text, object_pairs_hook=_object)
+    with located(path, ValueError):
+        result: T = convert(content, kind)
     return result
 
 

@@ -72,9 +72,8 @@ def _check(p: SearchParameters) -> None:
     above_0 = ("nodes", "samples", "horizon_s", "layer_s", "segment_s", "lead_m", "near_m")
     for name, value in p._asdict().items():
         if not 0 <= value < np.inf or (name in above_0 and value == 0):
-            raise ValueError(
-                f"{name} = {value!r}: must be a finite number, {'above' if name in above_0 else 'at least'} 0"
-            )
+            least = "above" if name in above_0 else "at least"
+            raise ValueError(f"{name} = {value!r}: must be a finite number, {least} 0")
     if not p.layer_s <= p.segment_s <= p.horizon_s:
         raise ValueError(f"segment_s = {p.segment_s}: must be layer_s = {p.layer_s} to horizon_s = {p.horizon_s}")
     if p.samples > _MOST_SAMPLES:

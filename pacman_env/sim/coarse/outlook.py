@@ -70,34 +70,29 @@ class Outlook:
     def __init__(self, config: Config) -> None:
         self._rules = np.concatenate([rules(config, Lags()), rules(config, Lags(death_margin_m=0.0))])
         self._believed = Behaviours([BEHAVIOURS.get(name, BEHAVIOURS[WANDER]) for name in BELIEVED], config)
-        self._memory: list[OutlookArrays] = []
-        self._tables: list[Table] = []  # two for each thread: of the behaviours and of the outlook
-        self._places: list[NDArray[np.int64]] = []
+        self._tables: list[Table] = []  # of OutlookArrays, for each thread
 
     def memory(self, goals: int, ghosts: int, threads: int) -> list[NDArray[np.int64]]:
         """Return for each thread the address (1,) of its table of OutlookArrays, for at most ``goals`` goals."""
-        fits = self._memory and self._memory[0].ghosts.shape[1] == ghosts and len(self._memory[0].bit) == goals
-        if not fits:
-            self._memory, self._tables, self._places = [], [], []
-        while len(self._memory) < threads:
-            own = new_behaviour_arrays(ghosts)
-            table = Table(BehaviourArrays, **own._asdict())
-            self._memory.append(
-                OutlookArrays(
+        own = self._tables[0].arrays if self._tables else None
+        if own is None or own["ghosts"].shape[1] != ghosts or len(own["bit"]) != goals:
+            self._tables = []
+        while len(self._tables) < threads:
+            behaviours = new_behaviour_arrays(ghosts)
+            self._tables.append(
+                Table(
+                    OutlookArrays,
                     rules=self._rules.copy(),
                     robots=np.zeros(3, dtype=ROBOT),
                     ghosts=np.zeros((3, ghosts), dtype=GHOST),
                     goals=np.zeros(_WAYS, dtype=np.int64),
                     bit=np.zeros(goals, dtype=np.int8),
                     classes=self._believed.table.array("behaviours"),
-                    behaviours=own,
-                    behaviours_table=table.numbers,
+                    behaviours=behaviours,
+                    behaviours_table=Table(BehaviourArrays, **behaviours._asdict()).numbers,
                 )
             )
-            whole = Table(OutlookArrays, **self._memory[-1]._asdict())
-            self._tables += [table, whole]
-            self._places.append(np.array([whole.address]))
-        return self._places[:threads]
+        return [np.array([table.address]) for table in self._tables[:threads]]
 
 
 outlook_arrays = arrays_by_address(OutlookArrays)

@@ -7,20 +7,18 @@ import atexit
 import os
 import subprocess
 import sys
-import threading
-import time
 from pathlib import Path
 
 from numba.core import config as numba_config
 
 from ...engine.cache_folder import kernel_folder
 from ...engine.cores import cores
+from ...engine.interrupts import end_with
 from ...engine.kernel_cache import expect_help
 from ...engine.native import RANGE, address_of_kernel
 from .ticks import play
 
 _ROOT = Path(__file__).resolve().parents[3]
-_WATCH_S = 0.5
 
 
 def begin() -> subprocess.Popen[bytes] | None:
@@ -57,15 +55,9 @@ def _end(process: int, other: subprocess.Popen[bytes]) -> None:
         other.wait()
 
 
-def _watch(parent: int) -> None:
-    while os.getppid() == parent:
-        time.sleep(_WATCH_S)
-    os._exit(1)
-
-
 def main(parent: int) -> None:
     """Compile and cache the tick kernel; exit if the process ``parent`` ends."""
-    threading.Thread(target=_watch, args=(parent,), daemon=True).start()
+    end_with(parent)
     address_of_kernel(play)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,6 @@ from .planner_features import (
     MOST,
     maps_changed,
     maps_wanted,
-    planner_features,
     planner_stage,
 )
 from .raster import CHANNELS, FRIGHTENED, PRESENT, raster_all, scan_all
@@ -32,11 +31,9 @@ from .robot_features import (
     PELLET_BEARING_COLUMNS,
     Columns,
     Observation,
-    features,
     features_stage,
     ghost_bearings,
     pellet_bearings,
-    power_features,
     power_stage,
 )
 from .situation import MISSING, NearestCounts, Situation, nearest_candidates
@@ -93,18 +90,22 @@ def mask_part(batch: GameBatch) -> ObservationPart:
 
 
 @dataclass
-class _Kind:
+class _Described:
     name: str
     parts: Callable[[GameBatch], dict[str, ObservationPart]]
-    fill: Callable[[GameBatch, Situation], Observation]
     simulated: bool = field(default=False, kw_only=True)  # shows the game itself, not only its situation
 
-    def __call__(self) -> _Kind:
+    def __call__(self) -> Self:
         return self  # other packages register classes
 
 
 @dataclass
-class CompiledKind(_Kind):
+class _Kind(_Described):
+    fill: Callable[[GameBatch, Situation], Observation]
+
+
+@dataclass
+class CompiledKind(_Described):
     """A kind that a kernel fills, in the same call as the ticks of a step."""
 
     #: Returns the stage that fills the kind's arrays; the mask (N, C) selects candidates.
@@ -113,6 +114,16 @@ class CompiledKind(_Kind):
     maps_changed: Callable[[Situation, NDArray[np.int64]], None] | None = None
     #: Called if the stage returns a negative number; the stage then runs again.
     maps_wanted: Callable[[Situation], None] | None = None
+
+    def fill(self, batch: GameBatch, situation: Situation) -> Observation:
+        """Run the stage on new arrays; see :meth:`ObservationKind.fill`."""
+        parts = self.parts(batch).items()
+        arrays: Observation = {key: np.zeros((len(situation), *part.shape), part.dtype) for key, part in parts}
+        if self.maps_wanted is not None:
+            self.maps_wanted(situation)
+        job, tables = self.stage(batch, situation, np.ascontiguousarray(situation.mask), arrays)
+        situation.threads.run(job, tables, len(situation))
+        return arrays
 
 
 def _table_part(
@@ -140,11 +151,6 @@ def _planner_parts(batch: GameBatch) -> dict[str, ObservationPart]:
         "planner_candidates": ObservationPart(-MOST, MOST, shape, np.float32, by_candidate=True),
         "planner_globals": ObservationPart(-MOST, MOST, (len(GLOBAL_FEATURES),), np.float32),
     }
-
-
-def _planner(batch: GameBatch, situation: Situation) -> Observation:
-    candidates, whole = planner_features(situation, batch.config.robot.speed_mps)
-    return {"planner_candidates": candidates, "planner_globals": whole}
 
 
 def _planner_stage(batch: GameBatch, situation: Situation, wanted: NDArray[np.bool_], arrays: Observation) -> Stage:
@@ -214,22 +220,16 @@ def _grid(batch: GameBatch, situation: Situation) -> Observation:
 
 
 FEATURES = CompiledKind(
-    "features",
-    _feature_parts,
-    lambda batch, situation: features(situation),
-    lambda batch, situation, wanted, arrays: features_stage(situation, arrays),
+    "features", _feature_parts, lambda batch, situation, wanted, arrays: features_stage(situation, arrays)
 )
-PLANNER = CompiledKind("planner", _planner_parts, _planner, _planner_stage, maps_changed, maps_wanted)
-POWER = CompiledKind(
-    "power",
-    _power_parts,
-    lambda batch, situation: power_features(situation),
-    lambda batch, situation, wanted, arrays: power_stage(situation, arrays),
-)
+PLANNER = CompiledKind("planner", _planner_parts, _planner_stage, maps_changed, maps_wanted)
+POWER = CompiledKind("power", _power_parts, lambda batch, situation, wanted, arrays: power_stage(situation, arrays))
 SCAN = _Kind("scan", _scan_parts, _scan, simulated=True)
 BEARINGS = _Kind("bearings", _bearing_parts, _bearings)
 GRID = _Kind("grid", _grid_parts, _grid, simulated=True)
-BUILT_IN_KINDS = {kind.name: kind for kind in (FEATURES, PLANNER, POWER, SCAN, BEARINGS, GRID)}
+BUILT_IN_KINDS: dict[str, _Kind | CompiledKind] = {
+    kind.name: kind for kind in (FEATURES, PLANNER, POWER, SCAN, BEARINGS, GRID)
+}
 #: Kinds by name, as classes without constructor arguments; other packages add entry points.
 KINDS: Registry[Callable[[], ObservationKind]] = Registry("observation kind", "pacman_env.observations", BUILT_IN_KINDS)
 register_observation = KINDS.register

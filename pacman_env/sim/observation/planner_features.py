@@ -89,15 +89,10 @@ def planner_stage(
     seen = prediction.seen_arrays(situation, robot_speed_mps)
     arrays = {"seen": seen, "wanted": wanted, "candidates": candidates, "whole": whole}
     maps = maps_of(situation)
-    memory = _outlook_on(maps).memory(maps.most_goals, situation.ghosts.shape[1], situation.threads.number)
+    if maps not in _outlooks:
+        _outlooks[maps] = outlook.Outlook(maps.config)
+    memory = _outlooks[maps].memory(maps.most_goals, situation.ghosts.shape[1], situation.threads.number)
     return _fill, [Table(_PlannerArrays, outlook=own, **arrays) for own in memory]
-
-
-def _outlook_on(levels: "LevelSlots") -> outlook.Outlook:
-    own = _outlooks.get(levels)
-    if own is None:
-        own = _outlooks[levels] = outlook.Outlook(levels.config)
-    return own
 
 
 def maps_changed(situation: Situation, slots: NDArray[np.integer[Any]]) -> None:

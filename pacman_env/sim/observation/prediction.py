@@ -309,12 +309,7 @@ def room_to_meet(goals, candidates):  # type: ignore[no-untyped-def]
 @kernel
 def is_nobody(s, i, k):  # type: ignore[no-untyped-def]
     """Return True if ghost k (-1: every ghost) of situation i is harmless."""
-    if k >= 0:
-        return s.fright[i, k, HARMLESS] > 0.0
-    harmless = True
-    for j in range(s.ghosts.shape[1]):
-        harmless &= s.fright[i, j, HARMLESS] > 0.0
-    return harmless
+    return (s.fright[i, k, HARMLESS] if k >= 0 else s.fright[i, :, HARMLESS].min()) > 0.0
 
 
 @kernel

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.arrays import Array, Table, arrays_by_address, zeros
+from ...engine.arrays import Array, Table, arrays_by_address
 from ...engine.jit import kernel, table_kernel
 from ...engine.native import address_of
 from ...engine.pipeline import Stage
@@ -99,22 +99,11 @@ class _RobotArrays(NamedTuple):
 _fill_arrays, _situation = arrays_by_address(_RobotArrays), situation_layout.arrays
 
 
-def features(situation: Situation) -> Observation:
-    """Return ``robot`` (N, 7), ``clyde`` (N, 7), ``candidates`` (N, C, 10), ``round`` (N, 2), ``ghosts`` (N, G, 6).
-
-    ``ghosts`` is omitted with one ghost. Rows of forbidden candidates only contain the kind and are 0 otherwise.
-    """
-    n, candidates, ghosts = situation.block()[1:]
-    arrays = zeros(FeatureArrays, FeatureArrays._fields, N=n, C=candidates, G=ghosts)
-    job, tables = features_stage(situation, arrays)
-    situation.threads.run(job, tables, n)
-    if ghosts == 1:
-        del arrays["ghosts"]
-    return arrays
-
-
 def features_stage(situation: Situation, arrays: Observation) -> Stage:
-    """Return the stage that fills the arrays of :func:`features`; with one ghost ``ghosts`` may be missing."""
+    """Return the stage that fills the arrays of ``FeatureArrays``; with one ghost ``ghosts`` may be missing.
+
+    Rows of forbidden candidates only contain the kind and are 0 otherwise.
+    """
     block, *lengths = situation.block()
     ghosts = arrays.get("ghosts")
     if ghosts is None:
@@ -206,16 +195,8 @@ class PowerArrays(NamedTuple):
 _power_arrays = arrays_by_address(PowerArrays)
 
 
-def power_features(situation: Situation) -> Observation:
-    """Return ``candidate_power`` (N, C, 1) and ``ghost_power`` (N, G, 4)."""
-    n, candidates, ghosts = situation.block()[1:]
-    arrays = zeros(PowerArrays, ("candidate_power", "ghost_power"), N=n, C=candidates, G=ghosts)
-    situation.threads.run(*power_stage(situation, arrays), n)
-    return arrays
-
-
 def power_stage(situation: Situation, arrays: Observation) -> Stage:
-    """Return the stage that fills the arrays of :func:`power_features`."""
+    """Return the stage that fills ``candidate_power`` and ``ghost_power``."""
     seen = {name: getattr(situation, name) for name in ("fright", "is_power", "mask")}
     filled = {name: arrays[name] for name in ("candidate_power", "ghost_power")}
     return write_power, [Table(PowerArrays, **seen, **filled)]

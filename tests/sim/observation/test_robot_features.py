@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pacman_env.engine.arrays import Table, address
+from pacman_env.engine.arrays import Table, address, zeros
 from pacman_env.sim.observation.robot_features import (
     CANDIDATE_COLUMNS,
     CLYDE_COLUMNS,
@@ -18,17 +18,27 @@ from pacman_env.sim.observation.robot_features import (
     ROBOT_COLUMNS,
     ROUND_COLUMNS,
     Columns,
+    FeatureArrays,
     Observation,
-    features,
+    features_stage,
     unit_scale,
 )
 from pacman_env.sim.observation.robot_features import COLUMNS as ALL_COLUMNS
 from pacman_env.sim.observation.rows import BY_UNIT, PART, RowArrays, write_rows
-from pacman_env.sim.observation.situation import HOLD, PELLET, REFUGE
+from pacman_env.sim.observation.situation import HOLD, PELLET, REFUGE, Situation
 from tests.policies.contract import random_situation
 
 COLUMNS = {"robot": ROBOT_COLUMNS, "clyde": CLYDE_COLUMNS, "candidates": CANDIDATE_COLUMNS, "round": ROUND_COLUMNS}
 SEEDS = st.integers(0, 10**6)
+
+
+def features(situation: Situation) -> Observation:
+    """The arrays of the kind ``features``, filled for these situations."""
+    n, candidates, ghosts = situation.block()[1:]
+    arrays = zeros(FeatureArrays, FeatureArrays._fields, N=n, C=candidates, G=ghosts)
+    job, tables = features_stage(situation, arrays)
+    job(tables[0].address, 0, n)
+    return arrays
 
 
 def named(observation: Observation, part: str) -> dict[str, np.ndarray]:
