@@ -1,24 +1,13 @@
 """Describe frightened and caught ghosts in frames: times, eyes on their way back, and points that pop up."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.game.power import BLINKING, FRIGHTENED, ghost_points
+from pacman_env.game.power import ghost_points
 
 _POINTS_S = 2.0  # how long points are shown
-
-
-def power_facts(pellets: list[int], warning_s: float) -> dict[str, Any]:
-    """Return what a scene tells of power pellets: their numbers, and how frightened ghosts look."""
-    return {"pellets": pellets, "warning_s": warning_s, "frightened": FRIGHTENED, "blinking": BLINKING}
-
-
-class _Catch(NamedTuple):
-    place: tuple[float, float]  # m
-    points: int
-    at_s: float
 
 
 class CaughtGhosts:
@@ -30,10 +19,10 @@ class CaughtGhosts:
     def __init__(self, return_s: float, first_points: int) -> None:
         self.return_s, self.first_points = return_s, first_points  # see ``PowerConfig``
         self.new: list[int] = []  # numbers of the ghosts caught since the update before
-        self._catches: dict[int, _Catch] = {}  # the last one by ghost
         self._streak = self._power_left = 0
-        self._places: NDArray[np.float64] | None = None  # of the last update, and the times until which ghosts are away
-        self._away_until: NDArray[np.float64] = np.zeros(0)
+        self._catches: NDArray[np.float64] = np.zeros((0, 3))  # place and points of the last one by ghost, NaN: none
+        self._places: NDArray[np.float64] = np.zeros((0, 2))  # of the last update, and the times until which ghosts
+        self._away_until: NDArray[np.float64] = np.zeros(0)  # are away
 
     def update(
         self, places: NDArray[np.float64], until_s: NDArray[np.float64], now_s: float, power_left: int
@@ -48,28 +37,21 @@ class CaughtGhosts:
         """
         if power_left != self._power_left:
             self._power_left, self._streak = power_left, 0
-        self.new = []
-        if self._places is not None and self._places.shape == places.shape:
-            self.new = np.flatnonzero(until_s[:, 1] > self._away_until).tolist()
-            for k in self.new:
-                x, y = self._places[k].tolist()
-                points = ghost_points(self.first_points, self._streak)
-                self._catches[k] = _Catch((x, y), points, float(until_s[k, 1]) - self.return_s)
-                self._streak += 1
+        if self._places.shape != places.shape:
+            self._catches, self._away_until = np.full((len(places), 3), np.nan), until_s[:, 1]
+        self.new = np.flatnonzero(until_s[:, 1] > self._away_until).tolist()
+        for ghost in self.new:
+            self._catches[ghost] = *self._places[ghost], ghost_points(self.first_points, self._streak)
+            self._streak += 1
         self._places, self._away_until = places.copy(), until_s[:, 1].copy()
-        recent = [one for one in self._catches.values() if 0.0 <= now_s - one.at_s < _POINTS_S]
-        left_s = np.maximum(until_s - now_s, 0.0)
+        harmless_s, away_s = np.maximum(until_s - now_s, 0.0).T
+        known = np.isfinite(self._catches[:, 0])
+        since_s = now_s - until_s[:, 1] + self.return_s
+        # Eyes move evenly from the place of the catch to the spawn place.
+        way = np.minimum(away_s / max(self.return_s, 1e-9), 1.0)[:, None] * (self._catches[:, :2] - places)
         return {
-            "ghosts": self._eyes(places, left_s[:, 1]),
-            "harmless_s": left_s[:, 0],
-            "away_s": left_s[:, 1],
-            "points": np.array([(*one.place, one.points) for one in recent], dtype=np.float64).reshape(-1, 3),
+            "ghosts": np.where(known[:, None], places + way, places),
+            "harmless_s": harmless_s,
+            "away_s": away_s,
+            "points": self._catches[known & (since_s >= 0.0) & (since_s < _POINTS_S)],
         }
-
-    def _eyes(self, places: NDArray[np.float64], away_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return where ghosts are shown: eyes move evenly from the place of the catch to the spawn place."""
-        shown = places.copy()
-        for k, left_s in enumerate(away_s.tolist()):
-            if left_s > 0.0 and k in self._catches:
-                shown[k] += min(left_s / self.return_s, 1.0) * (np.array(self._catches[k].place) - places[k])
-        return shown

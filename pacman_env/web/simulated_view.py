@@ -11,18 +11,19 @@ from msgspec import structs
 
 from pacman_env.config import ShowConfig
 from pacman_env.game.events import FEEDBACK, LIGHTS, SOUNDS, Motion, angular_velocity
-from pacman_env.game.goals import goal_name
 from pacman_env.game.lights import LightRing
 from pacman_env.game.sounds import SoundQueue
-from pacman_env.web.caught_ghosts import power_facts
-from pacman_env.web.control import ghost_role
 from pacman_env.web.frame import Frame, Pose
 from pacman_env.web.game import News, Scene
 from pacman_env.web.played_round import PlayedRound
 from pacman_env.web.rules import Rules
+from pacman_env.web.scene import scene_facts
 
 _COMPILING = "Preparing the first round. On a new computer the rules are compiled once, which takes a minute or two."
 NO_SCENE = Scene(1, {"map": None, "preparing": True, "notice": _COMPILING})
+
+#: Fields that change when the tick is over: a pellet is shown until it is reached.
+_LATE = ("alive", "collected", "ghosts_caught", "harmless_s", "away_s", "points", "baseline_collected", "over")
 
 
 class TickClock:
@@ -127,14 +128,7 @@ def between(old: Frame, new: Frame, share: float) -> Frame:
     return structs.replace(
         new,
         time_s=old.time_s + share * (new.time_s - old.time_s),
-        alive=old.alive,  # a pellet is shown until it is reached
-        collected=old.collected,
-        ghosts_caught=old.ghosts_caught,
-        harmless_s=old.harmless_s,
-        away_s=old.away_s,
-        points=old.points,
-        baseline_collected=old.baseline_collected,
-        over=old.over,
+        **{name: getattr(old, name) for name in _LATE},
         **moved,
     )
 
@@ -146,34 +140,24 @@ def _pose_between(old: Pose, new: Pose, share: float) -> Any:
 
 def scene_of(played: PlayedRound, rules: Rules, revision: int, linked: Rules | None = None) -> Scene:
     """Return the scene of a round; its link is made of the rules ``linked`` (None: ``rules``)."""
-    occupancy, config = played.assets.occupancy, played.config
-    xy = played.assets.goal_xy.round(4).tolist()
-    pellets = played.assets.pellets
-    named = linked or rules
+    assets, config, named = played.assets, played.config, linked or rules
+    xy, ids = assets.goal_xy.round(4).tolist(), assets.pellet_ids.tolist()
+    power_pellets = np.flatnonzero(played.power_pellets).tolist()
     if played.level is not None:
         named = replace(named, level=played.level)
     reproducible = not (played.placed or played.by_person or played.ghost_roles)  # depends on names and numbers alone
+    height, width = assets.occupancy.grey.shape
     facts = {
+        **scene_facts(config.value, xy, ids, power_pellets, dict(enumerate(rules.ghosts))),
         "map": {
             "name": rules.map,
-            "resolution": occupancy.resolution,
-            "width": occupancy.grey.shape[1],
-            "height": occupancy.grey.shape[0],
-            "origin": list(occupancy.origin),
+            "resolution": assets.occupancy.resolution,
+            "width": width,
+            "height": height,
+            "origin": list(assets.occupancy.origin),
         },
-        "home": played.assets.grid.home.tolist(),
-        "pellets": xy[:pellets],
-        "refuges": xy[pellets:],
-        "candidates": xy,
-        "names": [goal_name(played.assets.pellet_ids.tolist(), goal) for goal in range(len(xy))],
-        "first_refuge": pellets,
-        "ghosts": [
-            {"role": ghost_role(k), "behaviour": behaviour, "catch_m": config.execution.death_radius_m}
-            for k, behaviour in enumerate(rules.ghosts)
-        ],
-        "robot": {"radius_m": config.robot.radius_m, "speed_mps": config.robot.speed_mps},
-        "wheels_mps": config.robot.wheel_speed_mps,
-        "turn_radps": config.robot.omega_radps,
+        "home": assets.grid.home.tolist(),
+        "pellets": xy[: len(ids)],
         "policy": rules.policy,
         "second": rules.second,
         "preset": rules.preset,
@@ -184,6 +168,4 @@ def scene_of(played: PlayedRound, rules: Rules, revision: int, linked: Rules | N
         "link": named.link(played.seed, config.clyde.speed_mps) if reproducible else "",
         "preparing": False,
     }
-    if played.power_pellets.any():
-        facts["power"] = power_facts(np.flatnonzero(played.power_pellets).tolist(), config.power.warning_s)
-    return Scene(revision, facts, cv2.imencode(".png", occupancy.grey)[1].tobytes())
+    return Scene(revision, facts, cv2.imencode(".png", assets.occupancy.grey)[1].tobytes())

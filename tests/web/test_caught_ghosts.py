@@ -69,7 +69,7 @@ def test_points_double_until_next_power_pellet() -> None:
     assert (caught.new, fields["points"][:, 2].tolist()) == ([0, 2], [20, 40])
     assert fields["away_s"].tolist() == [5.0, 0.0, 5.0]
     until_s[1] = 17.0
-    assert caught.update(places, until_s, 12.0, 1)["points"][:, 2].tolist() == [20, 40, 20]
+    assert caught.update(places, until_s, 12.0, 1)["points"][:, 2].tolist() == [20, 20, 40]
     assert not len(caught.update(places, until_s, 15.0, 1)["points"])
 
 

@@ -11,7 +11,6 @@ from msgspec import UNSET, UnsetType
 from msgspec.structs import replace
 
 from pacman_env.config import EXECUTIONS, PRESETS, Config, differences, make_config
-from pacman_env.game.goals import goal_name
 from pacman_env.game.round import State
 from pacman_env.ros import topics
 from pacman_env.ros.game_monitor import NO_RESPONSE
@@ -19,10 +18,10 @@ from pacman_env.ros.messages import Position
 from pacman_env.ros.operator_page.page_node import PageNode, PublishedGame
 from pacman_env.ros.selector.reasons import NO_ODOMETRY, POSE_JUMPED, POSE_LOST, REMEDIES
 from pacman_env.ros.supervisor.checks.check import RESTART_GAME, START_AGAIN
-from pacman_env.web.caught_ghosts import CaughtGhosts, power_facts
-from pacman_env.web.control import ghost_role
+from pacman_env.web.caught_ghosts import CaughtGhosts
 from pacman_env.web.frame import Frame, thinned
 from pacman_env.web.game import News, Scene
+from pacman_env.web.scene import scene_facts
 
 
 class RosView:
@@ -138,46 +137,28 @@ def _pellets(game: PublishedGame) -> dict[int, Position]:
 
 
 def _facts(node: PageNode, pellets: dict[int, Position]) -> dict[str, Any]:
-    own = _defaults()
-    game, picture = node.game, node.robot.map
-    configuration, condition = game.configuration.get("configuration", {}), game.condition
-    candidates, first_refuge = [list(place) for place in game.places], len(game.pellet_ids)
-    behaviours = (configuration.get("clyde") or {}).get("ghosts") or own.clyde.ghosts
+    game, picture, condition = node.game, node.robot.map, node.game.condition
+    configuration, clyde = game.configuration.get("configuration", {}), _defaults().clyde
+    behaviours = (configuration.get("clyde") or {}).get("ghosts") or clyde.ghosts
+    named = {k: str(behaviours[k])[:100] if k < len(behaviours) else "" for k in sorted(game.ghosts)}
     preset, settings = played_by(json.dumps(configuration, sort_keys=True)) if configuration else (None, {})
     home = condition.get("home")
-
-    number = partial(_number, game)
     power = [k for k, pellet in enumerate(pellets) if pellet in game.power_pellets]
     return {
+        **scene_facts(partial(_number, game), [list(place) for place in game.places], game.pellet_ids, power, named),
         "map": None if picture is None else {"name": str(condition.get("map") or "map"), **picture.facts},
         "home": home if isinstance(home, list) and len(home) == 3 else [0.0, 0.0, 0.0],
         "pellets": [list(place) for place in pellets.values()],
-        "candidates": candidates,
-        "names": [goal_name(game.pellet_ids, goal) for goal in range(len(candidates))],
-        "refuges": candidates[first_refuge:],
-        "first_refuge": first_refuge,
-        "ghosts": [
-            {
-                "role": ghost_role(k),
-                "behaviour": str(behaviours[k])[:100] if k < len(behaviours) else "",
-                "catch_m": number("execution.death_radius_m"),
-            }
-            for k in sorted(game.ghosts)
-        ],
-        "robot": {"radius_m": number("robot.radius_m"), "speed_mps": number("robot.speed_mps")},
-        "wheels_mps": number("robot.wheel_speed_mps"),
-        "turn_radps": number("robot.omega_radps"),
         "policy": str(condition.get("policy") or "")[:200],
         "second": None,
         "preset": preset,
         "seed": None,
         "level": None,
         "settings": settings,
-        "clyde_speed_mps": own.clyde.speed_mps if game.clyde_speed_mps is None else game.clyde_speed_mps,
+        "clyde_speed_mps": clyde.speed_mps if game.clyde_speed_mps is None else game.clyde_speed_mps,
         "link": "",
         "preparing": picture is None,
         "alerts": _alerts(node),
-        **({"power": power_facts(power, number("power.warning_s"))} if power else {}),
     }
 
 
