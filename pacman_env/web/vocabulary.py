@@ -24,6 +24,27 @@ RESULTS = {
 }
 CANDIDATE_KINDS = {"pellet": "Pellet", "refuge": "Refuge", "hold": "Hold"}
 
+#: Plain name, unit, and how much of the unit 1 is, for the terms that policies explain.
+TERMS = {
+    "score": ("score (higher is better)", "", 1),
+    "probability": ("probability of this choice", "%", 100),
+    "value": ("expected reward from here on", "", 1),
+    "path_robot": ("robot's path", "m", 5),
+    "path_clyde": ("nearest ghost's path", "m", 5),
+    "time_margin": ("ghost arrives later by", "s", 20),
+    "caught_soon": ("risk of a catch within 5 s", "%", 100),
+    "caught": ("risk of a catch within 10 s", "%", 100),
+    "approached": ("risk of a ghost within 0.8 m", "%", 100),
+    "closest_mean": ("expected distance of the ghost on the way", "m", 3),
+    "distance": ("straight distance", "m", 1),
+    "clyde_risk": ("penalty: a ghost is near it", "m", 1),
+    "direction_penalty": ("penalty: towards a ghost", "m", 1),
+    "total": ("distance and penalties", "m", 1),
+    "safe": ("leads away from ghosts", "", 1),
+    "skipped": ("a ghost is on it", "", 1),
+    "threatening": ("a ghost threatens the robot", "", 1),
+}
+
 
 def vocabulary() -> dict[str, Any]:
     ghosts = {
@@ -35,6 +56,7 @@ def vocabulary() -> dict[str, Any]:
         "states": STATES,
         "results": RESULTS,
         "kinds": CANDIDATE_KINDS,
+        "terms": TERMS,
         "events": {
             word: {
                 "light": answer.light and answer.light.word,

@@ -24,13 +24,8 @@ function stateOf(frame) {
 
 function hintFor(frame) {
   if (frame.stopped) return "Stopped: press Release to continue.";
-  if (state.story) return "";
-  if (frame.state === "starting") return "Get ready.";
-  const ghost = state.role.startsWith("ghost") ? state.hello.roles[state.role].name : "";
-  if (frame.state === "running") return ghost && `Catch the robot: click where ${ghost} goes.`;
-  if (frame.state !== "menu") return "";
-  if (ghost) return `Press Start: ${ghost} is to catch the robot.`;
-  return state.role === "robot" ? "Press Start: you are the robot." : "Press Start: the robot collects the pellets.";
+  if (state.story || state.role !== "none") return ""; // the map says what a player can do
+  return { menu: "Press Start: the robot collects the pellets.", starting: "Get ready." }[frame.state] ?? "";
 }
 
 on("frame story role", () => {

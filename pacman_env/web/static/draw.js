@@ -4,8 +4,8 @@ import { css } from "./dom.js";
 
 const FULL = 2 * Math.PI;
 // Shapes, in units of their size.
-export const HOME = [[0, -1], [1, -0.1], [0.65, -0.1], [0.65, 0.8], [-0.65, 0.8], [-0.65, -0.1], [-1, -0.1]];
-export const DIAMOND = [[0, -1.25], [1, 0], [0, 1.25], [-1, 0]];
+const HOME = [[0, -1], [1, -0.1], [0.65, -0.1], [0.65, 0.8], [-0.65, 0.8], [-0.65, -0.1], [-1, -0.1]];
+const DIAMOND = [[0, -1.25], [1, 0], [0, 1.25], [-1, 0]];
 const OCTAGON = Array.from({ length: 8 }, (_, k) => [Math.cos(FULL * (k + 0.5) / 8), Math.sin(FULL * (k + 0.5) / 8)]);
 const POWER = 1.8; // size of a power pellet relative to a pellet
 const BLINK_MS = 500; // half blue and half white
@@ -86,18 +86,20 @@ export function drawBase(painter, { picture, scene, colours }) {
     context.drawImage(picture.drawn, 0, -height * picture.zoom);
     context.restore();
   }
-  if (scene.home) {
-    painter.polygon(HOME, view.toScreen(...scene.home), painter.size(0.16, 7, 20), { fill: colours.home, alpha: 0.55 });
-  }
-  const refugeSize = painter.size(0.1, 4.5, 14);
-  for (const refuge of scene.refuges) {
-    painter.polygon(DIAMOND, view.toScreen(...refuge), refugeSize, { stroke: colours.refuge, width: 1.8 });
-  }
+  drawPlaces(painter, scene, colours);
   const metres = view.scale > 90 ? 0.5 : view.scale > 22 ? 1 : 5;
   const [right, y] = [view.width - 16, view.height - view.inset - 14];
   const left = right - metres * view.scale;
   painter.line([[left, y - 4], [left, y], [right, y], [right, y - 4]], { stroke: colours.home });
   painter.text(`${metres} m`, [(left + right) / 2, y - 6], colours.home, "");
+}
+
+export function drawPlaces(painter, { home, refuges }, colours) {
+  const { view } = painter;
+  if (home) painter.polygon(HOME, view.toScreen(...home), painter.size(0.16, 7, 20), { fill: colours.home, alpha: 0.55 });
+  for (const refuge of refuges) {
+    painter.polygon(DIAMOND, view.toScreen(...refuge), painter.size(0.1, 4.5, 14), { stroke: colours.refuge, width: 1.8 });
+  }
 }
 
 export function drawTop(painter, shown) {
@@ -165,12 +167,12 @@ function drawNumbers(painter, { names = [], candidates, first_refuge: refuges = 
   });
 }
 
-export function drawPellet(painter, at, radius, exists, colours) {
+function drawPellet(painter, at, radius, exists, colours) {
   painter.circle(at, exists ? radius : 0.55 * radius, { fill: exists ? colours.pellet : colours.eaten });
 }
 
 // What power pellets change of a ghost's look: its colour, null if only its eyes are left; whether it is harmless.
-export function lookOf({ harmless_s: harmless = [], away_s: away = [] }, power, k, now = performance.now()) {
+function lookOf({ harmless_s: harmless = [], away_s: away = [] }, power, k, now = performance.now()) {
   if (!power || !(harmless[k] > 0)) return {};
   if (away[k] > 0) return { colour: null, harmless: true };
   const white = harmless[k] < power.warning_s && (stillWanted.matches || now % BLINK_MS < BLINK_MS / 2);
@@ -203,7 +205,7 @@ function drawScan({ context, view }, scan, [x, y, heading], colour) {
   });
 }
 
-export function drawPacMan(painter, [worldX, worldY, yaw], radius, mouth, style) {
+function drawPacMan(painter, [worldX, worldY, yaw], radius, mouth, style) {
   const [x, y] = painter.view.toScreen(worldX, worldY);
   const heading = yaw + painter.view.turn;
   const half = 0.12 + 0.52 * mouth;
@@ -214,7 +216,7 @@ export function drawPacMan(painter, [worldX, worldY, yaw], radius, mouth, style)
   }, style);
 }
 
-export function drawBelieved(painter, [worldX, worldY, yaw], radius, stroke) {
+function drawBelieved(painter, [worldX, worldY, yaw], radius, stroke) {
   const [x, y] = painter.view.toScreen(worldX, worldY);
   const heading = yaw + painter.view.turn;
   const [dx, dy] = [radius * Math.cos(heading), -radius * Math.sin(heading)];
@@ -235,7 +237,7 @@ function drawTarget(painter, pose, goal, colour, colours) {
   }
 }
 
-export function drawGhost(painter, pose, { name, colour, catch_m: catchM, harmless }, layers, colours, mine) {
+function drawGhost(painter, pose, { name, colour, catch_m: catchM, harmless }, layers, colours, mine) {
   if (!Number.isFinite(pose[0])) return;
   const [x, y] = painter.view.toScreen(...pose);
   const fill = colour ? css(colour) : colours.home;

@@ -8,96 +8,74 @@ const KEY = "pacman_env.best";
 const ROUND_TIMEOUT_MS = 120000;
 const LIVES = 3; // of a new game
 
-let ended = null; // the recorded round that the card shows, null: none yet
+let ended = null; // the round that the card shows: an entry of the finished rounds, or a robot's last frame
 let lastState = "";
 
-const myGhost = ({ ghosts_played: played = [] }) => played.find((ghost) => state.role === `ghost-${ghost}`);
-const policyOf = ({ policies: [policy] = ["the policy"] }) => policy;
+const playsGhost = ({ ghosts_played: played = [] }) => played.some((ghost) => state.role === `ghost-${ghost}`);
+const isWon = (entry) => (playsGhost(entry) ? entry.result === "caught" : ["complete", "cleared"].includes(entry.result));
 
 // A result in words; to the person who played a ghost in that round it is the ghost's.
-function resultWords(entry) {
+function titleOf(entry) {
   const { result, catcher } = entry;
-  if (myGhost(entry) === undefined) return state.hello.results[result] ?? result;
+  if (!playsGhost(entry)) return state.hello.results[result] ?? result;
   if (result !== "caught") return "It got away";
   const by = `ghost-${catcher}`;
-  return by === state.role ? "You caught it" : `${state.hello.roles[by]?.name ?? "A ghost"} caught it`;
-}
-
-function isWon(entry) {
-  return myGhost(entry) === undefined ? ["complete", "cleared"].includes(entry.result) : entry.result === "caught";
-}
-
-// Who has played, as far as records count.
-function playerOf(entry) {
-  if (myGhost(entry) !== undefined) return "you as a ghost";
-  if (entry.player !== "person") return policyOf(entry);
-  return state.role === "robot" ? "you" : "a person";
+  return by === state.role ? "You caught it" : `${state.hello.roles[by].name} caught it`;
 }
 
 // Adds a round to the records of this browser. Returns them in words.
-function keep(entry) {
-  let records = {};
-  try {
-    records = JSON.parse(stored("localStorage", KEY) ?? "{}");
-  } catch {
-    // written by another page: they begin again
-  }
-  const name = [playerOf(entry), entry.map, state.scene?.ghosts.length ?? 1].join("|");
-  const { best = Infinity, streak = 0 } = records[name] ?? {};
+function recordsWith(entry) {
+  const person = state.role === "robot" ? "you" : "a person";
+  const player = playsGhost(entry) ? "you as a ghost" : entry.player === "person" ? person : entry.policies[0];
+  const name = [player, entry.map, state.scene?.ghosts.length ?? 1].join("|");
+  const records = JSON.parse(stored("localStorage", KEY) ?? "{}");
+  const before = records[name]?.best ?? Infinity;
   const won = isWon(entry);
-  const faster = won && entry.time_s < best;
-  records[name] = { best: faster ? entry.time_s : best, streak: won ? streak + 1 : 0 };
-  stored("localStorage", KEY, JSON.stringify(records));
-  const now = records[name];
-  return [
-    Number.isFinite(now.best) ? `Best time ${clock(now.best)}${faster && Number.isFinite(best) ? ", a new record" : ""}.` : "",
-    now.streak > 1 ? `${now.streak} wins in a row.` : "",
-  ].filter(Boolean).join(" ");
+  const [best, streak] = won ? [Math.min(before, entry.time_s), (records[name]?.streak ?? 0) + 1] : [before, 0];
+  stored("localStorage", KEY, JSON.stringify({ ...records, [name]: { best, streak } }));
+  const record = best < before && before < Infinity ? ", a new record" : "";
+  return (best < Infinity ? `Best time ${clock(best)}${record}. ` : "") + (streak > 1 ? `${streak} wins in a row.` : "");
 }
 
-function close() {
+const close = () => {
   $("end").hidden = true;
-}
+};
 
-// Shows how a round has ended: as the game reports it, and again with all actions once its recording is there.
-export function showResult(entry, comparison = "") {
-  const recorded = entry.story !== undefined;
-  if (ended && (!recorded || entry.story === ended.story)) return;
-  ended = recorded ? entry : null;
-  const { collected, spawned, time_s: time, ghosts_caught: caught } = entry;
-  const title = resultWords(entry);
+// Shows how a round has ended.
+export function showResult(entry) {
+  ended = entry;
+  const { collected, spawned, time_s: time, ghosts_caught: caught, story, second } = entry;
   const text = `${collected} of ${spawned} pellets${caught ? ` and ${counted(caught, "ghost")}` : ""} in ${clock(time)}`;
-  const box = $("result");
-  if (box.textContent !== title + text) box.replaceChildren(make("strong", { text: title }), text);
+  $("result").replaceChildren(make("strong", { text: titleOf(entry) }), text);
   $("end").dataset.won = String(isWon(entry));
-  writeOrHide($("end-other"), comparison);
+  writeOrHide($("end-other"), second ? comparison(entry) : "");
   writeOrHide($("end-lives"), livesWords(entry));
-  writeOrHide($("end-best"), recorded ? keep(entry) : "");
+  writeOrHide($("end-best"), story ? recordsWith(entry) : "");
   $("end").hidden = Boolean(state.story);
   showActions();
 }
 
 // What a round means in the game of the person who plays the robot: levels to climb, with three lives.
 function livesWords({ result, player }) {
-  const { lives, round, score } = state.frame ?? {};
-  if (lives === undefined || (player !== undefined && player !== "person") || result !== "caught") return "";
+  const { lives, round, score } = state.frame;
+  if (lives === undefined || player !== "person" || result !== "caught") return "";
   if (!lives) return `Game over in level ${round}, score ${score}.`;
   return `${lives === 1 ? "One life" : `${lives} lives`} left: try level ${round} again.`;
 }
 
 function nextWords() {
-  const { round = 1, lives } = state.frame ?? {};
+  const { round, lives } = state.frame;
   if (lives === undefined) return round > 1 ? `Round ${round}, faster ghosts` : "Next round";
   if (!lives || (round === 1 && lives === LIVES)) return "New game";
-  const speed = state.scene?.clyde_speed_mps;
-  return `Level ${round}${speed ? `, Clyde ${speed.toFixed(2)} m/s` : ""}`;
+  return `Level ${round}, Clyde ${state.scene.clyde_speed_mps.toFixed(2)} m/s`;
 }
 
 function showActions() {
-  const second = ended?.policies?.[1];
-  $("end-again").hidden = !ended || source() === "ros" || state.frame?.lives !== undefined; // levels are a game of its own
-  $("end-moment").hidden = !ended;
-  $("end-compare").hidden = !second || second === policyOf(ended) || ended.player === "person" || !$("end-other").hidden;
+  const [first, second] = ended?.policies ?? [];
+  const noStory = !ended?.story;
+  $("end-again").hidden = noStory || state.frame.lives !== undefined; // levels are a game of its own
+  $("end-moment").hidden = noStory;
+  $("end-compare").hidden = !second || second === first || ended.player === "person" || !$("end-other").hidden;
   write($("end-compare"), `How does ${second} do?`);
   write($("end-next").lastElementChild, nextWords());
 }
@@ -108,14 +86,24 @@ function otherWords(policy, { result, collected, time_s: time }) {
   return `${policy} ${how} after ${clock(time)}, with ${counted(collected, "pellet")}.`;
 }
 
+// Compares a round that a person has played with the policy's.
+function comparison(entry) {
+  // A complete round is better than any other, and the faster the better.
+  const rank = ({ result, collected, time_s: time }) => (result === "complete" ? 1e6 - time : collected);
+  const lead = rank(entry) - rank(entry.second);
+  const [policy] = entry.policies;
+  const better = lead ? `${lead > 0 ? "You were" : `${policy} was`} better` : "It is a draw";
+  return `${better}: ${otherWords(policy, entry.second)}`;
+}
+
 $("end-compare").onclick = async () => {
   const entry = ended;
   writeOrHide($("end-other"), "Playing the same round.");
   showActions();
   const answer = await request({ do: "compare", story: entry.story }, ROUND_TIMEOUT_MS);
   if (entry !== ended) return;
-  writeOrHide($("end-other"), !answer ? "" : answer.data ? otherWords(entry.policies[1], answer.data)
-    : "A person has changed this round, so no policy can repeat it.");
+  const unlike = "A person has changed this round, so no policy can repeat it.";
+  writeOrHide($("end-other"), answer && (answer.data ? otherWords(entry.policies[1], answer.data) : unlike));
   showActions();
 };
 $("end-again").onclick = async () => {
@@ -135,11 +123,8 @@ on("frame", (frame) => {
   if (frame.state === lastState) return;
   lastState = frame.state;
   const result = { complete: "complete", dying: "caught" }[lastState];
-  if (result && !state.role.startsWith("ghost")) showResult({ ...frame, result });
-  if (["starting", "running"].includes(lastState)) {
-    close();
-    ended = null;
-  }
+  if (result && source() === "ros") showResult({ ...frame, result });
+  if (["starting", "running"].includes(lastState)) close();
   if (!$("end").hidden) showActions();
 });
 on("scene", () => $("end").hidden || showActions());

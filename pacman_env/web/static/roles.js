@@ -83,10 +83,11 @@ function changeRole(role) {
 
 function showMode() {
   const { frame, role, story, scene } = state;
-  const character = role === "robot" ? "the robot" : state.hello?.roles[role]?.name;
-  const how = role.startsWith("ghost") ? ": click where to go, or the robot to follow it" : "";
-  const playing = !story && role !== "none" ? `You are ${character}${how}` : "";
-  writeOrHide($("mode"), state.posing || (state.placing ? "Click where the ghost starts" : playing));
+  const place = role === "robot" ? "a pellet, or use the arrow keys" : "where to go, or the robot to follow it";
+  const playing = `You are ${role === "robot" ? "the robot" : state.hello?.roles[role]?.name}: `
+    + `${frame?.state === "menu" ? "press Start, then " : ""}click ${place}`;
+  writeOrHide($("mode"), state.posing || (state.placing ? "Click where the ghost starts"
+    : story || role === "none" ? "" : playing));
   const player = state.people.roles?.robot;
   const score = frame?.baseline && player && !story ? `${player === me() ? "you" : player} ${frame.collected}, `
     + `${scene?.policy ?? "policy"} ${frame.baseline_collected}` : "";
@@ -94,20 +95,6 @@ function showMode() {
 }
 on("people hello scene connection", showRoles);
 on("frame placing story role", showMode);
-
-// Compares a round that a person has played with the policy's. Returns it in words.
-export function compareWithPolicy(entry) {
-  if (entry.player !== "person" || !entry.second) return "";
-  // A complete round is better than any other, and the faster the better.
-  const rank = ({ result, collected, time_s: time }) => (result === "complete" ? 1e6 - time : collected);
-  const score = ({ collected, result, time_s: time }) => `${collected} (${result}, ${time.toFixed(1)} s)`;
-  const policy = entry.policies?.[0] ?? "the policy";
-  const lead = rank(entry) - rank(entry.second);
-  const better = !lead ? "It is a draw" : lead > 0 ? "You were better" : `${policy} was better`;
-  const text = `${better}: you ${score(entry)}, ${policy} ${score(entry.second)}.`;
-  write($("duel-words"), text);
-  return text;
-}
 
 function nearestPellets() {
   const { scene, frame } = state;

@@ -5,7 +5,6 @@ import { $, button, clock, counted, isShortcut, make, renderReleased, setIcon, w
 import { onMoment, showResult } from "./end.js";
 import * as map from "./map.js";
 import { notice, question } from "./notices.js";
-import { compareWithPolicy } from "./roles.js";
 import { parseSetting } from "./settings.js";
 import { emit, on, robotPose, source, state } from "./state.js";
 
@@ -39,8 +38,7 @@ on("hello", () => load());
 on("news", async (items) => {
   const ended = items.filter((item) => item.story).at(-1)?.story;
   const entry = ended && await load(ended);
-  if (!entry) return;
-  showResult(entry, compareWithPolicy(entry));
+  if (entry) showResult(entry);
 });
 
 function showList() {

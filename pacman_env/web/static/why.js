@@ -7,14 +7,19 @@ import { emit, on, shownScene, state } from "./state.js";
 const MISSING = "–";
 const RANK_LIMIT = 2; // a larger difference of the policies' ranks is marked
 
-const spaced = (name) => name.replaceAll("_", " ");
 const visible = () => !$("panel-why").hidden;
 
-function format(term) {
+// A term in words: its plain name, its unit, and how much of the unit 1 is.
+const termOf = (name) => state.hello.terms[name] ?? [name.replaceAll("_", " "), "", 1];
+const labelOf = (name) => termOf(name).slice(0, 2).filter(Boolean).join(", ");
+
+function format(name, term) {
   if (term === null || term === undefined) return MISSING;
   if (typeof term === "boolean") return term ? "yes" : "no";
-  if (typeof term !== "number" || Number.isInteger(term)) return String(term);
-  return term.toFixed(Math.abs(term) >= 100 ? 0 : 2);
+  if (typeof term !== "number") return term;
+  const [, unit, factor] = termOf(name);
+  const value = term * factor;
+  return value.toFixed(unit === "%" || Math.abs(value) >= 100 || (Number.isInteger(term) && factor === 1) ? 0 : 2);
 }
 
 function nameOf(candidate) {
@@ -57,19 +62,14 @@ function merit({ terms }, policy) {
   return typeof total === "number" ? -total : -Infinity;
 }
 
-// What the table shows of one policy: its columns, the terms equal for all candidates, and each candidate's rank.
+// What the table shows of one policy: its terms, the one that decides or all that differ, and each candidate's rank.
 function summarise(rows, policy, all) {
-  const columns = [];
-  const equal = [];
-  for (const name of new Set(rows.flatMap(({ terms }) => Object.keys(terms[policy] ?? {})))) {
-    const values = new Set(rows.map(({ terms }) => format(terms[policy]?.[name])));
-    if (values.size > 1 || rows.length === 1) columns.push(name);
-    else if (!values.has(MISSING)) equal.push(`${spaced(name)} ${[...values][0]}`);
-  }
-  const main = ["score", "total"].find((name) => columns.includes(name)) ?? columns[0] ?? "score";
+  const names = [...new Set(rows.flatMap(({ terms }) => Object.keys(terms[policy] ?? {})))];
+  const differ = names.filter((name) => new Set(rows.map(({ terms }) => terms[policy]?.[name])).size > 1);
+  const main = ["score", "total"].find((name) => names.includes(name)) ?? names[0] ?? "score";
   const order = [...rows].sort((a, b) => merit(b, policy) - merit(a, policy));
   const ranks = new Map(order.map(({ candidate }, k) => [candidate, k + 1]));
-  return { policy, columns: [...(all ? columns : [main]), "rank"], equal, order, ranks };
+  return { policy, columns: [...(all ? differ : [main]), "rank"], order, ranks };
 }
 
 function tableHead(summaries) {
@@ -79,7 +79,7 @@ function tableHead(summaries) {
     }))),
     make("tr", {}, make("th", { scope: "col", text: "Candidate" }), ...summaries.flatMap(({ columns }, policy) =>
       columns.map((name, k) => make("th", {
-        scope: "col", class: policy && !k ? "second" : "", text: spaced(name),
+        scope: "col", class: policy && !k ? "second" : "", text: labelOf(name),
       })))));
 }
 
@@ -95,7 +95,7 @@ function tableRow(row, summaries, disagree) {
   const cells = summaries.flatMap(({ policy, columns, ranks }, k) => columns.map((column) => {
     const ranked = Number.isFinite(merit(row, policy));
     const rank = ranked ? ranks.get(candidate) : null;
-    const text = format(column === "rank" ? rank : terms[policy]?.[column]);
+    const text = format(column, column === "rank" ? rank : terms[policy]?.[column]);
     const classes = {
       second: k && column === columns[0], chosen: by.includes(policy), none: text === MISSING,
       differs: column === "rank" && ranked && Math.abs(first - second) > RANK_LIMIT,
@@ -118,7 +118,7 @@ function show() {
   const hint = why ? "Nothing could be chosen at this moment." : "Start a round: each decision is shown here.";
   $("why-scroll").hidden = !why?.rows?.length;
   if (why?.rows?.length) showTable(why);
-  else for (const [id, text] of [["table", ""], ["words", hint], ["same", ""]]) write($(`why-${id}`), text);
+  else for (const [id, text] of [["table", ""], ["words", hint]]) write($(`why-${id}`), text);
   writeOrHide($("why-sentence"), why?.rows?.length ? sentenceOf(why.chosen[why.policies[0]]) : "");
   showCandidate();
 }
@@ -136,9 +136,6 @@ function showTable({ policies, rows, chosen, time_s: time }) {
     tableHead(summaries), make("tbody", {}, ...summaries[0].order.map((row) => tableRow(row, summaries, disagree))),
   );
   if (active !== undefined) $("why-table").querySelector(`tr[data-candidate="${active}"] button`)?.focus();
-  const equal = summaries.filter((summary) => summary.equal.length)
-    .map((summary) => `${summary.policy}: ${summary.equal.join(", ")}.`);
-  write($("why-same"), equal.length ? `Equal for all candidates. ${equal.join(" ")}` : "");
 }
 
 // All terms of the candidate pointed at, or else of the first policy's choice.
@@ -149,7 +146,7 @@ function showCandidate() {
     ?? rows.find(({ candidate }) => candidate === chosen[policies[0]]);
   $("why-one").hidden = !row;
   if (!row) return;
-  const terms = (policy) => Object.entries(row.terms[policy] ?? {}).map(([name, term]) => [spaced(name), format(term)]);
+  const terms = (policy) => Object.entries(row.terms[policy] ?? {}).map(([name, term]) => [labelOf(name), format(name, term)]);
   $("why-one").replaceChildren(make("strong", { text: nameOf(row.candidate) }), make("div", { class: "pair" },
     ...policies.map((policy) => make("div", {}, make("span", { class: "quiet", text: policy }),
       make("dl", { class: "facts" }, ...facts(terms(policy)))))));
