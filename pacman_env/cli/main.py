@@ -79,7 +79,7 @@ def _add_play(commands: Any) -> None:
     add, number = play.add_argument, finite_number()
     map_help = "as for 'map check', or 'generated' (%(default)s)"
     add("--map", default="house", metavar="FILE_OR_NAME", help=map_help)
-    add("--preset", default="robot", help="robot or ideal (%(default)s)")
+    add("--preset", default="robot", help="robot, ideal or arcade (%(default)s)")
     add("--execution", default="robust", help="robust or as_built (%(default)s)")
     add("--seed", type=whole_number(0), help="of the first round; the others follow from it (random)")
     add("--clyde-speed", type=number, metavar="M_PER_S", help="Clyde's speed")
@@ -132,10 +132,10 @@ def _add_web(commands: Any) -> None:
     add = web.add_argument_group("simulated game").add_argument
     map_help = "as for 'map check', or 'generated' (%(default)s)"
     add("--map", default="house", metavar="FILE_OR_NAME", help=map_help)
-    add("--preset", default="robot", help="robot or ideal (%(default)s)")
+    add("--preset", default="robot", help="robot, ideal or arcade (%(default)s)")
     add("--policy", default="ppo", help="the policy: a name or an .onnx file (%(default)s)")
     add("--second", default="clyde_aware", help="the policy that is asked beside it (%(default)s)")
-    add("--ghosts", nargs="+", default=["wander"], metavar="BEHAVIOUR", help="of each ghost (wander)")
+    add("--ghosts", nargs="+", metavar="BEHAVIOUR", help="of each ghost (those of the preset)")
     add("--seed", type=whole_number(0, 2**53 - 1), help="of the first round; the others follow from it (random)")
     add("--speed", type=finite_number(1, 50), default=1.0, help="times real time, 1 to 50 (%(default)s)")
     show = "s, before each round; a robot's: 8 (%(default)s)"
@@ -173,7 +173,7 @@ def _robots_game(arguments: argparse.Namespace) -> Any:
 
 
 def _simulated_game(arguments: argparse.Namespace) -> Any:
-    from pacman_env.config import parse_settings
+    from pacman_env.config import make_config, parse_settings
     from pacman_env.web.rules import GENERATED, Rules
     from pacman_env.web.simulated import SimulatedGame
     from pacman_env.world.maps.occupancy import load_map, shipped_maps
@@ -184,7 +184,7 @@ def _simulated_game(arguments: argparse.Namespace) -> Any:
         preset=arguments.preset,
         policy=arguments.policy,
         second=arguments.second,
-        ghosts=tuple(arguments.ghosts),
+        ghosts=tuple(arguments.ghosts or make_config(arguments.preset).clyde.ghosts),
         settings=parse_settings(arguments.set),
     )
     files = [name for name in (arguments.policy, arguments.second) if name.endswith(".onnx") or ":" in name]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 from urllib.parse import quote, urlencode
 
-from pacman_env.config import Config, ConfigError, preset_names
+from pacman_env.config import Config, ConfigError, make_config, preset_names
 from pacman_env.config.described import settings
 from pacman_env.envs.arguments import EnvArguments
 from pacman_env.game.ghosts import POLICY, behaviour_names
@@ -76,11 +76,17 @@ class Choices:
     def facts(self) -> dict[str, Any]:
         return {
             "maps": [*self._maps, GENERATED],
-            "presets": list(preset_names()),
+            "presets": {name: self._preset(name) for name in preset_names()},
             "policies": self._policies,
             "behaviours": [*(name for name in behaviour_names() if name != POLICY), LEARNED_CLYDE],
             "settings": [setting._asdict() for setting in self._settings],
         }
+
+    def _preset(self, name: str) -> dict[str, Any]:
+        """Return the ghosts of a preset, and its settings that differ from their defaults."""
+        config = make_config(name)
+        changed = {one.name: config.value(one.name) for one in self._settings if config.value(one.name) != one.value}
+        return {"ghosts": config.clyde.ghosts, "settings": changed}
 
     def check(self, rules: Rules) -> None:
         """Raise Refused for a name that is not available; the combination of names is not checked."""

@@ -10,6 +10,7 @@ import pytest
 
 from pacman_env import __version__, files
 from pacman_env.cli.main import main
+from pacman_env.config import PRESETS
 from pacman_env.world.maps import occupancy
 from pacman_env.world.maps.occupancy import OccupancyMap
 
@@ -77,6 +78,14 @@ def test_module_prints_help_without_loading_heavy_libraries(option: str, said: s
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.startswith(said)
     assert done.stdout.endswith("\n[]\n")
+
+
+@pytest.mark.parametrize("command", ["play", "web", "ros up"])
+def test_help_names_all_presets(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main([*command.split(), "--help"])
+    said = capsys.readouterr().out.rpartition("--preset")[2]
+    assert all(preset in said.split("--")[0] for preset in PRESETS)
 
 
 def test_map_generate_writes_houses_of_levels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

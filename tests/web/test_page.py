@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from pacman_env.config import make_config
 from pacman_env.web import messages
 from pacman_env.web.access import Tokens
 from pacman_env.web.game import Scene
@@ -180,6 +181,28 @@ def test_ghost_chases_the_robot_by_clicks(visit: Visit) -> None:
     page.slide("speed", FASTEST)
     page.press("start")
     page.wait("document.querySelector('#result').textContent.startsWith('You caught it')")
+
+
+def test_preset_fills_form_but_keeps_changed_settings(visit: Visit) -> None:
+    page = visit()
+    fields = {
+        name: page.page.locator(f'.setting:has(label:text-matches("^{name}(,|$)")) input')
+        for name in ("power.pellets", "power.return_s", "robot.speed_mps")
+    }
+    page.page.click("#settings summary")
+    page.page.fill("#settings-search", "power")
+    fields["power.return_s"].fill("4")
+    fields["power.return_s"].blur()
+    for preset, pellets, speed in (("arcade", "4", "0.256"), ("ideal", "0", "0.306"), ("arcade", "4", "0.256")):
+        page.page.select_option("#setup-preset", preset)
+        ghosts = page.value("[...document.querySelectorAll('#setup-ghosts select')].map(({value}) => value)")
+        assert tuple(ghosts) == make_config(preset).clyde.ghosts
+        assert (fields["power.pellets"].input_value(), fields["robot.speed_mps"].input_value()) == (pellets, speed)
+        assert (page.text("settings-count"), fields["power.return_s"].input_value()) == ("2 changed", "4")
+    page.press("setup-only")
+    scene = page.wait("state.scene.preset === 'arcade' && state.scene")
+    assert scene["settings"] == {"power.return_s": 4, "time_limit_s": 90}
+    assert (len(scene["ghosts"]), len(scene["power"]["pellets"])) == (4, 4)
 
 
 def test_setup_changes_map_policies_ghosts_settings(visit: Visit) -> None:

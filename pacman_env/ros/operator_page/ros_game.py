@@ -116,7 +116,7 @@ class RosGame:
 
     def choices(self) -> dict[str, Any]:
         """Return the policies; everything else was chosen at the start of the game."""
-        return {"maps": [], "presets": [], "policies": policy_names(), "behaviours": [], "settings": []}
+        return {"maps": [], "presets": {}, "policies": policy_names(), "behaviours": [], "settings": []}
 
     def scene(self) -> Scene:
         return self._view.scene

@@ -2,22 +2,29 @@
 
 import { $, button, make, option, write } from "./dom.js";
 
-let rows = []; // {setting, row, input, undo}
+let rows = []; // {setting, row, input, undo, value (the preset's)}
 
 export function showSettings(settings) {
   rows = settings.map(makeRow);
   $("settings-list").replaceChildren(...rows.map(({ row }) => row));
   $("settings").hidden = !rows.length;
-  setChanged({});
+  showPreset({});
+}
+
+// Shows the values of a preset; those that the user has changed stay.
+export function showPreset(values) {
+  const changed = changedSettings();
+  for (const one of rows) one.value = values[one.setting.name] ?? one.setting.value;
+  setChanged(changed);
 }
 
 export function setChanged(values) {
-  for (const { setting, input } of rows) writeInput(input, values?.[setting.name] ?? setting.value);
+  for (const { setting, input, value } of rows) writeInput(input, values?.[setting.name] ?? value);
   showChanged();
 }
 
 export const hasSettings = () => rows.length > 0;
-const isChanged = ({ setting, input }) => readInput(input) !== setting.value;
+const isChanged = ({ value, input }) => readInput(input) !== value;
 export const changedSettings = () =>
   Object.fromEntries(rows.filter(isChanged).map(({ setting, input }) => [setting.name, readInput(input)]));
 
@@ -53,21 +60,24 @@ function makeRow(setting, k) {
     showChanged();
   } });
   const undo = button("Undo", { "aria-label": `Undo ${name}`, onclick: () => {
-    writeInput(input, setting.value);
+    writeInput(input, one.value);
     showChanged();
   } });
   const from = low === null ? "" : `from ${low}`;
   const limits = high === null ? from : `${from || "up"} to ${high}`;
-  const text = [words, limits, `default ${setting.value}`].filter(Boolean).join(" · ");
+  const about = make("p", { id: help, text: [words, limits].filter(Boolean).join(" · ") }, make("span"));
   const row = make("div", { class: "setting" }, make("label", { htmlFor: id, text: unit ? `${name}, ${unit}` : name }),
-    make("span", { class: "control" }, input, undo), make("p", { id: help, text }));
-  return { setting, row, input, undo };
+    make("span", { class: "control" }, input, undo), about);
+  const one = { setting, row, input, undo, value: setting.value };
+  writeInput(input, one.value);
+  return one;
 }
 
 function showChanged() {
   for (const one of rows) {
     one.row.classList.toggle("changed", isChanged(one));
     one.undo.hidden = !isChanged(one);
+    write(one.row.querySelector("p span"), ` · in this preset ${one.value}`);
   }
   const changed = rows.filter(isChanged).length;
   write($("settings-count"), changed ? `${changed} changed` : String(rows.length));

@@ -3,7 +3,7 @@
 import { address, request } from "./connection.js";
 import { $, button, facts, make, option, slider, write } from "./dom.js";
 import { notice, question } from "./notices.js";
-import { changedSettings, hasSettings, setChanged, showSettings } from "./settings.js";
+import { changedSettings, hasSettings, setChanged, showPreset, showSettings } from "./settings.js";
 import { emit, on, roundRuns, state, updateControls } from "./state.js";
 
 const SELECTS = ["map", "preset", "policy", "second"];
@@ -17,6 +17,8 @@ let behaviours = []; // of ghosts
 const field = (name) => $(`setup-${name}`);
 const ghostChoices = () => [...$("setup-ghosts").querySelectorAll("select")].map((select) => select.value);
 
+const presetOf = (name) => state.hello.choices.presets[name] ?? { ghosts: [], settings: {} };
+
 function select(list, value) {
   if (![...list.options].some((one) => one.value === value)) list.append(option(value));
   list.value = value;
@@ -27,8 +29,8 @@ function showLevel() {
 }
 
 on("hello", ({ choices = {} }) => {
-  const { maps = [], presets = [], policies = [], settings = [] } = choices;
-  [maps, presets, policies, policies].forEach((values, k) => {
+  const { maps = [], presets = {}, policies = [], settings = [] } = choices;
+  [maps, Object.keys(presets), policies, policies].forEach((values, k) => {
     const list = field(SELECTS[k]);
     const chosen = list.value;
     list.replaceChildren(...values.map((value) => option(value, value === "generated" ? "a generated house" : value)));
@@ -52,7 +54,10 @@ function showScene(scene) {
   if (!edited.has("setup-level") && level !== null) field("level").value = String(level ?? 0);
   if (!edited.has("setup-seed")) field("seed").value = "";
   if (!edited.has("setup-ghosts") && ghosts.length) showGhosts(ghosts.map(({ behaviour }) => behaviour));
-  if (!$("setup").contains(document.activeElement)) setChanged(scene.settings);
+  if (!$("setup").contains(document.activeElement)) {
+    showPreset(presetOf(preset).settings);
+    setChanged(scene.settings);
+  }
   showLevel();
   $("facts").replaceChildren(...facts([
     ["Map", map && (level ?? null) !== null ? `${map.name}, level ${level}` : map?.name], ["Policy", policy],
@@ -125,6 +130,11 @@ $("setup-only").onclick = () => apply(false);
 $("setup").oninput = ({ target }) => {
   edited.add(target.id);
   showLevel();
+};
+field("preset").onchange = ({ target }) => {
+  const { ghosts, settings } = presetOf(target.value);
+  editGhosts(ghosts);
+  showPreset(settings);
 };
 $("setup-dice").onclick = () => {
   field("seed").value = String(crypto.getRandomValues(new Uint32Array(1))[0]);
