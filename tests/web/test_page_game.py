@@ -91,6 +91,20 @@ def test_phone_shows_half_map_beside_replay_and_reasons(visit: Visit, simulated:
     assert page.value(f"document.elementFromPoint({stop['x'] + 20}, {stop['y'] + 20}).id") == "stop"
 
 
+def test_phone_shows_half_map_beside_panels_of_live_round(visit: Visit) -> None:
+    page = visit(viewport={"width": 390, "height": 844}, has_touch=True)
+    page.press("start")
+    page.wait("state.frame.state === 'running'")
+    for tab in ("play", "why", "rounds", "show", "ready", "game"):
+        page.press(f"tab-{tab}")
+        assert page.page.locator("#map").bounding_box()["height"] >= 422, tab
+        assert page.page.is_visible(f"#panel-{tab}")
+        assert page.value("view.turn > 0")
+    for button in ("start", "pause", "reset", "stop"):
+        x, y, width, height = page.page.locator(f"#{button}").bounding_box().values()
+        assert page.value(f"document.elementFromPoint({x + width / 2}, {y + height / 2}).closest('button').id") == button
+
+
 def test_key_has_no_power_pellets_if_game_has_none(visit: Visit) -> None:
     page = visit()
     page.page.keyboard.press("?")
