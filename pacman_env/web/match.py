@@ -114,11 +114,7 @@ class Match:
     def _show_round(self, played: PlayedRound) -> None:
         self._shown = played.snapshots[-1], played.snapshots[-1]
         self._gained = 0
-        linked = self._rules
-        if self._controller.round > 1 and played.power_pellets.any():  # ghosts are frightened for a shorter time
-            duration = {"power.duration_s": played.config.power.duration_s}
-            linked = replace(linked, settings={**linked.settings, **duration})
-        self.scene = scene_of(played, self._rules, self.scene.revision + 1, linked)
+        self.scene = scene_of(played, self._rules, self.scene.revision + 1)
 
     def require_round(self) -> PlayedRound:
         if self.round is None:
@@ -200,17 +196,16 @@ class Match:
         if self.round is None:
             return [{"name": "round", "state": "bad", "words": "no round is prepared", "remedy": "choose another map"}]
         assets = self.round.assets
-        dropped = len(assets.dropped_ids)
-        words = f"{assets.occupancy.name}: {assets.pellets} pellets"
-        state, remedy = "ok", ""
-        if dropped:
-            words += f", {dropped} more cannot be reached"
-            state, remedy = "warning", "check the map: pacman-env map check"
-        return [
-            {"name": "simulator", "state": "ok", "words": f"pacman_env {__version__}", "remedy": ""},
-            {"name": "map", "state": state, "words": words, "remedy": remedy},
-            {"name": "configuration", "state": "ok", "words": f"hash {self.round.config.hash}", "remedy": ""},
-        ]
+        words, check = f"{assets.occupancy.name}: {assets.pellets} pellets", "check the map: pacman-env map check"
+        missing = len(assets.dropped_ids)
+        rows = (
+            ("simulator", "ok", f"pacman_env {__version__}", ""),
+            ("map", "warning", f"{words}, {missing} more cannot be reached", check)
+            if missing
+            else ("map", "ok", words, ""),
+            ("configuration", "ok", f"hash {self.round.config.hash}", ""),
+        )
+        return [dict(zip(("name", "state", "words", "remedy"), row, strict=True)) for row in rows]
 
     def lay_out(self, seed: int | None = None) -> None:
         """Prepare a new round in the menu, or the round of ``seed`` again. Refused leaves the former round."""

@@ -70,7 +70,7 @@ class PlayedRound:
         self.choices: list[list[int]] = []  # (T, 3), with numbers of the page: robot's goal, choice of each policy
         self.by_person = False
         self.placed = False  # a person has placed a ghost
-        self._baseline: PlayedRound | None = None
+        self.baseline: PlayedRound | None = None  # the policy's round next to the person's
         self._sent: Mapping[int, int | None] = {}  # ghosts of the last orders
         self.batch = batch = GameBatch(source, self.config, 1)
         batch.reset(_ONE, np.array([seed], dtype=np.uint64))
@@ -146,20 +146,16 @@ class PlayedRound:
     def play_beside(self) -> None:
         """Let the policy play the same round next to the person, if no tick has been played."""
         if self.ticks == 0 and not self.placed and not self.ghost_roles:
-            ghosts = copy.deepcopy(self._ghosts)
-            self._baseline = PlayedRound(self.config, self._source, ghosts, self.names[:1], self.seed)
+            self.baseline = self._again(self.names[:1])
             self.snapshots = [self._snapshot()]
 
-    def baseline_result(self) -> dict[str, Any] | None:
-        """Return the result of the policy that plays next to a person, played to the end, or None without one."""
-        return None if self._baseline is None else self._baseline.finish()
+    def _again(self, names: Sequence[str]) -> "PlayedRound":
+        return PlayedRound(self.config, self._source, copy.deepcopy(self._ghosts), names, self.seed)
 
     def second_result(self) -> dict[str, Any] | None:
         """Return the result of the second policy in the same round, or None if a person has influenced the round."""
-        if self.by_person or self.placed or self.ghost_roles or len(self.names) < 2:
-            return None
-        ghosts = copy.deepcopy(self._ghosts)
-        return PlayedRound(self.config, self._source, ghosts, self.names[1:], self.seed).finish()
+        changed = self.by_person or self.placed or self.ghost_roles
+        return None if changed or len(self.names) < 2 else self._again(self.names[1:]).finish()
 
     def finish(self) -> dict[str, Any]:
         """Play to the end and return the result."""
@@ -186,8 +182,8 @@ class PlayedRound:
             batch.step(allowed(situation, self._numbers[[goal]], batch.hold), sent)
         self.by_person |= orders.robot or orders.velocity is not None
         self.choices.append([goal, *chosen])
-        if self._baseline is not None:
-            self._baseline.step(Orders())
+        if self.baseline is not None:
+            self.baseline.step(Orders())
         self._situation = batch.situation()
         self.snapshots.append(self._snapshot())
 
@@ -219,7 +215,7 @@ class PlayedRound:
         v, omega = situation.robot_velocity[0].tolist()
         true: Pose = (float(g["x"]), float(g["y"]), float(g["heading"]))
         plan = slice(int(g["nav_at"]), int(g["nav_points"]) if g["nav_state"] == navigator.ACTIVE else 0)
-        baseline = None if self._baseline is None else self._baseline.snapshots[-1]
+        baseline = None if self.baseline is None else self.baseline.snapshots[-1]
         alive = batch.alive[0, : self.assets.pellets].copy()
         time_s = float(g["step"]) * self.config.physics_step_s
         ghosts: dict[str, Any] = {"ghosts": np.stack([batch.ghosts["x"][0], batch.ghosts["y"][0]], axis=1)}
@@ -311,7 +307,7 @@ class Recordings:
         self.count += 1
         choices = np.array(played.choices).reshape(-1, 3)
         differ = choices[:, 1] != choices[:, 2]
-        last, second = played.snapshots[-1], played.baseline_result() if played.by_person else None
+        last, second = played.snapshots[-1], played.baseline.finish() if played.by_person and played.baseline else None
         self._kept.pop(self.count - _KEPT, None)
         summary = {
             "story": self.count,

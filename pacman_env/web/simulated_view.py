@@ -138,13 +138,14 @@ def _pose_between(old: Pose, new: Pose, share: float) -> Any:
     return old[0] + share * (new[0] - old[0]), old[1] + share * (new[1] - old[1]), old[2] + share * turned
 
 
-def scene_of(played: PlayedRound, rules: Rules, revision: int, linked: Rules | None = None) -> Scene:
-    """Return the scene of a round; its link is made of the rules ``linked`` (None: ``rules``)."""
-    assets, config, named = played.assets, played.config, linked or rules
+def scene_of(played: PlayedRound, rules: Rules, revision: int) -> Scene:
+    assets, config, linked = played.assets, played.config, rules
     xy, ids = assets.goal_xy.round(4).tolist(), assets.pellet_ids.tolist()
     power_pellets = np.flatnonzero(played.power_pellets).tolist()
     if played.level is not None:
-        named = replace(named, level=played.level)
+        linked = replace(linked, level=played.level)
+    if power_pellets:  # later rounds have a shorter time
+        linked = replace(linked, settings={**rules.settings, "power.duration_s": config.power.duration_s})
     reproducible = not (played.placed or played.by_person or played.ghost_roles)  # depends on names and numbers alone
     height, width = assets.occupancy.grey.shape
     facts = {
@@ -165,7 +166,7 @@ def scene_of(played: PlayedRound, rules: Rules, revision: int, linked: Rules | N
         "level": played.level,
         "settings": dict(rules.settings),
         "clyde_speed_mps": config.clyde.speed_mps,
-        "link": named.link(played.seed, config.clyde.speed_mps) if reproducible else "",
+        "link": linked.link(played.seed, config.clyde.speed_mps) if reproducible else "",
         "preparing": False,
     }
     return Scene(revision, facts, cv2.imencode(".png", assets.occupancy.grey)[1].tobytes())

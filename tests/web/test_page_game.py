@@ -102,7 +102,8 @@ def test_phone_shows_half_map_beside_panels_of_live_round(visit: Visit) -> None:
         assert page.value("view.turn > 0")
     for button in ("start", "pause", "reset", "stop"):
         x, y, width, height = page.page.locator(f"#{button}").bounding_box().values()
-        assert page.value(f"document.elementFromPoint({x + width / 2}, {y + height / 2}).closest('button').id") == button
+        at = f"{x + width / 2}, {y + height / 2}"
+        assert page.value(f"document.elementFromPoint({at}).closest('button').id") == button
 
 
 def test_key_has_no_power_pellets_if_game_has_none(visit: Visit) -> None:

@@ -135,7 +135,8 @@ export function drawTop(painter, shown) {
   if (poses.baseline) {
     const [x, y] = view.toScreen(...poses.baseline);
     drawPacMan(painter, poses.baseline, radius, mouth, { fill: colours.baseline, stroke: colours.rim, alpha: 0.55 });
-    if (layers.names) painter.text(scene.policy ?? "", [x, y + radius + 13], colours.ink, "600", colours.halo);
+    const covered = screen(poses.robot ? [poses.robot] : []).some((at) => Math.hypot(x - at[0], y - at[1]) < radius);
+    if (layers.names && !covered) painter.text(scene.policy ?? "", [x, y + radius + 13], colours.ink, "600", colours.halo);
   }
   if (poses.robot) drawPacMan(painter, poses.robot, radius, mouth, { fill: colours.robot, stroke: colours.rim });
   if (layers.believed && poses.believed && poses.true) drawBelieved(painter, poses.believed, radius, colours.believed);
@@ -148,13 +149,7 @@ export function drawTop(painter, shown) {
   for (const [x, y, points] of frame.points ?? []) {
     painter.text(String(points), view.toScreen(x, y), colours.points, "800", colours.halo, 20);
   }
-  if (cross) {
-    const [x, y] = view.toScreen(...cross);
-    painter.circle([x, y], 12, { stroke: colours.goal, width: 2 });
-    for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) {
-      painter.line([[x + 6 * dx, y + 6 * dy], [x + 18 * dx, y + 18 * dy]], { stroke: colours.goal, width: 2 });
-    }
-  }
+  if (cross) drawCross(painter, view.toScreen(...cross), 10, { stroke: colours.goal, width: 2 });
 }
 
 // The numbers of the candidates, as the table of their terms names them.
@@ -227,14 +222,17 @@ function drawBelieved(painter, [worldX, worldY, yaw], radius, stroke) {
 // Where a person has sent a ghost: a cross in a ring, and the straight line from the ghost.
 function drawTarget(painter, pose, goal, colour, colours) {
   if (!goal || goal[0] === null) return;
-  const [x, y] = painter.view.toScreen(...goal);
+  const at = painter.view.toScreen(...goal);
   const stroke = colour ? css(colour) : colours.home;
-  const size = painter.size(0.14, 8, 24);
-  painter.line([painter.view.toScreen(...pose), [x, y]], { stroke, width: 2, alpha: 0.7, dash: [2, 6], cap: "round" });
+  painter.line([painter.view.toScreen(...pose), at], { stroke, width: 2, alpha: 0.7, dash: [2, 6], cap: "round" });
   for (const style of [{ stroke: colours.halo, width: 6 }, { stroke, width: 3 }]) {
-    painter.circle([x, y], 1.5 * size, style);
-    for (const d of [size / 1.5, -size / 1.5]) painter.line([[x - d, y - size / 1.5], [x + d, y + size / 1.5]], style);
+    drawCross(painter, at, painter.size(0.14, 8, 24), style);
   }
+}
+
+function drawCross(painter, [x, y], size, style) {
+  painter.circle([x, y], 1.5 * size, style);
+  for (const d of [size / 1.5, -size / 1.5]) painter.line([[x - d, y - size / 1.5], [x + d, y + size / 1.5]], style);
 }
 
 function drawGhost(painter, pose, { name, colour, catch_m: catchM, harmless }, layers, colours, mine) {

@@ -17,10 +17,10 @@ const isWon = (entry) => (playsGhost(entry) ? entry.result === "caught" : ["comp
 // A result in words; to the person who played a ghost in that round it is the ghost's.
 function titleOf(entry) {
   const { result, catcher } = entry;
-  if (!playsGhost(entry)) return state.hello.results[result] ?? result;
-  if (result !== "caught") return "It got away";
-  const by = `ghost-${catcher}`;
-  return by === state.role ? "You caught it" : `${state.hello.roles[by].name} caught it`;
+  const by = state.hello.roles[`ghost-${catcher}`]?.name;
+  if (playsGhost(entry) && result !== "caught") return "It got away";
+  if (playsGhost(entry)) return state.role === `ghost-${catcher}` ? "You caught it" : `${by} caught it`;
+  return result === "caught" && by ? `Caught by ${by}` : state.hello.results[result] ?? result;
 }
 
 // Adds a round to the records of this browser. Returns them in words.

@@ -202,7 +202,7 @@ $("zoom-out").onclick = () => zoom(1 / 1.4);
 $("fit").onclick = fit;
 $("follow").onclick = () => follow(!view.following);
 $("layers").onclick = () => openLayers($("layers-list").hidden);
-$("layers-list").append(...LAYERS.map(([name, text]) => make("label", {}, make("input", {
+$("layers-list").append(...LAYERS.map(([name, text]) => make("label", { class: "switch" }, make("input", {
   type: "checkbox", checked: layers[name], id: `layer-${name}`,
   onchange: ({ target }) => {
     layers[name] = target.checked;

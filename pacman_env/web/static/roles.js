@@ -81,15 +81,24 @@ function changeRole(role) {
   emit("role", role);
 }
 
+// What a player can do now.
+function task({ state: now, harmless_s: harmless = [], away_s: away = [] }, role) {
+  const ghost = Number(role.at(-1));
+  const left = role === "robot" ? Math.max(0, ...harmless.filter((_, k) => !away[k])) : harmless[ghost];
+  if (left > 0 && role === "robot") return `catch the blue ghosts, ${Math.ceil(left)} s left`;
+  if (left > 0) return away[ghost] > 0 ? `caught, back in ${Math.ceil(left)} s` : `frightened for ${Math.ceil(left)} s`;
+  const click = role === "robot" ? "click a pellet or use the arrow keys" : "click a place, or the robot to follow it";
+  return now === "menu" ? `press Start, then ${click}` : click;
+}
+
 function showMode() {
   const { frame, role, story, scene } = state;
-  const place = role === "robot" ? "a pellet, or use the arrow keys" : "where to go, or the robot to follow it";
-  const playing = `You are ${role === "robot" ? "the robot" : state.hello?.roles[role]?.name}: `
-    + `${frame?.state === "menu" ? "press Start, then " : ""}click ${place}`;
+  const plays = role !== "none" && !story && ["menu", "starting", "running"].includes(frame?.state);
+  const player = role === "robot" ? "the robot" : state.hello?.roles[role]?.name;
   writeOrHide($("mode"), state.posing || (state.placing ? "Click where the ghost starts"
-    : story || role === "none" ? "" : playing));
-  const player = state.people.roles?.robot;
-  const score = frame?.baseline && player && !story ? `${player === me() ? "you" : player} ${frame.collected}, `
+    : plays ? `You are ${player}: ${task(frame, role)}` : ""));
+  const driver = state.people.roles?.robot;
+  const score = frame?.baseline && driver && !story ? `${driver === me() ? "you" : driver} ${frame.collected}, `
     + `${scene?.policy ?? "policy"} ${frame.baseline_collected}` : "";
   writeOrHide($("duel"), score);
 }
