@@ -53,7 +53,6 @@ on("frame story role", () => {
   if (pause.getAttribute("aria-pressed") !== String(live.paused)) {
     const label = live.paused ? "Resume" : "Pause";
     pause.setAttribute("aria-pressed", String(live.paused));
-    pause.setAttribute("aria-label", label);
     write(pause.lastElementChild, label);
     setIcon(pause, live.paused ? "play" : "pause");
   }

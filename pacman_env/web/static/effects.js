@@ -5,7 +5,6 @@ import { $, css, make, setIcon, write } from "./dom.js";
 import { count, on, state } from "./state.js";
 
 const LEDS = 6;
-const OFF = "rgb(51, 58, 75)";
 const VOLUME = 0.07;
 const FADE_S = 0.012;
 
@@ -19,7 +18,7 @@ on("frame", ({ ring }) => {
   for (const { children } of rings) {
     [...children].forEach((led, k) => {
       const lit = isLit(ring?.[k]);
-      led.style.background = lit ? css(ring[k]) : OFF;
+      led.style.background = lit ? css(ring[k]) : "";
       led.style.boxShadow = lit ? `0 0 10px ${css(ring[k])}` : "none";
     });
   }

@@ -23,7 +23,7 @@ let entries = []; // as the server lists them
 let playing = 0; // the timer
 let explainTimer = 0;
 
-const resultName = (result) => state.hello.results[result] ?? result;
+const resultOf = ({ result, collected, spawned }) => `${state.hello.results[result] ?? result}: ${collected} of ${spawned}`;
 
 // Lists the rounds anew. Returns the entry of the one with this number.
 async function load(number) {
@@ -50,7 +50,7 @@ function showList() {
     const caught = entry.ghosts_caught ? `, ${counted(entry.ghosts_caught, "ghost")} caught` : "";
     const details = [entry.map, `seed ${entry.seed}`, player, disagree];
     return make("li", { class: state.story?.entry.story === story ? "open" : "", data: { story } },
-      make("span", {}, make("strong", { text: `${resultName(entry.result)}: ${entry.collected} of ${entry.spawned}` }),
+      make("span", {}, make("strong", { text: resultOf(entry) }),
         `${caught} in ${clock(entry.time_s)}${second ? `, ${policy} ${second.collected} (${second.result})` : ""}`),
       button("Open", { "aria-label": `Open round ${story}`, onclick: () => open(story) }),
       make("span", { class: "quiet", text: details.filter(Boolean).join(" · ") }));
@@ -79,7 +79,6 @@ async function open(number, tick = 0) {
     const response = await fetch(address(`story/${number}.json`));
     if (!response.ok) throw new Error(await response.text());
     const frames = await response.json();
-    if (!frames.length) throw new Error("it is empty");
     pause();
     state.story = { entry, frames, index: 0, scene, trail: frames.map(robotPose) };
   } catch (error) {
@@ -88,8 +87,7 @@ async function open(number, tick = 0) {
   }
   showBar(true);
   $("story-range").max = String(state.story.frames.length - 1);
-  const result = `${resultName(entry.result).toLowerCase()}, ${entry.collected} of ${entry.spawned}`;
-  write($("story-title"), `Round ${entry.story}: ${result}`);
+  write($("story-title"), `Round ${entry.story}: ${resultOf(entry).toLowerCase()}`);
   write($("story-parts"), entry.policies ? `(${entry.policies.join(" and ")})` : "");
   await map.showScene(scene);
   map.cover($("story-bar").offsetHeight + 8);
@@ -143,15 +141,16 @@ function explain() {
 }
 on("tab", explain);
 
-function showPlaying() {
+// Shows the timer of the replay, 0: it is paused.
+function setPlaying(timer) {
+  playing = timer;
   $("story-play").setAttribute("aria-label", playing ? "Pause" : "Play");
   setIcon($("story-play"), playing ? "pause" : "play");
 }
 
 function pause() {
   clearInterval(playing);
-  playing = 0;
-  showPlaying();
+  setPlaying(0);
   explain();
 }
 
@@ -161,20 +160,19 @@ function play() {
   if (state.story.index >= last) seek(0);
   const frame_ms = Math.max(10, (1000 * (frames[last].time_s - frames[0].time_s)) / Math.max(1, last)) / SPEED;
   const wait = Math.max(STEP_MS, frame_ms);
-  playing = setInterval(() => {
+  setPlaying(setInterval(() => {
     if (document.hidden) return;
     seek(state.story.index + Math.max(1, Math.round(wait / frame_ms)), true);
     if (state.story.index >= last) pause();
-  }, wait);
-  showPlaying();
+  }, wait));
 }
 
 // Opens a round shortly before the moment that decided it, and plays it from there: the last choice well before the robot
 // was caught, or else where a ghost was nearest to it.
 async function openMoment(entry) {
   await open(entry.story);
-  const frames = state.story?.entry === entry ? state.story.frames : [];
-  if (!frames.length) return;
+  if (state.story?.entry.story !== entry.story) return;
+  const { frames } = state.story;
   const nearest = (frame) => Math.min(...frame.ghosts.map(([x, y], k) => (
     frame.harmless_s?.[k] > 0 ? Infinity : Math.hypot(x - frame.true[0], y - frame.true[1]))));
   const choice = entry.decisions.filter((tick) => tick < entry.ticks - DECIDED_TICKS).at(-1) ?? 0;
@@ -253,18 +251,15 @@ async function copyLink(link, tick = "") {
 
 // The setup that the server wrote behind the # of a link; null if it is no round.
 function readLink() {
-  const fields = new URLSearchParams(location.hash.slice(1));
-  if (!fields.has("seed")) return null;
-  const message = { do: "setup", finish: fields.has("tick"), seed: Number(fields.get("seed")), settings: {} };
-  for (const name of ["map", "preset", "policy", "second"]) if (fields.has(name)) message[name] = fields.get(name);
-  if (fields.has("level")) message.level = Number(fields.get("level"));
-  if (fields.has("ghosts")) message.ghosts = fields.get("ghosts").split(",");
-  if (fields.has("clyde")) message.clyde_mps = Number(fields.get("clyde"));
-  for (const [field, value] of fields) {
-    const name = field.slice("set.".length);
-    if (field.startsWith("set.")) message.settings[name] = parseSetting(name, value);
-  }
-  return message;
+  const fields = Object.fromEntries(new URLSearchParams(location.hash.slice(1)));
+  const { seed, level, tick, clyde, ghosts, map, preset, policy, second } = fields;
+  if (seed === undefined) return null;
+  const set = Object.entries(fields).filter(([field]) => field.startsWith("set."))
+    .map(([field, value]) => [field.slice(4), parseSetting(field.slice(4), value)]);
+  return {
+    do: "setup", finish: tick !== undefined, seed: Number(seed), level: level && Number(level), map, preset, policy,
+    second, clyde_mps: clyde && Number(clyde), ghosts: ghosts?.split(","), settings: Object.fromEntries(set),
+  };
 }
 
 // Prepares the round of the address; if it names a tick, plays the round to its end and opens it there.

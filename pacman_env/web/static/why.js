@@ -55,21 +55,15 @@ function sentenceOf(candidate) {
   return `${nameOf(candidate)}: ${rank}, ${distance.toFixed(1)} m${race(later)}.`;
 }
 
-// The higher the better: the score, or the negative of a policy's costs, its "total".
-function merit({ terms }, policy) {
-  const { score, total } = terms[policy] ?? {};
-  if (typeof score === "number") return score;
-  return typeof total === "number" ? -total : -Infinity;
-}
+const merit = ({ terms }, policy) => terms[policy]?.score ?? -Infinity; // the higher the better
 
 // What the table shows of one policy: its terms, the one that decides or all that differ, and each candidate's rank.
 function summarise(rows, policy, all) {
   const names = [...new Set(rows.flatMap(({ terms }) => Object.keys(terms[policy] ?? {})))];
   const differ = names.filter((name) => new Set(rows.map(({ terms }) => terms[policy]?.[name])).size > 1);
-  const main = ["score", "total"].find((name) => names.includes(name)) ?? names[0] ?? "score";
   const order = [...rows].sort((a, b) => merit(b, policy) - merit(a, policy));
   const ranks = new Map(order.map(({ candidate }, k) => [candidate, k + 1]));
-  return { policy, columns: [...(all ? differ : [main]), "rank"], order, ranks };
+  return { policy, columns: [...(all ? differ : ["score"]), "rank"], order, ranks };
 }
 
 function tableHead(summaries) {
@@ -85,29 +79,26 @@ function tableHead(summaries) {
 
 function tableRow(row, summaries, disagree) {
   const { candidate, terms, kind } = row;
-  const { chosen } = state.why;
-  const by = summaries.map(({ policy }) => policy).filter((policy) => chosen[policy] === candidate);
+  const by = summaries.map(({ policy }) => policy).filter((policy) => state.why.chosen[policy] === candidate);
   const [first, second = first] = summaries.map(({ ranks }) => ranks.get(candidate));
   const place = kind === "hold" ? -1 : candidate;
-  const point = () => pointAt(place);
-  const leave = () => pointAt(-1);
+  const [point, leave] = [() => pointAt(place), () => pointAt(-1)];
   const go = () => state.role === "robot" && !state.story && request({ do: "goal", candidate: place });
   const cells = summaries.flatMap(({ policy, columns, ranks }, k) => columns.map((column) => {
-    const ranked = Number.isFinite(merit(row, policy));
-    const rank = ranked ? ranks.get(candidate) : null;
+    const rank = Number.isFinite(merit(row, policy)) ? ranks.get(candidate) : null;
     const text = format(column, column === "rank" ? rank : terms[policy]?.[column]);
     const classes = {
       second: k && column === columns[0], chosen: by.includes(policy), none: text === MISSING,
-      differs: column === "rank" && ranked && Math.abs(first - second) > RANK_LIMIT,
+      differs: column === "rank" && rank && Math.abs(first - second) > RANK_LIMIT,
     };
     return make("td", { class: Object.keys(classes).filter((name) => classes[name]).join(" "), text });
   }));
-  const marked = disagree && by.length ? "disagree" : "";
-  return make("tr", { class: marked, data: { candidate }, onmouseenter: point, onmouseleave: leave },
-    make("th", { scope: "row" }, make("button", {
-      type: "button", text: (by.length ? "★ " : "") + nameOf(candidate), onfocus: point, onblur: leave, onclick: go,
-      title: by.length ? `chosen by ${by.join(" and ")}` : "Show on the map",
-    })), ...cells);
+  return make("tr", {
+    class: disagree && by.length ? "disagree" : "", data: { candidate }, onmouseenter: point, onmouseleave: leave,
+  }, make("th", { scope: "row" }, make("button", {
+    type: "button", text: (by.length ? "★ " : "") + nameOf(candidate), onfocus: point, onblur: leave, onclick: go,
+    title: by.length ? `chosen by ${by.join(" and ")}` : "Show on the map",
+  })), ...cells);
 }
 
 const pointAt = (candidate) => emit("candidate", (state.candidate = candidate));
