@@ -22,7 +22,6 @@ RESULTS = {
     "caught": "Caught",
     "timeout": "Time limit reached",
 }
-CANDIDATE_KINDS = {"pellet": "Pellet", "refuge": "Refuge", "hold": "Hold"}
 
 #: Plain name, unit, and how much of the unit 1 is, for the terms that policies explain.
 TERMS = {
@@ -55,7 +54,6 @@ def vocabulary() -> dict[str, Any]:
         "roles": {ROBOT: {"name": "Robot", "colour": None}, **ghosts},
         "states": STATES,
         "results": RESULTS,
-        "kinds": CANDIDATE_KINDS,
         "terms": TERMS,
         "events": {
             word: {

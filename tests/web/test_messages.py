@@ -11,11 +11,10 @@ from hypothesis import strategies as st
 
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.game.round import State
-from pacman_env.policies.base import KIND_NAMES
 from pacman_env.web import messages
 from pacman_env.web.control import ROLES
 from pacman_env.web.messages import MOST_BYTES, as_json, parse
-from pacman_env.web.vocabulary import CANDIDATE_KINDS, RESULTS, STATES, vocabulary
+from pacman_env.web.vocabulary import RESULTS, STATES, vocabulary
 
 RIGHT: dict[str, dict[str, Any]] = {
     "start": {},
@@ -76,7 +75,6 @@ def test_every_message_has_an_example() -> None:
 def test_every_protocol_word_has_a_name() -> None:
     assert set(STATES) == set(get_args(State))
     assert set(RESULTS) == set(OUTCOMES) - {"running"}
-    assert set(CANDIDATE_KINDS) == set(KIND_NAMES)
     assert set(vocabulary()["roles"]) == set(ROLES)
 
 

@@ -21,6 +21,7 @@ from pacman_env.web import played_round
 from pacman_env.web.played_round import FOLLOW, Orders, PlayedRound
 from pacman_env.web.rules import Choices, Rules
 from pacman_env.web.simulated_view import between, scene_of
+from pacman_env.web.vocabulary import TERMS
 from tests.web.pages import decode
 
 CHOICES = Choices()
@@ -122,6 +123,22 @@ def test_score_terms_explain_choice_afterwards() -> None:
         assert allowed == sorted(allowed)
     with pytest.raises(IndexError):
         round.why(round.ticks + 1)
+
+
+@pytest.mark.parametrize("policy", CHOICES.facts()["policies"])
+def test_terms_of_policies_have_plain_names_and_units(policy: str) -> None:
+    why = played(laid_out(policy=policy), ticks=2).why_now()
+    assert {name for row in why["rows"] for name in row["terms"][policy]} <= TERMS.keys()
+
+
+def test_terms_are_converted_to_their_units() -> None:
+    rows = played(laid_out(policy="ppo"), ticks=2).why_now()["rows"]
+    (metres, unit_m), (seconds, unit_s) = ((TERMS[name][2], TERMS[name][1]) for name in ("path_robot", "time_margin"))
+    assert (unit_m, unit_s) == ("m", "s")
+    for row in [row for row in rows if row["kind"] == "pellet"]:
+        assert metres * row["terms"]["ppo"]["path_robot"] == pytest.approx(row["robot_m"], abs=0.01)
+        margin = np.clip(row["ghost_later_s"], -40, 40)
+        assert seconds * row["terms"]["ppo"]["time_margin"] == pytest.approx(margin, abs=0.2)
 
 
 def test_candidates_of_generated_maps_have_no_gaps() -> None:

@@ -16,7 +16,6 @@ import "./why.js";
 const MOST_LOG = 60;
 const DESCRIBE_MS = 2000;
 const READINESS = { ok: "✓ Ready", warning: "! Warning", bad: "✗ Not ready" };
-const NUMBER = /"number":\d+/; // of a frame
 
 let newest = ""; // JSON of the newest frame
 let followed = false; // the link by which the page was opened
@@ -76,14 +75,13 @@ const receive = {
   refused: ({ words }) => notice(words, { bad: true }),
 };
 
-// A hidden page shows nothing, and one that already shows the same frame draws nothing.
 function frame(data) {
   count.frames++;
-  const same = newest.replace(NUMBER, "") === data.replace(NUMBER, "");
   newest = data;
-  if (!document.hidden && !same) showNewest();
+  showNewest();
 }
 
+// Shows the newest frame; a hidden page shows nothing.
 function showNewest() {
   if (document.hidden || !newest) return;
   state.frame = JSON.parse(newest);

@@ -17,7 +17,7 @@ let behaviours = []; // of ghosts
 const field = (name) => $(`setup-${name}`);
 const ghostChoices = () => [...$("setup-ghosts").querySelectorAll("select")].map((select) => select.value);
 
-const presetOf = (name) => state.hello.choices.presets[name] ?? { ghosts: [], settings: {} };
+const presetOf = (name) => state.hello.choices.presets?.[name] ?? { ghosts: [], settings: {} };
 
 function select(list, value) {
   if (![...list.options].some((one) => one.value === value)) list.append(option(value));
@@ -54,7 +54,7 @@ function showScene(scene) {
   if (!edited.has("setup-level") && level !== null) field("level").value = String(level ?? 0);
   if (!edited.has("setup-seed")) field("seed").value = "";
   if (!edited.has("setup-ghosts") && ghosts.length) showGhosts(ghosts.map(({ behaviour }) => behaviour));
-  if (!$("setup").contains(document.activeElement)) {
+  if (!edited.has("setup-preset") && !$("setup").contains(document.activeElement)) {
     showPreset(presetOf(preset).settings);
     setChanged(scene.settings);
   }

@@ -51,22 +51,14 @@ function obstacle(needs) {
 }
 
 // Disables what cannot be used now, with the reason as its title; `data-needs`: what it needs, `data-only`: the source.
-let queued = false;
 export function updateControls() {
-  if (queued) return;
-  queued = true;
-  queueMicrotask(() => {
-    queued = false;
-    for (const element of document.querySelectorAll("[data-needs]")) {
-      const reason = obstacle(element.dataset.needs.split(" "));
-      element.disabled = Boolean(reason);
-      element.title = reason || (element.dataset.title ?? "");
-    }
-    for (const element of document.querySelectorAll("[data-only]")) {
-      element.hidden = source() !== element.dataset.only;
-    }
-    writeOrHide($("reason"), state.connected ? obstacle(["control"]) : "");
-  });
+  for (const element of document.querySelectorAll("[data-needs]")) {
+    const reason = obstacle(element.dataset.needs.split(" "));
+    element.disabled = Boolean(reason);
+    element.title = reason || (element.dataset.title ?? "");
+  }
+  for (const element of document.querySelectorAll("[data-only]")) element.hidden = source() !== element.dataset.only;
+  writeOrHide($("reason"), state.connected ? obstacle(["control"]) : "");
 }
 
 let gameState = "";

@@ -25,8 +25,7 @@ function format(name, term) {
 function nameOf(candidate) {
   const row = state.why.rows.find((one) => one.candidate === candidate);
   if (!row) return candidate < 0 ? "nothing" : `candidate ${candidate}`;
-  const { kinds } = state.hello;
-  if (row.kind === "hold") return kinds.hold;
+  if (row.kind === "hold") return "Hold";
   const name = shownScene()?.names?.[candidate] ?? `candidate ${candidate}`;
   return name[0].toUpperCase() + name.slice(1);
 }
