@@ -21,7 +21,7 @@ from pacman_env.web.simulated import SimulatedGame
 from tools.common import add_images, add_names
 
 _SEED = 11
-_COLOURS = 144  # of a picture, for small files
+_COLOURS = 100  # of a picture, for small files
 _FLAGS = ["--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-sync", "--force-color-profile=srgb"]
 
 
