@@ -223,7 +223,7 @@ class RobotRound:
         record, remaining, lost, end = self.record, self._left.copy(), self.record.lost, self.record.end
         times, longest_s = self.ghosts[:, HARMLESS_UNTIL:], max(record.fright_time, self._power.return_s)
         np.minimum(times, now + longest_s, out=times)  # longer only if the clock was set back
-        away_before = self.ghosts[:, AWAY_UNTIL].copy()
+        caught, away_before = record.caught, self.ghosts[:, AWAY_UNTIL].copy()
         for k, place in enumerate(ghosts):
             self.ghosts[k, :2] = place
         seen = self.ghosts[: len(ghosts)] if event == CHECK else self.ghosts
@@ -237,8 +237,9 @@ class RobotRound:
             if record.lost == lost:
                 actions.append(self.statuses.collected(number))
             actions.append(ExecutorAction("remove", number))
-        for number in np.flatnonzero(self.ghosts[:, AWAY_UNTIL] != away_before).tolist():
-            actions += self.statuses.caught(GHOST_NAMES[number])
+        if record.caught != caught:
+            for number in np.flatnonzero(self.ghosts[:, AWAY_UNTIL] != away_before).tolist():
+                actions += self.statuses.caught(GHOST_NAMES[number])
         if actions and self._power.pellets > 0:  # the points of a ghost depend on the reports before it
             actions = [*self.statuses.earlier(), *actions]
         if record.end == CLEARED != end:

@@ -195,7 +195,8 @@ class RobotView:
         g["pursued"] = seen.pursued
         self._ghosts["speed"] = self.clyde_speed_mps
         self._alive[:] = False
-        self._alive[0, [self.goals.slot[number] for number in seen.left if self.is_candidate(number)]] = True
+        slot, pellets = self.goals.slot, self.goals.candidates
+        self._alive[0, [slot[number] for number in seen.left if number in slot and slot[number] < pellets]] = True
         g["spawned"] = self._alive.sum()
         if seen.harmless_s is not None:
             self._obstacles[0, :, HARMLESS_UNTIL:] = g["step"] + seen.harmless_s / self._config.physics_step_s
