@@ -267,6 +267,16 @@ class SimulatedRobot:
         self._odometry.origin = compose(pose, inverse(self._odometry.at(origin)))
         _converge_to(g, pose, self._odometry.believed(pose))
 
+    def place(self, pose: Pose, velocity: tuple[float, float]) -> None:
+        """Move the robot and its belief to a pose, with a velocity in m/s and rad/s; raises ValueError like ``kidnap``."""
+        self.cancel()
+        self.kidnap(pose)
+        self.shift_belief((0.0, 0.0, 0.0))
+        g, (v, omega), half_m = self._g, velocity, self.config.robot.wheel_base_m / 2
+        g["left"], g["right"], g["omega"] = v - omega * half_m, v + omega * half_m, omega
+        g["vx"], g["vy"] = v * math.cos(pose[2]), v * math.sin(pose[2])
+        kernels.refresh_heading(g)
+
     def slip(self, seconds: float) -> None:
         """Let the wheels slip in place for ``seconds``; the belief follows the wheels until :meth:`shift_belief`."""
         self._odometry.deceive(self.pose, _filtered(self._g, self.pose))

@@ -167,6 +167,16 @@ def command(g, path, pose, p, affine, clearance):  # type: ignore[no-untyped-def
 
 
 @kernel
+def ramped(g, v, w, p):  # type: ignore[no-untyped-def]
+    """Limit (v, omega) as MPPI does: it changes both slowly, and drives the slower the faster it turns."""
+    now, turn = 0.5 * (g.left + g.right), (g.right - g.left) * p.per_base
+    w = min(max(w, -p.nav_turn), p.nav_turn)
+    w = min(max(w, turn - p.nav_turn_rate * p.dt), turn + p.nav_turn_rate * p.dt)
+    v = min(v, g.speed_limit * max(1.0 - (w / p.nav_turn) ** 2, 0.0))
+    return min(max(v, now - p.nav_brake * p.dt), now + p.nav_rate * p.dt), w
+
+
+@kernel
 def drive_wheels(g, v, w, p):  # type: ignore[no-untyped-def]
     """Let the wheels follow (v, w) within their acceleration, and set the force that gives the body their velocity."""
     change = p.wheel_rate * p.dt
