@@ -105,10 +105,12 @@ class Nav2Config(Checked, group="nav2"):
     stuck_abort_s: Positive = setting(150.0, "stuck through all recoveries (Nav2)")
     abort_rate: Share = setting(0.0, "probability that a goal is aborted at once for no reason (bad TF)")
     recovery_wait_s: Positive = setting(5.0, 'recovery "wait" (Nav2)')
-    acceleration_mps2: NotNegative = setting(0.0, "of the controller; 0: as fast as the base")
-    deceleration_mps2: NotNegative = setting(0.0, "of the controller, while it drives to a goal; 0: as fast as the base")
-    turn_rate_radps: NotNegative = setting(0.0, "fastest turn of the controller; 0: as fast as the base")
-    turn_acceleration_radps2: NotNegative = setting(0.0, "of the controller; 0: as fast as the base")
+    turn_rate_radps: NotNegative = setting(
+        0.0, "fastest turn of the controller, which also drives slower the faster it turns; 0: only the base limits it"
+    )
+    turn_acceleration_radps2: NotNegative = setting(0.0, "of the controller, with turn_rate_radps; 0: any")
+    acceleration_mps2: NotNegative = setting(0.0, "of the controller, with turn_rate_radps; 0: any")
+    deceleration_mps2: NotNegative = setting(0.0, "of the controller, with turn_rate_radps; 0: any")
     clyde_keepout_m: Positive = setting(0.236, "inscribed radius + 0.05 m: Clyde and eight points around it, original")
     clear_distance_m: NotNegative = setting(0.5, "costmaps are cleared of Clyde when it has moved this far")
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from pacman_env.config import Config, ConfigError, located
 from pacman_env.config.yaml_files import read_yaml
-from pacman_env.sim.core.robot import SimulatedRobot
+from pacman_env.sim.core.robot import SimulatedRobot, place
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 from pacman_env.world.navigation import navigator
 from pacman_env.world.navigation.localization import Pose
@@ -86,7 +86,7 @@ def _recorded(row: dict[str, str]) -> RecordedGoal:
 def drive(robot: SimulatedRobot, goals: Sequence[RecordedGoal]) -> list[DrivenGoal]:
     """Let the simulated Nav2 drive the goals of a trial; raises ValueError if the robot does not fit at the start."""
     first, last = goals[0], goals[-1]
-    robot.place(first.start, first.velocity)
+    place(robot, first.start, first.velocity)
     began_s, results, slots = robot.time_s - first.sent_s, [DrivenGoal() for _ in goals], dict[int, int]()
     sent: list[tuple[float, float]] = []  # time and way driven until each goal was sent
     driven_m, canceled_m, at = 0.0, math.nan, robot.pose
@@ -115,23 +115,27 @@ def drive(robot: SimulatedRobot, goals: Sequence[RecordedGoal]) -> list[DrivenGo
 
 
 Pair = tuple[RecordedGoal, DrivenGoal]
-_MEASURES: dict[str, tuple[str, Callable[[Pair], bool], Callable[[DrivenGoal], float]]] = {
-    "travel time, s": ("completed", lambda pair: True, lambda driven: driven.ended_s),
-    "of goals ahead, s": ("completed", lambda pair: abs(pair[0].bearing) < math.pi / 4, lambda driven: driven.ended_s),
-    "of goals beside, s": (
-        "completed",
-        lambda pair: math.pi / 4 <= abs(pair[0].bearing) < 3 * math.pi / 4,
-        lambda driven: driven.ended_s,
-    ),
-    "of goals behind, s": (
-        "completed",
-        lambda pair: abs(pair[0].bearing) >= 3 * math.pi / 4,
-        lambda driven: driven.ended_s,
-    ),
-    "of goals that pre-empt another, s": ("completed", lambda pair: pair[0].preempts, lambda driven: driven.ended_s),
-    "path length, m": ("completed", lambda pair: True, lambda driven: driven.driven_m),
-    "mean speed, m/s": ("completed", lambda pair: True, lambda driven: driven.speed_mps),
-    "from a cancel to the standstill, m": ("canceled", lambda pair: True, lambda driven: driven.stop_m),
+
+
+def _directions(least: float, most: float) -> Callable[[RecordedGoal], bool]:
+    return lambda goal: least <= abs(goal.bearing) < most
+
+
+def _all(goal: RecordedGoal) -> bool:
+    return True
+
+
+_AHEAD, _BEHIND = math.pi / 4, 3 * math.pi / 4
+#: What is compared: the goals that count, and the field of ``DrivenGoal``.
+_MEASURES: dict[str, tuple[Callable[[RecordedGoal], bool], str]] = {
+    "travel time, s": (_all, "ended_s"),
+    "travel time, goals ahead, s": (_directions(0.0, _AHEAD), "ended_s"),
+    "travel time, goals beside, s": (_directions(_AHEAD, _BEHIND), "ended_s"),
+    "travel time, goals behind, s": (_directions(_BEHIND, math.inf), "ended_s"),
+    "travel time, goals that pre-empt another, s": (lambda goal: goal.preempts, "ended_s"),
+    "path length, m": (_all, "driven_m"),
+    "mean speed, m/s": (_all, "speed_mps"),
+    "way from a cancel to the standstill, m": (_all, "stop_m"),
 }
 
 
@@ -151,9 +155,8 @@ def _map(folder: Path, name: str) -> OccupancyMap:
 
 
 def table(folders: Sequence[Path], config: Config) -> str:
-    """Return a table of recorded and simulated quantities for each folder."""
-    lines = ["| map | quantity | goals | recorded | simulated | difference of medians | KS distance |"]
-    lines.append("|---|---|---|---|---|---|---|")
+    """Return a table: median and 90 % range of recorded and simulated quantities in each folder, and their distance."""
+    lines = ["| map | quantity | goals | recorded | simulated | KS distance |", "|---|---|---|---|---|---|"]
     for folder in folders:
         name, pairs = compare(folder, config)
         lines += [f"| {name} | {line} |" for line in _rows(pairs)]
@@ -162,18 +165,18 @@ def table(folders: Sequence[Path], config: Config) -> str:
 
 def _rows(pairs: Sequence[Pair]) -> Iterator[str]:
     both = [pair for pair in pairs if pair[0].driven.succeeded and pair[1].succeeded]
-    for name, (kind, counts, measure) in _MEASURES.items():
-        chosen = [pair for pair in (both if kind == "completed" else pairs) if counts(pair)]
-        values = np.array([(measure(recorded.driven), measure(driven)) for recorded, driven in chosen]).reshape(-1, 2)
+    for name, (counts, field) in _MEASURES.items():
+        chosen = pairs if field == "stop_m" else both
+        values = np.array([(getattr(goal.driven, field), getattr(d, field)) for goal, d in chosen if counts(goal)])
+        values = values.reshape(-1, 2)
         values = values[np.isfinite(values).all(axis=1)]
         if len(values):
-            middle = np.median(values, axis=0)
-            ranges = [f"{m:.2f} [{a:.2f}, {b:.2f}]" for m, (a, b) in zip(middle, np.quantile(values, (0.05, 0.95), axis=0).T, strict=True)]
-            change = f"{100 * (middle[1] / middle[0] - 1):+.0f} %" if middle[0] else ""
-            yield " | ".join([name, str(len(values)), *ranges, change, f"{_ks_distance(*values.T):.2f}"])
-    ratios = [driven.ended_s / recorded.driven.ended_s for recorded, driven in both]
-    close = np.mean(np.abs(np.array(ratios) - 1.0) <= _CLOSE) if ratios else math.nan
-    yield f"goals within {100 * _CLOSE:.0f} % of the recorded time | {len(ratios)} | | {100 * close:.0f} % | |"
+            low, middle, high = np.quantile(values, (0.05, 0.5, 0.95), axis=0)
+            shown = [f"{m:.2f} [{a:.2f}, {b:.2f}]" for a, m, b in zip(low, middle, high, strict=True)]
+            yield " | ".join([name, str(len(values)), *shown, f"{_ks_distance(*values.T):.2f}"])
+    ratios = np.array([driven.ended_s / goal.driven.ended_s for goal, driven in both])
+    close = f"{np.mean(np.abs(ratios - 1.0) <= _CLOSE):.0%}" if both else ""
+    yield f"goals within {_CLOSE:.0%} of the recorded time | {len(both)} | | {close} |"
 
 
 def _ks_distance(one: Any, other: Any) -> float:

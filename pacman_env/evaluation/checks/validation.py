@@ -2,7 +2,7 @@
 
 The reference is the original game: deployed scorer, executor as built, measured speed, AMCL's latched pose, Clyde
 spawning anywhere. Every other row changes a single cause in the same rounds. ``--planner-answers`` compares the
-stand-in's paths with recorded paths of another planner instead.
+stand-in's paths with recorded paths of another planner instead, ``--recorded-goals`` its driving with recorded goals.
 """
 
 import argparse
@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from pacman_env.cli.command import Parser, count, run_command, whole_number
-from pacman_env.config import make_config
+from pacman_env.config import make_config, parse_settings
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.episodes.statistics import wilson
-from pacman_env.evaluation.checks import planner_answers
+from pacman_env.evaluation.checks import planner_answers, recorded_goals
 from pacman_env.evaluation.compare.table import with_interval
 from pacman_env.evaluation.rounds.play import Matchup, play_all
 from pacman_env.evaluation.rounds.summary import Row, make_row
@@ -104,6 +104,10 @@ def make_parser() -> Parser:
     parser.add_argument("--seed", type=whole_number(0), default=0)
     add_executor_arguments(parser)
     parser.add_argument("--planner-answers", type=Path, help="compare paths with those of this file, and nothing else")
+    parser.add_argument(
+        "--recorded-goals", type=Path, nargs="+", metavar="FOLDER", help="compare driving with these, and nothing else"
+    )
+    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="for --recorded-goals")
     parser.add_argument("--markdown", type=Path, help="write the table here too")
     return parser
 
@@ -112,6 +116,8 @@ def _report(arguments: argparse.Namespace) -> None:
     target = prepare(arguments.markdown) if arguments.markdown else None
     if arguments.planner_answers:
         text = planner_answers.table(arguments.planner_answers)
+    elif arguments.recorded_goals:
+        text = recorded_goals.table(arguments.recorded_goals, make_config(**parse_settings(arguments.set)))
     else:
         with executor_of(arguments) as executor:
             text = table(run(arguments.map, arguments.episodes, arguments.seed, executor))

@@ -11,6 +11,7 @@ from ...config import Config
 from ...engine.bucket_queue import SearchArrays
 from ...world.maps.occupancy import MapError, OccupancyMap
 from ...world.navigation import lidar, localization, navigator
+from ...world.navigation.controller import refresh_heading
 from ...world.navigation.grid import build_grid
 from ...world.navigation.localization import Pose, compose, inverse, relative, wrap
 from ...world.navigation.paths import NO_STEP, UNREACHABLE_CM
@@ -267,16 +268,6 @@ class SimulatedRobot:
         self._odometry.origin = compose(pose, inverse(self._odometry.at(origin)))
         _converge_to(g, pose, self._odometry.believed(pose))
 
-    def place(self, pose: Pose, velocity: tuple[float, float]) -> None:
-        """Move the robot and its belief to a pose, with a velocity in m/s and rad/s; raises ValueError like ``kidnap``."""
-        self.cancel()
-        self.kidnap(pose)
-        self.shift_belief((0.0, 0.0, 0.0))
-        g, (v, omega), half_m = self._g, velocity, self.config.robot.wheel_base_m / 2
-        g["left"], g["right"], g["omega"] = v - omega * half_m, v + omega * half_m, omega
-        g["vx"], g["vy"] = v * math.cos(pose[2]), v * math.sin(pose[2])
-        kernels.refresh_heading(g)
-
     def slip(self, seconds: float) -> None:
         """Let the wheels slip in place for ``seconds``; the belief follows the wheels until :meth:`shift_belief`."""
         self._odometry.deceive(self.pose, _filtered(self._g, self.pose))
@@ -311,6 +302,20 @@ class SimulatedRobot:
         ended = int(g["nav_result"]), int(g["nav_result_goal"])
         g["nav_result"] = navigator.NO_RESULT
         return ended if ended[0] != navigator.NO_RESULT else (navigator.NO_RESULT, -1)
+
+
+def place(robot: SimulatedRobot, pose: Pose, velocity: tuple[float, float]) -> None:
+    """Move the robot and its belief to a pose, with a velocity in m/s and rad/s.
+
+    Raises ValueError if the robot does not fit there.
+    """
+    robot.cancel()
+    robot.kidnap(pose)
+    robot.shift_belief((0.0, 0.0, 0.0))
+    g, (v, omega), half_m = robot._g, velocity, robot.config.robot.wheel_base_m / 2
+    g["left"], g["right"], g["omega"] = v - omega * half_m, v + omega * half_m, omega
+    g["vx"], g["vy"] = v * math.cos(pose[2]), v * math.sin(pose[2])
+    refresh_heading(g)
 
 
 def bumps(robot: SimulatedRobot) -> list[float]:

@@ -1,0 +1,66 @@
+"""The simulated Nav2 drives recorded goals as slowly as Nav2 does, if it is told to."""
+
+import itertools
+import math
+from pathlib import Path
+
+import pytest
+
+from pacman_env.config import make_config
+from pacman_env.evaluation.checks.recorded_goals import compare, drive, read_goals
+from pacman_env.evaluation.checks.validation import main
+from pacman_env.sim.core.robot import SimulatedRobot
+from pacman_env.world.maps.occupancy import load_map
+
+RECORDED = Path(__file__).parents[3] / "eval" / "nav2" / "house"
+SLOW = {
+    "robot.speed_mps": 0.306,
+    "nav2.turn_rate_radps": 0.65,
+    "nav2.turn_acceleration_radps2": 0.7,
+    "nav2.acceleration_mps2": 0.13,
+    "nav2.deceleration_mps2": 0.2,
+}
+
+
+def test_limits_of_the_controller_bring_travel_times_near_recorded_ones() -> None:
+    def off(**settings: float) -> float:
+        _, pairs = compare(RECORDED, make_config(**settings))
+        both = [(goal.driven.ended_s, driven.ended_s) for goal, driven in pairs if driven.succeeded]
+        return abs(math.log(sum(simulated for _, simulated in both) / sum(recorded for recorded, _ in both)))
+
+    assert off(**SLOW) < 0.05 < 0.15 < off()
+
+
+def test_controller_keeps_its_accelerations() -> None:
+    config = make_config(**SLOW)
+    robot = SimulatedRobot(load_map("house"), config)
+    robot.set_goal(3.3, -0.6)
+    speeds = []
+    for _ in range(int(6 / config.physics_step_s)):
+        robot.step()
+        speeds.append(robot.velocity)
+    for k, most in ((0, 0.13), (1, 0.7)):
+        changes = [abs(after[k]) - abs(before[k]) for before, after in itertools.pairwise(speeds)]
+        assert max(changes) <= most * config.physics_step_s + 1e-5
+    assert max(abs(turn) for _, turn in speeds) <= 0.65 + 1e-6
+    assert max(speed for speed, _ in speeds) > 0.2
+
+
+def test_goals_of_a_trial_are_pre_empted_and_canceled_as_recorded() -> None:
+    trials = read_goals(RECORDED / "goals.csv")
+    robot = SimulatedRobot(load_map("house"), make_config())
+    canceled = next(goals for goals in trials if not math.isnan(goals[-1].canceled_s))
+    assert not drive(robot, canceled)[-1].succeeded
+    preempted = next(goals for goals in trials if len(goals) > 1 and goals[-1].preempts and goals[-1].driven.succeeded)
+    first, *_, last = drive(robot, preempted)
+    assert last.succeeded
+    assert not first.succeeded
+
+
+def test_damaged_row_is_refused_with_its_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = (RECORDED / "goals.csv").read_text().splitlines()
+    lines[2] = lines[2].replace(".", "x", 3)
+    for name in ("card.yaml", "goals.csv"):
+        (tmp_path / name).write_text((RECORDED / name).read_text() if name == "card.yaml" else "\n".join(lines))
+    assert main(["--recorded-goals", str(tmp_path)]) != 0
+    assert "line 3" in capsys.readouterr().err
