@@ -19,7 +19,7 @@ import numpy as np
 from pacman_env.config import Config, ConfigError, located
 from pacman_env.config.yaml_files import read_yaml
 from pacman_env.sim.core.robot import SimulatedRobot, place
-from pacman_env.world.maps.occupancy import OccupancyMap, load_map
+from pacman_env.world.maps.occupancy import load_map
 from pacman_env.world.navigation import navigator
 from pacman_env.world.navigation.localization import Pose
 
@@ -139,26 +139,26 @@ _MEASURES: dict[str, tuple[Callable[[RecordedGoal], bool], str]] = {
 }
 
 
-def compare(folder: Path, config: Config) -> tuple[str, list[Pair]]:
-    """Return the name of the map and the recorded and simulated goals of a folder."""
+def compare(folder: Path, config: Config, maps: Path | None = None) -> tuple[str, list[Pair]]:
+    """Return the name of the map and the recorded and simulated goals of a folder.
+
+    Maps that are not shipped are ``NAME/map.yaml`` in the folder ``maps``.
+    """
     with located(folder / "card.yaml", ValueError, (KeyError, ConfigError)):
-        occupancy = _map(folder, read_yaml(folder / "card.yaml")["map"])
+        card = read_yaml(folder / "card.yaml")
+        own = (maps or folder) / card["map"] / "map.yaml"
+        occupancy = load_map(str(own) if own.is_file() else card["map"])
     robot = SimulatedRobot(occupancy, config)
     trials = read_goals(folder / "goals.csv")
     pairs = [pair for goals in trials for pair in zip(goals, drive(robot, goals), strict=True)]
     return occupancy.name, pairs
 
 
-def _map(folder: Path, name: str) -> OccupancyMap:
-    own = folder / "map.yaml"
-    return load_map(str(own) if own.is_file() else name)
-
-
-def table(folders: Sequence[Path], config: Config) -> str:
+def table(folders: Sequence[Path], config: Config, maps: Path | None = None) -> str:
     """Return a table: median and 90 % range of recorded and simulated quantities in each folder, and their distance."""
     lines = ["| map | quantity | goals | recorded | simulated | KS distance |", "|---|---|---|---|---|---|"]
     for folder in folders:
-        name, pairs = compare(folder, config)
+        name, pairs = compare(folder, config, maps)
         lines += [f"| {name} | {line} |" for line in _rows(pairs)]
     return "\n".join(lines)
 

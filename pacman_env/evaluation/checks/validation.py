@@ -107,6 +107,7 @@ def make_parser() -> Parser:
     parser.add_argument(
         "--recorded-goals", type=Path, nargs="+", metavar="FOLDER", help="compare driving with these, and nothing else"
     )
+    parser.add_argument("--maps", type=Path, metavar="FOLDER", help="with recorded maps that are not shipped, by name")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="for --recorded-goals")
     parser.add_argument("--markdown", type=Path, help="write the table here too")
     return parser
@@ -117,7 +118,8 @@ def _report(arguments: argparse.Namespace) -> None:
     if arguments.planner_answers:
         text = planner_answers.table(arguments.planner_answers)
     elif arguments.recorded_goals:
-        text = recorded_goals.table(arguments.recorded_goals, make_config(**parse_settings(arguments.set)))
+        config = make_config(**parse_settings(arguments.set))
+        text = recorded_goals.table(arguments.recorded_goals, config, arguments.maps)
     else:
         with executor_of(arguments) as executor:
             text = table(run(arguments.map, arguments.episodes, arguments.seed, executor))
