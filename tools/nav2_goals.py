@@ -1,0 +1,326 @@
+"""Record how a navigator drives the simulated base to goals: ``python -m tools.nav2_goals MAP --out FOLDER``.
+
+With ``--nav2 COMMAND`` a real Nav2 drives, otherwise the simulated one; ``pacman-env ros up --help`` explains COMMAND.
+The seed decides which kinds of goals follow each other, and draws each goal from where the robot is then. FOLDER gets
+``goals.csv`` (one row per goal), ``samples.csv`` (pose and velocity, 10 Hz; Parquet at the end) and ``card.yaml``.
+"""
+
+import argparse
+import csv
+import hashlib
+import math
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from action_msgs.msg import GoalStatus
+from numpy.typing import NDArray
+from rclpy.parameter import Parameter
+
+from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.ros import topics
+from pacman_env.ros.discovery import provide_log_folder, stay_on_this_machine
+from pacman_env.ros.messages import GHOST_OBSTACLE, Pose, Position, cloud_message, pose_of
+from pacman_env.ros.node import ObserverNode
+from pacman_env.ros.nodes.ghost_trail import GhostTrail
+from pacman_env.ros.selector.navigation_client import NavigationClient
+from pacman_env.ros.supervisor import nav2
+from pacman_env.ros.supervisor.game_nodes import SIMULATOR, GameSetup, full_namespace
+from pacman_env.world.maps.occupancy import load_map
+from pacman_env.world.navigation.localization import compose
+from tools.common import ROOT
+from tools.nav2_trials import GHOST_MPS, Leg, Places, Route, Trial, draw_trials
+
+SAMPLE_S = 0.1
+GHOST_S = 0.2  # between two clouds, as in the game
+GHOST_Z_M, GHOST_RADIUS_M = 0.25, 0.05
+CAUGHT_M = 0.3  # a ghost that comes so near disappears, as the game would end
+LIMIT_S = 60.0  # of one goal, then it is canceled
+REST_MPS, REST_RADPS, REST_S = 0.01, 0.02, 0.3
+MOVES_MPS, MOVES_RADPS = 0.02, 0.05
+READY_S = 90.0  # of wall time, until Nav2 accepts goals
+STATUSES = {
+    GoalStatus.STATUS_SUCCEEDED: "succeeded",
+    GoalStatus.STATUS_CANCELED: "canceled",
+    GoalStatus.STATUS_ABORTED: "aborted",
+}
+
+
+@dataclass
+class Goal:
+    """One row of ``goals.csv``: times in s of the simulated clock, poses in m and rad, nan or -1 for none."""
+
+    number: int
+    trial: int
+    kind: str  # how it is meant to end: plain, preempted, canceled
+    ghost: str  # of the trial: none, far, near, walking
+    from_rest: bool
+    x: float
+    y: float
+    yaw: float
+    path_m: float  # of the game's planner
+    bearing: float  # of the path's first 0.4 m, relative to the robot's heading, rad
+    goal_clearance_m: float
+    path_clearance_m: float  # the least along the path
+    start_x: float
+    start_y: float
+    start_yaw: float
+    start_v: float
+    start_w: float
+    sent_s: float
+    accepted_s: float = math.nan
+    moved_s: float = math.nan  # first motion, if sent at rest
+    preempts: int = -1
+    preempted_by: int = -1
+    canceled_s: float = math.nan
+    ended_s: float = math.nan
+    status: str = ""
+    error_code: int = -1
+    driven_m: float = math.nan  # from sending to the end
+    end_x: float = math.nan
+    end_y: float = math.nan
+    end_yaw: float = math.nan
+    end_v: float = math.nan
+    amcl_x: float = math.nan  # last amcl_pose at the end
+    amcl_y: float = math.nan
+    amcl_yaw: float = math.nan
+    believed_x: float = math.nan  # last feedback of the navigator
+    believed_y: float = math.nan
+    stopped_s: float = math.nan  # standstill after the end or the cancel
+    stop_m: float = math.nan  # driven from the end or the cancel to the standstill
+
+
+class Recorder(ObserverNode):
+    """Node that sends goals one after another and writes what the robot does."""
+
+    def __init__(self, namespace: str, places: Places, folder: Path) -> None:
+        clock = [Parameter("use_sim_time", value=True)]
+        super().__init__("nav2_goals", namespace, parameter_overrides=clock)
+        self._places, self.goals = places, dict[int, Goal]()
+        self._goals_file = (folder / "goals.csv").open("w", newline="")
+        self._samples_file = (folder / "samples.csv").open("w", newline="", buffering=1)
+        self._goals_out, self._samples_out = csv.writer(self._goals_file), csv.writer(self._samples_file)
+        self._goals_out.writerow(field.name for field in fields(Goal))
+        self._samples_out.writerow(("time_s", "x", "y", "yaw", "v", "w", "goal", "ghost_x", "ghost_y"))
+        self._origin: Pose | None = None
+        self.pose: Pose | None = None
+        self.amcl: Pose | None = None
+        self._v = self._w = self._driven_m = self._odometry_s = self._sampled_s = self._moved_s = 0.0
+        self._goal: Goal | None = None
+        self._ghost: NDArray[np.float64] = np.zeros((0, 2))  # the rest of its way, (N, 2); empty: no ghost
+        self._walks, self._trail = False, GhostTrail()
+        self.client = NavigationClient(self, self._on_accepted, self._on_rejected, self._on_finished)
+        topics.SIMULATED_ORIGIN.subscription(self, self._on_origin)
+        topics.AMCL_POSE.subscription(self, self._on_amcl)
+        topics.ODOMETRY.subscription(self, self._on_odometry)
+        self._cloud, self._trail_out = topics.CLYDE_OBSTACLE.publisher(self), topics.CLYDE_TRAIL.publisher(self)
+        self.create_timer(GHOST_S, self._show_ghost)
+
+    def now_s(self) -> float:
+        return float(self.get_clock().now().nanoseconds) * 1e-9
+
+    # Messages
+
+    def _on_origin(self, message: Any) -> None:
+        self._origin = pose_of(message)
+
+    def _on_amcl(self, message: Any) -> None:
+        self.amcl = pose_of(message)
+
+    def _on_odometry(self, message: Any) -> None:
+        stamp, twist, last_s = message.header.stamp, message.twist.twist, self._odometry_s
+        if self._origin is None:
+            return
+        self._odometry_s = now_s = stamp.sec + stamp.nanosec * 1e-9
+        self.pose = compose(self._origin, pose_of(message, "odom"))
+        self._v, self._w = twist.linear.x, twist.angular.z
+        self._driven_m += abs(self._v) * min(max(now_s - last_s, 0.0), 1.0)
+        if abs(self._v) > REST_MPS or abs(self._w) > REST_RADPS:
+            self._moved_s = now_s
+        goal = self._goal
+        moves = abs(self._v) > MOVES_MPS or abs(self._w) > MOVES_RADPS
+        if moves and goal and goal.from_rest and math.isnan(goal.moved_s) and now_s > goal.sent_s:
+            goal.moved_s = now_s
+        if now_s - self._sampled_s >= SAMPLE_S - 1e-3:
+            self._sampled_s = now_s
+            ghost = self._ghost[0] if len(self._ghost) else (math.nan, math.nan)
+            row = (now_s, *self.pose, self._v, self._w)
+            number = goal.number if goal else -1
+            self._samples_out.writerow(
+                [f"{value:.4g}" if k > 3 else f"{value:.3f}" for k, value in enumerate(row)]
+                + [number, *(f"{value:.2f}" for value in ghost)]
+            )
+
+    def _show_ghost(self) -> None:
+        ghost, robot = self._ghost, self.pose
+        if self._walks and len(ghost) > 1:
+            steps = np.cumsum(np.hypot(*np.diff(ghost, axis=0).T))
+            self._ghost = ghost = ghost[min(int(np.searchsorted(steps, GHOST_MPS * GHOST_S)) + 1, len(ghost) - 1) :]
+        if len(ghost) and robot is not None and math.dist(ghost[0], robot[:2]) < CAUGHT_M:
+            self._ghost = ghost = ghost[:0]
+        stamp = self.get_clock().now().to_msg()
+        points = GHOST_RADIUS_M * GHOST_OBSTACLE + ghost[0] if len(ghost) else GHOST_OBSTACLE[:0]
+        self._cloud.publish(cloud_message(points, stamp, GHOST_Z_M))
+        trail = self._trail.points([tuple(ghost[0])] if len(ghost) else [], self.now_s())
+        self._trail_out.publish(cloud_message(trail, stamp, GHOST_Z_M))
+
+    # Goals
+
+    def _on_accepted(self, number: int) -> None:
+        self.goals[number].accepted_s = self.now_s()
+
+    def _on_rejected(self, number: int) -> None:
+        self.goals[number].status, self.goals[number].ended_s = "rejected", self.now_s()
+
+    def _on_finished(self, number: int, status: int, believed: Position | None) -> None:
+        goal = self.goals[number]
+        goal.status, goal.error_code, goal.ended_s = STATUSES[status], self.client.last_error, self.now_s()
+        goal.driven_m = self._driven_m - goal.driven_m
+        goal.end_x, goal.end_y, goal.end_yaw = self.pose or (math.nan,) * 3
+        goal.amcl_x, goal.amcl_y, goal.amcl_yaw = self.amcl or (math.nan,) * 3
+        goal.believed_x, goal.believed_y = believed or (math.nan,) * 2
+        goal.end_v = self._v
+
+    def wait_s(self, seconds: float) -> None:
+        end_s = self.now_s() + seconds
+        self.spin_until(lambda: self.now_s() >= end_s, 3 * seconds + 5)
+
+    def _stands(self) -> bool:
+        return self._odometry_s - self._moved_s >= REST_S
+
+    def run_trial(self, number: int, trial: Trial) -> None:
+        """Send the goals of a trial, each while the one before it runs, and write them when the last one has ended."""
+        if trial.from_rest:
+            self.wait_s(1.0)
+            self.spin_until(self._stands, 10.0)
+        sent: list[Goal] = []
+        for leg in trial.legs:
+            assert self.pose is not None
+            route = self._places.route(self.pose, leg)
+            if leg is trial.legs[0]:
+                self._walks, self._ghost = trial.ghost == "walking", self._places.ghost_way(trial.ghost, route)
+                if len(self._ghost):
+                    self.wait_s(1.0 if trial.from_rest else 0.0)  # the costmaps see it
+            goal = self._send(number, trial, leg, route, sent[-1] if sent else None)
+            sent.append(goal)
+            if self.spin_until(lambda: sent[-1].status, leg.lasts_s if leg.kind != "plain" else LIMIT_S):
+                break
+        last_m = self._driven_m
+        if not goal.status:
+            goal.canceled_s = self.now_s()
+            self.client.cancel(goal.number)
+        self.spin_until(lambda: all(one.status for one in sent) and (not trial.pauses or self._stands()), 20.0)
+        if trial.pauses:
+            goal.stopped_s, goal.stop_m = self._moved_s, self._driven_m - last_m
+        self._goal, self._ghost = None, self._ghost[:0]
+        self._goals_out.writerows([f"{v:.3f}" if isinstance(v, float) else v for v in astuple(one)] for one in sent)
+        self._goals_file.flush()
+
+    def _send(self, trial: int, drawn: Trial, leg: Leg, route: Route, before: Goal | None) -> Goal:
+        assert self.pose is not None
+        x, y = route.xy[-1].tolist()
+        yaw = math.atan2(*(route.xy[-1] - route.xy[max(len(route.xy) - 5, 0)])[::-1])
+        measures = route.length_m, route.bearing, route.goal_clearance_m, route.clearance_m
+        start = (*self.pose, self._v, self._w, self.now_s())
+        at_rest = self._stands()
+        goal = Goal(len(self.goals), trial, leg.kind, drawn.ghost, at_rest, x, y, yaw, *measures, *start)
+        goal.driven_m = self._driven_m
+        if before is not None and not before.status:
+            goal.preempts, before.preempted_by = before.number, goal.number
+        self.goals[goal.number] = self._goal = goal
+        self.client.send(goal.number, (x, y, yaw))
+        return goal
+
+    def close(self) -> None:
+        self._goals_file.close()
+        self._samples_file.close()
+        super().close()
+
+
+def record(arguments: argparse.Namespace) -> int:
+    stay_on_this_machine()
+    provide_log_folder()
+    folder: Path = arguments.out
+    folder.mkdir(parents=True, exist_ok=True)
+    setup = GameSetup(map=arguments.map, sim=True, nav2=arguments.nav2, settings=tuple(arguments.set))
+    occupancy, config = load_map(setup.map), setup.config()
+    trials = draw_trials(np.random.default_rng(arguments.seed), arguments.trials)
+    places = Places(occupancy, config, np.random.default_rng([arguments.seed, 1]))
+    card: dict[str, Any] = {
+        "navigator": arguments.navigator or ("Nav2" if setup.nav2 else "simulated Nav2"),
+        "map": occupancy.name,
+        "map_hash": occupancy.hash[:12],
+        "config": {name: hashlib.sha256((ROOT / "config" / name).read_bytes()).hexdigest()[:12] for name in nav2.FILES},
+        "game_config": config.hash,
+        "seed": arguments.seed,
+        "date": time.strftime("%Y-%m-%d"),
+        "command": shlex.join(["python", "-m", "tools.nav2_goals", *sys.argv[1:]]),
+    }
+    logs = {name: (folder / f"{name}.log").open("w") for name in (SIMULATOR, "nav2")}
+    commands = {SIMULATOR: setup.command(SIMULATOR)} | ({"nav2": nav2.command(setup, folder)} if setup.nav2 else {})
+    children = {
+        name: subprocess.Popen([sys.executable, "-m", *words], stdout=logs[name], stderr=subprocess.STDOUT)
+        for name, words in commands.items()
+    }
+    node = Recorder(full_namespace(setup.namespace), places, folder)
+    start, end = time.monotonic(), time.monotonic() + 60 * arguments.minutes
+    try:
+        if not node.spin_until(lambda: node.client.ready and node.amcl and node.pose, READY_S):
+            raise ValueError("no navigator, or no pose: see the logs in the folder")
+        node.wait_s(3.0)
+        for number, trial in enumerate(trials):
+            if time.monotonic() > end or any(child.poll() is not None for child in children.values()):
+                break
+            node.run_trial(number, trial)
+    finally:
+        node.close()
+        for child in reversed(children.values()):
+            child.send_signal(signal.SIGTERM)
+            child.wait(20)
+        finish(folder, card, list(node.goals.values()), time.monotonic() - start)
+    return 0
+
+
+def finish(folder: Path, card: dict[str, Any], goals: Sequence[Goal], wall_s: float) -> None:
+    """Write the card, and the samples as Parquet."""
+    from pyarrow import csv as arrow
+    from pyarrow import parquet
+
+    parquet.write_table(arrow.read_csv(folder / "samples.csv"), folder / "samples.parquet", compression="zstd")
+    (folder / "samples.csv").unlink()
+    late = sum("Control loop missed" in line for line in (folder / "nav2.log").open(errors="replace"))
+    active_s = sum(goal.ended_s - goal.sent_s for goal in goals if goal.ended_s > 0)
+    counts = Counter(f"{goal.kind} {goal.status or 'lost'}" for goal in goals)
+    card |= {"minutes": round(wall_s / 60, 1), "goals": dict(counts), "active_s": round(active_s)}
+    card["controller_cycles_late"] = late
+    (folder / "card.yaml").write_text(yaml.safe_dump(card, sort_keys=False))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = Parser(prog="tools.nav2_goals", description=__doc__)
+    parser.add_argument("map")
+    parser.add_argument("--out", type=Path, required=True, metavar="FOLDER")
+    parser.add_argument(
+        "--nav2", default="", metavar="COMMAND", help="a real Nav2; without it the simulated one drives"
+    )
+    parser.add_argument(
+        "--navigator", default="", metavar="TEXT", help="name and version of the navigator, for the card"
+    )
+    parser.add_argument("--trials", type=whole_number(1), default=100, help="a trial has one to three goals (100)")
+    parser.add_argument("--minutes", type=float, default=30.0, help="begin no trial after this time (30)")
+    parser.add_argument("--seed", type=whole_number(0), default=0)
+    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="of the configuration")
+    return run_command(parser, argv, record, "ros")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
