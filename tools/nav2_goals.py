@@ -28,7 +28,7 @@ from rclpy.parameter import Parameter
 
 from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.ros import topics
-from pacman_env.ros.discovery import provide_log_folder, stay_on_this_machine
+from pacman_env.ros.discovery import avoid_shared_memory, provide_log_folder, stay_on_this_machine
 from pacman_env.ros.messages import GHOST_OBSTACLE, Pose, Position, cloud_message, pose_of
 from pacman_env.ros.node import ObserverNode
 from pacman_env.ros.nodes.ghost_trail import GhostTrail
@@ -248,6 +248,7 @@ class Recorder(ObserverNode):
 
 def record(arguments: argparse.Namespace) -> int:
     stay_on_this_machine()
+    avoid_shared_memory()
     provide_log_folder()
     folder: Path = arguments.out
     folder.mkdir(parents=True, exist_ok=True)
