@@ -9,10 +9,10 @@ import argparse
 import csv
 import hashlib
 import math
-import shlex
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import avoid_shared_memory, provide_log_folder, stay_on_this_machine
 from pacman_env.ros.messages import GHOST_OBSTACLE, Pose, Position, cloud_message, pose_of
-from pacman_env.ros.node import ObserverNode
+from pacman_env.ros.node import ObserverNode, StopSignals
 from pacman_env.ros.nodes.ghost_trail import GhostTrail
 from pacman_env.ros.selector.navigation_client import NavigationClient
 from pacman_env.ros.supervisor import nav2
@@ -264,45 +264,46 @@ def record(arguments: argparse.Namespace) -> int:
         "game_config": config.hash,
         "seed": arguments.seed,
         "date": time.strftime("%Y-%m-%d"),
-        "command": shlex.join(["python", "-m", "tools.nav2_goals", *sys.argv[1:]]),
+        "command": f"python -m tools.nav2_goals {occupancy.name} --seed {arguments.seed} --trials {arguments.trials}",
     }
-    logs = {name: (folder / f"{name}.log").open("w") for name in (SIMULATOR, "nav2")}
-    commands = {SIMULATOR: setup.command(SIMULATOR)} | ({"nav2": nav2.command(setup, folder)} if setup.nav2 else {})
-    children = {
-        name: subprocess.Popen([sys.executable, "-m", *words], stdout=logs[name], stderr=subprocess.STDOUT)
-        for name, words in commands.items()
-    }
+    logs = Path(tempfile.mkdtemp(prefix="nav2-goals-"))
+    print(f"logs: {logs}", flush=True)
+    commands = {SIMULATOR: setup.command(SIMULATOR)} | ({"nav2": nav2.command(setup, logs)} if setup.nav2 else {})
+    children: list[subprocess.Popen[bytes]] = []
+    for name, words in commands.items():
+        log = (logs / f"{name}.log").open("w")
+        children.append(subprocess.Popen([sys.executable, "-m", *words], stdout=log, stderr=subprocess.STDOUT))
     node = Recorder(full_namespace(setup.namespace), places, folder)
     start, end = time.monotonic(), time.monotonic() + 60 * arguments.minutes
     try:
         if not node.spin_until(lambda: node.client.ready and node.amcl and node.pose, READY_S):
-            raise ValueError("no navigator, or no pose: see the logs in the folder")
+            raise ValueError("no navigator, or no pose: see the logs")
         node.wait_s(3.0)
         for number, trial in enumerate(trials):
-            if time.monotonic() > end or any(child.poll() is not None for child in children.values()):
+            if time.monotonic() > end or any(child.poll() is not None for child in children):
                 break
             node.run_trial(number, trial)
     finally:
-        node.close()
-        for child in reversed(children.values()):
+        for child in reversed(children):
             child.send_signal(signal.SIGTERM)
             child.wait(20)
-        finish(folder, card, list(node.goals.values()), time.monotonic() - start)
+        node.close()
+        card["minutes"] = round((time.monotonic() - start) / 60, 1)
+        finish(folder, card, list(node.goals.values()), logs)
     return 0
 
 
-def finish(folder: Path, card: dict[str, Any], goals: Sequence[Goal], wall_s: float) -> None:
+def finish(folder: Path, card: dict[str, Any], goals: Sequence[Goal], logs: Path) -> None:
     """Write the card, and the samples as Parquet."""
     from pyarrow import csv as arrow
     from pyarrow import parquet
 
     parquet.write_table(arrow.read_csv(folder / "samples.csv"), folder / "samples.parquet", compression="zstd")
     (folder / "samples.csv").unlink()
-    late = sum("Control loop missed" in line for line in (folder / "nav2.log").open(errors="replace"))
-    active_s = sum(goal.ended_s - goal.sent_s for goal in goals if goal.ended_s > 0)
-    counts = Counter(f"{goal.kind} {goal.status or 'lost'}" for goal in goals)
-    card |= {"minutes": round(wall_s / 60, 1), "goals": dict(counts), "active_s": round(active_s)}
-    card["controller_cycles_late"] = late
+    if (log := logs / "nav2.log").is_file():
+        card["controller_cycles_late"] = sum("Control loop missed" in line for line in log.open(errors="replace"))
+    card["active_s"] = round(sum(goal.ended_s - goal.sent_s for goal in goals if goal.ended_s > 0))
+    card["goals"] = dict(Counter(f"{goal.kind} {goal.status or 'lost'}" for goal in goals))
     (folder / "card.yaml").write_text(yaml.safe_dump(card, sort_keys=False))
 
 
@@ -320,7 +321,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--minutes", type=float, default=30.0, help="begin no trial after this time (30)")
     parser.add_argument("--seed", type=whole_number(0), default=0)
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="of the configuration")
-    return run_command(parser, argv, record, "ros")
+    with StopSignals(breaks_off=True):
+        return run_command(parser, argv, record, "ros")
 
 
 if __name__ == "__main__":
