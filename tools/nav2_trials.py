@@ -79,12 +79,11 @@ def draw_trials(rng: np.random.Generator, count: int) -> list[Trial]:
     chosen = _balanced(rng, _SHAPES, count)
     legs = sum(map(len, chosen))
     directions = iter(_balanced(rng, _DIRECTIONS, legs))
-    near, narrow = iter(_balanced(rng, (True, False), legs)), iter(_balanced(rng, (True, False), legs))
+    near, narrow = iter(_balanced(rng, (True, False, False), legs)), iter(_balanced(rng, (True, False), legs))
     rests = [*_balanced(rng, (True, False), count), True]
 
     def leg(kind: Kind) -> Leg:
-        shortest_s = 0.5 if kind == "preempted" else 1.0
-        lasts_s = float(np.exp(rng.uniform(math.log(shortest_s), math.log(8.0))))
+        lasts_s = math.exp(rng.uniform(math.log(0.5), math.log(8.0))) if kind == "preempted" else rng.uniform(1.0, 8.0)
         return Leg(kind, next(directions), next(near) and kind == "plain", next(narrow), lasts_s)
 
     return [
