@@ -122,8 +122,9 @@ class Recorder(ObserverNode):
         self.amcl: Pose | None = None
         self._v = self._w = self._driven_m = self._odometry_s = self._sampled_s = self._moved_s = 0.0
         self._goal: Goal | None = None
-        self._ghost: NDArray[np.float64] = np.zeros((0, 2))  # the rest of its way, (N, 2); empty: no ghost
-        self._walks, self._trail = False, GhostTrail()
+        self._way: NDArray[np.float64] = np.zeros((0, 2))  # of the ghost; empty: no ghost
+        self._walked_m, self._ghost_mps, self._trail = 0.0, 0.0, GhostTrail()
+        self._ghost: Position | None = None
         self.client = NavigationClient(self, self._on_accepted, self._on_rejected, self._on_finished)
         topics.SIMULATED_ORIGIN.subscription(self, self._on_origin)
         topics.AMCL_POSE.subscription(self, self._on_amcl)
@@ -158,7 +159,7 @@ class Recorder(ObserverNode):
             goal.moved_s = now_s
         if now_s - self._sampled_s >= SAMPLE_S - 1e-3:
             self._sampled_s = now_s
-            ghost = self._ghost[0] if len(self._ghost) else (math.nan, math.nan)
+            ghost = self._ghost or (math.nan, math.nan)
             row = (now_s, *self.pose, self._v, self._w)
             number = goal.number if goal else -1
             self._samples_out.writerow(
@@ -167,16 +168,18 @@ class Recorder(ObserverNode):
             )
 
     def _show_ghost(self) -> None:
-        ghost, robot = self._ghost, self.pose
-        if self._walks and len(ghost) > 1:
-            steps = np.cumsum(np.hypot(*np.diff(ghost, axis=0).T))
-            self._ghost = ghost = ghost[min(int(np.searchsorted(steps, GHOST_MPS * GHOST_S)) + 1, len(ghost) - 1) :]
-        if len(ghost) and robot is not None and math.dist(ghost[0], robot[:2]) < CAUGHT_M:
-            self._ghost = ghost = ghost[:0]
-        stamp = self.get_clock().now().to_msg()
-        points = GHOST_RADIUS_M * GHOST_OBSTACLE + ghost[0] if len(ghost) else GHOST_OBSTACLE[:0]
+        ghost = None
+        if len(self._way):
+            along = np.append(0.0, np.cumsum(np.hypot(*np.diff(self._way, axis=0).T)))
+            self._walked_m += self._ghost_mps * GHOST_S
+            x, y = (float(np.interp(self._walked_m, along, values)) for values in self._way.T)
+            ghost = x, y
+        if ghost and self.pose is not None and math.dist(ghost, self.pose[:2]) < CAUGHT_M:
+            self._way, ghost = self._way[:0], None
+        self._ghost, stamp = ghost, self.get_clock().now().to_msg()
+        points = GHOST_RADIUS_M * GHOST_OBSTACLE + ghost if ghost else GHOST_OBSTACLE[:0]
         self._cloud.publish(cloud_message(points, stamp, GHOST_Z_M))
-        trail = self._trail.points([tuple(ghost[0])] if len(ghost) else [], self.now_s())
+        trail = self._trail.points([ghost] if ghost else [], self.now_s())
         self._trail_out.publish(cloud_message(trail, stamp, GHOST_Z_M))
 
     # Goals
@@ -213,9 +216,10 @@ class Recorder(ObserverNode):
             assert self.pose is not None
             route = self._places.route(self.pose, leg)
             if leg is trial.legs[0]:
-                self._walks, self._ghost = trial.ghost == "walking", self._places.ghost_way(trial.ghost, route)
-                if len(self._ghost):
-                    self.wait_s(1.0 if trial.from_rest else 0.0)  # the costmaps see it
+                self._way, self._walked_m = self._places.ghost_way(trial.ghost, route), 0.0
+                self._ghost_mps = GHOST_MPS if trial.ghost == "walking" else 0.0
+                if len(self._way) and trial.from_rest:
+                    self.wait_s(1.0)  # the costmaps see it
             goal = self._send(number, trial, leg, route, sent[-1] if sent else None)
             sent.append(goal)
             if self.spin_until(lambda: sent[-1].status, leg.lasts_s if leg.kind != "plain" else LIMIT_S):
@@ -227,7 +231,7 @@ class Recorder(ObserverNode):
         self.spin_until(lambda: all(one.status for one in sent) and (not trial.pauses or self._stands()), 20.0)
         if trial.pauses:
             goal.stopped_s, goal.stop_m = self._moved_s, self._driven_m - last_m
-        self._goal, self._ghost = None, self._ghost[:0]
+        self._goal, self._way = None, self._way[:0]
         self._goals_out.writerows([f"{v:.3f}" if isinstance(v, float) else v for v in astuple(one)] for one in sent)
         self._goals_file.flush()
 
