@@ -57,7 +57,7 @@ STATUSES = {
 
 @dataclass
 class SentGoal:
-    """What is known of a goal when it is sent: times in s of the simulated clock, poses in m and rad."""
+    """Facts of a goal when it is sent: times in s of the simulated clock, poses in m and rad."""
 
     number: int
     trial: int

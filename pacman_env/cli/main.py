@@ -135,7 +135,7 @@ def _add_web(commands: Any) -> None:
     add("--preset", default="robot", help="robot, ideal or arcade (%(default)s)")
     add("--policy", default="ppo", help="the policy: a name or an .onnx file (%(default)s)")
     add("--second", default="clyde_aware", help="the policy that is asked beside it (%(default)s)")
-    add("--ghosts", nargs="+", metavar="BEHAVIOUR", help="of each ghost (those of the preset)")
+    add("--ghosts", nargs="+", metavar="BEHAVIOUR", help="of each ghost (the preset's)")
     add("--seed", type=whole_number(0, 2**53 - 1), help="of the first round; the others follow from it (random)")
     add("--speed", type=finite_number(1, 50), default=1.0, help="times real time, 1 to 50 (%(default)s)")
     show = "s, before each round; a robot's: 8 (%(default)s)"

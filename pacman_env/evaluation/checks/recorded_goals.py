@@ -31,7 +31,7 @@ _CLOSE = 0.15  # relative difference of travel times that counts as close
 
 @dataclass
 class DrivenGoal:
-    """What a navigator did with a goal; NaN if it did not happen."""
+    """Result of a goal; NaN for what did not happen."""
 
     succeeded: bool = False
     ended_s: float = math.nan  # from sending to the result
