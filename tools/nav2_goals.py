@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from rclpy.parameter import Parameter
 
 from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.evaluation.checks.recorded_goals import REST_MPS, REST_RADPS
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import avoid_shared_memory, provide_log_folder, stay_on_this_machine
 from pacman_env.ros.messages import GHOST_OBSTACLE, Pose, Position, cloud_message, pose_of
@@ -45,7 +46,7 @@ GHOST_S = 0.2  # between two clouds, as in the game
 GHOST_Z_M, GHOST_RADIUS_M = 0.25, 0.05
 CAUGHT_M = 0.3  # a ghost that comes so near disappears, as the game would end
 LIMIT_S = 60.0  # of one goal, then it is canceled
-REST_MPS, REST_RADPS, REST_S = 0.01, 0.02, 0.3
+REST_S = 0.3
 MOVES_MPS, MOVES_RADPS = 0.02, 0.05
 READY_S = 90.0  # of wall time, until Nav2 accepts goals
 STATUSES = {

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import Config
+from pacman_env.evaluation.checks.recorded_goals import AHEAD, BEHIND
 from pacman_env.ros.messages import Pose
 from pacman_env.world.maps.occupancy import OccupancyMap
 from pacman_env.world.navigation.grid import build_grid
@@ -21,7 +22,6 @@ T = TypeVar("T")
 
 NEAR_M, FAR_M = (0.4, 1.0), (1.5, 4.5)  # path lengths
 NARROW_M = 0.55  # a place with less clearance is narrow, else open
-AHEAD, BEHIND = math.radians(45), math.radians(135)
 BEARING_M = 0.4  # of the path, whose direction is the goal's bearing
 GHOST_MPS = 0.25
 #: Shapes of trials, directions of goals, ghosts; a value that is listed twice is drawn twice as often.

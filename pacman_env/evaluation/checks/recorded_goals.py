@@ -25,7 +25,8 @@ from pacman_env.world.navigation.localization import Pose
 
 _GHOSTS_FAR = ("none", "far")
 _LIMIT_S = 90.0  # of a trial
-_REST_MPS, _REST_RADPS = 0.01, 0.02
+REST_MPS, REST_RADPS = 0.01, 0.02  # a slower robot stands
+AHEAD, BEHIND = math.pi / 4, 3 * math.pi / 4  # bearings of goals ahead and behind
 _CLOSE = 0.15  # relative difference of travel times that counts as close
 
 
@@ -108,7 +109,7 @@ def drive(robot: SimulatedRobot, goals: Sequence[RecordedGoal]) -> list[DrivenGo
             )
             if number == len(goals) - 1:
                 break
-        if abs(v) < _REST_MPS and abs(omega) < _REST_RADPS and not math.isnan(canceled_m):
+        if abs(v) < REST_MPS and abs(omega) < REST_RADPS and not math.isnan(canceled_m):
             results[-1].stop_m = driven_m - canceled_m
             break
     return results
@@ -125,13 +126,12 @@ def _all(goal: RecordedGoal) -> bool:
     return True
 
 
-_AHEAD, _BEHIND = math.pi / 4, 3 * math.pi / 4
 #: What is compared: the goals that count, and the field of ``DrivenGoal``.
 _MEASURES: dict[str, tuple[Callable[[RecordedGoal], bool], str]] = {
     "travel time, s": (_all, "ended_s"),
-    "travel time, goals ahead, s": (_directions(0.0, _AHEAD), "ended_s"),
-    "travel time, goals beside, s": (_directions(_AHEAD, _BEHIND), "ended_s"),
-    "travel time, goals behind, s": (_directions(_BEHIND, math.inf), "ended_s"),
+    "travel time, goals ahead, s": (_directions(0.0, AHEAD), "ended_s"),
+    "travel time, goals beside, s": (_directions(AHEAD, BEHIND), "ended_s"),
+    "travel time, goals behind, s": (_directions(BEHIND, math.inf), "ended_s"),
     "travel time, goals that pre-empt another, s": (lambda goal: goal.preempts, "ended_s"),
     "path length, m": (_all, "driven_m"),
     "mean speed, m/s": (_all, "speed_mps"),

@@ -8,7 +8,7 @@ import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
-from ...config import Config, ConfigError
+from ...config import Config, ConfigError, located
 from ...engine.arrays import Array, Table, address, arrays_by_address, reals_at
 from ...engine.bucket_queue import SearchArrays
 from ...engine.jit import kernel
@@ -232,7 +232,8 @@ def cell_choice(hold: int, cell: Any) -> Any:
 
 class Ghosts:
     def __init__(self, n: int, config: Config) -> None:
-        behaviours = [_found(name, f"clyde.ghosts = {config.clyde.ghosts!r}") for name in config.clyde.ghosts]
+        with located(f"clyde.ghosts = {config.clyde.ghosts!r}"):
+            behaviours = [find_behaviour(name) for name in config.clyde.ghosts]
         count = len(behaviours)
         self.state = np.zeros((n, count), dtype=GHOST)
         self.paths = np.zeros((n, count, 0), dtype=np.int32)  # (N, G, L) cells of each ghost's path
@@ -253,7 +254,8 @@ class Ghosts:
             elif one.name != WANDER:
                 self._use(k, one)
         if config.power.pellets > 0:
-            frightened = _found(config.power.behaviour, "power.behaviour")
+            with located("power.behaviour"):
+                frightened = find_behaviour(config.power.behaviour)
             if frightened.target is None:
                 name = frightened.name
                 raise ConfigError(f"power.behaviour = {name!r}: must not be a behaviour that needs a policy")
@@ -322,14 +324,6 @@ class Ghosts:
             if row in self._used and (row == k or chosen >= 0):
                 self._used[row](table, game, row * count + k)
         raise RuntimeError(f"a ghost of game {game} could not decide where to go")
-
-
-def _found(name: str, field: str) -> Behaviour:
-    """Return a behaviour; raises ConfigError with the ``field`` that names it if there is none."""
-    try:
-        return find_behaviour(name)
-    except ConfigError as error:
-        raise ConfigError(f"{field}: {error}") from error
 
 
 _stream, _below = kernel(ghost_stream), kernel(below)
