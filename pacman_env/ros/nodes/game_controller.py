@@ -57,9 +57,9 @@ class GameController(GameNode):
         self._unresponsive_out = topics.UNRESPONSIVE.publisher(self)
         self._publish_unresponsive({})  # an earlier referee may have published some
         self._met: set[str] = set()  # services that were available at least once
-        self._file = StateFile.of_node(self, "file of the saved game, to resume after a crash", 60.0)
         text = "largest age of a saved game that is resumed, s"
-        self._file.max_age_s = parameter(self, "state_file_max_age_s", self._file.max_age_s, text, 0.0, 86400.0)
+        max_age_s = parameter(self, "state_file_max_age_s", 60.0, text, 0.0, 86400.0)
+        self._file = StateFile.of_node(self, "file of the saved game, to resume after a crash", max_age_s)
         self._saved = self._load()  # a game to resume at the first tick, when the clock runs
         self._early: dict[str, None] = {}  # pellets reported before the first tick, in order
         self.listen(topics.GAME_STATUS, self._on_status, "bad status")

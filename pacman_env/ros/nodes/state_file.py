@@ -24,7 +24,7 @@ class StateFile:
 
     def __init__(self, path: Path | None, max_age_s: float, owner: Mapping[str, Any]) -> None:
         self.path = path
-        self.max_age_s, self._owner = max_age_s, dict(owner)
+        self._max_age_s, self._owner = max_age_s, dict(owner)
         self._time_ns = current().time_ns
 
     @classmethod
@@ -60,7 +60,7 @@ class StateFile:
             raise ValueError("damaged, or something else") from None
         if not is_current:
             raise ValueError("of another version")
-        return state if owner == self._owner and abs(self._time_ns() * 1e-9 - written_s) <= self.max_age_s else None
+        return state if owner == self._owner and abs(self._time_ns() * 1e-9 - written_s) <= self._max_age_s else None
 
     def save(self, state: Any) -> None:
         """Replace the state by plain values; if this raises OSError, the file may still contain the old state."""
