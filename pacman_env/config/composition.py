@@ -171,10 +171,18 @@ def differences(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tuple[A
     return pairs
 
 
-_ROBOT = {"robot.speed_mps": 0.256}  # driving speed in the logs [M]
+#: Driving speed in the logs [M], costmaps of config/nav2.yaml.
+_ROBOT = {
+    "robot.speed_mps": 0.256,
+    "nav2.controller": "mppi",
+    "nav2.inflation_radius_m": 0.35,
+    "nav2.inflation_scale": 4.0,
+}
 PRESETS: dict[str, dict[str, Any]] = {
-    # As in the ten real trials: measured speed, AMCL's cadence and error, Nav2's delays.
+    # The real robot: measured speed, AMCL's cadence and error, Nav2's delays, a controller as slow as Nav2's.
     "robot": _ROBOT,
+    # The same until 0.19.0, for comparisons: the controller turns and starts as fast as the base.
+    "robot_0_15": {"robot.speed_mps": 0.256},
     # Perfect localization, the base's full speed, goals and rules without delay.
     "ideal": {
         "localization.perfect": True,

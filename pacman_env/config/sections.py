@@ -105,14 +105,34 @@ class Nav2Config(Checked, group="nav2"):
     stuck_abort_s: Positive = setting(150.0, "stuck through all recoveries (Nav2)")
     abort_rate: Share = setting(0.0, "probability that a goal is aborted at once for no reason (bad TF)")
     recovery_wait_s: Positive = setting(5.0, 'recovery "wait" (Nav2)')
-    turn_rate_radps: NotNegative = setting(
-        0.0, "fastest turn of the controller, which also drives slower the faster it turns; 0: only the base limits it"
+    controller: Literal["pure_pursuit", "mppi"] = setting(
+        "pure_pursuit",
+        "pure_pursuit turns and starts as fast as the base; mppi as slowly as Nav2's MPPI does, see mppi",
     )
-    turn_acceleration_radps2: NotNegative = setting(0.0, "of the controller, with turn_rate_radps; 0: any")
-    acceleration_mps2: NotNegative = setting(0.0, "of the controller, with turn_rate_radps; 0: any")
-    deceleration_mps2: NotNegative = setting(0.0, "of the controller, with turn_rate_radps; 0: any")
     clyde_keepout_m: Positive = setting(0.236, "inscribed radius + 0.05 m: Clyde and eight points around it, original")
     clear_distance_m: NotNegative = setting(0.5, "costmaps are cleared of Clyde when it has moved this far")
+
+
+@dataclass(frozen=True)
+class MppiConfig(Checked, group="mppi"):
+    """How slowly the robot drives with `nav2.controller = mppi`.
+
+    Fitted to recordings of Nav2 1.3.13 on three maps and checked on a fourth (eval/nav2, docs/validation.md).
+    """
+
+    lookahead_m: Positive = setting(0.65, "it turns towards the point of its path at this distance ...")
+    turn_gain: Positive = setting(0.82, "... at this rate for each radian off, 1/s ...")
+    turn_radps: Positive = setting(0.75, "... and at most this fast")
+    turn_response: Positive = setting(1.31, "its turn rate approaches that by this share of the difference, 1/s")
+    slower_rad: NotNegative = setting(0.32, "farther off the path it drives slower, ...")
+    turns_first_rad: Positive = setting(1.04, "... and from here on it only turns")
+    standing_turn_radps: Positive = setting(1.07, "the faster it turns the slower it drives: at this rate not at all")
+    speed_response: Positive = setting(1.08, "its speed approaches that by this share of the difference, 1/s")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        rule = f"must be above slower_rad = {self.slower_rad}"
+        self._require(self.turns_first_rad > self.slower_rad, "turns_first_rad", rule)
 
 
 @dataclass(frozen=True)
@@ -371,6 +391,7 @@ class Groups(Checked):
     robot: RobotConfig = field(default_factory=RobotConfig)
     localization: LocalizationConfig = field(default_factory=LocalizationConfig)
     nav2: Nav2Config = field(default_factory=Nav2Config)
+    mppi: MppiConfig = field(default_factory=MppiConfig)
     pellets: PelletConfig = field(default_factory=PelletConfig)
     clyde: ClydeConfig = field(default_factory=ClydeConfig)
     power: PowerConfig = field(default_factory=PowerConfig)

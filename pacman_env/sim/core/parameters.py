@@ -15,7 +15,7 @@ from ...game.ghosts import GHOST_FIELDS
 from ...game.power import frightened_s
 from ...game.reward import Rewards
 from ...rng import RANDOMIZE, ROUND, stream, uniform
-from ...world.navigation.controller import HORIZON_S
+from ...world.navigation.controller import HORIZON_S, LOOKAHEAD_M
 from ...world.navigation.localization import LOCALIZATION_FIELDS
 from ...world.navigation.navigator import NAVIGATOR_FIELDS
 from ...world.navigation.physics import BODY_FIELDS
@@ -81,7 +81,7 @@ _CLEAR_OF_WALLS_M = 0.05  # beyond the inscribed radius; roll-outs prefer a larg
 def _values(config: Config, resolution: float, pellet_slots: int, refuge_slots: int) -> dict[str, float | int]:
     """Return the constants of a batch in steps, m, s and rad; the type of each value is fixed."""
     dt = config.physics_step_s
-    robot, nav2, execution, loc = config.robot, config.nav2, config.execution, config.localization
+    robot, nav2, mppi, execution, loc = config.robot, config.nav2, config.mppi, config.execution, config.localization
 
     def steps(seconds: float) -> int:
         return round(seconds / dt)
@@ -114,11 +114,15 @@ def _values(config: Config, resolution: float, pellet_slots: int, refuge_slots: 
         "no_control_steps": steps(nav2.no_control_abort_s),
         "stuck_steps": steps(nav2.stuck_abort_s),
         "recovery_steps": steps(nav2.recovery_wait_s),
-        "ramps": nav2.turn_rate_radps > 0,
-        "nav_rate": nav2.acceleration_mps2 or math.inf,
-        "nav_brake": nav2.deceleration_mps2 or math.inf,
-        "nav_turn": nav2.turn_rate_radps or math.inf,
-        "nav_turn_rate": nav2.turn_acceleration_radps2 or math.inf,
+        "mppi": nav2.controller == "mppi",
+        "lookahead": mppi.lookahead_m if nav2.controller == "mppi" else LOOKAHEAD_M,
+        "mppi_gain": mppi.turn_gain,
+        "mppi_turn": mppi.turn_radps,
+        "mppi_turn_share": 1.0 - math.exp(-mppi.turn_response * dt),  # in a step
+        "mppi_turn_stops": mppi.standing_turn_radps,
+        "mppi_stop_angle": mppi.turns_first_rad,
+        "mppi_angle_slope": 1.0 / (mppi.turns_first_rad - mppi.slower_rad),
+        "mppi_speed_share": 1.0 - math.exp(-mppi.speed_response * dt),
         "omega_max": robot.omega_radps,
         "omega_rate": 2.0 * robot.wheel_acceleration_mps2 / robot.wheel_base_m,
         "wheel_max": robot.wheel_speed_mps,

@@ -7,14 +7,40 @@ Clyde. Kernels work on one game's record ``g``.
 import math
 from typing import NamedTuple
 
+import numpy as np
+
+from ...config import Config
 from ...engine.jit import kernel
 from .grid import cell_of
 
-_LOOKAHEAD = 0.35  # m along the path to the target point of the controller
+LOOKAHEAD_M = 0.35  # to the target point of pure pursuit
 _ROTATE_COS = 0.765  # cosine of the angle off the path (0.7 rad) beyond which the robot turns on the spot
 HORIZON_S = 0.8  # s of a roll-out
 _SAMPLES = 3  # points tested along a roll-out
 _BRAKE = 0.7  # share of the base's braking used when a turn on the spot ends
+
+
+#: Constants of :func:`start_s`; values from :func:`start_values`.
+START_FIELDS = [(name, np.float64) for name in ("free_turn", "turn_radps", "speed_up_s", "late_s")]
+
+
+def start_values(config: Config) -> tuple[float, float, float, float]:
+    """Return the turn that costs nothing (rad), the rate of the rest (rad/s), the cost of speeding up and of all else (s).
+
+    Those of MPPI hold within 0.6 s for the simulated one on open floor.
+    """
+    if config.nav2.controller == "pure_pursuit":
+        return 0.7, 1.2, 0.0, 0.0
+    return 0.0, 0.9 * config.mppi.turn_radps, 1.0 / config.mppi.speed_response, 0.4
+
+
+@kernel
+def start_s(off, v, p):  # type: ignore[no-untyped-def]
+    """Return the seconds lost by turning to a path ``off`` rad beside the heading and speeding up.
+
+    ``v`` is the present speed as a share of the full one; ``p`` has ``START_FIELDS``.
+    """
+    return p.late_s + max(off - p.free_turn, 0.0) / p.turn_radps + p.speed_up_s * (1.0 - v * math.cos(off))
 
 
 @kernel
@@ -95,6 +121,29 @@ def _turn_rate(forward, aside, limit, p):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _mppi_command(g, off, p):  # type: ignore[no-untyped-def]
+    """Return what MPPI aims at, (v, omega), for a path ``off`` rad beside the heading.
+
+    It turns towards the path, and drives the slower the farther it is off the path and the faster it turns.
+    """
+    turning = max(1.0 - abs(g.right - g.left) * p.per_base / p.mppi_turn_stops, 0.0)
+    turned = min(max((p.mppi_stop_angle - abs(off)) * p.mppi_angle_slope, 0.0), 1.0)
+    return g.speed_limit * turning * turned, min(max(p.mppi_gain * off, -p.mppi_turn), p.mppi_turn)
+
+
+@kernel
+def _next_velocity(g, v, w, p):  # type: ignore[no-untyped-def]
+    """Return speed and turn rate of the next step on the way to (v, omega).
+
+    MPPI improves its last plan a little in each cycle, so that both only approach what it aims at.
+    """
+    if not p.mppi:
+        return v, w
+    now, turn = 0.5 * (g.left + g.right), (g.right - g.left) * p.per_base
+    return now + p.mppi_speed_share * (v - now), turn + p.mppi_turn_share * (w - turn)
+
+
+@kernel
 def command(g, path, pose, p, affine, clearance):  # type: ignore[no-untyped-def]
     """Run the local controller and return (ok, v, omega) for the next step."""
     bx, by, ch, sh = pose
@@ -109,20 +158,25 @@ def command(g, path, pose, p, affine, clearance):  # type: ignore[no-untyped-def
         at += 1
     ahead = max(at, min(g.nav_ahead, points - 1))
     while ahead + 1 < points:
-        if (path[ahead, 0] - bx) ** 2 + (path[ahead, 1] - by) ** 2 > _LOOKAHEAD * _LOOKAHEAD:
+        if (path[ahead, 0] - bx) ** 2 + (path[ahead, 1] - by) ** 2 > p.lookahead * p.lookahead:
             break
         ahead += 1
     g.nav_at, g.nav_ahead = at, ahead
     tx, ty = path[ahead, 0] - bx, path[ahead, 1] - by
     forward, aside = tx * ch + ty * sh, ty * ch - tx * sh
     v_max = g.speed_limit
-    if forward < 0.0 or forward * forward < _ROTATE_COS * _ROTATE_COS * (tx * tx + ty * ty):
-        return True, 0.0, _turn_rate(forward, aside, p.omega_max, p)
-    # Pure pursuit: the arc through the target point, slower for sharper arcs.
-    by_distance = v_max / math.sqrt(max(tx * tx + ty * ty, 0.01))
-    v, w = limit(forward * by_distance, 2.0 * aside * by_distance * by_distance / v_max, p)
     column, row = cell_of(affine, clearance.shape[0], clearance.shape[1], bx, by)
     free_here = clearance[row, column]
+    if p.mppi:
+        v, wanted_w = _mppi_command(g, math.atan2(aside, forward), p)
+        v, w = _next_velocity(g, v, wanted_w, p)
+    else:
+        if forward < 0.0 or forward * forward < _ROTATE_COS * _ROTATE_COS * (tx * tx + ty * ty):
+            return True, 0.0, _turn_rate(forward, aside, p.omega_max, p)
+        # Pure pursuit: the arc through the target point, slower for sharper arcs.
+        by_distance = v_max / math.sqrt(max(tx * tx + ty * ty, 0.01))
+        v, w = limit(forward * by_distance, 2.0 * aside * by_distance * by_distance / v_max, p)
+        wanted_w = w
     cx, cy = g.clyde_x, g.clyde_y
     reach = p.clyde_keepout + v_max * HORIZON_S + 0.05
     clyde_near = (bx - cx) ** 2 + (by - cy) ** 2 < reach * reach
@@ -138,7 +192,7 @@ def command(g, path, pose, p, affine, clearance):  # type: ignore[no-untyped-def
     ok, best_v, best_w = False, 0.0, 0.0
     for k in range(4, 0, -1):
         for j in range(-4, 5):
-            sv, sw = limit(v_max * k * 0.25, w + 0.35 * j, p)
+            sv, sw = limit(v_max * k * 0.25, wanted_w + 0.35 * j, p)
             cost = _clear(pose, sv, sw, around, p, affine, clearance)
             if cost < 0.0:
                 continue
@@ -151,7 +205,8 @@ def command(g, path, pose, p, affine, clearance):  # type: ignore[no-untyped-def
         if ok:
             break
     if ok:
-        return ok, best_v, best_w
+        v, w = _next_velocity(g, best_v, best_w, p)
+        return ok, v, w
     # No arc leads towards the target point, for example round a corner: creep along the path.
     near = min(at + 2, points - 1)
     tx, ty = path[near, 0] - bx, path[near, 1] - by
@@ -161,19 +216,12 @@ def command(g, path, pose, p, affine, clearance):  # type: ignore[no-untyped-def
         tx, ty = tx + out * ox, ty + out * oy
     forward, aside = tx * ch + ty * sh, ty * ch - tx * sh
     if abs(aside) > 0.1 * forward:
-        return True, 0.0, _turn_rate(forward, aside, 1.0, p)
+        v, w = _next_velocity(g, 0.0, _turn_rate(forward, aside, 1.0, p), p)
+        return True, v, w
     v = 0.25 * v_max
-    return _clear(pose, v, 0.0, around, p, affine, clearance) >= 0.0, v, 0.0
-
-
-@kernel
-def ramped(g, v, w, p):  # type: ignore[no-untyped-def]
-    """Limit (v, omega) as MPPI does: it changes both slowly, and drives the slower the faster it turns."""
-    now, turn = 0.5 * (g.left + g.right), (g.right - g.left) * p.per_base
-    w = min(max(w, -p.nav_turn), p.nav_turn)
-    w = min(max(w, turn - p.nav_turn_rate * p.dt), turn + p.nav_turn_rate * p.dt)
-    v = min(v, g.speed_limit * max(1.0 - (w / p.nav_turn) ** 2, 0.0))
-    return min(max(v, now - p.nav_brake * p.dt), now + p.nav_rate * p.dt), w
+    ok = _clear(pose, v, 0.0, around, p, affine, clearance) >= 0.0
+    v, w = _next_velocity(g, v, 0.0, p)
+    return ok, v, w
 
 
 @kernel

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...engine.jit import kernel
 from ...rng import uniform
-from .controller import Pose, command, drive_wheels, ramped
+from .controller import Pose, command, drive_wheels
 from .localization import record_fields
 from .planner import Fields, write_plan
 
@@ -136,8 +136,6 @@ def control(g, i, paths, p, affine, clearance):  # type: ignore[no-untyped-def]
             ok, v, w = command(g, paths[i], Pose(bx, by, ch, sh), p, affine, clearance)
             if ok:
                 g.nav_no_control_step = -1
-                if p.ramps:
-                    v, w = ramped(g, v, w, p)
             else:
                 v, w = 0.0, 0.0
                 if g.nav_no_control_step < 0:

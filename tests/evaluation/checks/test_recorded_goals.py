@@ -9,41 +9,40 @@ import pytest
 from pacman_env.config import make_config
 from pacman_env.evaluation.checks.recorded_goals import compare, drive, read_goals
 from pacman_env.evaluation.checks.validation import main
-from pacman_env.sim.core.robot import SimulatedRobot
+from pacman_env.sim.core.robot import SimulatedRobot, place
 from pacman_env.world.maps.occupancy import load_map
 
 RECORDED = Path(__file__).parents[3] / "eval" / "nav2" / "house"
-SLOW = {
-    "robot.speed_mps": 0.306,
-    "nav2.turn_rate_radps": 0.65,
-    "nav2.turn_acceleration_radps2": 0.7,
-    "nav2.acceleration_mps2": 0.13,
-    "nav2.deceleration_mps2": 0.2,
-}
+#: As the recorded base.
+BASE = {"robot.speed_mps": 0.306}
 
 
-def test_limits_of_the_controller_bring_travel_times_near_recorded_ones() -> None:
-    def off(**settings: float) -> float:
-        _, pairs = compare(RECORDED, make_config(**settings))
+def test_simulated_mppi_takes_the_recorded_times() -> None:
+    def off(preset: str) -> float:
+        _, pairs = compare(RECORDED, make_config(preset, **BASE))
         both = [(goal.driven.ended_s, driven.ended_s) for goal, driven in pairs if driven.succeeded]
         return abs(math.log(sum(simulated for _, simulated in both) / sum(recorded for recorded, _ in both)))
 
-    assert off(**SLOW) < 0.05 < 0.15 < off()
+    assert off("robot") < 0.05 < 0.15 < off("robot_0_15")
 
 
-def test_controller_keeps_its_accelerations() -> None:
-    config = make_config(**SLOW)
+def test_mppi_turns_on_the_spot_before_it_drives() -> None:
+    config = make_config(**{"localization.perfect": True})
     robot = SimulatedRobot(load_map("house"), config)
     robot.set_goal(3.3, -0.6)
+    x, y, heading = robot.pose
+    place(robot, (x, y, heading + math.pi), (0.0, 0.0))
+    robot.set_goal(3.3, -0.6)
     speeds = []
-    for _ in range(int(6 / config.physics_step_s)):
+    for _ in range(int(12 / config.physics_step_s)):
         robot.step()
         speeds.append(robot.velocity)
-    for k, most in ((0, 0.13), (1, 0.7)):
-        changes = [abs(after[k]) - abs(before[k]) for before, after in itertools.pairwise(speeds)]
-        assert max(changes) <= most * config.physics_step_s + 1e-5
-    assert max(abs(turn) for _, turn in speeds) <= 0.65 + 1e-6
-    assert max(speed for speed, _ in speeds) > 0.2
+    turning_s = sum(abs(turn) > 0.3 and speed < 0.05 for speed, turn in speeds) * config.physics_step_s
+    assert 2.5 < turning_s < 6.0
+    assert max(abs(turn) for _, turn in speeds) <= config.mppi.turn_radps + 1e-6
+    changes = [abs(after[0] - before[0]) for before, after in itertools.pairwise(speeds)]
+    assert max(changes) <= config.mppi.speed_response * config.robot.speed_mps * config.physics_step_s + 1e-6
+    assert 0.9 * config.robot.speed_mps < max(speed for speed, _ in speeds) <= config.robot.speed_mps + 1e-6
 
 
 def test_goals_of_a_trial_are_pre_empted_and_canceled_as_recorded() -> None:
