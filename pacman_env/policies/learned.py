@@ -23,14 +23,7 @@ _FORBIDDEN = -1e7  # logits below this mark forbidden candidates
 #: Features in explanations, in the units of ``sim/observation/planner_features.py``.
 _SHOWN = ("path_robot", "path_clyde", "time_margin", "caught_soon", "caught", "approached", "closest_mean")
 _Nodes = dict[str, tuple[str, tuple[int | None, ...]]]  # type, sizes; None: any
-_NODES: dict[str, _Nodes] = {
-    "inputs": {
-        "candidates": ("tensor(float)", (None, None, len(CANDIDATE_FEATURES))),
-        "globals": ("tensor(float)", (None, len(GLOBAL_FEATURES))),
-        "mask": ("tensor(bool)", (None, None)),
-    },
-    "outputs": {"logits": ("tensor(float)", (None, None)), "values": ("tensor(float)", (None,))},
-}
+_OUTPUTS: _Nodes = {"logits": ("tensor(float)", (None, None)), "values": ("tensor(float)", (None,))}
 
 
 class LearnedPlanner(BasePolicy):
@@ -48,13 +41,20 @@ class LearnedPlanner(BasePolicy):
         self.name = self.path.stem
         self.metadata, self._model = read_planner(self.path)
         self._threads = threads
-        self._session = _session(self._model, self.path, threads)
+        self._columns = _columns(self.metadata.candidate_features, CANDIDATE_FEATURES)
+        self._whole_columns = _columns(self.metadata.global_features, GLOBAL_FEATURES)
+        self._session = self._new_session()
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_session": None}  # a copy creates its own session
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state, _session=_session(state["_model"], state["path"], state["_threads"]))
+        self.__dict__.update(state)
+        self._session = self._new_session()
+
+    def _new_session(self) -> Any:
+        features, whole = len(self.metadata.candidate_features), len(self.metadata.global_features)
+        return _session(self._model, self.path, self._threads, features, whole)
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
         """Return logits (N, C), -inf for forbidden candidates; raises ValueError if the situation has no maps."""
@@ -82,9 +82,9 @@ class LearnedPlanner(BasePolicy):
         ``candidates`` (B, C, F) and ``whole`` (B, H) are results of ``planner_features``. Raises PolicyError if the
         network does not run or returns another shape.
         """
-        inputs = {"candidates": candidates, "globals": whole, "mask": mask}
+        inputs = {"candidates": candidates[..., self._columns], "globals": whole[:, self._whole_columns], "mask": mask}
         try:
-            logits, values = self._session.run(list(_NODES["outputs"]), inputs)
+            logits, values = self._session.run(list(_OUTPUTS), inputs)
         except Exception as error:  # onnxruntime's errors have no common base class
             raise PolicyError(f"policy {self.name!r}: {self.path} does not run: {error}") from None
         if (logits.shape, values.shape) != (mask.shape, mask.shape[:1]):
@@ -112,7 +112,12 @@ class LearnedPlanner(BasePolicy):
         return logits, values, candidates
 
 
-def _session(model: bytes, path: Path, threads: int) -> Any:
+def _columns(names: tuple[str, ...], known: tuple[str, ...]) -> Any:
+    """Return the columns that a network reads, as an index: it may be older than some columns."""
+    return slice(None) if names == known else [known.index(name) for name in names]
+
+
+def _session(model: bytes, path: Path, threads: int, features: int, whole: int) -> Any:
     """Create an onnxruntime session of a planner's model and test it once."""
     try:
         import onnxruntime
@@ -130,18 +135,23 @@ def _session(model: bytes, path: Path, threads: int) -> Any:
     # onnxruntime's errors have no common base class
     with located(f"{path}: no model that onnxruntime can load", ValueError, Exception):
         session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
-    for what, expected in _NODES.items():
+    inputs: _Nodes = {
+        "candidates": ("tensor(float)", (None, None, features)),
+        "globals": ("tensor(float)", (None, whole)),
+        "mask": ("tensor(bool)", (None, None)),
+    }
+    for what, expected in {"inputs": inputs, "outputs": _OUTPUTS}.items():
         nodes = session.get_inputs() if what == "inputs" else session.get_outputs()
         found = {n.name: (n.type, tuple(s if isinstance(s, int) else None for s in n.shape)) for n in nodes}
         if found != expected:
             raise ValueError(f"{path}: {what}: found {found}, expected {expected}")
-    inputs = {
-        "candidates": np.zeros((1, 3, len(CANDIDATE_FEATURES)), np.float32),
-        "globals": np.zeros((1, len(GLOBAL_FEATURES)), np.float32),
+    zeros = {
+        "candidates": np.zeros((1, 3, features), np.float32),
+        "globals": np.zeros((1, whole), np.float32),
         "mask": np.ones((1, 3), np.bool_),
     }
     with located(f"{path}: the model does not run", ValueError, Exception):
-        outputs = session.run(list(_NODES["outputs"]), inputs)
+        outputs = session.run(list(_OUTPUTS), zeros)
     shapes = [output.shape for output in outputs]
     if shapes != [(1, 3), (1,)] or not all(np.isfinite(output).all() for output in outputs):
         raise ValueError(f"{path}: outputs: found {shapes}, expected {[(1, 3), (1,)]} and finite")

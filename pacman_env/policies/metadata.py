@@ -87,18 +87,19 @@ def read_planner(path: Path) -> tuple[PlannerMetadata, bytes]:
     if not beside.exists():
         raise ValueError(f"{path}: its metadata {beside.name} is missing (pacman-env export writes both)")
     metadata = read(PlannerMetadata, beside, _MAX_METADATA_BYTES)
-    expected = {
-        "feature_version": VERSION,
+    expected = {"feature_version": VERSION, "normalisation": NORMALISATION}
+    known = {
         "candidate_features": CANDIDATE_FEATURES,
         "global_features": GLOBAL_FEATURES,
-        "normalisation": NORMALISATION,
+        "dropped_features": CANDIDATE_FEATURES,
+        "dropped_kinds": CANDIDATE_FEATURES,
     }
     with located(beside, ValueError):
         for field, value in expected.items():
             require(getattr(metadata, field) == value, field, getattr(metadata, field), f"must be {value!r}")
-        for field in ("dropped_features", "dropped_kinds"):
+        for field, names in known.items():
             for name in getattr(metadata, field):
-                require(name in CANDIDATE_FEATURES, field, name, "must be names of candidate features")
+                require(name in names, field, name, f"must be names of these features: {', '.join(names)}")
     if metadata.sha256 != hashlib.sha256(model).hexdigest():
         raise ValueError(f"{path}: is damaged, or is not the file that {beside.name} describes (sha256)")
     return metadata, model

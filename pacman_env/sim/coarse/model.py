@@ -19,6 +19,7 @@ from ...engine.jit import kernel
 from ...engine.native import address_of_kernel, call_range
 from ...game.ghosts import WANDER, Behaviour, view_of
 from ...rng import below
+from ...world.navigation.controller import START_FIELDS, start_s, start_values
 from ...world.navigation.grid import cell_of
 from ..behaviour_kernels import CONSTANTS, behaviour_kernel, target_of
 from .coarse_map import NO_BLOCK, CoarseArrays, next_block, units_between
@@ -30,8 +31,7 @@ MOST_PELLETS = 64  # one bit each in a state
 RULES = np.dtype(
     [
         ("speed", np.float64),  # m/s along a path
-        ("free_turn", np.float64),  # rad off the path that the robot turns while driving
-        ("turn_rate", np.float64),  # rad/s for a larger angle, including starting and stopping
+        *START_FIELDS,  # of a robot that turns to its path
         ("start_s", np.float64),  # delay from a choice to driving, if at rest
         ("switch_s", np.float64),  # delay from a choice to a change of direction, if driving
         ("step_s", np.float64),  # one step: ghosts decide, pick-up and death are tested
@@ -82,8 +82,6 @@ class Lags(NamedTuple):
     """Constants of the robot's motion and the length of a step; ``python -m benchmarks.coarse_model`` checks them."""
 
     speed_share: float = 0.995  # of the commanded speed, along a path
-    free_turn_rad: float = 0.7  # as in world/navigation/controller.py
-    turn_radps: float = 1.2  # as in sim/observation/prediction.py
     start_s: float = 0.3
     switch_s: float = 0.6  # in periods of Nav2's planner
     step_s: float = 1.0  # reaching a goal ends the step, which models the wait for the next choice
@@ -94,7 +92,8 @@ def rules(config: Config, lags: Lags) -> NDArray[Any]:
     """Return a record (1,) of type RULES."""
     record = np.zeros(1, dtype=RULES)
     record["speed"] = lags.speed_share * config.robot.speed_mps
-    record["free_turn"], record["turn_rate"] = lags.free_turn_rad, lags.turn_radps
+    for (name, _), value in zip(START_FIELDS, start_values(config), strict=True):
+        record[name] = value
     record["start_s"] = lags.start_s
     record["switch_s"] = lags.switch_s * config.nav2.planner_period_s
     record["step_s"] = lags.step_s
@@ -199,7 +198,7 @@ def put_ghost(ghost, number, model, seen):  # type: ignore[no-untyped-def]
 @kernel
 def _turn_s(robot, heading, p):  # type: ignore[no-untyped-def]
     off = abs(heading - robot.heading) % (2.0 * math.pi)
-    return max(min(off, 2.0 * math.pi - off) - p.free_turn, 0.0) / p.turn_rate
+    return start_s(min(off, 2.0 * math.pi - off), 0.0, p)
 
 
 @kernel

@@ -46,6 +46,8 @@ class CandidateColumn(enum.IntEnum):
     HUNTED_COLLECTED = enum.auto()  # / 3 pellets
     HUNTED_WAYS_ON = enum.auto()  # share
     HUNTED_LEAD_AFTER = enum.auto()  # / 5 m
+    START = enum.auto()  # / 5 s, to turn to the path and to speed up: what a change of the goal costs now
+    IS_POWER = enum.auto()  # 1 for a power pellet
 
 
 class GlobalColumn(enum.IntEnum):
@@ -65,6 +67,7 @@ class GlobalColumn(enum.IntEnum):
     TIME_LEFT = enum.auto()  # / 200 s
     TIME_SHORT = enum.auto()  # exp(-time left / 30 s)
     COMING = enum.auto()  # number of ghosts that are believed to approach the robot
+    FRIGHTENED = enum.auto()  # / 10 s, longest time for which a ghost stays frightened
 
 
 class TokenColumn(enum.IntEnum):

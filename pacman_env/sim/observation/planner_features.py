@@ -3,7 +3,8 @@
 The features of a candidate describe path lengths of robot and ghosts, possible encounters with wandering ghosts on the
 way (``prediction.py``), and the outcome if the ghosts that are believed to approach do so (``coarse/outlook.py``).
 
-``VERSION`` changes with the meaning of any column: a network must not be run on columns of another version.
+Networks read columns by name, so that new columns do not matter to older networks. ``VERSION`` changes with the meaning
+of any column: a network must not be run on columns of another version.
 """
 
 import math
@@ -35,7 +36,7 @@ from .planner_columns import (
     GlobalColumn,
     TokenColumn,
 )
-from .situation import HOLD, PELLET, REFUGE, Situation, maps_of
+from .situation import FRIGHTENED_S, HOLD, PELLET, REFUGE, Situation, maps_of
 
 if TYPE_CHECKING:
     from ..maps.level_slots import LevelSlots
@@ -61,7 +62,7 @@ _outlooks: "weakref.WeakKeyDictionary[LevelSlots, outlook.Outlook]" = weakref.We
 
 
 def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the features of candidates (N, C, 32) and of situations (N, 50), float32.
+    """Return the features of candidates (N, C, 34) and of situations (N, 51), float32.
 
     Raises ValueError without maps.
     """
@@ -150,6 +151,7 @@ def _describe_round(s, i, clyde_m, shortest, limit_s, coming, row):  # type: ign
     left_s = max(limit_s - s.time_s[i], 0.0)
     row[GlobalColumn.TIME_LEFT], row[GlobalColumn.TIME_SHORT] = min(left_s / 200.0, 5.0), math.exp(-left_s / 30.0)
     row[GlobalColumn.COMING] = coming
+    row[GlobalColumn.FRIGHTENED] = min(s.fright[i, :, FRIGHTENED_S].max() / 10.0, MOST)
     row[GlobalColumn.CLYDE_DISTANCE], row[GlobalColumn.CLYDE_NEAR] = min(clyde_m, FAR_M) / 5.0, math.exp(-clyde_m)
     row[GlobalColumn.CLOSING_SPEED] = min(max(s.closing_speed[i] / 0.5, -2.0), 2.0)
     row[GlobalColumn.CLYDE_SPEED] = min(s.clyde_speed[i] / 0.5, 4.0)
@@ -180,6 +182,7 @@ def _describe_ways(s, i, c, clyde_m, shortest, robot_speed, f):  # type: ignore[
     """Fill the columns for the kind of a candidate and its distance from robot and ghosts."""
     f[CandidateColumn.IS_PELLET], f[CandidateColumn.IS_REFUGE] = s.kind[i, c] == PELLET, s.kind[i, c] == REFUGE
     f[CandidateColumn.IS_HOLD], f[CandidateColumn.IS_CURRENT] = s.kind[i, c] == HOLD, c == s.current[i]
+    f[CandidateColumn.IS_POWER] = s.is_power[i, c]
     own, other = min(s.path_robot[i, c], FAR_M), min(s.path_clyde[i, c], FAR_M)
     if s.kind[i, c] == HOLD:
         other = min(clyde_m, FAR_M)
@@ -201,6 +204,7 @@ def _describe_meeting(m, f):  # type: ignore[no-untyped-def]
     f[CandidateColumn.TURN_COSINE] = m[prediction.TURN_COSINE]
     f[CandidateColumn.TOWARDS_CLYDE] = m[prediction.TOWARDS_CLYDE]
     f[CandidateColumn.STANDING_CLEARANCE] = min(m[prediction.STANDING], 10.0) / 3.0
+    f[CandidateColumn.START] = min(m[prediction.START_S] / 5.0, MOST)
 
 
 @kernel
@@ -252,7 +256,7 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
     for i in range(first, last):
         wanted = a.wanted[i]
         level = level_arrays(a.seen.levels[s.level[i]])
-        prediction.meet(s, level, i, wanted, request.robot_speed, room, True, meetings)
+        prediction.meet(s, level, i, wanted, request, room, True, meetings)
         coming = outlook.coming(s, i)
         if coming > 0:
             if level.later[COARSE_MAP] == 0:

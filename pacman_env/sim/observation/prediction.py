@@ -14,6 +14,7 @@ from ...engine.arrays import Array, Table, arrays_by_address
 from ...engine.jit import kernel, prefetch
 from ...engine.native import address_of
 from ...engine.simd import WIDTH, all_of, load, lower, minus, plus, roots, store, times, where_below
+from ...world.navigation.controller import START_FIELDS, start_s, start_values
 from ...world.navigation.grid import cell_of
 from ...world.navigation.paths import ARRIVED, LENGTHS, NO_WAY, TILE, coarse_step, tile_index
 from ..maps.level import COARSE_STEPS, level_arrays, steps_of_level
@@ -25,8 +26,6 @@ NEAR_M, WIDE_M, SOON_S = 0.45, 0.8, 5.0
 _SOON = round(SOON_S / STEP_S)  # instants
 _FIRST_M = 0.4  # length of the start of a path that decides its direction
 _SHARPNESS = 4.0  # rate at which the weight of a path falls with the angle to the ghost's last motion
-_FREE_TURN = 0.7  # rad off the path that the robot turns while driving (world/navigation/controller.py)
-_TURN_RADPS = 1.2  # turning on the spot, including starting and stopping
 _FAR_M = 10.0  # distance of a ghost that cannot move in this part of the map
 _AHEAD = 3  # instants written per coarse step, usually enough (saves 11 % of the time for 64 games)
 REQUEST = np.dtype(
@@ -36,6 +35,7 @@ REQUEST = np.dtype(
         ("ghosts", np.int64),
         ("goals", np.int64),  # largest number on any level
         ("robot_speed", np.float64),  # m/s
+        *START_FIELDS,
     ]
 )
 
@@ -48,23 +48,24 @@ class SeenArrays(NamedTuple):
 
 class _EncounterArrays(NamedTuple):
     seen: Any = SeenArrays
-    result: Any = Array(np.float32, "N C 8")
+    result: Any = Array(np.float32, "N C 9")
 
 
 _arrays, _situation = arrays_by_address(_EncounterArrays), LAYOUT.arrays
 _BLOCK = (STEPS + _AHEAD) * WIDTH  # size of a block of WIDTH walkers: all walkers of an instant, then the next instant
 
 #: Columns of :func:`encounters`.
-CAUGHT_SOON, CAUGHT, APPROACHED, CLOSEST_MEAN, CLOSEST, TURN_COSINE, TOWARDS_CLYDE, STANDING = range(8)
-COLUMNS = 8
+CAUGHT_SOON, CAUGHT, APPROACHED, CLOSEST_MEAN, CLOSEST, TURN_COSINE, TOWARDS_CLYDE, STANDING, START_S = range(9)
+COLUMNS = 9
 
 
 def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float32]:
-    """Return how near the nearest ghost may come on the path to each candidate within 10 s, (N, C, 8) float32.
+    """Return how near the nearest ghost may come on the path to each candidate within 10 s, (N, C, 9) float32.
 
     Columns: probability of a distance below 0.45 m within 5 s, within 10 s, and below 0.8 m within 10 s; smallest
     distance in m, as mean over the ghost's paths and as minimum; cosine between the start of the robot's path and its
-    heading, and the ghost's direction; smallest distance in m if the ghost stands. Rows of masked candidates are 0.
+    heading, and the ghost's direction; smallest distance in m if the ghost stands; how long the robot needs to turn to
+    the path and to speed up, s. Rows of masked candidates are 0.
     """
     result = np.empty((*situation.mask.shape, COLUMNS), dtype=np.float32)
     table = Table(_EncounterArrays, seen=seen_arrays(situation, robot_speed_mps), result=result)
@@ -77,7 +78,8 @@ def seen_arrays(situation: Situation, robot_speed_mps: float) -> SeenArrays:
     for level in maps.levels(situation.level):
         level.add_coarse_steps()
     block, *lengths = situation.block()
-    request = np.array([(*lengths, maps.most_goals, robot_speed_mps)], dtype=REQUEST)
+    values = (*lengths, maps.most_goals, robot_speed_mps, *start_values(maps.config))
+    request = np.array([values], dtype=REQUEST)
     return SeenArrays(block, maps.addresses, request)
 
 
@@ -196,24 +198,24 @@ def _ghost_paths(steps, across, ghost, stretch, first, goals, walkers, paths):  
 
 
 @kernel
-def _first_stretch(steps, across, start, cell, heading, clyde, goal, result):  # type: ignore[no-untyped-def]
-    """Write the direction of the start of the robot's path to a goal, and return how long the robot turns first, s."""
+def _first_stretch(steps, across, start, cell, heading, v, clyde, goal, request, result):  # type: ignore[no-untyped-def]
+    """Write direction and delay of the start of the robot's path to a goal; ``v`` is its speed, m/s."""
     column, row = cell
     for _ in range(2):
         code = steps[tile_index(column, row, across), goal]
         if code == NO_WAY:
-            return 0.0
+            return
         columns, rows = coarse_step(code)
         column, row = column + columns, row + rows
     dx, dy = column + 0.5 - start[0], row + 0.5 - start[1]
     d = math.sqrt(dx * dx + dy * dy)
     if d <= 1.0:
-        return 0.0
+        return
     cx, cy = clyde[0] - start[0], clyde[1] - start[1]
     along, across = dx * heading[0] + dy * heading[1], dx * heading[1] - dy * heading[0]
     result[TURN_COSINE] = along / d
     result[TOWARDS_CLYDE] = (dx * cx + dy * cy) / (d * max(math.sqrt(cx * cx + cy * cy), 1e-6))
-    return max(math.atan2(abs(across), along) - _FREE_TURN, 0.0) / _TURN_RADPS
+    result[START_S] = start_s(math.atan2(abs(across), along), v / request.robot_speed, request)
 
 
 @kernel
@@ -350,13 +352,14 @@ def _meet_ghost(s, level, i, k, room, count, result):  # type: ignore[no-untyped
 
 
 @kernel
-def meet(s, level, i, wanted, speed, room, every, result):  # type: ignore[no-untyped-def]
+def meet(s, level, i, wanted, request, room, every, result):  # type: ignore[no-untyped-def]
     """Write ``result`` (C, COLUMNS), the encounters of situation i with the nearest ghost, or with ``every`` ghost.
 
-    Rows of candidates outside the mask ``wanted`` (C,) are 0; ``speed`` is the robot's in m/s. With several ghosts,
+    Rows of candidates outside the mask ``wanted`` (C,) are 0; ``request`` is a ``REQUEST``. With several ghosts,
     probabilities refer to at least one ghost coming near, and CLOSEST_MEAN is the smallest of their means.
     """
     _, own, walkers, _ = room
+    speed = request.robot_speed
     affine, (steps, across) = level.affine, _steps(level)
     per_m = math.sqrt(affine[0] ** 2 + affine[3] ** 2)  # cells
     place = _in_cells(affine, s.clyde[i, 0], s.clyde[i, 1])
@@ -372,8 +375,9 @@ def meet(s, level, i, wanted, speed, room, every, result):  # type: ignore[no-un
         goal = s.goal[i, c]
         starts[count, 0], starts[count, 1], starts[count, 2] = robot[0], robot[1], np.inf
         if goal >= 0:
-            turning = _first_stretch(steps, across, robot, cell, heading, place, goal, result[c])
-            starts[count, 2] = turning * speed * per_m
+            v = s.robot_velocity[i, 0]
+            _first_stretch(steps, across, robot, cell, heading, v, place, goal, request, result[c])
+            starts[count, 2] = result[c, START_S] * speed * per_m
         walkers.cells[count, 0], walkers.cells[count, 1] = cell
         walkers.targets[count] = goal
         own.candidates[count] = c
@@ -393,5 +397,5 @@ def _encounters(table, first, last):  # type: ignore[no-untyped-def]
     room = room_to_meet(a.seen.request[0].goals, a.result.shape[1])
     for i in range(first, last):
         level = level_arrays(a.seen.levels[s.level[i]])
-        meet(s, level, i, s.mask[i], a.seen.request[0].robot_speed, room, False, a.result[i])
+        meet(s, level, i, s.mask[i], a.seen.request[0], room, False, a.result[i])
     return 0

@@ -13,6 +13,7 @@ from pacman_env.sim import behaviour_kernels
 from pacman_env.sim.coarse import model
 from pacman_env.sim.coarse.model import NOWHERE, Lags, choose, lead_m, play, step
 from pacman_env.sim.coarse.start import CoarseStart, draw_futures
+from pacman_env.world.navigation.controller import start_s
 from tests.sim.coarse.games import at_once, config_of, lengths_of, situation_of, slowly, started
 
 
@@ -133,7 +134,7 @@ def test_drive_takes_path_over_speed_plus_lags() -> None:
             continue
         speed = lags.speed_share * config.robot.speed_mps
         least = (length - config.nav2.goal_tolerance_m - 0.3) / speed
-        most = length / speed + lags.start_s + math.pi / lags.turn_radps + 2 * lags.step_s
+        most = length / speed + lags.start_s + start_s(math.pi, 0.0, game.model.rules[0]) + 2 * lags.step_s
         assert least <= game.robot["time_s"][0] <= most
         assert game.robot["reached"][0]
 

@@ -25,7 +25,7 @@ from pacman_env.sim.observation.situation import Situation
 from pacman_env.world.navigation.paths import AT_GOAL, NO_STEP
 from tests.sim.players import played
 
-CONFIG = make_config(**{"execution.death_radius_m": 1e-6})
+CONFIG = make_config("robot_0_15", **{"execution.death_radius_m": 1e-6})
 SPEED = 0.25
 
 
