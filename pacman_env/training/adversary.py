@@ -254,7 +254,7 @@ def starting_model(arguments: AdversaryArguments, executor: Executor) -> tuple[P
 
 def _games(arguments: AdversaryArguments, side: int, ghost: str = WANDER) -> GameArguments:
     """Return the arguments of a side's games and training; ``ghost`` is the behaviour of the planner's opponent."""
-    hyper = load_hyperparameters(FOLDER / "PacManBot-v0.yaml", "headline")
+    hyper = load_hyperparameters(FOLDER / "PacManBot-v1.yaml", "headline")
     if side == _CLYDE:
         games, decisions, rate = arguments.clyde_games, arguments.clyde_decisions, arguments.clyde_learning_rate
     else:

@@ -27,7 +27,15 @@ from pacman_env.sb3 import Observation, PacManBotVecEnv
 from pacman_env.sim.maps.level_source import WIDE
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, planner_features
 from pacman_env.training.arguments import Arguments
-from pacman_env.training.lineups import LEARNED, SUB_BATCHES, behaviours, make_teacher, speeds, sub_batches
+from pacman_env.training.lineups import (
+    LEARNED,
+    SUB_BATCHES,
+    behaviours,
+    make_teacher,
+    power_pellets,
+    speeds,
+    sub_batches,
+)
 
 CLYDE = GHOST_NAMES[0]
 _CHASE = BehaviourOpponent("chase")
@@ -64,10 +72,11 @@ def game_settings(arguments: Arguments) -> dict[str, Any]:
     }
 
 
-def lineup_speeds(arguments: Arguments, lineup: str, fastest_mps: float | None = None) -> tuple[float, float]:
-    """Return the range of speeds of a line-up's ghosts, m/s, capped at ``fastest_mps``."""
+def lineup_settings(arguments: Arguments, lineup: str, fastest_mps: float | None = None) -> dict[str, Any]:
+    """Return the power pellets and the range of the ghosts' speeds of a line-up, capped at ``fastest_mps``."""
     low, high = speeds(lineup) or arguments.hyper.clyde_speed
-    return low, high if fastest_mps is None else max(low, min(high, fastest_mps))
+    highest = high if fastest_mps is None else max(low, min(high, fastest_mps))
+    return {"randomize.clyde_speed_mps": (low, highest), "power.pellets": power_pellets(lineup)}
 
 
 def clyde_limit(arguments: Arguments, segment: int) -> float | None:
@@ -229,7 +238,7 @@ def make_parts(
             old, left[lineup] = own_again[: len(played) // 2], own_again[len(played) // 2 :]
             played[: len(old)] = old
         own: dict[str, Any] = {"pellets.spacing_m": WIDE * PelletConfig().spacing_m} if wide else {}
-        own |= {"randomize.clyde_speed_mps": lineup_speeds(arguments, lineup, fastest_mps)}
+        own |= lineup_settings(arguments, lineup, fastest_mps)
         environment = {
             "map": f"generated:{'wide:' * wide}{','.join(map(str, played))}",
             "preset": arguments.preset,

@@ -20,7 +20,7 @@ from pacman_env.sim.maps.level import Level
 from pacman_env.sim.maps.level_source import TEST_LEVEL, GeneratedMaps
 from pacman_env.training.arguments import Arguments
 from pacman_env.training.fragments import use_device
-from pacman_env.training.games import VALIDATION_LEVEL, game_config, lineup_speeds
+from pacman_env.training.games import VALIDATION_LEVEL, game_config, lineup_settings
 from pacman_env.training.lineups import LEARNED, behaviours
 
 _HELD_OUT = 128  # number of levels for validation, and for the report
@@ -99,7 +99,7 @@ class HeldOut:
             changes: dict[str, Any] = {
                 "clyde.ghosts": tuple(POLICY if k in ghosts else name for k, name in enumerate(names))
             }
-            changes |= {"randomize.clyde_speed_mps": lineup_speeds(self._arguments, lineup)}
+            changes |= lineup_settings(self._arguments, lineup)
             config = self._config.with_fields(**changes)
             seeds = self.seeds[rows]
             for k in range(0, len(seeds), _ROUNDS):

@@ -2,7 +2,7 @@
 
 The first behaviour of a line-up is Clyde's, the second Blinky's, and so on. A member of the league (``league.py``)
 moves the ghosts called ``learned``. After ``@`` follow their lowest and highest speed, m/s, if they differ from the
-training's. A line-up that is listed twice has twice the share of the games.
+training's, and after ``+`` the number of power pellets. A line-up that is listed twice has twice the share of the games.
 """
 
 import math
@@ -16,37 +16,50 @@ from pacman_env.policies.registry import make_policy
 
 LEARNED = "learned"  # behaviour of ghosts that a member of the league moves
 RULE = "lookahead"  # teacher if all ghosts wander, otherwise the base of ``search``
-_SPEEDS = "@"
+_SPEEDS, _POWER = "@", "+"
 _FUTURES = 1  # sampled futures of wandering ghosts among others, in the teacher's search
 #: Segments that the search needs for a decision.
 LEAST_NODES = SearchParameters(samples=_FUTURES).least_nodes
 SUB_BATCHES = 4  # per segment; with several line-ups at least, if they can be divided so
 
 
+def _parts(lineup: str) -> tuple[str, str, str]:
+    """Return the text of the ghosts, of their speeds and of the number of power pellets; empty: not given."""
+    ghosts, _, power = lineup.partition(_POWER)
+    ghosts, _, speeds = ghosts.partition(_SPEEDS)
+    return ghosts, speeds, power
+
+
 def behaviours(lineup: str) -> tuple[str, ...]:
     """Return the behaviour of each ghost, Clyde first."""
-    return tuple(lineup.partition(_SPEEDS)[0].split(","))
+    return tuple(_parts(lineup)[0].split(","))
 
 
 def speeds(lineup: str) -> tuple[float, float] | None:
     """Return the lowest and highest speed of the ghosts, m/s; None: the speeds of the training."""
-    _, given, text = lineup.partition(_SPEEDS)
-    if not given:
+    text = _parts(lineup)[1]
+    if not text:
         return None
     low, _, high = text.partition("-")
     return float(low), float(high)
 
 
+def power_pellets(lineup: str) -> int:
+    return int(_parts(lineup)[2] or 0)
+
+
 def checked(lineup: str, name: str) -> str:
     """Return the line-up without spaces; raises ConfigError, with the field ``name``, for an invalid line-up."""
-    ghosts, given, text = lineup.partition(_SPEEDS)
+    lineup = lineup.replace(" ", "")
     try:
         low, high = speeds(lineup) or (0.0, 1.0)
-        fits = math.isfinite(high) and 0 <= low < high
+        fits = math.isfinite(high) and 0 <= low < high and power_pellets(lineup) >= 0
+        fits &= lineup[-1:] not in (_SPEEDS, _POWER) and _SPEEDS + _POWER not in lineup
     except ValueError:
         fits = False
-    require(fits, name, lineup, f"after {_SPEEDS} must be a lowest and a highest speed, m/s, such as 0.1-0.3")
-    each = [one.strip() for one in ghosts.split(",")]
+    rule = f"lowest and highest speed, m/s, follow {_SPEEDS}, the number of power pellets {_POWER}: chase@0.1-0.3+4"
+    require(fits, name, lineup, rule)
+    each = behaviours(lineup)
     require(all(each), name, lineup, "must be behaviours separated by commas")
     require(len(each) <= len(GHOST_NAMES), name, lineup, f"must be at most {len(GHOST_NAMES)} behaviours")
     for one in each:
@@ -55,7 +68,7 @@ def checked(lineup: str, name: str) -> str:
         with located(f"{name} = {lineup!r}"):
             behaviour = find_behaviour(one)
         require(behaviour.target is not None, name, lineup, f"{one!r} is for a ghost that is sent from outside")
-    return ",".join(each) + given + text.replace(" ", "")
+    return lineup
 
 
 def searches(lineup: str) -> bool:

@@ -64,7 +64,7 @@ def _sections() -> argparse.ArgumentParser:
     """Return a parser of the options that select the defaults of the others."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--quick", action="store_true", help="one to two minutes on two cores")
-    file = FOLDER / "PacManBot-v0.yaml"
+    file = FOLDER / "PacManBot-v1.yaml"
     parser.add_argument("--config", type=Path, default=file, help=f"hyperparameters ({file.name})")
     add_executor_arguments(parser)
     return parser

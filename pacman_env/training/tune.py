@@ -49,7 +49,7 @@ class Study(Checked):
 
     out: Path = Path("results/tune")
     """Folder of the study: trials.jsonl, best.yaml, a training run per trial."""
-    config: Path = FOLDER / "PacManBot-v0.yaml"
+    config: Path = FOLDER / "PacManBot-v1.yaml"
     """Hyperparameters to start from; values that are not searched stay unchanged."""
     section: str = "headline"
     trials: AtLeastOne = 30

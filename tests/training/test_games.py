@@ -21,7 +21,7 @@ from pacman_env.training.games import (
     clyde_limit,
     dropped,
     game_config,
-    lineup_speeds,
+    lineup_settings,
     make_parts,
 )
 from pacman_env.training.train import parse
@@ -91,9 +91,10 @@ def test_curriculum_raises_ghost_speed_to_the_maximum() -> None:
     assert limits[4:] == [pytest.approx(high)] * 6
     assert clyde_limit(tiny(), 0) is None
     assert clyde_limit(tiny(curriculum=True, decisions=64), 0) == pytest.approx(high)
-    found = [lineup_speeds(arguments, "wander", limit) for limit in (limits[0], None, 9.0, 0.01)]
+    speeds = "randomize.clyde_speed_mps"
+    found = [lineup_settings(arguments, "wander", limit)[speeds] for limit in (limits[0], None, 9.0, 0.01)]
     assert found == [(low, limits[0]), (low, high), (low, high), (low, low)]
-    assert lineup_speeds(arguments, "chase@0.1-0.3", 0.2) == (0.1, 0.2)
+    assert lineup_settings(arguments, "chase@0.1-0.3+4", 0.2) == {speeds: (0.1, 0.2), "power.pellets": 4}
 
 
 def test_lineup_with_own_speeds_uses_them() -> None:

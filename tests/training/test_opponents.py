@@ -21,7 +21,7 @@ from pacman_env.training.held_out import HeldOut
 from pacman_env.training.lineups import LEARNED
 
 GAMES = 16
-ARGUMENTS = Arguments(hyper=load_hyperparameters(FOLDER / "PacManBot-v0.yaml", "headline"))
+ARGUMENTS = Arguments(hyper=load_hyperparameters(FOLDER / "PacManBot-v1.yaml", "headline"))
 SEEDS = np.random.default_rng(0).integers(2**63, size=20_000, dtype=np.uint64)
 
 
