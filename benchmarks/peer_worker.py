@@ -39,7 +39,7 @@ def ours(map_source: str) -> list[Task]:
 
     from pacman_env.config import make_config
 
-    name = "pacman_env/PacManBotFlat-v0"
+    name = "pacman_env/PacManBotFlat-v1"
     kind: dict[str, Any] = {"map": map_source, "settings": {"decisions.when": "tick"}}
     config, space = make_config(), gym.make(name, **kind).observation_space
     tick_s, step_s = config.execution.tick_s, config.physics_step_s
@@ -57,7 +57,7 @@ def ours(map_source: str) -> list[Task]:
         f"{round(tick_s / step_s)} Chipmunk steps of a robot among walls, navigation and localization as on the robot, "
         f"Clyde without a body; {numbers} numbers, the planner's features among them"
     )
-    return [Task("PacManBotFlat-v0", tick_s, description, BATCHES, False, make)]
+    return [Task("PacManBotFlat-v1", tick_s, description, BATCHES, False, make)]
 
 
 def of_envpool(_: str) -> list[Task]:

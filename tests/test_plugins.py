@@ -145,7 +145,7 @@ def test_example_plugin_plays_in_pettingzoo(example: None) -> None:
 
 
 def test_example_policy_plays_a_ghost(example: None) -> None:
-    env = gym.make("pacman_env/PacManBot-v0", ghosts=["wander", make_policy("shy")], settings=QUICK)
+    env = gym.make("pacman_env/PacManBot-v1", ghosts=["wander", make_policy("shy")], settings=QUICK)
     env.reset(seed=0)
     for _ in range(10):
         env.step(0)

@@ -151,7 +151,7 @@ def _robot() -> None:
 
 #: Parts by their printed name.
 PARTS: dict[str, Callable[[], None]] = {
-    "PacManBotFlat-v0": partial(_play, flat=True),
+    "PacManBotFlat-v1": partial(_play, flat=True),
     "all arguments": _every_argument,
     "generated houses": partial(_play, {**_SHORT, "num_levels": 1}, map="generated"),
     "two players": _two_players,

@@ -123,7 +123,7 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
 
     ## Arguments
     ```python
-    gymnasium.make("pacman_env/PacManBot-v0", map="house", preset="robot",
+    gymnasium.make("pacman_env/PacManBot-v1", map="house", preset="robot",
                    settings={"clyde.speed_mps": 0.35}, render_mode="rgb_array")
     ```
     - `map`: a shipped map's name, a map_server YAML file, an `OccupancyMap`; `"generated"` or `"generated:test"`: one
@@ -139,7 +139,7 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
       custom preset.
     - `settings`: any fields of the configuration by dotted name, or a whole `Config`.
     - `render_mode`: `"rgb_array"`, or `"human"` for a window.
-    - `flat`: use the settings of `pacman_env/PacManBotFlat-v0`; your own settings override them.
+    - `flat`: use the settings of `pacman_env/PacManBotFlat-v1`; your own settings override them.
     - `defaults`: settings with lower priority than `settings`; ids of variants use them (`docs/environments/ids.md`).
 
     ## Settings
@@ -159,7 +159,7 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     replays the round from its seed and decisions, and continues exactly like the original.
 
     ## Version History
-    - v0: first version. `pacman_env/PacManBotFlat-v0` is the same game with `flat=True`.
+    - v0: first version. `pacman_env/PacManBotFlat-v1` is the same game with `flat=True`.
     - 0.13.0 changed the planner features, and with them the observation of PacManBotFlat and its variants (except
       PacManBotFlatVelocity) from 179 to 274 numbers, without a new version in the id: older models cannot be used. The
       next change of this kind gets a new version (`docs/environments/ids.md`).

@@ -23,9 +23,9 @@ class Registered(NamedTuple):
     several: dict[str, Any] | None = {}  # noqa: RUF012
 
 
-ENV_ID = "pacman_env/PacManBot-v0"
+ENV_ID = "pacman_env/PacManBot-v1"
 #: The same game for stock learners: with ``flat=True``.
-FLAT_ID = "pacman_env/PacManBotFlat-v0"
+FLAT_ID = "pacman_env/PacManBotFlat-v1"
 _GENERATED, _ENDLESS, _FOUR = {"map": "generated"}, {"defaults": {"endless": True}}, {"ghosts": ("policy",) * 4}
 _ARCADE = {"preset": "arcade"}
 #: Stock PPO learns to drive with these (train/hyperparameters/baselines.yaml).
@@ -38,20 +38,20 @@ _DRIVING = {
 #: Every id. Variants differ by name; docs/environments/ids.md says when the number counts up.
 IDS = {
     ENV_ID: Registered("the robot's game on one map: every 0.5 s the agent names the goal to drive to"),
-    "pacman_env/PacManBotGenerated-v0": Registered(
+    "pacman_env/PacManBotGenerated-v1": Registered(
         "the robot's game in a new generated house for every episode", _GENERATED, _GENERATED
     ),
-    "pacman_env/PacManBotEndless-v0": Registered(
+    "pacman_env/PacManBotEndless-v1": Registered(
         "the robot's game without end: a completed round is followed by the next, Clyde faster each time",
         _ENDLESS,
         _ENDLESS,
     ),
-    "pacman_env/PacManBotVelocity-v0": Registered(
+    "pacman_env/PacManBotVelocity-v1": Registered(
         "the agent drives the robot itself: v in m/s and omega in rad/s, without a navigator",
         {"action": "velocity"},
         {"action": "velocity"},
     ),
-    "pacman_env/PacManBotGhosts-v0": Registered(
+    "pacman_env/PacManBotGhosts-v1": Registered(
         "four ghosts that come for the robot and turn to their corners when they are near, as the arcade's Clyde does",
         {"ghosts": ("arcade",) * 4},
         _FOUR,
@@ -61,32 +61,32 @@ IDS = {
         {"flat": True},
         {"flat": True},
     ),
-    "pacman_env/PacManBotFlatGenerated-v0": Registered(
+    "pacman_env/PacManBotFlatGenerated-v1": Registered(
         "for stock learners, in a new generated house for every episode",
         {"flat": True, **_GENERATED},
         {"flat": True, **_GENERATED},
     ),
-    "pacman_env/PacManBotFlatEndless-v0": Registered(
+    "pacman_env/PacManBotFlatEndless-v1": Registered(
         "for stock learners, without end: Clyde is faster after each completed round",
         {"flat": True, **_ENDLESS},
         {"flat": True, **_ENDLESS},
     ),
-    "pacman_env/PacManBotFlatVelocity-v0": Registered(
+    "pacman_env/PacManBotFlatVelocity-v1": Registered(
         "for stock learners that drive: v and omega in [-1, 1] from one array of lidar ranges and bearings",
         {"flat": True, "action": "velocity", "observation": ("scan", "flat"), "defaults": _DRIVING},
         None,  # its agents would have spaces of different shapes
     ),
-    "pacman_env/PacManBotFlatGhosts-v0": Registered(
+    "pacman_env/PacManBotFlatGhosts-v1": Registered(
         "for stock learners, with four ghosts that come for the robot as the arcade's Clyde does",
         {"flat": True, "ghosts": ("arcade",) * 4},
         {"flat": True, **_FOUR},
     ),
-    "pacman_env/PacManBotArcade-v0": Registered(
+    "pacman_env/PacManBotArcade-v1": Registered(
         "four power pellets, four ghosts of three kinds: a frightened ghost flees and can be caught",
         _ARCADE,
         {**_ARCADE, **_FOUR},
     ),
-    "pacman_env/PacManBotFlatArcade-v0": Registered(
+    "pacman_env/PacManBotFlatArcade-v1": Registered(
         "for stock learners, with power pellets and four ghosts of three kinds",
         {"flat": True, **_ARCADE},
         {"flat": True, **_ARCADE, **_FOUR},

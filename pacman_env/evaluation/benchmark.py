@@ -62,7 +62,7 @@ class BenchmarkRow:
         return f"{self.env}{more}, {self.made}, N = {self.games}, {self.policy}"
 
 
-_BOT, _FLAT, _GENERATED = "PacManBot-v0", "PacManBotFlat-v0", "PacManBotFlatGenerated-v0"
+_BOT, _FLAT, _GENERATED = "PacManBot-v1", "PacManBotFlat-v1", "PacManBotFlatGenerated-v1"
 ROWS = (
     BenchmarkRow(_BOT, "make", 1),
     BenchmarkRow(_BOT, "make_vec", 64),

@@ -62,5 +62,5 @@ def test_versions_are_measured_in_turns_by_one_program(
 
 
 def test_current_program_measures_every_compared_row() -> None:
-    found = measure(ROOT, "--map", "loop", "--seconds", "0.01", "--only", "PacManBot-v0, make, N = 1")
-    assert set(ratios([found], [found])) == {"bare Chipmunk, 64 bodies", "PacManBot-v0, make, N = 1, random"}
+    found = measure(ROOT, "--map", "loop", "--seconds", "0.01", "--only", "PacManBot-v1, make, N = 1")
+    assert set(ratios([found], [found])) == {"bare Chipmunk, 64 bodies", "PacManBot-v1, make, N = 1, random"}

@@ -23,7 +23,7 @@ def test_reference_lists_every_public_name_once() -> None:
 
 def test_flat_row_columns_match_documented_indices() -> None:
     env = PacManBotEnv(flat=True)
-    text = ids.page("pacman_env/PacManBotFlat-v0", env)
+    text = ids.page("pacman_env/PacManBotFlat-v1", env)
     assert "| 0 to 223 | `planner_candidates` | (7, 32) |" in text
     assert "| 224 to 273 | `planner_globals` | (50,) |" in text
     assert env.observation_space.shape == (274,)
@@ -34,7 +34,7 @@ def test_flat_row_columns_match_documented_indices() -> None:
 
 @pytest.mark.parametrize("name", ["Rewards", "Episode End", "Arguments", "Version History"])
 def test_docstring_sections_link_to_pages(name: str) -> None:
-    section = ids.sections("pacman_env/PacManBot-v0")[name]
+    section = ids.sections("pacman_env/PacManBot-v1")[name]
     assert section
     assert "`docs/" not in section
 

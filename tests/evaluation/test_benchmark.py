@@ -57,7 +57,7 @@ def test_reset_only_steps_are_not_counted_as_decisions(
     made: str, decisions: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     games = 1 if made == "make" else 4
-    player = BenchmarkPlayer(BenchmarkRow("PacManBot-v0", made, games, arguments={"max_episode_steps": 1}), "loop")
+    player = BenchmarkPlayer(BenchmarkRow("PacManBot-v1", made, games, arguments={"max_episode_steps": 1}), "loop")
     ticks = itertools.count()
     monkeypatch.setattr(benchmark.time, "process_time", lambda: float(next(ticks)))  # each step takes a second
     assert player.rates(4.0) == (decisions / 4, 0.5 * decisions / 4)
@@ -67,7 +67,7 @@ def test_rows_without_their_library_are_skipped(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.delitem(sys.modules, "pacman_env.sb3", raising=False)
     for name in ("stable_baselines3", *(one for one in sys.modules if one.startswith("stable_baselines3."))):
         monkeypatch.setitem(sys.modules, name, None)
-    rows = [BenchmarkRow("PacManBot-v0", "sb3", 2), BenchmarkRow("PacManBot-v0", "make", 1)]
+    rows = [BenchmarkRow("PacManBot-v1", "sb3", 2), BenchmarkRow("PacManBot-v1", "make", 1)]
     figures = measured(rows, "loop", 1, 0.0)
     assert "stable_baselines3" in figures[rows[0].name]["skipped"]
     assert figures[rows[1].name]["decisions_per_s"] > 0

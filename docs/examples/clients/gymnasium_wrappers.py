@@ -1,4 +1,4 @@
-"""Gymnasium's wrappers: each on PacManBot-v0 (a ``Dict``) and PacManBotFlat-v0 (one array), single and vector.
+"""Gymnasium's wrappers: each on PacManBot-v1 (a ``Dict``) and PacManBotFlat-v1 (one array), single and vector.
 
 A row of ``SINGLE`` and ``VECTOR`` states with which arguments of ``gym.make`` or ``gym.make_vec`` a wrapper works.
 """
@@ -19,7 +19,7 @@ from gymnasium.wrappers import vector
 
 import pacman_env  # noqa: F401 - registers the environments
 
-ROBOT, FLAT = "pacman_env/PacManBot-v0", "pacman_env/PacManBotFlat-v0"
+ROBOT, FLAT = "pacman_env/PacManBot-v1", "pacman_env/PacManBotFlat-v1"
 
 
 class Row(NamedTuple):

@@ -97,7 +97,7 @@ def test_pandas_reads_rows_for_decisions_and_rounds(folder: Path, played: Any) -
 
 
 def test_observation_arrays_become_groups_and_columns(tmp_path: Path) -> None:
-    more = ["--id", "PacManBot-v0", "--observation", "features", "grid", "--episodes", "2"]
+    more = ["--id", "PacManBot-v1", "--observation", "features", "grid", "--episodes", "2"]
     there = written(tmp_path, *more)
     data = minari.MinariDataset(there / "data")
     (first, _) = data
@@ -167,7 +167,7 @@ def test_environment_of_map_file_is_recovered(tmp_path: Path) -> None:
     spaces = core.observation_space, core.action_space
     facts = {"dataset_id": NAME, "algorithm_name": "nearest"}
     with minari_files.MinariFiles(
-        tmp_path, minari_files.spec_of("pacman_env/PacManBot-v0", arguments), spaces, facts
+        tmp_path, minari_files.spec_of("pacman_env/PacManBot-v1", arguments), spaces, facts
     ) as files:
         files.write(record(Recording("nearest", EnvArguments(**arguments), round_seeds(0, 1))))
     env = minari.MinariDataset(tmp_path / "data").recover_environment()

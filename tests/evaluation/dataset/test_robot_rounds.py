@@ -65,7 +65,7 @@ def test_round_of_robot_nodes_becomes_one_episode(
 
 
 def test_recorded_round_yields_other_observation_kinds(recorded: tuple[Path, str], tmp_path: Path) -> None:
-    kinds = ["--id", "PacManBot-v0", "--observation", "features", "planner"]
+    kinds = ["--id", "PacManBot-v1", "--observation", "features", "planner"]
     folder = written(tmp_path, *recorded, "--format", "parquet", *kinds)
     keys = {"observation.robot", "observation.candidates", "observation.planner_globals"}
     assert keys <= set(pandas.read_parquet(folder / "decisions.parquet").columns)
@@ -87,7 +87,7 @@ def test_unsuitable_rounds_are_refused(
 ) -> None:
     bag, ground = recorded
     without(bag, tmp_path / "foreign", topics.SCORES)
-    scan = ["--id", "PacManBot-v0", "--observation", "scan"]
+    scan = ["--id", "PacManBot-v1", "--observation", "scan"]
     only = "of a robot's rounds there are only features, planner, power, bearings"
     for words, message in (
         (["--map", ground, "--bags", str(tmp_path / "foreign")], "the choices of its goal selector"),
