@@ -25,7 +25,7 @@ START_FIELDS = [(name, np.float64) for name in ("free_turn", "turn_radps", "spee
 
 
 def start_values(config: Config) -> tuple[float, float, float, float]:
-    """Return the turn that costs nothing (rad), the rate of the rest (rad/s), the cost of speeding up and of all else (s).
+    """Return a turn that costs nothing (rad), the rate of the rest (rad/s), the costs of speeding up and of all else (s).
 
     Those of MPPI hold within 0.6 s for the simulated one on open floor.
     """
