@@ -2,7 +2,7 @@
 
 The first behaviour of a line-up is Clyde's, the second Blinky's, and so on. A member of the league (``league.py``)
 moves the ghosts called ``learned``. After ``@`` follow their lowest and highest speed, m/s, if they differ from the
-training's, and after ``+`` the number of power pellets. A line-up that is listed twice has twice the share of the games.
+training's, and after ``+`` the number of power pellets. A line-up listed twice has twice the share of the games.
 """
 
 import math

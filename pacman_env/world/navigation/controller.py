@@ -25,7 +25,7 @@ START_FIELDS = [(name, np.float64) for name in ("free_turn", "turn_radps", "spee
 
 
 def start_values(config: Config) -> tuple[float, float, float, float]:
-    """Return a turn that costs nothing (rad), the rate of the rest (rad/s), the costs of speeding up and of all else (s).
+    """Return a turn that costs nothing, rad, the rate of the rest, rad/s, and the costs of speeding up and of all else.
 
     Those of MPPI hold within 0.6 s for the simulated one on open floor.
     """
@@ -140,7 +140,7 @@ def _next_velocity(g, v, w, p):  # type: ignore[no-untyped-def]
     if not p.mppi:
         return v, w
     now, turn = 0.5 * (g.left + g.right), (g.right - g.left) * p.per_base
-    return now + p.mppi_speed_share * (v - now), turn + p.mppi_turn_share * (w - turn)
+    return limit(now + p.mppi_speed_share * (v - now), turn + p.mppi_turn_share * (w - turn), p)
 
 
 @kernel
