@@ -171,10 +171,10 @@ def differences(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tuple[A
     return pairs
 
 
-#: The base's limit: Nav2 drives slower in curves and reaches the logs' 0.256 +- 0.016 m/s between two poses [M]; the
-#: costmaps of config/nav2.yaml.
+#: With this speed the robot drives 0.26 m/s from pose to pose on long ways, as in the logs (0.25 to 0.265) [M]; the
+#: costmaps are those of config/nav2.yaml.
 _ROBOT = {
-    "robot.speed_mps": 0.306,
+    "robot.speed_mps": 0.285,
     "nav2.controller": "mppi",
     "nav2.inflation_radius_m": 0.35,
     "nav2.inflation_scale": 4.0,
