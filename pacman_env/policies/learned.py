@@ -82,8 +82,9 @@ class LearnedPlanner(BasePolicy):
         ``candidates`` (B, C, F) and ``whole`` (B, H) are results of ``planner_features``. Raises PolicyError if the
         network does not run or returns another shape.
         """
-        inputs = {"candidates": candidates[..., self._columns], "globals": whole[:, self._whole_columns], "mask": mask}
         try:
+            own, context = candidates[..., self._columns], whole[:, self._whole_columns]
+            inputs = {"candidates": own, "globals": context, "mask": mask}
             logits, values = self._session.run(list(_OUTPUTS), inputs)
         except Exception as error:  # onnxruntime's errors have no common base class
             raise PolicyError(f"policy {self.name!r}: {self.path} does not run: {error}") from None

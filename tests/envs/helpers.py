@@ -22,6 +22,9 @@ QUICK: dict[str, Any] = {
     "robot.wheel_speed_mps": 2.0,
     "robot.wheel_acceleration_mps2": 3.0,
     "nav2.planner_period_s": 0.5,
+    "nav2.controller": "pure_pursuit",
+    "nav2.inflation_radius_m": 0.22,
+    "nav2.inflation_scale": 2.0,
 }
 
 

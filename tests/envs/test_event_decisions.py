@@ -76,4 +76,4 @@ def test_event_decisions_play_same_game_as_ticks(policy: str, rules: str) -> Non
 
 def test_event_decisions_continue_in_next_rounds() -> None:
     settings = {"endless": True, "time_limit_s": 60.0, "pellets.spacing_m": 3.0, "execution.pickup_radius_m": 2.0}
-    assert play(2, "nearest", map="house", settings=settings)["round"] > 1
+    assert play(2, "nearest", map="house", preset="ideal", settings=settings)["round"] > 1

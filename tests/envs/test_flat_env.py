@@ -40,7 +40,7 @@ def test_spaces_are_same_on_every_map(normalize: bool) -> None:
 
 
 def test_empty_slot_makes_robot_hold_for_one_tick() -> None:
-    env = make()
+    env = make(preset="ideal")
     env.reset(seed=3)
     while env.action_masks().all():
         *_, terminated, truncated, _ = env.step(0)
@@ -52,7 +52,7 @@ def test_empty_slot_makes_robot_hold_for_one_tick() -> None:
 
 @pytest.mark.parametrize("candidates", ["nearest", "all"])
 def test_policy_choices_are_translated_to_actions(candidates: str) -> None:
-    env = make(settings={"observation.candidates": candidates})
+    env = make(preset="ideal", settings={"observation.candidates": candidates})
     policy = make_policy("nearest")
     policy.reset(np.ones(1, dtype=bool), env.config)
     env.reset(seed=3)

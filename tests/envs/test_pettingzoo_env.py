@@ -169,7 +169,7 @@ def test_state_contains_true_game_values_by_name() -> None:
     env.reset(seed=2)
     names, apart, rng, frightened = env.state_names, [], np.random.default_rng(0), False
     assert len(names) == len(set(names)) == env.state_space.shape[0]
-    for k in range(60):
+    for k in range(120):
         actions = actions_of(env, rng) if k % 6 == 0 and env.agents else actions  # noqa: F821
         observations = env.step(actions)[0] if env.agents else env.reset()[0]
         assert env.state_space.contains(env.state())

@@ -21,11 +21,11 @@ from pacman_env.world.maps.occupancy import load_map
 LEVELS = Levels("test", count=2)
 LEVELS_CONFIG = make_config("robot", "robust", time_limit_s=40.0)
 ENDLESS = make_config(
-    "robot",
+    "robot_0_15",
     "robust",
     **{"pellets.spacing_m": 3.0, "time_limit_s": 60.0, "endless": True, "execution.pickup_radius_m": 2.0},
 )
-CONFIG = make_config("robot", "as_built", **{"pellets.spacing_m": 3.0, "time_limit_s": 120.0})
+CONFIG = make_config("robot_0_15", "as_built", **{"pellets.spacing_m": 3.0, "time_limit_s": 120.0})
 
 
 @functools.cache

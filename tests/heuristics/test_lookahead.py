@@ -25,7 +25,7 @@ def test_robot_speed_defaults_to_the_games() -> None:
 
 
 def started(n: int = 20, name: str = "loop", clyde_mps: float = 0.25) -> GameBatch:
-    config = make_config(**{"clyde.speed_mps": clyde_mps})
+    config = make_config("robot_0_15", **{"clyde.speed_mps": clyde_mps})
     batch = GameBatch(map_assets(name, config), config, n)
     batch.reset(np.arange(n), np.arange(n, dtype=np.uint64))
     return batch

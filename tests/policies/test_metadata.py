@@ -114,8 +114,9 @@ def test_missing_or_wrong_field_is_named(field: str, tmp_path: Path) -> None:
     [
         ({"format": 2, "more": 0}, r"format = 2: must be one of \(1,\)"),
         ({"feature_version": VERSION + 1}, f"feature_version = {VERSION + 1}: must be {VERSION}"),
-        ({"candidate_features": list(CANDIDATE_FEATURES[1:])}, "candidate_features = .*: must be .*is_pellet"),
-        ({"dropped_features": ["colour"]}, "dropped_features = 'colour': must be names of candidate features"),
+        ({"candidate_features": ["is_pellet", "colour"]}, "candidate_features = 'colour': must be .*is_pellet"),
+        ({"global_features": ["is_pellet"]}, "global_features = 'is_pellet': must be .*clyde_distance"),
+        ({"dropped_features": ["colour"]}, "dropped_features = 'colour': must be .*is_pellet"),
         ({"robot_speed_mps": 0}, r"robot_speed_mps = 0: Expected `float` > 0"),
         ({"robot_speed_mps": 10**400}, "robot_speed_mps = 10+: Number out of range"),
         ({"metrics": {"completion": float("nan")}}, r"metrics\.completion = nan: must be a finite number"),

@@ -24,7 +24,7 @@ def rooms() -> OccupancyMap:
     return drawn(ROWS, square_m=0.4, origin=ORIGIN)
 
 
-def a_robot(seed: int = 0, *, localized: bool = True, preset: str = "robot", **changes: Any) -> SimulatedRobot:
+def a_robot(seed: int = 0, *, localized: bool = True, preset: str = "robot_0_15", **changes: Any) -> SimulatedRobot:
     return SimulatedRobot(rooms(), make_config(preset, **changes), seed, localized=localized)
 
 

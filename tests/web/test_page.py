@@ -193,7 +193,7 @@ def test_preset_fills_form_but_keeps_changed_settings(visit: Visit) -> None:
     page.page.fill("#settings-search", "power")
     fields["power.return_s"].fill("4")
     fields["power.return_s"].blur()
-    for preset, pellets, speed in (("arcade", "4", "0.256"), ("ideal", "0", "0.306"), ("arcade", "4", "0.256")):
+    for preset, pellets, speed in (("arcade", "4", "0.285"), ("ideal", "0", "0.306"), ("arcade", "4", "0.285")):
         page.page.select_option("#setup-preset", preset)
         ghosts = page.value("[...document.querySelectorAll('#setup-ghosts select')].map(({value}) => value)")
         assert tuple(ghosts) == make_config(preset).clyde.ghosts

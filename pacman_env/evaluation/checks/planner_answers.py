@@ -126,7 +126,7 @@ def read_answers(path: Path) -> tuple[str, Config, dict[str, list[dict[str, Any]
     """Return the planner's name, the configuration, and the answers for each map; raises ValueError for a bad file."""
     try:
         data = json.loads(path.read_text())
-        return str(data["planner"]), make_config("robot", **data["settings"]), dict(data["maps"])
+        return str(data["planner"]), make_config("robot_0_15", **data["settings"]), dict(data["maps"])
     except (KeyError, TypeError, json.JSONDecodeError) as error:
         raise ValueError(f"{path}: not a file of a planner's answers: {error!r}") from error
 

@@ -155,8 +155,13 @@ def compare(folder: Path, config: Config, maps: Path | None = None) -> tuple[str
 
 
 def table(folders: Sequence[Path], config: Config, maps: Path | None = None) -> str:
-    """Return a table: median and 90 % range of recorded and simulated quantities in each folder, and their distance."""
-    lines = ["| map | quantity | goals | recorded | simulated | KS distance |", "|---|---|---|---|---|---|"]
+    """Return a table of recorded and simulated quantities in each folder.
+
+    It has their medians and 90 % ranges, the median of simulated minus recorded over the goals, and the distance of the
+    two distributions.
+    """
+    names = "map", "quantity", "goals", "recorded", "simulated", "difference by goal", "KS distance"
+    lines = [f"| {' | '.join(names)} |", "|" + "---|" * len(names)]
     for folder in folders:
         name, pairs = compare(folder, config, maps)
         lines += [f"| {name} | {line} |" for line in _rows(pairs)]
@@ -173,10 +178,11 @@ def _rows(pairs: Sequence[Pair]) -> Iterator[str]:
         if len(values):
             low, middle, high = np.quantile(values, (0.05, 0.5, 0.95), axis=0)
             shown = [f"{m:.2f} [{a:.2f}, {b:.2f}]" for a, m, b in zip(low, middle, high, strict=True)]
-            yield " | ".join([name, str(len(values)), *shown, f"{_ks_distance(*values.T):.2f}"])
+            difference = f"{np.median(values[:, 1] - values[:, 0]):+.2f}"
+            yield " | ".join([name, str(len(values)), *shown, difference, f"{_ks_distance(*values.T):.2f}"])
     ratios = np.array([driven.ended_s / goal.driven.ended_s for goal, driven in both])
     close = f"{np.mean(np.abs(ratios - 1.0) <= _CLOSE):.0%}" if both else ""
-    yield f"goals within {_CLOSE:.0%} of the recorded time | {len(both)} | | {close} |"
+    yield f"goals within {_CLOSE:.0%} of the recorded time | {len(both)} | | {close} | |"
 
 
 def _ks_distance(one: Any, other: Any) -> float:

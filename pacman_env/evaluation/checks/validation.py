@@ -1,7 +1,7 @@
 """Compare the simulator with the ten real trials and measure the effect of each cause: ``pacman-env validation``.
 
-The reference is the original game: deployed scorer, executor as built, measured speed, AMCL's latched pose, Clyde
-spawning anywhere. Every other row changes a single cause in the same rounds. ``--planner-answers`` compares the
+The reference is the original game: deployed scorer, executor as built, measured speed, AMCL's latched pose, Nav2's
+costmaps of the experiment, Clyde spawning anywhere. Every other row changes a single cause in the same rounds. ``--planner-answers`` compares the
 stand-in's paths with recorded paths of another planner instead, ``--recorded-goals`` its driving with recorded goals.
 """
 
@@ -27,7 +27,12 @@ from pacman_env.sim.maps.assets import map_assets
 #: The ten trials of the milestone: rounds complete, rounds with at most one pellet missing.
 TRIALS, TRIALS_COMPLETE, TRIALS_ALL_BUT_ONE = 10, 3, 6
 
-_ORIGINAL_SPAWN = {"clyde.spawn": "anywhere", "clyde.spawn_distance_m": 0.0}
+_ORIGINAL = {
+    "clyde.spawn": "anywhere",
+    "clyde.spawn_distance_m": 0.0,
+    "nav2.inflation_radius_m": 0.22,
+    "nav2.inflation_scale": 2.0,
+}
 _PREEMPT = {"execution.on_abort": "back_off", "execution.switch": "preempt"}
 
 
@@ -52,6 +57,16 @@ VARIANTS = (
     ValidationVariant("executor", "pre-empt instead of cancel-then-send, back-off", changes=_PREEMPT),
     ValidationVariant("executor", "Nav2 plans at 2 Hz, takes goals at once", changes={
         "nav2.planner_period_s": 0.5, "nav2.accept_delay_s": 0.0}),
+    ValidationVariant("navigator", "turns and starts as fast as the base", changes={
+        "nav2.controller": "pure_pursuit"}),
+    ValidationVariant("navigator", "turns as fast as the base", changes={
+        "mppi.turn_radps": 1.9, "mppi.turn_response": 20.0, "mppi.standing_turn_radps": 1.9}),
+    ValidationVariant("navigator", "reaches its speed at once", changes={"mppi.speed_response": 20.0}),
+    ValidationVariant("navigator", "drives as fast in turns", changes={"mppi.standing_turn_radps": 100.0}),
+    ValidationVariant("navigator", "costmaps of config/nav2.yaml", changes={
+        "nav2.inflation_radius_m": 0.35, "nav2.inflation_scale": 4.0}),
+    ValidationVariant("navigator", "as until 0.19.0, with 0.256 m/s", changes={
+        "nav2.controller": "pure_pursuit", "robot.speed_mps": 0.256}),
     ValidationVariant("speed", "robot at 0.306 m/s", changes={"robot.speed_mps": 0.306}),
     ValidationVariant("speed", "robot at 0.20 m/s", changes={"robot.speed_mps": 0.20}),
     ValidationVariant("speed", "Clyde at 0.35 m/s", changes={"clyde.speed_mps": 0.35}),
@@ -65,7 +80,7 @@ VARIANTS = (
 
 def run(source: str, episodes: int, seed: int, executor: Executor) -> list[tuple[ValidationVariant, Row]]:
     seeds = episode_seeds(seed, episodes)
-    configs = [make_config("robot", "as_built", **{**_ORIGINAL_SPAWN, **(v.changes or {})}) for v in VARIANTS]
+    configs = [make_config("robot", "as_built", **{**_ORIGINAL, **(v.changes or {})}) for v in VARIANTS]
     name = map_assets(source, configs[0]).occupancy.name
     matchups = [Matchup(source, config, v.policy, seeds) for v, config in zip(VARIANTS, configs, strict=True)]
     played = play_all(matchups, executor)

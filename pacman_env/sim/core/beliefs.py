@@ -26,7 +26,11 @@ forget_ghost = kernel(forget)
 
 @kernel
 def apart_cm(a, b):  # type: ignore[no-untyped-def]
-    """Return a lower bound of the path length between two places in cm, from their path lengths to all goals."""
+    """Return a lower bound of the path length between two places in cm, from their path lengths to all goals.
+
+    Paths avoid walls and are not always the shortest, so that the true length can be shorter (`robot`: in 2 to 15 % of
+    pairs of a place and a goal, by 1.3 m at most on three of five maps, 4.2 m on one).
+    """
     most = np.int32(0)
     for g in range(len(a)):
         most = max(most, np.int32(abs(np.int32(a[g]) - np.int32(b[g]))))

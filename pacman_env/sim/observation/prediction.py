@@ -198,24 +198,27 @@ def _ghost_paths(steps, across, ghost, stretch, first, goals, walkers, paths):  
 
 
 @kernel
-def _first_stretch(steps, across, start, cell, heading, v, clyde, goal, request, result):  # type: ignore[no-untyped-def]
-    """Write direction and delay of the start of the robot's path to a goal; ``v`` is its speed, m/s."""
+def _first_stretch(steps, across, start, cell, heading, clyde, goal, result):  # type: ignore[no-untyped-def]
+    """Write the direction of the start of the robot's path to a goal, and return its angle to the heading, rad.
+
+    -1: there is no path, or the robot is at the goal.
+    """
     column, row = cell
     for _ in range(2):
         code = steps[tile_index(column, row, across), goal]
         if code == NO_WAY:
-            return
+            return -1.0
         columns, rows = coarse_step(code)
         column, row = column + columns, row + rows
     dx, dy = column + 0.5 - start[0], row + 0.5 - start[1]
     d = math.sqrt(dx * dx + dy * dy)
     if d <= 1.0:
-        return
+        return -1.0
     cx, cy = clyde[0] - start[0], clyde[1] - start[1]
     along, across = dx * heading[0] + dy * heading[1], dx * heading[1] - dy * heading[0]
     result[TURN_COSINE] = along / d
     result[TOWARDS_CLYDE] = (dx * cx + dy * cy) / (d * max(math.sqrt(cx * cx + cy * cy), 1e-6))
-    result[START_S] = start_s(math.atan2(abs(across), along), v / request.robot_speed, request)
+    return math.atan2(abs(across), along)
 
 
 @kernel
@@ -375,8 +378,9 @@ def meet(s, level, i, wanted, request, room, every, result):  # type: ignore[no-
         goal = s.goal[i, c]
         starts[count, 0], starts[count, 1], starts[count, 2] = robot[0], robot[1], np.inf
         if goal >= 0:
-            v = s.robot_velocity[i, 0]
-            _first_stretch(steps, across, robot, cell, heading, v, place, goal, request, result[c])
+            off = _first_stretch(steps, across, robot, cell, heading, place, goal, result[c])
+            if off >= 0.0:
+                result[c, START_S] = start_s(off, s.robot_velocity[i, 0] / speed, request)
             starts[count, 2] = result[c, START_S] * speed * per_m
         walkers.cells[count, 0], walkers.cells[count, 1] = cell
         walkers.targets[count] = goal

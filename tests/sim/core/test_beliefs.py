@@ -37,7 +37,7 @@ def test_belief_begins_with_the_prior() -> None:
 def test_hunters_are_believed_after_twelve_seconds() -> None:
     for name in ("chase", "arcade"):
         comes = believed(name)[:, 0, [ARCADE, CHASES]].sum(axis=1)
-        assert (comes > 0.5).mean() > 0.95
+        assert (comes > 0.5).mean() > 0.9
 
 
 def test_most_wanderers_are_believed_after_a_minute() -> None:
@@ -60,7 +60,7 @@ def test_moved_ghost_resets_its_belief() -> None:
 
 
 def test_lengths_from_goals_are_exact() -> None:
-    assets = map_assets("house", make_config("robot"))
+    assets = map_assets("house", make_config("robot_0_15"))
     lengths = assets.length_cm
     for cell in np.random.default_rng(0).integers(0, len(lengths), 50):
         for goal in np.flatnonzero((assets.goal_cell >= 0) & (lengths[cell] != UNREACHABLE_CM)):

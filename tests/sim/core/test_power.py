@@ -16,6 +16,7 @@ GAMES = 12
 BUSY: dict[str, Any] = {
     "robot.speed_mps": 0.6,
     "robot.wheel_speed_mps": 1.0,
+    "nav2.controller": "pure_pursuit",
     "execution.pickup_radius_m": 0.8,
     "execution.death_radius_m": 0.6,
     "power.duration_s": 12.0,
@@ -115,7 +116,7 @@ class Watched:
         assert (np.hypot(*np.moveaxis(at - was, 2, 0)) <= share * most_m + 1e-9)[slow].all()
 
 
-@pytest.mark.parametrize(("seed", "endless"), [(0, False), (1, False), (2, True)])
+@pytest.mark.parametrize(("seed", "endless"), [(0, False), (1, False), (3, True)])
 def test_rules_of_power_pellets_hold_in_generated_houses(seed: int, endless: bool) -> None:
     games = Watched(seed, endless)
     for _ in range(240):

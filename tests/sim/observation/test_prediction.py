@@ -8,6 +8,7 @@ import pytest
 
 from pacman_env.config import make_config
 from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.core.robot import SimulatedRobot, place
 from pacman_env.sim.observation.prediction import (
     APPROACHED,
     CAUGHT,
@@ -22,7 +23,10 @@ from pacman_env.sim.observation.prediction import (
     encounters,
 )
 from pacman_env.sim.observation.situation import Situation
+from pacman_env.world.navigation.controller import START_FIELDS, start_s, start_values
+from pacman_env.world.navigation.navigator import NO_RESULT
 from pacman_env.world.navigation.paths import AT_GOAL, NO_STEP
+from tests.drawn import drawn
 from tests.sim.players import played
 
 CONFIG = make_config("robot_0_15", **{"execution.death_radius_m": 1e-6})
@@ -116,3 +120,19 @@ def test_last_direction_of_a_ghost_counts() -> None:
 def test_situation_without_maps_is_refused() -> None:
     with pytest.raises(ValueError, match="no maps"):
         encounters(replace(batch_of("loop", n=1).situation(), maps=None), SPEED)
+
+
+@pytest.mark.parametrize("off", [0.0, 0.8, 1.6, 2.4, 3.1])
+@pytest.mark.parametrize("v", [0.0, 0.28])
+def test_start_takes_as_long_as_expected(off: float, v: float) -> None:
+    """A robot that drives at a speed, and then to a goal beside its heading, on open floor."""
+    config = make_config(**{"localization.perfect": True, "robot.speed_mps": 0.28})
+    robot = SimulatedRobot(drawn(["." * 40] * 40, square_m=0.4, origin=(-8.0, -8.0, 0.0)), config)
+    place(robot, (0.0, 0.0, 0.0), (v, 0.0))
+    robot.set_goal(3.0 * math.cos(off), 3.0 * math.sin(off))
+    sent_s = robot.time_s
+    while robot.step()[0] == NO_RESULT:
+        assert robot.time_s < 60.0
+    lost_s = robot.time_s - sent_s - (3.0 - config.nav2.goal_tolerance_m) / 0.28
+    values = np.array([start_values(config)], dtype=[*START_FIELDS])[0]
+    assert start_s(off, v / 0.28, values) == pytest.approx(lost_s, abs=0.9)
