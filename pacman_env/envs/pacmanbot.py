@@ -159,13 +159,10 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     replays the round from its seed and decisions, and continues exactly like the original.
 
     ## Version History
-    - v0: first version. `pacman_env/PacManBotFlat-v1` is the same game with `flat=True`.
-    - 0.13.0 changed the planner features, and with them the observation of PacManBotFlat and its variants (except
-      PacManBotFlatVelocity) from 179 to 274 numbers, without a new version in the id: older models cannot be used. The
-      next change of this kind gets a new version (`docs/environments/ids.md`).
-    - 0.17.0 estimates ghost behaviour better, which changes two planner features and the features of ghosts that hunt
-      the robot. `map="generated"` draws from 1,000 houses instead of 1,000,000 (`num_levels=0`: all). Columns, spaces
-      and rules are unchanged; older models play as well as before.
+    - v1 (0.20.0): the preset `robot` starts, turns and changes its goal as slowly as by Nav2; `preset="robot_0_15"` is
+      the robot of v0. The planner features, and with them the observation of PacManBotFlat and its variants (except
+      PacManBotFlatVelocity), have 289 numbers instead of 274.
+    - v0: `pacman_env/PacManBotFlat-v0` came with 0.6.0; since 0.13.0 its observation had 274 numbers instead of 179.
     """  # noqa: E501
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "human"], "render_fps": RENDER_FPS}  # noqa: RUF012
