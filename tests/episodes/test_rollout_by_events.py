@@ -29,7 +29,9 @@ def test_events_ask_less_often_than_ticks() -> None:
 
 def test_endless_game_by_events_equals_the_environments() -> None:
     settings = {"pellets.spacing_m": 3.0, "time_limit_s": 60.0, "execution.pickup_radius_m": 2.0}
-    env = PacManBotEnv(map="house", preset="robot_0_15", settings={**settings, "decisions.when": "event", "endless": True})
+    env = PacManBotEnv(
+        map="house", preset="robot_0_15", settings={**settings, "decisions.when": "event", "endless": True}
+    )
     policy, time_s = Nearest(), 0.0
     _, info = env.reset(seed=2)
     while info["outcome"] == "running":

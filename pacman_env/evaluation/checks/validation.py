@@ -1,8 +1,9 @@
 """Compare the simulator with the ten real trials and measure the effect of each cause: ``pacman-env validation``.
 
-The reference is the original game: deployed scorer, executor as built, measured speed, AMCL's latched pose, Nav2's
-costmaps of the experiment, Clyde spawning anywhere. Every other row changes a single cause in the same rounds. ``--planner-answers`` compares the
-stand-in's paths with recorded paths of another planner instead, ``--recorded-goals`` its driving with recorded goals.
+The reference is the original game: deployed scorer, executor as built, measured speed, AMCL's latched pose, the
+experiment's costmaps, Clyde spawning anywhere. Every other row changes a single cause in the same rounds.
+``--planner-answers`` compares the stand-in's paths with recorded paths of another planner instead,
+``--recorded-goals`` its driving with recorded goals.
 """
 
 import argparse

@@ -20,7 +20,7 @@ from ..maps.assets import MapAssets
 from ..maps.level_source import FixedMap, LevelSource
 from ..observation import situation_kernel
 from ..observation.situation import Situation
-from . import clones, kernels, ticks
+from . import kernels, ticks
 from .ghosts import spawn_ghost
 from .parameters import (
     GAME,
@@ -140,8 +140,6 @@ class GameBatch(GameState):
                 self._start(index, np.ascontiguousarray(began["seed"]), began)
             for r in rounds:
                 k = tick - (longest - len(r.decisions))
-                for _, seed in (one for one in r.reseeded if one[0] == k):
-                    clones.reseed(self.games, self.ghosts, np.array([r.game]), np.array([seed], dtype=np.uint64))
                 if 0 <= k < len(r.decisions):
                     actions[r.game] = r.decisions[k]
                     if len(r.ghost_choices):
@@ -152,51 +150,6 @@ class GameBatch(GameState):
             self._ghosts.send(choices)
             self._awake[:] = awake
             self._advance()
-
-    def clone_into(
-        self,
-        target: GameBatch,
-        games: NDArray[np.int64],
-        into: NDArray[np.int64] | None = None,
-        reseed: NDArray[np.uint64] | None = None,
-    ) -> None:
-        """Copy the running games ``games`` (M,) to the games ``into`` (M,) of a batch (None: to its first M games).
-
-        A copy continues bit for bit like its original, unless ``reseed`` (M,) gives it another random future: ghosts,
-        localization and navigation then draw from that seed. A game whose robot touches a wall is replayed from its
-        start, because Chipmunk's contact memory cannot be copied.
-
-        ``target`` must have the same source of levels and the same configuration, like ``GameBatch(batch.source,
-        batch.config, n)``; it may be this batch. Request its situations again afterwards. Raises ValueError, without
-        any change, for unknown games, games that have not begun, duplicates in ``into`` or an unsuitable target.
-        """
-        games = np.asarray(games, dtype=np.int64)
-        into = np.arange(len(games)) if into is None else np.asarray(into, dtype=np.int64)
-        clones.check(self, target, games, into, reseed)
-        if target.source is not self.source:
-            raise ValueError("clone_into: the target has another source of levels")
-        idle = [i for i in games.tolist() if self._levels.slots[i] < 0]
-        if idle:
-            raise ValueError(f"clone_into: game {idle[0]} has not begun")
-        levels = self.level_numbers()[games]
-        of_each = zip(games.tolist(), self.games["tick"][games].tolist(), levels.tolist(), into.tolist(), strict=True)
-        rounds = [self._history.so_far(i, ticks, level)._replace(game=k) for i, ticks, level, k in of_each]
-        rows = clones.rows_of(self, games)
-        if len(target.levels) > 1:
-            target._levels.change(into, levels)
-        target._levels.enter(into, rows[0])
-        target._replay([r for r, touch in zip(rounds, rows[0]["touch"], strict=True) if touch])
-        rows[0]["level"] = [target._levels.slots[i] for i in into.tolist()]
-        clones.write(rows, target, into)
-        # A robot driven by hand is not where its decisions lead: its contact starts without memory.
-        target.games["touch"][into[~target.spaces.hold(into)]] = 0
-        if target._history.resume(target.games, rounds):
-            target._forget_tables()
-        if reseed is not None:
-            seeds = np.asarray(reseed, dtype=np.uint64)
-            clones.reseed(target.games, target.ghosts, into, seeds)
-            for r, seed in zip(rounds, seeds.tolist(), strict=True):
-                target._history.reseeded[r.game] = (*r.reseeded, (len(r.decisions), seed))
 
     def reset(
         self, index: NDArray[np.int64], seeds: NDArray[np.uint64], levels: NDArray[np.int64] | None = None

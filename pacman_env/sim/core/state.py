@@ -86,7 +86,6 @@ class RoundSoFar(NamedTuple):
     game: int
     level: int
     began: Any  # first record of the round, with its seed
-    reseeded: tuple[tuple[int, int], ...]  # (tick, seed) of each reseeding
     decisions: NDArray[Any]  # (T,) or (T, 2)
     ghost_choices: NDArray[np.int32]  # (T, G); (0, G) if no ghost is controlled by a policy
 
@@ -99,7 +98,6 @@ class History:
         self.decisions = np.zeros((n, _ROOM, 2) if velocity else (n, _ROOM), np.float64 if velocity else np.int16)
         self.ghost_choices = np.zeros((n, _ROOM if sent else 0, ghosts), np.int32)
         self.began = np.zeros(n, dtype=GAME)
-        self.reseeded: dict[int, tuple[tuple[int, int], ...]] = {}  # by game, see RoundSoFar
         self._certain = 0  # number of ticks that certainly fit in every game
 
     def make_room(self, games: NDArray[Any], ticks: int = 1) -> bool:
@@ -121,26 +119,10 @@ class History:
         """Record the start of rounds in the games ``index`` (M,) with their seeds and records (M,)."""
         self.began[index] = records
         self.began["seed"][index] = seeds
-        if self.reseeded:
-            for i in index.tolist():
-                self.reseeded.pop(i, None)
 
     def so_far(self, game: int, ticks: int, level: int) -> RoundSoFar:
         decided = self.decisions[game, :ticks].copy(), self.ghost_choices[game, :ticks].copy()
-        return RoundSoFar(game, level, self.began[game].copy(), self.reseeded.get(game, ()), *decided)
-
-    def resume(self, games: NDArray[Any], rounds: list[RoundSoFar]) -> bool:
-        """Store present rounds and return True if arrays were replaced; ``games`` (N,) are the records of all games."""
-        self._certain = 0
-        replaced = self.make_room(games)
-        for r in rounds:
-            self.began[r.game] = r.began
-            self.reseeded.pop(r.game, None)
-            if r.reseeded:
-                self.reseeded[r.game] = r.reseeded
-            self.decisions[r.game, : len(r.decisions)] = r.decisions
-            self.ghost_choices[r.game, : len(r.ghost_choices)] = r.ghost_choices
-        return replaced
+        return RoundSoFar(game, level, self.began[game].copy(), *decided)
 
 
 _MOST_AHEAD = 64  # levels, of about 4 MB each

@@ -213,10 +213,6 @@ class Spaces:
         empty(self.arrays, k, _REMEMBERS, self.step_s)
         self._levels[k] = level
 
-    def hold(self, robots: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return a mask (M,) of the ``robots`` (M,) that are in a space."""
-        return self._space_of[robots] != _NONE
-
     def leave(self, robots: NDArray[np.int64]) -> None:
         """Remove robots from their spaces, without any trace of their contacts."""
         for k in self._space_of[robots].tolist():

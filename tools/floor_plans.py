@@ -1,6 +1,6 @@
 """Draw the shipped maps: floor plans in metres, surveyed by a simulated lidar.
 
-``python -m pacman_env.world.maps.floor_plans FOLDER`` writes all maps. Paddings are chosen for Algorithm 1's lattice,
+``python -m tools.floor_plans FOLDER`` writes all maps. Paddings are chosen for Algorithm 1's lattice,
 which starts at pixel (0, 0).
 """
 
