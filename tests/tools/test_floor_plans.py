@@ -14,7 +14,7 @@ from pacman_env.world.navigation.grid import build_grid, clearance_m, connected_
 from tests.world.maps.test_houses import holes
 from tools.floor_plans import FLOOR_PLANS, Sketch, save_all, survey
 
-COMMITTED = Path(__file__).resolve().parents[3] / "maps"
+COMMITTED = Path(__file__).resolve().parents[2] / "maps"
 
 
 @pytest.fixture(params=sorted(FLOOR_PLANS))
