@@ -79,7 +79,7 @@ def _add_play(commands: Any) -> None:
     add, number = play.add_argument, finite_number()
     map_help = "as for 'map check', or 'generated' (%(default)s)"
     add("--map", default="house", metavar="FILE_OR_NAME", help=map_help)
-    add("--preset", default="robot", help="robot, ideal or arcade (%(default)s)")
+    add("--preset", default="robot", help="robot, robot_0_15, ideal or arcade (%(default)s)")
     add("--execution", default="robust", help="robust or as_built (%(default)s)")
     add("--seed", type=whole_number(0), help="of the first round; the others follow from it (random)")
     add("--clyde-speed", type=number, metavar="M_PER_S", help="Clyde's speed")
@@ -132,7 +132,7 @@ def _add_web(commands: Any) -> None:
     add = web.add_argument_group("simulated game").add_argument
     map_help = "as for 'map check', or 'generated' (%(default)s)"
     add("--map", default="house", metavar="FILE_OR_NAME", help=map_help)
-    add("--preset", default="robot", help="robot, ideal or arcade (%(default)s)")
+    add("--preset", default="robot", help="robot, robot_0_15, ideal or arcade (%(default)s)")
     add("--policy", default="ppo", help="the policy: a name or an .onnx file (%(default)s)")
     add("--second", default="clyde_aware", help="the policy that is asked beside it (%(default)s)")
     add("--ghosts", nargs="+", metavar="BEHAVIOUR", help="of each ghost (the preset's)")

@@ -71,7 +71,7 @@ def _add_up(group: Any) -> None:
     add("--seed", type=whole_number(0, 2**31 - 1), default=0, metavar="S", help="of a lock-step game (%(default)s)")
     one = "all nodes but the robot's and the goal selector in one process: half the memory"
     add("--composed", action="store_true", help=one)
-    add("--preset", default="robot", help="what every node plays by: robot, ideal or arcade (%(default)s)")
+    add("--preset", default="robot", help="what every node plays by: robot, robot_0_15, ideal or arcade (%(default)s)")
     add("--execution", default="robust", help="robust or as_built (%(default)s)")
     add("--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable")
     home, pose = "home, m and rad (where the robot is in the menu)", ("X", "Y", "HEADING")

@@ -106,7 +106,7 @@ class LearnedPlanner(BasePolicy):
         values = np.full(len(logits), np.nan)
         for i, mask in enumerate(situation.mask):
             allowed = mask.nonzero()[0]
-            if len(allowed) > 0:
+            if allowed.size:
                 found, value = self.run(candidates[None, i, allowed], whole[None, i], mask[None, allowed])
                 logits[i, allowed] = np.where(found[0] <= _FORBIDDEN, -np.inf, found[0])  # NaN stays
                 values[i] = value[0]

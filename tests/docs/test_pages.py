@@ -24,12 +24,12 @@ def test_reference_lists_every_public_name_once() -> None:
 def test_flat_row_columns_match_documented_indices() -> None:
     env = PacManBotEnv(flat=True)
     text = ids.page("pacman_env/PacManBotFlat-v1", env)
-    assert "| 0 to 223 | `planner_candidates` | (7, 32) |" in text
-    assert "| 224 to 273 | `planner_globals` | (50,) |" in text
-    assert env.observation_space.shape == (274,)
+    assert "| 0 to 237 | `planner_candidates` | (7, 34) |" in text
+    assert "| 238 to 288 | `planner_globals` | (51,) |" in text
+    assert env.observation_space.shape == (289,)
     parts = PacManBotEnv(flat=True, settings={"observation.flat": False})
     row, alone = env.reset(seed=2)[0], parts.reset(seed=2)[0]
-    np.testing.assert_array_equal(row[224:], alone["planner_globals"])
+    np.testing.assert_array_equal(row[238:], alone["planner_globals"])
 
 
 @pytest.mark.parametrize("name", ["Rewards", "Episode End", "Arguments", "Version History"])

@@ -15,6 +15,7 @@ from pacman_env.evaluation.replay import RecordedGame
 from pacman_env.evaluation.rounds.scenarios import open_scenario
 from pacman_env.game.goals import goal_name
 from pacman_env.policies.base import BasePolicy
+from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.observation.situation import Situation
 from pacman_env.web import played_round
@@ -132,7 +133,8 @@ def test_terms_of_policies_have_plain_names_and_units(policy: str) -> None:
 
 
 def test_terms_are_converted_to_their_units() -> None:
-    rows = played(laid_out(policy="ppo"), ticks=2).why_now()["rows"]
+    speed = LearnedPlanner().metadata.robot_speed_mps  # which its features count with
+    rows = played(laid_out(policy="ppo", settings={"robot.speed_mps": speed}), ticks=2).why_now()["rows"]
     (metres, unit_m), (seconds, unit_s) = ((TERMS[name][2], TERMS[name][1]) for name in ("path_robot", "time_margin"))
     assert (unit_m, unit_s) == ("m", "s")
     for row in [row for row in rows if row["kind"] == "pellet"]:

@@ -46,6 +46,7 @@ NEEDS_MAPS = -(2**40)  # result of a stage that must run again after maps were p
 _AROUND_M = 2.5  # pellets within this path length count as around a place
 _SCORER = ScorerParameters()  # the handcrafted scorer, as deployed
 
+_CANDIDATE_COLUMNS, _WHOLE_COLUMNS = len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES)
 _TOKENS, _TOKEN = len(GlobalColumn), len(TokenColumn)  # first column of the ghosts, columns of one ghost
 
 
@@ -67,11 +68,12 @@ def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDAr
     Raises ValueError without maps.
     """
     maps_wanted(situation)
-    candidates = np.empty((*situation.mask.shape, len(CANDIDATE_FEATURES)), dtype=np.float32)
-    whole = np.empty((len(candidates), len(GLOBAL_FEATURES)), dtype=np.float32)
+    games, slots = situation.mask.shape
+    candidates = np.empty((games, slots, _CANDIDATE_COLUMNS), dtype=np.float32)
+    whole = np.empty((games, _WHOLE_COLUMNS), dtype=np.float32)
     mask = np.ascontiguousarray(situation.mask)
     job, tables = planner_stage(situation, robot_speed_mps, mask, candidates, whole)
-    situation.threads.run(job, tables, len(candidates))
+    situation.threads.run(job, tables, games)
     return candidates, whole
 
 
