@@ -25,7 +25,7 @@ ENDLESS = make_config(
     "robust",
     **{"pellets.spacing_m": 3.0, "time_limit_s": 60.0, "endless": True, "execution.pickup_radius_m": 2.0},
 )
-CONFIG = make_config("robot_0_15", "as_built", **{"pellets.spacing_m": 3.0, "time_limit_s": 120.0})
+CONFIG = make_config("robot", "as_built", **{"pellets.spacing_m": 3.0, "time_limit_s": 120.0})
 
 
 @functools.cache

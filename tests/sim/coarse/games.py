@@ -18,7 +18,7 @@ from tests.sim.players import new_batch
 
 
 def config_of(*ghosts: str, **changes: Any) -> Config:
-    return make_config("robot", **{"clyde.ghosts": ghosts or ("chase",), **changes})
+    return make_config("robot_0_15", **{"clyde.ghosts": ghosts or ("chase",), **changes})
 
 
 def situation_of(config: Config, games: int = 1, source: str = "house", seed: int = 0) -> Situation:
