@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ...engine.arrays import Array, Table, arrays_by_address
 from ...engine.jit import kernel
+from ...world.navigation.controller import LOOKAHEAD_M
 from ...world.navigation.paths import AT_GOAL, NO_STEP
 from ..maps.assets import MapAssets
 from ..maps.level import COARSE_MAP, Level
@@ -21,7 +22,6 @@ from ..maps.level import COARSE_MAP, Level
 BLOCK_M = 0.2
 MOST_BLOCKS = 3000  # of the ghosts; tables of all pairs take 3 bytes a pair
 NO_BLOCK = -1  # in ``robot_next``: no other block before the goal
-_AHEAD_M = 0.35  # the robot turns towards the path's point at this distance first (world/navigation/controller.py)
 _BESIDE_M = 0.7  # a ghost at this straight distance may reach the robot on another path than the nearest block's
 _PULL_CM = 5  # the next block's path to the goal is shorter by at least this
 _MM = 1000.0
@@ -81,7 +81,7 @@ def _build(assets: MapAssets) -> CoarseArrays:
     edge = BLOCK_M / grid.resolution
     block, place = blocks_of(grid.cell, grid.neighbours, edge)
     length, following, heading = _ways(
-        place, block, assets.length_cm, assets.next_step, assets.cell_xy, round(_AHEAD_M / grid.resolution)
+        place, block, assets.length_cm, assets.next_step, assets.cell_xy, round(LOOKAHEAD_M / grid.resolution)
     )
     cells = clyde.cells_in(assets.clyde_part)
     number = np.full(len(clyde.position) + 1, -1, dtype=np.int32)  # index -1 (no cell) gives -1

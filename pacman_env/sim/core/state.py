@@ -100,7 +100,7 @@ class History:
         self.began = np.zeros(n, dtype=GAME)
         self._certain = 0  # number of ticks that certainly fit in every game
 
-    def make_room(self, games: NDArray[Any], ticks: int = 1) -> bool:
+    def make_room(self, games: NDArray[Any], ticks: int) -> bool:
         """Reserve space for ``ticks`` more ticks in every game; return True if the arrays were replaced."""
         if self._certain >= ticks:
             self._certain -= ticks

@@ -125,7 +125,7 @@ def _angle(x, y):  # type: ignore[no-untyped-def]
     """Return atan2(y, x) with an error of at most 0.004 rad; a game takes a tenth less time than with atan2."""
     ax, ay = abs(x), abs(y)
     t = min(ax, ay) / max(max(ax, ay), 1e-12)
-    angle = t * (0.7853981633974483 + 0.273 * (1.0 - t))
+    angle = t * (0.25 * math.pi + 0.273 * (1.0 - t))
     if ay > ax:
         angle = 0.5 * math.pi - angle
     if x < 0.0:
@@ -145,15 +145,50 @@ def _mppi_command(g, off, p):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _next_velocity(g, v, w, p):  # type: ignore[no-untyped-def]
-    """Return speed and turn rate of the next step on the way to (v, omega).
+def _approached(g, v, w, p):  # type: ignore[no-untyped-def]
+    """Return speed and turn rate of MPPI's next step on the way to (v, omega).
 
     MPPI improves its last plan a little in each cycle, so that both only approach what it aims at.
     """
-    if not p.mppi:
-        return v, w
     now, turn = 0.5 * (g.left + g.right), (g.right - g.left) * p.per_base
     return limit(now + p.mppi_speed_share * (v - now), turn + p.mppi_turn_share * (w - turn), p)
+
+
+@kernel
+def _other_way(g, path, pose, target, around, p, affine, clearance):  # type: ignore[no-untyped-def]
+    """Return (ok, v, omega) where the direct arc, to ``target`` (x, y, omega; m from the robot), is not admissible."""
+    bx, by, ch, sh = pose
+    tx, ty, direct_w = target
+    v_max = g.speed_limit
+    # Sample arcs for the best progress at the highest admissible speed.
+    best_score = 1e9
+    ok, best_v, best_w = False, 0.0, 0.0
+    for k in range(4, 0, -1):
+        for j in range(-4, 5):
+            sv, sw = limit(v_max * k * 0.25, direct_w + 0.35 * j, p)
+            cost = _clear(pose, sv, sw, around, p, affine, clearance)
+            if cost < 0.0:
+                continue
+            ca, sa = _turned(ch, sh, 0.5 * sw * HORIZON_S)
+            s = sv * HORIZON_S
+            ex, ey = s * ca - tx, s * sa - ty
+            score = math.sqrt(ex * ex + ey * ey) + cost + 0.02 * abs(j)
+            if score < best_score:
+                best_score, ok, best_v, best_w = score, True, sv, sw
+        if ok:
+            return ok, best_v, best_w
+    # No arc leads towards the target point, for example round a corner: creep along the path.
+    near = min(g.nav_at + 2, g.nav_points - 1)
+    tx, ty = path[near, 0] - bx, path[near, 1] - by
+    if around.clyde_near:  # shortcuts of a path along Clyde's region would enter it: aim farther out
+        ox, oy = path[near, 0] - around.clyde_x, path[near, 1] - around.clyde_y
+        out = max((p.clyde_keepout + 0.05) / math.sqrt(max(ox * ox + oy * oy, 1e-6)), 1.0) - 1.0
+        tx, ty = tx + out * ox, ty + out * oy
+    forward, aside = tx * ch + ty * sh, ty * ch - tx * sh
+    if abs(aside) > 0.1 * forward:
+        return True, 0.0, _turn_rate(forward, aside, 1.0, p)
+    v = 0.25 * v_max
+    return _clear(pose, v, 0.0, around, p, affine, clearance) >= 0.0, v, 0.0
 
 
 @kernel
@@ -178,18 +213,18 @@ def command(g, path, pose, p, affine, clearance):  # type: ignore[no-untyped-def
     tx, ty = path[ahead, 0] - bx, path[ahead, 1] - by
     forward, aside = tx * ch + ty * sh, ty * ch - tx * sh
     v_max = g.speed_limit
-    column, row = cell_of(affine, clearance.shape[0], clearance.shape[1], bx, by)
-    free_here = clearance[row, column]
     if p.mppi:
-        v, wanted_w = _mppi_command(g, _angle(forward, aside), p)
-        v, w = _next_velocity(g, v, wanted_w, p)
+        v, direct_w = _mppi_command(g, _angle(forward, aside), p)
+        v, w = _approached(g, v, direct_w, p)
     else:
         if forward < 0.0 or forward * forward < _ROTATE_COS * _ROTATE_COS * (tx * tx + ty * ty):
             return True, 0.0, _turn_rate(forward, aside, p.omega_max, p)
         # Pure pursuit: the arc through the target point, slower for sharper arcs.
         by_distance = v_max / math.sqrt(max(tx * tx + ty * ty, 0.01))
         v, w = limit(forward * by_distance, 2.0 * aside * by_distance * by_distance / v_max, p)
-        wanted_w = w
+        direct_w = w
+    column, row = cell_of(affine, clearance.shape[0], clearance.shape[1], bx, by)
+    free_here = clearance[row, column]
     cx, cy = g.clyde_x, g.clyde_y
     reach = p.clyde_keepout + v_max * HORIZON_S + 0.05
     clyde_near = (bx - cx) ** 2 + (by - cy) ** 2 < reach * reach
@@ -200,40 +235,9 @@ def command(g, path, pose, p, affine, clearance):  # type: ignore[no-untyped-def
     if _clear(pose, v, w, around, p, affine, clearance) >= 0.0:
         g.nav_clear_step = g.step
         return True, v, w
-    # The direct arc is not admissible: sample arcs for the best progress at the highest admissible speed.
-    best_score = 1e9
-    ok, best_v, best_w = False, 0.0, 0.0
-    for k in range(4, 0, -1):
-        for j in range(-4, 5):
-            sv, sw = limit(v_max * k * 0.25, wanted_w + 0.35 * j, p)
-            cost = _clear(pose, sv, sw, around, p, affine, clearance)
-            if cost < 0.0:
-                continue
-            ca, sa = _turned(ch, sh, 0.5 * sw * HORIZON_S)
-            s = sv * HORIZON_S
-            ex, ey = s * ca - tx, s * sa - ty
-            score = math.sqrt(ex * ex + ey * ey) + cost + 0.02 * abs(j)
-            if score < best_score:
-                best_score, ok, best_v, best_w = score, True, sv, sw
-        if ok:
-            break
-    if ok:
-        v, w = _next_velocity(g, best_v, best_w, p)
-        return ok, v, w
-    # No arc leads towards the target point, for example round a corner: creep along the path.
-    near = min(at + 2, points - 1)
-    tx, ty = path[near, 0] - bx, path[near, 1] - by
-    if clyde_near:  # shortcuts of a path along Clyde's region would enter it: aim farther out
-        ox, oy = path[near, 0] - cx, path[near, 1] - cy
-        out = max((p.clyde_keepout + 0.05) / math.sqrt(max(ox * ox + oy * oy, 1e-6)), 1.0) - 1.0
-        tx, ty = tx + out * ox, ty + out * oy
-    forward, aside = tx * ch + ty * sh, ty * ch - tx * sh
-    if abs(aside) > 0.1 * forward:
-        v, w = _next_velocity(g, 0.0, _turn_rate(forward, aside, 1.0, p), p)
-        return True, v, w
-    v = 0.25 * v_max
-    ok = _clear(pose, v, 0.0, around, p, affine, clearance) >= 0.0
-    v, w = _next_velocity(g, v, 0.0, p)
+    ok, v, w = _other_way(g, path, pose, (tx, ty, direct_w), around, p, affine, clearance)
+    if p.mppi:
+        v, w = _approached(g, v, w, p)
     return ok, v, w
 
 

@@ -266,6 +266,8 @@ def test_wheels_keep_their_limits_and_move_the_body(preset: str) -> None:
     assert (np.abs(speed[1:] - forward) < 1e-5).mean() > 0.97  # as the next step finds it
     assert (speed[1:] <= forward + 1e-5).mean() > 0.99  # a wall may push a robot out
     np.testing.assert_allclose(np.diff(log["heading"], axis=0), log["omega"][:-1] * DT, atol=1e-9)
-    straight = (log["nav_state"] == ACTIVE) & (np.abs(log["omega"]) < (0.3 if preset == "ideal" else 0.02))
-    assert np.quantile(speed[straight], 0.9) == pytest.approx(robot.speed_mps, rel=0.03)
+    # MPPI reaches its speed slowly, and drives slower in any turn.
+    slow, share = (0.3, 0.5) if preset == "ideal" else (0.02, 0.9)
+    under_way = speed[(log["nav_state"] == ACTIVE) & (np.abs(log["omega"]) < slow)]
+    assert np.quantile(under_way, share) == pytest.approx(robot.speed_mps, rel=0.03)
     assert preset != "ideal" or log["deepest"] <= 0.01  # who knows its pose stays out of walls
