@@ -6,6 +6,7 @@ training's, and after ``+`` the number of power pellets. A line-up listed twice 
 """
 
 import math
+import re
 from collections.abc import Sequence
 
 from pacman_env.config.validation import located, require
@@ -17,17 +18,18 @@ from pacman_env.policies.registry import make_policy
 LEARNED = "learned"  # behaviour of ghosts that a member of the league moves
 RULE = "lookahead"  # teacher if all ghosts wander, otherwise the base of ``search``
 _SPEEDS, _POWER = "@", "+"
+_AROUND = re.compile(r"\s*([,@+-])\s*")  # spaces around separators
 _FUTURES = 1  # sampled futures of wandering ghosts among others, in the teacher's search
 #: Segments that the search needs for a decision.
 LEAST_NODES = SearchParameters(samples=_FUTURES).least_nodes
 SUB_BATCHES = 4  # per segment; with several line-ups at least, if they can be divided so
 
 
-def _parts(lineup: str) -> tuple[str, str, str]:
-    """Return the text of the ghosts, of their speeds and of the number of power pellets; empty: not given."""
-    ghosts, _, power = lineup.partition(_POWER)
-    ghosts, _, speeds = ghosts.partition(_SPEEDS)
-    return ghosts, speeds, power
+def _parts(lineup: str) -> tuple[str, str | None, str | None]:
+    """Return the text of the ghosts, of their speeds and of the number of power pellets; None: not given."""
+    ghosts, has_power, power = lineup.partition(_POWER)
+    ghosts, has_speeds, speeds = ghosts.partition(_SPEEDS)
+    return ghosts, speeds if has_speeds else None, power if has_power else None
 
 
 def behaviours(lineup: str) -> tuple[str, ...]:
@@ -38,23 +40,23 @@ def behaviours(lineup: str) -> tuple[str, ...]:
 def speeds(lineup: str) -> tuple[float, float] | None:
     """Return the lowest and highest speed of the ghosts, m/s; None: the speeds of the training."""
     text = _parts(lineup)[1]
-    if not text:
+    if text is None:
         return None
     low, _, high = text.partition("-")
     return float(low), float(high)
 
 
 def power_pellets(lineup: str) -> int:
-    return int(_parts(lineup)[2] or 0)
+    text = _parts(lineup)[2]
+    return 0 if text is None else int(text)
 
 
 def checked(lineup: str, name: str) -> str:
     """Return the line-up without spaces; raises ConfigError, with the field ``name``, for an invalid line-up."""
-    lineup = lineup.replace(" ", "")
+    lineup = _AROUND.sub(r"\1", lineup.strip())
     try:
         low, high = speeds(lineup) or (0.0, 1.0)
         fits = math.isfinite(high) and 0 <= low < high and power_pellets(lineup) >= 0
-        fits &= lineup[-1:] not in (_SPEEDS, _POWER) and _SPEEDS + _POWER not in lineup
     except ValueError:
         fits = False
     rule = f"lowest and highest speed, m/s, follow {_SPEEDS}, the number of power pellets {_POWER}: chase@0.1-0.3+4"
