@@ -41,14 +41,8 @@ def test_round_against_three_behaviours_ends(domain: int, tmp_path: Path) -> Non
 def test_round_with_power_pellets_counts_pellets_and_caught_ghosts(domain: int, tmp_path: Path) -> None:
     ground = part_of_map("house", 3.0).save(tmp_path / "ground.yaml")
     approaching = ("power.pellets=9", "power.duration_s=60", "power.behaviour=chase", "power.speed_factor=1")
-    quick = (
-        "nav2.controller=pure_pursuit",
-        "nav2.inflation_radius_m=0.22",
-        "nav2.inflation_scale=2",
-        "robot.speed_mps=0.256",
-    )
-    settings = ("clyde.ghosts=wander,wander", "clyde.spawn_distance_m=2", "show.start_s=1", *approaching, *quick)
-    with session.game(tmp_path, ground, "nearest", seed=2, settings=settings) as played:
+    settings = ("clyde.ghosts=wander,wander", "clyde.spawn_distance_m=2", "show.start_s=1", *approaching)
+    with session.game(tmp_path, ground, "nearest", seed=2, preset="robot_0_15", settings=settings) as played:
         played.record(topics.GAME_STATE, topics.GAME_RESULT, topics.GAME_EVENT, topics.GHOSTS_CAUGHT)
         assert played.call(topics.START_GAME).success
         played.wait_for(lambda: "complete" in played.values(topics.GAME_STATE), 600.0, "a complete round")

@@ -28,9 +28,9 @@ def pupil(seed: int = 0, **changes: Any) -> PPO:
     return PPO(tiny(width=16, n_steps=8, batch_size=32).hyper, seed, **changes)
 
 
-def taught(decisions: int, seed: int = 1) -> tuple[PPO, dict[str, float]]:
+def taught(decisions: int, seed: int = 1, weights: int = 0) -> tuple[PPO, dict[str, float]]:
     games = Collector(make_parts(tiny(games=8, n_steps=8, levels=4), 0), InProcess())
-    model = pupil(1)  # a network of this size depends on its first weights: others agree in 10 to 75 %
+    model = pupil(weights)
     return model, imitate(model, games, decisions, games_seed=3, seed=seed)
 
 
@@ -50,10 +50,11 @@ def agreement(model: PPO) -> float:
 
 
 def test_imitation_raises_agreement_with_rule() -> None:
-    model, result = taught(4096)
-    before = float(np.mean([agreement(pupil(seed)) for seed in range(4)]))  # of one alone 0.02 to 0.24
-    assert agreement(model) > before + 0.25
-    assert 0.0 < result["agreement"] <= 1.0
+    """Of the mean of four: before, one alone agrees in 2 to 24 %, afterwards in 10 to 75 %."""
+    before = np.mean([agreement(pupil(weights)) for weights in range(4)])
+    models, results = zip(*(taught(4096, weights=weights) for weights in range(4)), strict=True)
+    assert np.mean([agreement(model) for model in models]) > before + 0.25
+    assert all(0.0 < result["agreement"] <= 1.0 for result in results)
 
 
 def test_labels_are_choices_of_the_lineup_teacher() -> None:
