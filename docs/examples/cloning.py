@@ -20,7 +20,7 @@ from torch import Tensor, nn
 
 from pacman_env import OUTCOMES, PacManBotVectorEnv, make_policy, paired_difference, wilson
 
-GLOBALS = 50  # the last numbers of an observation; before them, each candidate has as many as any other
+GLOBALS = 51  # the last numbers of an observation; before them, each candidate has as many as any other
 COMPLETE = list(OUTCOMES).index("complete")
 BATCH = 50  # games at once
 
