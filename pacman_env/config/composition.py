@@ -172,7 +172,7 @@ def differences(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tuple[A
 
 
 #: With this speed the robot drives 0.26 m/s from pose to pose on long ways, as in the logs (0.25 to 0.265) [M]; the
-#: costmaps are those of config/nav2.yaml.
+#: costmaps come from config/nav2.yaml.
 _ROBOT = {
     "robot.speed_mps": 0.285,
     "nav2.controller": "mppi",

@@ -27,7 +27,7 @@ START_FIELDS = tuple((name, np.float64) for name in ("free_turn", "turn_radps", 
 def start_values(config: Config) -> tuple[float, float, float, float]:
     """Return a turn that costs nothing, rad, the rate of the rest, rad/s, and the costs of speeding up and of all else.
 
-    Those of MPPI hold within 1 s for the simulated one on open floor.
+    For MPPI they hold within 1 s on open floor.
     """
     if config.nav2.controller == "pure_pursuit":
         return 0.7, 1.2, 0.0, 0.0
@@ -36,7 +36,7 @@ def start_values(config: Config) -> tuple[float, float, float, float]:
 
 @kernel
 def start_s(off, v, p):  # type: ignore[no-untyped-def]
-    """Return the seconds lost by turning to a path ``off`` rad beside the heading and speeding up.
+    """Return the seconds lost by turning to a path ``off`` rad from the heading and speeding up.
 
     ``v`` is the present speed as a share of the full one; ``p`` has ``START_FIELDS``.
     """
@@ -135,7 +135,7 @@ def _angle(x, y):  # type: ignore[no-untyped-def]
 
 @kernel
 def _mppi_command(g, off, p):  # type: ignore[no-untyped-def]
-    """Return what MPPI aims at, (v, omega), for a path ``off`` rad beside the heading.
+    """Return what MPPI aims at, (v, omega), for a path ``off`` rad from the heading.
 
     It turns towards the path, and drives the slower the farther it is off the path and the faster it turns.
     """
