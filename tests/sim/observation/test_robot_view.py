@@ -131,9 +131,11 @@ def test_robot_matches_simulator_despite_aborts_and_fast_ghosts() -> None:
 def test_robot_agrees_while_ghosts_are_frightened_and_away() -> None:
     power = {"power.pellets": 9, "power.duration_s": 60.0, "power.speed_factor": 0.2}
     changes = {"clyde.ghosts": ("wander", "wander"), "execution.death_radius_m": 0.6, **power}
-    counts = play("house", 7, [make_policy("nearest"), make_policy("clyde_aware")], 300, **changes)
-    assert counts["frightened"] > 100
-    assert counts["caught"] > 0
+    games = [
+        play("house", seed, [make_policy("nearest"), make_policy("clyde_aware")], 400, **changes) for seed in (9, 10)
+    ]
+    assert min(counts["frightened"] for counts in games) > 100
+    assert sum(counts["caught"] for counts in games) > 0
 
 
 @cache
