@@ -67,13 +67,13 @@ def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDAr
 
     Raises ValueError without maps.
     """
-    maps_wanted(situation)
     games, slots = situation.mask.shape
     candidates = np.empty((games, slots, _CANDIDATE_COLUMNS), dtype=np.float32)
     whole = np.empty((games, _WHOLE_COLUMNS), dtype=np.float32)
     mask = np.ascontiguousarray(situation.mask)
     job, tables = planner_stage(situation, robot_speed_mps, mask, candidates, whole)
-    situation.threads.run(job, tables, games)
+    while situation.threads.run(job, tables, games) <= NEEDS_MAPS:
+        maps_wanted(situation)
     return candidates, whole
 
 
