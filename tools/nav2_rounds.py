@@ -1,0 +1,184 @@
+"""Record rounds of the game on the simulated base: ``python -m tools.nav2_rounds MAP --out FILE``.
+
+With ``--nav2 COMMAND`` a real Nav2 drives, otherwise the simulated one; ``pacman-env ros up --help`` explains COMMAND.
+FILE (CSV) gets one row per round, as soon as the round has ended. An existing file is continued.
+"""
+
+import argparse
+import csv
+import json
+import math
+import signal
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from rclpy.parameter import Parameter
+
+from pacman_env import __version__
+from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.ros import topics
+from pacman_env.ros.discovery import join, provide_log_folder
+from pacman_env.ros.messages import pose_of
+from pacman_env.ros.node import ObserverNode, StopSignals
+from pacman_env.ros.supervisor.game_nodes import NAMESPACE, full_namespace
+
+BUMP = 1  # irobot_create_msgs/HazardDetection.BUMP
+TRUE_POSES = 200  # that are kept to find the one of AMCL's stamp, s times 50
+START_S = 300.0  # of wall time, until the first round begins
+ROUND_S = 900.0  # of wall time, from the end of one round to the end of the next
+
+
+@dataclass
+class Round:
+    """One row: times in s of the simulated clock, lengths in m."""
+
+    version: str
+    navigator: str
+    map: str
+    policy: str
+    clyde_mps: float
+    end: str = ""  # the state after ``running``: complete, dying, or menu after a reset
+    result: str = ""
+    collected: int = 0
+    pellets: int = 0
+    time_s: float = 0.0
+    goals: int = 0  # sent to the navigator
+    aborted: int = 0  # of them, without those that another goal replaced
+    bumps: int = 0
+    driven_m: float = 0.0
+    amcl_rms_m: float = math.nan
+    amcl_most_m: float = math.nan
+
+
+class RoundRecorder(ObserverNode):
+    """Node that listens to a game and keeps a row for each round."""
+
+    def __init__(self, namespace: str, card: Round, domain: int | None) -> None:
+        super().__init__("nav2_rounds", namespace, domain, parameter_overrides=[Parameter("use_sim_time", value=True)])
+        self._card, self.ended = card, list[Round]()
+        self._round: Round | None = None
+        self._begun_s, self._sent, self._aborted = 0.0, (0, 0), (0, 0)  # at the start of the round, and now
+        self._true: deque[tuple[float, float, float]] = deque(maxlen=TRUE_POSES)
+        self._errors: list[float] = []
+        self._bumped = False
+        topics.GAME_STATE.subscription(self, self._on_state)
+        topics.GAME_RESULT.subscription(self, self._on_result)
+        topics.PELLETS_SPAWNED.subscription(self, self._on_spawned)
+        topics.PELLETS_COLLECTED.subscription(self, self._on_collected)
+        topics.DIAGNOSTICS.subscription(self, self._on_diagnostics)
+        topics.SIMULATED_POSE.subscription(self, self._on_true_pose)
+        topics.AMCL_POSE.subscription(self, self._on_amcl)
+        topics.HAZARD_DETECTION.subscription(self, self._on_hazards)
+
+    def _on_state(self, message: Any) -> None:
+        now_s = self.get_clock().now().nanoseconds * 1e-9
+        if message.data == "running" and self._round is None:
+            self._round, self._begun_s, self._errors = Round(**asdict(self._card)), now_s, []
+            self._sent, self._aborted = (self._sent[1],) * 2, (self._aborted[1],) * 2
+        elif message.data != "running" and self._round is not None:
+            row, self._round = self._round, None
+            row.end, row.time_s = message.data, round(now_s - self._begun_s, 2)
+            if self._errors:
+                row.amcl_rms_m = round(math.hypot(*self._errors) / math.sqrt(len(self._errors)), 4)
+                row.amcl_most_m = round(max(self._errors), 4)
+            row.goals, row.aborted = self._sent[1] - self._sent[0], self._aborted[1] - self._aborted[0]
+            row.driven_m = round(row.driven_m, 2)
+            self.ended.append(row)
+
+    def _on_result(self, message: Any) -> None:
+        row = self._round or (self.ended[-1] if self.ended else None)
+        if row is not None:
+            row.result = message.data
+
+    def _on_spawned(self, message: Any) -> None:
+        self._card.pellets = message.data or self._card.pellets
+
+    def _on_collected(self, message: Any) -> None:
+        if self._round is not None:
+            self._round.collected = max(self._round.collected, message.data)
+
+    def _on_diagnostics(self, message: Any) -> None:
+        facts = json.loads(message.data)
+        self._sent = self._sent[0], facts["goals_sent"]
+        self._aborted = self._aborted[0], facts["goals_aborted"]
+
+    def _on_true_pose(self, message: Any) -> None:
+        x, y, _ = pose_of(message)
+        if self._true and self._round is not None:
+            self._round.driven_m += math.dist(self._true[-1][1:], (x, y))
+        self._true.append((_stamp_s(message), x, y))
+
+    def _on_amcl(self, message: Any) -> None:
+        at = [(x, y) for stamp_s, x, y in self._true if abs(stamp_s - _stamp_s(message)) < 0.05]
+        if at and self._round is not None:
+            self._errors.append(math.dist(at[-1], pose_of(message)[:2]))
+
+    def _on_hazards(self, message: Any) -> None:
+        bumped = any(hazard.type == BUMP for hazard in message.detections)
+        if self._round is not None:
+            self._round.bumps += bumped and not self._bumped
+        self._bumped = bumped
+
+
+def _stamp_s(message: Any) -> float:
+    return float(message.header.stamp.sec + message.header.stamp.nanosec * 1e-9)
+
+
+def record(arguments: argparse.Namespace) -> int:
+    join(arguments.domain_id, this_machine=True)
+    provide_log_folder()
+    words = ["--map", arguments.map, "--policy", arguments.policy, "--sim", "--rounds", str(arguments.rounds)]
+    words += ["--nav2", arguments.nav2] if arguments.nav2 else []
+    words += ["--domain-id", str(arguments.domain_id)] if arguments.domain_id else []
+    for setting in ("clyde.speed_step_mps=0.0", f"clyde.speed_mps={arguments.clyde_speed}", *arguments.set):
+        words += ["--set", setting]
+    file: Path = arguments.out
+    file.parent.mkdir(parents=True, exist_ok=True)
+    navigator = arguments.navigator or ("Nav2" if arguments.nav2 else "simulated Nav2")
+    card = Round(__version__, navigator, Path(arguments.map).name, arguments.policy, arguments.clyde_speed)
+    node = RoundRecorder(full_namespace(NAMESPACE), card, arguments.domain_id)
+    begins = not file.exists()
+    game = subprocess.Popen([sys.executable, "-m", "pacman_env.cli.main", "ros", "up", *words])
+    try:
+        with file.open("a", newline="") as out:
+            rows = csv.DictWriter(out, [field.name for field in fields(Round)])
+            if begins:
+                rows.writeheader()
+            until = time.monotonic() + START_S + ROUND_S
+            while game.poll() is None and time.monotonic() < until:
+                node.spin_until(lambda: node.ended or game.poll() is not None, 10.0)
+                if node.ended:
+                    node.spin_until(lambda: False, 2.0)  # its result comes a moment later
+                    rows.writerow(asdict(node.ended.pop()))
+                    out.flush()
+                    until = time.monotonic() + ROUND_S
+    finally:
+        game.send_signal(signal.SIGINT)
+        game.wait(60)
+        node.close()
+    return 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = Parser(prog="tools.nav2_rounds", description=__doc__)
+    parser.add_argument("map")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE")
+    parser.add_argument("--policy", default="ppo")
+    parser.add_argument("--clyde-speed", type=float, default=0.25, help="m/s (0.25)")
+    parser.add_argument("--rounds", type=whole_number(1), default=20, help="(20)")
+    parser.add_argument("--nav2", default="", metavar="COMMAND", help="a real Nav2")
+    parser.add_argument("--navigator", default="", metavar="TEXT", help="its name and version, for the rows")
+    parser.add_argument("--domain-id", type=whole_number(0), default=None)
+    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="of the configuration")
+    with StopSignals(breaks_off=True):
+        return run_command(parser, argv, record, "ros")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
