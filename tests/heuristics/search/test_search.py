@@ -10,7 +10,7 @@ import pytest
 
 from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.game.behaviour_belief import BELIEVED
-from pacman_env.game.execution import COMPLETE
+from pacman_env.game.execution import COMPLETE, DEAD
 from pacman_env.game.ghosts import BEHAVIOURS
 from pacman_env.heuristics.search import search as module
 from pacman_env.heuristics.search.search import Search, is_predictable
@@ -118,15 +118,12 @@ def test_more_time_widens_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
     assert played[1] > 5 * played[0]
 
 
-def completed(policy: Policy, speed_mps: float, rounds: int) -> int:
-    config = config_of("chase", **{"clyde.speed_mps": speed_mps})
-    record, _ = play(map_assets("house", config), config, policy, episode_seeds(0, rounds), batch_size=rounds)
-    return int((record["end"] == COMPLETE).sum())
-
-
 @pytest.mark.parametrize("speed_mps", [0.15, pytest.param(0.22, marks=pytest.mark.daily)])
 def test_search_flees_from_a_believed_chaser(speed_mps: float) -> None:
-    assert completed(Search(nodes=6000), speed_mps, 12) >= 9
+    config = config_of("chase", **{"clyde.speed_mps": speed_mps})
+    record, _ = play(map_assets("house", config), config, Search(nodes=6000), episode_seeds(0, 12), batch_size=12)
+    assert (record["end"] != DEAD).sum() >= 9
+    assert (record["end"] == COMPLETE).sum() >= 6, "slow rounds end at the time limit"
 
 
 def test_reached_refuge_has_no_bonus() -> None:
