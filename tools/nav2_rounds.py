@@ -91,17 +91,19 @@ class RoundRecorder(ObserverNode):
             row.driven_m = round(row.driven_m, 2)
             self.ended.append(row)
 
+    def _latest(self) -> Round:
+        """Return the round that is played, or has just ended: its last messages may come after its end."""
+        return self._round or (self.ended[-1] if self.ended else Round(**asdict(self._card)))
+
     def _on_result(self, message: Any) -> None:
-        row = self._round or (self.ended[-1] if self.ended else None)
-        if row is not None:
-            row.result = message.data
+        self._latest().result = message.data
 
     def _on_spawned(self, message: Any) -> None:
         self._card.pellets = message.data or self._card.pellets
 
     def _on_collected(self, message: Any) -> None:
-        if self._round is not None:
-            self._round.collected = max(self._round.collected, message.data)
+        row = self._latest()
+        row.collected = max(row.collected, message.data)
 
     def _on_diagnostics(self, message: Any) -> None:
         facts = json.loads(message.data)
@@ -133,12 +135,13 @@ def _stamp_s(message: Any) -> float:
 def record(arguments: argparse.Namespace) -> int:
     join(arguments.domain_id, this_machine=True)
     provide_log_folder()
+    file: Path = arguments.out
     words = ["--map", arguments.map, "--policy", arguments.policy, "--sim", "--rounds", str(arguments.rounds)]
+    words += ["--composed", "--logs", str(file.with_suffix(".logs"))]
     words += ["--nav2", arguments.nav2] if arguments.nav2 else []
     words += ["--domain-id", str(arguments.domain_id)] if arguments.domain_id else []
     for setting in ("clyde.speed_step_mps=0.0", f"clyde.speed_mps={arguments.clyde_speed}", *arguments.set):
         words += ["--set", setting]
-    file: Path = arguments.out
     file.parent.mkdir(parents=True, exist_ok=True)
     navigator = arguments.navigator or ("Nav2" if arguments.nav2 else "simulated Nav2")
     card = Round(__version__, navigator, Path(arguments.map).name, arguments.policy, arguments.clyde_speed)
