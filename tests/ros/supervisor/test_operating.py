@@ -296,11 +296,18 @@ def test_frozen_pellet_manager_is_started_again(game: Game, domain: int) -> None
 
 def test_doctor_finds_whole_game_ready(game: Game, domain: int) -> None:
     game.in_menu()
-    out = io.StringIO()
-    with mock.patch.dict(os.environ):
-        status = doctor("robot_15", domain, "house", sim=True, wait_s=PATIENCE_S, out=out)
-    text = out.getvalue()
-    assert status == 0, text
+    texts = [""]
+
+    def ready() -> bool:
+        """On a busy machine a transform can be late: then another look is needed."""
+        out = io.StringIO()
+        with mock.patch.dict(os.environ):
+            status = doctor("robot_15", domain, "house", sim=True, wait_s=PATIENCE_S, out=out)
+        texts.append(out.getvalue())
+        return status == 0
+
+    game.wait_for(ready, "all to be well")
+    text = texts[-1]
     marks = {line[4:20].strip(): line[:4].strip() for line in text.splitlines()[1:-1] if line[:4].strip()}
     assert {check for check, mark in marks.items() if mark != OK} - {"game", "clyde_trail"} == {
         *("dock", "battery", "Nav2's nodes")
