@@ -179,6 +179,6 @@ def what_ros_needs() -> Iterator[None]:
         if name == "rclpy" or name.endswith("_msgs"):
             raise OSError(
                 f"this needs ROS 2 Jazzy ({name} is missing): source /opt/ros/jazzy/setup.bash on a robot; elsewhere "
-                f"{install_command('ros')} && python -m tools.ros_interfaces.build (see docs/robot.md)"
+                f"{install_command('ros')} && python -m tools.ros_interfaces.build (see docs/robot/simulation.md)"
             ) from None
         raise

@@ -97,7 +97,7 @@ class GameSetup:
             raise ValueError(f"speed {self.speed:g}: only a simulated robot (--sim) can be faster than time")
         if self.nav2 and not self.sim:
             raise ValueError(
-                "nav2: only with a simulated robot (--sim); a real one has its own (docs/robot.md, step 5)"
+                "nav2: only with a simulated robot (--sim); a real one has its own (docs/robot/first_game.md, step 5)"
             )
         if self.starts_nav2 and self.speed != 1.0:
             raise ValueError(f"speed {self.speed:g}: only 1 with nav2, whose loops run by the wall's clock")

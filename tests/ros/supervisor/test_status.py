@@ -48,7 +48,7 @@ def test_absent_and_pending_parts_are_named(domain: int, tmp_path: Path) -> None
 
 
 def test_robot_page_lists_every_key_of_json(status_line: StatusLine) -> None:
-    text = (ROOT / "docs" / "robot.md").read_text()
+    text = (ROOT / "docs" / "robot" / "simulation.md").read_text()
     rows = text.partition("| Key | Content |\n|---|---|\n")[2].partition("\n\n")[0].splitlines()
     named = {key for row in rows for key in re.findall(r"`(\w+)`", row.split("|")[1])}
     assert named == json.loads(as_json(status_line, Missing())).keys() | {"ghosts_caught"}  # with power pellets alone
