@@ -213,7 +213,11 @@ class GameProcesses:
         if missing:
             return f"waiting for {', '.join(missing)}"
         if SELECTOR not in processes and game_nodes.LOCK_STEP not in processes:
-            robot = "the simulated robot's pose" if self.setup.sim else "the robot's pose (docs/robot/first_game.md, step 5)"
+            robot = (
+                "the simulated robot's pose"
+                if self.setup.sim
+                else "the robot's pose (docs/robot/first_game.md, step 5)"
+            )
             return f"waiting for {f'the pose, from AMCL (log of {NAV2})' if self.setup.nav2 else robot}"
         return "" if status_line.condition else f"waiting for {SELECTOR}"
 

@@ -186,7 +186,9 @@ def test_command_without_ros_names_installation(
     assert install_command("ros") in err
 
 
-@pytest.mark.parametrize(("sim", "words"), [(True, "the simulated robot's pose"), (False, "docs/robot/first_game.md, step 5")])
+@pytest.mark.parametrize(
+    ("sim", "words"), [(True, "the simulated robot's pose"), (False, "docs/robot/first_game.md, step 5")]
+)
 def test_only_real_pose_is_awaited_with_page_step(domain: int, tmp_path: Path, sim: bool, words: str) -> None:
     setup = GameSetup("house", sim=sim)
     with StatusLine(setup.namespace, setup.sim) as status_line:
