@@ -1,6 +1,6 @@
 """All nodes of a game: `ros2 launch pacman_env game.launch.py map:=/path/map.yaml policy:=ppo namespace:=robot_15`.
 
-Localization and Nav2 are launched beside it (docs/robot/first_game.md). The goal selector starts when the robot has a pose. On
+Launch localization and Nav2 as well (docs/robot/first_game.md). The goal selector starts when the robot has a pose. On
 Ctrl-C `launch` stops all nodes at once; `pacman-env ros up` does it in order, the robot first.
 """
 
