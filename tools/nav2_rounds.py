@@ -29,7 +29,7 @@ from pacman_env.ros.node import ObserverNode, StopSignals
 from pacman_env.ros.supervisor.game_nodes import NAMESPACE, full_namespace
 
 BUMP = 1  # irobot_create_msgs/HazardDetection.BUMP
-TRUE_POSES = 200  # that are kept to find the one of AMCL's stamp, s times 50
+TRUE_POSES = 200  # newest true poses that AMCL poses are compared with; 50 arrive per second
 START_S = 300.0  # of wall time, until the first round begins
 ROUND_S = 900.0  # of wall time, from the end of one round to the end of the next
 
