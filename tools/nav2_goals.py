@@ -30,7 +30,7 @@ from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.evaluation.checks.recorded_goals import REST_MPS, REST_RADPS
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import avoid_shared_memory, provide_log_folder, stay_on_this_machine
-from pacman_env.ros.messages import GHOST_OBSTACLE, Pose, Position, cloud_message, pose_of
+from pacman_env.ros.messages import GHOST_OBSTACLE, Pose, Position, cloud_message, pose_of, seconds_of
 from pacman_env.ros.node import ObserverNode, StopSignals
 from pacman_env.ros.nodes.ghost_trail import GhostTrail
 from pacman_env.ros.selector.navigation_client import NavigationClient
@@ -145,10 +145,10 @@ class Recorder(ObserverNode):
         self.amcl = pose_of(message)
 
     def _on_odometry(self, message: Any) -> None:
-        stamp, twist, last_s = message.header.stamp, message.twist.twist, self._odometry_s
+        twist, last_s = message.twist.twist, self._odometry_s
         if self._origin is None:
             return
-        self._odometry_s = now_s = stamp.sec + stamp.nanosec * 1e-9
+        self._odometry_s = now_s = seconds_of(message.header.stamp)
         self.pose = compose(self._origin, pose_of(message, "odom"))
         self._v, self._w = twist.linear.x, twist.angular.z
         self._driven_m += abs(self._v) * min(max(now_s - last_s, 0.0), 1.0)

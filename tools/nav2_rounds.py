@@ -24,7 +24,7 @@ from pacman_env import __version__
 from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import join, provide_log_folder
-from pacman_env.ros.messages import pose_of
+from pacman_env.ros.messages import pose_of, seconds_of
 from pacman_env.ros.node import ObserverNode, StopSignals
 from pacman_env.ros.supervisor.game_nodes import NAMESPACE, full_namespace
 
@@ -114,10 +114,11 @@ class RoundRecorder(ObserverNode):
         x, y, _ = pose_of(message)
         if self._true and self._round is not None:
             self._round.driven_m += math.dist(self._true[-1][1:], (x, y))
-        self._true.append((_stamp_s(message), x, y))
+        self._true.append((seconds_of(message.header.stamp), x, y))
 
     def _on_amcl(self, message: Any) -> None:
-        at = [(x, y) for stamp_s, x, y in self._true if abs(stamp_s - _stamp_s(message)) < 0.05]
+        amcl_s = seconds_of(message.header.stamp)
+        at = [(x, y) for true_s, x, y in self._true if abs(true_s - amcl_s) < 0.05]
         if at and self._round is not None:
             self._errors.append(math.dist(at[-1], pose_of(message)[:2]))
 
@@ -126,10 +127,6 @@ class RoundRecorder(ObserverNode):
         if self._round is not None:
             self._round.bumps += bumped and not self._bumped
         self._bumped = bumped
-
-
-def _stamp_s(message: Any) -> float:
-    return float(message.header.stamp.sec + message.header.stamp.nanosec * 1e-9)
 
 
 def record(arguments: argparse.Namespace) -> int:
