@@ -94,11 +94,9 @@ def _shorter(
 
 
 def _adapted(app: Sphinx, page: str, source: list[str]) -> None:
-    """Add what only the site has: links to the pages of the ids, and pages below a page."""
+    """Add what only the site has: the mark of the first page, and pages below a page."""
     if page == "index":
         source[0] = f"---\nfirstpage: true\n---\n{source[0]}"
-    elif page == "environments/ids":
-        source[0] = re.sub(r"^\| `(PacManBot\w*-v\d)` ", r"| [`\1`](ids/\1.md) ", source[0], flags=re.MULTILINE)
     if page in _BELOW:
         source[0] += f"\n```{{toctree}}\n:hidden:\n:glob:\n\n{_BELOW[page]}\n```\n"
 

@@ -1,6 +1,6 @@
 """Write the sources of the site for Sphinx, as ``scripts/docs`` does: ``python -m tools.site FOLDER``.
 
-They are a copy of docs/ with the pages of the ids and the pages at the top of the checkout, next to links to the
+They are a copy of docs/ with pictures of the ids and the pages at the top of the checkout, next to links to the
 sources that pages refer to.
 """
 
@@ -24,10 +24,8 @@ def assemble(folder: Path) -> None:
     for name in ("CHANGELOG", "CONTRIBUTING"):
         text = (ROOT / f"{name}.md").read_text(encoding="utf-8")
         (source / f"{name.lower()}.md").write_text(text.replace("](docs/", "]("), encoding="utf-8")
-    pages = source / "environments" / "ids"
-    pages.mkdir()
     for env_id in IDS:
-        ids.write(env_id, pages)
+        ids.write(env_id, source / "environments" / "ids")
 
 
 if __name__ == "__main__":
