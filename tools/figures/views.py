@@ -23,7 +23,7 @@ Record = Mapping[str, Any]  # one measurement in docs/figures.json
 Records = Mapping[str, Record]
 Row = Mapping[str, Any]
 
-BLOCK = re.compile(r"(<!-- figure: (\S+)/([\w-]+)((?: [\w.:]+)*) -->)(.*?)(<!-- end -->)", re.DOTALL)
+BLOCK = re.compile(r"(<!-- figure: (\S+)/([\w-]+)((?: [\w.:-]+)*) -->)(.*?)(<!-- end -->)", re.DOTALL)
 _WIDTH = 150  # of the terminal's table, in characters
 
 
@@ -79,8 +79,9 @@ def _seconds(name: str, records: Records, words: Sequence[str]) -> str:
 
 
 def _terminal(name: str, records: Records, words: Sequence[str]) -> str:
-    """Return the table that ``pacman-env compare`` prints, without its legend."""
-    return f"```\n{render(records[name]['values'], _WIDTH).split(chr(10) * 2)[0].rstrip()}\n```"
+    """Return the table and the verdict that ``pacman-env compare`` prints, without the legend."""
+    lines = render(records[name]["values"], _WIDTH).split("\n\n")
+    return "\n".join(["```", *"\n\n".join(lines[:2]).splitlines(), "```"])
 
 
 def _by_map(name: str, records: Records, words: Sequence[str]) -> str:
