@@ -1,4 +1,4 @@
-"""The import order of the package: a room uses only rooms below it (docs/architecture.md, "Floors")."""
+"""The import order of the package: a folder uses only its own and lower layers (docs/architecture.md, "Layers")."""
 
 from __future__ import annotations
 

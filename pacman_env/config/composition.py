@@ -31,14 +31,14 @@ class Config(sections.Groups):
     action: Literal["goal", "velocity"] = setting("goal", "a candidate goal, or v and omega of the base")
     action_range: Literal["physical", "unit"] = setting(
         "physical",
-        "Of velocities: m/s and rad/s, or -1 to 1 for both: v from 0 to robot.wheel_speed_mps, omega from "
-        "-robot.omega_radps to robot.omega_radps.",
+        "Unit of velocity actions: m/s and rad/s, or -1 to 1 for both. v runs from 0 to robot.wheel_speed_mps, omega "
+        "from -robot.omega_radps to robot.omega_radps.",
     )
-    endless: bool = setting(False, "round follows round, Clyde faster each time, until the robot is caught")
+    endless: bool = setting(False, "rounds continue, with a faster Clyde each time, until the robot is caught")
     timeout: Literal["truncation", "termination"] = setting(
         "truncation",
-        "The end at the time limit: a truncation, or a termination, after which no learner adds the value of what "
-        "follows.",
+        "End at the time limit: a truncation, after which learners bootstrap, or a termination, after which they do "
+        "not.",
     )
     max_cycles: AtLeastOne | None = setting(
         None, "environments with several agents: number of decisions before truncation"
@@ -46,21 +46,19 @@ class Config(sections.Groups):
     zero_sum: bool = setting(
         True, "ghosts that are agents share the negative of the robot's reward; False: ghost_reward"
     )
-    start_level: Count | None = setting(
-        None, "first of the generated houses that are played; None: the first of the split"
-    )
+    start_level: Count | None = setting(None, "level of the first generated house; None: the first of the split")
     num_levels: Count | None = setting(
         None,
-        "Number of generated houses to play; 0: all of the split. None: from start_level on all of them, without "
-        "it the prepared ones, 1,000 to train in and 200 to test in.",
+        "Number of generated houses to play; 0: all of the split. None: all from start_level on, or the prepared set "
+        "(1,000 training or 200 test houses) without start_level.",
     )
     home: tuple[Number, Number, Number] | None = setting(
         None,
-        "x, y (m) and heading (rad) of the home pose on a map that is not generated; None: (0, 0, 0) where the "
-        "robot can stand there, else the roomiest place of the largest part.",
+        "Home pose x, y (m) and heading (rad) on a map that is not generated. None: (0, 0, 0) if the robot can stand "
+        "there, otherwise the roomiest place of the largest part.",
     )
     physics_step_s: Positive = setting(0.05, "Nav2's controller rate, 20 Hz")
-    time_limit_s: Positive = setting(600.0, "of a round; `timeout` says what kind of end it is")
+    time_limit_s: Positive = setting(600.0, "longest duration of a round; `timeout` decides what kind of end it is")
     max_pellets: AtLeastOne | None = setting(None, "slots for pellets in the observation; None: as many as the map has")
 
     def __post_init__(self) -> None:

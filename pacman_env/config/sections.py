@@ -31,34 +31,36 @@ class RobotConfig(Checked, group="robot"):
     velocity_timeout_s: Positive = setting(0.5, "a velocity that is not repeated ends (Create 3)")
     lidar_x_m: Number = setting(
         -0.04,
-        "Of `sim_robot` as a base alone, which a real Nav2 drives; the game's own rounds do not use what follows. "
-        "of the lidar, ahead of the base's centre (URDF of the TurtleBot 4)",
+        "Lidar's distance ahead of the base's centre (URDF of the TurtleBot 4). Only `sim_robot` as a base for a real "
+        "Nav2 uses this field and the following ones.",
     )
-    lidar_height_m: Positive = setting(0.193, "0.094 to the shell and 0.099 on it (URDF of the TurtleBot 4)")
-    lidar_heading_rad: Number = setting(1.5708, "its frame is turned to the left (URDF of the TurtleBot 4)")
+    lidar_height_m: Positive = setting(
+        0.193, "lidar's height: 0.094 to the shell and 0.099 above it (URDF of the TurtleBot 4)"
+    )
+    lidar_heading_rad: Number = setting(1.5708, "the lidar's frame is turned to the left (URDF of the TurtleBot 4)")
     odometry_distance_error: NotNegative = setting(
         0.01,
-        "What the odometry's distances and turns are wrong by, drawn once from the seed. A base with encoders, "
-        "gyro and floor camera is of this order [I]; relative standard deviations.",
+        "Relative standard deviation of the systematic error of odometry distances, drawn once from the seed. A base "
+        "with encoders, gyro and floor camera has errors of this order [I].",
     )
-    odometry_turn_error: NotNegative = setting(0.01, "relative standard deviation, as of the distance [I]")
+    odometry_turn_error: NotNegative = setting(0.01, "the same for turns [I]")
     odometry_distance_noise: NotNegative = setting(
-        0.005, "its random error after 1 m, m; grows with the distance's root [I]"
+        0.005, "random distance error after 1 m, in m; grows with the square root of the distance [I]"
     )
     odometry_turn_noise: NotNegative = setting(
-        0.01, "its random error after 1 rad, rad; grows with the turn's root [I]"
+        0.01, "random heading error after a turn of 1 rad, in rad; grows with the square root of the turn [I]"
     )
     odometry_heading_noise: NotNegative = setting(
-        0.01, "its random error after 1 m, rad; grows with the distance's root [I]"
+        0.01, "random heading error after 1 m, in rad; grows with the square root of the distance [I]"
     )
     wheel_slip: Annotated[float, Meta(ge=0, le=0.5)] = setting(
-        0.005, "share of the wheels' motion that moves nothing [I]"
+        0.005, "share of the wheels' motion that does not move the robot [I]"
     )
     odometry_pose_variance: Positive = setting(
-        0.001, "reported of x and y, m2, and of the speed (Create 3's simulator)"
+        0.001, "reported variance of x and y, m2, and of the speed (Create 3's simulator)"
     )
     odometry_heading_variance: Positive = setting(
-        0.01, "reported of the heading, rad2, and the turn rate (Create 3's simulator)"
+        0.01, "reported variance of the heading, rad2, and of the turn rate (Create 3's simulator)"
     )
 
     def __post_init__(self) -> None:
@@ -157,10 +159,12 @@ class ClydeConfig(Checked, group="clyde"):
     spawn_distance_m: NotNegative = setting(
         1.5, "At least this far from the robot in a straight line; if no place is, the farthest one. Original: 0."
     )
-    click_distance_m: NotNegative = setting(0.25, "a click in RViz this near a place where Clyde can be puts it there")
+    click_distance_m: NotNegative = setting(
+        0.25, "a click in RViz at most this far from a place where Clyde can be moves it there"
+    )
     ghosts: tuple[str, ...] = setting(("wander",), "behaviours of one to four: Clyde, Blinky, Pinky, Inky")
     arcade_distance_m: Positive = setting(
-        2.0, "Arcade: Clyde turns away at 8 tiles; a tile is the pick-up radius, what the robot sweeps on either side."
+        2.0, "arcade: Clyde turns away at 8 tiles; a tile is the pick-up radius, which the robot sweeps on either side"
     )
 
     def __post_init__(self) -> None:
@@ -176,17 +180,17 @@ class PowerConfig(Checked, group="power"):
     of the maze; a robot at 0.306 m/s needs about 20 s for as much of a house 4 m wide.
     """
 
-    pellets: Count = setting(0, "how many of a map's pellets are power pellets; 0: the game of the report")
-    duration_s: Positive = setting(20.0, "they frighten ghosts for so long in round 1 (arcade: 6 s, see above)")
-    duration_step_s: NotNegative = setting(3.3, "shorter by this per round (arcade: 1 s of 6 s)")
-    shortest_s: Positive = setting(6.6, "at least this long (arcade: 2 s of 6 s in level 5)")
+    pellets: Count = setting(0, "number of power pellets among a map's pellets; 0: the game of the report")
+    duration_s: Positive = setting(20.0, "time for which ghosts are frightened in round 1 (arcade: 6 s, see above)")
+    duration_step_s: NotNegative = setting(3.3, "decrease of this time per round (arcade: 1 s of 6 s)")
+    shortest_s: Positive = setting(6.6, "shortest such time (arcade: 2 s of 6 s in level 5)")
     warning_s: NotNegative = setting(6.6, "frightened ghosts blink this long before the end (arcade: 2 s of 6 s)")
     speed_factor: Annotated[float, Meta(gt=0, le=1)] = setting(
-        0.67, "of a frightened ghost's speed (arcade: 50 % of the largest speed instead of 75 %)"
+        0.67, "factor of a frightened ghost's speed (arcade: 50 % of the largest speed instead of 75 %)"
     )
     return_s: NotNegative = setting(5.0, "a caught ghost starts again at its spawn place after this [I]")
-    behaviour: str = setting("flee", "of frightened ghosts that no policy controls")
-    flee_m: Positive = setting(3.0, "flee: they head for the place so far ahead, straight away from the robot [I]")
+    behaviour: str = setting("flee", "behaviour of frightened ghosts that no policy controls")
+    flee_m: Positive = setting(3.0, "flee: distance of the place that they head for, straight away from the robot [I]")
     pellet_points: Count = setting(5, "score of a power pellet; a pellet counts 1 (arcade: 50 and 10)")
     ghost_points: Count = setting(
         20, "score of the first caught ghost, doubled up to the fourth (arcade: 200 to 1,600)"
@@ -204,8 +208,8 @@ class ExecutionConfig(Checked, group="execution"):
 
     rules: Literal["robust", "as_built"] = setting(
         "robust",
-        "As the original executor was, or corrected: sets pose_source, on_abort, switch and min_dwell_s, each of "
-        "which can be set by itself as well.",
+        "Rules of the original executor, or the corrected ones: sets pose_source, on_abort, switch and min_dwell_s, "
+        "which can also be set one by one.",
     )
     tick_s: Positive = setting(0.5, "decision period: the planner's timer, original")
     check_period_s: Positive = setting(0.5, "pick-up and death are tested this often; original: at each tick")
@@ -252,15 +256,15 @@ class DecisionConfig(Checked, group="decisions"):
 
     when: Literal["tick", "event"] = setting(
         "tick",
-        "At each tick, or when its goal has ended, a pellet was collected, a ghost has come near, or it has been long.",
+        "At each tick, or by events: the goal ended, a pellet was collected, a ghost came near, or time has passed.",
     )
-    longest_s: Positive = setting(4.0, "of event: a choice after so much time in any case")
+    longest_s: Positive = setting(4.0, "event: longest time between two choices")
     threat_distance_m: NotNegative = setting(
-        2.0, "of event: a ghost that comes nearer, straight, is a reason for a choice ..."
+        2.0, "event: a ghost that comes within this straight distance causes a choice ..."
     )
-    threat_longest_s: Positive = setting(1.0, "... and as long as one is, the next follows after so much time")
+    threat_longest_s: Positive = setting(1.0, "... and while it is there, the longest time between two choices")
     discount_per_s: Annotated[float, Meta(gt=0, le=1)] = setting(
-        1.0, "Of event: of the rewards between two decisions; and of reward.progress, whatever `when` is."
+        1.0, "discount of the rewards between two decisions by events, and always of reward.progress"
     )
 
 
@@ -270,7 +274,7 @@ class ShowConfig(Checked, group="show"):
 
     start_s: _ShowTime = setting(8.0, "before a round, original")
     death_s: _ShowTime = setting(5.0, "after a death, original")
-    home_retries: Count = setting(3, "more tries after a failed return home before the game ends; original: none")
+    home_retries: Count = setting(3, "retries after a failed return home before the game ends; original: none")
     home_retry_s: NotNegative = setting(5.0, "pause before each of them")
     spin_radps: Annotated[float, Meta(gt=0, le=1.9)] = setting(1.5, "how fast the robot turns in a show, original")
     swing_s: Positive = setting(0.25, "the shake goes to the other side this often, original")
@@ -289,9 +293,9 @@ class RewardConfig(Checked, group="reward"):
     timeout: Number = setting(-5.0, "the time limit is reached")
     progress: Number = setting(
         0.0,
-        "Per metre by which the path to the nearest pellet left has become shorter, as a potential (Ng, Harada, "
-        "Russell 1999), which does not change the best policy under the learner's own gamma and without "
-        "truncations; 0: none.",
+        "Per metre by which the path to the nearest remaining pellet has become shorter; 0: none. It is a potential "
+        "(Ng, Harada, Russell 1999), so it does not change the best policy if decisions.discount_per_s is the "
+        "learner's discount and rounds are not truncated.",
     )
 
 
@@ -299,12 +303,10 @@ class RewardConfig(Checked, group="reward"):
 class RefugeConfig(Checked, group="refuges"):
     """Selection of refuges, the free places of a map that are candidate goals in addition to pellets."""
 
-    spread: Count = setting(7, "farthest-point places by path length, in addition to the home pose ...")
-    clearance_m: NotNegative = setting(
-        0.30, "... this far from walls where the map has such places: a pellet's clearance"
-    )
-    nooks: Count = setting(4, "places Clyde's centre cannot come near")
-    nook_clearance_m: NotNegative = setting(0.42, "how near it cannot come")
+    spread: Count = setting(7, "number of places far from each other by path length, in addition to the home pose ...")
+    clearance_m: NotNegative = setting(0.30, "... this far from walls if the map has such places: a pellet's clearance")
+    nooks: Count = setting(4, "number of places that Clyde's centre cannot approach ...")
+    nook_clearance_m: NotNegative = setting(0.42, "... to within this distance")
 
 
 Range = tuple[NotNegative, NotNegative] | None
@@ -345,30 +347,30 @@ class ObservationConfig(Checked, group="observation"):
 
     kinds: Annotated[tuple[str, ...], Meta(min_length=1)] = setting(
         ("features",),
-        "Which kinds: features (robot, Clyde, candidates and round as numbers), scan (the lidar), bearings (where "
-        "pellets and ghosts lie; with a scan and, but for a grid alone, with velocities in any case), grid "
-        "(picture around the robot), planner (what the learned planner reads), power (power pellets, and ghosts that "
-        "are frightened or away; with power pellets and, but for a grid alone, in any case); in any order.",
+        "Kinds, in any order: features (robot, Clyde, candidates and round as numbers), scan (the lidar), bearings "
+        "(directions of pellets and ghosts), grid (picture around the robot), planner (inputs of the learned planner), "
+        "power (power pellets, and ghosts that are frightened or away). bearings is always added to scan, and to "
+        "features and planner with velocity actions. power is added to all kinds but grid if there are power pellets.",
     )
     candidates: Literal["all", "nearest"] = setting(
         "all",
-        "All candidates of the map by number, or the nearest, in the order of the robot's path to them: as many on "
-        "any map.",
+        "All candidates of the map by number, or the nearest ones in the order of their path length, equally many "
+        "on every map.",
     )
     nearest_pellets: Annotated[int, Meta(ge=1, le=1000)] = setting(4, "number of pellets in nearest and in bearings")
     nearest_refuges: Annotated[int, Meta(ge=0, le=1000)] = setting(2, "number of refuges in nearest")
-    normalize: bool = setting(False, "all numbers in [-1, 1], by constants (sim/observation/robot_features.py)")
-    flat: bool = setting(False, "one array of all")
+    normalize: bool = setting(False, "scale all numbers to [-1, 1] by constants (sim/observation/robot_features.py)")
+    flat: bool = setting(False, "concatenate everything to one array")
     mask: Literal["observation", "info", "method", "beside"] = setting(
         "observation",
-        "Where the action mask is: among the arrays, in the info, only a method (which there is always), or "
-        "next to the observation: a dictionary of `observation` and `action_mask`.",
+        "Place of the action mask: among the arrays, in the info, only the method (which always exists), or next to "
+        "the observation in a dictionary with `observation` and `action_mask`.",
     )
-    numeric_info: bool = setting(False, 'info["outcome"] is its number (pacman_env.OUTCOMES), not a word')
+    numeric_info: bool = setting(False, 'info["outcome"] is a number (an index of pacman_env.OUTCOMES), not a word')
     infos: Literal["all", "ends"] = setting(
         "all",
-        "Of vector environments that reset in the same step: of every game at each step, or only the last infos "
-        "of games that ended, which saves time.",
+        "Infos of vector environments that reset in the same step: of every game at each step, or only the last "
+        "infos of games that ended, which saves time.",
     )
     scan_rays: Annotated[int, Meta(ge=1, le=10_000)] = setting(360, "RPLIDAR A1: one per degree")
     scan_minimum_m: Positive = setting(0.15, "RPLIDAR A1")
@@ -403,7 +405,7 @@ class Groups(Checked):
         default_factory=lambda: RewardConfig(
             pellet=0.0, death=10.0, completion=-5.0, tick=-0.002, timeout=-5.0, ghost_caught=-2.0
         ),
-        metadata={"description": "Of each ghost that is an agent, where rewards are not zero-sum."},
+        metadata={"description": "Rewards of each ghost that is an agent, if zero_sum is False."},
     )
     refuges: RefugeConfig = field(default_factory=RefugeConfig)
     randomize: RandomizeConfig = field(default_factory=RandomizeConfig)
