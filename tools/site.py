@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from pacman_env.envs.registration import IDS
-from tools import ids
+from tools import ids, replay
 from tools.common import ROOT
 
 
@@ -28,6 +28,7 @@ def assemble(folder: Path) -> None:
     pages.mkdir()
     for env_id in IDS:
         ids.write(env_id, pages)
+    replay.write(source / "_static")
 
 
 if __name__ == "__main__":
