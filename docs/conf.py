@@ -101,9 +101,16 @@ def _adapted(app: Sphinx, page: str, source: list[str]) -> None:
         source[0] += f"\n```{{toctree}}\n:hidden:\n:glob:\n\n{_BELOW[page]}\n```\n"
 
 
+def _scripted(app: Sphinx, page: str, template: str, context: dict[str, object], doctree: object) -> None:
+    """Load the scripts of the replay on its page only."""
+    for name in ("replay_page", "replay_rounds", "replay") if page == "replay" else ():
+        app.add_js_file(f"{name}.js", loading_method="defer")
+
+
 def setup(app: Sphinx) -> None:
     """Connect what reads pages, docstrings and signatures."""
     app.connect("source-read", _adapted)
+    app.connect("html-page-context", _scripted)
     app.connect("autodoc-process-docstring", _restructured, priority=400)  # before Napoleon
     app.connect("autodoc-process-docstring", _restored, priority=600)
     app.connect("autodoc-process-signature", _shorter)

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from pacman_env.envs.registration import IDS
-from tools import ids
+from tools import ids, replay
 from tools.common import ROOT
 
 
@@ -26,6 +26,7 @@ def assemble(folder: Path) -> None:
         (source / f"{name.lower()}.md").write_text(text.replace("](docs/", "]("), encoding="utf-8")
     for env_id in IDS:
         ids.write(env_id, source / "environments" / "ids")
+    replay.write(source / "_static")
 
 
 if __name__ == "__main__":
