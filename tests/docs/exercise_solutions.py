@@ -65,7 +65,8 @@ class LookAhead(BasePolicy):
     """Task 4."""
 
     name = "my_look_ahead"
-    meeting_m, seconds = 0.8, (1, 2, 3, 4, 5)  # Clyde so near, so soon, if both go straight on
+    #: The robot meets Clyde if both are this near within this time, going straight on.
+    meeting_m, meeting_s = 0.8, 5
 
     def scores(self, situation: Situation) -> Floats:
         """Return minus the cost in m: the way, 60 m for a way past Clyde, 30 m for a meeting, 18 to 30 m to wait."""
@@ -80,7 +81,7 @@ class LookAhead(BasePolicy):
         ahead = s.position - s.robot[:, None, :2]  # (N, C, 2)
         straight = np.maximum(np.linalg.norm(ahead, axis=2, keepdims=True), 1e-6)
         meets = np.zeros(s.mask.shape, dtype=bool)
-        for t in self.seconds:
+        for t in range(1, self.meeting_s + 1):
             driven = ahead / straight * np.minimum(self.config.robot.speed_mps * t, straight)
             clyde = s.clyde + s.clyde_velocity * t - s.robot[:, :2]  # (N, 2), from the robot
             meets |= np.linalg.norm(driven - clyde[:, None], axis=2) < self.meeting_m
@@ -91,10 +92,10 @@ class Best(LookAhead):
     """Task 6. Look ahead for longer, with a larger distance."""
 
     name = "my_best"
-    meeting_m, seconds = 1.0, (1, 2, 3, 4, 5, 6, 8)
+    meeting_m, meeting_s = 1.0, 7
 
 
-def train(rounds: int = 64, decisions: int = 300, epochs: int = 10) -> Any:
+def train(rounds: int = 64, decisions: int = 200, epochs: int = 6) -> Any:
     """Task 5. Let the network of a MaskablePPO imitate ``lookahead``."""
     import torch
     from sb3_contrib import MaskablePPO
@@ -104,7 +105,8 @@ def train(rounds: int = 64, decisions: int = 300, epochs: int = 10) -> Any:
     torch.set_num_threads(1)
     games = PacManBotVecEnv(rounds, flat=True, map="house")
     model, teacher = MaskablePPO("MlpPolicy", games, seed=0, device="cpu"), make_policy("lookahead")
-    observation, steps = games.reset(), []
+    observation: Any = games.reset()
+    steps = []
     teacher.reset(np.ones(rounds, dtype=bool), games.env.config)
     for _ in range(decisions):
         action = games.env.action_of(teacher.select(games.env.situation))
