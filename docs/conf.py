@@ -94,18 +94,23 @@ def _shorter(
 
 
 def _adapted(app: Sphinx, page: str, source: list[str]) -> None:
-    """Add what only the site has: links to the pages of the ids, and pages below a page."""
+    """Add what only the site has: the mark of the first page, and pages below a page."""
     if page == "index":
         source[0] = f"---\nfirstpage: true\n---\n{source[0]}"
-    elif page == "environments/ids":
-        source[0] = re.sub(r"^\| `(PacManBot\w*-v\d)` ", r"| [`\1`](ids/\1.md) ", source[0], flags=re.MULTILINE)
     if page in _BELOW:
         source[0] += f"\n```{{toctree}}\n:hidden:\n:glob:\n\n{_BELOW[page]}\n```\n"
+
+
+def _scripted(app: Sphinx, page: str, template: str, context: dict[str, object], doctree: object) -> None:
+    """Load the scripts of the replay on its page only."""
+    for name in ("replay_page", "replay_rounds", "replay") if page == "replay" else ():
+        app.add_js_file(f"{name}.js", loading_method="defer")
 
 
 def setup(app: Sphinx) -> None:
     """Connect what reads pages, docstrings and signatures."""
     app.connect("source-read", _adapted)
+    app.connect("html-page-context", _scripted)
     app.connect("autodoc-process-docstring", _restructured, priority=400)  # before Napoleon
     app.connect("autodoc-process-docstring", _restored, priority=600)
     app.connect("autodoc-process-signature", _shorter)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pacman_env.cli.command import Parser, run_command
 from pacman_env.config import make_config
 from pacman_env.envs.pacmanbot import PacManBotEnv
+from pacman_env.evaluation.replay import record_games
 from pacman_env.files import prepare, replaced
 from pacman_env.policies.registry import make_policy
 from pacman_env.render.frames import INK, MUTED, PAGE, map_view, render_frame
@@ -20,6 +21,7 @@ from pacman_env.render.symbols import Image, paste, text
 from pacman_env.sim.maps.assets import MapAssets, map_assets
 from pacman_env.sim.maps.level_source import TEST_LEVEL, prepare_level
 from pacman_env.world.maps.occupancy import shipped_maps
+from tools import replay
 from tools.common import add_images, add_names
 
 _GAP = 10  # px between pictures
@@ -81,6 +83,16 @@ def corners(assets: MapAssets) -> NDArray[np.float64]:
 
 def draw_round() -> Image:
     return render_frame(play(7, 70, map="house").batch, 0, height=600, title="clyde_aware")
+
+
+def draw_replay() -> Image:
+    """Draw the rounds of the page "Replay" when the first one has ended."""
+    config, policies = make_config(), {policy: policy for policy in replay.POLICIES}
+    first, *others = games = record_games("house", config, policies, replay.SEED)
+    while not first.over:
+        for game in games:
+            game.step()
+    return sheet([game.picture(420) for game in games], 2)
 
 
 def draw_story() -> Image:
@@ -169,6 +181,7 @@ PICTURES: dict[str, Callable[[], Image]] = {
     draw.__name__.removeprefix("draw_"): draw
     for draw in (
         draw_round,
+        draw_replay,
         draw_story,
         draw_ghosts,
         draw_power,

@@ -1,8 +1,13 @@
-"""Write the site's pages of the ids with ``ids.md.j2``: spaces, rewards, ends, arguments and scores, from the code."""
+"""Write the pages of the ids with ``ids.md.j2`` from the code that they describe: ``python -m tools.ids``."""
 
+import argparse
 import dataclasses
 import inspect
+import operator
 import re
+import sys
+from collections.abc import Iterator, Sequence
+from enum import IntEnum
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +18,47 @@ import numpy as np
 import pettingzoo
 from gymnasium import spaces
 
+from pacman_env.cli.command import Parser, run_command
+from pacman_env.config import Config
+from pacman_env.config.described import description_of
 from pacman_env.envs.pacmanbot import PacManBotEnv
-from pacman_env.envs.registration import ENV_ID, IDS
+from pacman_env.envs.registration import ENV_ID, FLAT_ID, IDS
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.maps.level_source import FixedMap
 from pacman_env.sim.observation.observer import Observer
-from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
-from tools.common import as_arguments, number, table
+from pacman_env.sim.observation.planner_columns import GHOST_TOKENS, CandidateColumn, GlobalColumn, TokenColumn
+from tools.common import IMAGES, ROOT, add_check, as_arguments, number, table, update
+from tools.figures import store
+from tools.figures.views import VIEWS
 from tools.reference import columns_of
-from tools.scores import read, scores_of
+from tools.scores import figure_of, read, scores_of
+
+PAGES = ROOT / "docs" / "environments" / "ids"
+_COLUMN = re.compile(r"^    ([A-Z_]+) = .*?  # (.+)$", re.MULTILINE)
+_SETTINGS = (
+    "clyde.speed_mps", "clyde.spawn_distance_m", "robot.speed_mps", "time_limit_s", "max_pellets", "endless", "timeout",
+    "decisions.when", "decisions.longest_s", "execution.rules", "observation.candidates", "observation.normalize",
+    "observation.mask", "observation.numeric_info", "reward.death", "reward.progress", "power.pellets",
+    "localization.perfect", "randomize.speed_mps", "randomize.clyde_speed_mps", "num_levels",
+)  # fmt: skip
+_REWARDS = (
+    ("pellet", "a pellet is collected"),
+    ("completion", "every pellet is collected"),
+    ("death", "a ghost catches the robot"),
+    ("timeout", "time limit"),
+    ("tick", "every 0.5 s"),
+)
+_POWER_REWARDS = (
+    ("ghost_caught", "a frightened ghost is caught"),
+    ("power", "a power pellet, in addition to the pellet"),
+)
+_PICTURES = {  # the first that fits
+    "power": ("Three frightened ghosts, and the eyes of a caught one at its spawn place", "power.png"),
+    "drives": ("One instant: the game, the scan, the grid", "observations.png"),
+    "ghosts": ('Four ghosts on the map "open_plan"', "ghosts.png"),
+    "generated": ("Six generated houses", "houses.png"),
+    "": ('A round on the map "house": the robot drives to a pellet, the ghost Clyde wanders', "round.png"),
+}
 
 _TEMPLATES = jinja2.Environment(
     loader=jinja2.FileSystemLoader(Path(__file__).parent),
@@ -56,7 +93,8 @@ def sections(env_id: str) -> dict[str, str]:
 
     def link(match: re.Match[str]) -> str:
         path = match[1].removeprefix("environments/")
-        return f"[](../{path}.md)" if path != match[1] else f"[](../../{path}.md)"  # Sphinx writes the title
+        title = (ROOT / "docs" / f"{match[1]}.md").read_text(encoding="utf-8").partition("\n")[0].lstrip("# ")
+        return f"[{title}](../{path}.md)" if path != match[1] else f"[{title}](../../{path}.md)"
 
     parts = re.split(r"^## (.+)\n", inspect.getdoc(PacManBotEnv) or "", flags=re.MULTILINE)[1:]
     linked = [re.sub(r"`docs/((?:\w+/)*\w+)\.md`", link, part).strip() for part in parts]
@@ -78,19 +116,80 @@ def page(env_id: str, env: Any) -> str:
         place = [span(first, end)] if config.flat else []
         observed.append([*place, f"`{key}`", f"{part.shape}", np.dtype(part.dtype).name, values])
         first = end
+    drives, first = isinstance(env.action_space, spaces.Box), env.reset(seed=0)[1]
+    fits = {
+        "power": env.config.power.pellets > 0,
+        "drives": drives,
+        "ghosts": len(env.config.clyde.ghosts) > 1,
+        "generated": not isinstance(env.batch.source, FixedMap),
+        "": True,
+    }
+    base = FLAT_ID if config.flat and not drives else ENV_ID
+    variant = env_id != base
+    known: Any = gym.make(base).unwrapped
+    shown_there = Observer(known.batch, dataclasses.replace(known.config.observation, flat=False)).parts
+    text, image = next(_PICTURES[kind] for kind, fit in fits.items() if fit)
     shown = {
         "name": file_name(env_id),
+        "picture_text": text,
+        "picture": f"../../{IMAGES.name}/{image}",
         "plain_id": ENV_ID,
-        "drives": isinstance(env.action_space, spaces.Box),
-        "fixed": isinstance(env.batch.source, FixedMap),
+        "base": file_name(base),
+        "variant": variant,
+        "described": {key: part for key, part in parts.items() if not variant or key not in shown_there},
+        "drives": drives,
+        "fixed": not fits["generated"],
+        "highest": _highest(env, first),
+        "rewards": list(_rewards(env.config)),
+        "settings": list(_settings(env.config)),
+        "first_info": ",\n ".join(f"{key!r}: {value!r}" for key, value in first.items()).join(("{", "}")),
+        "figure": figure_of(env_id),
+        "stamp": VIEWS["stamp"](figure_of(env_id), store.read(), ()),
         "scores": scores_of(env_id, scores),
         "episodes": scores[env_id]["random"]["episodes"],
         "agents": [] if entry.several is None else _agents(env_id),
         "common": sections(env_id),
-        "planner": {"planner_candidates": CANDIDATE_FEATURES, "planner_globals": GLOBAL_FEATURES},
+        "planner": {"planner_candidates": _columns(CandidateColumn), "planner_globals": _global_columns()},
     }
     shown |= {"env_id": env_id, "env": env, "entry": entry, "config": config, "parts": parts, "observed": observed}
-    return _TEMPLATES.get_template("ids.md.j2").render(shown)
+    return _TEMPLATES.get_template("ids.md.j2").render(shown).rstrip() + "\n"
+
+
+def _highest(env: Any, first: dict[str, Any]) -> str:
+    """Return the highest return of an episode, as text."""
+    reward = env.config.reward
+    if env.config.endless:
+        return "no limit"
+    if not isinstance(env.batch.source, FixedMap):
+        return f"the number of pellets + {number(reward.completion)}, minus time"
+    most = number(first["spawned"] * reward.pellet + reward.completion)
+    return f"{most}, minus time" + (", plus ghosts caught" if env.config.power.pellets else "")
+
+
+def _rewards(config: Config) -> Iterator[list[str]]:
+    for name, event in (*_REWARDS, *(_POWER_REWARDS if config.power.pellets else ())):
+        yield [event, f"{getattr(config.reward, name):+g}", f"`reward.{name}`"]
+
+
+def _settings(config: Config) -> Iterator[tuple[str, str, str]]:
+    """Yield the name, the value and the description of each setting that is shown."""
+    for name in _SETTINGS:
+        group, _, leaf = name.rpartition(".")
+        owner = operator.attrgetter(group)(config) if group else config
+        yield name, repr(getattr(owner, leaf)).replace("'", '"'), description_of(owner, leaf)
+
+
+def _columns(kind: type[IntEnum], first: int = 0, prefix: str = "") -> list[list[str]]:
+    """Return number, name and meaning of each column; the comments of the source are the meanings."""
+    named = zip(kind, _COLUMN.findall(inspect.getsource(kind)), strict=True)
+    return [[str(first + column), f"`{prefix}{column.name.lower()}`", text] for column, (_, text) in named]
+
+
+def _global_columns() -> list[list[str]]:
+    rows = _columns(GlobalColumn)
+    for k in range(GHOST_TOKENS):
+        rows += _columns(TokenColumn, len(rows), f"ghost_{k}_")
+    return rows
 
 
 def _agents(env_id: str) -> list[list[str]]:
@@ -117,7 +216,32 @@ def picture(env: Any) -> Any:
 
 
 def write(env_id: str, folder: Path) -> None:
-    """Write the page of an id and its picture."""
+    """Draw the picture of an id and show it on the page, which the folder contains."""
     env, name = gym.make(env_id, render_mode="rgb_array").unwrapped, file_name(env_id)
     cv2.imwrite(str(folder / f"{name}.png"), cv2.cvtColor(picture(env), cv2.COLOR_RGB2BGR))
-    (folder / f"{name}.md").write_text(page(env_id, env), encoding="utf-8")
+    page_file = folder / f"{name}.md"
+    text = page_file.read_text(encoding="utf-8")
+    page_file.write_text(
+        re.sub(r"!\[.*?\]\(.*?\)", f"![A round of {name}]({name}.png)", text, count=1), encoding="utf-8"
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = Parser(prog="python -m tools.ids", description="Write docs/environments/ids.")
+    add_check(parser)
+    return run_command(parser, argv, _write)
+
+
+def _write(arguments: argparse.Namespace) -> int:
+    PAGES.mkdir(exist_ok=True)
+    status = 0
+    for env_id in IDS:
+        text = page(env_id, gym.make(env_id).unwrapped)
+        status |= update(
+            PAGES / f"{file_name(env_id)}.md", text, arguments.check, "is out of date: python -m tools.ids"
+        )
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

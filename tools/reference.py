@@ -25,16 +25,14 @@ from pacman_env.cli.options import help_texts
 from pacman_env.config import Config, make_config
 from pacman_env.config.described import description_of, unit_of
 from pacman_env.config.validation import kinds
-from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
 from pacman_env.envs.registration import IDS
 from pacman_env.game.ghosts import BEHAVIOURS
 from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.kinds import BEARINGS, BUILT_IN_KINDS, FEATURES, MASK, POWER, ObservationPart, mask_part
+from pacman_env.sim.observation.kinds import BUILT_IN_KINDS, ObservationPart
 from pacman_env.training.arguments import Hyperparameters
 from pacman_env.world.maps.occupancy import shipped_maps
 from tools.common import ROOT, add_check, as_arguments, number, table, update
-from tools.scores import all_scores
 
 _BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(?=<!-- end -->)", re.DOTALL)
 _KINDS = {bool: "`True` or `False`", int: "whole number"}
@@ -99,27 +97,6 @@ def presets() -> str:
     return result
 
 
-def _parts(kind: str) -> dict[str, ObservationPart]:
-    return BUILT_IN_KINDS[kind].parts(PacManBotEnv("house", ghosts=2, settings={"power.pellets": 1}).batch)
-
-
-def keys() -> str:
-    """Return the table of keys of the observation on the map ``house`` with two ghosts and power pellets."""
-    batch = PacManBotEnv("house").batch
-    entries = [(MASK, mask_part(batch), '`action="goal"`')]
-    for kind in BUILT_IN_KINDS:
-        when = "features, the default" if kind == FEATURES.name else f'`observation="{kind}"`'
-        when += ', a scan, `action="velocity"`' if kind == BEARINGS.name else ""
-        when += ", power pellets" if kind == POWER.name else ""
-        special = {"ghosts": "several ghosts", "pellet_power": "power pellets, bearings"}
-        entries += [(key, part, special.get(key, when)) for key, part in _parts(kind).items()]
-    rows = []
-    for key, part, when in entries:
-        values = "see below" if part.columns else f"{number(part.low)} to {number(part.high)}"
-        rows.append([f"`{key}`", f"{part.shape}", np.dtype(part.dtype).name, values, when])
-    return table(("Key", "Shape", "dtype", "Values", "There with"), rows)
-
-
 def columns_of(key: str, part: ObservationPart) -> str:
     """Return the section about one key of the observation."""
     low, high = (np.broadcast_to(bound, part.shape).reshape(-1, part.shape[-1])[0] for bound in (part.low, part.high))
@@ -128,24 +105,6 @@ def columns_of(key: str, part: ObservationPart) -> str:
         for k, (name, _, _, meaning) in enumerate(part.columns)
     ]
     return f"\n### `{key}`\n\n" + table(("Column", "Name", "Low", "High", "Unit, meaning"), rows)
-
-
-def columns() -> str:
-    return "".join(
-        columns_of(key, part) for kind in (FEATURES, BEARINGS, POWER) for key, part in _parts(kind.name).items()
-    )
-
-
-def actions() -> str:
-    goals = PacManBotEnv("house").action_space
-    rows = [['`action="goal"`', f"`{goals}`", "number of a candidate, the last is hold"]]
-    for settings, names in (({}, ("v, m/s", "omega, rad/s")), ({"action_range": "unit"}, ("v", "omega"))):
-        given = {"action": "velocity", **({"settings": settings} if settings else {})}
-        space: Any = PacManBotEnv("house", **given).action_space
-        limits = zip(space.low.tolist(), space.high.tolist(), names, strict=True)
-        bounds = ", ".join(f"{name}: {number(low)} to {number(high)}" for low, high, name in limits)
-        rows.append([f"`{as_arguments(given)}`", f"`Box`, shape {space.shape}, {space.dtype}", bounds])
-    return table(("Argument", "Space", "Values"), rows)
 
 
 def state() -> str:
@@ -162,7 +121,8 @@ def ids() -> str:
     rows = []
     for name, entry in IDS.items():
         agents = 0 if entry.several is None else 1 + len(entry.several.get("ghosts", ("policy",)))
-        rows.append([f"`{name.removeprefix('pacman_env/')}`", entry.purpose, f"{agents} agents" if agents else "-"])
+        page = f"[`{name.removeprefix('pacman_env/')}`](ids/{name.removeprefix('pacman_env/')}.md)"
+        rows.append([page, entry.purpose, f"{agents} agents" if agents else "-"])
     return table(("Id, after `pacman_env/`", "What it is", "PettingZoo"), rows)
 
 
@@ -198,8 +158,8 @@ def hyperparameters() -> str:
 
 TABLES: dict[str, Callable[[], str]] = {
     draw.__name__.replace("_", "-"): draw
-    for draw in (configuration, presets, keys, columns, actions, state, ids, ids_arguments, maps, map_check)
-} | {"hyperparameters": hyperparameters, "scores": all_scores}
+    for draw in (configuration, presets, state, ids, ids_arguments, maps, map_check)
+} | {"hyperparameters": hyperparameters}
 
 
 def fill(page: str) -> str:

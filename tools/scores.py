@@ -1,29 +1,22 @@
-"""Play the reference scores of every id and store them in docs/environments/scores.json: ``python -m tools.scores``.
+"""Play the reference scores of the ids, which ``scripts/figures`` stores, and write their tables.
 
 The episode of seed s follows ``env.reset(seed=s)`` of the id without arguments. Built-in policies choose the
 goals. If actions are velocities, ``random`` draws them from the action space, and there are no other scores.
 """
 
-import argparse
-import json
-import sys
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.envs.registration import IDS
 from pacman_env.episodes.statistics import wilson
-from pacman_env.files import write_text
 from pacman_env.policies.registry import make_policy
-from tools.common import ROOT, add_names, table
+from tools.common import table
+from tools.figures import store
 
-SCORES = ROOT / "docs" / "environments" / "scores.json"
 POLICIES = ("random", "nearest", "clyde_aware", "lookahead", "ppo")
 _GAMES = 50  # games in parallel; a generated house needs about 4 MB
 
@@ -105,29 +98,17 @@ def all_scores() -> str:
     return table(("Id", *(f"`{policy}`" for policy in POLICIES)), rows)
 
 
-def read(path: Path = SCORES) -> dict[str, Any]:
-    scores: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    return scores
+def read() -> dict[str, Any]:
+    """Return the stored scores by id and policy."""
+    records = store.read()
+    return {env_id: records[name]["values"] for env_id in IDS if (name := figure_of(env_id)) in records}
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = Parser(prog="python -m tools.scores", description="Play the reference scores of the ids.")
-    add_names(parser, "id", IDS)
-    parser.add_argument("--episodes", type=whole_number(2), default=200, help="of each policy (%(default)s)")
-    parser.add_argument("--out", type=Path, default=SCORES, metavar="FILE", help="(docs/environments/scores.json)")
-    return run_command(parser, argv, _score)
+def figure_of(env_id: str) -> str:
+    """Return the name of the figure with the scores of an id."""
+    return f"ids/{env_id.removeprefix('pacman_env/')}"
 
 
-def _score(arguments: argparse.Namespace) -> None:
-    for env_id in arguments.names or IDS:
-        scores = {}
-        for policy in policies_of(env_id):
-            scores[policy] = score(env_id, policy, arguments.episodes)
-            print(f"{env_id}  {policy:12}  return {scores[policy]['return']:7.2f}", flush=True)
-        every = read(arguments.out) | {env_id: scores}  # read again: several processes may add ids
-        text = json.dumps({name: every[name] for name in IDS if name in every}, indent=2)
-        write_text(arguments.out, text + "\n")
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+def score_id(env_id: str, episodes: int) -> dict[str, Any]:
+    """Play all policies; return their scores by name."""
+    return {policy: score(env_id, policy, episodes) for policy in policies_of(env_id)}

@@ -1,6 +1,6 @@
 """Write the sources of the site for Sphinx, as ``scripts/docs`` does: ``python -m tools.site FOLDER``.
 
-They are a copy of docs/ with the pages of the ids and the pages at the top of the checkout, next to links to the
+They are a copy of docs/ with pictures of the ids and the pages at the top of the checkout, next to links to the
 sources that pages refer to.
 """
 
@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from pacman_env.envs.registration import IDS
-from tools import ids
+from tools import ids, replay
 from tools.common import ROOT
 
 
@@ -24,10 +24,9 @@ def assemble(folder: Path) -> None:
     for name in ("CHANGELOG", "CONTRIBUTING"):
         text = (ROOT / f"{name}.md").read_text(encoding="utf-8")
         (source / f"{name.lower()}.md").write_text(text.replace("](docs/", "]("), encoding="utf-8")
-    pages = source / "environments" / "ids"
-    pages.mkdir()
     for env_id in IDS:
-        ids.write(env_id, pages)
+        ids.write(env_id, source / "environments" / "ids")
+    replay.write(source / "_static")
 
 
 if __name__ == "__main__":

@@ -21,10 +21,10 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     """
     ## Description
     A TurtleBot 4 plays one round of Pac-Man on its SLAM map. Virtual pellets lie on the map, and a virtual ghost,
-    Clyde, wanders there. At every decision (0.5 s) the agent chooses the goal that the robot's navigator drives to. The
-    simulator covers physics (pymunk, 20 Hz), navigation (a stand-in for Nav2) and localization (AMCL's pose estimate).
+    Clyde, wanders there. At every decision the agent chooses the goal that the robot's navigator drives to. The
+    simulator covers physics (pymunk, 20 Hz), navigation (a model of Nav2) and localization (AMCL's pose estimate).
     Choosing the current goal again continues it. Options are up to four ghosts, other kinds of observation and action,
-    endless games, and a new house for every episode: see Arguments. `docs/environments/pacmanbot.md` has examples.
+    endless games, and a new house for every episode. `docs/environments/pacmanbot.md` has examples for each.
 
     ## Action Space
     `Discrete(C)`: the index of a candidate goal. Candidates are, in this order,

@@ -21,6 +21,7 @@ class Registered(NamedTuple):
     kwargs: dict[str, Any] = {}  # noqa: RUF012  # of the single-agent environment
     #: Arguments of the PettingZoo environment of the same name; None: not registered there.
     several: dict[str, Any] | None = {}  # noqa: RUF012
+    solved: float | None = None  # Gymnasium's ``reward_threshold``: about 90 % of the rounds completed
 
 
 ENV_ID = "pacman_env/PacManBot-v1"
@@ -37,57 +38,59 @@ _DRIVING = {
 }
 #: Every id. Variants differ by name; docs/environments/ids.md says when the number counts up.
 IDS = {
-    ENV_ID: Registered("the robot's game on one map: every 0.5 s the agent names the goal to drive to"),
+    ENV_ID: Registered("The robot's game on one map: every 0.5 s the agent chooses the goal to drive to", solved=15.5),
     "pacman_env/PacManBotGenerated-v1": Registered(
-        "the robot's game in a new generated house for every episode", _GENERATED, _GENERATED
+        "The robot's game, in a new generated house for every episode", _GENERATED, _GENERATED, 10.0
     ),
     "pacman_env/PacManBotEndless-v1": Registered(
-        "the robot's game without end: a completed round is followed by the next, Clyde faster each time",
+        "The robot's game without end: after a completed round the next one follows, with a faster Clyde",
         _ENDLESS,
         _ENDLESS,
     ),
     "pacman_env/PacManBotVelocity-v1": Registered(
-        "the agent drives the robot itself: v in m/s and omega in rad/s, without a navigator",
+        "The agent drives the robot itself: v in m/s and omega in rad/s, without a navigator",
         {"action": "velocity"},
         {"action": "velocity"},
     ),
     "pacman_env/PacManBotGhosts-v1": Registered(
-        "four ghosts that come for the robot and turn to their corners when they are near, as the arcade's Clyde does",
+        "Four ghosts that approach the robot and turn to their corners when near, like Clyde in the arcade game",
         {"ghosts": ("arcade",) * 4},
         _FOUR,
     ),
     FLAT_ID: Registered(
-        "for stock learners: seven actions, one array in [-1, 1], a decision when there is something to decide",
+        "For stock learners: seven actions, one array in [-1, 1], and a decision after each event",
         {"flat": True},
         {"flat": True},
+        15.5,
     ),
     "pacman_env/PacManBotFlatGenerated-v1": Registered(
-        "for stock learners, in a new generated house for every episode",
+        "For stock learners, in a new generated house for every episode",
         {"flat": True, **_GENERATED},
         {"flat": True, **_GENERATED},
+        10.0,
     ),
     "pacman_env/PacManBotFlatEndless-v1": Registered(
-        "for stock learners, without end: Clyde is faster after each completed round",
+        "For stock learners, without end: Clyde is faster after each completed round",
         {"flat": True, **_ENDLESS},
         {"flat": True, **_ENDLESS},
     ),
     "pacman_env/PacManBotFlatVelocity-v1": Registered(
-        "for stock learners that drive: v and omega in [-1, 1] from one array of lidar ranges and bearings",
+        "For stock learners that drive: v and omega in [-1, 1] from one array of lidar ranges and bearings",
         {"flat": True, "action": "velocity", "observation": ("scan", "flat"), "defaults": _DRIVING},
         None,  # its agents would have spaces of different shapes
     ),
     "pacman_env/PacManBotFlatGhosts-v1": Registered(
-        "for stock learners, with four ghosts that come for the robot as the arcade's Clyde does",
+        "For stock learners, with four ghosts that approach the robot like Clyde in the arcade game",
         {"flat": True, "ghosts": ("arcade",) * 4},
         {"flat": True, **_FOUR},
     ),
     "pacman_env/PacManBotArcade-v1": Registered(
-        "four power pellets, four ghosts of three kinds: a frightened ghost flees and can be caught",
+        "Four power pellets and four ghosts of three kinds: a frightened ghost flees and can be caught",
         _ARCADE,
         {**_ARCADE, **_FOUR},
     ),
     "pacman_env/PacManBotFlatArcade-v1": Registered(
-        "for stock learners, with power pellets and four ghosts of three kinds",
+        "For stock learners, with power pellets and four ghosts of three kinds",
         {"flat": True, **_ARCADE},
         {"flat": True, **_ARCADE, **_FOUR},
     ),
@@ -105,6 +108,7 @@ def register_envs() -> None:
                 entry_point="pacman_env.envs.pacmanbot:PacManBotEnv",
                 vector_entry_point="pacman_env.envs.pacmanbot_vector:PacManBotVectorEnv",
                 kwargs=dict(entry.kwargs),
+                reward_threshold=entry.solved,
             )
 
 

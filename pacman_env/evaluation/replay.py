@@ -45,6 +45,7 @@ class Change(NamedTuple):
     when: str  # time since the start of the round; with the round's number in an endless game
     goal: str
     why: str
+    film_s: float = 0.0  # when the film shows it
 
 
 class RecordedGame:
@@ -99,7 +100,8 @@ class RecordedGame:
             why = _reason(situation, terms, choice, self._chosen, batch.alive[0])
             goal = self._goal_words(situation, choice)
             number = f"round {batch.games['round'][0]}, " if batch.config.endless else ""
-            self.changes.append(Change(f"{number}{situation.time_s[0]:.1f} s", goal, why))
+            film_s = (self._before_s + situation.time_s[0]) / SPEED_UP
+            self.changes.append(Change(f"{number}{situation.time_s[0]:.1f} s", goal, why, film_s))
         self._chosen = choice
         self._last.decide(NO_GOAL if choice == batch.hold else choice, moment, allowed=choice == selected[0])
 

@@ -1,4 +1,4 @@
-"""Reference scores: the committed ones are complete, and whoever plays an id with its seeds gets the same."""
+"""Reference scores: every id has some, and playing an id with its seeds gives the same."""
 
 from typing import Any
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from pacman_env.cli.command import Parser, count, run_command, whole_number
 from pacman_env.episodes.rollout import episode_seeds
-from pacman_env.evaluation.compare.table import WIDTH, render
+from pacman_env.evaluation.compare.table import WIDTH, groups, render, verdict
 from pacman_env.evaluation.rounds import scenarios
 from pacman_env.evaluation.rounds.kept import play_left
 from pacman_env.evaluation.rounds.play import Matchup
@@ -85,7 +85,8 @@ def _compare(arguments: argparse.Namespace) -> None:
         text = json.dumps(content | {"rows": rows}, indent=2, default=str, allow_nan=False)
         write_text(json_path, _LIST.sub(lambda match: f"[{_BREAK.sub(' ', match[1])}]", text) + "\n")
     rounds = "endless games" if config.endless else "rounds"
-    save_plot(rows, plot_path, f"Same {len(seeds)} {rounds} for every policy  ({settings})")
+    about = f"Same {len(seeds)} {rounds} for every policy  ({settings})"
+    save_plot(rows, plot_path, "\n".join(filter(None, [verdict(rows) if len(groups(rows)) == 1 else "", about])))
     if video_path is not None:
         from pacman_env.evaluation.replay import film_games, record_games
 

@@ -57,10 +57,32 @@ def render(rows: Sequence[Row], width: int = WIDTH, *, power: bool = False) -> s
         lines.append(group_title(group[0]))
         for band in bands:
             lines += [*(line(texts, band) for texts in (header, *block)), ""]
+        if len(group) > 1:
+            lines += [*textwrap.wrap(verdict(group), min(width, WIDTH)), ""]
     meaning = f"{_ENDLESS_MEANING if endless else _ROUND_MEANING} {short_name(rows[0]['policy'])}, paired by seed."
     if power:
         meaning += f" {_CAUGHT}: mean number of ghosts caught per {'game' if endless else 'round'}, with its interval."
     return "\n".join([*lines, *textwrap.wrap(meaning, min(width, WIDTH))])
+
+
+def verdict(group: Sequence[Row]) -> str:
+    """Return a sentence on which policies are better or worse than the first one in the same rounds."""
+    first, *others = group
+    if not others:
+        return ""
+    number, unit = (_number, "pellets") if first["kind"] == "endless" else (percent, "points")
+    found: dict[str, list[str]] = {"more": [], "less": [], "": []}
+    for row in others:
+        low, high = row["paired_ci"]
+        side = "more" if low > 0 else "less" if high < 0 else ""
+        value = f" ({number(row['paired_difference'], '+')} {unit})" if side else ""
+        found[side].append(f"{short_name(row['policy'])}{value}")
+    what = "collects" if first["kind"] == "endless" else "completes"
+    texts = [f"{what} {side} than {short_name(first['policy'])}: {', '.join(found[side])}" for side in ("more", "less")]
+    shown = [text for text, side in zip(texts, ("more", "less"), strict=True) if found[side]]
+    shown += [f"no difference shown: {', '.join(found[''])}"] if found[""] else []
+    text = "; ".join(shown)
+    return f"{text[0].upper()}{text[1:]}."
 
 
 def percent(rate: float, sign: str = "") -> str:

@@ -19,6 +19,7 @@ from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.config import Config
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.leaderboard import numbers
+from pacman_env.evaluation.leaderboard.heat_map import draw
 from pacman_env.evaluation.leaderboard.numbers import CellResult, LeagueTable, MapEntry, PolicyEntry
 from pacman_env.evaluation.leaderboard.page import render
 from pacman_env.evaluation.leaderboard.suites import (
@@ -106,7 +107,7 @@ def make_parser() -> Parser:
     add("--resume", action="store_true", help="use the parts that are kept, play the others")
     add("--parts", type=Path, default=_FOLDER, metavar="FOLDER", help="where parts are kept (%(default)s)")
     add("--json", type=Path, default=Path(f"{_FOLDER}.json"), metavar="OUT", help="the numbers (%(default)s)")
-    add("--out", type=Path, default=Path(f"{_FOLDER}.md"), metavar="OUT", help="the page (%(default)s)")
+    add("--out", type=Path, default=Path(f"{_FOLDER}.md"), metavar="OUT", help="page, with an .svg (%(default)s)")
     add("--from", type=Path, dest="source", metavar="JSON", help="only write the page, from these numbers")
     return parser
 
@@ -126,10 +127,13 @@ def _leaderboard(arguments: argparse.Namespace) -> None:
         played = play_left(arguments.parts, plan.matchups(), arguments)
         table = _table(plan, [records for records, _ in played], arguments)
         write_text(arguments.json, dump(table, arguments.json))
-    write_text(prepare(page), render(table))
+    picture = page.with_suffix(".svg")
+    write_text(prepare(picture), draw(table))
+    write_text(prepare(page), render(table, picture.name))
     counts = ", ".join(f"{verdict} in {number}" for verdict, number in table.verdicts.items())
     print(f"{table.planner} against the best other policy, {len(table.cells)} cells: {counts}")
-    print(f"written: {', '.join(map(str, [page] if arguments.source else [page, arguments.json]))}")
+    written = [page, picture, *([] if arguments.source else [arguments.json])]
+    print(f"written: {', '.join(map(str, written))}")
 
 
 def read_table(path: Path) -> LeagueTable:

@@ -1,46 +1,46 @@
 """Page of a league table: Markdown from its JSON alone, the same text for the same numbers."""
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 from pacman_env.evaluation.compare.table import percent, with_interval
 from pacman_env.evaluation.leaderboard.numbers import LEAST_ROUNDS, CellResult, LeagueTable, PolicyInCell
 from pacman_env.evaluation.leaderboard.suites import TEST_LEVELS
 
 _MEANING = f"""\
-All policies meet the same rounds of a cell: the same maps, seeds and ghosts. Rates are in %, brackets are 95 %
-intervals.
+All policies play the same rounds of a cell: the same maps, seeds and ghosts. Rates are the completed rounds in %,
+brackets are 95 % intervals.
 
-- **complete**: rounds in which every pellet was collected, with Wilson's interval; **death**, **time-out**: how others
-  ended. Where the three do not add up to 100, pellets were lost to aborted goals.
-- **pellets**: mean share of the pellets that was collected in a round.
-- **worst tenth** of the levels (of real maps: of the maps, at least one): mean completion there, of levels with at
-  least {LEAST_ROUNDS} rounds. Two estimates, the lower one first: one chooses the levels by the rounds that measure
-  them and is too low on average, the more so the fewer rounds a level has; the other chooses them by every second
-  round, measures by the others, and is too high on average. One number is shown if both agree.
-- **s**: mean length of the completed rounds.
-- **difference**: completion of the planner minus that of the best other policy, in the same rounds, with Newcombe's
-  interval for pairs; *better* or *WORSE* where the interval excludes 0. The best other is chosen in each cell by these
-  rounds, which favours it. Beside one policy that is equal, one cell in 40 would be called WORSE by chance alone, and
-  more beside several."""
+- **difference**: completion of the planner minus completion of the best other policy, in the same rounds, with
+  Newcombe's interval for pairs. The verdict is *better* or *WORSE* if the interval excludes 0. The best other policy is
+  chosen in each cell by these rounds, which favours it. Against one equal policy, one cell in 40 would be called WORSE
+  by chance alone, and more against several.
+- **worst tenth** of the levels (of real maps: of the maps, at least one): mean completion of the planner there, over
+  levels with at least {LEAST_ROUNDS} rounds. There are two estimates. The lower one chooses the levels by the rounds
+  that also measure them and is too low on average. The higher one chooses them by every second round, measures them by
+  the others, and is too high on average. One number is shown if both agree.
+
+The JSON has more for every policy: intervals, how rounds ended, pellets, and the length of completed rounds."""
 
 
-def render(table: LeagueTable) -> str:
-    """Return the page, which ends with a line break."""
+def render(table: LeagueTable, picture: str) -> str:
+    """Return the page, which ends with a line break; ``picture`` is the name of the heat map next to it."""
     blocks = [
         *_head(table),
         "## Summary",
         *_summary(table),
+        f"![Completion of every policy, by ghosts and speed]({picture})",
         "## What the numbers are",
         _MEANING,
-        *itertools.chain.from_iterable(_group(table, group) for group in _groups(table)),
+        *itertools.chain.from_iterable(_group(table, group) for group in groups(table)),
         "## How it was made",
         *_how(table),
     ]
     return "\n\n".join(blocks) + "\n"
 
 
-def _groups(table: LeagueTable) -> list[str]:
+def groups(table: LeagueTable) -> list[str]:
+    """Return the groups of maps, in the order of the table."""
     return list(dict.fromkeys(cell.group for cell in table.cells))
 
 
@@ -70,10 +70,10 @@ def _summary(table: LeagueTable) -> Iterator[str]:
 
 
 def _place(cell: CellResult) -> str:
-    return f"{_ghosts(cell)}, {cell.speed_mps:g} m/s"
+    return f"{ghosts_of(cell)}, {cell.speed_mps:g} m/s"
 
 
-def _ghosts(cell: CellResult) -> str:
+def ghosts_of(cell: CellResult) -> str:
     """Format the ghosts of a cell: ``2 chase`` or ``arcade, chase, wander``."""
     kinds = set(cell.ghosts)
     return f"{len(cell.ghosts)} {cell.ghosts[0]}" if len(kinds) == 1 else ", ".join(cell.ghosts)
@@ -83,15 +83,7 @@ def _group(table: LeagueTable, group: str) -> Iterator[str]:
     cells = [cell for cell in table.cells if cell.group == group]
     yield f"## {group[0].upper()}{group[1:]}"
     yield _about_group(table, cells)
-    if cells[0].against is not None:
-        yield _verdicts(table, cells)
-    for number in sorted({len(cell.ghosts) for cell in cells}):
-        yield f"### {group[0].upper()}{group[1:]}: {_count(number, 'ghost')}"
-        some = [cell for cell in cells if len(cell.ghosts) == number]
-        for ghosts in dict.fromkeys(cell.ghosts for cell in some):
-            same = [cell for cell in some if cell.ghosts == ghosts]
-            yield f"**{_ghosts(same[0])}**"
-            yield _policies(same)
+    yield _cells(table, cells)
 
 
 def _about_group(table: LeagueTable, cells: Sequence[CellResult]) -> str:
@@ -103,38 +95,27 @@ def _about_group(table: LeagueTable, cells: Sequence[CellResult]) -> str:
     return f"{', '.join(names)}; {rounds}, as many on each map."
 
 
-def _verdicts(table: LeagueTable, cells: Iterable[CellResult]) -> str:
+def _cells(table: LeagueTable, cells: Sequence[CellResult]) -> str:
+    compared = cells[0].against is not None
+    policies = [entry.name for entry in table.policies]
     rows = []
     for cell in cells:
-        assert cell.against is not None
-        rate = next(row.completion_rate for row in cell.policies if row.policy == table.planner)
-        verdict = cell.against.verdict
-        difference = with_interval(cell.against.difference, cell.against.ci, "+")
-        shown = f"**{verdict}**" if verdict == "WORSE" else verdict
-        rows.append((_ghosts(cell), f"{cell.speed_mps:g}", percent(rate), f"`{cell.against.other}`", difference, shown))
-    head = ("ghosts", "m/s", f"`{table.planner}`", "best other", "difference", "verdict")
-    return _markdown(head, "lrrlrl", rows)
-
-
-def _policies(cells: Sequence[CellResult]) -> str:
-    power = any(row.ghosts_caught_mean for cell in cells for row in cell.policies)
-    rows = [
-        (
-            f"{cell.speed_mps:g}",
-            f"`{row.policy}`",
-            with_interval(row.completion_rate, row.completion_ci),
-            percent(row.death_rate),
-            percent(row.timeout_rate),
-            percent(row.pellets_share),
-            _worst(row),
-            "-" if row.win_time_mean_s is None else f"{row.win_time_mean_s:.1f}",
-            *([f"{row.ghosts_caught_mean:.2f}"] if power else []),
-        )
-        for cell in cells
-        for row in cell.policies
+        rates = {row.policy: percent(row.completion_rate) for row in cell.policies}
+        ours = next(row for row in cell.policies if row.policy == table.planner)
+        row = [ghosts_of(cell), f"{cell.speed_mps:g}", *(rates[name] for name in policies)]
+        if cell.against is not None:
+            verdict = f"**{cell.against.verdict}**" if cell.against.verdict == "WORSE" else cell.against.verdict
+            row += [f"{verdict}: {with_interval(cell.against.difference, cell.against.ci, '+')}"]
+        rows.append([*row, _worst(ours)])
+    names = [f"`{name}`" for name in policies]
+    head = [
+        "ghosts",
+        "m/s",
+        *names,
+        *([f"`{table.planner}` against the best other"] if compared else []),
+        "worst tenth",
     ]
-    head = ("m/s", "policy", "complete", "death", "time-out", "pellets", "worst tenth", "s")
-    return _markdown((*head, *(["ghosts caught"] if power else [])), "rlrrrrrr" + "r" * power, rows)
+    return _markdown(head, "lr" + "r" * len(names) + "l" * compared + "r", rows)
 
 
 def _worst(row: PolicyInCell) -> str:

@@ -76,7 +76,7 @@ def make_parser() -> Parser:
     add_executor_arguments(parser)
     add("--resume", action="store_true", help="use the rounds that are kept, play the others")
     add("--parts", type=Path, metavar="FOLDER", help="where rounds are kept (OUT.parts beside the page)")
-    add("--replays", type=whole_number(0), default=0, metavar="K", help="films of rounds that one of two lost (0)")
+    add("--replays", type=whole_number(0), default=1, metavar="K", help="films of rounds that one of two lost (1)")
     add("--quick", action="store_true", help="few rounds: 24, 12 endless games, three speeds, unless given")
     add("--out", type=Path, default=Path("results/report.html"), metavar="OUT", help="the page (%(default)s)")
     add("--json", type=Path, metavar="OUT", help="write the numbers")

@@ -1,7 +1,7 @@
 """Columns of the planner features, which kernels write by name.
 
-Lengths are path lengths in m, capped at ``FAR_M``, unless they are called distances. No value exceeds ``MOST``. A
-comment such as "/ 5 m" gives the divisor of the value.
+Lengths are capped at ``FAR_M``, and no value exceeds ``MOST``. "/ 5 m" in a comment is the divisor of the value, which
+has no unit. The pages of the environments show these comments.
 """
 
 import enum
@@ -14,74 +14,74 @@ GHOST_TOKENS = 4  # number of described ghosts, nearest first
 class CandidateColumn(enum.IntEnum):
     """Columns of a candidate; Clyde is the nearest ghost."""
 
-    IS_PELLET = 0  # 1 or 0, like the next three
-    IS_REFUGE = enum.auto()
-    IS_HOLD = enum.auto()
-    IS_CURRENT = enum.auto()  # the current goal
-    PATH_ROBOT = enum.auto()  # / 5 m
-    NEARNESS_ROBOT = enum.auto()  # exp(-length / 2 m)
-    PATH_CLYDE = enum.auto()  # / 5 m, of the ghost nearest by path
-    NEARNESS_CLYDE = enum.auto()
-    TIME_MARGIN = enum.auto()  # / 20 s: arrival time of Clyde minus arrival time of the robot, -2 to 2
-    CLYDE_DISTANCE = enum.auto()  # / 5 m, from Clyde
-    CAUGHT_SOON = enum.auto()  # probability, like the next two; these and the next five are from prediction.py
-    CAUGHT = enum.auto()
-    APPROACHED = enum.auto()
-    CLOSEST_MEAN = enum.auto()  # / 3 m
-    CLOSEST_LEAST = enum.auto()  # / 3 m
-    TURN_COSINE = enum.auto()
-    TOWARDS_CLYDE = enum.auto()
-    STANDING_CLEARANCE = enum.auto()  # / 3 m
-    NEAREST_PELLET = enum.auto()  # / 5 m, from the candidate to the nearest other pellet
-    MEAN_PELLET = enum.auto()  # / 5 m, from the candidate to all other pellets
-    PELLETS_AROUND = enum.auto()  # / 4, within 2.5 m
-    CLYDE_APART = enum.auto()  # m, smallest distance that a ghost can reach, at most 1
-    HANDCRAFTED_COST = enum.auto()  # / 5, for pellets
-    BEYOND_NEAREST = enum.auto()  # / 5 m, path length beyond that to the nearest pellet
-    HUNTED = enum.auto()  # 1 if ghosts approach the robot; the next columns then are its outlook (coarse/outlook.py)
-    HUNTED_CAUGHT = enum.auto()
-    HUNTED_ARRIVES = enum.auto()  # / 15 s
-    HUNTED_CLOSEST = enum.auto()  # / 3 m
-    HUNTED_LEAD = enum.auto()  # / 5 m
-    HUNTED_COLLECTED = enum.auto()  # / 3 pellets
-    HUNTED_WAYS_ON = enum.auto()  # share
-    HUNTED_LEAD_AFTER = enum.auto()  # / 5 m
-    START = enum.auto()  # / 5 s, to turn to the path and to speed up: what a change of the goal costs now
-    IS_POWER = enum.auto()  # 1 for a power pellet
+    IS_PELLET = 0  # 1 for a pellet, otherwise 0
+    IS_REFUGE = enum.auto()  # 1 for a refuge, otherwise 0
+    IS_HOLD = enum.auto()  # 1 for hold, otherwise 0
+    IS_CURRENT = enum.auto()  # 1 for the current goal, otherwise 0
+    PATH_ROBOT = enum.auto()  # path length from the robot / 5 m
+    NEARNESS_ROBOT = enum.auto()  # exp(-path length from the robot / 2 m)
+    PATH_CLYDE = enum.auto()  # path length from the ghost that is nearest by path / 5 m
+    NEARNESS_CLYDE = enum.auto()  # exp(-path length from that ghost / 2 m)
+    TIME_MARGIN = enum.auto()  # arrival time of Clyde minus arrival time of the robot / 20 s, -2 to 2
+    CLYDE_DISTANCE = enum.auto()  # straight distance from Clyde / 5 m
+    CAUGHT_SOON = enum.auto()  # probability that a ghost comes within 0.45 m of the robot on its path within 5 s
+    CAUGHT = enum.auto()  # the same within 10 s
+    APPROACHED = enum.auto()  # probability that a ghost comes within 0.8 m of the robot on its path within 10 s
+    CLOSEST_MEAN = enum.auto()  # smallest distance of a ghost on the way, mean over its paths / 3 m
+    CLOSEST_LEAST = enum.auto()  # smallest distance of a ghost on the way over all its paths / 3 m
+    TURN_COSINE = enum.auto()  # cosine of the robot's first turn to the path
+    TOWARDS_CLYDE = enum.auto()  # cosine between the start of the path and the direction to Clyde
+    STANDING_CLEARANCE = enum.auto()  # smallest distance of a ghost on the way if it stands still / 3 m
+    NEAREST_PELLET = enum.auto()  # path length from the candidate to the nearest other pellet / 5 m
+    MEAN_PELLET = enum.auto()  # mean path length from the candidate to all other pellets / 5 m
+    PELLETS_AROUND = enum.auto()  # number of other pellets within 2.5 m / 4
+    CLYDE_APART = enum.auto()  # smallest distance from the candidate that a ghost can reach, at most 1 m
+    HANDCRAFTED_COST = enum.auto()  # cost of a pellet by the scorer `clyde_aware` / 5 m, 0 for other candidates
+    BEYOND_NEAREST = enum.auto()  # path length minus the path length to the nearest pellet / 5 m
+    HUNTED = enum.auto()  # 1 if ghosts approach the robot: only then the next seven columns are not 0
+    HUNTED_CAUGHT = enum.auto()  # 1 if the robot is caught on the way
+    HUNTED_ARRIVES = enum.auto()  # time until arrival or capture / 15 s
+    HUNTED_CLOSEST = enum.auto()  # smallest distance of a ghost on the way / 3 m
+    HUNTED_LEAD = enum.auto()  # lead over the ghosts on arrival, by path / 5 m
+    HUNTED_COLLECTED = enum.auto()  # pellets collected on the way / 3
+    HUNTED_WAYS_ON = enum.auto()  # share of the ways from the candidate to other goals that the robot survives
+    HUNTED_LEAD_AFTER = enum.auto()  # lead at the end of the best of these ways / 5 m
+    START = enum.auto()  # time to turn to the path and to speed up / 5 s: what a change of the goal costs now
+    IS_POWER = enum.auto()  # 1 for a power pellet, otherwise 0
 
 
 class GlobalColumn(enum.IntEnum):
     """Columns of the whole situation; the columns of the ghosts follow."""
 
-    CLYDE_DISTANCE = 0  # / 5 m
-    CLYDE_NEAR = enum.auto()  # exp(-distance / m)
-    CLOSING_SPEED = enum.auto()  # / 0.5 m/s
-    CLYDE_SPEED = enum.auto()  # / 0.5 m/s
-    V = enum.auto()  # / 0.3 m/s
-    OMEGA = enum.auto()  # / 2 rad/s
-    PELLETS_LEFT = enum.auto()  # / 8
-    LAST_PELLET = enum.auto()  # 1 or 0
-    CLYDE_TOWARDS = enum.auto()  # cosine between Clyde's velocity and the direction to the robot
-    POSE_AGE = enum.auto()  # / 5 s
-    NEAREST_WAY = enum.auto()  # / 5 m, to a pellet
-    TIME_LEFT = enum.auto()  # / 200 s
+    CLYDE_DISTANCE = 0  # straight distance to the nearest ghost / 5 m
+    CLYDE_NEAR = enum.auto()  # exp(-straight distance to the nearest ghost / 1 m)
+    CLOSING_SPEED = enum.auto()  # speed at which that distance shrinks / 0.5 m/s
+    CLYDE_SPEED = enum.auto()  # speed of the nearest ghost in this round / 0.5 m/s
+    V = enum.auto()  # speed of the robot / 0.3 m/s
+    OMEGA = enum.auto()  # turn rate of the robot / 2 rad/s
+    PELLETS_LEFT = enum.auto()  # pellets left / 8
+    LAST_PELLET = enum.auto()  # 1 if one pellet is left, otherwise 0
+    CLYDE_TOWARDS = enum.auto()  # cosine between the velocity of the nearest ghost and the direction to the robot
+    POSE_AGE = enum.auto()  # age of the believed pose / 5 s
+    NEAREST_WAY = enum.auto()  # path length to the nearest pellet / 5 m
+    TIME_LEFT = enum.auto()  # time left / 200 s
     TIME_SHORT = enum.auto()  # exp(-time left / 30 s)
     COMING = enum.auto()  # number of ghosts that are believed to approach the robot
-    FRIGHTENED = enum.auto()  # / 10 s, longest time for which a ghost stays frightened
+    FRIGHTENED = enum.auto()  # longest time for which a ghost stays frightened / 10 s
 
 
 class TokenColumn(enum.IntEnum):
     """Columns of one of the nearest ghosts."""
 
-    THERE = 0  # 1 or 0
-    DISTANCE = enum.auto()  # / 5 m
-    NEAR = enum.auto()  # exp(-distance / m)
-    PATH = enum.auto()  # / 5 m, lower bound
-    TOWARDS = enum.auto()  # cosine, see CLYDE_TOWARDS
-    SPEED = enum.auto()  # / 0.5 m/s
-    ARCADE = enum.auto()  # probability, like the next two
-    CHASE = enum.auto()
-    OTHER = enum.auto()
+    THERE = 0  # 1 if there is such a ghost, otherwise 0
+    DISTANCE = enum.auto()  # straight distance to the robot / 5 m
+    NEAR = enum.auto()  # exp(-straight distance to the robot / 1 m)
+    PATH = enum.auto()  # lower bound of the path length to the robot / 5 m
+    TOWARDS = enum.auto()  # cosine between its velocity and the direction to the robot
+    SPEED = enum.auto()  # speed in this round / 0.5 m/s
+    ARCADE = enum.auto()  # probability of the behaviour `arcade`
+    CHASE = enum.auto()  # probability of the behaviour `chase`
+    OTHER = enum.auto()  # probability of a behaviour other than `wander`, `arcade` and `chase`
 
 
 CANDIDATE_FEATURES = tuple(column.name.lower() for column in CandidateColumn)

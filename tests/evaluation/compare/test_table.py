@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pacman_env.evaluation.compare.plot import save_plot
-from pacman_env.evaluation.compare.table import group_title, render
+from pacman_env.evaluation.compare.table import group_title, render, verdict
 from pacman_env.evaluation.rounds.summary import Row, make_row
 from tests.evaluation.helpers import FIVE, OTHER_FIVE
 
@@ -50,6 +50,21 @@ def test_table_explains_compared_policy_and_shortens_long_names() -> None:
     assert max(map(len, text.splitlines())) <= 140
     assert "best.onnx" in text
     assert "minus that of clyde_aware" in render(rows()).replace("\n", " ")
+
+
+@pytest.mark.parametrize(
+    ("interval", "expected"),
+    [
+        ([0.1, 0.3], "Completes more than clyde_aware: nearest (+20.0 points)."),
+        ([-0.3, -0.1], "Completes less than clyde_aware: nearest (-20.0 points)."),
+        ([-0.1, 0.3], "No difference shown: nearest."),
+    ],
+)
+def test_verdict_names_better_and_worse_policies(interval: list[float], expected: str) -> None:
+    first, second = rows()
+    second |= {"paired_difference": 0.2 if interval[1] > 0 else -0.2, "paired_ci": interval}
+    assert verdict([first, second]) == expected
+    assert verdict([first]) == ""
 
 
 def test_endless_games_have_their_own_columns() -> None:

@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 from hypothesis import given, settings
@@ -16,6 +17,7 @@ from pacman_env import __version__
 from pacman_env.evaluation.compare.__main__ import main as compare
 from pacman_env.evaluation.leaderboard import __main__ as command
 from pacman_env.evaluation.leaderboard.__main__ import main
+from pacman_env.evaluation.leaderboard.heat_map import draw
 from pacman_env.evaluation.leaderboard.page import render
 from pacman_env.evaluation.leaderboard.suites import SUITES, read_suites
 from pacman_env.policies.learned import PRETRAINED
@@ -139,8 +141,19 @@ def test_page_is_rendered_from_json_alone(tiny: Path, folder: Path) -> None:
     numbers = folder / "numbers.json"
     numbers.write_bytes((tiny / "leaderboard.json").read_bytes())
     assert main(["--from", "numbers.json", "--out", "page.md"]) == 0
-    assert (folder / "page.md").read_bytes() == (tiny / "leaderboard.md").read_bytes()
-    assert sorted(path.name for path in folder.iterdir()) == ["numbers.json", "page.md"]
+    assert (folder / "page.md").read_text().replace("page.svg", "leaderboard.svg") == (
+        tiny / "leaderboard.md"
+    ).read_text()
+    assert (folder / "page.svg").read_bytes() == (tiny / "leaderboard.svg").read_bytes()
+    assert sorted(path.name for path in folder.iterdir()) == ["numbers.json", "page.md", "page.svg"]
+
+
+def test_heat_map_shows_every_cell_of_every_policy(tiny: Path) -> None:
+    picture = ElementTree.parse(tiny / "leaderboard.svg")
+    texts = [element.text for element in picture.iter("{http://www.w3.org/2000/svg}text")]
+    rates = [f"{100 * row['completion_rate']:.0f}" for cell in table(tiny)["cells"] for row in cell["policies"]]
+    assert sorted(text for text in texts if text in rates) == sorted(rates)
+    assert {"nearest", "clyde_aware", "1 wander", "arcade, chase", "0.2"} <= set(texts)
 
 
 @pytest.mark.parametrize(
@@ -177,7 +190,8 @@ def test_damaged_json_is_refused_or_rendered(tiny: Path, data: st.DataObject) ->
     path.write_text(json.dumps(content))
     refused = ""
     try:
-        render(command.read_table(path))
+        render(command.read_table(path), "page.svg")
+        draw(command.read_table(path))
     except ValueError as error:
         refused = str(error)
     assert not refused or re.match(rf"{re.escape(str(path))}: \w", refused)

@@ -1,0 +1,62 @@
+"""Join modules of the web page in one function, which a classic script of the site contains.
+
+Browsers load no modules from the file system. The function needs no server either.
+"""
+
+import re
+from pathlib import Path
+
+from pacman_env.web.routes import STATIC
+
+_IMPORT = re.compile(r'^import (?:(\{[^}]*\}|\* as \w+) from )?"\./(\w+)\.js";\n', re.MULTILINE)
+_EXPORT = re.compile(r"^export ((?:async )?(?:const|let|class|function) ([\w$]+))", re.MULTILINE)
+_OTHER = re.compile(r"^(?:import|export)\b.*", re.MULTILINE)
+_ROOT = re.compile(r":root(\[[^]]*\])?")
+
+
+def bundle(*names: str, folder: Path = STATIC) -> str:
+    """Return a JavaScript function of ``document`` that runs modules, and those they import, once per call.
+
+    It returns an object with the exports of each module by its name. ``document`` may be a part of a page: modules use
+    nothing else to find their elements.
+
+    Raises:
+        ValueError: a module contains an import or export of a form that is not used so far, or imports itself.
+    """
+    modules: dict[str, str] = {}
+
+    def add(name: str, importing: tuple[str, ...]) -> None:
+        if name in importing:
+            raise ValueError(f"{name}.js imports itself: {' -> '.join((*importing, name))}")
+        if name in modules:
+            return
+        text = (folder / f"{name}.js").read_text(encoding="utf-8")
+        for _, imported in _IMPORT.findall(text):
+            add(imported, (*importing, name))
+        modules[name] = _module(name, text)  # after the modules that it imports
+
+    for name in names:
+        add(name, ())
+    return (
+        f'function (document) {{\n"use strict";\nconst modules = {{}};\n{"".join(modules.values())}return modules;\n}}'
+    )
+
+
+def _module(name: str, text: str) -> str:
+    exports = " ".join(f"get {exported}() {{ return {exported}; }}," for _, exported in _EXPORT.findall(text))
+    body = _EXPORT.sub(r"\1", _IMPORT.sub(_constants, text))
+    if other := _OTHER.search(body):
+        raise ValueError(f"{name}.js: cannot bundle {other[0]!r}")
+    return f"modules.{name} = (() => {{\n{body}return {{ {exports} }};\n}})();\n"
+
+
+def _constants(match: re.Match[str]) -> str:
+    wanted, name = match.groups()
+    if wanted is None:
+        return ""
+    return f"const {wanted.removeprefix('* as ').replace(' as ', ': ')} = modules.{name};\n"
+
+
+def shadow_style(style: str) -> str:
+    """Return a style sheet of a page for a shadow root: what it sets on the root, it sets on the host."""
+    return _ROOT.sub(lambda match: f":host({match[1]})" if match[1] else ":host", style)

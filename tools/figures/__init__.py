@@ -1,0 +1,1 @@
+"""Measure the figures of the documentation and keep pages up to date with them: ``scripts/figures``."""

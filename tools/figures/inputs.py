@@ -1,0 +1,66 @@
+"""Hash what figures depend on, so that a figure older than its inputs is noticed."""
+
+import ast
+import hashlib
+import json
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from pacman_env.config import EXECUTIONS, PRESETS, make_config
+from tools.common import ROOT
+
+# Files and folders of pacman_env; a file belongs to the input with the longest matching path.
+INPUTS: dict[str, tuple[str, ...]] = {
+    "planner": ("policies/pretrained/ppo.json", "policies/pretrained/ppo.onnx"),
+    "learned Clyde": ("policies/pretrained/clyde.json", "policies/pretrained/clyde.onnx"),
+    "features": ("sim/observation",),
+    "engine": ("game", "rng.py", "sim", "world"),
+    "policies": ("heuristics", "policies"),
+    "search": ("heuristics/search", "sim/coarse"),
+    "environments": ("envs",),
+    "evaluation": ("episodes", "evaluation/rounds", "executors"),
+    "training": ("training",),
+    "compiler": ("engine",),
+}
+SETTINGS = "settings"  # the input that is not a file: the values of all presets and executions
+
+
+def hashes(names: Iterable[str], package: Path = ROOT / "pacman_env") -> dict[str, str]:
+    """Return the hash of each input; comments, docstrings and the layout of Python files do not count."""
+    return {name: (_settings() if name == SETTINGS else _hash(name, package))[:16] for name in names}
+
+
+def _settings() -> str:
+    made = [make_config(preset, execution=rules).as_dict() for preset in PRESETS for rules in EXECUTIONS]
+    return hashlib.sha256(json.dumps(made, sort_keys=True).encode()).hexdigest()
+
+
+def _hash(name: str, package: Path) -> str:
+    digest = hashlib.sha256()
+    for path in sorted(_files(name, package)):
+        digest.update(path.relative_to(package).as_posix().encode() + b"\0")
+        digest.update(_code(path).encode() if path.suffix == ".py" else path.read_bytes())
+    return digest.hexdigest()
+
+
+def _files(name: str, package: Path) -> Iterator[Path]:
+    ours = [package / place for place in INPUTS[name]]
+    others = [package / place for other, places in INPUTS.items() if other != name for place in places]
+    for place in ours:
+        for path in [place] if place.is_file() else place.rglob("*"):
+            nearer = any(other.is_relative_to(place) and path.is_relative_to(other) for other in others)
+            if path.is_file() and "__pycache__" not in path.parts and not nearer:
+                yield path
+
+
+def _code(path: Path) -> str:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(body, list):
+            node.body = [line for line in body if not _is_text(line)]  # type: ignore[attr-defined]
+    return ast.unparse(tree)
+
+
+def _is_text(line: ast.stmt) -> bool:
+    return isinstance(line, ast.Expr) and isinstance(line.value, ast.Constant) and isinstance(line.value.value, str)

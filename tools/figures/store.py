@@ -1,0 +1,54 @@
+"""Read and write docs/figures.json, which contains the results of all measurements."""
+
+import datetime
+import json
+import subprocess
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from pacman_env import __version__
+from pacman_env.evaluation.benchmark import machine
+from pacman_env.files import write_text
+from tools.common import ROOT
+from tools.figures.inputs import hashes
+
+FIGURES = ROOT / "docs" / "figures.json"
+
+
+def read(path: Path = FIGURES) -> dict[str, Any]:
+    """Return the records by name of the measurement; {} if there is no file."""
+    records: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    return records
+
+
+def write(records: dict[str, Any], path: Path = FIGURES) -> None:
+    """Write the records, with one line for each row of values."""
+    write_text(path, _text(records, 0) + "\n")
+
+
+def record(command: str, inputs: Iterable[str], values: Any) -> dict[str, Any]:
+    """Return a record with the version, commit, machine, date and inputs of now."""
+    commit = subprocess.run(["git", "rev-parse", "--short=8", "HEAD"], cwd=ROOT, capture_output=True, text=True)
+    facts = machine()
+    return {
+        "command": command,
+        "version": __version__,
+        "commit": commit.stdout.strip(),
+        "machine": f"{facts['cores']} x {facts['processor']}",
+        "date": datetime.date.today().isoformat(),
+        "inputs": hashes(inputs),
+        "values": values,
+    }
+
+
+def _text(value: Any, depth: int) -> str:
+    inner = json.dumps(value, ensure_ascii=False)
+    if not value or not isinstance(value, dict | list) or (depth > 1 and len(inner) < 600):
+        return inner
+    indent, entries = " " * depth, []
+    for key, one in value.items() if isinstance(value, dict) else enumerate(value):
+        name = f"{json.dumps(key)}: " if isinstance(value, dict) else ""
+        entries.append(f"{indent} {name}{_text(one, depth + 1)}")
+    left, right = "{}" if isinstance(value, dict) else "[]"
+    return f"{left}\n" + ",\n".join(entries) + f"\n{indent}{right}"

@@ -1,0 +1,58 @@
+"""Write the scripts of the page docs/replay.md: one round of two policies, and the web page that shows it.
+
+``python -m tools.site`` calls it. Nothing that it writes is committed, and the site needs no server.
+"""
+
+import base64
+import gzip
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from pacman_env.web.played_round import PlayedRound, Recordings
+from pacman_env.web.routes import STATIC
+from pacman_env.web.rules import Choices, Rules
+from pacman_env.web.simulated_view import scene_of
+from pacman_env.web.vocabulary import vocabulary
+from tools.bundle import bundle, shadow_style
+from tools.common import ROOT
+
+SEED = 7  # clyde_aware is caught on its way to the last pellet, ppo collects all
+POLICIES = ("clyde_aware", "ppo")
+_MODULES = ("map", "why", "dom", "state")  # that docs/_static/replay.js uses
+
+
+def record(policy: str, second: str, seed: int = SEED) -> dict[str, Any]:
+    """Play a round and return what the server sends about it (docs/web_protocol.md), with the map in the scene.
+
+    The result contains ``entry`` (as in ``stories``), ``scene``, ``frames`` and ``whys``: the terms by tick, wherever
+    the goal changes or the second policy would choose another goal.
+    """
+    rules, recordings = Rules(policy=policy, second=second), Recordings()
+    played = PlayedRound(*Choices().prepare(rules, None), (policy, second), seed)
+    played.finish()
+    scene = scene_of(played, rules, 1)
+    recordings.keep(played, map=rules.map, round=1, revision=scene.revision, link=scene.facts["link"])
+    entry, frames = recordings.summaries()[0], recordings.frames(recordings.count)
+    assert frames is not None
+    url = f"data:image/png;base64,{base64.b64encode(scene.picture).decode()}"
+    return {
+        "entry": entry,
+        "scene": {**scene.facts, "map": {**scene.facts["map"], "url": url}},
+        "frames": msgspec.Raw(frames),
+        "whys": {tick: played.why(tick) for tick in sorted({*entry["decisions"], *entry["parts"]})},
+    }
+
+
+def write(folder: Path) -> None:
+    """Write ``replay_page.js`` and ``replay_rounds.js`` into a folder."""
+    rounds = [record(policy, second) for policy, second in (POLICIES, POLICIES[::-1])]
+    packed = gzip.compress(msgspec.json.encode({"hello": vocabulary(), "rounds": rounds}), mtime=0)
+    style = shadow_style((STATIC / "style.css").read_text(encoding="utf-8"))
+    own = (ROOT / "docs" / "_static" / "replay.css").read_text(encoding="utf-8")
+    markup = (STATIC / "index.html").read_text(encoding="utf-8")
+    page = f"{{ style: {json.dumps(style + own)},\nmarkup: {json.dumps(markup)},\nopen: {bundle(*_MODULES)} }}"
+    for name, value in {"page": page, "rounds": f'"{base64.b64encode(packed).decode()}"'}.items():
+        (folder / f"replay_{name}.js").write_text(f"window.replay_{name} = {value};\n", encoding="utf-8")
