@@ -1,7 +1,4 @@
-"""Join modules of the web page in one function, which a classic script of the site contains.
-
-Browsers load no modules from the file system. The function needs no server either.
-"""
+"""Join modules of the web page in one function for a classic script: browsers load no modules from the file system."""
 
 import re
 from pathlib import Path
@@ -11,7 +8,6 @@ from pacman_env.web.routes import STATIC
 _IMPORT = re.compile(r'^import (?:(\{[^}]*\}|\* as \w+) from )?"\./(\w+)\.js";\n', re.MULTILINE)
 _EXPORT = re.compile(r"^export ((?:async )?(?:const|let|class|function) ([\w$]+))", re.MULTILINE)
 _OTHER = re.compile(r"^(?:import|export)\b.*", re.MULTILINE)
-_ROOT = re.compile(r":root(\[[^]]*\])?")
 
 
 def bundle(*names: str, folder: Path = STATIC) -> str:
@@ -21,22 +17,20 @@ def bundle(*names: str, folder: Path = STATIC) -> str:
     nothing else to find their elements.
 
     Raises:
-        ValueError: a module contains an import or export of a form that is not used so far, or imports itself.
+        ValueError: a module contains an import or export of another form than the modules of the page.
     """
     modules: dict[str, str] = {}
 
-    def add(name: str, importing: tuple[str, ...]) -> None:
-        if name in importing:
-            raise ValueError(f"{name}.js imports itself: {' -> '.join((*importing, name))}")
+    def add(name: str) -> None:
         if name in modules:
             return
         text = (folder / f"{name}.js").read_text(encoding="utf-8")
         for _, imported in _IMPORT.findall(text):
-            add(imported, (*importing, name))
+            add(imported)
         modules[name] = _module(name, text)  # after the modules that it imports
 
     for name in names:
-        add(name, ())
+        add(name)
     return (
         f'function (document) {{\n"use strict";\nconst modules = {{}};\n{"".join(modules.values())}return modules;\n}}'
     )
@@ -52,11 +46,4 @@ def _module(name: str, text: str) -> str:
 
 def _constants(match: re.Match[str]) -> str:
     wanted, name = match.groups()
-    if wanted is None:
-        return ""
-    return f"const {wanted.removeprefix('* as ').replace(' as ', ': ')} = modules.{name};\n"
-
-
-def shadow_style(style: str) -> str:
-    """Return a style sheet of a page for a shadow root: what it sets on the root, it sets on the host."""
-    return _ROOT.sub(lambda match: f":host({match[1]})" if match[1] else ":host", style)
+    return f"const {wanted.removeprefix('* as ').replace(' as ', ': ')} = modules.{name};\n" if wanted else ""

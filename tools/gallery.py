@@ -4,16 +4,18 @@ import argparse
 import math
 import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image as Picture
 
 from pacman_env.cli.command import Parser, run_command
 from pacman_env.config import make_config
 from pacman_env.envs.pacmanbot import PacManBotEnv
-from pacman_env.evaluation.replay import record_games
+from pacman_env.evaluation.replay import RecordedGame, film, record_games
 from pacman_env.files import prepare, replaced
 from pacman_env.policies.registry import make_policy
 from pacman_env.render.frames import INK, MUTED, PAGE, map_view, render_frame
@@ -81,18 +83,26 @@ def corners(assets: MapAssets) -> NDArray[np.float64]:
     return np.array([assets.grid.to_world(c, r) for c in (0, columns - 1) for r in (0, rows - 1)])
 
 
-def draw_round() -> Image:
-    return render_frame(play(7, 70, map="house").batch, 0, height=600, title="clyde_aware")
+def _games(*policies: str) -> list[RecordedGame]:
+    return record_games("house", make_config(), {policy: policy for policy in policies}, replay.SEED)
 
 
 def draw_replay() -> Image:
-    """Draw the rounds of the page "Replay" when the first one has ended."""
-    config, policies = make_config(), {policy: policy for policy in replay.POLICIES}
-    first, *_ = games = record_games("house", config, policies, replay.SEED)
-    while not first.over:
-        for game in games:
+    """Draw the rounds of the page "Replay" at their ends."""
+    games = _games(*replay.POLICIES)
+    for game in games:
+        while not game.over:
             game.step()
     return sheet([game.picture(420) for game in games], 2)
+
+
+def save_round(path: Path) -> None:
+    """Film the round of ``ppo`` at 8 times real time: every second picture, 125 ms each, the last one for 2 s."""
+    first, *others = [Picture.fromarray(frame) for frame in film(_games("ppo"), 520)][::-2][::-1]
+    times_ms = [125] * len(others) + [2000]
+    first.save(
+        path, "WEBP", save_all=True, append_images=others, duration=times_ms, lossless=True, quality=60, method=4
+    )
 
 
 def draw_story() -> Image:
@@ -180,7 +190,6 @@ def _grid_picture(grid: NDArray[np.uint8], times: int = 6) -> Image:
 PICTURES: dict[str, Callable[[], Image]] = {
     draw.__name__.removeprefix("draw_"): draw
     for draw in (
-        draw_round,
         draw_replay,
         draw_story,
         draw_ghosts,
@@ -195,13 +204,16 @@ PICTURES: dict[str, Callable[[], Image]] = {
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="python -m tools.gallery", description="Draw the pictures of the documentation.")
-    add_names(parser, "picture", PICTURES)
+    add_names(parser, "picture", [*PICTURES, "round"])
     add_images(parser)
     return run_command(parser, argv, _draw)
 
 
 def _draw(arguments: argparse.Namespace) -> None:
-    for name in arguments.names or PICTURES:
+    for name in arguments.names or [*PICTURES, "round"]:
+        if name == "round":
+            save_round(prepare(arguments.out / "round.webp"))
+            continue
         with replaced(prepare(arguments.out / f"{name}.png")) as temporary:
             cv2.imwrite(str(temporary), PICTURES[name]()[:, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
 

@@ -6,6 +6,7 @@
 import base64
 import gzip
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +17,11 @@ from pacman_env.web.routes import STATIC
 from pacman_env.web.rules import Choices, Rules
 from pacman_env.web.simulated_view import scene_of
 from pacman_env.web.vocabulary import vocabulary
-from tools.bundle import bundle, shadow_style
+from tools.bundle import bundle
 from tools.common import ROOT
 
 SEED = 7  # clyde_aware is caught on its way to the last pellet, ppo collects all
 POLICIES = ("clyde_aware", "ppo")
-_MODULES = ("map", "why", "dom", "state")  # that docs/_static/replay.js uses
 
 
 def record(policy: str, second: str, seed: int = SEED) -> dict[str, Any]:
@@ -35,13 +35,12 @@ def record(policy: str, second: str, seed: int = SEED) -> dict[str, Any]:
     played.finish()
     scene = scene_of(played, rules, 1)
     recordings.keep(played, map=rules.map, round=1, revision=scene.revision, link=scene.facts["link"])
-    entry, frames = recordings.summaries()[0], recordings.frames(recordings.count)
-    assert frames is not None
+    entry = recordings.summaries()[0]
     url = f"data:image/png;base64,{base64.b64encode(scene.picture).decode()}"
     return {
         "entry": entry,
         "scene": {**scene.facts, "map": {**scene.facts["map"], "url": url}},
-        "frames": msgspec.Raw(frames),
+        "frames": msgspec.Raw(recordings.frames(1) or b""),
         "whys": {tick: played.why(tick) for tick in sorted({*entry["decisions"], *entry["parts"]})},
     }
 
@@ -50,9 +49,9 @@ def write(folder: Path) -> None:
     """Write ``replay_page.js`` and ``replay_rounds.js`` into a folder."""
     rounds = [record(policy, second) for policy, second in (POLICIES, POLICIES[::-1])]
     packed = gzip.compress(msgspec.json.encode({"hello": vocabulary(), "rounds": rounds}), mtime=0)
-    style = shadow_style((STATIC / "style.css").read_text(encoding="utf-8"))
-    own = (ROOT / "docs" / "_static" / "replay.css").read_text(encoding="utf-8")
-    markup = (STATIC / "index.html").read_text(encoding="utf-8")
-    page = f"{{ style: {json.dumps(style + own)},\nmarkup: {json.dumps(markup)},\nopen: {bundle(*_MODULES)} }}"
+    sources = STATIC / "style.css", ROOT / "docs" / "_static" / "replay.css", STATIC / "index.html"
+    style, own, markup = (path.read_text(encoding="utf-8") for path in sources)
+    style = re.sub(r":root(\[[^]]*\])", r":host(\1)", style).replace(":root", ":host")  # of a shadow root
+    page = f"{{ style: {json.dumps(style + own)},\nmarkup: {json.dumps(markup)},\nopen: {bundle('map', 'why', 'dom', 'state')} }}"
     for name, value in {"page": page, "rounds": f'"{base64.b64encode(packed).decode()}"'}.items():
         (folder / f"replay_{name}.js").write_text(f"window.replay_{name} = {value};\n", encoding="utf-8")

@@ -2,6 +2,7 @@
 
 import functools
 import http.server
+import re
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,7 +19,7 @@ pytestmark = pytest.mark.daily
 PAGES = (
     *("index.html", "environments/ids.html", "environments/ids/PacManBotFlat-v1.html", "reference/environments.html"),
     *("commands.html", "architecture.html", "leaderboard.html", "search.html?q=ppo"),
-    *("notebooks/own_policy.html", "notebooks/game.html"),
+    *("notebooks/own_policy.html", "notebooks/game.html", "replay.html"),
 )
 #: Words of names in tables that are on two lines.
 CUT = """() => [...document.querySelectorAll('td code .pre')].flatMap((name) => [...name.childNodes])
@@ -87,3 +88,64 @@ def test_pages_are_accessible_uncut_and_load_nothing_foreign(
     assert found == {}
     assert errors == []
     assert [url for url in foreign if not url.startswith("data:")] == []
+
+
+@pytest.fixture(params=["file", "server"])
+def replay(chromium: Any, site: Path, address: str, request: pytest.FixtureRequest) -> Iterator[Any]:
+    """The page of the replay, opened from the file system or from a static server; it reports no error."""
+    errors: list[str] = []
+    with chromium.new_context(viewport={"width": 1024, "height": 768}) as context:
+        tab = context.new_page()
+        tab.on("pageerror", lambda error: errors.append(str(error)))
+        tab.goto((site / "replay.html").as_uri() if request.param == "file" else f"{address}replay.html")
+        tab.wait_for_selector(".replay-player #story-play")
+        yield tab
+    assert errors == []
+
+
+def time_of(tab: Any) -> str:
+    return str(tab.locator(".replay-player #story-at").inner_text())
+
+
+def test_replay_begins_with_outcomes_and_plays(replay: Any) -> None:
+    caught, complete = replay.locator(".outcome .result").all_inner_texts()
+    assert caught.startswith("Caught by Clyde after ")
+    assert complete.startswith("All pellets collected after ")
+    replay.wait_for_function("document.querySelector('.replay-player').shadowRoot.textContent.includes('0:03 of')")
+    replay.click(".replay-player #story-play")
+    paused = time_of(replay)
+    replay.wait_for_timeout(500)
+    assert time_of(replay) == paused
+
+
+def test_replay_seeks_by_time_line_and_keys(replay: Any) -> None:
+    replay.locator(".replay-player #story-range").fill("100")
+    assert time_of(replay).startswith("0:50 of")
+    replay.locator(".replay-round #top").first.focus()
+    replay.keyboard.press("ArrowRight")
+    replay.keyboard.press("ArrowRight")
+    assert time_of(replay).startswith("0:51 of")
+
+
+def test_replay_explains_next_decision_that_differs(replay: Any, axe: str) -> None:
+    replay.click(".replay-player #story-next")
+    assert "(1 of " in replay.locator(".replay-player #story-title").inner_text()
+    words = replay.locator("#why-words").all_inner_texts()
+    assert any(text.startswith("The policies disagree.") for text in words)
+    assert all(
+        re.match(r"(Pellet|Refuge) \d+: |Hold: ", text) for text in replay.locator("#why-sentence").all_inner_texts()
+    )
+    for summary in replay.locator(".replay-round summary").all():
+        summary.click()
+    assert replay.locator(".replay-round #why-table tbody tr").count() > 20
+    replay.evaluate(axe)
+    assert replay.evaluate(SERIOUS) == []
+
+
+def test_replay_waits_if_motion_is_to_be_reduced(chromium: Any, site: Path) -> None:
+    with chromium.new_context(reduced_motion="reduce") as context:
+        tab = context.new_page()
+        tab.goto((site / "replay.html").as_uri())
+        tab.wait_for_selector(".replay-player #story-play[aria-label=Play]")
+        tab.wait_for_timeout(1000)
+        assert time_of(tab).startswith("0:00 of")
