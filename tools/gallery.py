@@ -88,7 +88,7 @@ def draw_round() -> Image:
 def draw_replay() -> Image:
     """Draw the rounds of the page "Replay" when the first one has ended."""
     config, policies = make_config(), {policy: policy for policy in replay.POLICIES}
-    first, *others = games = record_games("house", config, policies, replay.SEED)
+    first, *_ = games = record_games("house", config, policies, replay.SEED)
     while not first.over:
         for game in games:
             game.step()

@@ -60,7 +60,6 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
     ),
     "benchmark": (("benchmark --json results/benchmark.json", "all figures, also as JSON"),),
     "validation": (("validation --map house --episodes 100", "a table in about a minute"),),
-    "navigation": (("navigation --map house loop --goals 100", "100 goals on two maps"),),
     "houses": (("houses --levels 100", "50 houses to train in, 50 to be tested in"),),
     "train": (
         ("train --quick", "one to two minutes, to see that it works"),

@@ -27,7 +27,6 @@ MODULES = {
     "replay": ("evaluation.replay", "one round again, filmed, with the policies' reasons"),
     "benchmark": ("evaluation.benchmark", "how fast the environments are"),
     "validation": ("evaluation.checks.validation", "the simulator beside the ten real trials"),
-    "navigation": ("evaluation.checks.navigator_accuracy", "how well the Nav2 stand-in drives"),
     "houses": ("evaluation.checks.generated_levels", "whether generated houses can be played, judged independently"),
     "train": ("training.train", "train a planner"),
     "seeds": ("training.seeds", "the same training from several seeds, at once"),

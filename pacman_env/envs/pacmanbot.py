@@ -105,8 +105,9 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     random values follow from the episode's seed, `info["round_seed"]`.
 
     ## Episode End
-    - Termination: the believed pose is within 0.25 m of a ghost that is neither frightened nor away (`caught`); every pellet is collected
-      (`complete`); no pellet is left but some were lost (`cleared`, only with `execution.rules="as_built"`).
+    - Termination: the believed pose is within 0.25 m of a ghost that is neither frightened nor away (`caught`).
+    - Termination: every pellet is collected (`complete`), or no pellet is left but some were lost (`cleared`, only with
+      `execution.rules="as_built"`).
     - Time limit of 600 s (`time_limit_s`, `timeout`): a truncation with the setting `timeout="truncation"`, the
       default, and a termination with `timeout="termination"`, the default with `flat=True`.
 
@@ -115,11 +116,16 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     limit of a round.
 
     ## Information
-    `outcome` (`running`, `caught`, `complete`, `cleared`, `timeout`), `collected`, `lost`, `spawned`, `aborts`
-    (goals that Nav2 aborted), `round_seed` (drawn from the environment's generator; it identifies the episode in
-    results), `score` and `ghosts_caught`, both of all rounds of an endless game. Without power pellets the score is the
-    number of pellets. Generated maps add `level`; endless games add `round` (from 1). Values that `randomize` drew have
-    the field's name (`speed_mps`).
+    | Key | Meaning |
+    |---|---|
+    | `outcome` | `running`, `caught`, `complete`, `cleared` (no pellet left, but some lost) or `timeout` |
+    | `collected`, `lost`, `spawned` | pellets of this round |
+    | `aborts` | goals that Nav2 aborted in this round |
+    | `round_seed` | seed of the episode, drawn from the generator of the environment; it identifies the episode in results |
+    | `score`, `ghosts_caught` | points and ghosts caught, over all rounds of an endless game; without power pellets the score is the number of pellets |
+    | `level` | number of the generated house, with generated maps |
+    | `round` | number of the round from 1, in endless games |
+    | `speed_mps`, ... | values that `randomize` drew, by the name of the field |
 
     ## Arguments
     ```python
@@ -144,13 +150,10 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
 
     ## Settings
     Every number of the game is a setting (`docs/configuration.md`). A range draws a value uniformly for each episode,
-    such as `{"randomize.speed_mps": (0.2, 0.3)}`. The following settings change how the environment is used;
-    `docs/environments/pacmanbot.md` describes them in a table: `execution.rules` (the original's faults),
-    `decisions.when` (a step is one tick, or lasts until an event needs a decision), `observation.candidates` (all of
-    the map, or the nearest), `observation.normalize`, `observation.mask` (where the mask is),
-    `observation.numeric_info`, `timeout` (truncation or termination), `action_range`, `endless`, `home`, `start_level`
-    and `num_levels` (which generated houses: 0 to 999,999 to train, 1,000,000 to 1,000,999 to test; by default the
-    first 1,000 and 200 of them; `num_levels=0`: all).
+    such as `{"randomize.speed_mps": (0.2, 0.3)}`. Some settings change how the environment is used: when the agent
+    decides, which candidates it sees, where the mask is, and what kind of end the time limit is.
+    `docs/environments/pacmanbot.md` describes them in a table. Generated houses have the levels 0 to 999,999 to train and
+    1,000,000 to 1,000,999 to test. By default the first 1,000 and 200 of them are played; `num_levels=0` plays all.
 
     ## Reset
     `reset(seed=..., options=...)`: for the next episode, `options` may contain `round_seed` (an `info["round_seed"]`,

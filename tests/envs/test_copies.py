@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
-from pacman_env.evaluation.checks.navigator_accuracy import deepest_contact
 from pacman_env.sim.observation.planner_features import planner_features
 from tests.envs.cases import SMALL
 from tests.envs.helpers import make_vector, same
+from tests.navigator_drives import deepest_contact
 
 
 def copies(one: Any) -> list[Any]:

@@ -85,8 +85,8 @@ def _compare(arguments: argparse.Namespace) -> None:
         text = json.dumps(content | {"rows": rows}, indent=2, default=str, allow_nan=False)
         write_text(json_path, _LIST.sub(lambda match: f"[{_BREAK.sub(' ', match[1])}]", text) + "\n")
     rounds = "endless games" if config.endless else "rounds"
-    about = f"Same {len(seeds)} {rounds} for every policy  ({settings})"
-    save_plot(rows, plot_path, "\n".join(filter(None, [verdict(rows) if len(groups(rows)) == 1 else "", about])))
+    heading = f"Same {len(seeds)} {rounds} for every policy  ({settings})"
+    save_plot(rows, plot_path, "\n".join(filter(None, [verdict(rows) if len(groups(rows)) == 1 else "", heading])))
     if video_path is not None:
         from pacman_env.evaluation.replay import film_games, record_games
 

@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pacman_env.config import make_config
-from pacman_env.evaluation.checks.navigator_accuracy import ALONE, drive_leg, with_goals
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.world.navigation.localization import LOCALIZATION_FIELDS, Pose, compose, inverse, scan, update, wrap
+from tests.navigator_drives import ALONE, drive_leg, with_goals
 from tests.shared import shared_path
 
 ROBOT = make_config("robot").localization

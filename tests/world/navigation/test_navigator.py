@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from pacman_env.config import Config, make_config
-from pacman_env.evaluation.checks.navigator_accuracy import ALONE, watch_contacts, with_goals
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapAssets, map_assets
 from pacman_env.world.navigation.navigator import ABORTED, ACTIVE, CANCELED, IDLE, NO_RESULT, SUCCEEDED
 from tests.drawn import TWO_ROOMS, drawn
+from tests.navigator_drives import ALONE, watch_contacts, with_goals
 
 #: Home is in the middle of the left room.
 ORIGIN = (-2.4, -2.4, 0.0)

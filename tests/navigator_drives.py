@@ -1,22 +1,13 @@
-"""Drive the Nav2 stand-in to random goals without Clyde: ``pacman-env navigation``.
+"""Drives of the simulated Nav2 to random goals, without Clyde."""
 
-Reports the share of goals that end SUCCEEDED, the travel time relative to path length over speed, and the deepest
-overlap of a body with a wall. Also drives to an unreachable goal, which must end ABORTED.
-"""
-
-import argparse
 import dataclasses
-from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.cli.command import Parser, count, run_command, whole_number
 from pacman_env.config import make_config
-from pacman_env.files import prepare, write_json
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapAssets, map_assets, path_fields
 from pacman_env.world.navigation.navigator import ABORTED, NO_RESULT, SUCCEEDED
@@ -124,58 +115,3 @@ def unreachable_goal_status(source: str, seed: int, preset: str = "ideal") -> in
     batch = GameBatch(with_goals(assets, np.array([-1])), make_config(preset, **ALONE), 1)
     batch.reset(np.zeros(1, dtype=np.int64), np.array([seed], dtype=np.uint64))
     return int(drive_leg(batch, np.zeros(1, dtype=np.int64))[0, 0])
-
-
-def summary(trials: list[Trials], speed_mps: float) -> dict[str, float | int]:
-    status, path, time = (np.concatenate([getattr(t, name) for t in trials]) for name in ("status", "path_m", "time_s"))
-    won = status == SUCCEEDED
-    allowed = 1.2 * path[won] / speed_mps + 2.0
-    return {
-        "maps": len(trials),
-        "goals": len(status),
-        "succeeded": float(won.mean()),
-        "aborted": float((status == ABORTED).mean()),
-        "time_to_path_time_median": float(np.median(time[won] / np.maximum(path[won] / speed_mps, 1e-9))),
-        "time_over_allowed_median_s": float(np.median(time[won] - allowed)),
-        "within_allowed_time": float((time[won] <= allowed).mean()),
-        "error_m_max": float(max(t.error_m[t.status == SUCCEEDED].max(initial=0.0) for t in trials)),
-        "deepest_m": max(t.deepest_m for t in trials),
-    }
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    return run_command(make_parser(), argv, _report)
-
-
-def make_parser() -> Parser:
-    parser = Parser(prog="pacman-env navigation", description=__doc__)
-    parser.add_argument("--map", nargs="+", default=["house", "loop", "maze", "open_plan"], help="names or YAML files")
-    parser.add_argument("--goals", type=count(), default=1000, help="in all, shared among the maps")
-    parser.add_argument("--seed", type=whole_number(0), default=0)
-    parser.add_argument("--preset", choices=("ideal", "robot"), default="ideal")
-    parser.add_argument("--json", type=Path, help="write the figures here too")
-    return parser
-
-
-def _report(arguments: argparse.Namespace) -> None:
-    if arguments.goals < len(arguments.map):
-        raise ValueError(f"--goals {arguments.goals}: at least one for each of the {len(arguments.map)} maps")
-    target = prepare(arguments.json) if arguments.json else None
-    speed = make_config(arguments.preset).robot.speed_mps
-    trials = []
-    print(f"{'map':28} {'goals':>5} {'SUCCEEDED':>9} {'time/path':>9} {'deepest mm':>10} {'unreachable':>11}")
-    for k, source in enumerate(arguments.map):
-        goals = len(np.array_split(np.arange(arguments.goals), len(arguments.map))[k])
-        one = drive_to_random_goals(source, goals, arguments.seed + k, arguments.preset)
-        trials.append(one)
-        sealed = unreachable_goal_status(source, arguments.seed, arguments.preset)
-        figures = summary([one], speed)
-        print(
-            f"{one.map:28} {goals:5d} {100 * figures['succeeded']:8.1f}% {figures['time_to_path_time_median']:9.2f}"
-            f" {1000 * one.deepest_m:10.2f} {'ABORTED' if sealed == ABORTED else f'status {sealed}':>11}"
-        )
-    total = summary(trials, speed)
-    for name, value in total.items():
-        print(f"{name}: {value:.4g}")
-    if target is not None:
-        write_json(target, total)
