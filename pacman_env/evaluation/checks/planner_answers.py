@@ -1,4 +1,4 @@
-"""Compare the stand-in's paths with recorded paths of another planner: ``pacman-env validation --planner-answers``.
+"""Compare the paths of the simulated Nav2 with recorded paths of another planner: ``pacman-env validation --planner-answers``.
 
 A file of answers is JSON: ``planner`` is the planner's name, ``settings`` are the fields of our configuration for its
 costmap, by dotted name, and ``maps`` contains a list of answers for each map: ``start``, ``goal`` and ``path`` (null:
@@ -26,7 +26,7 @@ _ANOTHER_WAY_M = 0.5  # paths farther apart pass an obstacle on different sides
 
 
 def our_path(grid: DriveGrid, fields: PathFields, start: Points, goal: Points, tolerance_m: float) -> Points | None:
-    """Return the stand-in's path without ghosts, through the centres of cells; None if there is no path."""
+    """Return the path of the simulated Nav2 without ghosts, through the centres of cells; None if there is no path."""
     column, row = grid.to_cell(*start)
     cell, end = int(grid.snap[row, column]), goal
     last = int(grid.cells_under(goal[None])[0])
@@ -77,7 +77,7 @@ def clearances_m(grid: DriveGrid, path: Points) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Pair:
-    """Paths of the stand-in and of the other planner; None: no path."""
+    """Paths of the simulated Nav2 and of the other planner; None: no path."""
 
     ours: Points | None
     theirs: Points | None

@@ -2,7 +2,7 @@
 
 The reference is the original game: deployed scorer, executor as built, measured speed, AMCL's latched pose, the
 experiment's costmaps, Clyde spawning anywhere. Every other row changes a single cause in the same rounds.
-``--planner-answers`` compares the stand-in's paths with recorded paths of another planner instead,
+``--planner-answers`` compares the paths of the simulated Nav2 with recorded paths of another planner instead,
 ``--recorded-goals`` its driving with recorded goals.
 """
 

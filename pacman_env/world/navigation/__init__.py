@@ -1,1 +1,1 @@
-"""Simulate a robot on a map: path lengths, physics, a Nav2 stand-in, localization and lidar."""
+"""Simulate a robot on a map: path lengths, physics, a simulated Nav2, localization and lidar."""

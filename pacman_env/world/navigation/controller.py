@@ -1,4 +1,4 @@
-"""Local controller of the Nav2 stand-in: converts a plan to wheel speeds and a force on the body.
+"""Local controller of the simulated Nav2: converts a plan to wheel speeds and a force on the body.
 
 Roll-outs over (v, omega) within the base's limits are scored on progress along the plan, wall clearance and distance to
 Clyde. Kernels work on one game's record ``g``.

@@ -1,4 +1,4 @@
-"""Nav2 stand-in: handles goals like ``navigate_to_pose``, as far as the goal selector can observe it.
+"""Simulated Nav2: handles goals like ``navigate_to_pose``, as far as the goal selector can observe it.
 
 Kernels work on one game's record ``g``; ``NAVIGATOR_FIELDS`` are the fields of navigator, planner and controller.
 """

@@ -1,4 +1,4 @@
-"""Global planner of the Nav2 stand-in: plans the next part of the path to a goal, around obstacles on it.
+"""Global planner of the simulated Nav2: plans the next part of the path to a goal, around obstacles on it.
 
 The planner follows the static path fields at NavFn's rate, and searches a detour if a moving obstacle (a ghost) is on
 the path. Kernels work on one game's record ``g``, its plan ``path`` (PATH_POINTS, 2) and its obstacles (G, 5): x, y in
