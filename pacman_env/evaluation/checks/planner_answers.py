@@ -1,4 +1,4 @@
-"""Compare the paths of the simulated Nav2 with recorded paths of another planner: ``pacman-env validation --planner-answers``.
+"""Compare simulated paths with recorded paths of another planner: ``pacman-env validation --planner-answers``.
 
 A file of answers is JSON: ``planner`` is the planner's name, ``settings`` are the fields of our configuration for its
 costmap, by dotted name, and ``maps`` contains a list of answers for each map: ``start``, ``goal`` and ``path`` (null:
