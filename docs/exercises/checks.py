@@ -26,7 +26,7 @@ CONFIG = make_config()
 MAP, ROUNDS, GAMES_AT_ONCE = "house", 200, 64
 FIXED_SEEDS = episode_seeds(3, ROUNDS)  # of tasks 2 to 4
 SEEDS_TO_DRAW = episode_seeds(6, 1000)  # of task 6
-BARS = {2: 50.0, 3: 66.0, 4: 78.0, 5: 45.0}  # completed rounds, %
+BARS = {2: 45.0, 3: 63.0, 4: 78.0, 5: 70.0}  # completed rounds, %; README.md has the measured references
 TRAIN_S, TRAINED_ROUNDS = 45.0, 100
 SNAPSHOT_GAMES, SNAPSHOT_DECISIONS, SNAPSHOTS = 32, 10, 30
 KEEP_M = 1.0  # how much less safe a place to wait may be
@@ -147,7 +147,8 @@ def completion(points: int, bar: float, complete: NDArray[np.bool_], seeds: Sequ
     """Return an item that needs a share of completed rounds, in %."""
     got, lost = 100.0 * complete.mean(), [seeds[k] for k in np.flatnonzero(~complete)[:3]]
     complaint = f"expected at least {bar:.1f} %, got {got:.1f} %; rounds not completed: seeds {lost}, ..."
-    return Item(points, f"completes {bar:.0f} % of {len(seeds)} rounds", "" if got >= bar else complaint)
+    what = f"completes at least {bar:.0f} % of {len(seeds)} rounds: {got:.1f} %"
+    return Item(points, what, "" if got >= bar else complaint)
 
 
 def fixed_rounds(points: int, policy: BasePolicy, bar: float) -> Item:
@@ -191,7 +192,7 @@ def task_2(student: ModuleType) -> Iterator[Item]:
         nearest = ways.min(axis=1)[:, None]
         return scores(policy, s).argmax(axis=1), np.where(np.isfinite(nearest), ways <= nearest, s.kind == HOLD)
 
-    rule = "gives the nearest allowed pellet the highest score, without one hold"
+    rule = "gives the highest score to the nearest allowed pellet, or to hold if there is none"
     yield choices(6, rule, judge, some_without_pellets())
     yield fixed_rounds(4, policy, BARS[2])
 
@@ -254,10 +255,13 @@ def task_6(student: ModuleType, draw: int = 0) -> Iterator[Item]:
     seeds = np.random.default_rng(draw).choice(SEEDS_TO_DRAW, ROUNDS, replace=False)
     ours, theirs = (played(one, seeds)["end"] == COMPLETE for one in (policy, "clyde_aware"))
     more, (low, high) = paired_difference(ours, theirs)
-    got = f"got {100 * ours.mean():.1f} % and clyde_aware {100 * theirs.mean():.1f} % of {ROUNDS} rounds (draw {draw})"
-    got += f", {100 * more:+.1f} [{100 * low:+.1f}, {100 * high:+.1f}]; only yours lost {seeds[theirs & ~ours][:3]}"
-    yield Item(6, "completes more rounds than clyde_aware", "" if more > 0 else f"expected more rounds, {got}")
-    yield Item(4, "the 95 % interval is above 0", "" if low > 0 else f"expected a lower limit above 0, {got}")
+    rates = f"{100 * ours.mean():.1f} %, clyde_aware {100 * theirs.mean():.1f} % of {ROUNDS} rounds (draw {draw})"
+    interval = f"{100 * more:+.1f} [{100 * low:+.1f}, {100 * high:+.1f}]"
+    lost = f"rounds that only clyde_aware completed: seeds {seeds[theirs & ~ours][:3].tolist()}, ..."
+    fewer = "" if more > 0 else f"expected more rounds, got a difference of {100 * more:+.1f}; {lost}"
+    unclear = "" if low > 0 else f"expected a lower limit above 0, got {100 * low:+.1f}; {lost}"
+    yield Item(6, f"completes more rounds than clyde_aware: {rates}", fewer)
+    yield Item(4, f"the 95 % interval of the difference is above 0: {interval}", unclear)
 
 
 TASKS = {1: task_1, 2: task_2, 3: task_3, 4: task_4, 5: task_5, 6: task_6}
