@@ -53,6 +53,7 @@ _ARRAY = re.compile(
 _PAGE = re.compile(r"`+docs/((?:\w+/)*\w+)\.md`+")
 _ATTRIBUTES: dict[str, list[str]] = {}
 _BELOW = {"use_with/README": "*", "environments/ids": "ids/*"}
+_FRONT = {"index": "firstpage", "replay": "hide-toc"}
 _FENCE = re.compile(r"^( *)```(\w*)\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
 
 
@@ -95,8 +96,8 @@ def _shorter(
 
 def _adapted(app: Sphinx, page: str, source: list[str]) -> None:
     """Add what only the site has: links to the pages of the ids, and pages below a page."""
-    if page == "index":
-        source[0] = f"---\nfirstpage: true\n---\n{source[0]}"
+    if page in _FRONT:  # which GitHub would show as a table
+        source[0] = f"---\n{_FRONT[page]}: true\n---\n{source[0]}"
     elif page == "environments/ids":
         source[0] = re.sub(r"^\| `(PacManBot\w*-v\d)` ", r"| [`\1`](ids/\1.md) ", source[0], flags=re.MULTILINE)
     if page in _BELOW:
