@@ -3,10 +3,11 @@
 import dataclasses
 import inspect
 import re
+from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
-import cv2
 import gymnasium as gym
 import jinja2
 import numpy as np
@@ -15,7 +16,9 @@ from gymnasium import spaces
 
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.registration import ENV_ID, IDS
+from pacman_env.evaluation.replay import save_video
 from pacman_env.policies.registry import make_policy
+from pacman_env.render.frames import render_frame
 from pacman_env.sim.maps.level_source import FixedMap
 from pacman_env.sim.observation.observer import Observer
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
@@ -103,21 +106,23 @@ def _agents(env_id: str) -> list[list[str]]:
     return rows
 
 
-def picture(env: Any) -> Any:
-    """Return a picture of the first round after some decisions of ``nearest``, or after driving a curve."""
+def pictures(env: Any) -> Iterator[Any]:
+    """Yield pictures of the first round: after each decision of ``nearest``, or while driving a curve."""
     env.reset(seed=1)
     policy = make_policy("nearest")
     policy.reset(np.ones(1, dtype=np.bool_), env.config)
     drives = env.config.action == "velocity"
-    for _ in range(40 if env.config.decisions.when == "tick" else 5):
+    for _ in range(48 if env.config.decisions.when == "tick" else 20):
+        yield render_frame(env.batch, 0, height=360)
         action = np.array([0.1, 0.2]) if drives else env.action_of(policy.select(env.situation))[0]
         if any(env.step(action)[2:4]):
             break
-    return env.render()
+    yield render_frame(env.batch, 0, height=360)
 
 
 def write(env_id: str, folder: Path) -> None:
-    """Write the page of an id and its picture."""
-    env, name = gym.make(env_id, render_mode="rgb_array").unwrapped, file_name(env_id)
-    cv2.imwrite(str(folder / f"{name}.png"), cv2.cvtColor(picture(env), cv2.COLOR_RGB2BGR))
+    """Write the page of an id and a film of it."""
+    env: Any = gym.make(env_id).unwrapped
+    name, between_s = file_name(env_id), 1.0 if env.config.decisions.when == "tick" else 4.0
+    save_video(islice(pictures(env), 0, None, 2), folder / f"{name}.gif", between_s)
     (folder / f"{name}.md").write_text(page(env_id, env), encoding="utf-8")
