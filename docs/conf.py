@@ -53,6 +53,7 @@ _ARRAY = re.compile(
 _PAGE = re.compile(r"`+docs/((?:\w+/)*\w+)\.md`+")
 _ATTRIBUTES: dict[str, list[str]] = {}
 _BELOW = {"use_with/README": "*", "environments/ids": "ids/*"}
+_FRONT = {"index": "firstpage", "replay": "hide-toc"}
 _FENCE = re.compile(r"^( *)```(\w*)\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
 
 
@@ -94,9 +95,9 @@ def _shorter(
 
 
 def _adapted(app: Sphinx, page: str, source: list[str]) -> None:
-    """Add what only the site has: the mark of the first page, and pages below a page."""
-    if page == "index":
-        source[0] = f"---\nfirstpage: true\n---\n{source[0]}"
+    """Add what only the site has: marks in the front matter, and pages below a page."""
+    if page in _FRONT:  # which GitHub would show as a table
+        source[0] = f"---\n{_FRONT[page]}: true\n---\n{source[0]}"
     if page in _BELOW:
         source[0] += f"\n```{{toctree}}\n:hidden:\n:glob:\n\n{_BELOW[page]}\n```\n"
 

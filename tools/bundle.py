@@ -1,7 +1,6 @@
 """Join modules of the web page in one function for a classic script: browsers load no modules from the file system."""
 
 import re
-from pathlib import Path
 
 from pacman_env.web.routes import STATIC
 
@@ -10,11 +9,10 @@ _EXPORT = re.compile(r"^export ((?:async )?(?:const|let|class|function) ([\w$]+)
 _OTHER = re.compile(r"^(?:import|export)\b.*", re.MULTILINE)
 
 
-def bundle(*names: str, folder: Path = STATIC) -> str:
+def bundle(*names: str) -> str:
     """Return a JavaScript function of ``document`` that runs modules, and those they import, once per call.
 
-    It returns an object with the exports of each module by its name. ``document`` may be a part of a page: modules use
-    nothing else to find their elements.
+    It returns the exports of each module by its name. ``document`` may be a part of a page.
 
     Raises:
         ValueError: a module contains an import or export of another form than the modules of the page.
@@ -24,7 +22,7 @@ def bundle(*names: str, folder: Path = STATIC) -> str:
     def add(name: str) -> None:
         if name in modules:
             return
-        text = (folder / f"{name}.js").read_text(encoding="utf-8")
+        text = (STATIC / f"{name}.js").read_text(encoding="utf-8")
         for _, imported in _IMPORT.findall(text):
             add(imported)
         modules[name] = _module(name, text)  # after the modules that it imports

@@ -8,10 +8,10 @@ import re
 import sys
 from collections.abc import Iterator, Sequence
 from enum import IntEnum
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
-import cv2
 import gymnasium as gym
 import jinja2
 import numpy as np
@@ -23,7 +23,9 @@ from pacman_env.config import Config
 from pacman_env.config.described import description_of
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.registration import ENV_ID, FLAT_ID, IDS
+from pacman_env.evaluation.replay import save_video
 from pacman_env.policies.registry import make_policy
+from pacman_env.render.frames import render_frame
 from pacman_env.sim.maps.level_source import FixedMap
 from pacman_env.sim.observation.observer import Observer
 from pacman_env.sim.observation.planner_columns import GHOST_TOKENS, CandidateColumn, GlobalColumn, TokenColumn
@@ -57,7 +59,10 @@ _PICTURES = {  # the first that fits
     "drives": ("One instant: the game, the scan, the grid", "observations.png"),
     "ghosts": ('Four ghosts on the map "open_plan"', "ghosts.png"),
     "generated": ("Six generated houses", "houses.png"),
-    "": ('A round on the map "house": the robot drives to a pellet, the ghost Clyde wanders', "round.png"),
+    "": (
+        'A round on the map "house", animated: the robot collects all pellets and avoids the ghost Clyde',
+        "round.webp",
+    ),
 }
 
 _TEMPLATES = jinja2.Environment(
@@ -202,28 +207,28 @@ def _agents(env_id: str) -> list[list[str]]:
     return rows
 
 
-def picture(env: Any) -> Any:
-    """Return a picture of the first round after some decisions of ``nearest``, or after driving a curve."""
+def pictures(env: Any) -> Iterator[Any]:
+    """Yield pictures of the first round: after each decision of ``nearest``, or while driving a curve."""
     env.reset(seed=1)
     policy = make_policy("nearest")
     policy.reset(np.ones(1, dtype=np.bool_), env.config)
     drives = env.config.action == "velocity"
-    for _ in range(40 if env.config.decisions.when == "tick" else 5):
+    for _ in range(48 if env.config.decisions.when == "tick" else 20):
+        yield render_frame(env.batch, 0, height=360)
         action = np.array([0.1, 0.2]) if drives else env.action_of(policy.select(env.situation))[0]
         if any(env.step(action)[2:4]):
             break
-    return env.render()
+    yield render_frame(env.batch, 0, height=360)
 
 
 def write(env_id: str, folder: Path) -> None:
-    """Draw the picture of an id and show it on the page, which the folder contains."""
-    env, name = gym.make(env_id, render_mode="rgb_array").unwrapped, file_name(env_id)
-    cv2.imwrite(str(folder / f"{name}.png"), cv2.cvtColor(picture(env), cv2.COLOR_RGB2BGR))
-    page_file = folder / f"{name}.md"
-    text = page_file.read_text(encoding="utf-8")
-    page_file.write_text(
-        re.sub(r"!\[.*?\]\(.*?\)", f"![A round of {name}]({name}.png)", text, count=1), encoding="utf-8"
-    )
+    """Write a film of an id, and show it on the page, which the folder contains."""
+    env: Any = gym.make(env_id).unwrapped
+    name, between_s = file_name(env_id), 1.0 if env.config.decisions.when == "tick" else 4.0
+    save_video(islice(pictures(env), 0, None, 2), folder / f"{name}.gif", between_s)
+    file, film = folder / f"{name}.md", f"![The beginning of a round of {name}, animated]({name}.gif)"
+    page_text = re.sub(r"!\[.*?\]\(.*?\)", film, file.read_text(encoding="utf-8"), count=1)
+    file.write_text(page_text, encoding="utf-8")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

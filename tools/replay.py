@@ -52,7 +52,7 @@ def write(folder: Path) -> None:
     sources = STATIC / "style.css", ROOT / "docs" / "_static" / "replay.css", STATIC / "index.html"
     style, own, markup = (path.read_text(encoding="utf-8") for path in sources)
     style = re.sub(r":root(\[[^]]*\])", r":host(\1)", style).replace(":root", ":host")  # of a shadow root
-    script = bundle("map", "why", "dom", "state")
-    page = f"{{ style: {json.dumps(style + own)},\nmarkup: {json.dumps(markup)},\nopen: {script} }}"
+    texts = f"style: {json.dumps(style + own)},\nmarkup: {json.dumps(markup)}"
+    page = f"{{ {texts},\nopen: {bundle('map', 'why', 'dom', 'state')} }}"
     for name, value in {"page": page, "rounds": f'"{base64.b64encode(packed).decode()}"'}.items():
         (folder / f"replay_{name}.js").write_text(f"window.replay_{name} = {value};\n", encoding="utf-8")

@@ -88,7 +88,6 @@ class Round {
   }
 }
 
-// How a round ends, in words.
 function outcome({ result, catcher, collected, spawned, time_s: time }, { results, roles }, clock) {
   const by = catcher === null ? "" : ` by ${roles[`ghost-${catcher}`].name}`;
   return `${results[result]}${by} after ${clock(time)}${collected < spawned ? `, ${collected} of ${spawned} pellets` : ""}`;

@@ -78,7 +78,8 @@ def test_id_page_has_every_section_and_picture(site: Path, env_id: str) -> None:
     for title in [*titles, "Reference scores"]:
         assert re.search(rf"<h2>{title}<", text), title
     assert env_id in text
-    assert f"{file_name(env_id)}.png" in text
+    assert f"{file_name(env_id)}.gif" in text
+    assert (site / "_images" / f"{file_name(env_id)}.gif").stat().st_size < 400_000
     assert ("<h2>Several agents<" in text) == (IDS[env_id].several is not None)
 
 
