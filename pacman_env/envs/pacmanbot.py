@@ -128,7 +128,7 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     | `speed_mps`, ... | values that `randomize` drew, by the name of the field |
 
     ## Arguments
-    ```python
+    ```py
     gymnasium.make("pacman_env/PacManBot-v1", map="house", preset="robot",
                    settings={"clyde.speed_mps": 0.35}, render_mode="rgb_array")
     ```
