@@ -25,9 +25,14 @@ PUBLIC = {
 DOCUMENTED = {name: thing for name, thing in PUBLIC.items() if callable(thing)}  # constants have no docstring
 SHAPE = re.compile(r"\(\w+(, \w+)*,?\)")  # (N,), (N, C), (H, W, 3)
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+GRADER = ("checks.py", "grade.py")  # of the exercises: a program, not an example
 SOURCES = {
     **{f"{page.name}-{k}": example for page in PAGES for k, example in enumerate(examples(page))},
-    **{str(path.relative_to(ROOT)): path.read_text() for path in sorted((ROOT / "docs").rglob("*.py"))},
+    **{
+        str(path.relative_to(ROOT)): path.read_text()
+        for path in sorted((ROOT / "docs").rglob("*.py"))
+        if path.name not in GRADER
+    },
 }
 
 
