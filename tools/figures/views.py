@@ -104,6 +104,13 @@ def _text(name: str, records: Records, words: Sequence[str]) -> str:
     return str(records[name]["values"])
 
 
+def _goals(name: str, records: Records, words: Sequence[str]) -> str:
+    """Return the main quantities of the comparison with recorded goals."""
+    shown = ("quantity", "---", "travel time, s", "goals that pre-empt another", "path length", "within")
+    lines = records[name]["values"].splitlines()
+    return "\n".join(line for line in lines if any(text in line for text in shown))
+
+
 def _speed(name: str, records: Records, words: Sequence[str]) -> str:
     return "\n".join(benchmark.table(records[name]["values"]))
 
@@ -210,6 +217,7 @@ VIEWS: dict[str, View] = {
     "terminal": _terminal,
     "by-map": _by_map,
     "text": _text,
+    "goals": _goals,
     "speed": _speed,
     "rate": _rate,
     "scores": _scores,
