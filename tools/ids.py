@@ -50,6 +50,7 @@ _REWARDS = (
     ("timeout", "time limit"),
     ("tick", "every 0.5 s"),
 )
+_PROGRESS = ("progress", "each metre by which the path to the nearest pellet became shorter")
 _POWER_REWARDS = (
     ("ghost_caught", "a frightened ghost is caught"),
     ("power", "a power pellet, in addition to the pellet"),
@@ -172,7 +173,8 @@ def _highest(env: Any, first: dict[str, Any]) -> str:
 
 
 def _rewards(config: Config) -> Iterator[list[str]]:
-    for name, event in (*_REWARDS, *(_POWER_REWARDS if config.power.pellets else ())):
+    more = _POWER_REWARDS if config.power.pellets else ()
+    for name, event in (*_REWARDS, *more, *([_PROGRESS] if config.reward.progress else ())):
         yield [event, f"{getattr(config.reward, name):+g}", f"`reward.{name}`"]
 
 
