@@ -98,11 +98,10 @@ def draw_replay() -> Image:
 
 def save_round(path: Path) -> None:
     """Film the round of ``ppo`` at 8 times real time: every second picture, 125 ms each, the last one for 2 s."""
-    first, *others = [Picture.fromarray(frame) for frame in film(_games("ppo"), 520)][::-2][::-1]
+    first, *others = [Picture.fromarray(frame) for frame in film(_games("ppo"), 480)][::-2][::-1]
+    small = {"lossless": True, "quality": 60, "method": 4, "kmin": 0, "kmax": 0}  # no key frames
     times_ms = [125] * len(others) + [2000]
-    first.save(
-        path, "WEBP", save_all=True, append_images=others, duration=times_ms, lossless=True, quality=60, method=4
-    )
+    first.save(path, "WEBP", save_all=True, append_images=others, duration=times_ms, **small)
 
 
 def draw_story() -> Image:

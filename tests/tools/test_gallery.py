@@ -33,4 +33,4 @@ def test_committed_animation_equals_current_round(tmp_path: Path) -> None:
                 film.seek(moment % getattr(film, "n_frames", 1))
                 frames.append(np.asarray(film.convert("RGB"), dtype=np.int16))
             assert np.abs(frames[0] - frames[1]).mean() <= TOLERANCE
-    assert (IMAGES / "round.webp").stat().st_size < 700_000
+    assert (IMAGES / "round.webp").stat().st_size < 400_000
