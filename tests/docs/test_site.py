@@ -9,7 +9,7 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 
-from pacman_env.envs.registration import IDS
+from pacman_env.envs.registration import ENV_ID, FLAT_ID, IDS
 from tests.pages import public_names
 from tools.common import ROOT
 from tools.ids import file_name
@@ -74,8 +74,9 @@ def test_site_links_lead_to_existing_pages_and_anchors(pages: dict[Path, Page], 
 @pytest.mark.parametrize("env_id", IDS)
 def test_id_page_has_every_section_and_picture(site: Path, env_id: str) -> None:
     text = (site / "environments" / "ids" / f"{file_name(env_id)}.html").read_text(encoding="utf-8")
-    titles = ["Action space", "Observation space", "Rewards", "Episode end", "Arguments", "Version history"]
-    for title in [*titles, "Reference scores"]:
+    titles = ["Action space", "Observation space", "Rewards", "Episode end", "Example", "Reference scores"]
+    whole = env_id in (ENV_ID, FLAT_ID)  # the others refer to one of these
+    for title in [*titles, *(["Decision process", "Arguments", "Settings", "Version history"] if whole else [])]:
         assert re.search(rf"<h2>{title}<", text), title
     assert env_id in text
     assert f"{file_name(env_id)}.gif" in text
