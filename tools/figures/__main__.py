@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pacman_env.cli.command import Parser, run_command
+from tools import ids
 from tools.common import ROOT, add_check, add_names, update
 from tools.figures import store
 from tools.figures.inputs import hashes
@@ -83,7 +84,7 @@ def _run(arguments: argparse.Namespace) -> int:
         store.write({one: records[one] for one in known if one in records})
     for page in pages():
         update(page, filled(page.read_text(encoding="utf-8"), store.read()), check=False, complaint="")
-    return 0
+    return ids.main([])
 
 
 if __name__ == "__main__":
