@@ -51,6 +51,7 @@ def measurements() -> dict[str, Measurement]:
     table = "--policies ppo lookahead clyde_aware --clyde-speed 0.25 0.35 0.45 --episodes 100"
     errors = "--policies ppo clyde_aware --clyde-speed 0.25 0.45 --episodes 1000"
     robot_0_15 = "--preset robot_0_15 --policies ppo --clyde-speed 0.25 0.35 0.45 --episodes 100"
+    speed = "benchmark --rounds 5 --seconds 2 --first-start --training"
     arcade = "--preset arcade --levels test --policies ppo nearest lookahead clyde_aware --episodes 400"
     found = {
         "compare": _compare("scripts/compare", 1),
@@ -98,10 +99,10 @@ def measurements() -> dict[str, Measurement]:
             lambda _: _recorded(_NODES),
         ),
         "speed": Measurement(
-            "pacman-env benchmark --rounds 5 --seconds 2 --first-start --training",
+            f"pacman-env {speed}",
             ("engine", "features", "environments", "compiler", "planner", "training"),
             12,
-            lambda _: _json("benchmark --rounds 5 --seconds 2 --first-start --training", "--json"),
+            lambda _: {**_json(speed, "--json"), "command": f"pacman-env {speed}"},
         ),
     }
     for env_id in IDS:

@@ -198,8 +198,10 @@ def _learned(name: str, records: Records, words: Sequence[str]) -> str:
     """Return the completed rounds of stock MaskablePPO: a row for each seed, a column for each map."""
     lines = []
     for seed, printed in records[name]["values"].items():
-        shares = [line.split(": ")[1].split(" % of ")[0] for line in printed if "untrained" not in line and "[" in line]
-        lines.append([seed.removeprefix("--seed "), *(share for share in shares if "difference" not in share)])
+        shares = [
+            line.split(": ")[1].split(" % of ")[0] for line in printed if line.endswith("] % of 400 rounds completed")
+        ]
+        lines.append([seed.removeprefix("--seed "), *shares])
     return table(("Seed", "`generated:test`, %", "`house`, %"), lines)
 
 
