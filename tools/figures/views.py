@@ -205,6 +205,17 @@ def _learned(name: str, records: Records, words: Sequence[str]) -> str:
     return table(("Seed", "`generated:test`, %", "`house`, %"), lines)
 
 
+def _learned_range(name: str, records: Records, words: Sequence[str]) -> str:
+    """Return the lowest and the highest completion over the seeds in houses that the model has not seen."""
+    ends = [
+        re.findall(r"^generated:test: ([\d.]+) \[", line)
+        for lines in records[name]["values"].values()
+        for line in lines
+    ]
+    rates = sorted(float(rate) for found in ends for rate in found)
+    return f"{rates[0]:.0f} to {rates[-1]:.0f} %"
+
+
 def _completed(complete: int, rounds: int) -> str:
     return with_interval(complete / rounds, wilson(complete, rounds))
 
@@ -226,6 +237,7 @@ VIEWS: dict[str, View] = {
     "differences": _differences,
     "power": _power,
     "learned": _learned,
+    "learned-range": _learned_range,
     "nav2": _driven,
     "nodes": _nodes,
 }
