@@ -148,7 +148,7 @@ def page(env_id: str, env: Any) -> str:
         "highest": _highest(env, first),
         "rewards": list(_rewards(env.config)),
         "settings": list(_settings(env.config)),
-        "first_info": ",\n ".join(f"{key!r}: {value!r}" for key, value in first.items()).join(("{", "}")),
+        "first_info": "".join(f'    "{key}": {_literal(value)},\n' for key, value in first.items()),
         "figure": figure_of(env_id),
         "stamp": VIEWS["stamp"](figure_of(env_id), store.read(), ()),
         "scores": scores_of(env_id, scores),
@@ -183,7 +183,11 @@ def _settings(config: Config) -> Iterator[tuple[str, str, str]]:
     for name in _SETTINGS:
         group, _, leaf = name.rpartition(".")
         owner = operator.attrgetter(group)(config) if group else config
-        yield name, repr(getattr(owner, leaf)).replace("'", '"'), description_of(owner, leaf)
+        yield name, _literal(getattr(owner, leaf)), description_of(owner, leaf)
+
+
+def _literal(value: Any) -> str:
+    return repr(value).replace("'", '"')
 
 
 def _columns(kind: type[IntEnum], first: int = 0, prefix: str = "") -> list[list[str]]:

@@ -129,8 +129,7 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
 
     ## Arguments
     ```py
-    gymnasium.make("pacman_env/PacManBot-v1", map="house", preset="robot",
-                   settings={"clyde.speed_mps": 0.35}, render_mode="rgb_array")
+    gymnasium.make("pacman_env/PacManBot-v1", map="house", preset="robot", settings={"clyde.speed_mps": 0.35})
     ```
     - `map`: a shipped map's name, a map_server YAML file, an `OccupancyMap`; `"generated"` or `"generated:test"`: one
       of 1,000 or 200 generated houses for each episode, its level drawn uniformly from the episode's seed.

@@ -1,7 +1,7 @@
 """Measure the figures of the documentation again and write them into the pages: ``scripts/figures [NAME ...]``.
 
-Without names, only stale figures are measured: those that have no result yet or whose inputs have changed. Each
-result is stored as soon as it is there, and rounds that were played are kept, so the command can be interrupted.
+Without names, only stale figures are measured: figures without a result, or whose inputs have changed. Each result is
+stored at once, and rounds that were played are kept, so the command can be interrupted.
 """
 
 import argparse
