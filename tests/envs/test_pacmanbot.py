@@ -108,7 +108,7 @@ def test_docstring_lists_keys_infos_and_arguments() -> None:
     assert all(f"`{name}`" in infos for name in info)
     arguments = set(inspect.signature(PacManBotEnv.__init__).parameters) - {"self"}
     assert set(re.findall(r"^ *- `(\w+)`:", text.split("## Arguments")[1].split("## ")[0], re.MULTILINE)) == arguments
-    call = re.search(r"```python\n(.*?)```", text, re.DOTALL)
+    call = re.search(r"```py\n(.*?)```", text, re.DOTALL)
     assert call
     assert eval(call[1].strip(), {"gymnasium": gym}).unwrapped.config == make_config(**{"clyde.speed_mps": 0.35})
 
