@@ -83,7 +83,7 @@ def _run(arguments: argparse.Namespace) -> int:
         records = store.read() | {name: store.record(known[name].command, known[name].inputs, values)}
         store.write({one: records[one] for one in known if one in records})
     for page in pages():
-        update(page, filled(page.read_text(encoding="utf-8"), store.read()), check=False, complaint="")
+        update(page, filled(page.read_text(encoding="utf-8"), records), check=False, complaint="")
     return ids.main([])
 
 

@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -59,13 +60,12 @@ def measurements() -> dict[str, Measurement]:
         "real_maps_robot_0_15": _each_map(f"pacman-env compare --map MAP {robot_0_15}", 8),
         "arcade": _compare(f"pacman-env compare {arcade}", 3),
         "house": _compare("pacman-env compare --policies ppo clyde_aware --clyde-speed 0.25 0.45 --episodes 1000", 5),
-        "causes": _text(f"pacman-env validation --map {maps[2]} --workers 2", 10, (*_ROUNDS, "policies"), "--markdown"),
+        "causes": _text(f"pacman-env validation --map {maps[2]} --workers 2", 10, (*_ROUNDS, "policies")),
         "recorded_goals": _text(
             "pacman-env validation --recorded-goals eval/nav2/house eval/nav2/irl_aws_house eval/nav2/tb4_maze"
             " eval/nav2/pacmanbot_house --maps ../shared/maps --set robot.speed_mps=0.306",
             2,
             ("engine", "settings"),
-            "--markdown",
         ),
         "lasting_errors": _compare(f"pacman-env compare {errors} --set localization.error_kept=0.93", 5),
         "power": Measurement(
@@ -171,8 +171,9 @@ def _each_map(command: str, minutes: float) -> Measurement:
     return Measurement(command, _POLICIES, minutes, measure)
 
 
-def _text(command: str, minutes: float, inputs: tuple[str, ...], option: str) -> Measurement:
-    return Measurement(command, inputs, minutes, lambda _: _written(command.removeprefix("pacman-env "), option, ".md"))
+def _text(command: str, minutes: float, inputs: tuple[str, ...]) -> Measurement:
+    words = command.removeprefix("pacman-env ")
+    return Measurement(command, inputs, minutes, lambda _: _written(words, "--markdown", ".md"))
 
 
 def _rows(words: str, folder: Path) -> list[Mapping[str, Any]]:
@@ -189,13 +190,14 @@ def _json(words: str, option: str) -> Values:
 
 def _written(words: str, option: str, suffix: str) -> str:
     """Run a command of ``pacman-env`` and return what it writes with an option."""
-    file = ROOT / "results" / f"figure{suffix}"
-    file.unlink(missing_ok=True)
     arguments = [
         word.replace("../shared", str(_SHARED), 1) if word.startswith("../shared") else word for word in words.split()
     ]
-    subprocess.run([sys.executable, "-m", "pacman_env.cli.main", *arguments, option, str(file)], cwd=ROOT, check=True)
-    return file.read_text(encoding="utf-8")
+    command = [sys.executable, "-m", "pacman_env.cli.main", *arguments]
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, f"figure{suffix}")
+        subprocess.run([*command, option, str(file)], cwd=ROOT, check=True)
+        return file.read_text(encoding="utf-8")
 
 
 def _recorded(file: Path) -> list[dict[str, str]]:

@@ -2,14 +2,13 @@
 
 import datetime
 import json
-import subprocess
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from pacman_env import __version__
 from pacman_env.evaluation.benchmark import machine
-from pacman_env.files import write_text
+from pacman_env.files import commit, write_text
 from tools.common import ROOT
 from tools.figures.inputs import hashes
 
@@ -29,12 +28,11 @@ def write(records: dict[str, Any], path: Path = FIGURES) -> None:
 
 def record(command: str, inputs: Iterable[str], values: Any) -> dict[str, Any]:
     """Return a record with the version, commit, machine, date and inputs of now."""
-    commit = subprocess.run(["git", "rev-parse", "--short=8", "HEAD"], cwd=ROOT, capture_output=True, text=True)
     facts = machine()
     return {
         "command": command,
         "version": __version__,
-        "commit": commit.stdout.strip(),
+        "commit": commit(),
         "machine": f"{facts['cores']} x {facts['processor']}",
         "date": datetime.date.today().isoformat(),
         "inputs": hashes(inputs),

@@ -153,13 +153,9 @@ def _driven(name: str, records: Records, words: Sequence[str]) -> str:
             f"{statistics.median(won):.0f} ({min(won):.0f} to {max(won):.0f})", f"{total['goals'] / len(ours):.0f}",
             str(total["aborted"]), str(total["bumps"]), f"{error_m:.3f}, {most_m:.2f}",
         ])  # fmt: skip
-        simulated = f"simulated_{place}" if f"simulated_{place}" in records else place
-        (row,) = _chosen(records[simulated]["values"], [policy, f"{float(ours[0]['clyde_mps']):.2f}"])
-        counted = _completed(round(row["completion_rate"] * row["episodes"]), row["episodes"])
-        time_s = f"{row['win_time_mean_s']:.0f}"
-        lines.append(
-            [f"`{place}`", f"`{policy}`", "simulator", f"{row['episodes']:,}", counted, time_s, "", "", "", ""]
-        )
+        (row,) = _chosen(records[place]["values"], [policy, f"{float(ours[0]['clyde_mps']):.2f}"])
+        simulated = with_interval(row["completion_rate"], row["completion_ci"]), f"{row['win_time_mean_s']:.0f}"
+        lines.append([f"`{place}`", f"`{policy}`", "simulator", f"{row['episodes']:,}", *simulated, "", "", "", ""])
     heads = ("map", "policy", "driven by", "rounds", "complete, %", "a completed round, s", "goals a round")
     return table((*heads, "failed goals", "bumps", "AMCL, m: rms, most"), lines)
 
@@ -169,14 +165,9 @@ def _nodes(name: str, records: Records, words: Sequence[str]) -> str:
     lines = []
     for one in records[name]["values"]:
         (row,) = _chosen(records["house"]["values"], [one["policy"], f"{float(one['clyde_mps']):.2f}"])
-        shares = (
-            _completed(int(complete), int(rounds))
-            for complete, rounds in (
-                (one["complete"], one["rounds"]),
-                (round(row["completion_rate"] * row["episodes"]), row["episodes"]),
-            )
-        )
-        lines.append([f"`{one['policy']}`", one["clyde_mps"], one["rounds"], *shares])
+        played = _completed(int(one["complete"]), int(one["rounds"]))
+        simulated = with_interval(row["completion_rate"], row["completion_ci"])
+        lines.append([f"`{one['policy']}`", one["clyde_mps"], one["rounds"], played, simulated])
     return table(("policy", "Clyde, m/s", "rounds by nodes", "nodes, complete, %", "simulator, complete, %"), lines)
 
 

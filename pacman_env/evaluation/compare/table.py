@@ -78,8 +78,8 @@ def verdict(group: Sequence[Row]) -> str:
         value = f" ({number(row['paired_difference'], '+')} {unit})" if side else ""
         found[side].append(f"{short_name(row['policy'])}{value}")
     what = "collects" if first["kind"] == "endless" else "completes"
-    texts = [f"{what} {side} than {short_name(first['policy'])}: {', '.join(found[side])}" for side in ("more", "less")]
-    shown = [text for text, side in zip(texts, ("more", "less"), strict=True) if found[side]]
+    than = f"than {short_name(first['policy'])}"
+    shown = [f"{what} {side} {than}: {', '.join(found[side])}" for side in ("more", "less") if found[side]]
     shown += [f"no difference shown: {', '.join(found[''])}"] if found[""] else []
     text = "; ".join(shown)
     return f"{text[0].upper()}{text[1:]}."
