@@ -27,7 +27,9 @@ _LEAGUE = ROOT / "docs" / "leaderboard.md"
 _NODES = ROOT / "eval" / "nodes.csv"
 
 _ROUNDS = ("engine", "settings", "evaluation")
-_POLICIES = (*_ROUNDS, "features", "planner", "policies")
+_FEATURES = ("features", "search")  # planner features play the coarse model of the search
+_PLANNERS = (*_FEATURES, "planner", "policies")
+_POLICIES = (*_ROUNDS, *_PLANNERS)
 _FIELDS = (
     "map", "policy", "clyde_speed", "kind", "episodes", "levels", "pellets", "pellets_least", "completion_rate",
     "completion_ci", "all_but_one_rate", "all_but_one_ci", "pellets_mean", "ghosts_caught_mean", "death_rate",
@@ -76,7 +78,7 @@ def measurements() -> dict[str, Measurement]:
         ),
         "maskable_ppo": Measurement(
             "python docs/examples/clients/sb3_maskable_ppo.py --seed SEED --rounds 400 --test generated:test house",
-            ("engine", "settings", "features", "environments"),
+            ("engine", "settings", *_FEATURES, "environments"),
             20,
             lambda _: _learned("--seed 0", "--seed 1", "--seed 2"),
         ),
@@ -88,19 +90,19 @@ def measurements() -> dict[str, Measurement]:
         ),
         "nav2_rounds": Measurement(
             'python -m tools.nav2_rounds house --policy POLICY --nav2 "COMMAND" --out eval/nav2/rounds.csv',
-            ("engine", "settings", "features", "planner", "policies"),
+            ("engine", "settings", *_PLANNERS),
             300,
             lambda _: _recorded(_NAV2_ROUNDS),
         ),
         "nodes": Measurement(
             "python -m tests.system.campaign.robot_rounds",
-            ("engine", "settings", "features", "planner", "policies"),
+            ("engine", "settings", *_PLANNERS),
             60,
             lambda _: _recorded(_NODES),
         ),
         "speed": Measurement(
             f"pacman-env {speed}",
-            ("engine", "features", "environments", "compiler", "planner", "training"),
+            ("engine", *_FEATURES, "environments", "compiler", "planner", "training"),
             12,
             lambda _: {**_json(speed, "--json"), "command": f"pacman-env {speed}"},
         ),
