@@ -153,7 +153,8 @@ def _driven(name: str, records: Records, words: Sequence[str]) -> str:
             f"{statistics.median(won):.0f} ({min(won):.0f} to {max(won):.0f})", f"{total['goals'] / len(ours):.0f}",
             str(total["aborted"]), str(total["bumps"]), f"{error_m:.3f}, {most_m:.2f}",
         ])  # fmt: skip
-        (row,) = _chosen(records[place]["values"], [policy, f"{float(ours[0]['clyde_mps']):.2f}"])
+        simulated_rounds = records["house" if place == "house" else "real_maps"]["values"]
+        (row,) = _chosen(simulated_rounds, [place, policy, f"{float(ours[0]['clyde_mps']):.2f}"])
         simulated = with_interval(row["completion_rate"], row["completion_ci"]), f"{row['win_time_mean_s']:.0f}"
         lines.append([f"`{place}`", f"`{policy}`", "simulator", f"{row['episodes']:,}", *simulated, "", "", "", ""])
     heads = ("map", "policy", "driven by", "rounds", "complete, %", "a completed round, s", "goals a round")
