@@ -30,6 +30,7 @@ from pacman_env.ros.supervisor.game_nodes import NAMESPACE, full_namespace
 
 BUMP = 1  # irobot_create_msgs/HazardDetection.BUMP
 TRUE_POSES = 200  # newest true poses that AMCL poses are compared with; 50 arrive per second
+LATE = b"missed its desired rate"  # in the log of Nav2
 START_S = 300.0  # of wall time, until the first round begins
 ROUND_S = 900.0  # of wall time, from the end of one round to the end of the next
 
@@ -54,6 +55,7 @@ class Round:
     driven_m: float = 0.0
     amcl_rms_m: float = math.nan
     amcl_most_m: float = math.nan
+    late_cycles: int = 0  # of Nav2's controller, which has 20 a second: more than a few mean a busy computer
 
 
 class RoundRecorder(ObserverNode):
@@ -143,7 +145,7 @@ def record(arguments: argparse.Namespace) -> int:
     navigator = arguments.navigator or ("Nav2" if arguments.nav2 else "simulated Nav2")
     card = Round(__version__, navigator, Path(arguments.map).name, arguments.policy, arguments.clyde_speed)
     node = RoundRecorder(full_namespace(NAMESPACE), card, arguments.domain_id)
-    begins = not file.exists()
+    begins, nav2_log, late = not file.exists(), file.with_suffix(".logs") / "nav2.log", 0
     game = subprocess.Popen([sys.executable, "-m", "pacman_env.cli.main", "ros", "up", *words])
     try:
         with file.open("a", newline="") as out:
@@ -155,7 +157,10 @@ def record(arguments: argparse.Namespace) -> int:
                 node.spin_until(lambda: node.ended or game.poll() is not None, 10.0)
                 if node.ended:
                     node.spin_until(lambda: False, 2.0)  # its result comes a moment later
-                    rows.writerow(asdict(node.ended.pop()))
+                    row, before = node.ended.pop(), late
+                    late = nav2_log.read_bytes().count(LATE) if arguments.nav2 else 0
+                    row.late_cycles = late - before
+                    rows.writerow(asdict(row))
                     out.flush()
                     until = time.monotonic() + ROUND_S
     finally:
