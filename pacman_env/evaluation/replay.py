@@ -224,14 +224,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 def make_parser() -> Parser:
     parser = Parser(
         prog="pacman-env replay",
-        description="Play one round of a comparison again with each policy and film it. Give the same arguments as"
-        " there: map or levels, Clyde's speed, and whatever else the game was changed by.",
+        description="Play one round of a comparison again with each policy and film it. Give the arguments of the"
+        " comparison: map or levels, speed of Clyde, and all settings.",
     )
-    seed_help = "of the round, as in 'seeds' of the comparison's JSON"
+    seed_help = "seed of the round, from 'seeds' in the JSON file of the comparison"
     parser.add_argument("seed", type=whole_number(0, 2**64 - 1), metavar="SEED", help=seed_help)
-    scenarios.add_policy_arguments(parser, ("clyde_aware", "nearest"), "from left to right")
+    scenarios.add_policy_arguments(parser, ("clyde_aware", "nearest"), "policies from left to right")
     scenarios.add_game_arguments(parser, several=False)
-    out_help = f"one of {', '.join(_SUFFIXES)} (results/replay-SEED.mp4)"
+    out_help = f"file to write: {', '.join(_SUFFIXES)} (results/replay-SEED.mp4)"
     parser.add_argument("--out", type=Path, metavar="FILE", help=out_help)
     return parser
 

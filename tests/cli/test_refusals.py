@@ -31,7 +31,7 @@ COMMANDS = [
     ("map check broken.yaml", "key 'image' is missing"),
     ("map list foo", "pacman-env map list: unrecognized arguments: foo"),
     *(
-        (f"map generate houses {levels}", "training has 0 to 999999, testing 1000000 to 1000999")
+        (f"map generate houses {levels}", "0 to 999999 (training) or 1000000 to 1000999 (test)")
         for levels in ("--count 0", "--level 1000999 --count 2", "--level 999999 --count 2")
     ),
     ("completion", "pacman-env completion: the following arguments are required: {bash,zsh,fish}"),
@@ -64,7 +64,7 @@ COMMANDS = [
     ("compare --preset perfect", "unknown preset 'perfect': choose one of arcade, ideal, robot"),
     ("compare --episodes 0", "must be at least 1"),
     ("compare --episodes 99999999999999999999", "must be at most 1000000000"),
-    ("compare --episodes 1.5", "'1.5' is no whole number"),
+    ("compare --episodes 1.5", "'1.5' is not a whole number"),
     ("compare --workers -1", "must be at least 0"),
     ("compare --seed -1", "must be at least 0"),
     ("compare --clyde-speed -0.1", "clyde.speed_mps"),
@@ -88,7 +88,7 @@ COMMANDS = [
     ("compare --num-levels 3", "--num-levels: is for --levels"),
     ("compare --video film.avi", "must end in .mp4 or .gif"),
     ("compare --plot plot.jpg", "must end in .png"),
-    ("compare --json x.png", "is the plot's file too"),
+    ("compare --json x.png", "must differ from --plot"),
     ("compare --parts room.yaml", "cannot create its folder"),
     ("report --baseline nearst", "unknown policy 'nearst'"),
     ("report --episodes 1", "must be at least 2"),
@@ -105,7 +105,7 @@ COMMANDS = [
     ("report --variant v=refuges.nooks=0 v=refuges.nooks=1", "--variant v: given twice"),
     ("report --variant v=clyde.spawn_distance_m=-1", "spawn_distance_m"),
     ("report --out page.htm", "must end in .html"),
-    ("report --json page.html --out page.html", "is the page's file too"),
+    ("report --json page.html --out page.html", "must differ from --out"),
     ("leaderboard --suite slow", "no suite 'slow': choose one of full, brief, learned, search, quick"),
     ("leaderboard --suites absent.yaml", "absent.yaml: cannot be read"),
     ("leaderboard --policies absent.onnx", "absent.onnx: cannot be read"),

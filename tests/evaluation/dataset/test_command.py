@@ -178,7 +178,7 @@ def test_environment_of_map_file_is_recovered(tmp_path: Path) -> None:
 def test_existing_data_set_is_not_changed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = (folder / "README.md").stat().st_mtime_ns
     assert dataset.main([NAME, "--root", str(folder.parents[1])]) == 2
-    assert capsys.readouterr().err.splitlines() == [f"pacman-env dataset: {folder}: is there already"]
+    assert capsys.readouterr().err.splitlines() == [f"pacman-env dataset: {folder}: already exists"]
     assert (folder / "README.md").stat().st_mtime_ns == before
 
 
