@@ -26,7 +26,7 @@ def _divides(step: float, period: float) -> bool:
 
 @dataclass(frozen=True)
 class Config(sections.Groups):
-    """One complete configuration of a game."""
+    """Configuration of a game; docs/configuration.md lists all fields with units."""
 
     action: Literal["goal", "velocity"] = setting("goal", "a candidate goal, or v and omega of the base")
     action_range: Literal["physical", "unit"] = setting(
@@ -209,7 +209,7 @@ def make_config(preset: str = "robot", execution: str | None = None, **changes: 
     except PluginError as error:
         raise ConfigError(str(error)) from error
     if not (isinstance(fields, Mapping) and all(isinstance(name, str) for name in fields)):
-        raise ConfigError(f"unknown preset {preset!r}: must be the name of values by the dotted names of fields")
+        raise ConfigError(f"unknown preset {preset!r}: must be a preset name, or values by dotted field name")
     rules = {} if execution is None else {"execution.rules": execution}
     return Config().with_fields(**{**fields, **rules, **changes})
 

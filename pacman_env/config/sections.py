@@ -175,10 +175,10 @@ class ClydeConfig(Checked, group="clyde"):
 
 @dataclass(frozen=True)
 class PowerConfig(Checked, group="power"):
-    """Power pellets: how many there are and what they do.
+    """Power pellets: number, effects and score.
 
-    "Arcade" marks figures of the first level of Pac-Man (1980). In the arcade's 6 s Pac-Man drives 1.6 times the width
-    of the maze; a robot at 0.306 m/s needs about 20 s for as much of a house 4 m wide.
+    "Arcade" marks figures of the first level of Pac-Man (1980). In the 6 s of the arcade, Pac-Man drives 1.6 times the
+    width of the maze. A robot at 0.306 m/s needs about 20 s for 1.6 times the width of a house 4 m wide.
     """
 
     pellets: Count = setting(0, "number of power pellets among a map's pellets; 0: the game of the report")

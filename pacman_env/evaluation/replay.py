@@ -192,10 +192,12 @@ def _reason(
     reasons = []
     other, called = -1, ""
     if before >= 0 and mask[before]:
-        other, called = before, "the one before"
+        other, called = before, "the previous goal"
     elif before >= 0:
         pellet = situation.kind[0, before] == PELLET
-        reasons.append("the one before is gone" if pellet and not alive[before] else "the one before may not be chosen")
+        reasons.append(
+            "the previous goal is gone" if pellet and not alive[before] else "the previous goal is not allowed"
+        )
     if other < 0:
         scores = [float(t.get("score", -np.inf)) if mask[c] and c != choice else -np.inf for c, t in enumerate(terms)]
         best = int(np.argmax(scores))
@@ -241,7 +243,7 @@ def _replay(arguments: argparse.Namespace) -> None:
     policies = scenarios.named_policies(arguments.policies)
     wanted = scenarios.from_arguments(arguments)
     if len(wanted) > 1:
-        raise ValueError("--levels: not beside --map, a round is played on one of them")
+        raise ValueError("--levels: must not be combined with --map: a round is played on one of them")
     place = scenarios.scenario_name(wanted[0], config)
     out = arguments.out or Path(f"results/replay-{arguments.seed}.mp4")
     if out.suffix not in _SUFFIXES:

@@ -64,7 +64,7 @@ class UnacknowledgedStatuses:
         return [ExecutorAction("status", self._word(catch))] if self._is_answered(catch) else []
 
     def catches_counted(self, count: int) -> None:
-        """Process the game's count of the ghosts caught in this round, including those of a previous executing side."""
+        """Process the game's count of ghosts caught in this round, including catches of a previous executing side."""
         if self._caught_before is None or not self._catches:
             self._caught_before = count
         last = count - self._caught_before
@@ -197,7 +197,7 @@ class RobotRound:
             self.empty_s = None
         elif self.empty_s is None:
             self.empty_s = now
-        elif now - self.empty_s >= _EMPTY_S:  # there was no pellet in reach; the last one is reported at once
+        elif now - self.empty_s >= _EMPTY_S:  # no pellet was in reach; the last one is reported immediately
             self.empty_s = math.inf
             return [*reports, *self.ended("game_complete")]
         return reports

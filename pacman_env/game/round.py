@@ -216,7 +216,7 @@ class RoundController:
         return act()
 
     def tick(self, now: float) -> list[Action]:
-        """Do what is due: end the start or death show, or try again to get home."""
+        """End the start or death show if it is over, or retry the return home."""
         if self._deadline_s is None or now < self._deadline_s or awaits_pellets(self, now):
             return []
         self._deadline_s = None

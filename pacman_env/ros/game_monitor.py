@@ -1,7 +1,7 @@
-"""State of a game as its topics report it: what is valid on each topic, and the newest value of it.
+"""State of a game as its topics report it: the rule for valid messages and the newest value of each topic.
 
 The operator's page, the status line, the doctor and bags read a game with it. It subscribes to nothing: its owner
-passes each message to :meth:`GameMonitor.update`, and shows what has changed."""
+passes each message to :meth:`GameMonitor.update`, and shows the changes."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

@@ -387,7 +387,7 @@ def _code() -> Iterator[tuple[int, int]]:
 
 
 class ObserverNode(Node):
-    """Node that observes a game while it is spun, in a context of its own, which ``close`` shuts down."""
+    """Node that observes a game while it is spun, in its own context, which ``close`` shuts down."""
 
     def __init__(self, name: str, namespace: str, domain: int | None = None, **options: Any) -> None:
         avoid_shared_memory()

@@ -36,7 +36,7 @@ class Driving:
         if role is None:
             raise Refused("choose a role in the tab Play first")
         if goal.candidate is not None and goal.candidate > played.hold:
-            raise Refused(f"candidate {goal.candidate}: there are 0 to {played.hold}")
+            raise Refused(f"candidate {goal.candidate}: must be 0 to {played.hold}")
         if role == ROBOT:
             self.goals[role] = _robot_goal(goal, played)
             self.hand = None

@@ -1,4 +1,4 @@
-"""Serve the operator page of a game by uvicorn, in a thread of its own."""
+"""Serve the operator page of a game by uvicorn, in its own thread."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _LOGGER = logging.getLogger("uvicorn.error")
 
 
 class WebServer:
-    """Server of the page in a thread of its own; ``with`` starts and closes it. The caller closes the game."""
+    """Server of the page in its own thread; ``with`` starts and closes it. The caller closes the game."""
 
     def __init__(
         self,

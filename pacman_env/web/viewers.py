@@ -45,7 +45,7 @@ class Outbox:
         self._bytes += len(text)
         self._wake.set()
         if len(self._texts) > MOST_TEXTS or self._bytes > MOST_BYTES:
-            self.end("too slow: your connection does not receive what is sent to it")
+            self.end("your connection is too slow for the game")
 
     def end(self, words: str) -> None:
         """Send ``bye`` instead of what waits, and nothing afterwards."""
@@ -122,7 +122,7 @@ class Update(NamedTuple):
 
 
 class Audience:
-    """All viewers of a game. :meth:`poll` asks the game, in any thread; :meth:`send` sends what is new."""
+    """All viewers of a game. :meth:`poll` asks the game, in any thread; :meth:`send` sends the news."""
 
     def __init__(self, game: Game, most: int, people: Callable[[], dict[str, Any]]):
         self.viewers: list[Viewer] = []

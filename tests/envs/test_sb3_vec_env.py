@@ -212,7 +212,7 @@ def given(**more: Any) -> PacManBotVecEnv:
         (lambda: PacManBotVecEnv(make_vector(2)), ValueError, r"NEXT_STEP.*needs AutoresetMode.SAME_STEP"),
         (lambda: PacManBotVecEnv(2, autoreset_mode=AutoresetMode.DISABLED), ValueError, "DISABLED"),
         (lambda: given(map="loop"), TypeError, r"\['map'\] given with an environment"),
-        (lambda: given(flat=True), TypeError, r"\['flat'\] given with an environment that is made already"),
+        (lambda: given(flat=True), TypeError, r"\['flat'\] must not be given with an existing environment"),
         (lambda: PacManBotVecEnv("house"), TypeError, "'house': must be a number of games"),
         (lambda: PacManBotVecEnv(True), TypeError, "True: must be a number"),
     ],

@@ -327,7 +327,7 @@ def test_address_is_refused_with_the_reason(serve: Callable[..., WebServer]) -> 
     for host, port, words in (
         ("127.0.0.1", taken, f"port {taken} of 127.0.0.1 is in use"),
         ("no-such-name.invalid", 0, "no-such-name.invalid: no such address"),
-        ("192.0.2.1", 0, "192.0.2.1 is no address of this computer"),
+        ("192.0.2.1", 0, "192.0.2.1 is not an address of this computer"),
     ):
         with pytest.raises(OSError, match=words):
             WebServer(ScriptedGame(), host, port).start()

@@ -1,7 +1,7 @@
 """Bound and estimate the share of rounds that can be completed on a map: ``pacman-env bound``.
 
-A start is the beginning of a round. ``rows`` counts the starts that are not lost by a pursuit (``graph``, ``pursuit``)
-and the least time to collect all pellets (``collecting``), and the starts that a search wins (``estimate``).
+A start is the beginning of a round. ``rows`` counts the starts that a pursuit does not lose (``graph``, ``pursuit``)
+and the starts that a search wins (``estimate``), and computes the shortest collection time (``collecting``).
 """
 
 import argparse

@@ -126,7 +126,7 @@ def _all(goal: RecordedGoal) -> bool:
     return True
 
 
-#: What is compared: the goals that count, and the field of ``DrivenGoal``.
+#: Compared quantities: the goals that count, and the field of ``DrivenGoal``.
 _MEASURES: dict[str, tuple[Callable[[RecordedGoal], bool], str]] = {
     "travel time, s": (_all, "ended_s"),
     "travel time, goals ahead, s": (_directions(0.0, AHEAD), "ended_s"),

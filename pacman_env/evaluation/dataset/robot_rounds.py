@@ -48,7 +48,7 @@ class RobotRounds:
         self._runner = GameRunner(1, self.arguments)
         for kind in self._runner.config.observation.kinds:
             if kind not in KINDS:
-                raise ConfigError(f"observation kind {kind!r}: of a robot's rounds there are only {', '.join(KINDS)}")
+                raise ConfigError(f"observation kind {kind!r}: rounds of a robot provide only {', '.join(KINDS)}")
 
     def rounds(self) -> Iterator[RecordedRounds]:
         """Yield the rounds with at least one decision, bag after bag."""

@@ -167,7 +167,7 @@ def _plan(arguments: argparse.Namespace) -> LeaguePlan:
         hashes[spec] = describe_policy(make_policy(spec), spec).get("sha256")
     names = scenarios.result_names(list(hashes))
     if arguments.planner not in names:
-        raise ValueError(f"--planner {arguments.planner}: is none of --policies {' '.join(names)}")
+        raise ValueError(f"--planner {arguments.planner}: must be one of --policies {' '.join(names)}")
     for source in arguments.maps:
         if source.partition(":")[0] == "generated":
             raise ValueError(f"--maps {source}: test levels are in the suite")

@@ -84,14 +84,14 @@ def record(out: Path, namespace: str, domain: int | None = None, sim_time: bool 
     """Record until SIGINT or SIGTERM, in the main thread; with ``sim_time`` by /clock instead of wall time."""
     full = full_namespace(namespace)
     if out.exists():
-        raise FileExistsError(f"{out}: exists already, a bag is not overwritten")
+        raise FileExistsError(f"{out}: already exists; a bag is not overwritten")
     join(domain, sim_time)
     folder = unfinished_folder(out)
     try:
         folder.mkdir(parents=True)
     except FileExistsError:
         remedy = remedy_for(out) or "another recorder writes into it, or was killed"
-        raise FileExistsError(f"{folder}: exists already; delete it, or keep what it has: {remedy}") from None
+        raise FileExistsError(f"{folder}: already exists; delete it, or recover its content: {remedy}") from None
     recorders: list[Recorder] = []
 
     def make() -> Recorder:

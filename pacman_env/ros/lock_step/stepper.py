@@ -56,7 +56,7 @@ class LockStep:
         """
         self._started += 1
         surroundings = LockStepSurroundings(self, self._started, arguments, self._alone)
-        with within(surroundings), self.messages.making(f"the making of node {self._started}"):
+        with within(surroundings), self.messages.making(f"the creation of node {self._started}"):
             node = make()
             for service in node.services:  # rclpy creates the lifecycle services unwatched
                 self.messages.watch(service)

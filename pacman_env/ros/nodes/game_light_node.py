@@ -1,7 +1,7 @@
 """Node ``game_light_node``: shows light words on the Create 3's ring (Algorithm 7).
 
 While nothing is shown, the base controls the ring, so that its own warnings are visible. A ring that an earlier process
-left lit is given back to the base, too.
+left lit is also given back to the base.
 """
 
 import sys

@@ -156,7 +156,7 @@ class RosDriving:
         if obey:
             words = f"obeyed by {', '.join(obey)}{'; the robot is stopped now' if self._stop.stopped else ''}"
             return {"name": "STOP", "state": "ok", "words": words, "remedy": ""}
-        remedy = "start the game by pacman-env ros up; until then STOP ends Nav2's goals and holds the wheels by itself"
+        remedy = "start the game with pacman-env ros up; until then STOP cancels the goals of Nav2 and holds the wheels"
         return {"name": "STOP", "state": "bad", "words": "no node of the game obeys STOP", "remedy": remedy}
 
     def _on_stop(self, stopped: bool, by: str) -> None:

@@ -70,7 +70,7 @@ class NavigationClient:
     def clear(self) -> bool:
         """Cancel all earlier goals and return True once they are cancelled; call this until it returns True.
 
-        The goal of a killed node is still active, and Nav2 drives to it. A goal sent too early would be cancelled too.
+        The goal of a killed node is still active, and Nav2 drives to it. A goal sent too early would also be cancelled.
         """
         if self._clearing is None and self.ready:
             request = self._canceller.srv_type.Request()  # all zero: every goal

@@ -144,7 +144,7 @@ class Pursuit:
         self.selection.accept_pose()
         self._watch()
         response.success = bool(jump)
-        refusal = "there is nothing to continue from: the pose has not jumped"
+        refusal = "the pose has not jumped: there is nothing to confirm"
         response.message = f"continues although the {jump}" if jump else refusal
         return response
 

@@ -78,7 +78,7 @@ class ProcessGroup:
 
     def last_words(self, name: str) -> str:
         """Return the likely reason of an end, from the last log line since the start, or the log's path."""
-        return self._reason(name) or f"no word in {self._log(name)}"
+        return self._reason(name) or f"no output in {self._log(name)}"
 
     def _reason(self, name: str, what: re.Pattern[str] | None = None) -> str:
         """Return the last log line since the start if it matches ``what``; by default unless it is DEBUG or INFO."""
@@ -145,7 +145,7 @@ class ProcessGroup:
             raise Lost(f"{name} {words}")
         if hopeless:
             member.due_s = None
-            self.report(f"{name} {words}; it is given up, the rest goes on")
+            self.report(f"{name} {words}; it is given up, the other nodes continue")
         else:
             many = len(member.deaths) > 1
             pause = min(SLOW_START_S, 2.0 ** (len(member.deaths) - 1)) if many else 0.0

@@ -1,4 +1,4 @@
-"""Simulate N independent games at once; game i is bit-identical to the same game alone with the same seed."""
+"""Simulate N independent games; game i is bit-identical to the same game alone with the same seed."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class GameBatch(GameState):
         self._ghosts.bind(self.levels, self.hold)
         shared = {"obstacles": self.obstacles, "parameters": self._parameters, "levels": self.levels.addresses}
         self._rules = kernels.RuleArrays(**self.rules, **shared)
-        self._view: Stage | None = None  # writes the situations that are asked for
+        self._view: Stage | None = None  # writes the requested situations
 
     @property
     def assets(self) -> MapAssets:

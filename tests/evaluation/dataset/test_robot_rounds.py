@@ -88,10 +88,10 @@ def test_unsuitable_rounds_are_refused(
     bag, ground = recorded
     without(bag, tmp_path / "foreign", topics.SCORES)
     scan = ["--id", "PacManBot-v1", "--observation", "scan"]
-    only = "of a robot's rounds there are only features, planner, power, bearings"
+    only = "rounds of a robot provide only features, planner, power, bearings"
     for words, message in (
         (["--map", ground, "--bags", str(tmp_path / "foreign")], "the choices of its goal selector"),
-        (["--map", ground, "--bags", str(tmp_path / "none")], "no bag that can be read"),
+        (["--map", ground, "--bags", str(tmp_path / "none")], "not a readable bag"),
         (["--map", ground, "--bags", str(bag), *scan], only),
         (["--map", "maze", "--bags", str(bag)], "no round with a decision"),
     ):

@@ -74,7 +74,7 @@ def _check_base(robot: Observations) -> Finding:
     real = sorted({*bases, *robot.publishers_of("scan")} - {simulator})
     if robot.in_simulation and real:
         summary = f"a simulated robot, {simulator}, and a real one, {listed(real)}: the game drives both"
-        remedy = "stop the simulated one (Ctrl-C) and start it in a domain of its own"
+        remedy = "stop the simulated one (Ctrl-C) and start it in another domain"
         return Finding.bad(summary, remedy, f"{robot.start_game} --domain-id {robot.other_domain}")
     if len(bases) > 1:
         remedy = "two robots in one namespace: set another for one of them in turtlebot4-setup"

@@ -101,7 +101,7 @@ def _check_lidar(robot: Observations) -> Finding:
     ranges = f", {min(nearest_m):.2f} to {max(farthest_m):.2f} m" if share > 0 else ""
     summary = f"{rate_hz:.1f} Hz, {100 * share:.0f} % of rays return{ranges}"
     if share < FEWEST_RETURNS:
-        return Finding.bad(summary, "the lidar may be covered: remove what is on it")
+        return Finding.bad(summary, "the lidar may be covered: uncover it")
     if rate_hz < SLOWEST_SCAN_HZ and not by_clock(robot):
         remedy = f"less than {SLOWEST_SCAN_HZ:g} Hz arrive: a nearer access point, or run the game on the robot"
         return Finding.bad(summary, remedy)
