@@ -195,9 +195,7 @@ def _reason(
         other, called = before, "the previous goal"
     elif before >= 0:
         pellet = situation.kind[0, before] == PELLET
-        reasons.append(
-            "the previous goal is gone" if pellet and not alive[before] else "the previous goal is not allowed"
-        )
+        reasons.append(f"the previous goal is {'gone' if pellet and not alive[before] else 'not allowed'}")
     if other < 0:
         scores = [float(t.get("score", -np.inf)) if mask[c] and c != choice else -np.inf for c, t in enumerate(terms)]
         best = int(np.argmax(scores))

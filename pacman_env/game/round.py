@@ -105,7 +105,7 @@ class RoundController:
     after_home: _AfterHome = field(default="start", init=False)
     home_failures: int = field(default=0, init=False)
     ghosts_caught: int = field(default=0, init=False)  # in this round
-    streak: int = field(default=0, init=False)  # of them since the last power pellet
+    streak: int = field(default=0, init=False)  # ghosts caught since the last power pellet
 
     def __post_init__(self) -> None:
         self.base_speed_mps = self.clyde.speed_mps

@@ -12,7 +12,7 @@ from pacman_env.web.played_round import FOLLOW, Orders, PlayedRound
 class Driving:
     def __init__(self) -> None:
         self.roles = Roles()
-        self.goals: dict[str, int | None] = {}  # by role: the robot's candidate, a ghost's cell or FOLLOW
+        self.goals: dict[str, int | None] = {}  # goals by role: the robot's candidate, a ghost's cell or FOLLOW
         self.hand: tuple[float, float, float] | None = None  # velocities of the robot: v, omega, when
 
     @property

@@ -35,7 +35,7 @@ _MOST_PIXELS = 4_000_000  # limit of an uploaded map: 2000 x 2000
 @dataclass(frozen=True)
 class Rules:
     map: str = "house"
-    level: int | None = None  # of a generated map; None: drawn from the seed
+    level: int | None = None  # level of a generated map; None: drawn from the seed
     preset: str = "robot"
     policy: str = "ppo"
     second: str = "clyde_aware"

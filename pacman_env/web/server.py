@@ -152,7 +152,7 @@ class _Server(uvicorn.Server):
     async def shutdown(self, sockets: list[Any] | None = None) -> None:
         await self._sessions.end()
         await super().shutdown(sockets)
-        for connection in list(self.server_state.connections):  # for clients that read nothing
+        for connection in list(self.server_state.connections):  # close the connections of clients that do not read
             connection.transport.abort()
         await asyncio.sleep(0)
 

@@ -156,7 +156,7 @@ class Sessions:
                 self._receive(viewer, event.get("bytes", b"") if text is None else text)
 
     def _receive(self, viewer: Viewer, text: str | bytes) -> None:
-        """Check one message. A stop is handled at once, before all other messages and at any rate."""
+        """Check one message. A stop is handled immediately, before all other messages and at any message rate."""
         message, error = None, "bad message: must be text, not bytes"
         if isinstance(text, str):
             try:

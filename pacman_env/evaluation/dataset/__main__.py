@@ -159,7 +159,7 @@ def _facts(arguments: argparse.Namespace, given: Sequence[str], env_id: str, run
         "bags": [path.name for path in arguments.bags or ()],
         "id": env_id,
         "map": arguments.map or IDS[env_id].kwargs.get("map", "house"),
-        "map_hash": first.hash,  # for generated levels, the hash of the first
+        "map_hash": first.hash,  # hash of the first level if levels are generated
         "seed": None if arguments.bags else arguments.seed,
         "version": __version__,
         "sources": package_hash(),

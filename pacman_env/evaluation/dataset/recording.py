@@ -1,4 +1,4 @@
-"""Record rounds of a policy in an environment, many at once, with observations and decisions as arrays.
+"""Record rounds of a policy in an environment, in batches, with observations and decisions as arrays.
 
 A task is plain data, and the arrays depend on it alone, neither on the batch in which a round is played nor on the
 executor.

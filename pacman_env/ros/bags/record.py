@@ -30,7 +30,7 @@ RECORDED = (
     *(topics.SCORES, topics.DIAGNOSTICS, topics.AMCL_POSE, topics.INITIAL_POSE, topics.PLAN, topics.ODOMETRY),
     *(topics.TF, topics.TF_STATIC, topics.GHOSTS_CAUGHT, topics.HARMLESS_GHOSTS),
 )
-FLUSH_S = 2.0  # of wall time: a killed recorder loses at most this time
+FLUSH_S = 2.0  # wall time; a killed recorder loses at most this time
 _DEPTH = 1000  # messages that can wait while the disk is busy
 _FOR_EVER = QosTime(2147483647, 4294967295)  # rosbag2's "no limit"
 

@@ -21,7 +21,7 @@ from .members import Member, NodeExecutor
 from .surroundings import LockStepSurroundings, SimulatedWall
 
 STEP_NS = 50_000_000  # step of the physics: Nav2's controller rate
-SILENCE_S = 60.0  # of real time, the longest duration of a callback
+SILENCE_S = 60.0  # real time, the longest duration of a callback
 
 
 class LockStep:
@@ -44,7 +44,7 @@ class LockStep:
         self.losses = MessageLosses(seed)
         self.members: list[Member] = []
         self.messages = Deliveries(self.members, self.wall, self.losses, silence_s, self._end)
-        self.step_ns = STEP_NS  # of the simulated robot, if there is one
+        self.step_ns = STEP_NS  # step of the simulated robot, if there is one
         self._alone = alone
         self._started = 0
         self._closed = False

@@ -23,9 +23,9 @@ from .state_file import StateFile
 
 NAME = "game_controller"
 _TICK_S = 0.05
-_PELLETS_S = 6.0  # of wall time: a longer wait for a round's first pellet is reported
+_PELLETS_S = 6.0  # wall time; a longer wait for a round's first pellet is reported
 _EARLY = 10_000  # most stored pellets
-_SAVE_S = 1.0  # of wall time: largest age of the saved game
+_SAVE_S = 1.0  # wall time, largest age of the saved game
 _PUBLISHED = {
     "command": topics.GAME_COMMAND,
     "event": topics.GAME_EVENT,
@@ -189,7 +189,7 @@ class GameController(GameNode):
                 self._early[word] = None  # the end of the round may be reported right after the pellet
             return
         if word == "game_complete" and "reset_pellets" in self._requests:
-            self.once.warning("no pellets yet", "game_complete: the pellets of this round have not been put back yet")
+            self.once.warning("no pellets yet", "game_complete: the pellets of this round are not restored yet")
             return
         self._do(self.game.status(word, self.now_s()))
 
@@ -197,7 +197,7 @@ class GameController(GameNode):
         if self._saved is not None:
             return  # the saved game is not resumed yet; the next report comes within a second
         if "reset_pellets" in self._requests and "reset_pellets" in self._met:
-            return  # of the previous round: the pellets of this round have not been restored yet
+            return  # pellets of the previous round; the pellets of this round are not restored yet
         self._do(self.game.pellets_left(pellets_of(message), self.now_s(), power_pellets_of(message)))
 
     def _on_speed(self, message: Any) -> None:

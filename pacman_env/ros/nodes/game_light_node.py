@@ -21,7 +21,7 @@ from ..node import GameNode, run
 
 NAME = "game_light_node"
 _PERIOD_S = 0.075  # half a frame
-_REPEAT_S = 1.0  # for a base that started later
+_REPEAT_S = 1.0  # repeated for a base that started later
 _GREETINGS = 5  # unlit rings published at the start, one per second, for a base that may not listen yet
 
 

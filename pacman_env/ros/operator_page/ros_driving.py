@@ -110,7 +110,7 @@ class RosDriving:
         self._node, self._news = node, news
         self._surroundings = node.surroundings
         self.roles = Roles()
-        self._armed: str | None = None  # by this person
+        self._armed: str | None = None  # the person who switched Armed on
         self._shows_until_s = 0.0  # end of a motion that an operator requested
         self._cancelled_s = 0.0
         self._velocity = topics.CMD_VEL.publisher(node)

@@ -85,7 +85,7 @@ class Selection:
         self.executor = GoalExecutor(config, self.view.goals, None if home is None else home_place(*home))
         self._fresh = False  # the policy has been reset for this round
         self.spec, self.policy = policy, rehearsed(instance, self.view, config)
-        self.decision: tuple[Situation, int] | None = None  # of the last call, if the policy was asked
+        self.decision: tuple[Situation, int] | None = None  # decision of the last call, if it asked the policy
         self._believed = BelievedPose(limits.timeout_s)
         self._watch = PoseWatch(self._believed, limits)
         self._nav2 = Nav2Failures()

@@ -33,7 +33,7 @@ RESTARTED, SPARE, FIRST_STEP, FINAL = "restarted", "spare", "first step", "final
 @dataclass(frozen=True)
 class GameProcess:
     name: str
-    folder: str = "nodes"  # of its module, in pacman_env/ros
+    folder: str = "nodes"  # folder of its module, in pacman_env/ros
     parameters: tuple[str, ...] = ()  # from the setup, in addition to the configuration of every node
     configured: bool = True
     end: str = RESTARTED
@@ -78,7 +78,7 @@ class GameSetup:
     policy: str = "ppo"
     namespace: str = NAMESPACE
     sim: bool = False
-    speed: float = 1.0  # of the simulated robot's clock
+    speed: float = 1.0  # speed of the simulated robot's clock
     preset: str = "robot"
     execution: str = "robust"
     settings: tuple[str, ...] = ()  # name=value

@@ -22,7 +22,7 @@ SOON_S = 60.0  # ... within this time: a restart does not help
 BAD_START = 2  # exit status of a node that refuses its arguments (``node.py``)
 AT_REST_S = 20.0  # a younger process may still be starting
 _END_POLL_S = 0.01
-RESTARTS = 3  # of a process that does not respond ...
+RESTARTS = 3  # restarts of a process that does not respond ...
 RESTARTS_S = 600.0  # ... within this time: one more does not help
 _LOG_END = 2000  # bytes of a log in which the reason of a death is searched
 #: A log line below a warning, which is no reason.

@@ -57,7 +57,7 @@ class Pose(NamedTuple):
 
     x: float  # m
     y: float
-    cos: float  # of the heading
+    cos: float  # cosine of the heading
     sin: float
 
 

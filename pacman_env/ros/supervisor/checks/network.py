@@ -13,7 +13,7 @@ from ..game_nodes import SIMULATOR
 from .check import FIREWALL, RESTART, Check, CheckTime, Finding, Observations, Source, count, listed, seconds
 
 _RANGE, _LOCAL, _SERVER = "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_DISCOVERY_SERVER"
-#: Environment variables besides domain and range that affect discovery.
+#: Environment variables that affect discovery, in addition to domain and range.
 _VARIABLES = *BEYOND, "RMW_IMPLEMENTATION", "FASTRTPS_DEFAULT_PROFILES_FILE"
 _REACHES = {"LOCALHOST": "this machine only", "OFF": "no other program", "SUBNET": "this machine and its network"}
 _TRUE = ("1", "true", "yes", "on")

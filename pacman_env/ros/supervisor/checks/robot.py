@@ -117,7 +117,7 @@ def _lidar_remedy(robot: Observations) -> tuple[str, str]:
 
 
 FRESH_S = 1.0  # age of a transform; the goal selector's pose_timeout_s
-LIDAR_FRAME = "rplidar_link"  # of the TurtleBot 4, until a scan gives another frame
+LIDAR_FRAME = "rplidar_link"  # frame on the TurtleBot 4, until a scan gives another one
 _FRAMES = 1000
 _ESTIMATE = 'give the initial pose: RViz, "2D Pose Estimate", click where it stands, drag to where it faces'
 _CELLS = {None: "off the map", 100: "in a wall", -1: "where the map is unknown"}
