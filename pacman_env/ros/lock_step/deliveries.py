@@ -178,7 +178,7 @@ class Deliveries:
                 break
             if time.monotonic() > end:
                 names = ", ".join(sub.topic_name for sub in missing)
-                raise NodeFailed(f"{member.name}: what is latched on {names} has not arrived within {_JOIN_S:g} s")
+                raise NodeFailed(f"{member.name}: latched messages of {names} have not arrived within {_JOIN_S:g} s")
             time.sleep(0.001)
         newest = {sub: sorted(times_ns[sub])[-sub.qos_profile.depth :] for sub in latched_of}
         for at_ns, other, sub, message in sorted(items, key=lambda one: one[0]):
