@@ -145,7 +145,7 @@ def test_stop_overtakes_flood_that_is_refused(serve: Callable[..., WebServer], m
         page.send("stop")
         wait_for(lambda: ("stop", page.name) in game.calls)
         assert [type(message) for _, message in game.handled] == [messages.Start], "the others still wait"
-        for words in ("too much at once", "some are ignored"):
+        for words in ("too many requests", "some are ignored"):
             while not any(words in text.get("words", "") for text in page.texts):
                 page.read()
         game.go_on.set()

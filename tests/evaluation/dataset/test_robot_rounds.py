@@ -60,7 +60,7 @@ def test_round_of_robot_nodes_becomes_one_episode(
     assert (decisions["action"] == 0).mean() > 0.8  # listed by their distance: the policy takes the nearest
     card = (folder / "README.md").read_text()
     assert "played by a robot" in card
-    assert "is played again" not in card
+    assert "To replay a round" not in card
     assert "['game']" in card
 
 
